@@ -141,8 +141,8 @@ def headline(table: pd.DataFrame, draws: pd.DataFrame, features=FEATURES) -> dic
 def over_rois(table: pd.DataFrame) -> dict[str, float]:
     """Values over ROIs against the dose series at 10 mGy, mean of the two reconstructions."""
     found = [
-        roi_profiles.agreement(
-            roi_profiles.compare(
+        roi_profiles.profile_agreement(
+            roi_profiles.compare_profiles(
                 roi_profiles.profiles(table[table["protocol"] == protocol], FEATURES), series(name, DOSE_MGY)
             )
         )
@@ -163,7 +163,9 @@ def real_over_rois() -> dict[str, dict[str, float]]:
     return {
         f"real scans, {label}": pd.DataFrame(
             [
-                roi_profiles.agreement(roi_profiles.compare(series(*other(name)), series(name, DOSE_MGY)))
+                roi_profiles.profile_agreement(
+                    roi_profiles.compare_profiles(series(*other(name)), series(name, DOSE_MGY))
+                )
                 for name in PAIRED
             ]
         )
@@ -254,9 +256,9 @@ def main() -> None:
     print(markdown(table))
     for acquisitions in measured.ACQUISITIONS:
         draws = measured.load_score_draws(10, acquisitions)
-        said = ["{:.1f} +- {:.1f} %".format(*repeats.over_features(draws, kind)) for kind in ranking.KINDS]
+        said = ["{:.1f} +- {:.1f} %".format(*repeats.mean_over_features(draws, kind)) for kind in ranking.KINDS]
         print(f"printed phantom, 10 of {draws['of'].iloc[0]} acquisitions ({acquisitions}): {', '.join(said)}")
-    print("SD of the seeds:", further_seeds.spread(further_seeds.load()))
+    print("SD of the seeds:", further_seeds.sd_over_seeds(further_seeds.read_seed_scores()))
 
 
 if __name__ == "__main__":

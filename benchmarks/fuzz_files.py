@@ -39,7 +39,7 @@ from pydicom.tag import Tag
 from virtual_phantom.base.console import collected_notes
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.phantom.ct import draw, read_hu
+from virtual_phantom.phantom.ct import draw_entry, read_hu
 from virtual_phantom.phantom.rois import RoiEntry
 
 GRID = Grid((12, 30, 34), (3.0, 2.0, 2.0), (5.0, -40.0, 300.0))
@@ -193,7 +193,7 @@ def by_simpleitk(path):
 def masks(path, names=(1, 2)):
     """Both regions of a file, as a study reads them: an empty one is refused."""
     opened = {}
-    return [draw(RoiEntry("roi", "class", str(path), name), GRID, opened)[0] for name in names]
+    return [draw_entry(RoiEntry("roi", "class", str(path), name), GRID, opened)[0] for name in names]
 
 
 def same_masks(labels):

@@ -32,7 +32,7 @@ from virtual_phantom.phantom import block_mean
 from virtual_phantom.phantom.ct import resample
 from virtual_phantom.phantom.deconvolution import SD_OF_FWHM, SD_OF_HALF, add_voxel_blur, deconvolve, measure_spectra
 from virtual_phantom.statistics.comparison import compare
-from virtual_phantom.statistics.own_edge import edge_mtf_half
+from virtual_phantom.statistics.surface_resolution import edge_mtf_half
 
 SHAPE, SPACING, FINER = (24, 80, 80), (4.0, 3.75, 3.75), 3
 SCANNER = {"columns": 100, "rows": 30, "column_pitch_mm": 6.4, "row_pitch_mm": 6.4, "projections": 150}

@@ -101,7 +101,7 @@ def of_kinds(means, sds, noise, repeats, sharing, tables_of_each, rng):
         for one in drawn(tables_of_each):
             value = design.stability(one[None])[0]
             error = 1.96 * subsampled(one, half, rng)
-            interval = stability_interval._Family(one, shared, design).interval(value)
+            interval = stability_interval._ScaledStudies(one, shared, design).interval(value)
             rows.append((truth, error_of_truth, *interval, value - error, value + error))
     return np.array(rows)
 
@@ -147,7 +147,7 @@ def main():
 def real(path, number):
     """Features of a study as the truth: every one with its means, SDs and the correlation of SIRT and FBP."""
     table = tables.select_groups(tables.read_features(path), GROUPS, noise="dose10", seeds=10)
-    x = stability_measures.cube(table, FEATURES)
+    x = stability_measures.feature_array(table, FEATURES)
     rng = generator(branch(SEED, BRANCH))
     sharing = [0, 1, 2, 3] * 2
     shared = np.equal.outer(sharing, sharing)

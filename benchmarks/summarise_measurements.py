@@ -44,7 +44,7 @@ def draw_scores(study: pd.DataFrame, drawn: dict = DRAWN) -> pd.DataFrame:
     for acquisitions, numbers in drawn.items():
         table = study if acquisitions == "all" else study[study["repositioned"] == 0]
         for number in numbers:
-            scores = repeats.draws(table, measured.STUDY_FEATURES, number, unit="acquisition", shared=True)
+            scores = repeats.score_draws(table, measured.STUDY_FEATURES, number, unit="acquisition", shared=True)
             for kind in ("stability", "discrimination"):
                 comparisons = scores[f"{kind}_comparisons"].iloc[0]
                 counts = (scores[f"{kind}_percent"] * comparisons / 100).round().astype(int)

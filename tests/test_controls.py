@@ -50,9 +50,9 @@ def test_the_other_phantom_differs_in_texture_alone(tmp_path):
 
 def test_kept_seeds_are_of_the_default_study_as_it_is():
     """Who changes the default study runs benchmarks/controls.py, and its figure says the new spread."""
-    seeds = further_seeds.load()
-    assert further_seeds.made_with(seeds, plan().scored_settings())
-    assert not further_seeds.made_with(seeds, plan(None, "config/tiny.yaml").scored_settings())
+    seeds = further_seeds.read_seed_scores()
+    assert further_seeds.match_settings(seeds, plan().scored_settings())
+    assert not further_seeds.match_settings(seeds, plan(None, "config/tiny.yaml").scored_settings())
     assert seeds["seed"].nunique() == 5 and plan().config["seed"] not in set(seeds["seed"])
     assert (seeds.groupby("seed").size() == 86).all()
 
@@ -66,8 +66,8 @@ def test_the_spread_of_the_seeds_is_that_of_their_means():
             "discrimination_percent": [90.0, 90, 90, 90, 90, 90],
         }
     )
-    assert further_seeds.spread(seeds) == (pytest.approx(2), 0)
-    assert further_seeds.made_with(seeds, "a") and not further_seeds.made_with(seeds.iloc[:0], "a")
+    assert further_seeds.sd_over_seeds(seeds) == (pytest.approx(2), 0)
+    assert further_seeds.match_settings(seeds, "a") and not further_seeds.match_settings(seeds.iloc[:0], "a")
 
 
 def test_a_list_is_set_beside_measured_ones_of_as_many_repeats():

@@ -150,14 +150,14 @@ def test_variance_of_the_large_cyst_against_dose(reconstruction, variances):
 
 
 def test_an_unknown_dose_is_refused():
-    with pytest.raises(InputError, match="nothing for reconstruction fbp, 2 mGy, ROI cyst_1"):
+    with pytest.raises(InputError, match="no value for reconstruction fbp, 2 mGy, ROI cyst_1"):
         dose_variance("fbp", 2)
 
 
 def test_scores_of_equal_repeats():
     """|W| grows with the root of the repeats: fewer of them are more stable and tell less apart."""
     means = {
-        number: [repeats.over_features(measured.load_score_draws(number), kind)[0] for kind in KINDS]
+        number: [repeats.mean_over_features(measured.load_score_draws(number), kind)[0] for kind in KINDS]
         for number in (3, 10, 19)
     }
     assert means[3][0] > means[10][0] > means[19][0] and means[3][1] < means[10][1] < means[19][1]
@@ -168,7 +168,7 @@ def test_scores_of_equal_repeats():
     assert (measured.load_score_draws(10, "all")["of"] == 29).all()
     with pytest.raises(InputError, match="'some' is not known; choose from fixed, all"):
         measured.load_score_draws(10, "some")
-    with pytest.raises(InputError, match="none were drawn of 3 of all acquisitions"):
+    with pytest.raises(InputError, match="there are no draws of 3 acquisitions from 'all'"):
         measured.load_score_draws(3, "all")
 
 
@@ -181,8 +181,8 @@ def test_the_kept_draws_are_those_of_the_table(study):
         for kind in KINDS:
             assert np.allclose(kept.loc[kept["draw"] == 1, f"{kind}_percent"], scores[f"{kind}_percent"])
     # Ten a group, drawn by another program: 17.5 and 79.2 %, its SD of some 1 %
-    assert repeats.over_features(kept, "stability")[0] == pytest.approx(17.5, abs=1)
-    assert repeats.over_features(kept, "discrimination")[0] == pytest.approx(79.2, abs=1)
+    assert repeats.mean_over_features(kept, "stability")[0] == pytest.approx(17.5, abs=1)
+    assert repeats.mean_over_features(kept, "discrimination")[0] == pytest.approx(79.2, abs=1)
 
 
 @pytest.mark.real

@@ -16,7 +16,7 @@ from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.conceal.catalogue import MODELS
 from virtual_phantom.proof.score.record import summary
 from virtual_phantom.report.proof import tally
-from virtual_phantom.statistics.proof_record import read
+from virtual_phantom.statistics.proof_record import read_proof_record
 
 RESULTS = Path(__file__).with_name("validation_results.yaml")
 HEAD = """# Validation record
@@ -37,7 +37,7 @@ def page() -> str:
 
 def by_seed() -> str:
     """Return the counts of every unseen seed, the pooled counts, and in what the states of the code differ."""
-    shown = summary(read(RESOURCES / "proof_record.yaml"))
+    shown = summary(read_proof_record(RESOURCES / "proof_record.yaml"))
     counted = [one for one in shown["seeds"] if one["seed"] in shown["pooled_seeds"]]
     rows = [
         [
@@ -54,7 +54,7 @@ def by_seed() -> str:
 
 def coverage() -> str:
     """Return how many 95 % intervals covered the true value, by effect or group of effects and seed."""
-    entries = [one for one in read(RESOURCES / "proof_record.yaml") if one.unseen and one.coverage]
+    entries = [one for one in read_proof_record(RESOURCES / "proof_record.yaml") if one.unseen and one.coverage]
     found: dict[tuple[str, ...], dict[int, str]] = defaultdict(dict)
     for entry in entries:
         for part in entry.coverage:

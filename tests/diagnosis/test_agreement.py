@@ -69,7 +69,7 @@ def test_a_single_repeat_has_no_noise_and_no_floor():
     found = agreement(disc(regions, 1, 1), {"after": disc(regions, 1, 2)}, regions, features=Features(regions))
     assert set(found["metrics"]) == {"contrast", "resolution"}
     assert all(entry["floor"] is None for entry in found["metrics"].values())
-    assert "there is one; record more" in found["left_out"]["noise_magnitude"]
+    assert "there is only one; record at least two" in found["left_out"]["noise_magnitude"]
 
 
 def test_features_within_a_repeat_sd_are_counted():

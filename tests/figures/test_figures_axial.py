@@ -191,5 +191,5 @@ def test_bad_input(make_phantom):
     broken[12, 5, 5] = np.nan
     with pytest.raises(InputError, match="not finite"):
         scans.draw(phantom, {"FBP": Volume(broken, phantom.grid)}, 12)
-    with pytest.raises(InputError, match="is it in HU"):
+    with pytest.raises(InputError, match="check that the image is in HU"):
         scans.draw(Volume(phantom.array - 5000, phantom.grid), {"FBP": phantom}, 0)

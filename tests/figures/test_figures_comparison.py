@@ -79,7 +79,7 @@ def test_constant_cells_and_marks(table):
     ratio = cells(figure.axes[1])
     grey = np.all(np.isclose(ratio, matplotlib.colors.to_rgba(figures.MISSING)), axis=-1)
     assert grey.sum() == 6 and grey[0].all()  # both constant
-    darkest = matplotlib.colormaps[figures.RATIO_COLOURS](1.0)
+    darkest = matplotlib.colormaps[figures.RATIO_COLORS](1.0)
     assert np.allclose(ratio[1], darkest)  # infinite
     for axes, q, equivalent in (
         (figure.axes[0], "q_mean", "mean_equivalent"),
@@ -91,7 +91,7 @@ def test_constant_cells_and_marks(table):
     tau = comparison_summary.ranks(table)["kendall_tau"]
     said = texts(figure)
     assert said.count("–") == tau.isna().sum() > 0
-    assert {"title", "cyst 1", "−30", "30", "1/8", "1/2", "8", "shown to agree"} <= set(said)
+    assert {"title", "cyst 1", "−30", "30", "1/8", "1/2", "8", "equivalent"} <= set(said)
     assert {"shift of the mean (repeat SDs of the recording)", "SD over repeats, simulated / recorded"} <= set(said)
 
 
@@ -114,10 +114,10 @@ def test_refusals(table):
     ranking = comparison_summary.ranks(table)
     for wrong, ranks, message in (
         (table.iloc[:0], ranking, "has no rows"),
-        (table.iloc[1:], ranking, "not one row for every ROI and feature"),
-        (pandas.concat([table, table.iloc[:1]]), ranking, "not one row for every"),
+        (table.iloc[1:], ranking, "needs exactly one row for every ROI and feature"),
+        (pandas.concat([table, table.iloc[:1]]), ranking, "exactly one row for every"),
         (table.drop(columns="q_sd"), ranking, "lacks the column q_sd"),
-        (table, ranking.iloc[1:], f"ranks of the comparison: lack {FEATURES[0]}"),
+        (table, ranking.iloc[1:], f"ranks of the comparison: {FEATURES[0]} is missing"),
     ):
         with pytest.raises(InputError, match=message):
             figures.draw(wrong, ranks)
@@ -126,7 +126,7 @@ def test_refusals(table):
 def test_without_an_order_of_rois_there_is_no_column_of_it(table):
     few = table[table["roi"].isin(list(dict.fromkeys(table["roi"]))[:2])]
     said = texts(figures.draw(few, comparison_summary.summary(few)))
-    assert not [text for text in said if "τ" in text] and "shown to agree" in said
+    assert not [text for text in said if "τ" in text] and "equivalent" in said
     assert {"order,\nτ", "τ ≥ 0.7: ROIs in order"} <= set(texts(figures.draw(table, comparison_summary.summary(table))))
 
 
@@ -142,8 +142,8 @@ def test_features_that_cannot_be_compared_are_marked(table):
     assert [label for label in labels if label.split()[-1] in "*†"] == [f"{names[0]} * †", f"{names[1]} †"]
     head = figure.get_suptitle().splitlines()
     assert head[1:] == [
-        "* of the recording, binWidth is 10, the study's 25",
-        f"† grows with the ROI: the recording's have {size}",
+        "* recording: binWidth is 10, the study's 25",
+        f"† grows with the ROI; recording: {size}",
     ]
 
 

@@ -8,7 +8,7 @@ from figure_checks import assert_text_fits, texts
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.names import FEATURES, family
 from virtual_phantom.figures.physics_change import NAMED, draw
-from virtual_phantom.statistics.physics_change import table
+from virtual_phantom.statistics.physics_change import stability_change
 
 
 def trusted(values):
@@ -19,11 +19,11 @@ def trusted(values):
 
 def change(by):
     values = np.linspace(5, 60, len(FEATURES))
-    return table(trusted(values + by), trusted(values))
+    return stability_change(trusted(values + by), trusted(values))
 
 
 @pytest.mark.parametrize(
-    ("moved", "said"), [(0, "No feature changes."), (3, "3  "), (20, f"the {NAMED} largest of 20:")]
+    ("moved", "said"), [(0, "No feature changes significantly."), (3, "3  "), (20, f"the {NAMED} largest of 20:")]
 )
 def test_what_changes_is_counted_and_named(moved, said):
     by = np.zeros(len(FEATURES))

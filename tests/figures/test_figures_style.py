@@ -90,7 +90,7 @@ def test_names_beyond_the_markers_begin_again():
 @pytest.mark.parametrize("count", [2, 7, 12, 40])
 def test_colours_of_a_parameter_are_distinct_ordered_and_visible_on_white(count):
     values = np.linspace(150, 450, count)
-    colours = style.ordered_colours(np.tile(values[::-1], 3))
+    colours = style.ordered_colors(np.tile(values[::-1], 3))
     assert list(colours) == values.tolist()
     brightness = [luminance(colour) for colour in colours.values()]
     assert np.all(np.diff(brightness) > 0.01 * min(1, 7 / count))
@@ -98,7 +98,7 @@ def test_colours_of_a_parameter_are_distinct_ordered_and_visible_on_white(count)
 
 
 def test_one_value_of_a_parameter():
-    assert list(style.ordered_colours(np.array([300.0, 300.0]))) == [300]
+    assert list(style.ordered_colors(np.array([300.0, 300.0]))) == [300]
 
 
 @pytest.mark.parametrize("colours", ["Blues", "RdBu_r"])

@@ -60,9 +60,9 @@ def test_fit_and_crossings_in_closed_form():
     figure = noise_calibration.draw(table, {"study": 1e-4}, [("high", 250.0), ("low", 650.0), ("never", 40.0)])
     said = texts(figure)
     assert "fit: 200 HU² · A/10⁻⁴ + 50 HU², R² = 1.0000" in said
-    assert "measured high: 250 HU², met at A = 1 ×10⁻⁴" in said
-    assert "measured low: 650 HU², met at A = 3 ×10⁻⁴" in said
-    assert "measured never: 40 HU², not met" in said
+    assert "measured high: 250 HU², reached at A = 1 ×10⁻⁴" in said
+    assert "measured low: 650 HU², reached at A = 3 ×10⁻⁴" in said
+    assert "measured never: 40 HU², not reached" in said
     assert "level of the study: A = 1 ×10⁻⁴ (study)" in said
     assert "variance over repeats, all ROIs (HU²)" in said and "noise level A = 1/I₀ (10⁻⁴)" in said
     assert figure.axes[0].get_xlim()[1] > 3
@@ -147,7 +147,7 @@ def test_means_and_best_by_hand():
         }
     )
     figure = stability_discrimination.draw(table, 1.5)
-    assert "means: 30.0 % stable, 100.0 % told apart" in figure.axes[0].get_title()
+    assert "means: 30.0 % stable, 100.0 % discriminated" in figure.axes[0].get_title()
     assert "1  GLCM F6\n2  GLCM F5\n3  GLCM F4\n4  GLCM F3\n5  GLCM F2" in texts(figure)
     assert "stability: pairs of groups with |W| < 1.5 (%)" in texts(figure)
 
@@ -174,18 +174,19 @@ def test_both_panels_say_their_repeats_and_spreads(stability, draws):
         for axes in stability_discrimination.draw(stability, 1.0, draws, repeats=10, sd=(0.25, 1.5)).axes
     )
     stable, apart = stability["stability_percent"].mean(), stability["discrimination_percent"].mean()
-    assert simulated.startswith("Simulated, 86 features, 10 repeats a group\n")
-    assert simulated.endswith(f"means: {stable:.1f} ± 0.2 % stable, {apart:.1f} ± 1.5 % told apart")
+    assert simulated.startswith("Simulated, 86 features, 10 repeats per group\n")
+    assert simulated.endswith(f"means: {stable:.1f} ± 0.2 % stable, {apart:.1f} ± 1.5 % discriminated")
     stable, apart = (draws[f"{kind}_percent"].mean() for kind in ("stability", "discrimination"))
     # Means of the two draws differ by 2: SD sqrt(2), of 4 of 12 repeats over sqrt(1 - 1 / 3)
     assert measured == (
-        f"Measured, 85 features, 4 repeats a group\nmeans: {stable:.1f} ± 1.7 % stable, {apart:.1f} ± 1.7 % told apart"
+        f"Measured, 85 features, 4 repeats per group\n"
+        f"means: {stable:.1f} ± 1.7 % stable, {apart:.1f} ± 1.7 % discriminated"
     )
     assert "±" not in stability_discrimination.draw(stability, 1.0, draws[draws["draw"] == 1]).axes[1].get_title()
 
 
 def test_measured_scores_of_ones_own_have_their_families_too(stability, draws):
-    """As repeats.draws gives them; those that come with the library have none."""
+    """As repeats.score_draws gives them; those that come with the library have none."""
     family = stability.set_index("feature")["family"]
     own, kept = (
         stability_discrimination.draw(stability, 1.0, of).axes[1]
@@ -251,7 +252,7 @@ def test_overlap_draws_both_curves_and_their_bands(overlap):
         drawn = [line.get_xydata() for line in axes.lines]
         for column in (f"overlap_{kind}_percent", f"expected_{kind}_percent"):
             assert any(np.array_equal(line, overlap[["percent", column]].to_numpy()) for line in drawn)
-        assert axes.get_xlabel() == "features taken as best-scoring (%)"
+        assert axes.get_xlabel() == "length of both lists (% of the features)"
     # 43 of 86: 95 % of random choices share 17 to 26, 39.5 to 60.5 % (hypergeometric law)
     band = figure.axes[1].collections[1].get_paths()[0].vertices
     at_half = np.unique(band[np.isclose(band[:, 0], 50), 1])
@@ -261,7 +262,7 @@ def test_overlap_draws_both_curves_and_their_bands(overlap):
     assert len(bars) >= 20
     for (x, bottom), (_, top) in bars:
         assert (top - bottom) / 2 == pytest.approx(sd[x])
-    assert "of these, in both lists (%)" in texts(figure)
+    assert "features in both lists (% of the length)" in texts(figure)
     with pytest.raises(InputError, match="no rows"):
         overlap_figure.draw(overlap.iloc[:0])
 

@@ -115,12 +115,12 @@ TABLES = ("tables/trust", "tables/stable_features", "tables/stability", "feature
 def made(results, *, config=CONFIG, names=TABLES, diagnoses=True, figures=("rois",)):
     sections = {"rois": ("Phantom", "Regions <1>"), "comparison_clinic": ("Recordings", "ours, against clinic")}
     figures = [
-        study.Shown(results / "figures" / f"{name}.png", *sections[name], results / "rois.rst", {}, {})
+        study.ReportFigure(results / "figures" / f"{name}.png", *sections[name], results / "rois.rst", {}, {})
         for name in figures
     ]
-    tables = [index.Linked(name.title(), results / f"{name}.csv") for name in names]
+    tables = [index.LinkedTable(name.title(), results / f"{name}.csv") for name in names]
     reports = [results / "diagnosis" / "disc" / "report.html"] if diagnoses else []
-    return index.page(results, figures, tables, reports, config, COMMANDS)
+    return index.index_page(results, figures, tables, reports, config, COMMANDS)
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +139,7 @@ def test_it_is_well_formed_and_all_it_points_to_is_there(page, results):
     parser.feed(page)
     assert parser.open == [] and len(parser.ids) == len(set(parser.ids))
     inside = {link[1:] for link in parser.links if link.startswith("#")}
-    assert {"answer", "warnings", "tables", "next", "made-by"} <= inside <= set(parser.ids)
+    assert {"answer", "warnings", "tables", "next", "provenance"} <= inside <= set(parser.ids)
     files = {link for link in parser.links if not link.startswith("#")}
     assert files == {"figures/rois.png", "diagnosis/disc/report.html", *(f"{name}.csv" for name in TABLES)}
     assert all((results / link).exists() for link in files)
@@ -148,32 +148,32 @@ def test_it_is_well_formed_and_all_it_points_to_is_there(page, results):
 
 def test_the_answer_comes_first_and_has_its_intervals(page):
     said = text(page)
-    assert "Of 3 features 1 is stable between the 4 protocols, 1 are not, and 1 are undecided." in said
-    assert said.index("Which features can be trusted?") < said.index("Warnings ROI") < said.index("Regions")
+    assert "1 of 3 features is stable between the 4 protocols, 1 is not stable, and 1 is undecided." in said
+    assert said.index("Stable features 1 of") < said.index("Warnings ROI") < said.index("Regions")
     # By the lower end of the interval, best first.
     places = [said.index(words) for words in ("62 %, 52 to 68 %", "40 %, 25 to 55 %", "0 %, 0 to 4.4 %")]
     assert places == sorted(places)
-    assert "1 by ICC(2,1), 1 by ICC(3,1), 1 by CCC, 1 by cv, 1 by qcd." in said
-    assert "a feature that no protocol changes has 60 % on average" in said
-    assert "lies at 50 % or above, as more comparisons then agree than differ." in said
+    assert "ICC(2,1) 1, ICC(3,1) 1, CCC 1, CV 1, QCD 1." in said
+    assert "A feature that no protocol changes has a stability of 60 % on average" in said
+    assert "is at 50 % or above (most comparisons agree), and not stable" in said
 
 
 def test_the_answer_is_given_for_every_tissue(page, results):
     said = text(page)
-    assert "The most stable stability, 95 % interval stable in cyst in liver" in said
+    assert "Most stable features stability, 95 % interval stable in cyst in liver" in said
     assert "62 %, 52 to 68 % yes 83 % 42 %" in said  # of the features that the other table has, in its order
     # Four protocols are six pairs, and each class has one ROI.
-    assert "without an interval, as they are few: 6 in cyst, 6 in liver." in said
+    assert "there are too few for an interval: 6 in cyst, 6 in liver." in said
     assert 'href="tables/stability.csv"' in page
 
 
 @pytest.mark.parametrize(("compare", "expected"), [("roi", [12, 6]), ("tissue_class", [6, 6])])
 def test_a_tissue_rests_on_the_comparisons_of_its_own_rois(compare, expected):
     rois = pd.DataFrame({"roi": ["a", "b", "c", "a"], "tissue_class": ["cyst", "cyst", "liver", "cyst"]})
-    found = answer.tissues(TRUST, STABILITY, rois, compare)
+    found = answer.stability_by_tissue(TRUST, STABILITY, rois, compare)
     assert [one["comparisons"] for one in found.values()] == expected
     assert found["liver"]["percent"][FEATURES[1]] == 41.7
-    assert answer.tissues(TRUST, STABILITY, rois[rois["roi"] == "c"], compare) == {}
+    assert answer.stability_by_tissue(TRUST, STABILITY, rois[rois["roi"] == "c"], compare) == {}
 
 
 def test_many_tissues_have_a_table_of_their_own(results, tmp_path):
@@ -186,28 +186,29 @@ def test_many_tissues_have_a_table_of_their_own(results, tmp_path):
     }
     for name, frame in frames.items():
         frame.to_csv(tmp_path / f"{name}.csv", index=False)
-    page = index.page(
-        tmp_path, [], [index.Linked(name, tmp_path / f"{name}.csv") for name in frames], [], CONFIG, COMMANDS
+    page = index.index_page(
+        tmp_path, [], [index.LinkedTable(name, tmp_path / f"{name}.csv") for name in frames], [], CONFIG, COMMANDS
     )
     assert "First order Mean 2.0 % 12 % 22 % 32 % 42 % 52 %" in text(page) and '<th class="n">in ' not in page
 
 
 def test_features_that_other_measures_call_stable_are_named(page):
-    assert "By two measures or more: GLCM Idn (6). Each measure of each feature: tables/stable_features.csv." in text(
-        page
+    said = (
+        "Stable by at least two measures (number): GLCM Idn (6). All measures and features: tables/stable_features.csv."
     )
+    assert said in text(page)
 
 
 def test_of_many_stable_features_ten_are_named(results, tmp_path):
     names = [f"original_glcm_F{number:02}" for number in range(12)]
     verdicts = {f"stable_{name}": "yes" for name in CUT_OFFS}
     measures = pd.DataFrame({"feature": names, "stable_by": [2, 5, *[3] * 10], **verdicts})
-    assert list(answer.answer(TRUST, measures)["several"])[:3] == [names[1], names[2], names[3]]
+    assert list(answer.stability_answer(TRUST, measures)["several"])[:3] == [names[1], names[2], names[3]]
     measures.to_csv(tmp_path / "stable_features.csv", index=False)
     TRUST.to_csv(tmp_path / "trust.csv", index=False)
-    tables = [index.Linked(name, tmp_path / f"{name}.csv") for name in ("trust", "stable_features")]
-    said = text(index.page(tmp_path, [], tables, [], CONFIG, COMMANDS))
-    assert "GLCM F01 (5), GLCM F02 (3)" in said and "GLCM F10 (3) and 2 more. Each measure" in said
+    tables = [index.LinkedTable(name, tmp_path / f"{name}.csv") for name in ("trust", "stable_features")]
+    said = text(index.index_page(tmp_path, [], tables, [], CONFIG, COMMANDS))
+    assert "GLCM F01 (5), GLCM F02 (3)" in said and "GLCM F10 (3) and 2 more. All measures" in said
 
 
 def test_tables_of_stability_show_the_most_stable_first():
@@ -222,23 +223,25 @@ def test_a_comparison_says_what_agrees(results):
     page = made(results, names=names, figures=("rois", "comparison_clinic"))
     said = html.unescape(text(page))
     assert (
-        "Of 6 features, 1 agree in mean and SD, 1 in the mean only, 2 in the SD only, 2 in neither. A mean agrees "
-        "where it lies within 1 repeat SD of the recorded one, an SD where it is from 1/2 to 2 times the recorded "
-        "one, each in at least 80 % of the 3 ROIs. 1 puts the ROIs in the recorded order (Kendall's tau at least "
-        "0.7). Every feature: tables/comparison_clinic_features.csv."
+        "Agreement of the 6 features: mean and SD 1, mean only 1, SD only 2, neither 2. The mean agrees if it is "
+        "within 1 repeat SD of the recorded mean. The SD agrees if the ratio of the SDs is between 1/2 and 2. "
+        "A feature needs to agree in at least 80 % of the 3 ROIs. Features with the recorded order of ROIs (Kendall's "
+        "tau at least 0.7): 1. All features: tables/comparison_clinic_features.csv."
     ) in said
-    assert said.index("Comparisons with recordings: ours, against clinic.") < said.index("Which features can")
+    assert said.index("Comparisons with recordings: ours, against clinic.") < said.index("Stable features 1 of")
     assert 'href="#comparison_clinic"' in page and 'id="comparison_clinic"' in page
 
 
 def test_features_that_cannot_be_compared_are_counted():
     cells, summary = COMPARISON.values()
     marked = summary.assign(other_settings=["bins", *[None] * 5], other_sizes=[None, "512 voxels", "", *["more"] * 3])
-    said = answer.agreement(marked, cells)
-    assert said.startswith("Of 1 features that can be compared, 1 agree in the SD only. A mean")
+    said = answer.agreement_text(marked, cells)
+    assert said.startswith(
+        "Agreement of the 1 comparable features: mean and SD 0, mean only 0, SD only 1, neither 0. The mean"
+    )
     assert said.endswith(
-        " 1 cannot be compared, as they were extracted with other settings (*). 4 cannot be compared, as they grow "
-        "with the ROI, whose voxels are others here (†)."
+        " Not comparable: 1 (extracted with other settings (*)). Not comparable: 4 (they grow with the ROI, and its "
+        "size differs (†))."
     )
 
 
@@ -246,60 +249,60 @@ def test_features_without_a_repeat_sd_are_counted_apart():
     cells, summary = COMPARISON.values()
     names = summary["feature"]
     still = pd.concat([cells.assign(feature=name, sd_recorded=float(name != names[0])) for name in names])
-    said = answer.agreement(summary, still)
+    said = answer.agreement_text(summary, still)
     assert said.startswith(
-        "Of 5 features that can be compared, 1 agree in the mean only, 2 in the SD only, 2 in neither."
+        "Agreement of the 5 comparable features: mean and SD 0, mean only 1, SD only 2, neither 2. The mean"
     )
-    assert said.endswith(" 1 cannot be compared, as they are the same in all that was recorded.")
+    assert said.endswith(" Not comparable: 1 (constant in the recording).")
     none = still.assign(sd_recorded=0.0)
-    assert answer.agreement(summary, none).startswith(
-        "None of 6 features can be compared. 6 cannot be compared, as they"
+    assert answer.agreement_text(summary, none).startswith(
+        "None of the 6 features can be compared. Not comparable: 6 (constant"
     )
 
 
 def test_what_agrees_in_one_roi_has_no_order():
     cells, summary = COMPARISON.values()
-    said = answer.agreement(summary.assign(mean_right=False, sd_right=False), cells[cells["roi"] == "a"])
-    assert said.startswith("Of 6 features none agrees in mean or SD. A mean agrees") and said.endswith(
-        "times the recorded one."
-    )
+    said = answer.agreement_text(summary.assign(mean_right=False, sd_right=False), cells[cells["roi"] == "a"])
+    assert said.startswith("Agreement of the 6 features: mean and SD 0, mean only 0, SD only 0, neither 6. The mean")
+    assert said.endswith("the ratio of the SDs is between 1/2 and 2.")
 
 
 def test_warnings_are_read_from_the_table_of_features():
-    said = index.warnings(ALL, TRUST)
+    said = index.study_warnings(ALL, TRUST)
     assert [one.partition(".")[0] for one in said] == [
-        "ROI cyst_2 has 24 voxels, fewer than the 64 that texture features need to mean anything",
-        "ROI cyst_2 has fewer than 3 grey levels in 1 of 2 images",
-        "There are 3 repeats a group",
+        "ROI cyst_2 has 24 voxels",
+        "ROI cyst_2 has fewer than 3 gray levels in 1 of 2 images",
+        "There are 3 repeats per group",
     ]
-    assert index.warnings(ALL[ALL["roi"] == "liver"], TRUST.assign(repeats=10)) == []
-    assert len(index.warnings(ALL, None)) == 2
+    assert "need at least 64" in said[0]
+    assert index.study_warnings(ALL[ALL["roi"] == "liver"], TRUST.assign(repeats=10)) == []
+    assert len(index.study_warnings(ALL, None)) == 2
 
 
 def test_a_diagnosis_says_its_verdict(page, results):
     assert "disc: mismatch explained Scatter &lt;explains&gt; it." in text(page)
-    assert index.COLOURS["mismatch explained"] in page
+    assert index.COLORS["mismatch explained"] in page
     assert "Diagnoses" not in made(results, diagnoses=False)
 
 
 def test_a_trial_says_so(page, results):
-    words = "too small to mean anything"
+    words = "too small for meaningful results"
     assert words not in page and words in made(results, config=CONFIG | {"trial": True})
     said = text(made(results, config=CONFIG | {"trial": "init ct --size normal"}))
-    assert f"{words}. It shows that everything is as you mean it. For an answer run: init ct --size normal" in said
+    assert f"{words}. Use it to check your setup. For results, run: init ct --size normal" in said
 
 
 def test_a_study_without_groups_has_a_page_too(results):
     page = made(results, names=("features",), diagnoses=False)
     assert "no <code>analyses.stability</code>" in page and "cyst_2 has 24 voxels" in page
-    assert "repeats a group" not in page
+    assert "repeats per group" not in page
 
 
 def test_one_repeat_has_no_interval(results, tmp_path):
     nothing = TRUST.assign(**dict.fromkeys([name for name in TRUST if "low" in name or "high" in name], np.nan))
     nothing.to_csv(tmp_path / "trust.csv", index=False)
-    page = index.page(tmp_path, [], [index.Linked("Trust", tmp_path / "trust.csv")], [], CONFIG, COMMANDS)
-    assert "nan" not in text(page).lower().replace("finance", "")
+    page = index.index_page(tmp_path, [], [index.LinkedTable("Trust", tmp_path / "trust.csv")], [], CONFIG, COMMANDS)
+    assert "nan" not in text(page).lower().replace("provenance", "")
 
 
 LOOK = """

@@ -63,11 +63,11 @@ def files(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(files):
-    figure = study.Shown(
+    figure = study.ReportFigure(
         files / "rois.png", "Phantom", "Regions <1>", files / "rois.rst", {"threshold": 1.5}, {"recording": "a <b>"}
     )
     tables = {"Stable features": files / "tables" / "stable_features.csv", "Long": files / "tables" / "long.csv"}
-    return study.page([figure], tables, {"disc": files / "report.html"}, {"Slices": "viewer.html"}, CONFIG)
+    return study.report_page([figure], tables, {"disc": files / "report.html"}, {"Slices": "viewer.html"}, CONFIG)
 
 
 def test_it_is_one_well_formed_file(page):
@@ -96,7 +96,7 @@ def test_provenance_is_there(page, files):
 
 
 def test_long_tables_are_linked_to_only(page):
-    assert "Too long to be shown here." in page and 'href="tables/long.csv"' in page
+    assert "This table is too long for the page." in page and 'href="tables/long.csv"' in page
     assert page.count("<tbody>") == 2  # the short one's, and that of the checksums
 
 
@@ -152,5 +152,5 @@ def test_a_browser_sorts_and_filters(page, tmp_path, width):
 
 
 def test_a_trial_says_so(page):
-    words = "too small to mean anything"
-    assert words in study.page([], {}, {}, {}, CONFIG | {"trial": True}) and words not in page
+    words = "too small for meaningful results"
+    assert words in study.report_page([], {}, {}, {}, CONFIG | {"trial": True}) and words not in page

@@ -36,7 +36,7 @@ def arguments():
 
 @pytest.fixture(scope="module")
 def page():
-    return viewer.page(*arguments(), SUBTITLE)
+    return viewer.viewer_page(*arguments(), SUBTITLE)
 
 
 def held(page, name, dtype="<i2"):
@@ -48,7 +48,7 @@ def test_the_page_holds_the_voxels_as_they_are_seen(page):
     phantom, masks, reconstructions = arguments()
     given = {"input": phantom}
     for key, one in reconstructions.items():
-        given |= {f"{key}_one": one.one, f"{key}_mean": one.mean}
+        given |= {f"{key}_one": one.single, f"{key}_mean": one.mean}
     for name, volume in given.items():
         # The first voxel is anterior and to the patient's right: both at the high ends of the axes.
         expected = np.rint(volume.array)[:, ::-1, ::-1]
@@ -61,7 +61,7 @@ def test_the_page_holds_the_voxels_as_they_are_seen(page):
 def test_the_page_is_one_file_and_escapes_names(page):
     assert outside_resources(page) == []
     assert "<loud>" not in page and "&lt;loud&gt;" in page
-    assert page == viewer.page(*arguments(), SUBTITLE)
+    assert page == viewer.viewer_page(*arguments(), SUBTITLE)
 
 
 def test_large_studies_are_thinned_until_they_fit():
@@ -71,7 +71,7 @@ def test_large_studies_are_thinned_until_they_fit():
         kept = np.zeros(shape, np.int8)[:: steps[0], :: steps[1], :: steps[2]].size
         assert 2 * 5 * kept <= viewer.MOST_BYTES
     phantom, masks, reconstructions = arguments()
-    array = viewer.shown(phantom.array, (2, 1, 3))
+    array = viewer.displayed(phantom.array, (2, 1, 3))
     np.testing.assert_array_equal(array, phantom.array[::2, ::-1, ::-3])
 
 
@@ -79,14 +79,14 @@ def test_large_studies_are_thinned_until_they_fit():
     "array, grid, message",
     [
         (np.zeros(GRID.shape), Grid(GRID.shape, GRID.spacing), "is on another grid than the phantom"),
-        (np.full(GRID.shape, np.nan), GRID, "fbp_one: holds values that are not finite"),
+        (np.full(GRID.shape, np.nan), GRID, "fbp_one: has values that are not finite"),
     ],
 )
 def test_what_cannot_be_shown_is_said_in_one_line(array, grid, message):
     phantom, masks, reconstructions = arguments()
     bad = viewer.Reconstruction("FBP", Volume(array, grid), volume(2), 3)
     with pytest.raises(InputError, match=message):
-        viewer.page(phantom, masks, reconstructions | {"fbp": bad}, SUBTITLE)
+        viewer.viewer_page(phantom, masks, reconstructions | {"fbp": bad}, SUBTITLE)
 
 
 LOOK = """
@@ -114,7 +114,7 @@ def test_a_browser_shows_slices_windows_and_differences(page, tmp_path, width):
     # Line 7 and column 11 of what is seen are row 12 and column 18 of the arrays.
     value, one, mean = (
         float(np.rint(volume.array[4, 12, 18]))
-        for volume in (phantom, reconstructions["fbp"].one, reconstructions["fbp"].mean)
+        for volume in (phantom, reconstructions["fbp"].single, reconstructions["fbp"].mean)
     )
 
     def grey(hu):

@@ -17,7 +17,7 @@ from virtual_phantom.phantom.deconvolution import (
     measure_spectra,
 )
 from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
-from virtual_phantom.statistics.own_edge import edge_mtf_half
+from virtual_phantom.statistics.surface_resolution import edge_mtf_half
 
 GRID = Grid((40, 96, 96), (0.75, 0.7, 0.7), (0.0, 0.0, 0.0))
 OWN = (0.42, 0.6, 0.6)  # SD along z, y, x, mm
@@ -145,5 +145,5 @@ def test_what_voxels_blur_is_seen_in_projections(fine):
 def test_a_blur_that_is_none_is_refused():
     with pytest.raises(InputError, match="blur_mm is "):
         deconvolve(Volume(np.zeros(GRID.shape, np.float32), GRID), (-1.0, 0.5, 0.5), NO_NOISE)
-    with pytest.raises(InputError, match="show no surface against air; set public_scans.own_blur: kept"):
+    with pytest.raises(InputError, match="show no surface between object and air; set public_scans.own_blur: kept"):
         edge_mtf_half(Volume(np.zeros(GRID.shape, np.float32), GRID))

@@ -23,7 +23,7 @@ from virtual_phantom.proof.score.example import example, in_words, residual_maps
 from virtual_phantom.proof.score.real import minutes, row
 from virtual_phantom.proof.score.score import score
 from virtual_phantom.report.proof import page, percent
-from virtual_phantom.statistics.proof_record import pooled, read
+from virtual_phantom.statistics.proof_record import pooled_counts, read_proof_record
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -59,8 +59,8 @@ def test_the_job_writes_everything(made):
 
 def test_the_page_shows_all_seeds_and_whose_models_they_are(made):
     text = made["page"].read_text().replace("\N{NO-BREAK SPACE}", " ")
-    entries = read(RESOURCES / "proof_record.yaml")
-    count, n = pooled(entries)["intervals"]
+    entries = read_proof_record(RESOURCES / "proof_record.yaml")
+    count, n = pooled_counts(entries)["intervals"]
     assert f"{count} of {n} (" in text and "What had to be reached, seed 4711" in text
     for entry in entries:
         assert f"Seed {entry.seed} (" in text

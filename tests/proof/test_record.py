@@ -21,7 +21,13 @@ from virtual_phantom.proof.score.record import add, coverage_table, summary
 from virtual_phantom.proof.score.score import score
 from virtual_phantom.report.html import render_diagnosis
 from virtual_phantom.report.proof import percent
-from virtual_phantom.statistics.proof_record import Held, held, pooled, read, with_coverage
+from virtual_phantom.statistics.proof_record import (
+    IntervalCoverage,
+    interval_coverage,
+    pooled_counts,
+    read_proof_record,
+    with_coverage,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 RECORD = RESOURCES / "proof_record.yaml"
@@ -58,8 +64,8 @@ def found(tmp_path_factory):
 
 
 def test_unseen_seeds_are_pooled(record):
-    seeds = read(record(entry(1, unseen=False), entry(2), entry(3, pairs=[4, 4])))
-    assert pooled(seeds)["pairs"] == (6, 8) and pooled(seeds)["intervals"] == (12, 20)
+    seeds = read_proof_record(record(entry(1, unseen=False), entry(2), entry(3, pairs=[4, 4])))
+    assert pooled_counts(seeds)["pairs"] == (6, 8) and pooled_counts(seeds)["intervals"] == (12, 20)
     share = summary(seeds)["pooled"]["intervals"]
     # Wilson: centre (12 + 1.92) / (20 + 3.84), half 1.96 / 23.84 * sqrt(12 * 8 / 20 + 0.96)
     assert share["ci95"] == pytest.approx([0.3866, 0.7812], abs=2e-4)
@@ -67,8 +73,8 @@ def test_unseen_seeds_are_pooled(record):
 
 
 def test_the_shipped_record_is_what_issue_and_docs_say_of_three_seeds():
-    entries = [one for one in read(RECORD) if one.seed in (11, 12, 13)]
-    assert pooled(entries) == {
+    entries = [one for one in read_proof_record(RECORD) if one.seed in (11, 12, 13)]
+    assert pooled_counts(entries) == {
         "first_medium_or_strong": (109, 114),
         "first_weak": (42, 57),
         "pairs": (28, 36),
@@ -77,7 +83,7 @@ def test_the_shipped_record_is_what_issue_and_docs_say_of_three_seeds():
         "exact": (185, 231),
         "intervals": (121, 224),
     }
-    assert {one.seed for one in read(RECORD) if not one.unseen} >= {1, 2022}
+    assert {one.seed for one in read_proof_record(RECORD) if not one.unseen} >= {1, 2022}
 
 
 def test_coverage_is_that_of_the_effect_or_of_the_smallest_group(record):
@@ -87,12 +93,15 @@ def test_coverage_is_that_of_the_effect_or_of_the_smallest_group(record):
         entry(2, coverage=[both, (("heel",), (0, 1))]),
         entry(3, coverage=[both, (("scatter",), (1, 2))]),
     )
-    assert held(read(path), "scatter") == Held(("motion", "scatter"), 4, 6)
-    assert held(read(path), "heel") == Held(("heel",), 0, 1) and held(read(path), "bowtie") is None
+    assert interval_coverage(read_proof_record(path), "scatter") == IntervalCoverage(("motion", "scatter"), 4, 6)
+    assert (
+        interval_coverage(read_proof_record(path), "heel") == IntervalCoverage(("heel",), 0, 1)
+        and interval_coverage(read_proof_record(path), "bowtie") is None
+    )
 
 
 def test_a_diagnosis_tells_beside_each_interval_how_often_such_held(record):
-    entries = read(record(entry(2, coverage=[(("scatter",), (1, 4))])))
+    entries = read_proof_record(record(entry(2, coverage=[(("scatter",), (1, 4))])))
     values = {"scatter": {"amount": (0.1, 0.0, 0.2)}, "motion": {"x_mm": (1.0, 0.9, 1.1)}}
     said = with_coverage(diagnosis("a", "mismatch explained", values), entries)
     first, second = (one["parameters"] for one in said["effects"])
@@ -100,10 +109,13 @@ def test_a_diagnosis_tells_beside_each_interval_how_often_such_held(record):
     assert first["amount"]["ci95_held"] == {"count": 1, "n": 4, "effects": ["scatter"], "all": whole}
     assert first["amount"]["ci95"] == [0.0, 0.2] and second["x_mm"]["ci95_held"]["count"] is None
     texts = [render_diagnosis("parameters", said, e=one) for one in said["effects"]]
-    assert "held the truth in 1 of 4 of scatter, and in 6 of 10 of all effects' parameters." in unescape(texts[0])
-    assert "in 6 of 10 of all effects' parameters; of this effect none was counted." in unescape(texts[1])
+    assert (
+        "covered the true values of 1 of 4 parameters of scatter and of 6 of 10 parameters of all effects."
+        in unescape(texts[0])
+    )
+    assert "of 6 of 10 parameters of all effects (none of this effect were tested)." in unescape(texts[1])
     plain = diagnosis("a", "mismatch explained", values)["effects"][0]
-    assert "held the truth" not in render_diagnosis("parameters", said, e=plain)
+    assert "covered the true values" not in render_diagnosis("parameters", said, e=plain)
 
 
 def test_a_score_is_added_once_below_what_is_there(record, found):
@@ -111,11 +123,11 @@ def test_a_score_is_added_once_below_what_is_there(record, found):
     before = path.read_text()
     add(path, found, "abc1234", "after a change")
     assert path.read_text().startswith(before)
-    first, second = read(path)
+    first, second = read_proof_record(path)
     assert (second.seed, second.cases, second.unseen, second.state) == (14, 9, True, "abc1234")
     assert second.counts["exact"] == (3, 7) and second.counts["intervals"] == (1, 2)
-    assert held([second], "scatter") == Held(("scatter",), 1, 2)
-    assert pooled([first, second])["first_medium_or_strong"] == (4, 6)
+    assert interval_coverage([second], "scatter") == IntervalCoverage(("scatter",), 1, 2)
+    assert pooled_counts([first, second])["first_medium_or_strong"] == (4, 6)
     with pytest.raises(InputError, match="record.yaml: has seed 14 already"):
         add(path, found, "abc1235", "again")
     with pytest.raises(InputError, match="is none that the record could keep"):
@@ -160,20 +172,20 @@ def test_coverage_of_two_scores_side_by_side(found):
     ("entries", "message"),
     [
         ([entry(1), entry(1)], "has seed 1 twice"),
-        ([entry(1, pairs=[3, 2])], "are not so many of so many"),
+        ([entry(1, pairs=[3, 2])], "is not a count and its total"),
         ([entry(1) | {"counts": {"pairs": [1, 2]}}], "seed 1 needs the counts"),
         ([entry(1) | {"unseen": "perhaps"}], "neither true nor false"),
-        ([{"seed": 1}], "is no record of the proof"),
+        ([{"seed": 1}], "is not a record of the blind validation"),
     ],
 )
 def test_a_broken_record_is_one_line(record, entries, message):
     with pytest.raises(InputError, match=f"record.yaml: .*{message}"):
-        read(record(*entries))
+        read_proof_record(record(*entries))
 
 
 def test_readme_has_the_pooled_counts():
     readme = (ROOT / "README.md").read_text()
-    for name, share in summary(read(RECORD))["pooled"].items():
+    for name, share in summary(read_proof_record(RECORD))["pooled"].items():
         assert name == "exact" or f"{share['count']} of {share['n']} ({percent(share['share'])}; " in readme, name
     assert f"{len(names()) - len(never_concealed())} of the {len(names())} effects" in " ".join(readme.split())
 
@@ -181,7 +193,7 @@ def test_readme_has_the_pooled_counts():
 def test_docs_have_the_pooled_counts():
     """After a seed is added to the record, the page follows."""
     page = " ".join((ROOT / "docs/validation/blind-validation.md").read_text().split())
-    shown = summary(read(RECORD))
+    shown = summary(read_proof_record(RECORD))
     for name, share in shown["pooled"].items():
         assert f"| {share['count']} of {share['n']} ({percent(share['share'])}; " in page, name
     assert all(f"seed {one['seed']}" in page or f"seeds {one['seed']}" in page for one in shown["seeds"])
@@ -192,8 +204,8 @@ def test_docs_have_the_pooled_counts():
 
 def test_docs_count_the_seed_that_was_scored_last_and_the_worst():
     page = (ROOT / "docs/validation/blind-validation.md").read_text()
-    entries = [one for one in read(RECORD) if one.unseen and one.counts]
-    for name, (count, n) in pooled(entries).items():
+    entries = [one for one in read_proof_record(RECORD) if one.unseen and one.counts]
+    for name, (count, n) in pooled_counts(entries).items():
         (row,) = [line for line in page.splitlines() if f"| {count} of {n} (" in line]
         pairs = [one.counts[name] for one in entries]
         worst = (max if name == "false_alarms" else min)(pairs, key=lambda pair: pair[0] / pair[1])
@@ -209,9 +221,9 @@ def test_docs_say_whose_equations_they_are():
 
 def test_the_generated_page_has_every_seed_and_every_table():
     page = validation_tables.page()
-    for name, share in summary(read(RECORD))["pooled"].items():
+    for name, share in summary(read_proof_record(RECORD))["pooled"].items():
         assert f"| {share['count']} of {share['n']} ({percent(share['share'])}; " in page, name
-    for entry in read(RECORD):
+    for entry in read_proof_record(RECORD):
         assert f"Seed {entry.seed}" in page and all(f"| {a} of {b} |" in page for a, b in entry.counts.values())
     results = yaml.safe_load(validation_tables.RESULTS.read_text())
     titles = [table["name"] for section in results for table in section["tables"]]

@@ -62,7 +62,7 @@ def test_where_nothing_varies_nothing_is_defined():
     for icc in (measures.icc_agreement(x), measures.icc_consistency(x)):
         assert np.isnan(one(icc)).all()
     assert np.isnan(measures.concordance(x))
-    assert measures.variation(x) == pytest.approx(0) and measures.quartile_dispersion(x) == 0
+    assert measures.coefficient_of_variation(x) == pytest.approx(0) and measures.quartile_dispersion(x) == 0
 
 
 def test_concordance_by_hand():
@@ -78,8 +78,8 @@ def test_concordance_by_hand():
 def test_variation_by_hand():
     # SD sqrt(2) of mean 10, and none: root mean square sqrt(0.02 / 2) = 0.1. The sign does not matter.
     x = np.array([[[9.0], [11]], [[20], [20]]])
-    assert measures.variation(x) == pytest.approx(0.1)
-    assert measures.variation(-x) == pytest.approx(0.1)
+    assert measures.coefficient_of_variation(x) == pytest.approx(0.1)
+    assert measures.coefficient_of_variation(-x) == pytest.approx(0.1)
 
 
 def test_quartile_dispersion_by_hand():
@@ -92,5 +92,5 @@ def test_quartile_dispersion_by_hand():
 
 def test_relative_spread_of_values_that_change_sign_is_not_defined():
     x = np.array([[[1.0, 2]], [[-1, 3]]])
-    assert np.isnan(measures.variation(x)) and np.isnan(measures.quartile_dispersion(x))
-    assert np.isnan(measures.variation(np.array([[[0.0, 2]], [[1, 3]]])))
+    assert np.isnan(measures.coefficient_of_variation(x)) and np.isnan(measures.quartile_dispersion(x))
+    assert np.isnan(measures.coefficient_of_variation(np.array([[[0.0, 2]], [[1, 3]]])))

@@ -8,8 +8,8 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.statistics.image_quality import (
     contrast,
     mean_frequency,
+    noise_contrasts,
     noise_magnitude,
-    noise_of,
     noise_spectrum,
     shape_difference,
     tiles,
@@ -55,7 +55,7 @@ def test_white_noise_has_its_magnitude_and_a_flat_spectrum():
     found = noise_magnitude(images, {"whole": whole}, spectrum.area)
     assert abs(found.value - SIGMA_HU) < 3 * found.error
     assert found.error == pytest.approx(SIGMA_HU / np.sqrt(2 * 3 * whole.size), rel=0.05)
-    np.testing.assert_allclose(noise_of(images).std(), SIGMA_HU, rtol=0.02)
+    np.testing.assert_allclose(noise_contrasts(images).std(), SIGMA_HU, rtol=0.02)
 
 
 @pytest.mark.parametrize("sigma_px", [0.8, 1.2])
@@ -133,14 +133,14 @@ def test_squares_lie_side_by_side_within_the_mask():
     for z, y, x in corners:
         cover[z, y : y + side, x : x + side] += 1
     assert cover.max() == 1 and np.all(mask[cover > 0])
-    with pytest.raises(InputError, match="fewer than 8 squares of 8 voxels"):
+    with pytest.raises(InputError, match="fewer than 8 tiles of 8 x 8 voxels"):
         tiles(np.ones((1, 16, 16), bool))
 
 
 def test_what_cannot_be_measured_is_said():
     images = white(2, (3, 32, 32))
-    with pytest.raises(InputError, match="there is one; record more"):
-        noise_of(images[:1])
+    with pytest.raises(InputError, match="there is only one; record at least two"):
+        noise_contrasts(images[:1])
     far = np.full(images.shape[1:], 100.0)
-    with pytest.raises(InputError, match="too few voxels lie at the edge"):
+    with pytest.raises(InputError, match="too few voxels lie near the edge"):
         mtf_half(images, far, SPACING, np.ones(far.shape, bool))

@@ -87,10 +87,10 @@ def calibration(variance):
 def test_a_noise_level_is_matched_to_a_recording():
     """variance = 3 + 5e5 A exactly, so 103 needs A = 2e-4; the only error is that of the recorded mean, 2 / sqrt 2."""
     measured = pd.DataFrame({"a": [100.0, 104.0, np.nan], "b": [102.0, 106.0, 99.0]})
-    match = noise.match(calibration([53, 103, 203]), "p", ["a", "b"], measured)
+    match = noise.match_noise_level(calibration([53, 103, 203]), "p", ["a", "b"], measured)
     assert (match.A, match.variance_hu2, match.extrapolated) == (pytest.approx(2e-4), pytest.approx(103), False)
     assert match.A_standard_error == pytest.approx(2 / 5e5)
-    assert noise.match(calibration([53, 103, 203]), "p", ["a"], measured * 3).extrapolated
+    assert noise.match_noise_level(calibration([53, 103, 203]), "p", ["a"], measured * 3).extrapolated
 
 
 def test_the_error_of_a_matched_level_covers():
@@ -107,7 +107,7 @@ def test_the_error_of_a_matched_level_covers():
                 "spatial_variance_hu2": (3 + 5e5 * levels) * random.normal(1, 0.04, 12),
             }
         )
-        match = noise.match(table, "p", ["a"], pd.DataFrame({"a": 103 + random.normal(0, 6, 10)}))
+        match = noise.match_noise_level(table, "p", ["a"], pd.DataFrame({"a": 103 + random.normal(0, 6, 10)}))
         inside += abs(match.A - 2e-4) < 1.96 * match.A_standard_error
     assert 0.88 < inside / 300 < 0.98
 
@@ -115,17 +115,26 @@ def test_the_error_of_a_matched_level_covers():
 @pytest.mark.parametrize(
     "call, message",
     [
-        (lambda: noise.match(calibration([1, 2, 3]), "q", ["a"], pd.DataFrame({"a": [1.0]})), "no rows of protocol q"),
-        (lambda: noise.match(calibration([1, 2, 3]), "p", ["c"], pd.DataFrame({"c": [1.0]})), "has no ROI c"),
         (
-            lambda: noise.match(calibration([1, 2, 3]), "p", ["a"], pd.DataFrame({"b": [1.0]})),
+            lambda: noise.match_noise_level(calibration([1, 2, 3]), "q", ["a"], pd.DataFrame({"a": [1.0]})),
+            "no rows of protocol q",
+        ),
+        (
+            lambda: noise.match_noise_level(calibration([1, 2, 3]), "p", ["c"], pd.DataFrame({"c": [1.0]})),
+            "has no ROI c",
+        ),
+        (
+            lambda: noise.match_noise_level(calibration([1, 2, 3]), "p", ["a"], pd.DataFrame({"b": [1.0]})),
             "no ROI a",
         ),
         (
-            lambda: noise.match(calibration([9, 2, 1]), "p", ["a"], pd.DataFrame({"a": [50.0]})),
+            lambda: noise.match_noise_level(calibration([9, 2, 1]), "p", ["a"], pd.DataFrame({"a": [50.0]})),
             "no positive noise level",
         ),
-        (lambda: noise.repeat_variance([np.zeros(BOX.shape)] * 2, {"roi": BOX}), "2 repeats; at least 3"),
+        (
+            lambda: noise.repeat_variance([np.zeros(BOX.shape)] * 2, {"roi": BOX}),
+            "2 repeats; a variance and its error need at least 3",
+        ),
         (
             lambda: noise.repeat_variance([np.zeros((1, 3, 4))] * 3, {"roi": BOX}),
             "repeat 1 has shape (1, 3, 4)",

@@ -164,7 +164,7 @@ def test_no_point_is_judged_by_repeats_of_its_own_setting():
             lambda: pca.project(simulated(), fit_on="measured"),
             "pca.fit_on: 'measured' needs measured features",
         ),
-        (lambda: pca.project(simulated().iloc[:1]), "1 rows of 6 features"),
+        (lambda: pca.project(simulated().iloc[:1]), "1 rows and 6 features"),
         (
             lambda: pca.project(simulated().assign(**{FEATURES[2]: np.inf})),
             f"simulated features: {FEATURES[2]} is inf",
@@ -175,7 +175,7 @@ def test_no_point_is_judged_by_repeats_of_its_own_setting():
         ),
         (
             lambda: pca.separability(pca.project(simulated().query("seed == 0")), "x"),
-            "pca x: with one setting left out, simulated points are no more than the tissue classes",
+            "pca x: without one setting there are no more simulated points than tissue classes",
         ),
     ],
 )

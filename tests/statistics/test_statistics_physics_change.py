@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy.stats import binomtest
 
-from virtual_phantom.statistics.physics_change import table
+from virtual_phantom.statistics.physics_change import stability_change
 
 # Newcombe, Stat. Med. 17, 873, 1998, table II, method 10: both proportions, and the interval of their difference.
 PUBLISHED = [
@@ -30,7 +30,7 @@ def trusted(rows):
 
 def test_the_interval_of_a_difference_is_newcombe_s():
     one, other, published = zip(*PUBLISHED, strict=True)
-    found = table(trusted(one), trusted(other)[::-1])
+    found = stability_change(trusted(one), trusted(other)[::-1])
     np.testing.assert_allclose(found[["ci95_low", "ci95_high"]] / 100, published, atol=5.1e-5)
     changes = [100 * (a / b - c / d) for (a, b), (c, d) in zip(one, other, strict=True)]
     np.testing.assert_allclose(found["change_percent"], changes)
@@ -40,12 +40,12 @@ def test_the_interval_of_a_difference_is_newcombe_s():
 def test_of_one_repeat_nothing_is_said():
     one = trusted([(3, 8)])
     without = one.assign(ci95_low=np.nan, ci95_high=np.nan)
-    assert list(table(one, without)["changed"]) == ["undecided"]
+    assert list(stability_change(one, without)["changed"]) == ["undecided"]
 
 
 def test_an_interval_that_ends_short_of_its_value_reaches_not_beyond_it():
     """The interval is of what is expected, the value that of one study."""
     one = trusted([(3, 8)]).assign(stability_percent=90.0, ci95_low=40.0, ci95_high=80.0)
     other = one.assign(stability_percent=30.0, ci95_low=35.0, ci95_high=60.0)
-    found = table(one, other).iloc[0]
+    found = stability_change(one, other).iloc[0]
     assert (found["ci95_low"], found["ci95_high"]) == pytest.approx((60 - np.hypot(50, 30), 60))

@@ -34,20 +34,20 @@ def independent(features=FEATURES):
 @pytest.mark.parametrize("items, n", [(12, 3), (15, 7), (10, 1)])
 def test_unrelated_lists_of_independent_features_follow_the_hypergeometric_law(items, n):
     scores = np.random.default_rng(1).normal(size=items)
-    found = np.round(ranking.unrelated_overlaps(ranking.heads(scores), np.eye(items))[:, n - 1] * n)
+    found = np.round(ranking.random_overlaps(ranking.memberships(scores), np.eye(items))[:, n - 1] * n)
     for shared in range(n + 1):
         expected = hypergeom.pmf(shared, items, n, n)
-        assert np.mean(found == shared) == pytest.approx(expected, abs=4 * np.sqrt(0.25 / ranking.UNRELATED))
+        assert np.mean(found == shared) == pytest.approx(expected, abs=4 * np.sqrt(0.25 / ranking.RANDOM_LISTS))
 
 
 def test_twins_go_together():
     """Ten pairs of one feature each, all in the given list's order: a random list shares whole pairs."""
     pairs = np.kron(np.eye(10), np.ones((2, 2)))
-    found = ranking.unrelated_overlaps(ranking.heads(-np.arange(20.0)), pairs)[:, 9] * 10
+    found = ranking.random_overlaps(ranking.memberships(-np.arange(20.0)), pairs)[:, 9] * 10
     assert np.array_equal(found, 2 * np.round(found / 2))  # five pairs of ten, and all of a pair
     for shared in range(6):
         expected = hypergeom.pmf(shared, 10, 5, 5)
-        assert np.mean(found == 2 * shared) == pytest.approx(expected, abs=4 * np.sqrt(0.25 / ranking.UNRELATED))
+        assert np.mean(found == 2 * shared) == pytest.approx(expected, abs=4 * np.sqrt(0.25 / ranking.RANDOM_LISTS))
 
 
 def test_shared_variance_is_the_mean_square_of_spearmans_coefficient():
@@ -151,7 +151,7 @@ def test_one_score_for_all_gives_what_unrelated_lists_give():
     # n^2 / 12 of n on average; 2000 lists are off by at most 4 standard errors
     expected = 100 * np.arange(1, 13) / 12
     assert result["overlap_stability_percent"].tolist() == pytest.approx(expected.tolist())
-    assert np.abs(result["expected_stability_percent"] - expected).max() < 4 * 50 / np.sqrt(ranking.UNRELATED)
+    assert np.abs(result["expected_stability_percent"] - expected).max() < 4 * 50 / np.sqrt(ranking.RANDOM_LISTS)
     assert result["area_stability"].iloc[0] == pytest.approx(13 / 24)  # mean of n / 12
 
 
@@ -168,7 +168,7 @@ def test_top_lists_are_ordered_and_mark_ties():
     stability = np.zeros(86)
     stability[[40, 3]] = 70, 90
     stability[[10, 60]] = 50
-    top = ranking.top(table(stability, np.arange(86)), measured.load_published_top())
+    top = ranking.top_features(table(stability, np.arange(86)), measured.load_published_top())
     assert list(top["rank"]) == list(range(1, 11))
     assert list(top["stability_simulated"][:4]) == [FEATURES[i] for i in (3, 40, 10, 60)]
     assert list(top["stability_simulated_percent"][:5]) == [90, 70, 50, 50, 0]
@@ -178,7 +178,7 @@ def test_top_lists_are_ordered_and_mark_ties():
 
 def test_fewer_features_than_ranks_give_as_many_rows_whatever_the_others_have():
     few, draws = table(np.arange(86)).head(4), table(np.arange(86)).assign(draw=1, repeats=1, of=3)
-    top = ranking.top(few, measured.load_published_top(), draws)
+    top = ranking.top_features(few, measured.load_published_top(), draws)
     assert list(top["rank"]) == [1, 2, 3, 4] and list(top["stability_simulated"]) == list(FEATURES[3::-1])
     assert top["stability_measured"][0] == FEATURES[85]
 
@@ -191,7 +191,7 @@ def test_measured_top_lists_are_the_best_by_their_means_over_draws():
         ],
         ignore_index=True,
     )
-    top = ranking.top(table(np.arange(86)), measured.load_published_top(), draws)
+    top = ranking.top_features(table(np.arange(86)), measured.load_published_top(), draws)
     assert list(top["stability_measured"][:2]) == [FEATURES[7], FEATURES[85]]
     assert list(top["stability_measured_percent"][:2]) == [(7 + 300) / 2, 85]
     # SD of 7 and 300 is 293 / sqrt(2), of draws of one of three: over sqrt(1 - 1 / 3)
@@ -214,11 +214,11 @@ def test_overlap_is_the_mean_over_draws_and_says_their_spread():
         ranking.lengths_above(found.assign(upper_stability_percent=49.0), "stability")
         == (found["overlap_stability_percent"] > 49).sum()
     )
-    assert repeats.share_drawn(draws) == 0.25
+    assert repeats.sampling_fraction(draws) == 0.25
 
 
 def test_without_the_printed_phantom_there_are_no_columns_of_it():
-    top = ranking.top(table(np.arange(86)))
+    top = ranking.top_features(table(np.arange(86)))
     assert len(top) == 10 and list(top.filter(regex="published|measured")) == []
     assert list(top) == [
         "rank",
@@ -230,7 +230,7 @@ def test_published_lists_are_the_papers():
     published = measured.load_published_top()
     assert published.groupby(["kind", "source"]).size().tolist() == [10] * 4
     assert set(published["feature"]) <= set(FEATURES)
-    top = ranking.top(table(np.arange(86)), published)
+    top = ranking.top_features(table(np.arange(86)), published)
     # First and last lines of the two halves of the paper's appendix table.
     ends = top.filter(like="published").iloc[[0, 9]].map(lambda name: name.removeprefix("original_"))
     assert ends.to_numpy().tolist() == [
@@ -259,9 +259,9 @@ def test_published_lists_are_the_papers():
 )
 def test_a_broken_table_of_scores_is_refused(spoil, message):
     good = table(np.arange(86.0))
-    with pytest.raises(InputError, match=f"scores of the simulation: .*{message}"):
-        ranking.top(spoil(good), measured.load_published_top())
-    with pytest.raises(InputError, match=f"scores of the simulation: .*{message}"):
+    with pytest.raises(InputError, match=f"simulated scores: .*{message}"):
+        ranking.top_features(spoil(good), measured.load_published_top())
+    with pytest.raises(InputError, match=f"simulated scores: .*{message}"):
         ranking.overlap(spoil(good), good, independent())
     with pytest.raises(InputError, match=f"measured scores: .*{message}"):
         ranking.overlap(good, spoil(good), independent())
@@ -275,7 +275,7 @@ def test_scores_of_both_stand_beside_each_other():
     recorded = pd.DataFrame({"feature": ["a", "b", "d"] * 2, "stability_percent": [40, 2, 1, 60, 4, 1]}).assign(
         discrimination_percent=80.0, repeats=3, of=10
     )
-    table = ranking.beside(simulated, recorded).set_index("feature")
+    table = ranking.compare_scores(simulated, recorded).set_index("feature")
     assert list(table.index) == ["a", "b"]
     assert table.loc["a", ["stability_percent_measured", "rank_measured", "rank_simulated"]].tolist() == [50, 1, 2]
     assert table.loc["a", "stability_sd_measured"] == pytest.approx(200**0.5)

@@ -42,14 +42,14 @@ def test_shared_acquisitions_are_the_same_in_all_groups():
 
 
 def test_the_stream_is_fixed_and_all_there_is_is_taken_once():
-    one, other = (repeats.draws(table(), [FEATURE], 5, unit="unit") for _ in range(2))
+    one, other = (repeats.score_draws(table(), [FEATURE], 5, unit="unit") for _ in range(2))
     assert one.equals(other) and one["stability_percent"].nunique() > 1
-    every = repeats.draws(table(), [FEATURE], 12, unit="unit")
-    more = repeats.draws(table(), [FEATURE], 100, unit="unit")
+    every = repeats.score_draws(table(), [FEATURE], 12, unit="unit")
+    more = repeats.score_draws(table(), [FEATURE], 100, unit="unit")
     assert every.equals(more) and len(every) == 1 and every["repeats"][0] == every["of"][0] == 12
     whole = wilcoxon.scores(table(), [FEATURE])
     assert every[list(whole.columns)].equals(whole)
-    assert np.isnan(repeats.over_features(every, "stability")[1])
+    assert np.isnan(repeats.mean_over_features(every, "stability")[1])
 
 
 def test_the_spread_of_subsamples_is_brought_to_that_of_new_samples():
@@ -57,5 +57,5 @@ def test_the_spread_of_subsamples_is_brought_to_that_of_new_samples():
     rng = np.random.default_rng(1)
     values = rng.normal(size=29)
     means = np.array([rng.choice(values, 10, replace=False).mean() for _ in range(20000)])
-    assert repeats.spread(means, 10 / 29) == pytest.approx(values.std(ddof=1) / np.sqrt(10), rel=0.02)
-    assert np.isnan(repeats.spread(means[:1], 10 / 29))
+    assert repeats.sd_of_draws(means, 10 / 29) == pytest.approx(values.std(ddof=1) / np.sqrt(10), rel=0.02)
+    assert np.isnan(repeats.sd_of_draws(means[:1], 10 / 29))

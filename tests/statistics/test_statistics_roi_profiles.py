@@ -13,7 +13,7 @@ def profile(**columns):
 
 def test_order_and_distance_by_hand():
     truth = profile(up=[1, 2, 3, 4], down=[1, 2, 3, 4], same=[5, 5, 5, 5], swapped=[1, 2, 3, 4])
-    found = roi_profiles.compare(
+    found = roi_profiles.compare_profiles(
         profile(up=[10, 20, 30, 40], down=[4, 3, 2, 1], same=[1, 2, 3, 4], swapped=[1, 2, 4, 3]), truth
     )
     # Two neighbours of four swapped: 1 - 6 x 2 / (4 x 15) = 0.8. SD of 1 2 3 4: sqrt(5 / 3).
@@ -21,18 +21,18 @@ def test_order_and_distance_by_hand():
     assert found["distance"].tolist() == pytest.approx(
         [22.5 / np.sqrt(5 / 3), 2 / np.sqrt(5 / 3), np.inf, 0.5 / np.sqrt(5 / 3)]
     )
-    said = roi_profiles.agreement(found)
+    said = roi_profiles.profile_agreement(found)
     assert said["order"] == pytest.approx(0.2) and said["alike_percent"] == 25
-    assert roi_profiles.agreement(roi_profiles.compare(truth, truth))["distance"] == 0
+    assert roi_profiles.profile_agreement(roi_profiles.compare_profiles(truth, truth))["distance"] == 0
 
 
 def test_only_what_both_have_is_compared():
     truth = profile(x=[1, 2, 3, 4], y=[1, 2, 3, 4])
-    assert list(roi_profiles.compare(truth[["y"]].iloc[::-1], truth)["order"]) == [pytest.approx(1)]
+    assert list(roi_profiles.compare_profiles(truth[["y"]].iloc[::-1], truth)["order"]) == [pytest.approx(1)]
     with pytest.raises(InputError, match="2 ROIs and 2 features in common"):
-        roi_profiles.compare(truth.iloc[:2], truth)
+        roi_profiles.compare_profiles(truth.iloc[:2], truth)
     with pytest.raises(InputError, match="4 ROIs and 0 features in common"):
-        roi_profiles.compare(truth.rename(columns={"x": "z", "y": "w"}), truth)
+        roi_profiles.compare_profiles(truth.rename(columns={"x": "z", "y": "w"}), truth)
 
 
 def test_profiles_are_means_over_repeats():
@@ -47,9 +47,9 @@ def test_another_reconstruction_of_the_same_scans_orders_rois_alike():
         part.pivot(index="roi", columns="feature", values="mean")[list(FEATURES)]
         for _, part in rows.groupby("reconstruction")
     )
-    said = roi_profiles.agreement(roi_profiles.compare(one, other))
+    said = roi_profiles.profile_agreement(roi_profiles.compare_profiles(one, other))
     assert said["order"] > 0.9 and said["alike_percent"] > 85
     # The same values, each feature's given to ROIs at random: nothing is left.
     rng = np.random.default_rng(2)
     mixed = other.apply(lambda column: rng.permutation(column.to_numpy()))
-    assert abs(roi_profiles.agreement(roi_profiles.compare(one, mixed))["order"]) < 4 / np.sqrt(5 * 86)
+    assert abs(roi_profiles.profile_agreement(roi_profiles.compare_profiles(one, mixed))["order"]) < 4 / np.sqrt(5 * 86)

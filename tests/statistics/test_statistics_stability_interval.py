@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import mannwhitneyu, ranksums
 
 from virtual_phantom.statistics import stability_interval, trust
-from virtual_phantom.statistics.stability_interval import agreeing, intervals
+from virtual_phantom.statistics.stability_interval import stability_intervals, stable_probability
 
 ROIS = 6
 APART = [[roi] for roi in range(ROIS)]
@@ -39,20 +39,20 @@ def test_equal_groups_agree_as_often_as_the_exact_distribution_says(repeats):
     ranks = np.arange(2 * repeats)
     rows = [np.isin(ranks, chosen) for chosen in map(list, combinations(range(2 * repeats), repeats))]
     stable = [abs(ranksums(ranks[row], ranks[~row]).statistic) < 1 for row in rows]
-    assert agreeing(repeats) == pytest.approx(np.mean(stable))
+    assert stable_probability(repeats) == pytest.approx(np.mean(stable))
     unstable = [
         mannwhitneyu(ranks[row], ranks[~row], method="exact").pvalue
         for row, yes in zip(rows, stable, strict=True)
         if not yes
     ]
-    assert agreeing(repeats) == pytest.approx(1 - max(unstable, default=0.0))
+    assert stable_probability(repeats) == pytest.approx(1 - max(unstable, default=0.0))
 
 
 def test_many_repeats_are_as_good_as_normal(monkeypatch):
-    exact = agreeing(50)
+    exact = stable_probability(50)
     monkeypatch.setattr(stability_interval, "EXACT_UP_TO", 49)
-    assert agreeing(50) == pytest.approx(exact, abs=2e-3)
-    assert agreeing(3, 2.0) > agreeing(3, 1.0)
+    assert stable_probability(50) == pytest.approx(exact, abs=2e-3)
+    assert stable_probability(3, 2.0) > stable_probability(3, 1.0)
 
 
 @pytest.mark.parametrize("units", [APART, [[0, 3], [1, 4], [2, 5]]])
@@ -60,7 +60,7 @@ def test_the_value_is_the_share_that_scipy_gives(units):
     _, x = studies(4, 3, 5, 0.5)
     x[0] = np.round(x[0])  # ties
     x[1, 2] = 7.0  # an ROI where nothing varies
-    found = intervals(x, units, range(3))
+    found = stability_intervals(x, units, range(3))
     assert found.value == pytest.approx([stable_by_scipy(one, units) for one in x])
     for inside in (found.low <= found.value, found.value <= found.high, found.twice_low <= found.twice_high):
         assert inside.all()
@@ -70,16 +70,16 @@ def test_the_value_is_the_share_that_scipy_gives(units):
 def test_groups_that_do_not_differ_and_groups_that_do():
     _, equal = studies(1, 4, 6, 0.0)
     _, apart = studies(1, 4, 6, 100.0)
-    found = intervals(np.concatenate([equal, apart]), APART, range(4))
+    found = stability_intervals(np.concatenate([equal, apart]), APART, range(4))
     assert found.value[1] == found.low[1] == 0 and 0 < found.high[1] < 0.25
-    assert found.low[0] > 0.3 and found.high[0] >= agreeing(6)
+    assert found.low[0] > 0.3 and found.high[0] >= stable_probability(6)
     # What differs is seen the better the more repeats; what does not, is not.
     assert found.twice[0] > 0.4 and found.twice[1] < 0.01
 
 
 def test_one_repeat_says_nothing():
     _, x = studies(2, 3, 1, 1.0)
-    found = intervals(x, APART, range(3))
+    found = stability_intervals(x, APART, range(3))
     assert (found.value == 0).all() and np.isnan(found.low).all() and np.isnan(found.twice_high).all()
 
 
@@ -93,14 +93,16 @@ def test_shared_noise_is_simulated_as_such():
     each = np.mean([np.corrcoef(one) for one in x], axis=0)
     assert root @ root.T == pytest.approx(np.where(shared, each, 0)) and each[0, 1] > 0.6
     design = stability_interval._Design.of((ROIS, 3), 8, APART, 1.0, 400)
-    together, alone = (stability_interval._Family(x, one, design).stability(0.0).mean() for one in (shared, np.eye(3)))
+    together, alone = (
+        stability_interval._ScaledStudies(x, one, design).stability(0.0).mean() for one in (shared, np.eye(3))
+    )
     # One pair of three: were both the same, all of its comparisons would agree.
-    assert 0.04 < together - alone < (1 - agreeing(8)) / 3
+    assert 0.04 < together - alone < (1 - stable_probability(8)) / 3
 
 
 def test_it_is_the_same_for_whatever_other_features_are_there():
     _, x = studies(3, 3, 4, 0.5)
-    both, alone = intervals(x, APART, range(3)), intervals(x[1:2], APART, range(3))
+    both, alone = stability_intervals(x, APART, range(3)), stability_intervals(x[1:2], APART, range(3))
     assert both.low[1] == alone.low[0] and both.twice_high[1] == alone.twice_high[0]
 
 
@@ -115,7 +117,7 @@ def test_intervals_hold_the_expected_stability(spread, groups, repeats, monkeypa
     design = stability_interval._Design.of(means.shape[1:], repeats, APART, 1.0, 1)
     noise = np.random.default_rng(6).normal(size=(4000, *x.shape[1:]))
     truth = design.stability(noise + means[0][..., None]).mean()
-    found = intervals(x, APART, range(groups))
+    found = stability_intervals(x, APART, range(groups))
     held = int(((found.low <= truth) & (truth <= found.high)).sum())
     assert 135 <= held < 150
     assert 0.02 < (found.high - found.low).mean() < 0.45
@@ -141,14 +143,14 @@ FEATURES = ("original_firstorder_Mean", "original_glcm_Idn", "original_firstorde
 @pytest.fixture(scope="module")
 def said():
     x = np.concatenate([studies(1, 6, 4, spread)[1] for spread in (0.0, 1.0, 50.0)])
-    return trust.table(rows(x, FEATURES), FEATURES, dict(enumerate("abcabc", 1)), cut_off=25)
+    return trust.trust_table(rows(x, FEATURES), FEATURES, dict(enumerate("abcabc", 1)), cut_off=25)
 
 
 def test_a_row_says_what_it_rests_on(said):
     assert list(said["feature"]) == list(FEATURES) and set(said["family"]) == {"first order", "GLCM"}
     numbers = said[["groups", "rois", "repeats", "comparisons", "cut_off_percent"]].drop_duplicates()
     assert numbers.to_numpy().tolist() == [[6, ROIS, 4, 15 * ROIS, 25.0]]
-    assert said["if_equal_percent"].to_numpy() == pytest.approx(100 * agreeing(4))
+    assert said["if_equal_percent"].to_numpy() == pytest.approx(100 * stable_probability(4))
     assert list(said["stable"]) == ["yes", "undecided", "no"]
     first, last = said["sentence"].iloc[[0, 2]]
     assert first.startswith("Stable: ") and "of 90 comparisons between protocols agree" in first
@@ -158,17 +160,19 @@ def test_a_row_says_what_it_rests_on(said):
 
 def test_classes_are_pooled_as_the_score_pools_them(said):
     x = studies(1, 3, 4, 0.7)[1]
-    found = trust.table(rows(x, FEATURES[:1]), FEATURES[:1], {1: 1, 2: 2, 3: 3}, cut_off=50, compare="tissue_class")
+    found = trust.trust_table(
+        rows(x, FEATURES[:1]), FEATURES[:1], {1: 1, 2: 2, 3: 3}, cut_off=50, compare="tissue_class"
+    )
     assert found["comparisons"].tolist() == [9]
     assert found["stability_percent"].to_numpy() / 100 == pytest.approx(stable_by_scipy(x[0], [[0, 1], [2, 3], [4, 5]]))
-    assert found["if_equal_percent"].to_numpy() == pytest.approx(100 * agreeing(8))
+    assert found["if_equal_percent"].to_numpy() == pytest.approx(100 * stable_probability(8))
 
 
 def test_a_verdict_goes_by_the_interval():
     low, high = np.array([50.0, 49.0, 10.0, np.nan]), np.array([80.0, 80.0, 49.9, np.nan])
     assert list(trust.verdicts(low, high, 50)) == ["yes", "undecided", "no", "undecided"]
     alone = {"ci95_low": np.nan}
-    assert trust.sentence(alone).startswith("Undecided: one repeat a group")
+    assert trust.sentence(alone).startswith("Undecided: one repeat per group")
 
 
 @pytest.mark.parametrize("value, text", [(0, "0"), (0.62, "0.6"), (9.94, "9.9"), (9.96, "10"), (67.4, "67")])

@@ -33,15 +33,15 @@ def table():
 
 def test_w_has_the_interval_of_its_table():
     scores = SCORES.assign(ci95_low=[1.0, 2.0, 3.0], ci95_high=[11.0, 52.0, 93.0])
-    measured = stability_measures.measures(table(), scores, FEATURES, CUT_OFFS)
+    measured = stability_measures.measure_table(table(), scores, FEATURES, CUT_OFFS)
     w = measured[measured["measure"] == "w_stability_percent"]
     assert w[["value", "ci95_low", "ci95_high"]].to_numpy().tolist() == [[90, 3, 93], [50, 2, 52], [10, 1, 11]]
-    without = stability_measures.measures(table(), SCORES, FEATURES, CUT_OFFS)
+    without = stability_measures.measure_table(table(), SCORES, FEATURES, CUT_OFFS)
     assert without[without["measure"] == "w_stability_percent"]["ci95_low"].isna().all()
 
 
 def test_each_measure_is_held_against_its_cut_off():
-    measured = stability_measures.measures(table(), SCORES, FEATURES, CUT_OFFS)
+    measured = stability_measures.measure_table(table(), SCORES, FEATURES, CUT_OFFS)
     assert list(measured.columns) == "feature family measure value ci95_low ci95_high cut_off stable".split()
     verdicts = measured.pivot(index="measure", columns="feature", values="stable").loc[
         list(stability_measures.CUT_OFFS)
@@ -57,8 +57,8 @@ def test_each_measure_is_held_against_its_cut_off():
 
 
 def test_one_row_per_feature_says_by_which():
-    features = stability_measures.by_feature(
-        stability_measures.measures(table(), SCORES, FEATURES, CUT_OFFS | {"w_stability_percent": 60})
+    features = stability_measures.stable_by_feature(
+        stability_measures.measure_table(table(), SCORES, FEATURES, CUT_OFFS | {"w_stability_percent": 60})
     )
     assert features["feature"].tolist() == list(FEATURES)
     assert features["stable_by"].tolist() == [6, 0, 2]
@@ -67,14 +67,14 @@ def test_one_row_per_feature_says_by_which():
 
 
 def test_the_order_of_rows_changes_nothing_but_the_order_of_rois():
-    start = stability_measures.measures(table(), SCORES, FEATURES, CUT_OFFS)
-    shuffled = stability_measures.measures(table().sample(frac=1, random_state=3), SCORES, FEATURES, CUT_OFFS)
+    start = stability_measures.measure_table(table(), SCORES, FEATURES, CUT_OFFS)
+    shuffled = stability_measures.measure_table(table().sample(frac=1, random_state=3), SCORES, FEATURES, CUT_OFFS)
     pd.testing.assert_frame_equal(start, shuffled)
 
 
 def test_the_cube_holds_each_value_at_its_place():
     rows = table().sample(frac=1, random_state=0)
-    cube = stability_measures.cube(rows, FEATURES)
+    cube = stability_measures.feature_array(rows, FEATURES)
     assert cube.shape == (3, 3, 3, 2)
     rois = list(rows["roi"].unique())
     for row in rows.itertuples(index=False):
@@ -85,9 +85,12 @@ def test_the_cube_holds_each_value_at_its_place():
 @pytest.mark.parametrize(
     "change, message",
     [
-        (lambda t: t[t["roi"] == "cyst"], "features: 1 ROI; measures of agreement compare at least two"),
-        (lambda t: t[t["group"] == 1], "features: 1 group; measures of agreement compare at least two"),
-        (lambda t: t.drop(index=7), "features: no row for ROI cyst, group 2, seed 1; every group needs every one"),
+        (lambda t: t[t["roi"] == "cyst"], "features: 1 ROI; measures of agreement need at least two"),
+        (lambda t: t[t["group"] == 1], "features: 1 group; measures of agreement need at least two"),
+        (
+            lambda t: t.drop(index=7),
+            "features: no row for ROI cyst, group 2, seed 1; every group needs all ROIs and seeds",
+        ),
         (
             lambda t: pd.concat([t, t.iloc[[7]]]),
             "features: two rows for ROI cyst, group 2, seed 1; give every",
@@ -96,5 +99,5 @@ def test_the_cube_holds_each_value_at_its_place():
 )
 def test_bad_input_is_one_clear_line(change, message):
     with pytest.raises(InputError) as caught:
-        stability_measures.measures(change(table()), SCORES, FEATURES, CUT_OFFS)
+        stability_measures.measure_table(change(table()), SCORES, FEATURES, CUT_OFFS)
     assert message in str(caught.value) and "\n" not in str(caught.value)

@@ -290,7 +290,7 @@ def test_making_the_context_loads_no_heavy_library():
 
 def captions_of(context, **config):
     """The captions of a study's figures, as it would be with another configuration."""
-    figures = study.shown(context.pages.pictures(), context.pages.caption_files(), context.pages.shown())
+    figures = study.report_figures(context.pages.pictures(), context.pages.caption_files(), context.pages.shown())
     return {one.path.stem: study.caption(one, context.config | config) for one in figures}
 
 
@@ -307,4 +307,4 @@ def test_captions_say_what_is_of_the_printed_phantom_only_where_it_is_shown():
 
 def test_captions_call_panels_as_the_figures_do(beside):
     caption = captions_of(beside)["comparison_near"]
-    assert "a: how far" in caption and "b: the ratio" in caption and "Middle" not in caption
+    assert "a: difference of the means" in caption and "b: ratio" in caption and "Middle" not in caption

@@ -73,7 +73,7 @@ def test_what_was_concealed_is_named_and_the_report_is_there(bench):
     assert found["excess_removed"] > 0.9
     report = (folder / "report.html").read_text()
     assert report.startswith("<!doctype html>") and found["sentence"] in report
-    assert "intervals for noise alone held the truth in" in report
+    assert "noise-only intervals covered the true values of" in report
     assert found["modelled"]["effects tried"] == "scatter, electronic noise, detector offset, X-ray crosstalk"
     assert "plausible" in report and "middle slice of what was scanned" in report
     assert {place["domain"] for place in found["locations"]} <= set(DOMAINS) and set(found["alignment"]) <= set(

@@ -20,7 +20,7 @@ from virtual_phantom.diagnosis.wording import PRACTICAL
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.report.diagnosis import page, residual_maps
 from virtual_phantom.report.setup import setup_page
-from virtual_phantom.statistics.proof_record import read, with_coverage
+from virtual_phantom.statistics.proof_record import read_proof_record, with_coverage
 from virtual_phantom.study.costs.forecast import beforehand
 from virtual_phantom.study.fit_cache_key import fit_cache
 from virtual_phantom.study.job import job
@@ -64,7 +64,7 @@ with job(snakemake) as log:
                 recording.name, prepared, effects, params.accuracy, processes, kept, how_far, differ
             )
         if "record" in given.keys():
-            found = replace(found, content=with_coverage(found.content, read(given.record)))
+            found = replace(found, content=with_coverage(found.content, read_proof_record(given.record)))
         tried = [] if "physics" in given.keys() else effects
         found.content["modelled"] = described(asked, recording, prepared, tried)
         scanned = None

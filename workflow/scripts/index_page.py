@@ -8,10 +8,10 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     paths, params, target = snakemake.input, snakemake.params, Path(snakemake.output[0])
-    figures = study.shown(paths.figures, paths.captions, params.figures)
-    tables = [index.Linked(title, Path(path)) for title, path in zip(params.tables, paths.tables, strict=True)]
+    figures = study.report_figures(paths.figures, paths.captions, params.figures)
+    tables = [index.LinkedTable(title, Path(path)) for title, path in zip(params.tables, paths.tables, strict=True)]
     diagnoses = [Path(path) for path in params.diagnoses if Path(path).exists()]
     beside = {title: page for title, page in params.beside.items() if (target.parent / page).exists()}
-    page = index.page(target.parent, figures, tables, diagnoses, params.config, params.commands, beside)
+    page = index.index_page(target.parent, figures, tables, diagnoses, params.config, params.commands, beside)
     files.write_text(page, target)
     log.info("%d figures, %d tables, %d diagnoses", len(figures), len(tables), len(diagnoses))

@@ -19,7 +19,9 @@ with job(snakemake) as log:
             f"{source}: has no {VARIANCE}, which a noise level is matched by; extract it, or give the level an A"
         )
     measured = recorded.pivot(index="image", columns="roi", values=VARIANCE)
-    found = noise.match(files.read_csv(snakemake.input.calibration), meets["protocol"], meets["rois"], measured)
+    found = noise.match_noise_level(
+        files.read_csv(snakemake.input.calibration), meets["protocol"], meets["rois"], measured
+    )
     matched_noise.write({**asdict(found), **meets}, snakemake.output[0])
     log.info("%s: %s", snakemake.wildcards.noise, found)
     if found.extrapolated:

@@ -11,7 +11,7 @@ with job(snakemake) as log:
     source = str(snakemake.input.features)
     groups = dict(params.groups)
     table = tables.select_groups(tables.read_features(source), groups, noise=params.noise, seeds=params.seeds)
-    without = trust.table(
+    without = trust.trust_table(
         table,
         features_of(table),
         {groups[protocol]: label for protocol, label in params.sharing.items()},
@@ -20,6 +20,6 @@ with job(snakemake) as log:
         compare=params.statistics["compare"],
         source=source,
     )
-    found = physics_change.table(files.read_csv(snakemake.input.trust), without)
+    found = physics_change.stability_change(files.read_csv(snakemake.input.trust), without)
     files.write_csv(found, snakemake.output[0])
     log.info("%d of %d features change", (found["changed"] == "yes").sum(), len(found))

@@ -16,7 +16,7 @@ from virtual_phantom.proof.conceal import seal
 from virtual_phantom.proof.score import record
 from virtual_phantom.proof.score.rows import rows
 from virtual_phantom.report.proof import tally
-from virtual_phantom.statistics.proof_record import read
+from virtual_phantom.statistics.proof_record import read_proof_record
 
 RECORD = RESOURCES / "proof_record.yaml"
 
@@ -45,7 +45,7 @@ def main() -> int:
         if asked.task == "rows":
             print("\n".join(rows(read_document(asked.score, SCORE))))
             return 0
-        shown = record.summary(read(asked.record))
+        shown = record.summary(read_proof_record(asked.record))
     except InputError as error:
         print(f"Error: {error}", file=sys.stderr)
         return 1

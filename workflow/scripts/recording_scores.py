@@ -9,7 +9,7 @@ from virtual_phantom.io import files
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.reference import scores, where
 from virtual_phantom.statistics import ranking
-from virtual_phantom.statistics.repeats import over_features
+from virtual_phantom.statistics.repeats import mean_over_features
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
@@ -28,5 +28,8 @@ with job(snakemake) as log:
     files.write_csv(table, snakemake.output[0])
     for kind in ranking.KINDS:
         log.info(
-            "%s at %d repeats: mean %.1f %%, SD %.1f %%", kind, table["repeats"].iloc[0], *over_features(table, kind)
+            "%s at %d repeats: mean %.1f %%, SD %.1f %%",
+            kind,
+            table["repeats"].iloc[0],
+            *mean_over_features(table, kind),
         )

@@ -11,14 +11,14 @@ from virtual_phantom.proof.score.example import example, in_words, residual_maps
 from virtual_phantom.proof.score.real import minutes, row
 from virtual_phantom.proof.score.score import score
 from virtual_phantom.report.proof import page
-from virtual_phantom.statistics.proof_record import read
+from virtual_phantom.statistics.proof_record import read_proof_record
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     given, output = snakemake.input, snakemake.output
     cases = collect(given.sealed, given.seals, given.verdicts, given.diagnoses, given.others)
     real = [row(path) for path in given.real]
-    found = score(cases, minutes(given.times), real, snakemake.params.suite, read(given.record))
+    found = score(cases, minutes(given.times), real, snakemake.params.suite, read_proof_record(given.record))
     maps = {Path(folder).parent.name: residual_maps(folder) for folder in [*given.maps, *given.real_maps]}
     reports = {
         Path(path).parent.name: Path(os.path.relpath(Path(path).with_name("report.html"), Path(output.page).parent))

@@ -6,7 +6,7 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     simulated, recorded = (files.read_csv(path) for path in (snakemake.input.stability, snakemake.input.scores))
-    table = ranking.beside(simulated, recorded)
+    table = ranking.compare_scores(simulated, recorded)
     files.write_csv(table, snakemake.output[0])
     correlation = table[["stability_percent_simulated", "stability_percent_measured"]].corr("spearman").iloc[0, 1]
     log.info("stability of %d features: Spearman %.2f between simulated and measured", len(table), correlation)

@@ -13,8 +13,8 @@ with job(snakemake) as log:
         tables.read_features(source), dict(params.groups), noise=params.noise, seeds=params.seeds
     )
     scores = files.read_csv(snakemake.input.trust)
-    measured = stability_measures.measures(table, scores, features_of(table), params.cut_offs, source)
-    features = stability_measures.by_feature(measured)
+    measured = stability_measures.measure_table(table, scores, features_of(table), params.cut_offs, source)
+    features = stability_measures.stable_by_feature(measured)
     files.write_csv(measured, output.measures)
     files.write_csv(features, output.features)
     for measure, rows in measured.groupby("measure", sort=False):

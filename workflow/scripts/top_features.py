@@ -10,4 +10,4 @@ with job(snakemake):
     draws = measured.load_score_draws(params.seeds) if params.with_measured else None
     # Of the printed phantom: beside another they would pass for a comparison.
     published = measured.load_published_top() if params.with_measured else None
-    files.write_csv(ranking.top(scores, published, draws), snakemake.output[0])
+    files.write_csv(ranking.top_features(scores, published, draws), snakemake.output[0])

@@ -12,7 +12,7 @@ with job(snakemake) as log:
     groups = dict(params.groups)
     table = tables.select_groups(tables.read_features(source), groups, noise=params.noise, seeds=params.seeds)
     sharing = {groups[protocol]: label for protocol, label in params.sharing.items()}
-    found = trust.table(
+    found = trust.trust_table(
         table,
         features_of(table),
         sharing,

@@ -12,8 +12,8 @@ with job(snakemake) as log:
     reconstructions = {}
     for key in ("fbp", "sirt"):
         repeats, grid = volumes.read_repeats(paths[key])
-        one, mean = (volumes.Volume(array, grid) for array in (repeats[0], repeats.mean(axis=0)))
-        reconstructions[key] = viewer.Reconstruction(params.titles[key], one, mean, len(repeats))
-    page = viewer.page(phantom, masks, reconstructions, params.subtitle)
+        single, mean = (volumes.Volume(array, grid) for array in (repeats[0], repeats.mean(axis=0)))
+        reconstructions[key] = viewer.Reconstruction(params.titles[key], single, mean, len(repeats))
+    page = viewer.viewer_page(phantom, masks, reconstructions, params.subtitle)
     files.write_text(page, snakemake.output[0])
     log.info("%.1f MB", len(page) / 1e6)

@@ -12,7 +12,7 @@ from virtual_phantom.phantom.deconvolution import (
     deconvolve,
     keep_air,
 )
-from virtual_phantom.statistics.own_edge import edge_mtf_half
+from virtual_phantom.statistics.surface_resolution import edge_mtf_half
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:

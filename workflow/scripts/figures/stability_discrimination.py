@@ -12,8 +12,8 @@ with job(snakemake):
     else:
         scores = measured.load_score_draws(params.seeds) if params.with_measured else None
     table = files.read_csv(snakemake.input.table)
-    seeds = further_seeds.load()
-    sd = further_seeds.spread(seeds) if further_seeds.made_with(seeds, params.settings) else None
+    seeds = further_seeds.read_seed_scores()
+    sd = further_seeds.sd_over_seeds(seeds) if further_seeds.match_settings(seeds, params.settings) else None
     intervals = files.read_csv(snakemake.input.trust)
     figure = stability_discrimination.draw(
         table, params.threshold, scores, repeats=params.seeds, sd=sd, intervals=intervals, noise=params.noise

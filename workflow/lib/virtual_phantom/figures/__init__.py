@@ -1,4 +1,4 @@
-"""The study's figures: one module each with a pure draw(...) -> Figure; style.save writes them."""
+"""Figures of the study: each module has a function draw(...) -> Figure, and style.save writes the files."""
 
 from ..base.plotting import import_matplotlib
 

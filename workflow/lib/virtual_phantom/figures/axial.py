@@ -1,6 +1,6 @@
-"""Axial slices as a radiologist sees them: patient right on the image's left, anterior at the top.
+"""Axial slices in radiological orientation: the patient's right on the left, anterior at the top.
 
-Axes are in mm of the NIfTI world frame (+x to the patient's right, +y to anterior): x runs leftwards.
+Axes are in mm of the NIfTI world frame (+x to the patient's right, +y to anterior), so x increases to the left.
 """
 
 from collections.abc import Mapping
@@ -21,14 +21,14 @@ OUTLINED = [patheffects.withStroke(linewidth=2, foreground="black")]
 
 
 def choose_slices(masks: Mapping[str, np.ndarray]) -> list[int]:
-    """Few slices, found greedily, in which every ROI is cut at half of its largest cross-section or more.
+    """Choose few slices that show every ROI with at least half of its largest cross-section (greedy search).
 
-    Of slices that show equally many ROIs, the one that cuts the largest shares of them; the first chosen shows most.
+    Slices that show most ROIs come first; among slices with equally many, the one with the largest cross-sections.
 
     Parameters
     ----------
     masks : mapping of str to ndarray, shape (z, y, x)
-        By ROI, non-zero inside.
+        ROIs, non-zero inside.
 
     Raises
     ------
@@ -49,35 +49,21 @@ def choose_slices(masks: Mapping[str, np.ndarray]) -> list[int]:
         shown = share >= 0.5
         best = int(np.argmax(shown.sum(axis=0) + np.where(shown, share, 0).sum(axis=0) / (len(share) + 1)))
         chosen.append(best)
-        shares = {name: one for name, one in shares.items() if one[best] < 0.5}
+        shares = {name: share for name, share in shares.items() if share[best] < 0.5}
     return chosen
 
 
 def body_mask(slice_hu: np.ndarray) -> np.ndarray:
-    """The largest connected region over -500 HU of one slice, its holes filled.
-
-    Parameters
-    ----------
-    slice_hu : ndarray, shape (y, x)
-
-    Returns
-    -------
-    ndarray of bool, shape (y, x)
-
-    Raises
-    ------
-    InputError
-        If no pixel is over the threshold.
-    """
+    """Largest connected region above -500 HU of a slice (y, x), with holes filled; InputError if there is none."""
     regions, count = ndimage.label(slice_hu > HU_BODY)
     if not count:
-        raise InputError(f"phantom image: no voxel of the slice is over {HU_BODY:g} HU; is it in HU?")
+        raise InputError(f"phantom image: no voxel of the slice is above {HU_BODY:g} HU; check that the image is in HU")
     largest = 1 + int(np.argmax(np.bincount(regions.ravel())[1:]))
     return ndimage.binary_fill_holes(regions == largest)
 
 
 def edges_mm(grid: Grid) -> tuple[float, float, float, float]:
-    """Outer edges of the grid in the world frame, mm: x low, x high, y low, y high."""
+    """Outer edges of the grid, world mm: x low, x high, y low, y high."""
     x, y = grid.centre_mm[:2]
     _, height, width = grid.extent_mm
     return x - width / 2, x + width / 2, y - height / 2, y + height / 2
@@ -89,44 +75,23 @@ def slice_z_mm(grid: Grid, z: int) -> float:
 
 
 def body_box_mm(volume: Volume, slices: list[int], margin: float = 0.04) -> tuple[float, float, float, float]:
-    """Box around the body in these slices, widened but not beyond the grid.
+    """Box with a margin around the body in these slices, within the grid: x low, x high, y low, y high, world mm.
 
     Parameters
     ----------
     volume : Volume
         HU.
     margin : float, optional
-        By how much it is wider on each side, as a share of the larger side of the body.
-
-    Returns
-    -------
-    tuple of float
-        x low, x high, y low, y high, mm in the world frame.
-
-    Raises
-    ------
-    InputError
-        If a slice has no pixel over -500 HU.
+        Margin on each side, relative to the larger side of the body.
     """
     body = np.any([body_mask(volume.array[z]) for z in slices], axis=0)
     rows, columns = (np.flatnonzero(body.any(axis=axis)) for axis in (1, 0))
     x_low, x_high, y_low, y_high = edges_mm(volume.grid)
     _, dy, dx = volume.grid.spacing
-    box = np.array(
-        [
-            x_low + columns[0] * dx,
-            x_low + (columns[-1] + 1) * dx,
-            y_low + rows[0] * dy,
-            y_low + (rows[-1] + 1) * dy,
-        ]
-    )
-    wider = margin * max(box[1] - box[0], box[3] - box[2])
-    return (
-        max(box[0] - wider, x_low),
-        min(box[1] + wider, x_high),
-        max(box[2] - wider, y_low),
-        min(box[3] + wider, y_high),
-    )
+    left, right = x_low + columns[0] * dx, x_low + (columns[-1] + 1) * dx
+    bottom, top = y_low + rows[0] * dy, y_low + (rows[-1] + 1) * dy
+    wider = margin * max(right - left, top - bottom)
+    return max(left - wider, x_low), min(right + wider, x_high), max(bottom - wider, y_low), min(top + wider, y_high)
 
 
 def show(
@@ -137,16 +102,7 @@ def show(
     window: tuple[float, float] = WINDOW_HU,
     cmap: str = "gray",
 ) -> AxesImage:
-    """Draw one slice to scale, with no ticks.
-
-    Parameters
-    ----------
-    slice_array : ndarray, shape (y, x)
-    box_mm : tuple of float
-        What is shown of it, mm, as body_box_mm gives it.
-    window : tuple of float, optional
-        Values at both ends of the colours.
-    """
+    """Draw a slice (y, x) to scale, without ticks; `box_mm` is the visible part, as from `body_box_mm`."""
     image = axes.imshow(slice_array, cmap=cmap, vmin=window[0], vmax=window[1], origin="lower", extent=edges_mm(grid))
     axes.set(xlim=(box_mm[1], box_mm[0]), ylim=(box_mm[2], box_mm[3]), aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
@@ -160,7 +116,7 @@ def mark_sides(axes: Axes) -> None:
 
 
 def scale_bar(axes: Axes) -> None:
-    """Draw a bar of a round length in mm, near a quarter of the width, at the lower left."""
+    """Draw a scale bar at the lower left, with a round length in mm of at most a quarter of the width."""
     left, right = axes.get_xlim()
     low, high = axes.get_ylim()
     quarter = abs(right - left) / 4

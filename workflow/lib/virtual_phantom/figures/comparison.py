@@ -1,4 +1,4 @@
-"""Simulated against recorded features: every feature and ROI on one page."""
+"""Comparison of simulated with recorded features: all features and ROIs on one page."""
 
 import matplotlib
 import numpy as np
@@ -14,30 +14,29 @@ from ..statistics.comparison import ALPHA
 from ..statistics.comparison_summary import RANK_RIGHT
 from . import style, tables
 
-ROW_MM = 2.35  # the least for lines of 7 point type; so 86 of them and the rest fit a page of A4
-LEAST_COLUMNS = 6  # as wide as so many a panel of fewer ROIs is too, as the scales below need it
-GAP_ROWS = 1.3  # between families, for their names
-# In margins: beyond the last there is one colour, since a shift of 300 SD is as wrong as one of 30.
+ROW_MM = 2.35  # smallest row for 7 point type; 86 rows fit a page of A4
+LEAST_COLUMNS = 6  # smallest width of a panel, in columns, for its color scale
+GAP_ROWS = 1.3  # gap between families, for their names
+# In margins. Values beyond the last step share a color: a shift of 300 SD is as wrong as one of 30 SD.
 SHIFT_STEPS = (1, 3, 10, 30)
-RATIO_STEPS = (1, 2, 3)  # of the logarithm of the SD ratio over that of the margin: factors 2, 4 and 8
-# Both run from a dark hue over white to another that readers with the common forms of colour blindness tell from it.
-SHIFT_COLOURS, RATIO_COLOURS = "RdBu_r", "PuOr_r"
+RATIO_STEPS = (1, 2, 3)  # log of the SD ratio over log of the margin: factors 2, 4 and 8
+# Diverging maps that readers with common color vision deficiencies can read.
+SHIFT_COLORS, RATIO_COLORS = "RdBu_r", "PuOr_r"
 NEUTRAL, MISSING, IN_ORDER = "#FFFFFF", "#BBBBBB", "#AAD4BF"
-DOT, RING = 1.5, 3.2  # across, points
-# Columns of a summary that say why a feature must not be compared: their mark beside its name, and how the line above
-# the panels begins.
+DOT, RING = 1.5, 3.2  # diameters in points
+# {column with the reason why a feature cannot be compared: (mark of the feature, begin of the note)}
 MARKED = {
-    "other_settings": ("*", "of the recording,"),
-    "other_sizes": ("†", "grows with the ROI: the recording's have"),
+    "other_settings": ("*", "recording:"),
+    "other_sizes": ("†", "grows with the ROI; recording:"),
 }
 
 
 @style.styled()
 def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None = None) -> Figure:
-    """A page of one row per feature, by family: shift of the mean, ratio of the SDs, and order of the ROIs.
+    """Draw one row per feature, by family: shift of the mean, ratio of the SDs, and order of the ROIs.
 
-    Cells within the margin are white; outside, colour goes in steps. A dot is a significant difference (false discovery
-    rate), a ring an equivalence that was shown. Cells without a number are grey.
+    Cells within the margin are white, others have a stepped color, and cells without a number are gray. A dot marks a
+    significant difference (false discovery rate), a ring an equivalence.
 
     Parameters
     ----------
@@ -45,13 +44,13 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
         From `statistics.comparison.compare`; ROIs are columns, in the table's order.
     ranking : DataFrame
         From `statistics.comparison_summary.ranks` or `summary`: feature, kendall_tau (not drawn if all are missing).
-        Optional columns other_settings (features.settings) and other_sizes (`statistics.comparability.other_sizes`)
-        mark features; their text is shown above.
+        Features with a text in the optional columns other_settings (features.settings) and other_sizes
+        (`statistics.comparability.other_sizes`) are marked, and the text is shown above.
 
     Raises
     ------
     InputError
-        If columns or rows lack, or a feature of an ROI is missing or there twice.
+        If columns or rows are missing, or an ROI lacks a feature or has it twice.
     """
     name = "comparison table"
     numbers = ["margin_sd", "sd_factor"]
@@ -61,9 +60,9 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
     rois = list(dict.fromkeys(table["roi"]))
     features = table[["feature", "family"]].drop_duplicates().reset_index(drop=True)
     if len(table) != len(rois) * len(features) or table.duplicated(["roi", "feature"]).any():
-        raise InputError(f"{name}: not one row for every ROI and feature; make the table again")
+        raise InputError(f"{name}: needs exactly one row for every ROI and feature; make the table again")
     if missing := sorted(set(features["feature"]) - set(ranking["feature"])):
-        raise InputError(f"ranks of the comparison: lack {missing[0]}; make the table again")
+        raise InputError(f"ranks of the comparison: {missing[0]} is missing; make the table again")
     features = features.sort_values("family", kind="stable", key=lambda column: column.map(_order(column)))
     y = _rows(features["family"])
     wide = {
@@ -77,9 +76,9 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
     lines = [*([title] if title else []), *notes]
     height = ROW_MM * (y[-1] + 1 + GAP_ROWS)
     figure = style.figure(style.DOUBLE_COLUMN_MM, height + 41 + (5 if lines else 0) + 3 * max(0, len(lines) - 1))
-    wide_as = max(len(rois), LEAST_COLUMNS)
+    columns = max(len(rois), LEAST_COLUMNS)
     ranked = np.isfinite(tau).any()
-    widths = [wide_as, wide_as, *([1.4] if ranked else [])]
+    widths = [columns, columns, *([1.4] if ranked else [])]
     left, right, *rank = figure.subplots(1, len(widths), sharey=True, gridspec_kw={"width_ratios": widths})
     shift_steps = margin * np.array(SHIFT_STEPS)
     _heat(
@@ -88,7 +87,7 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
         y,
         wide["shift_sd"].astype(float),
         shift_steps,
-        SHIFT_COLOURS,
+        SHIFT_COLORS,
         [style.number(step) for step in (*-shift_steps[::-1], *shift_steps)],
         "shift of the mean (repeat SDs of the recording)",
     )
@@ -102,7 +101,7 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
         y,
         logarithm,
         ratio_steps,
-        RATIO_COLOURS,
+        RATIO_COLORS,
         [_fraction(factor**step) for step in (*(-step for step in RATIO_STEPS[::-1]), *RATIO_STEPS)],
         "SD over repeats, simulated / recorded",
     )
@@ -132,14 +131,14 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
             annotation_clip=False,
         )
     ring = {"marker": "o", "color": "black", "markersize": 3.5, "markerfacecolor": "none", "markeredgewidth": 0.7}
-    signs = {
+    legend = {
         f"differs (q < {ALPHA:g}); white on dark cells": {"marker": "o", "color": "black", "markersize": 2.5},
-        "shown to agree": ring,
+        "equivalent": ring,
         "constant: no ratio": {"marker": "s", "color": MISSING},
     }
     if ranked:
-        signs[f"τ ≥ {RANK_RIGHT:g}: ROIs in order"] = {"marker": "s", "color": IN_ORDER}
-    handles = [Line2D([], [], linestyle="none", label=text, **look) for text, look in signs.items()]
+        legend[f"τ ≥ {RANK_RIGHT:g}: ROIs in order"] = {"marker": "s", "color": IN_ORDER}
+    handles = [Line2D([], [], linestyle="none", label=text, **look) for text, look in legend.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     if lines:
         figure.suptitle("\n".join(lines))
@@ -147,27 +146,28 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
 
 
 def _marked(ranking: pandas.DataFrame, features: pandas.Series) -> tuple[dict[str, str], list[str]]:
-    """{feature: its marks}, and a line for every reason that a mark stands for."""
+    """Return {feature: marks}, and the notes that explain the marks."""
     marks: dict[str, str] = {}
-    lines = []
+    notes = []
     for column, (mark, begin) in MARKED.items():
         if column not in ranking:
             continue
         texts = ranking.set_index("feature")[column].reindex(features).dropna()
-        reasons = [(feature, text) for feature, text in texts.items() if text]
-        marks |= {feature: f"{marks.get(feature, '')} {mark}" for feature, _ in reasons}
-        lines += [f"{mark} {begin} {one}" for one in dict.fromkeys(p for _, text in reasons for p in text.split("; "))]
-    return marks, lines
+        texts = texts[texts != ""]
+        marks |= {feature: f"{marks.get(feature, '')} {mark}" for feature in texts.index}
+        reasons = dict.fromkeys(reason for text in texts for reason in text.split("; "))
+        notes += [f"{mark} {begin} {reason}" for reason in reasons]
+    return marks, notes
 
 
 def _order(families: pandas.Series) -> dict[str, int]:
-    """First order first, then as they appear."""
+    """Sort keys of families: first order first, then in order of appearance."""
     distinct = list(dict.fromkeys(families))
-    return {family: -1 if family == "first order" else place for place, family in enumerate(distinct)}
+    return {family: -1 if family == "first order" else index for index, family in enumerate(distinct)}
 
 
 def _rows(families: pandas.Series) -> np.ndarray:
-    """Place of every row, from the top, a gap at each change of family."""
+    """Position of every row, from the top, with a gap between families."""
     changes = families.ne(families.shift()).cumsum() - 1
     return np.arange(len(families)) + GAP_ROWS * changes.to_numpy()
 
@@ -186,20 +186,20 @@ def _fraction(value: float) -> str:
     return f"1/{style.number(1 / value)}" if value < 1 else style.number(value)
 
 
-def _heat(figure: Figure, axes: Axes, y, values, steps, colours: str, labels: list[str], text: str) -> None:
-    """Cells in steps of a diverging map, white between the first two; those beyond the last have the last colours."""
+def _heat(figure: Figure, axes: Axes, y, values, steps, colors: str, labels: list[str], text: str) -> None:
+    """Draw cells in steps of a diverging color map that is white around zero."""
     boundaries = np.array([*-steps[::-1], *steps])
-    shades = matplotlib.colormaps[colours](np.linspace(0, 1, 2 * len(steps) + 1))
+    shades = matplotlib.colormaps[colors](np.linspace(0, 1, 2 * len(steps) + 1))
     shades[len(steps)] = to_rgba(NEUTRAL)
-    colour_map = ListedColormap(shades[1:-1]).with_extremes(under=shades[0], over=shades[-1], bad=MISSING)
-    norm = BoundaryNorm(boundaries, colour_map.N)
+    color_map = ListedColormap(shades[1:-1]).with_extremes(under=shades[0], over=shades[-1], bad=MISSING)
+    norm = BoundaryNorm(boundaries, color_map.N)
     masked = np.ma.masked_invalid(np.where(np.isposinf(values), 1e300, np.where(np.isneginf(values), -1e300, values)))
     for rows in np.split(np.arange(len(y)), np.flatnonzero(np.diff(y) > 1 + GAP_ROWS / 2) + 1):
         axes.pcolormesh(
             np.arange(values.shape[1] + 1) - 0.5,
             np.append(y[rows] - 0.5, y[rows[-1]] + 0.5),
             masked[rows],
-            cmap=colour_map,
+            cmap=color_map,
             norm=norm,
             edgecolors="#DDDDDD",
             linewidth=0.3,
@@ -207,7 +207,7 @@ def _heat(figure: Figure, axes: Axes, y, values, steps, colours: str, labels: li
     axes.spines[:].set_visible(False)
     axes.tick_params(length=0)
     bar = figure.colorbar(
-        ScalarMappable(norm, colour_map),
+        ScalarMappable(norm, color_map),
         ax=axes,
         location="top",
         extend="both",
@@ -221,7 +221,7 @@ def _heat(figure: Figure, axes: Axes, y, values, steps, colours: str, labels: li
 
 
 def _marks(axes: Axes, y: np.ndarray, differs: np.ndarray, agrees: np.ndarray, dark: np.ndarray) -> None:
-    """Dots, white on `dark` cells, and rings."""
+    """Draw dots (white on `dark` cells) and rings."""
     for chosen, look in (
         (differs & ~dark, {"s": DOT**2, "color": "black", "linewidths": 0}),
         (differs & dark, {"s": DOT**2, "color": "white", "linewidths": 0}),
@@ -232,12 +232,12 @@ def _marks(axes: Axes, y: np.ndarray, differs: np.ndarray, agrees: np.ndarray, d
 
 
 def _rank_column(axes: Axes, y: np.ndarray, tau: np.ndarray) -> None:
-    """Kendall's tau in figures, its cell green where the order is right."""
-    for place, value in zip(y, tau, strict=True):
+    """Write Kendall's tau, in a green cell where the order of the ROIs agrees."""
+    for row, value in zip(y, tau, strict=True):
         if np.isfinite(value) and value >= RANK_RIGHT:
-            axes.fill_between([-0.5, 0.5], place - 0.5, place + 0.5, color=IN_ORDER, linewidth=0)
+            axes.fill_between([-0.5, 0.5], row - 0.5, row + 0.5, color=IN_ORDER, linewidth=0)
         text = "–" if np.isnan(value) else f"{value:.2f}".replace("-", "−")
-        axes.text(0.38, place, text, ha="right", va="center")
+        axes.text(0.38, row, text, ha="right", va="center")
     axes.set_xlim(-0.5, 0.5)
     axes.set_xticks([])
     axes.spines[:].set_visible(False)

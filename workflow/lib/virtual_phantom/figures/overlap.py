@@ -11,18 +11,17 @@ PANELS = {"stability": ("Stability", style.BLUE), "discrimination": ("Discrimina
 
 @style.styled(grid=True)
 def draw(table: pandas.DataFrame) -> Figure:
-    """Overlap of the two lists' heads against their length, with what unrelated lists would give; a panel per kind.
+    """Draw the overlap of the best features against their number, with the 95 % band of random lists.
 
     Parameters
     ----------
     table : DataFrame
-        Columns n_top, percent, and for stability and discrimination overlap_{kind}_percent, overlap_{kind}_sd (drawn
-        where it is known), expected_{kind}_percent, lower_{kind}_percent, upper_{kind}_percent (the 95 % band).
+        From `statistics.ranking.overlap`.
 
     Raises
     ------
     InputError
-        If columns or rows lack.
+        If columns or rows are missing.
     """
     numbers = [column.format(kind) for kind in PANELS for column in COLUMNS]
     tables.check_table(table, "overlap table", numbers=["n_top", "percent", *numbers])
@@ -30,26 +29,26 @@ def draw(table: pandas.DataFrame) -> Figure:
     figure = style.figure(style.DOUBLE_COLUMN_MM, 92)
     percent = table["percent"]
     panels = figure.subplots(1, 2, sharey=True)
-    for index, (axes, (kind, (title, colour))) in enumerate(zip(panels, PANELS.items(), strict=True)):
+    for index, (axes, (kind, (title, color))) in enumerate(zip(panels, PANELS.items(), strict=True)):
         overlap, expected, lower, upper = (table[column.format(kind)] for column in COLUMNS)
-        for bottom, top, grey, label in (
-            (0, lower, "#EEEEEE", "below the band: fewer in both lists than by chance"),
-            (lower, upper, "#CCCCCC", "unrelated lists of features as correlated as these, 95 % band"),
+        for bottom, top, gray, label in (
+            (0, lower, "#EEEEEE", "below the band: less overlap than by chance"),
+            (lower, upper, "#CCCCCC", "random lists of equally correlated features, 95 % band"),
         ):
-            axes.fill_between(percent, bottom, top, color=grey, linewidth=0, label=label)
-        axes.plot(percent, expected, color=style.GREY, linestyle=":", label="unrelated lists, expectation")
+            axes.fill_between(percent, bottom, top, color=gray, linewidth=0, label=label)
+        axes.plot(percent, expected, color=style.GREY, linestyle=":", label="random lists, mean")
         axes.errorbar(
             percent,
             overlap,
             yerr=table[f"overlap_{kind}_sd"].fillna(0),
             errorevery=max(1, len(table) // 20),
-            color=colour,
+            color=color,
             elinewidth=0.8,
-            label="best features in both lists; bars: SD over draws of measured scans",
+            label="simulated and measured lists; bars: SD over draws of measured scans",
         )
-        axes.set(xlim=(0, 100), ylim=(0, 103), xlabel="features taken as best-scoring (%)", title=title)
+        axes.set(xlim=(0, 100), ylim=(0, 103), xlabel="length of both lists (% of the features)", title=title)
         style.letter_panel(axes, index)
-    panels[0].set_ylabel("of these, in both lists (%)")
+    panels[0].set_ylabel("features in both lists (% of the length)")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower left", ncols=2)
     return figure

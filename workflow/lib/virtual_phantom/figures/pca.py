@@ -1,4 +1,4 @@
-"""Principal components, simulated and measured (figures 6 to 8 of Flouris et al., Sci. Rep. 2022)."""
+"""Principal components of simulated and measured features (figures 6 to 8 of Flouris et al., Sci. Rep. 2022)."""
 
 from collections.abc import Mapping
 
@@ -12,9 +12,9 @@ from matplotlib.lines import Line2D
 from ..base.errors import InputError
 from . import style, tables
 
-MOST_NAMED = 14  # values of a parameter, in two lines; of more, every second or third
-FEW_MEASURED = 100  # up to as many lie on top; more lie beneath, with their means on top
-SIMULATED_POINTS, MEASURED_POINTS, MEAN_POINTS = 3.4, 4.5, 8.0  # across
+MOST_NAMED = 14  # values of a parameter in the legend (two lines); of more values, every second or third is shown
+FEW_MEASURED = 100  # measured points that are drawn on top; more are drawn below the simulated ones, with their means
+SIMULATED_POINTS, MEASURED_POINTS, MEAN_POINTS = 3.4, 4.5, 8.0  # diameters of markers
 LEGEND_SCALE = 1.4
 LEGEND_COLUMNS = 5
 WHITE_HALO = [patheffects.withStroke(linewidth=2.4, foreground="white")]
@@ -22,21 +22,21 @@ WHITE_HALO = [patheffects.withStroke(linewidth=2.4, foreground="white")]
 
 @style.styled(grid=True)
 def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
-    """Two panels of the same points, a marker per ROI, coloured by number of projections and by noise level.
+    """Draw two panels of the same points, a marker per ROI, colored by number of projections and by noise level.
 
-    Measured rows, if any, are hollow black markers of their ROI's shape, on top of the simulated; if they are more than
-    FEW_MEASURED, they lie beneath, and the mean of each ROI's is a larger one on top.
+    Measured rows are hollow markers on top of the simulated ones. If there are more than FEW_MEASURED, they are drawn
+    below, with larger markers for the means of the ROIs on top.
 
     Parameters
     ----------
     table : DataFrame
         Columns source (simulated | measured), projections, noise_level, seed, roi, pc1, pc2, explained_pc1_percent,
-        explained_pc2_percent; where there is a column condition, such as the scanner, measured rows are coloured by it.
+        explained_pc2_percent. The optional column condition (such as the scanner) colors the measured rows.
 
     Raises
     ------
     InputError
-        If columns or simulated rows lack, a source is unknown, or the explained variances are not one pair.
+        If columns or simulated rows are missing, a source is unknown, or the explained variances differ.
     """
     name = "PCA table"
     tables.check_table(
@@ -53,7 +53,7 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     if unknown:
         raise InputError(f"{name}: source {', '.join(map(str, unknown))} is neither simulated nor measured")
     measured = table[table["source"] == "measured"]
-    # by seed, so that no value of a parameter always lies on top of the others
+    # sorted by seed, so that no value of a parameter is always on top
     simulated = table[table["source"] == "simulated"].sort_values("seed", kind="stable")
     tables.check_table(simulated, f"{name}, simulated rows", numbers=["projections", "noise_level"])
     markers = style.assign([*simulated["roi"], *measured["roi"]], style.MARKERS)
@@ -66,7 +66,7 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     simulated = simulated.assign(noise_level=simulated["noise_level"] / factor)
     shown = {"projections": "number of projections", "noise_level": f"noise level A = 1/I₀ ({factor_text})"}
     for index, (axes, (column, parameter)) in enumerate(zip(panels, shown.items(), strict=True)):
-        palette = style.ordered_colours(simulated[column])
+        palette = style.ordered_colors(simulated[column])
         filled = {"hue": column, "palette": palette, "edgecolor": "white", "linewidth": 0.2, "zorder": 2}
         _scatter(axes, simulated, markers, SIMULATED_POINTS, **filled)
         handles, _ = axes.get_legend_handles_labels()
@@ -90,28 +90,28 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     if title:
         figure.suptitle(title)
     legend = [*zip(handles[2 + len(palette) :], map(style.label, markers), strict=True)]
-    legend.append((handles[1 + len(palette) // 2], "colour: simulated"))
+    legend.append((handles[1 + len(palette) // 2], "color: simulated"))
     hollow = {"linestyle": "none", "marker": "o", "color": "black", "markerfacecolor": "none"}
     if len(measured):
         legend.append((Line2D([], [], **hollow), "hollow: measured" if conditions else "black: measured"))
-    legend += [(Line2D([], [], **hollow | {"color": colour}), name) for name, colour in conditions.items()]
+    legend += [(Line2D([], [], **hollow | {"color": color}), name) for name, color in conditions.items()]
     if len(measured) > FEW_MEASURED:
         large = {"markersize": MEAN_POINTS / LEGEND_SCALE, "markeredgewidth": 1.2}
         legend.append((Line2D([], [], **large, **hollow), "large: mean of measured"))
-    place = {"loc": "outside lower center", "ncols": min(LEGEND_COLUMNS, len(legend))}
-    figure.legend(*zip(*legend, strict=True), markerscale=LEGEND_SCALE, **place)
+    columns = min(LEGEND_COLUMNS, len(legend))
+    figure.legend(*zip(*legend, strict=True), markerscale=LEGEND_SCALE, loc="outside lower center", ncols=columns)
     return figure
 
 
 def _scatter(axes: Axes, rows: pandas.DataFrame, markers: Mapping[str, str], points: float, **look) -> None:
-    """A marker for every row, `points` across, with the shape of its ROI."""
+    """Draw a marker for every row, with the shape of its ROI and a diameter of `points`."""
     shapes = {"style": "roi", "style_order": list(markers), "markers": dict(markers)}
     sizes = {roi: style.marker_area(marker, points) for roi, marker in markers.items()}
     seaborn.scatterplot(rows, x="pc1", y="pc2", size="roi", sizes=sizes, ax=axes, **shapes, **look)
 
 
 def _conditions(measured: pandas.DataFrame) -> dict[str, str]:
-    """{condition: colour} of measured rows; empty where they do not name any."""
+    """Return {condition: color} of the measured rows; empty if they name no conditions."""
     if "condition" not in measured:
         return {}
     names = sorted(measured["condition"].dropna().astype(str).unique())
@@ -119,10 +119,10 @@ def _conditions(measured: pandas.DataFrame) -> dict[str, str]:
 
 
 def _measured(axes: Axes, rows: pandas.DataFrame, markers: Mapping[str, str], conditions: Mapping[str, str]) -> None:
-    """Hollow markers, black or coloured by condition."""
-    for name, colour in conditions.items():
-        coloured = {"facecolor": "none", "edgecolor": colour, "legend": False, "linewidth": 1.1, "zorder": 3}
-        _scatter(axes, rows[rows["condition"] == name], markers, MEASURED_POINTS, **coloured)
+    """Draw hollow markers, black or colored by condition."""
+    for name, color in conditions.items():
+        colored = {"facecolor": "none", "edgecolor": color, "legend": False, "linewidth": 1.1, "zorder": 3}
+        _scatter(axes, rows[rows["condition"] == name], markers, MEASURED_POINTS, **colored)
     if conditions:
         return
     hollow = {"facecolor": "none", "edgecolor": "black", "legend": False}

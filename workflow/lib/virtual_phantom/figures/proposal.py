@@ -1,4 +1,4 @@
-"""Slices of a CT with the regions that become ROIs, those that do not, and the box that is scanned."""
+"""Slices of a CT with the regions that become ROIs, the unused regions, and the scanned box."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,18 +9,18 @@ from matplotlib.patches import Rectangle
 
 from ..io.volumes import Volume
 from . import axial, style
-from .rois import name_beside, outline
+from .rois import name_regions, outline
 
-LEFT_OUT = "#BBBBBB"
-AROUND = 0.12  # of the box, shown around it
+UNUSED = "#BBBBBB"
+AROUND = 0.12  # margin around the scanned box, relative to its size
 
 
 @style.styled()
 def draw(
     image: Volume,
     slices: Sequence[int],
-    taken: Sequence[Mapping[str, np.ndarray]],
-    left: Sequence[Mapping[str, np.ndarray]],
+    used: Sequence[Mapping[str, np.ndarray]],
+    unused: Sequence[Mapping[str, np.ndarray]],
     tissue_class: Mapping[str, str],
     box_mm: Sequence[Sequence[float]],
 ) -> Figure:
@@ -29,17 +29,17 @@ def draw(
     Parameters
     ----------
     image : Volume
-        The CT, HU.
+        CT, HU.
     slices : sequence of int
-        Which of its slices.
-    taken, left : sequence of mapping of str to ndarray of bool, shape (y, x)
-        For each slice, the regions in it that become ROIs, and those that are left out: {name: mask}.
+        Indices of the slices.
+    used, unused : sequence of mapping of str to ndarray of bool, shape (y, x)
+        For each slice, {name: mask} of the regions that become ROIs and of the others.
     tissue_class : mapping of str to str
-        Of the former.
+        {ROI: class}.
     box_mm : sequence
-        What is scanned, [[x, x], [y, y]], NIfTI world mm: a dashed box.
+        Scanned box, [[x, x], [y, y]], NIfTI world mm, drawn as a dashed line.
     """
-    colours = style.assign(tissue_class.values(), style.ON_GREY_IMAGE)
+    colors = style.assign(tissue_class.values(), style.ON_GRAY_IMAGE)
     box = _around(box_mm, image)
     columns = min(len(slices), 2)
     rows = -(-len(slices) // columns)
@@ -49,49 +49,45 @@ def draw(
     panel_height_mm = panel_width_mm * (box[3] - box[2]) / (box[1] - box[0])
     figure = style.figure(width_mm, rows * (panel_height_mm + title_mm) + legend_mm)
     panels = np.atleast_1d(figure.subplots(rows, columns)).ravel()
-    seen = False  # whether an outline of what is left out lies in what is shown: an arm's does not
+    unused_visible = False  # an unused region, such as an arm, may be outside of the drawn part
     line_mm = 1.35 * style.FONT_POINTS * style.MILLIMETRES_PER_POINT
-    for axes, z, inside, outside in zip(panels, slices, taken, left, strict=False):
+    for axes, z, rois, others in zip(panels, slices, used, unused, strict=False):
         axial.show(axes, image.array[z], image.grid, box)
         axial.mark_sides(axes)
         axial.scale_bar(axes)
         axes.set_title(f"z = {axial.slice_z_mm(image.grid, z):.1f} mm".replace("-", "−"))
-        for mask in outside.values():
-            outline(axes, mask, image.grid, LEFT_OUT)
-            seen |= _in_box(mask, image, box)
-        for name, mask in inside.items():
-            outline(axes, mask, image.grid, colours[tissue_class[name]])
+        for mask in others.values():
+            outline(axes, mask, image.grid, UNUSED)
+            unused_visible |= _in_box(mask, image, box)
+        for name, mask in rois.items():
+            outline(axes, mask, image.grid, colors[tissue_class[name]])
         (x_low, x_high), (y_low, y_high) = box_mm
         axes.add_patch(
             Rectangle((x_low, y_low), x_high - x_low, y_high - y_low, fill=False, edgecolor="white", linestyle="--")
         )
-        name_beside(axes, inside, image.grid, line=line_mm / panel_height_mm)
+        name_regions(axes, rois, image.grid, line=line_mm / panel_height_mm)
     for axes in panels[len(slices) :]:
         axes.remove()
-    handles = [Line2D([], [], color=colour, label=style.label(name)) for name, colour in colours.items()]
-    if seen:
-        handles.append(Line2D([], [], color=LEFT_OUT, label="left out"))
-    handles.append(Line2D([], [], color="black", linestyle="--", label="what is scanned"))
+    handles = [Line2D([], [], color=color, label=style.label(name)) for name, color in colors.items()]
+    if unused_visible:
+        handles.append(Line2D([], [], color=UNUSED, label="not used"))
+    handles.append(Line2D([], [], color="black", linestyle="--", label="scanned box"))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 5))
     return figure
 
 
 def _in_box(mask: np.ndarray, image: Volume, box: Sequence[float]) -> bool:
-    """Whether a mask (y, x) has a pixel in a box as of `_around`."""
+    """Whether a mask (y, x) has a pixel in a box from `_around`."""
     _, y, x = image.grid.axes_mm()
     x_mm, y_mm = x + image.grid.centre_mm[0], y + image.grid.centre_mm[1]
-    there = np.outer((box[2] <= y_mm) & (y_mm <= box[3]), (box[0] <= x_mm) & (x_mm <= box[1]))
-    return bool((there & mask).any())
+    inside = np.outer((box[2] <= y_mm) & (y_mm <= box[3]), (box[0] <= x_mm) & (x_mm <= box[1]))
+    return bool((inside & mask).any())
 
 
 def _around(box_mm: Sequence[Sequence[float]], image: Volume) -> tuple[float, float, float, float]:
-    """The box and a little more, but not beyond the CT: x low, x high, y low, y high."""
+    """Box with a margin, within the CT: x low, x high, y low, y high."""
     edges = axial.edges_mm(image.grid)
-    more = AROUND * max(high - low for low, high in box_mm)
+    margin = AROUND * max(high - low for low, high in box_mm)
     (x_low, x_high), (y_low, y_high) = box_mm
-    return (
-        max(x_low - more, edges[0]),
-        min(x_high + more, edges[1]),
-        max(y_low - more, edges[2]),
-        min(y_high + more, edges[3]),
-    )
+    low_x, low_y = max(x_low - margin, edges[0]), max(y_low - margin, edges[2])
+    return low_x, min(x_high + margin, edges[1]), low_y, min(y_high + margin, edges[3])

@@ -1,4 +1,4 @@
-"""What a recording looks like: its sinogram and a slice through it, or its images."""
+"""Overview of a recording: sinogram and reconstructed slice, or slices of its images."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,23 +10,23 @@ from ..projectors import projector
 from ..reconstruction.fbp import fbp
 from . import style
 
-MOST_PIXELS = 512  # along a side of the slice: more cannot be told apart in print
+MOST_PIXELS = 512  # pixels along a side of the slice
 PERCENTILES = (0.5, 99.5)
 SMALLEST_TRANSMISSION = 1e-5
 
 
 @style.styled()
 def draw_projections(line_integrals: np.ndarray, geometry: OrbitGeometry, title: str) -> Figure:
-    """The sinogram of the middle row, and the slice through the isocentre by filtered back-projection.
+    """Draw the sinogram of the middle row, and the slice at the isocenter by filtered back-projection.
 
-    A scan that cannot be reconstructed is shown by its sinogram, and the reason stands in place of the slice.
+    If a scan cannot be reconstructed, the reason is shown instead of the slice.
 
     Parameters
     ----------
     line_integrals : ndarray, shape (views, rows, columns)
-        Pixels that are not finite are shown, and reconstructed, as 0.
+        Values that are not finite are replaced by 0.
     title : str
-        Of the sinogram, before what it is.
+        Begin of the title of the sinogram.
     """
     known = np.where(np.isfinite(line_integrals), line_integrals, 0).astype(np.float32)
     figure = style.figure(style.DOUBLE_COLUMN_MM, 82)
@@ -46,13 +46,13 @@ def draw_projections(line_integrals: np.ndarray, geometry: OrbitGeometry, title:
     low, high = np.percentile(image, PERCENTILES)
     box = (-half, half, -half, half)
     shown = right.imshow(image, extent=box, origin="lower", cmap="gray", vmin=min(low, 0), vmax=high)
-    right.set(xlabel="x (mm)", ylabel="y (mm)", title="slice at the isocentre, FBP")
+    right.set(xlabel="x (mm)", ylabel="y (mm)", title="slice at the isocenter, FBP")
     figure.colorbar(shown, ax=right, label="attenuation (1/mm)", location="bottom")
     return figure
 
 
 def _slice(line_integrals, geometry):
-    """FBP of the slice at z = 0, [y, x] in 1/mm, and half its side in mm."""
+    """Reconstruct the slice at z = 0 by FBP: [y, x] in 1/mm, and half of its side in mm."""
     side = 2 * geometry.field_of_view_radius_mm
     pixel = max(geometry.column_pitch_mm / geometry.magnification, side / MOST_PIXELS)
     size = int(side / pixel)
@@ -62,17 +62,7 @@ def _slice(line_integrals, geometry):
 
 @style.styled()
 def draw_images(image: Volume, title: str, window: tuple[float, float] = (-160.0, 240.0)) -> Figure:
-    """The middle axial and coronal slices of an image.
-
-    Parameters
-    ----------
-    image : Volume
-        HU.
-    title : str
-        Of both, before the names of the planes.
-    window : tuple of float, optional
-        HU at both ends of the grey scale.
-    """
+    """Draw the middle axial and coronal slices of an image (HU); titles begin with `title`."""
     figure = style.figure(style.DOUBLE_COLUMN_MM, 92)
     axes = figure.subplots(1, 2)
     depth, height, width = image.grid.extent_mm
@@ -81,13 +71,13 @@ def draw_images(image: Volume, title: str, window: tuple[float, float] = (-160.0
         ("axial", image.array[nz // 2], (width, height), ("x", "y")),
         ("coronal", image.array[:, ny // 2], (width, depth), ("x", "z")),
     )
-    for place, (name, slice_hu, (across, up), (horizontal, vertical)) in zip(axes, views, strict=True):
+    for panel, (name, slice_hu, (across, up), (horizontal, vertical)) in zip(axes, views, strict=True):
         box = (-across / 2, across / 2, -up / 2, up / 2)
-        shown = place.imshow(slice_hu, extent=box, origin="lower", cmap="gray", vmin=window[0], vmax=window[1])
-        place.invert_xaxis()  # as radiologists look: x grows towards the patient's right, which is on the left
-        place.set(
-            xlabel=f"{horizontal} from the middle (mm)",
-            ylabel=f"{vertical} from the middle (mm)",
+        shown = panel.imshow(slice_hu, extent=box, origin="lower", cmap="gray", vmin=window[0], vmax=window[1])
+        panel.invert_xaxis()  # radiological orientation: x increases to the patient's right, on the left
+        panel.set(
+            xlabel=f"{horizontal} from the center (mm)",
+            ylabel=f"{vertical} from the center (mm)",
             title=f"{title}: {name}",
         )
     figure.colorbar(shown, ax=axes, label="CT number (HU)", location="bottom", shrink=0.5)

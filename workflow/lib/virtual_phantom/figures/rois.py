@@ -1,4 +1,4 @@
-"""The regions of interest on axial slices of the phantom (figure 1 of Flouris et al., Sci. Rep. 2022)."""
+"""Regions of interest on axial slices of the phantom (figure 1 of Flouris et al., Sci. Rep. 2022)."""
 
 from collections.abc import Mapping
 
@@ -12,21 +12,21 @@ from ..base.geometry import Grid
 from ..io.volumes import Volume
 from . import axial, style
 
-LETTER_MM = 0.62 * style.FONT_POINTS * style.MILLIMETRES_PER_POINT  # width of a letter, on average
+LETTER_MM = 0.62 * style.FONT_POINTS * style.MILLIMETRES_PER_POINT  # mean width of a letter
 
 
 @style.styled()
 def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping[str, str]) -> Figure:
-    """As few axial slices as show every ROI, each ROI outlined in its class's colour and named.
+    """Draw few axial slices that show all ROIs, outlined in the color of their tissue class and named.
 
     Parameters
     ----------
     phantom : Volume
         HU.
     masks : mapping of str to ndarray, shape (z, y, x)
-        By ROI, on the phantom's grid, non-zero inside.
+        ROIs on the phantom's grid, non-zero inside.
     tissue_class : mapping of str to str
-        By ROI.
+        {ROI: class}.
 
     Raises
     ------
@@ -40,16 +40,16 @@ def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping
             raise InputError(f"ROI {roi}: has no tissue class; give it one in phantom/rois.csv")
     slices = sorted(axial.choose_slices(masks), reverse=True)
     box = axial.body_box_mm(phantom, slices)
-    colours = style.assign((tissue_class[roi] for roi in masks), style.ON_GREY_IMAGE)
+    colors = style.assign((tissue_class[roi] for roi in masks), style.ON_GRAY_IMAGE)
 
     columns = min(len(slices), 2)
     rows = -(-len(slices) // columns)
-    spare = rows * columns > len(slices)  # a place without a slice, for the colour bar
+    spare = rows * columns > len(slices)  # whether a panel is free for the color bar
     width_mm = style.DOUBLE_COLUMN_MM if columns == 2 else 120.0
     sides = [_sides({roi: mask[z] for roi, mask in masks.items()}, phantom.grid, np.mean(box[:2])) for z in slices]
     names_mm = sum(max(_widest_mm(names[side]) for names in sides) for side in (True, False))
-    colour_bar_mm, title_mm, legend_mm = 0.0 if spare else 14.0, 7.0, 8.0
-    panel_width_mm = (width_mm - colour_bar_mm) / columns - names_mm
+    color_bar_mm, title_mm, legend_mm = 0.0 if spare else 14.0, 7.0, 8.0
+    panel_width_mm = (width_mm - color_bar_mm) / columns - names_mm
     panel_height_mm = panel_width_mm * (box[3] - box[2]) / (box[1] - box[0])
     figure = style.figure(width_mm, rows * (panel_height_mm + title_mm) + legend_mm)
     panels = np.atleast_1d(figure.subplots(rows, columns)).ravel()
@@ -62,31 +62,31 @@ def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping
             style.letter_panel(axes, index)
         shown = {roi: mask[z] for roi, mask in masks.items() if mask[z].any()}
         for roi, mask in shown.items():
-            outline(axes, mask, phantom.grid, colours[tissue_class[roi]])
+            outline(axes, mask, phantom.grid, colors[tissue_class[roi]])
         line_mm = 1.35 * style.FONT_POINTS * style.MILLIMETRES_PER_POINT
-        name_beside(axes, shown, phantom.grid, line=line_mm / panel_height_mm)
+        name_regions(axes, shown, phantom.grid, line=line_mm / panel_height_mm)
     if spare:
         panels[-1].set_axis_off()
-        place = panels[-1].inset_axes([0.1, 0.5, 0.8, 0.08])
-        figure.colorbar(image, cax=place, orientation="horizontal", label="CT number (HU)")
+        color_bar_axes = panels[-1].inset_axes([0.1, 0.5, 0.8, 0.08])
+        figure.colorbar(image, cax=color_bar_axes, orientation="horizontal", label="CT number (HU)")
     else:
         figure.colorbar(image, ax=panels.tolist(), label="CT number (HU)", shrink=0.8, pad=0.01, aspect=25)
-    handles = [Line2D([], [], color=colour, label=style.label(name)) for name, colour in colours.items()]
+    handles = [Line2D([], [], color=color, label=style.label(name)) for name, color in colors.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6))
     return figure
 
 
-def outline(axes: Axes, mask: np.ndarray, grid: Grid, colour: str) -> None:
-    """Outline a mask (y, x) half-way to the next voxels; padded, so that it closes at the edge."""
+def outline(axes: Axes, mask: np.ndarray, grid: Grid, color: str) -> None:
+    """Outline a mask (y, x) at the edges of its voxels; padding closes the outline at the edge of the image."""
     x_low, x_high, y_low, y_high = axial.edges_mm(grid)
     _, dy, dx = grid.spacing
     x = np.linspace(x_low - dx / 2, x_high + dx / 2, grid.shape[2] + 2)
     y = np.linspace(y_low - dy / 2, y_high + dy / 2, grid.shape[1] + 2)
-    axes.contour(x, y, np.pad(mask != 0, 1).astype(float), levels=[0.5], colors=[colour], linewidths=1.1)
+    axes.contour(x, y, np.pad(mask != 0, 1).astype(float), levels=[0.5], colors=[color], linewidths=1.1)
 
 
 def _ends_mm(mask: np.ndarray, grid: Grid) -> np.ndarray:
-    """Where the row of a mask (y, x) at its centroid begins and ends: ((x low, y), (x high, y)) in mm."""
+    """Ends of a mask (y, x) in the row of its centroid: ((x low, y), (x high, y)), mm."""
     rows, columns = np.nonzero(mask)
     row = rows[np.argmin(np.abs(rows - rows.mean()))]
     _, y, x = grid.axes_mm()
@@ -96,30 +96,25 @@ def _ends_mm(mask: np.ndarray, grid: Grid) -> np.ndarray:
 
 
 def _sides(masks: Mapping[str, np.ndarray], grid: Grid, middle_mm: float) -> dict[bool, list[str]]:
-    """Names that stand at the patient's right (True) and left (False) of a slice."""
-    shown = {roi: _ends_mm(mask, grid)[:, 0].mean() > middle_mm for roi, mask in masks.items() if mask.any()}
-    return {right: [roi for roi, there in shown.items() if there == right] for right in (True, False)}
+    """Names of the ROIs on the patient's right (True) and left (False) of a slice."""
+    on_right = {roi: _ends_mm(mask, grid)[:, 0].mean() > middle_mm for roi, mask in masks.items() if mask.any()}
+    return {side: [roi for roi, right in on_right.items() if right == side] for side in (True, False)}
 
 
 def _widest_mm(names: list[str]) -> float:
-    """Room for the longest of these names, mm."""
+    """Width of the longest name with its margin, mm."""
     return 3.0 + LETTER_MM * max((len(style.label(name)) for name in names), default=0)
 
 
-def name_beside(axes: Axes, masks: Mapping[str, np.ndarray], grid: Grid, line: float) -> None:
-    """Name ROIs in a column at either side of the panel, at their own heights but `line` apart.
+def name_regions(axes: Axes, masks: Mapping[str, np.ndarray], grid: Grid, line: float) -> None:
+    """Write the names of ROIs on both sides of a panel, near their heights and at least `line` apart.
 
-    Masks are (y, x) each; `line` is the height of a line of text as a fraction of the panel's.
+    Masks have the shape (y, x). `line` is the height of a line of text as a fraction of the panel's height.
     """
     low, high = axes.get_ylim()
-    middle = np.mean(axes.get_xlim())
-    ends = {roi: _ends_mm(mask, grid) for roi, mask in masks.items()}
+    sides = _sides(masks, grid, np.mean(axes.get_xlim()))
     for x_text, align, patient_right in ((-0.02, "right", True), (1.02, "left", False)):
-        side = {
-            roi: tuple(end[1 if patient_right else 0])
-            for roi, end in ends.items()
-            if (end[:, 0].mean() > middle) == patient_right
-        }
+        side = {roi: tuple(_ends_mm(masks[roi], grid)[1 if patient_right else 0]) for roi in sides[patient_right]}
         order = sorted(side, key=lambda roi: side[roi][1])
         heights = spread([(side[roi][1] - low) / (high - low) for roi in order], line)
         for roi, height in zip(order, heights, strict=True):
@@ -143,7 +138,7 @@ def name_beside(axes: Axes, masks: Mapping[str, np.ndarray], grid: Grid, line: f
 
 
 def spread(heights: list[float], gap: float) -> list[float]:
-    """Move ascending heights in 0 to 1 apart until no two are nearer than `gap` (1/n where n do not fit)."""
+    """Increase the distances of ascending heights between 0 and 1 to at least `gap` (1/n if n heights do not fit)."""
     gap = min(gap, 1 / max(len(heights), 1))
     placed = []
     for height in heights:

@@ -17,20 +17,20 @@ def draw(
     z: int,
     noise: Mapping[str, float | None] | None = None,
 ) -> Figure:
-    """Slice z of the phantom and of each reconstruction; below, each reconstruction minus the phantom.
+    """Draw slice z of the phantom and of each reconstruction, and the reconstructions minus the phantom.
 
-    The root mean square difference in the titles is that of this slice, inside the body (axial.body_mask of the
-    phantom). The window of the differences is symmetric and common to all: the next round number over the 98th
-    percentile of their magnitudes inside the body.
+    Titles give the root mean square difference of this slice inside the body (axial.body_mask of the phantom). The
+    common window of the differences is the next round number above the 98th percentile of their absolute values inside
+    the body.
 
     Parameters
     ----------
     phantom : Volume
         HU.
     reconstructions : mapping of str to Volume
-        By title of the panel; HU, on the phantom's grid.
+        {title: volume}, HU, on the phantom's grid.
     noise : mapping of str to float or None, optional
-        A of their noise level, by name; to be said.
+        {noise level: A}, for the text.
 
     Raises
     ------
@@ -44,12 +44,12 @@ def draw(
     differences = {}
     for title, volume in reconstructions.items():
         if not volume.grid.matches(phantom.grid):
-            raise InputError(f"reconstruction {title}: grid {volume.grid} is not the phantom's {phantom.grid}")
+            raise InputError(
+                f"reconstruction {title}: grid {volume.grid} is not the phantom's {phantom.grid}; reconstruct it again"
+            )
         differences[title] = volume.array[z].astype(np.float64) - original
         if not np.isfinite(differences[title]).all():
-            raise InputError(
-                f"reconstruction {title}: slice {z} holds values that are not finite; reconstruct it again"
-            )
+            raise InputError(f"reconstruction {title}: slice {z} has values that are not finite; reconstruct it again")
     limit = round_up(np.percentile(np.abs([difference[body] for difference in differences.values()]), 98))
 
     box = axial.body_box_mm(phantom, [z])
@@ -63,29 +63,25 @@ def draw(
     axial.mark_sides(panels[0, 0])
     axial.scale_bar(panels[0, 0])
     for index, (title, difference) in enumerate(differences.items(), start=1):
-        shade = axial.show(panels[1, index], difference, phantom.grid, box, (-limit, limit), "RdBu_r")
+        shown = axial.show(panels[1, index], difference, phantom.grid, box, (-limit, limit), "RdBu_r")
         root_mean_square = np.sqrt(np.mean(difference[body] ** 2))
         panels[1, index].set_title(f"{title} − input\nRMS {root_mean_square:.1f} HU in the body")
     for index, axes in enumerate([*panels[0], *panels[1, 1:]]):
         style.letter_panel(axes, index)
-    said = f"single scans; axial slice, z = {axial.slice_z_mm(phantom.grid, z):.1f} mm".replace("-", "−")
+    text = f"single scans; axial slice, z = {axial.slice_z_mm(phantom.grid, z):.1f} mm".replace("-", "−")
     if noise:
-        said += f"\n{style.noise_levels(noise)}"
-    panels[1, 0].text(0.5, 0.98, said, transform=panels[1, 0].transAxes, ha="center", va="top")
-    _colour_bars(figure, panels[1, 0], (image, "CT number (HU)"), (shade, "difference from the input (HU)"))
+        text += f"\n{style.noise_levels(noise)}"
+    panels[1, 0].text(0.5, 0.98, text, transform=panels[1, 0].transAxes, ha="center", va="top")
+    panels[1, 0].set_axis_off()
+    color_bars = ((image, 0.58, "CT number (HU)"), (shown, 0.16, "difference from the input (HU)"))
+    for mappable, bottom, label in color_bars:
+        color_bar_axes = panels[1, 0].inset_axes([0.1, bottom, 0.8, 0.08])
+        figure.colorbar(mappable, cax=color_bar_axes, orientation="horizontal", label=label)
     return figure
 
 
-def _colour_bars(figure: Figure, axes, *bars) -> None:
-    """Put labelled horizontal colour bars into an otherwise empty panel."""
-    axes.set_axis_off()
-    for index, (mappable, label) in enumerate(bars):
-        place = axes.inset_axes([0.1, 0.58 - 0.42 * index, 0.8, 0.08])
-        figure.colorbar(mappable, cax=place, orientation="horizontal", label=label)
-
-
 def round_up(value: float) -> float:
-    """The next of 1, 2, 5 times a power of ten that is not under a value; 1 for zero."""
+    """Round up to 1, 2 or 5 times a power of ten; 1 for zero."""
     if value <= 0:
         return 1.0
     power = 10.0 ** np.floor(np.log10(value))

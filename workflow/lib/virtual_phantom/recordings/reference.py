@@ -87,15 +87,15 @@ def scores(recording: FeaturesRecording, repeats: int, **options) -> pd.DataFram
     Parameters
     ----------
     repeats : int
-        Images of each condition that are taken at random, again and again (`statistics.repeats.draws`); all conditions
-        have as many as the smallest has, if that is less.
+        Images drawn at random from each condition (`statistics.repeats.score_draws`), at most as many as the smallest
+        condition has.
     **options
         Of `statistics.wilcoxon.scores`: test, threshold, compare.
 
     Returns
     -------
     DataFrame
-        As `statistics.repeats.draws` gives it.
+        As `statistics.repeats.score_draws` gives it.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def scores(recording: FeaturesRecording, repeats: int, **options) -> pd.DataFram
         )
     table = grouped(recording.repeats, recording.conditions)
     images = table.groupby("group")["image"].transform("nunique")
-    return repeats_of.draws(
+    return repeats_of.score_draws(
         table[images >= MINIMUM_IMAGES].reset_index(drop=True),
         recording.features,
         repeats,

@@ -1,4 +1,4 @@
-"""Pages, one HTML file each with all that they need inside: the study, the viewer, a diagnosis, the proof."""
+"""HTML pages of the study, the viewer, the diagnoses and the blind validation, each a self-contained file."""
 
 from ..base.plotting import import_matplotlib
 

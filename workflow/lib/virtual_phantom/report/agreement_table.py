@@ -1,4 +1,4 @@
-"""The table of agreement for the report."""
+"""Table of the agreement of reconstructed images, for the report of a diagnosis."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ NAMES = {
     "contrast": "contrast",
     "noise_magnitude": "noise magnitude (SD)",
     "noise_texture": "noise texture (mean frequency)",
-    "noise_spectrum": "noise spectrum's shape (RMS)",
+    "noise_spectrum": "shape of the noise power spectrum (RMS)",
     "resolution": "resolution (frequency at MTF 0.5)",
-    "features": "features within a repeat SD",
+    "features": "features within one repeat SD",
 }
 
 
 def agreement_table(table: dict | None) -> str:
-    """What agreement.agreement found, with rois, repeats and grid, as HTML; nothing for None."""
+    """Format the table of images in diagnosis.json as HTML; an empty string for None."""
     if table is None:
         return ""
     filters = {
@@ -25,7 +25,7 @@ def agreement_table(table: dict | None) -> str:
         "compared": _compared,
         "floor": _floor,
         "short": style.number,
-        "algorithm": lambda name: ALGORITHMS[name],
+        "algorithm": ALGORITHMS.__getitem__,
     }
     return render("agreement_of_images", filters, table=table, names=NAMES)
 

@@ -1,4 +1,4 @@
-"""What all pages share: templates, one HTML file with its pictures inside, how numbers are written, the verdict."""
+"""Common parts of the pages: templates, embedded pictures, number formats and colors of verdicts."""
 
 from __future__ import annotations
 
@@ -14,31 +14,29 @@ from ..base.words import enumerated, label
 from ..diagnosis.wording import share
 from ..figures import style
 
-SMALL = 1e-3  # what is smaller is written with an exponent
-COLOURS = {
+SMALL = 1e-3  # smaller numbers are written with an exponent
+COLORS = {  # {verdict: color}
     "match": "#009E73",
     "match for practical purposes": "#009E73",
     "mismatch explained": "#0072B2",
     "mismatch partly explained": "#E69F00",
 }
-OTHER_COLOUR = "#D55E00"
+OTHER_COLOR = "#D55E00"
 
-MOST_ROUNDED = 0.05  # of a number: what rounding to an interval's digits may change
+MOST_ROUNDED = 0.05  # largest relative change by rounding to the digits of an interval
 
 
 def render(template: str, filters: Mapping[str, Callable], *, strict: bool = True, **values) -> str:
-    """A page or a part of one, of a template in `templates`.
+    """Render a template of `templates`.
 
     Parameters
     ----------
-    template : str
-        Its name.
     filters : mapping of str to callable
-        What the template calls beside `label`, by name.
+        Filters of the template in addition to `label`.
     strict : bool, optional
-        Whether a name that nobody gave is an error, or empty.
+        Whether an undefined variable is an error (otherwise it is empty).
     **values
-        What the template names.
+        Variables of the template.
     """
     environment = Environment(
         loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined if strict else Undefined
@@ -48,15 +46,14 @@ def render(template: str, filters: Mapping[str, Callable], *, strict: bool = Tru
 
 
 def render_diagnosis(template: str, content: dict, **values) -> str:
-    """A report of a diagnosis.
+    """Render a report of a diagnosis.
 
     Parameters
     ----------
     content : dict
-        Of diagnosis.json, `d` in the template.
+        Content of diagnosis.json, `d` in the template.
     **values
-        What else the template names; it has the filters number, within (an interval), chance, coverage, share and
-        feature.
+        Other variables of the template.
     """
     filters = {
         "number": number,
@@ -66,22 +63,25 @@ def render_diagnosis(template: str, content: dict, **values) -> str:
         "share": share,
         "feature": style.feature_label,
     }
-    colour = COLOURS.get(content["verdict"], OTHER_COLOUR)
+    colour = COLORS.get(content["verdict"], OTHER_COLOR)
     return render(template, filters, strict=False, d=content, colour=colour, **values)
 
 
 def number(value: float) -> str:
-    """Three significant digits, with an exponent where it is small."""
+    """Format a number with three significant digits, and with an exponent if it is small."""
     return style.number(value) if value == 0 or abs(value) >= SMALL else f"{value:.1e}"
 
 
 def within(value: float, interval: list[float]) -> str:
-    """A number to two digits of its interval's width; to three significant ones if a one-sided interval hides them."""
+    """Format a number to two digits of the width of its interval, or to three significant digits if these are lost.
+
+    They are lost for a wide interval on one side of 0, such as 0.354 in 0.01 to 100.
+    """
     width = interval[1] - interval[0]
     if not 0 < width < np.inf:
         return number(value)
     text = f"{value:.{max(0, 1 - int(np.floor(np.log10(width))))}f}"
-    # Of 0.354 in 0.01 to 100, the width says nothing of the digits: the interval is one of factors.
+
     one_sided = interval[0] >= 0 or interval[1] <= 0
     if one_sided and abs(float(text) - value) > MOST_ROUNDED * abs(value):
         return number(value)
@@ -93,16 +93,16 @@ def _chance(p: float) -> str:
 
 
 def _coverage(held: Mapping) -> str:
-    """How often intervals for noise alone held the truth (proof_record.with_coverage), in a sentence."""
-    every = "{count} of {n} of all effects' parameters".format(**held["all"])
+    """Describe the coverage of noise-only intervals (proof_record.with_coverage) in a sentence."""
+    counts = "{count} of {n} parameters of all effects".format(**held["all"])
     if held["n"]:
-        own = enumerated([label(name) for name in held["effects"]])
-        every = f"{held['count']} of {held['n']} of {own}, and in {every}"
+        effects = enumerated([label(name) for name in held["effects"]])
+        counts = f"{held['count']} of {held['n']} parameters of {effects} and of {counts}"
     else:
-        every += "; of this effect none was counted"
+        counts += " (none of this effect were tested)"
     return (
-        "The interval is for noise and for inexact models (model_accuracy). On scans by another simulator "
-        f"(docs/validation/blind-validation.md) intervals for noise alone held the truth in {every}."
+        "The interval includes noise and model errors (model_accuracy). In the blind validation, noise-only intervals "
+        f"covered the true values of {counts}."
     )
 
 

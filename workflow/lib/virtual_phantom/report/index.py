@@ -1,6 +1,6 @@
-"""The first page of a study: what it says, what to beware of, and where everything lies.
+"""First page of a study (index.html): results, warnings, figures, tables and next steps.
 
-It lies in the folder of the results and points to their files, which it does not contain.
+The page is in the folder of the results and links to their files.
 """
 
 from __future__ import annotations
@@ -18,91 +18,88 @@ from ..figures.style import TRIAL
 from ..io.documents import DIAGNOSIS, read_document
 from ..io.files import read_csv
 from ..statistics.trust import percent
-from .answer import MOST_FEATURES, agreement, answer, tissues
-from .html import COLOURS, OTHER_COLOUR, render
-from .study import Shown, caption, cell, packages
+from .answer import MOST_FEATURES, agreement_text, stability_answer, stability_by_tissue
+from .html import COLORS, OTHER_COLOR, render
+from .study import ReportFigure, caption, cell, packages
 
-NAMES = {"icc_2_1": "ICC(2,1)", "icc_3_1": "ICC(3,1)", "ccc": "CCC", "cv": "cv", "qcd": "qcd"}  # of measures beside W
-FIRST_ROWS = 5  # of each table
-# A table with a row per feature is ordered by the first of these that it has: else its first rows were those of the
-# alphabet, which say nothing.
+NAMES = {"icc_2_1": "ICC(2,1)", "icc_3_1": "ICC(3,1)", "ccc": "CCC", "cv": "CV", "qcd": "QCD"}  # measures other than W
+FIRST_ROWS = 5  # rows of each table that the page shows
+# Tables with one row per feature are sorted by the first of these columns that they have, instead of by name.
 MOST_STABLE = ("ci95_low", "stable_by", "stability_percent")
-MOST_CLASSES = 5  # of tissue beside the interval in one table: more make it wider than the page, and get their own
-FEW_REPEATS = 5  # up to here two groups need nearly all of their values in order for |W| to pass 2
+MOST_CLASSES = 5  # tissue classes in the main table; more would be wider than the page and get a table of their own
+FEW_REPEATS = 5  # with so few repeats, |W| exceeds 2 only if nearly all values of two groups are ordered
 
 
 @dataclass(frozen=True)
-class Linked:
-    """A file that the page points to."""
+class LinkedTable:
+    """A table that the page links to."""
 
     title: str
     path: Path
 
 
-def page(
+def index_page(
     folder: Path,
-    figures: Sequence[Shown],
-    tables: Sequence[Linked],
+    figures: Sequence[ReportFigure],
+    tables: Sequence[LinkedTable],
     diagnoses: Sequence[Path],
     config: Mapping,
     commands: Mapping[str, str],
-    beside: Mapping[str, str] | None = None,
+    other_pages: Mapping[str, str] | None = None,
 ) -> str:
-    """The page as HTML.
+    """Render the page as HTML.
 
     Parameters
     ----------
     folder : Path
-        Of the results, where the page will lie.
-    tables : sequence of Linked
-        CSV files. What the page says is taken from trust.csv, stable_features.csv, stability.csv, features.csv and the
-        tables of comparisons, if they are among them.
+        Folder of the results and of the page.
+    tables : sequence of LinkedTable
+        CSV files. The page summarizes trust.csv, stable_features.csv, stability.csv, features.csv and the tables of
+        comparisons, if they are present.
     diagnoses : sequence of Path
-        Reports; the verdict is in diagnosis.json beside each.
+        Reports, each next to its diagnosis.json.
     config : mapping
         The complete configuration.
     commands : mapping of str to str
-        What they do: the command, what to do first first.
-    beside : mapping of str to str, optional
-        Pages in the same folder: what they are called, and their addresses.
+        {purpose: command}, next steps first.
+    other_pages : mapping of str to str, optional
+        {title: address} of other pages in the same folder.
     """
-    frames = {one.path.stem: read_csv(one.path) for one in tables}
-    addresses = {one.path.stem: relative(one.path, folder) for one in tables}
+    frames = {table.path.stem: read_csv(table.path) for table in tables}
+    addresses = {table.path.stem: relative(table.path, folder) for table in tables}
     trust, features = frames.get("trust"), frames.get("features")
     sections: dict[str, list] = {}
-    compared = {}
+    comparisons = {}
     for figure in figures:
         name = figure.path.stem
-        shown = {"title": figure.title, "path": relative(figure.path, folder), "caption": caption(figure, config)}
-        shown["compared"] = None
+        entry = {"title": figure.title, "path": relative(figure.path, folder), "caption": caption(figure, config)}
+        entry["comparison"] = None
         if (table := f"{name}_features") in frames:
-            shown["compared"] = {
-                "id": name,
-                "said": agreement(frames[table], frames[name]),
-                "table": addresses[table],
-            }
-            compared[name] = figure.title
-        sections.setdefault(figure.section, []).append(shown)
+            text = agreement_text(frames[table], frames[name])
+            entry["comparison"] = {"id": name, "text": text, "table": addresses[table]}
+            comparisons[name] = figure.title
+        sections.setdefault(figure.section, []).append(entry)
+    answer = None
+    if trust is not None:
+        tissues = stability_by_tissue(trust, frames.get("stability"), features, config["statistics"]["compare"])
+        answer = stability_answer(trust, frames.get("stable_features")) | {"tissues": tissues}
     return render(
         "index",
         {"cell": cell, "percent": percent},
         NAMES=NAMES,
         MOST_FEATURES=MOST_FEATURES,
         MOST_CLASSES=MOST_CLASSES,
-        answer=None
-        if trust is None
-        else answer(trust, frames.get("stable_features"))
-        | {"tissues": tissues(trust, frames.get("stability"), features, config["statistics"]["compare"])},
-        compared=compared,
+        answer=answer,
+        comparisons=comparisons,
         verdicts=[verdict(path, folder) for path in diagnoses],
-        warnings=[] if features is None else warnings(features, trust),
+        warnings=[] if features is None else study_warnings(features, trust),
         sections=sections,
         tables=[
-            {"title": one.title, "path": relative(one.path, folder), "rows": len(frame), "first": first_rows(frame)}
-            for one, frame in zip(tables, frames.values(), strict=True)
+            {"title": table.title, "path": relative(table.path, folder), "rows": len(frame), "first": first_rows(frame)}
+            for table, frame in zip(tables, frames.values(), strict=True)
         ],
         commands=commands,
-        beside=beside or {},
+        other_pages=other_pages or {},
         folder=str(folder),
         trial=config["trial"],
         TRIAL=TRIAL,
@@ -112,50 +109,48 @@ def page(
     )
 
 
-def warnings(features: pd.DataFrame, trust: pd.DataFrame | None) -> list[str]:
-    """What to beware of, a sentence each.
+def study_warnings(features: pd.DataFrame, trust: pd.DataFrame | None) -> list[str]:
+    """List warnings about small ROIs, few gray levels and few repeats.
 
     Parameters
     ----------
     features : DataFrame
-        Of all images, with columns roi, n_voxels and grey_levels.
+        Features of all images, with columns roi, n_voxels and grey_levels.
     trust : DataFrame or None
-        Of `statistics.trust.table`.
+        From `statistics.trust.trust_table`.
     """
-    said = []
+    texts = []
     for roi, rows in features.groupby("roi", sort=False):
         voxels, levels = int(rows["n_voxels"].min()), rows["grey_levels"] < MINIMUM_GREY_LEVELS
         if voxels < MINIMUM_VOXELS:
-            said.append(
-                f"ROI {roi} has {voxels} voxels, fewer than the {MINIMUM_VOXELS} that texture features need to mean "
-                "anything. Use a larger ROI or smaller voxels."
+            texts.append(
+                f"ROI {roi} has {voxels} voxels. Texture features need at least {MINIMUM_VOXELS}: use a larger ROI or "
+                "smaller voxels."
             )
         if levels.any():
-            said.append(
-                f"ROI {roi} has fewer than {MINIMUM_GREY_LEVELS} grey levels in {levels.sum()} of {len(rows)} images. "
-                "Its GLCM features say little there."
+            texts.append(
+                f"ROI {roi} has fewer than {MINIMUM_GREY_LEVELS} gray levels in {levels.sum()} of {len(rows)} images. "
+                "Its GLCM features are not meaningful in these images: use a smaller bin width."
             )
     if trust is not None:
-        row = trust.iloc[0]
-        if row["repeats"] <= FEW_REPEATS:
-            said.append(
-                f"There are {row['repeats']} repeats a group. They miss differences between protocols that ten repeats "
-                "would show, so that features seem more stable."
+        repeats = trust["repeats"].iloc[0]
+        if repeats <= FEW_REPEATS:
+            texts.append(
+                f"There are {repeats} repeats per group. Features seem more stable than with ten repeats, which detect "
+                "smaller differences between protocols."
             )
-    return said
+    return texts
 
 
 def verdict(report: Path, folder: Path) -> dict:
-    """What a diagnosis found: recording, verdict, sentence, colour, and the address of its report."""
-    found = read_document(report.parent / "diagnosis.json", DIAGNOSIS)
-    colour = COLOURS.get(found["verdict"], OTHER_COLOUR)
-    return {**{key: found[key] for key in ("recording", "verdict", "sentence")}, "colour": colour} | {
-        "path": relative(report, folder)
-    }
+    """Recording, verdict, sentence and color of a diagnosis, and the address of its report."""
+    content = read_document(report.parent / "diagnosis.json", DIAGNOSIS)
+    shown = {key: content[key] for key in ("recording", "verdict", "sentence")}
+    return shown | {"color": COLORS.get(content["verdict"], OTHER_COLOR), "path": relative(report, folder)}
 
 
 def first_rows(frame: pd.DataFrame) -> pd.DataFrame:
-    """The first rows of a table; of one of features' stability the most stable."""
+    """First rows of a table, sorted by stability if it has one row per feature."""
     by = next((name for name in MOST_STABLE if name in frame), None)
     if by and "feature" in frame and frame["feature"].is_unique:
         frame = frame.sort_values(by, ascending=False, kind="stable")
@@ -163,5 +158,5 @@ def first_rows(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def relative(path: Path, folder: Path) -> str:
-    """A file's address on a page in a folder."""
+    """Address of a file relative to the folder of the page."""
     return path.relative_to(folder).as_posix()

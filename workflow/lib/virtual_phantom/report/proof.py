@@ -11,7 +11,7 @@ from ..figures import confusion
 from ..figures.before_after import thumbnail
 from ..figures.diagnosis import MAP_LIMIT
 from .agreement_table import NAMES
-from .html import COLOURS, OTHER_COLOUR, data_url, number, picture, render
+from .html import COLORS, OTHER_COLOR, data_url, number, picture, render
 
 
 def page(score: Mapping, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], reports: Mapping[str, str]) -> str:
@@ -40,7 +40,7 @@ def page(score: Mapping, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], repo
         "tally": tally,
         "reached": reached,
         "valued": valued,
-        "colour": lambda verdict: COLOURS.get(verdict, OTHER_COLOUR),
+        "colour": lambda verdict: COLORS.get(verdict, OTHER_COLOR),
     }
     pictures = {case: tuple(data_url(thumbnail(values)) for values in pair) for case, pair in maps.items()}
     return render(

@@ -7,7 +7,7 @@ from datetime import date
 
 from .. import __version__
 from ..figures import scanner as figures
-from .html import COLOURS, OTHER_COLOUR, number, picture, render, within
+from .html import COLORS, OTHER_COLOR, number, picture, render, within
 
 
 def page(content: dict) -> str:
@@ -19,7 +19,7 @@ def page(content: dict) -> str:
         Of scanner.json.
     """
     removed = picture(figures.draw_recordings(content["recordings"]))
-    colour = COLOURS.get(content["verdict"], OTHER_COLOUR)
+    colour = COLORS.get(content["verdict"], OTHER_COLOR)
     filters = {"number": number, "within": within}
     shown = {kind: _parameters(content["recordings"].values(), kind) for kind in ("alone", "own")}
     shown |= {"removed": removed, "colour": colour, "version": __version__, "date": date.today().isoformat()}

@@ -1,6 +1,6 @@
-"""The report of a study: one HTML file with its figures, its tables and what they were made by.
+"""Report of a study (report.html): one file with figures, sortable tables and provenance.
 
-Captions are those of Snakemake's own report (workflow/report): reStructuredText with the rule's parameters filled in.
+Captions are the reStructuredText templates of Snakemake's report (workflow/report).
 """
 
 from __future__ import annotations
@@ -23,26 +23,25 @@ from ..figures import style
 from ..io.files import read_csv, sha256
 from .html import data_url, number, render
 
-# What results depend on.
-PACKAGES = (
+PACKAGES = (  # packages that results depend on
     *("snakemake", "numpy", "scipy", "numba", "pandas", "pyradiomics", "SimpleITK", "nibabel", "scikit-learn"),
     *("scikit-image", "xraylib", "spekpy", "matplotlib", "seaborn"),
 )
-MOST_ROWS = 1000  # longer tables are linked to
+MOST_ROWS = 1000  # longer tables are linked only
 
 
 @dataclass(frozen=True)
-class Shown:
-    """A figure.
+class ReportFigure:
+    """Figure of a report.
 
     Attributes
     ----------
     path : Path
-        Its picture (PNG).
+        PNG file.
     caption : Path
-        Its caption's template.
+        Template of the caption.
     params, wildcards : mapping
-        What that names.
+        Parameters and wildcards of the Snakemake rule, for the template.
     """
 
     path: Path
@@ -53,31 +52,33 @@ class Shown:
     wildcards: Mapping
 
 
-def shown(pictures: Sequence[str | Path], captions: Sequence[str | Path], params: Sequence[Mapping]) -> list[Shown]:
-    """Figures of their pictures, their captions' templates, and of each the rest that Shown has."""
+def report_figures(
+    pictures: Sequence[str | Path], captions: Sequence[str | Path], params: Sequence[Mapping]
+) -> list[ReportFigure]:
+    """Combine PNG files, templates of captions, and the other fields of ReportFigure."""
     return [
-        Shown(Path(picture), caption=Path(caption), **one)
-        for picture, caption, one in zip(pictures, captions, params, strict=True)
+        ReportFigure(Path(picture), caption=Path(caption), **fields)
+        for picture, caption, fields in zip(pictures, captions, params, strict=True)
     ]
 
 
-def page(
-    figures: Sequence[Shown],
+def report_page(
+    figures: Sequence[ReportFigure],
     tables: Mapping[str, Path],
     embedded: Mapping[str, Path],
     links: Mapping[str, str],
     config: Mapping,
 ) -> str:
-    """The page as HTML.
+    """Render the page as HTML.
 
     Parameters
     ----------
     tables : mapping of str to Path
-        CSV files by title, in the order in which they are shown.
+        {title: CSV file}.
     embedded : mapping of str to Path
-        Pages (diagnoses) by title, to be shown inside.
+        {title: page} of reports of diagnoses, which are embedded.
     links : mapping of str to str
-        Addresses beside the page by what they are called.
+        {title: address} of related pages.
     config : mapping
         The complete configuration.
     """
@@ -92,10 +93,9 @@ def page(
             }
         )
     frames = {title: read_csv(path) for title, path in tables.items()}
-    filters = {"cell": cell}
     return render(
         "study",
-        filters,
+        {"cell": cell},
         sections=sections,
         tables=[
             {"title": title, "name": tables[title].stem, "frame": frame, "shown": len(frame) <= MOST_ROWS}
@@ -113,29 +113,25 @@ def page(
 
 
 def packages() -> dict[str, str]:
-    """What results depend on, and the version of each that is installed; Python first."""
+    """Return {name: installed version} of Python and PACKAGES."""
     return {"Python": python_version()} | {name: metadata.version(name) for name in PACKAGES}
 
 
-def caption(figure: Shown, config: Mapping) -> str:
-    """A figure's caption as HTML."""
+def caption(figure: ReportFigure, config: Mapping) -> str:
+    """Render a figure's caption as HTML."""
     names = SimpleNamespace(
         params=SimpleNamespace(**figure.params), wildcards=SimpleNamespace(**figure.wildcards), config=config
     )
     template = Environment(undefined=StrictUndefined).from_string(figure.caption.read_text(encoding="utf-8"))
-    # A config's names are data, not directives: files cannot be included, nor raw HTML.
+    # Names from a configuration are untrusted: directives must not include files or raw HTML.
     settings = {"file_insertion_enabled": False, "raw_enabled": False, "_disable_config": True, "report_level": 3}
     return publish_parts(template.render(snakemake=names), writer="html5", settings_overrides=settings)["body"]
 
 
 def cell(value: str | float) -> dict:
-    """How a value is written, what it is sorted by, and whether it is a number."""
+    """Text of a table cell, its sort key, and whether it is a number (n)."""
     if isinstance(value, str):
-        return {
-            "text": style.feature_label(value) if is_feature(value) else value,
-            "key": value,
-            "n": False,
-        }
+        return {"text": style.feature_label(value) if is_feature(value) else value, "key": value, "n": False}
     if pd.isna(value):
         return {"text": "", "key": "", "n": True}
     whole = float(value).is_integer()

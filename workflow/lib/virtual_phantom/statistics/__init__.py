@@ -1,7 +1,9 @@
-"""Statistics of the study: stability and discriminative power, rankings and their overlap, components, noise."""
+"""Statistics of the study: stability, discriminative power, rankings, principal components and noise.
 
-# Here and not where they are needed: the configuration knows them without loading scipy and pandas.
-MINIMUM_REPEATS = 3  # of a variance and its error (noise.repeat_variance)
-MINIMUM_LEVELS = 3  # of a line and its error (noise.match)
-COMPARED_REPEATS = 2  # of a mean and an SD over repeats (comparison)
-RANKSUM_REPEATS = 2  # of a sample whose spread the rank-sum test compares (wilcoxon)
+The constants are defined here so that the configuration can check them without loading scipy and pandas.
+"""
+
+MINIMUM_REPEATS = 3  # repeats for a variance and its error (noise.repeat_variance)
+MINIMUM_LEVELS = 3  # noise levels for a line and its error (noise.match_noise_level)
+COMPARED_REPEATS = 2  # repeats for a mean and an SD (comparison)
+RANKSUM_REPEATS = 2  # repeats for a rank-sum test (wilcoxon)

@@ -1,8 +1,8 @@
-"""Measures of agreement that the field uses beside W, of one feature measured on subjects under several conditions.
+"""Standard measures of agreement: ICC, concordance correlation, coefficients of variation and of quartile dispersion.
 
-Arrays are x[..., subject i, condition j, repeat s], n x k x r; any axes before these (features) are kept. Subjects
-are the ROIs, conditions the groups of protocols, repeats the seeds. All measures are of single scans: repeats make
-the estimates better, they are not averaged before. With one repeat, the ICCs are those of Shrout and Fleiss.
+Arrays have the shape (..., n subjects, k conditions, r repeats); leading axes (features) are kept. Subjects are ROIs,
+conditions are groups of protocols, and repeats are seeds. All measures describe single scans: repeats improve the
+estimates but are not averaged first. With one repeat, the ICCs are those of Shrout and Fleiss.
 
 References
 ----------
@@ -19,19 +19,13 @@ from itertools import combinations
 import numpy as np
 import scipy
 
-CONFIDENCE = 0.95  # of intervals
-ROUNDING = 1e-12  # a sum of squares under this share of the values' own squares is rounding alone
+CONFIDENCE = 0.95  # level of the intervals
+ROUNDING = 1e-12  # a sum of squares below this share of the sum of squared values is rounding error
 
 
 @dataclass(frozen=True)
 class Icc:
-    """An intraclass correlation with its 95 % interval; NaN where nothing varies.
-
-    Attributes
-    ----------
-    value, low, high : ndarray
-        One number for each feature.
-    """
+    """Intraclass correlation of each feature with its 95 % interval; NaN where nothing varies."""
 
     value: np.ndarray
     low: np.ndarray
@@ -39,18 +33,14 @@ class Icc:
 
 
 def mean_squares(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean squares of a two-way analysis of variance of each repeat's n x k table, averaged over the repeats.
+    """Mean squares of a two-way analysis of variance, averaged over repeats.
 
-    The mean over repeats has the expectation of a single table's, and less scatter.
-
-    Parameters
-    ----------
-    x : ndarray, shape (..., subjects, conditions, repeats)
+    Each repeat gives one n x k table. The average has the expectation of a single table and a smaller variance.
 
     Returns
     -------
     msr, msc, mse : ndarray, shape (...)
-        Between subjects, between conditions and of the residual.
+        Between subjects, between conditions, and residual.
     """
     n, k = x.shape[-3:-1]
     subject, condition = x.mean(axis=-2, keepdims=True), x.mean(axis=-3, keepdims=True)
@@ -69,14 +59,10 @@ def mean_squares(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def icc_agreement(x: np.ndarray) -> Icc:
-    """ICC(2,1) of Shrout and Fleiss, ICC(A,1) of McGraw and Wong: subjects and conditions random, absolute agreement.
+    """ICC(2,1) of Shrout and Fleiss, ICC(A,1) of McGraw and Wong: random subjects and conditions, absolute agreement.
 
-    (MSR - MSE) / (MSR + (k - 1) MSE + k (MSC - MSE) / n). Interval: McGraw and Wong, Table 7, with the degrees of
-    freedom of one table; more repeats of the same few subjects say little of other subjects.
-
-    Parameters
-    ----------
-    x : ndarray, shape (..., subjects, conditions, repeats)
+    (MSR - MSE) / (MSR + (k - 1) MSE + k (MSC - MSE) / n). The interval is that of McGraw and Wong, Table 7. It uses
+    the degrees of freedom of one table, because more repeats of the same subjects tell little about other subjects.
     """
     n, k = x.shape[-3:-1]
     msr, msc, mse = mean_squares(x)
@@ -89,17 +75,13 @@ def icc_agreement(x: np.ndarray) -> Icc:
         rest = k * msc + (k * n - k - n) * mse
         low = n * (msr - above * mse) / (above * rest + n * msr)
         high = n * (below * msr - mse) / (rest + n * below * msr)
-    return _settled(value, low, high)
+    return _perfect_agreement(value, low, high)
 
 
 def icc_consistency(x: np.ndarray) -> Icc:
-    """ICC(3,1) of Shrout and Fleiss, ICC(C,1) of McGraw and Wong: conditions fixed, their mean shifts left out.
+    """ICC(3,1) of Shrout and Fleiss, ICC(C,1) of McGraw and Wong: fixed conditions, whose mean shifts do not count.
 
-    (MSR - MSE) / (MSR + (k - 1) MSE). Interval as in `icc_agreement`.
-
-    Parameters
-    ----------
-    x : ndarray, shape (..., subjects, conditions, repeats)
+    (MSR - MSE) / (MSR + (k - 1) MSE). The interval is that of `icc_agreement`.
     """
     n, k = x.shape[-3:-1]
     msr, _, mse = mean_squares(x)
@@ -110,11 +92,11 @@ def icc_consistency(x: np.ndarray) -> Icc:
         below = ratio / scipy.stats.f.ppf((1 + CONFIDENCE) / 2, *freedom)
         above = ratio * scipy.stats.f.ppf((1 + CONFIDENCE) / 2, *freedom[::-1])
         low, high = (below - 1) / (below + k - 1), (above - 1) / (above + k - 1)
-    return _settled(value, low, high)
+    return _perfect_agreement(value, low, high)
 
 
-def _settled(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> Icc:
-    """Perfect agreement has no residual to divide by: its interval is 1 to 1."""
+def _perfect_agreement(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> Icc:
+    """Set the interval to 1 to 1 where agreement is perfect: the residual to divide by is zero there."""
     perfect = value == 1
     return Icc(value, np.where(perfect, 1.0, low), np.where(perfect, 1.0, high))
 
@@ -122,23 +104,14 @@ def _settled(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> Icc:
 def concordance(x: np.ndarray) -> np.ndarray:
     """Lin's concordance correlation coefficient, averaged over the k (k - 1) / 2 pairs of conditions.
 
-    2 s_ab / (s_a^2 + s_b^2 + (m_a - m_b)^2) with moments over all subjects and repeats (divisor n r, as Lin has it).
-    The same subject's same repeat makes a pair of values.
-
-    Parameters
-    ----------
-    x : ndarray, shape (..., subjects, conditions, repeats)
-
-    Returns
-    -------
-    ndarray, shape (...)
-        NaN where a pair of conditions varies not at all.
+    2 s_ab / (s_a^2 + s_b^2 + (m_a - m_b)^2) with moments over all subjects and repeats (divisor n r, as in Lin).
+    Values are paired by subject and repeat. NaN where a pair of conditions does not vary.
     """
     k = x.shape[-2]
     values = np.moveaxis(x, -2, 0).reshape(k, *x.shape[:-3], -1)
     means = values.mean(axis=-1)
     deviations = values - means[..., None]
-    # What is left of equal values is rounding.
+    # Deviations of equal values are rounding errors.
     deviations[(deviations**2).sum(axis=-1) <= ROUNDING * (values**2).sum(axis=-1)] = 0
     variances = (deviations**2).mean(axis=-1)
     pairs = []
@@ -149,56 +122,39 @@ def concordance(x: np.ndarray) -> np.ndarray:
     return np.mean(pairs, axis=0)
 
 
-def variation(x: np.ndarray) -> np.ndarray:
+def coefficient_of_variation(x: np.ndarray) -> np.ndarray:
     """Within-subject coefficient of variation [1]_.
 
-    SD over mean of a subject's k r scans, root mean square over subjects.
-
-    Parameters
-    ----------
-    x : ndarray, shape (..., subjects, conditions, repeats)
-
-    Returns
-    -------
-    ndarray, shape (...)
-        NaN where a subject's values do not share one sign.
+    SD / |mean| of a subject's k r scans, root mean square over subjects. NaN where values of a subject differ in sign.
 
     References
     ----------
     .. [1] Raunig et al., Stat. Methods Med. Res. 24, 27, 2015.
     """
-    scans = _of_subject(x)
+    scans = _scans_of_subjects(x)
     with np.errstate(divide="ignore", invalid="ignore"):
-        each = scans.std(axis=-1, ddof=1) / np.abs(scans.mean(axis=-1))
-    return np.where(_one_sign(scans), np.sqrt((each**2).mean(axis=-1)), np.nan)
+        subjects = scans.std(axis=-1, ddof=1) / np.abs(scans.mean(axis=-1))
+    return np.where(_one_sign(scans), np.sqrt((subjects**2).mean(axis=-1)), np.nan)
 
 
 def quartile_dispersion(x: np.ndarray) -> np.ndarray:
     """Quartile coefficient of dispersion, median over subjects.
 
-    (Q3 - Q1) / |Q3 + Q1| of a subject's k r scans (quartiles interpolated linearly).
-
-    Parameters
-    ----------
-    x : ndarray, shape (..., subjects, conditions, repeats)
-
-    Returns
-    -------
-    ndarray, shape (...)
-        NaN where a subject's values do not share one sign.
+    (Q3 - Q1) / |Q3 + Q1| of a subject's k r scans (quartiles interpolated linearly). NaN where values of a subject
+    differ in sign.
     """
-    scans = _of_subject(x)
+    scans = _scans_of_subjects(x)
     first, third = np.percentile(scans, [25, 75], axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        each = (third - first) / np.abs(third + first)
-    return np.where(_one_sign(scans), np.median(each, axis=-1), np.nan)
+        subjects = (third - first) / np.abs(third + first)
+    return np.where(_one_sign(scans), np.median(subjects, axis=-1), np.nan)
 
 
-def _of_subject(x: np.ndarray) -> np.ndarray:
-    """[..., subject, all its scans]."""
+def _scans_of_subjects(x: np.ndarray) -> np.ndarray:
+    """Join conditions and repeats: shape (..., subjects, k r)."""
     return x.reshape(*x.shape[:-2], -1)
 
 
 def _one_sign(scans: np.ndarray) -> np.ndarray:
-    """Whether relative spread means something: the values of each subject are all positive or all negative."""
+    """Whether each subject's values are all positive or all negative; otherwise a relative spread has no meaning."""
     return ((scans > 0).all(axis=-1) | (scans < 0).all(axis=-1)).all(axis=-1)

@@ -1,6 +1,6 @@
-"""Noise that was measured at three doses: what the noise calibration is drawn against.
+"""Noise variance measured at three doses, shown as a reference in the noise calibration.
 
-Apart from `measured`, as every start of the workflow reads these numbers, and pandas takes a second to import.
+Separate from `measured` because every start of the workflow reads these numbers, and pandas takes a second to import.
 """
 
 from __future__ import annotations
@@ -16,22 +16,16 @@ TABLE = RESOURCES / "edge_dose_series_summary.csv"
 
 
 def dose_variance(reconstruction: str, dose_mgy: float, roi: str = "cyst_1") -> float:
-    """Measured variance among the voxels of an ROI of the dose series.
+    """Variance (HU^2) among the voxels of an ROI of the measured dose series.
 
-    It holds the ROI's own texture and any shading beside the noise, so it bounds the noise variance from above.
+    The variance includes texture and shading of the ROI, so it is an upper bound of the noise variance.
 
     Parameters
     ----------
     reconstruction : {"fbp", "iterative"}
     dose_mgy : {1, 3, 10}
-        mGy.
     roi : str, optional
         By default the large, uniform cyst.
-
-    Returns
-    -------
-    float
-        HU^2.
 
     Raises
     ------
@@ -46,6 +40,7 @@ def dose_variance(reconstruction: str, dose_mgy: float, roi: str = "cyst_1") -> 
     ]
     if len(found) != 1:
         raise InputError(
-            f"measured dose series: nothing for reconstruction {reconstruction}, {dose_mgy} mGy, ROI {roi}"
+            f"measured dose series: no value for reconstruction {reconstruction}, {dose_mgy} mGy, ROI {roi}; use "
+            "fbp or iterative, 1, 3 or 10 mGy, and an ROI of the printed phantom"
         )
     return found[0]

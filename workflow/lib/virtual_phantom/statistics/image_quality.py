@@ -1,8 +1,8 @@
-"""Image quality from repeated images: contrast, noise magnitude and noise texture, each with its standard error.
+"""Image quality from repeated images: contrast, noise magnitude and noise texture, with standard errors.
 
-Definitions: [1]_, [2]_. Noise is taken from differences of repeats, which are free of structure. Its standard errors
-are those of Gaussian noise: an ordinate of a periodogram has a standard deviation equal to its expectation.
-Correlations that reach farther than a square of the spectrum, as streaks of few views do, are not counted.
+Definitions follow [1]_ and [2]_. Noise is measured from differences of repeats, which contain no structure. Standard
+errors assume Gaussian noise: an ordinate of a periodogram has a standard deviation equal to its expectation. They
+ignore correlations over more than one tile of the spectrum, such as streaks from few views.
 
 References
 ----------
@@ -20,14 +20,14 @@ from scipy import linalg, ndimage
 
 from ..base.errors import InputError
 
-TILE_VOXELS = (64, 32, 16, 8)  # sides of the squares that spectra are taken of: the largest that fits often enough
-LEAST_TILES = 8  # of which a spectrum is averaged: its SD is then 35 % of itself
-LEAST_ROI_VOXELS = 4  # of a mean or an SD that is compared
+TILE_VOXELS = (64, 32, 16, 8)  # sides of the square tiles for spectra; the largest with LEAST_TILES tiles is used
+LEAST_TILES = 8  # tiles that a spectrum averages; its relative SD is then 35 %
+LEAST_ROI_VOXELS = 4  # voxels of an ROI whose mean or SD is compared
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A number, and the standard error that the images' noise leaves it; NaN of a single repeat."""
+    """A value and its standard error from image noise (NaN for a single repeat)."""
 
     value: float
     error: float
@@ -35,16 +35,16 @@ class Measure:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """A radial noise power spectrum of the axial plane.
+    """Radial noise power spectrum of the axial plane.
 
     Attributes
     ----------
     frequency : ndarray, shape (rings,)
-        Mean of the ordinates in each ring, 1/mm.
+        Mean frequency of the ordinates in each ring, 1/mm.
     power, variance : ndarray, shape (rings,)
-        HU^2 mm^2, with its variance.
+        HU^2 mm^2, and its variance.
     area : float
-        Voxels of the axial plane that hold one independent value of the noise, for the error of a variance.
+        Correlation area: voxels of the axial plane per independent value of the noise.
     """
 
     frequency: np.ndarray
@@ -54,14 +54,14 @@ class Spectrum:
 
     @property
     def shape(self) -> np.ndarray:
-        """Power over its integral along the radius, mm."""
+        """Power divided by its integral over frequency, mm."""
         return self.power / np.trapezoid(self.power, self.frequency)
 
 
-def noise_of(images: np.ndarray) -> np.ndarray:
-    """Independent draws of the noise of one image.
+def noise_contrasts(images: np.ndarray) -> np.ndarray:
+    """Independent realizations of the noise of one image.
 
-    Helmert's contrasts: orthonormal differences, with the variance of a single image and without any structure.
+    Helmert contrasts: orthonormal differences of repeats, with the variance of a single image and without structure.
 
     Parameters
     ----------
@@ -74,75 +74,76 @@ def noise_of(images: np.ndarray) -> np.ndarray:
     Raises
     ------
     InputError
-        For a single repeat.
+        If there is only one repeat.
     """
     if len(images) < 2:
-        raise InputError("noise is measured between repeats, and there is one; record more")
+        raise InputError("noise is measured between repeats, but there is only one; record at least two")
     return np.tensordot(linalg.helmert(len(images)), images.astype(np.float64), 1)
 
 
 def slice_correlations(noise: np.ndarray, mask: np.ndarray) -> tuple[float, float]:
-    """Factors by which correlated slices make variances over slices larger than independent ones would.
+    """Factors by which correlation between slices increases the variances of a mean and of a mean square.
 
     Parameters
     ----------
     noise : ndarray, shape (contrasts, z, y, x)
-        From `noise_of`.
+        From `noise_contrasts`.
     mask : ndarray of bool, shape (z, y, x)
     """
     slices = noise.shape[1]
-    square = (noise**2)[:, mask].mean()
-    if not square:  # without noise nothing is correlated
+    variance = (noise**2)[:, mask].mean()
+    if not variance:
         return 1.0, 1.0
-    mean = square_of = 1.0
+    mean = mean_square = 1.0
     for lag in range(1, slices):
         both = mask[lag:] & mask[:-lag]
         if both.any():
-            rho = (noise[:, lag:] * noise[:, :-lag])[:, both].mean() / square
+            rho = (noise[:, lag:] * noise[:, :-lag])[:, both].mean() / variance
             mean += 2 * (1 - lag / slices) * rho
-            square_of += 2 * (1 - lag / slices) * rho**2
-    return max(mean, 1 / slices), square_of
+            mean_square += 2 * (1 - lag / slices) * rho**2
+    return max(mean, 1 / slices), mean_square
 
 
-def propagated(statistic: Callable[[np.ndarray], float], values: np.ndarray, noise: np.ndarray, repeats: int) -> float:
-    """Standard error of statistic(values) where values are means over repeats, to first order in the noise.
+def propagated_error(
+    statistic: Callable[[np.ndarray], float], values: np.ndarray, noise: np.ndarray, repeats: int
+) -> float:
+    """Standard error of statistic(values), to first order in the noise; values are means over repeats.
 
     Parameters
     ----------
     noise : ndarray, shape (contrasts, groups, ...)
-        What the noise of one repeat (from `noise_of`) adds to `values` in each of several groups of voxels, whose
-        noises are independent.
+        Contribution of the noise of one repeat (from `noise_contrasts`) to `values`, for groups of voxels with
+        independent noise.
     """
-    centre = statistic(values)
-    moved = [[statistic(values + part / np.sqrt(repeats)) - centre for part in groups] for groups in noise]
-    return float(np.sqrt((np.array(moved) ** 2).mean(axis=0).sum()))
+    center = statistic(values)
+    changes = [[statistic(values + part / np.sqrt(repeats)) - center for part in groups] for groups in noise]
+    return float(np.sqrt((np.array(changes) ** 2).mean(axis=0).sum()))
 
 
 def contrast(images: np.ndarray, rois: Mapping[str, np.ndarray], reference: str | None = None) -> Measure:
-    """Mean absolute difference of the ROIs' means, HU: of all pairs, or of each from the reference ROI.
+    """Mean absolute difference between ROI means, HU: over all pairs, or from the reference ROI.
 
     Parameters
     ----------
     images : ndarray, shape (repeats, z, y, x)
         HU.
     rois : mapping of str to ndarray of bool, shape (z, y, x)
-        By name.
 
     Raises
     ------
     InputError
-        For fewer than two ROIs of at least LEAST_ROI_VOXELS voxels, or another reference.
+        If fewer than two ROIs have LEAST_ROI_VOXELS voxels, or the reference is not one of them.
     """
-    used = _large(rois)
+    used = _large_rois(rois)
     if len(used) < 2:
         raise InputError("contrast needs two ROIs in the image; there are fewer")
     if reference is not None and reference not in used:
         raise InputError(f"contrast: there is no ROI '{reference}'; use one of {', '.join(used)}")
-    place = None if reference is None else list(used).index(reference)
+    index = None if reference is None else list(used).index(reference)
 
     def statistic(means):
-        if place is not None:
-            return float(np.abs(np.delete(means, place) - means[place]).mean())
+        if index is not None:
+            return float(np.abs(np.delete(means, index) - means[index]).mean())
         first, second = np.triu_indices(len(means), 1)
         return float(np.abs(means[first] - means[second]).mean())
 
@@ -150,30 +151,29 @@ def contrast(images: np.ndarray, rois: Mapping[str, np.ndarray], reference: str 
     values = np.array([mean[mask].mean() for mask in used.values()])
     if len(images) < 2:
         return Measure(statistic(values), np.nan)
-    noise = noise_of(images)
+    noise = noise_contrasts(images)
     parts = np.stack([(noise * mask).sum(axis=(2, 3)) / mask.sum() for mask in used.values()], axis=-1)
     factor = slice_correlations(noise, np.logical_or.reduce(list(used.values())))[0]
-    return Measure(statistic(values), propagated(statistic, values, parts, len(images)) * float(np.sqrt(factor)))
+    return Measure(statistic(values), propagated_error(statistic, values, parts, len(images)) * float(np.sqrt(factor)))
 
 
 def noise_magnitude(images: np.ndarray, rois: Mapping[str, np.ndarray], area: float) -> Measure:
-    """Standard deviation over repeats, HU: root of the ROIs' mean variance.
+    """Standard deviation over repeats, HU: square root of the mean variance of the ROIs.
 
     Parameters
     ----------
     images : ndarray, shape (repeats, z, y, x)
         HU.
     rois : mapping of str to ndarray of bool, shape (z, y, x)
-        By name.
     area : float
-        As Spectrum.area.
+        Correlation area (`Spectrum.area`).
 
     Raises
     ------
     InputError
-        For a single repeat or no ROI.
+        If there is only one repeat, or no ROI.
     """
-    noise, used = noise_of(images), _large(rois)
+    noise, used = noise_contrasts(images), _large_rois(rois)
     if not used:
         raise InputError("noise magnitude needs an ROI in the image; there is none")
     correlated = slice_correlations(noise, np.logical_or.reduce(list(used.values())))[1]
@@ -181,8 +181,8 @@ def noise_magnitude(images: np.ndarray, rois: Mapping[str, np.ndarray], area: fl
     for mask in used.values():
         square = (noise**2)[:, mask]
         variances.append(square.mean())
-        # A variance's own variance is twice the mean of sigma^4 per independent value; of Gaussian noise that is a
-        # third of the mean fourth power, however sigma varies over the ROI.
+        # The variance of a variance is 2 mean(sigma^4) / n for n independent values. For Gaussian noise, mean(sigma^4)
+        # is a third of the mean fourth power, even if sigma varies over the ROI.
         independent = len(noise) * max(mask.sum() / (area * correlated), 1)
         errors.append(2 / 3 * (square**2).mean() / independent)
     pooled = np.mean(variances)
@@ -191,26 +191,25 @@ def noise_magnitude(images: np.ndarray, rois: Mapping[str, np.ndarray], area: fl
 
 
 def noise_spectrum(images: np.ndarray, mask: np.ndarray, spacing: Sequence[float]) -> Spectrum:
-    """Radial noise power spectrum of squares within the mask, up to the Nyquist frequency.
+    """Radial noise power spectrum of square tiles inside the mask, up to the Nyquist frequency.
 
     Parameters
     ----------
     images : ndarray, shape (repeats, z, y, x)
         HU.
     mask : ndarray of bool, shape (z, y, x)
-        Where the noise counts.
     spacing : sequence of 3 float
         mm (z, y, x).
 
     Raises
     ------
     InputError
-        For a single repeat, or a mask that holds fewer than LEAST_TILES squares of any size.
+        If there is only one repeat, or fewer than LEAST_TILES tiles of the smallest size fit into the mask.
     """
-    noise = noise_of(images)
+    noise = noise_contrasts(images)
     side, corners = tiles(mask)
     correlated = slice_correlations(noise, mask)[1]
-    # A drift between repeats would stand at frequency 0; one number per difference costs nothing.
+    # A drift between repeats would add power at frequency 0.
     noise = noise - noise[:, mask].mean(axis=1)[:, None, None, None]
     squares = np.stack([noise[:, z, y : y + side, x : x + side] for z, y, x in corners])
     power = np.abs(np.fft.fft2(squares)) ** 2 * (spacing[1] * spacing[2] / side**2)
@@ -225,36 +224,32 @@ def noise_spectrum(images: np.ndarray, mask: np.ndarray, spacing: Sequence[float
     return Spectrum(
         frequency=np.bincount(ring, radius, rings)[:rings] * len(power) / count,
         power=mean / count,
-        variance=square / count**2 * correlated,  # ordinates come in equal pairs: twice the half of their square
+        variance=square / count**2 * correlated,  # ordinates come in equal pairs, so half of them are independent
         area=float(area),
     )
 
 
 def tiles(mask: np.ndarray) -> tuple[int, list[tuple[int, int, int]]]:
-    """Squares of the axial plane that lie in a mask, side by side.
-
-    Parameters
-    ----------
-    mask : ndarray of bool, shape (z, y, x)
+    """Non-overlapping square tiles of the axial plane inside a mask (z, y, x).
 
     Returns
     -------
     side : int
         Voxels.
     corners : list of tuple of 3 int
-        The first corner (z, y, x) of each.
+        First corner (z, y, x) of every tile.
 
     Raises
     ------
     InputError
-        If there are fewer than LEAST_TILES of even the smallest.
+        If fewer than LEAST_TILES tiles of the smallest size fit.
     """
     for side in TILE_VOXELS:
         corners = []
         for z, plane in enumerate(mask):
             if min(plane.shape) < side:
                 continue
-            # 1 where the square that begins here is all within the mask
+            # 1 where the tile that starts here is completely inside the mask
             inside = ndimage.minimum_filter(plane.astype(np.uint8), side, mode="constant", origin=-(side // 2))
             for y, x in np.argwhere(inside):
                 if inside[y, x]:
@@ -263,8 +258,8 @@ def tiles(mask: np.ndarray) -> tuple[int, list[tuple[int, int, int]]]:
         if len(corners) >= LEAST_TILES:
             return side, corners
     raise InputError(
-        f"noise spectrum: fewer than {LEAST_TILES} squares of {TILE_VOXELS[-1]} voxels fit into the object; "
-        "the image is too coarse"
+        f"noise spectrum: fewer than {LEAST_TILES} tiles of {TILE_VOXELS[-1]} x {TILE_VOXELS[-1]} voxels fit into the "
+        "object; use smaller voxels"
     )
 
 
@@ -272,19 +267,19 @@ def mean_frequency(spectrum: Spectrum) -> Measure:
     """Mean frequency of the radial noise power spectrum, 1/mm (f_av of AAPM Report 233)."""
     f, power = spectrum.frequency, spectrum.power
     weight = np.gradient(f)
-    weight[[0, -1]] /= 2  # trapezoids
+    weight[[0, -1]] /= 2  # trapezoidal rule
     mean = float((weight * f * power).sum() / (weight * power).sum())
     error = np.sqrt(((weight * (f - mean)) ** 2 * spectrum.variance).sum()) / (weight * power).sum()
     return Measure(mean, float(error))
 
 
 def shape_difference(recorded: Spectrum, simulated: Spectrum) -> Measure:
-    """RMS difference of two spectra's shapes over the RMS of the recorded one; the error is what noise alone gives."""
+    """RMS difference of two spectral shapes relative to the recorded RMS; the error is its value from noise alone."""
     size = np.sqrt((recorded.shape**2).mean())
-    noise = sum(one.variance * (one.shape / one.power) ** 2 for one in (recorded, simulated))
+    noise = sum(spectrum.variance * (spectrum.shape / spectrum.power) ** 2 for spectrum in (recorded, simulated))
     difference = np.sqrt(((simulated.shape - recorded.shape) ** 2).mean())
     return Measure(float(difference / size), float(np.sqrt(noise.mean()) / size))
 
 
-def _large(rois: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _large_rois(rois: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: mask for name, mask in rois.items() if mask.sum() >= LEAST_ROI_VOXELS}

@@ -1,13 +1,13 @@
-"""Measured references: facts derived from scans of the real phantom, and the full table where a user has it.
+"""Measured features of the printed phantom: summaries that come with the package, and the full published tables.
 
-Two public data sets of the anthropomorphic phantom that the paper simulates (see README.md of the resources):
+Two public data sets of the anthropomorphic phantom that Flouris et al. simulate (see README.md of the resources):
 
-* CT-Phantom4Radiomics, TCIA, doi 10.7937/a1v1-rc66, CC BY 4.0: the paper's tandem study, 8 parameter groups,
-  one scanner. Features (public repository Joingl/radiomic-features) are of the largest 2D cross-section of each ROI,
-  pixel spacing 1, on stored values (HU + 1024), bin width 25.
-* CT4Harmonization-Multicentric, TCIA, CC BY 4.0: here one Siemens SOMATOM Definition Edge, 1, 3 and 10 mGy,
-  two reconstructions. Features (public repository mariamartinasiain/radiomics_phantom_dose_analysis, MIT)
-  are 3D, in HU.
+* CT-Phantom4Radiomics, TCIA, doi 10.7937/a1v1-rc66, CC BY 4.0: 8 parameter groups on one scanner. The features
+  (public repository Joingl/radiomic-features) are those of the largest 2D cross-section of each ROI, with pixel
+  spacing 1 and bin width 25, on stored values (HU + 1024).
+* CT4Harmonization-Multicentric, TCIA, CC BY 4.0: one Siemens SOMATOM Definition Edge, 1, 3 and 10 mGy, two
+  reconstructions. The features (public repository mariamartinasiain/radiomics_phantom_dose_analysis, MIT) are 3D,
+  in HU.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ..io.files import read_csv
 from . import dose_series
 
 FIRST_REPOSITIONED = 21  # of 30 acquisitions; Flouris et al., Sci. Rep. 12, 4732 (2022), methods
-ACQUISITIONS = ("fixed", "all")  # without re-positioning, or with
+ACQUISITIONS = ("fixed", "all")  # without and with re-positioned acquisitions
 TISSUE_CLASSES = {
     "normal_1": "normal_liver",
     "normal_2": "normal_liver",
@@ -35,7 +35,7 @@ TISSUE_CLASSES = {
     "hemangioma": "hemangioma",
     "metastasis": "metastasis",
 }
-# The paper's names of the ROIs. The dose series names them by size; they are matched by mean HU.
+# Names of the ROIs in the paper and in the dose series, which names them by size. They are matched by mean HU.
 STUDY_ROIS = {
     "n1": "normal_1",
     "n2": "normal_2",
@@ -52,9 +52,9 @@ DOSE_ROIS = {
     "hemangioma": "hemangioma",
     "metastasis": "metastasis",
 }
-# Which of the two reconstructions is which is inferred from their noise: the noisier one is taken as FBP.
+# The data set does not name its reconstructions; the noisier one is taken as FBP.
 DOSE_RECONSTRUCTIONS = {1: "fbp", 2: "iterative"}
-# 2D regions have no TotalEnergy.
+# pyradiomics gives no TotalEnergy for 2D regions.
 STUDY_FEATURES = tuple(feature for feature in FEATURES if not feature.endswith("_TotalEnergy"))
 
 
@@ -70,7 +70,7 @@ def load_group_summary() -> pd.DataFrame:
 
 
 def group_means() -> pd.DataFrame:
-    """The means of `load_group_summary`, one row per group and ROI, one column per feature."""
+    """Means of `load_group_summary`: one row per group and ROI, one column per feature."""
     wide = load_group_summary().pivot(index=["group", "roi", "tissue_class"], columns="feature", values="mean")
     return wide.reset_index().rename_axis(columns=None)
 
@@ -78,48 +78,50 @@ def group_means() -> pd.DataFrame:
 def load_scores() -> pd.DataFrame:
     """Stability and discriminative power measured in CT-Phantom4Radiomics.
 
-    From stored values as published and from all 29 or 30 acquisitions, re-positioned ones among them. Not to be set
-    beside scores of fewer repeats: |W| grows with their root. See `load_score_draws`.
+    Scores of `statistics.wilcoxon.scores` at threshold 1, per ROI, over 8 groups (168 comparisons for stability, 104
+    for discrimination) from stored values and all 29 or 30 acquisitions, including re-positioned ones. Do not compare
+    them with scores from fewer repeats, because |W| grows with the square root of their number: use
+    `load_score_draws`.
 
     Returns
     -------
     DataFrame
-        Columns feature (85 of the 86), stability_percent, discrimination_percent; `statistics.wilcoxon.scores` at
-        threshold 1, ROI by ROI, over 8 groups: 168 comparisons for stability, 104 for discrimination.
+        Columns feature (85 of the 86), stability_percent, discrimination_percent.
     """
     return read_csv(RESOURCES / "ct_phantom4radiomics_scores.csv")
 
 
 def load_score_draws(repeats: int, acquisitions: str = "fixed") -> pd.DataFrame:
-    """The scores of `load_scores` from random subsamples of as many acquisitions as a study has repeats.
+    """Scores as in `load_scores` from random subsamples with as many acquisitions as a study has repeats.
 
     Parameters
     ----------
     repeats : int
-        Acquisitions of each group, at least 2.
+        Acquisitions of each group, at least 2. Larger numbers than the available ones are reduced to these.
     acquisitions : {"fixed", "all"}, optional
-        "fixed": of the 19 that all groups have without re-positioning; "all": of all 29.
+        "fixed": from the 19 that all groups have without re-positioning; "all": from all 29.
 
     Returns
     -------
     DataFrame
-        One row per draw and feature, as `statistics.repeats.draws`. More repeats than there are acquisitions are
-        brought down to these; column repeats says to how many.
+        One row per draw and feature, as in `statistics.repeats.score_draws`.
 
     Raises
     ------
     InputError
-        For another word, or repeats that were not drawn.
+        For unknown `acquisitions`, or a number of repeats without draws.
     """
-    kept = read_csv(RESOURCES / "ct_phantom4radiomics_draws.csv")
-    kept = kept[kept["acquisitions"] == acquisitions]
-    if kept.empty:
+    draws = read_csv(RESOURCES / "ct_phantom4radiomics_draws.csv")
+    draws = draws[draws["acquisitions"] == acquisitions]
+    if draws.empty:
         raise InputError(f"measured scores: {acquisitions!r} is not known; choose from {', '.join(ACQUISITIONS)}")
-    kept = kept[kept["repeats"] == min(repeats, kept["repeats"].max())]
-    if kept.empty:
-        raise InputError(f"measured scores: none were drawn of {repeats} of {acquisitions} acquisitions")
+    draws = draws[draws["repeats"] == min(repeats, draws["repeats"].max())]
+    if draws.empty:
+        raise InputError(
+            f"measured scores: there are no draws of {repeats} acquisitions from {acquisitions!r}; use at least 2"
+        )
     keys = ["repeats", "of", "draw"]
-    counts = kept.melt(id_vars=[*keys, "kind", "comparisons"], value_vars=list(STUDY_FEATURES), var_name="feature")
+    counts = draws.melt(id_vars=[*keys, "kind", "comparisons"], value_vars=list(STUDY_FEATURES), var_name="feature")
     counts["percent"] = 100 * counts["value"] / counts["comparisons"]
     wide = counts.pivot(index=[*keys, "feature"], columns="kind", values="percent").reset_index()
     order = wide["feature"].map(STUDY_FEATURES.index)
@@ -139,28 +141,23 @@ def load_dose_series() -> pd.DataFrame:
 
 
 def load_full_table(path: str | Path) -> pd.DataFrame:
-    """The full table of CT-Phantom4Radiomics features, in this project's names, values as stored (HU + 1024).
-
-    Parameters
-    ----------
-    path : str or Path
-        The published CSV as it is.
+    """Read the published CSV of CT-Phantom4Radiomics features; values are as stored (HU + 1024).
 
     Returns
     -------
     DataFrame
-        Columns scan, group, acquisition (1 to 30, the same one in all groups: `true_acquisition`), repositioned (0 or
-        1), roi, tissue_class, n_voxels, 85 features.
+        Columns scan, group, acquisition (1 to 30, see `true_acquisition`), repositioned (0 or 1), roi, tissue_class,
+        n_voxels, 85 features.
 
     Raises
     ------
     InputError
-        If the file is missing, lacks a column, or holds an ROI, a group or values that do not belong.
+        If the file is missing, lacks a column, or has an unknown ROI or group, or values that are not finite.
     """
     raw = _source_table(path, ["scan_id", "group", "class", "mask size"], STUDY_FEATURES, {"class": STUDY_ROIS})
     scan = raw["scan_id"].astype(str).str.extract(r"^(\d{3})-", expand=False)
     if scan.isna().any() or (scan.str[0].astype(int) != raw["group"]).any():
-        raise InputError(f"{path}: has a scan_id that does not begin with the digit of its group")
+        raise InputError(f"{path}: a scan_id does not begin with the digit of its group; use the published table")
     roi = raw["class"].map(STUDY_ROIS)
     acquisition = true_acquisition(raw["group"].to_numpy(), scan.str[1:].astype(int).to_numpy())
     keys = pd.DataFrame(
@@ -178,18 +175,18 @@ def load_full_table(path: str | Path) -> pd.DataFrame:
 
 
 def true_acquisition(group: np.ndarray, number: np.ndarray) -> np.ndarray:
-    """Which of the 30 acquisitions a scan of CT-Phantom4Radiomics reconstructs.
+    """Acquisition (1 to 30) that a scan of CT-Phantom4Radiomics reconstructs.
 
-    All groups reconstruct the same acquisitions, but groups 1 and 2 leave out the first and count from the second, and
-    group 3 counts some backwards. Found from the ROIs' means, which the groups share but for their reconstruction, and
-    held against the masks' places, which are another after each re-positioning (tests/test_measured.py).
+    All groups reconstruct the same acquisitions, but groups 1 and 2 start with the second, and group 3 numbers some of
+    them backwards. This was found from the ROI means, which agree between groups, and checked with the positions of the
+    masks, which change with each re-positioning (tests/test_measured.py).
 
     Parameters
     ----------
     group : array_like of int
         1 to 8.
     number : array_like of int
-        That in the scan's name, digits 2 and 3.
+        Digits 2 and 3 of the scan's name.
     """
     group, number = np.asarray(group), np.asarray(number)
     third = np.select(
@@ -199,12 +196,7 @@ def true_acquisition(group: np.ndarray, number: np.ndarray) -> np.ndarray:
 
 
 def load_full_dose_series(path: str | Path) -> pd.DataFrame:
-    """The full table of the dose series of CT4Harmonization-Multicentric, in this project's names, HU.
-
-    Parameters
-    ----------
-    path : str or Path
-        The published CSV as it is.
+    """Read the published CSV of the dose series of CT4Harmonization-Multicentric; values are in HU.
 
     Returns
     -------
@@ -214,7 +206,7 @@ def load_full_dose_series(path: str | Path) -> pd.DataFrame:
     Raises
     ------
     InputError
-        If the file is missing, lacks a column, or holds an ROI, a reconstruction or values that do not belong.
+        If the file is missing, lacks a column, or has an unknown ROI or reconstruction, or values that are not finite.
     """
     known = {"roi6": DOSE_ROIS, "recon_code": DOSE_RECONSTRUCTIONS}
     raw = _source_table(path, ["dose_mGy", "recon_code", "repeat", "roi6"], FEATURES, known)
@@ -232,30 +224,26 @@ def load_full_dose_series(path: str | Path) -> pd.DataFrame:
 
 
 def _source_table(path, columns, features, known) -> pd.DataFrame:
-    """A published table as it is; InputError if it lacks columns, or holds words that are not `known` or no numbers."""
-    raw = read_table(path, advice="give the published table as it is")
+    """Read a published table; InputError for missing columns, values that are not `known`, or non-finite features."""
+    raw = read_table(path, advice="use the published table")
     if missing := [column for column in (*columns, *features) if column not in raw]:
-        raise InputError(f"{path}: lacks {len(missing)} column(s) of the published table, the first {missing[0]!r}")
-    for column, words in known.items():
-        if strange := sorted(map(str, set(raw[column]) - set(words))):
-            raise InputError(f"{path}: {column} {strange[0]!r} is unknown; known are {', '.join(map(str, words))}")
+        raise InputError(
+            f"{path}: lacks {len(missing)} column(s) of the published table, the first {missing[0]!r}; use the "
+            "published table"
+        )
+    for column, values in known.items():
+        if unknown := sorted(map(str, set(raw[column]) - set(values))):
+            raise InputError(f"{path}: {column} {unknown[0]!r} is unknown; known are {', '.join(map(str, values))}")
     if not np.isfinite(raw[list(features)].to_numpy(dtype=np.float64)).all():
-        raise InputError(f"{path}: has features that are not finite")
+        raise InputError(f"{path}: has features that are not finite; use the published table")
     consistency.check(raw, str(path))
     return raw.reset_index(drop=True)
 
 
 def load_published_top() -> pd.DataFrame:
-    """The ten highest-ranked features of the paper's appendix table, in pyradiomics' names.
+    """Ten highest-ranked features in the appendix of Flouris et al., Sci. Rep. 12, 2022, with pyradiomics names.
 
-    Returns
-    -------
-    DataFrame
-        Columns kind (stability | discrimination), source (simulator | phantom), rank, feature.
-
-    References
-    ----------
-    Flouris et al., Sci. Rep. 12, 2022.
+    Columns: kind (stability | discrimination), source (simulator | phantom), rank, feature.
     """
     return read_csv(RESOURCES / "published_top_features.csv")
 

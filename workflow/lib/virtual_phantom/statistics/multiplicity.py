@@ -1,4 +1,4 @@
-"""p-values of many tests at once."""
+"""Adjusted p-values for multiple tests."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import scipy
 
 
 def bonferroni(p: np.ndarray | float, tests: int) -> np.ndarray:
-    """p-values of the smallest of so many: an error of 5 % in all of the tests together."""
+    """Bonferroni-adjusted p-values, which control the family-wise error rate."""
     return np.minimum(1.0, np.asarray(p, float) * tests)
 
 
 def holm(p: np.ndarray) -> np.ndarray:
-    """Holm's step-down adjusted p-values (Scand. J. Stat. 6, 65, 1979): an error of 5 % in all tests together."""
+    """Holm's step-down adjusted p-values (Scand. J. Stat. 6, 65, 1979), which control the family-wise error rate."""
     order = np.argsort(p, kind="stable")
     steps = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
     adjusted = np.empty_like(p)
@@ -21,5 +21,5 @@ def holm(p: np.ndarray) -> np.ndarray:
 
 
 def benjamini_yekutieli(p: np.ndarray) -> np.ndarray:
-    """False discovery rates, valid however the tests depend on each other (Ann. Stat. 29, 1165, 2001)."""
+    """False discovery rates that are valid for any dependence of the tests (Ann. Stat. 29, 1165, 2001)."""
     return scipy.stats.false_discovery_control(p, method="by")

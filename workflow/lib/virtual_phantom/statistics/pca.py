@@ -1,7 +1,7 @@
-"""Principal components of the features, and how well tissue classes separate in their plane.
+"""Principal components of the features, and the separation of tissue classes in the plane of the first two.
 
-Flouris et al., Sci. Rep. 2022: the first two components of all features, simulated over measured. Features
-are standardised first, as they span many orders of magnitude.
+As in Flouris et al., Sci. Rep. 2022, with simulated and measured features. Features are standardized first, because
+they span many orders of magnitude.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..features.tables import ACQUISITION, finite_values
 
 FIT_ON = ("simulated", "measured", "pooled")
 STANDARDISE = ("each", "together")
-# Columns that one of the two sets lacks.
+# Columns that only one of the two sets has.
 NULLABLE = {
     "protocol": "string",
     "algorithm": "string",
@@ -39,31 +39,32 @@ def project(
     fit_on: str = "simulated",
     standardise: str = "each",
 ) -> pd.DataFrame:
-    """Simulated and measured features in the plane of the first two principal components.
+    """Project simulated and measured features onto the first two principal components.
 
     Parameters
     ----------
     simulated : DataFrame
-        Rows with ACQUISITION, roi, tissue_class and features.
+        Columns ACQUISITION, roi, tissue_class and features.
     measured : DataFrame, optional
-        Rows with group, roi, tissue_class and features; features of only one table are left out.
+        Columns group, roi, tissue_class and features, optionally condition. Features that only one table has are
+        ignored.
     fit_on : {"simulated", "measured", "pooled"}, optional
-        Whose components.
+        Set that the components are fitted on.
     standardise : {"each", "together"}, optional
-        "each": each set by its own mean and SD, so that offsets of a whole set (2D against 3D, voxel size) do not show
-        and only the layout is compared; "together": both by those of the set fitted on.
+        "each" standardizes each set by its own mean and SD, which hides offsets between the sets (2D and 3D features,
+        voxel size). "together" uses the mean and SD of the set fitted on.
 
     Returns
     -------
     DataFrame
-        Rows of source, ACQUISITION, group, roi, tissue_class, condition where measured rows name theirs, pc1, pc2,
-        explained_pc1_percent and explained_pc2_percent (of the set fitted on). The sign of an axis is such that its
-        largest loading is positive.
+        Columns source, ACQUISITION, group, roi, tissue_class, condition (if measured has it), pc1, pc2,
+        explained_pc1_percent and explained_pc2_percent (of the set fitted on). The largest loading of each component is
+        positive.
 
     Raises
     ------
     InputError
-        For an unknown choice, a measured fit without measured data, or values that are not finite.
+        For an unknown choice, a fit on measured features without a table of them, or values that are not finite.
     """
     for key, value, allowed in (("fit_on", fit_on, FIT_ON), ("standardise", standardise, STANDARDISE)):
         if value not in allowed:
@@ -82,7 +83,7 @@ def project(
     basis = np.concatenate([values[source] for source in fitted])
     if min(basis.shape) < 2:
         raise InputError(
-            f"pca: {basis.shape[0]} rows of {basis.shape[1]} features; two components need at least two each"
+            f"pca: {basis.shape[0]} rows and {basis.shape[1]} features; two components need at least two of each"
         )
     model = PCA(n_components=2, svd_solver="full").fit(basis)
     loadings = model.components_
@@ -96,35 +97,35 @@ def project(
     for source, table in tables.items():
         scores = model.transform(values[source]) * signs
         part = table.assign(source=source).reindex(columns=columns)
-        part = part.astype({name: of for name, of in NULLABLE.items() if name in columns})
+        part = part.astype({name: dtype for name, dtype in NULLABLE.items() if name in columns})
         parts.append(part.assign(pc1=scores[:, 0], pc2=scores[:, 1]))
     result = pd.concat(parts, ignore_index=True)
     return result.assign(explained_pc1_percent=explained[0], explained_pc2_percent=explained[1])
 
 
 def separability(points: pd.DataFrame, name: str) -> pd.DataFrame:
-    """How many points a linear discriminant in the plane of components puts into the right tissue class.
+    """Cross-validated accuracy of a linear discriminant for the tissue class in the plane of the components.
 
-    Cross-validated by leaving out one setting at a time (protocol and noise level; a measured group), so that
-    no point is judged by repeats of its own setting; with a single setting, one repeat (seed) at a time.
+    Each fold omits one setting (protocol and noise level, or measured group), so that no point is classified with the
+    help of repeats of its own setting. With a single setting, each fold omits one repeat (seed).
 
     Parameters
     ----------
     points : DataFrame
         From `project`.
     name : str
-        Of the analysis, copied into the column pca.
+        Name of the analysis, for the column pca.
 
     Returns
     -------
     DataFrame
-        One row per source: pca, source, left_out (setting | repeat), accuracy (0 to 1), largest_class (what guessing
-        the commonest class would reach), n (points).
+        One row per source: pca, source, left_out (setting | repeat), accuracy (0 to 1), largest_class (accuracy of
+        always choosing the most frequent class), n (points).
 
     Raises
     ------
     InputError
-        For fewer than two classes, if nothing can be left out, or if what remains is not more points than classes.
+        For fewer than two classes or two folds, or if a fold has no more points than there are classes.
     """
     rows = []
     for source, part in points.groupby("source", sort=False):
@@ -134,12 +135,12 @@ def separability(points: pd.DataFrame, name: str) -> pd.DataFrame:
         left_out, blocks = ("setting", setting) if setting.nunique() > 1 else ("repeat", repeat)
         if len(np.unique(classes)) < 2 or blocks.nunique() < 2:
             raise InputError(
-                f"pca {name}: {source} points need at least two tissue classes and two settings or repeats"
+                f"pca {name}: {source} points need at least two tissue classes, and two settings or repeats"
             )
         if len(part) - blocks.value_counts().max() <= len(np.unique(classes)):
             raise InputError(
-                f"pca {name}: with one {left_out} left out, {source} points are no more than the tissue classes; "
-                "give more repeats or settings"
+                f"pca {name}: without one {left_out} there are no more {source} points than tissue classes; "
+                "use more repeats or settings"
             )
         predicted = cross_val_predict(
             LinearDiscriminantAnalysis(),

@@ -1,8 +1,8 @@
-"""How much the stability of features changes by physics, with an interval.
+"""Change of the stability of features by physics, with a confidence interval.
 
-The interval of the difference comes from those of both values (MOVER; Newcombe, Stat. Med. 17, 873, 1998; Donner and
-Zou, Stat. Methods Med. Res. 21, 347, 2012), as if their noise were independent. Where draws are common to all scans it
-is not; the interval is then too wide.
+The interval of the difference is computed from the intervals of both values (MOVER; Newcombe, Stat. Med. 17, 873, 1998;
+Donner and Zou, Stat. Methods Med. Res. 21, 347, 2012). It assumes independent noise and is too wide if all scans share
+their random realizations.
 """
 
 from __future__ import annotations
@@ -13,20 +13,23 @@ import pandas as pd
 VALUES = ("stability_percent", "ci95_low", "ci95_high")
 
 
-def table(with_physics: pd.DataFrame, without: pd.DataFrame) -> pd.DataFrame:
-    """The stability of every feature with physics and without.
+def stability_change(with_physics: pd.DataFrame, without: pd.DataFrame) -> pd.DataFrame:
+    """Stability of every feature with and without physics.
 
     Parameters
     ----------
     with_physics, without : DataFrame
-        As `trust.table` gives them, of the same features.
+        From `trust.trust_table`, with the same features.
 
     Returns
     -------
     DataFrame
-        One row per feature, in percent where a name says so: feature, family, without_percent, without_low,
-        without_high, with_percent, with_low, with_high, change_percent (with less without), ci95_low, ci95_high (its
-        95 % interval), changed (yes: the interval does not hold 0; no; undecided: there is no interval).
+        One row per feature, values in percent:
+
+        * feature, family
+        * without_percent, without_low, without_high, with_percent, with_low, with_high
+        * change_percent: with minus without physics; ci95_low, ci95_high: its 95 % interval
+        * changed: yes if the interval excludes 0, no if not, undecided without an interval
     """
     both = with_physics[["feature", "family", *VALUES]].merge(
         without[["feature", *VALUES]], on="feature", suffixes=("_with", "_without"), validate="one_to_one"
@@ -34,9 +37,10 @@ def table(with_physics: pd.DataFrame, without: pd.DataFrame) -> pd.DataFrame:
     value, low, high = (both[f"{name}_with"].to_numpy(float) for name in VALUES)
     before, before_low, before_high = (both[f"{name}_without"].to_numpy(float) for name in VALUES)
     change = value - before
-    # An interval of the expected stability can end short of the value that was found.
-    reach = [np.maximum(one, 0.0) for one in (value - low, high - value, before - before_low, before_high - before)]
-    least, most = change - np.hypot(reach[0], reach[3]), change + np.hypot(reach[1], reach[2])
+    # The interval of the expected stability may exclude the observed value.
+    arms = (value - low, high - value, before - before_low, before_high - before)
+    below, above, before_below, before_above = (np.maximum(arm, 0.0) for arm in arms)
+    least, most = change - np.hypot(below, before_above), change + np.hypot(above, before_below)
     changed = np.where(np.isnan(least), "undecided", np.where((least > 0) | (most < 0), "yes", "no"))
     return pd.DataFrame(
         {

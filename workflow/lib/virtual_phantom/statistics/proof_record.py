@@ -1,7 +1,7 @@
-"""The record of the blind test: counts of every seed that was looked at, and how often stated intervals held.
+"""Record of the blind validation: counts of every scored seed, and coverage of the stated intervals.
 
-Apart from the proof itself, of which a diagnosis knows nothing: it reads counts alone, to say what its intervals are
-worth.
+Separate from the blind validation itself, which a diagnosis must not know. A diagnosis reads these counts to report the
+coverage of its intervals.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ import yaml
 from ..base.errors import InputError, refusing
 from ..io.files import read_text
 
-# What is counted, and what it is called.
+# {count: description}
 QUANTITIES = {
-    "first_medium_or_strong": "one effect of medium or strong strength: named first",
-    "first_weak": "one weak effect: named first",
+    "first_medium_or_strong": "one effect of medium or strong size: ranked first",
+    "first_weak": "one weak effect: ranked first",
     "pairs": "two effects: both named",
-    "false_alarms": "nothing concealed: false alarms",
-    "unknown": "an effect that the library lacks: something left unexplained",
-    "exact": "precisely what was concealed, and nothing else",
-    "intervals": "95 % intervals of parameters that held the truth",
+    "false_alarms": "no hidden effect: false alarms",
+    "unknown": "an effect outside of Virtual Phantom: reported as unexplained",
+    "exact": "exactly the hidden effects, and no others",
+    "intervals": "95 % intervals of parameters that covered the true value",
 }
 
 
 @dataclass(frozen=True)
-class Held:
-    """How many 95 % intervals of these effects' parameters held the truth."""
+class IntervalCoverage:
+    """Number of 95 % intervals of these effects' parameters that covered the true value."""
 
     effects: tuple[str, ...]
     count: int
@@ -37,23 +37,23 @@ class Held:
 
 
 @dataclass(frozen=True)
-class Entry:
-    """One seed.
+class SeedResult:
+    """Scores of one seed.
 
     Attributes
     ----------
     unseen : bool
-        Nobody had looked at it and nothing was tuned on it when it was scored.
+        Whether nothing had been tuned on this seed, and nobody had looked at it, when it was scored.
     state : str
-        Of the code that was run.
+        State of the code that was run.
     note : str
-        In what it differs from others.
+        Differences from the other seeds.
     cases : int or None
-        Of the suite; None if it was never run as a whole.
+        Number of cases; None if the suite was not run completely.
     counts : mapping of str to tuple of 2 int
-        {name of QUANTITIES: (how many, of how many)}; empty if it was never run as a whole.
-    coverage : tuple of Held
-        By effect, or by groups of effects where no more was kept.
+        {name of QUANTITIES: (count, n)}; empty if the suite was not run completely.
+    coverage : tuple of IntervalCoverage
+        Per effect, or per group of effects if the record has no more detail.
     """
 
     seed: int
@@ -62,92 +62,79 @@ class Entry:
     note: str
     cases: int | None = None
     counts: Mapping[str, tuple[int, int]] = field(default_factory=dict)
-    coverage: tuple[Held, ...] = ()
+    coverage: tuple[IntervalCoverage, ...] = ()
 
 
-def read(path: str | Path) -> tuple[Entry, ...]:
-    """All entries, in the order of the file.
-
-    Raises
-    ------
-    InputError
-        If it is missing or broken, or names a seed twice.
-    """
+def read_proof_record(path: str | Path) -> tuple[SeedResult, ...]:
+    """Read the results of all seeds; InputError if the file is missing or broken, or has a seed twice."""
     kinds = (OSError, KeyError, TypeError, ValueError, AttributeError, yaml.YAMLError)
-    with refusing(f"{path}: is no record of the proof", *kinds, advice="restore it"):
-        entries = tuple(_entry(one) for one in yaml.safe_load(read_text(path, "restore it")))
-    seeds = [entry.seed for entry in entries]
+    with refusing(f"{path}: is not a record of the blind validation", *kinds, advice="restore it"):
+        results = tuple(_seed_result(entry) for entry in yaml.safe_load(read_text(path, "restore it")))
+    seeds = [result.seed for result in results]
     if twice := sorted({seed for seed in seeds if seeds.count(seed) > 1}):
-        raise InputError(f"{path}: has seed {twice[0]} twice; a seed counts once, as it was first scored")
-    return entries
+        raise InputError(f"{path}: has seed {twice[0]} twice; keep the first score of a seed")
+    return results
 
 
-def _entry(one: Mapping) -> Entry:
-    counts = {name: _pair(pair) for name, pair in one.get("counts", {}).items()}
+def _seed_result(entry: Mapping) -> SeedResult:
+    seed, unseen = entry["seed"], entry["unseen"]
+    counts = {name: _pair(pair) for name, pair in entry.get("counts", {}).items()}
     if counts and set(counts) != set(QUANTITIES):
-        raise ValueError(f"seed {one['seed']} needs the counts {', '.join(QUANTITIES)}")
-    coverage = tuple(Held(tuple(sorted(part["effects"])), *_pair(part["held"])) for part in one.get("coverage", ()))
-    if not isinstance(one["unseen"], bool):
-        raise ValueError(f"unseen of seed {one['seed']} is neither true nor false")
-    return Entry(
-        int(one["seed"]), one["unseen"], str(one["state"]), str(one["note"]), one.get("cases"), counts, coverage
+        raise ValueError(f"seed {seed} needs the counts {', '.join(QUANTITIES)}")
+    coverage = tuple(
+        IntervalCoverage(tuple(sorted(part["effects"])), *_pair(part["held"])) for part in entry.get("coverage", ())
     )
+    if not isinstance(unseen, bool):
+        raise ValueError(f"unseen of seed {seed} is neither true nor false")
+    return SeedResult(int(seed), unseen, str(entry["state"]), str(entry["note"]), entry.get("cases"), counts, coverage)
 
 
 def _pair(pair: Sequence) -> tuple[int, int]:
     count, n = pair
     if not (isinstance(count, int) and isinstance(n, int) and 0 <= count <= n):
-        raise ValueError(f"{pair} are not so many of so many")
+        raise ValueError(f"{pair} is not a count and its total")
     return count, n
 
 
-def pooled(entries: Iterable[Entry]) -> dict[str, tuple[int, int]]:
+def pooled_counts(results: Iterable[SeedResult]) -> dict[str, tuple[int, int]]:
     """Counts over all seeds that were unseen and scored."""
-    counted = [entry.counts for entry in entries if entry.unseen and entry.counts]
-    return {name: _sum(one[name] for one in counted) for name in QUANTITIES}
+    counts = [result.counts for result in results if result.unseen and result.counts]
+    return {name: _sum(seed_counts[name] for seed_counts in counts) for name in QUANTITIES}
 
 
-def held(entries: Iterable[Entry], effect: str) -> Held | None:
-    """How often intervals of an effect's parameters held over the unseen seeds.
+def interval_coverage(results: Iterable[SeedResult], effect: str) -> IntervalCoverage | None:
+    """Coverage of the intervals of an effect's parameters over the unseen seeds; None if it is unknown.
 
-    Of a seed that kept groups alone the group counts that the effect is in; `effects` are all that counted together.
-
-    Returns
-    -------
-    Held or None
-        None if nothing is known of it.
+    If a seed has counts for groups of effects only, the smallest group with this effect is used. `effects` of the
+    result are all effects that were counted.
     """
     found = []
-    for entry in entries:
-        if entry.unseen and (parts := [part for part in entry.coverage if effect in part.effects]):
+    for result in results:
+        if result.unseen and (parts := [part for part in result.coverage if effect in part.effects]):
             found.append(min(parts, key=lambda part: len(part.effects)))
     if not found:
         return None
-    together = tuple(sorted({name for part in found for name in part.effects}))
-    return Held(together, *_sum((part.count, part.n) for part in found))
+    effects = tuple(sorted({name for part in found for name in part.effects}))
+    return IntervalCoverage(effects, *_sum((part.count, part.n) for part in found))
 
 
-def with_coverage(content: dict, entries: Sequence[Entry]) -> dict:
-    """What diagnosis.json holds, each parameter with how often intervals for noise alone held the truth.
+def with_coverage(content: dict, results: Sequence[SeedResult]) -> dict:
+    """Add the coverage of noise-only intervals in the blind validation to the content of diagnosis.json.
 
-    Returns
-    -------
-    dict
-        The content with, beside every `ci95`, `ci95_held`: {count, n, effects, all: {count, n}} of this effect's
-        parameters, or of all the `effects` that were counted together (None each if nothing is known of it), and of all
-        effects.
+    Every parameter gets `ci95_held`: {count, n, effects, all: {count, n}}. `effects` are the effects that were counted
+    together; count, n and effects are None if the coverage is unknown. `all` counts all effects.
     """
-    count, n = pooled(entries)["intervals"]
+    count, n = pooled_counts(results)["intervals"]
 
-    def known(effect: str) -> dict:
-        part = held(entries, effect)
-        own = {"count": part.count, "n": part.n, "effects": list(part.effects)} if part else None
-        return (own or dict.fromkeys(("count", "n", "effects"))) | {"all": {"count": count, "n": n}}
+    def coverage(effect: str) -> dict:
+        part = interval_coverage(results, effect)
+        known = {"count": part.count, "n": part.n, "effects": list(part.effects)} if part else None
+        return (known or dict.fromkeys(("count", "n", "effects"))) | {"all": {"count": count, "n": n}}
 
     effects = []
-    for one in content["effects"]:
-        told = {"ci95_held": known(one["name"])}
-        effects.append(one | {"parameters": {key: value | told for key, value in one["parameters"].items()}})
+    for effect in content["effects"]:
+        added = {"ci95_held": coverage(effect["name"])}
+        effects.append(effect | {"parameters": {key: value | added for key, value in effect["parameters"].items()}})
     return content | {"effects": effects}
 
 

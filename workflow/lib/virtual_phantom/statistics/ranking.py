@@ -1,8 +1,7 @@
-"""The highest-scoring features, and how far two rankings agree.
+"""The highest-scoring features, and the agreement of two rankings.
 
-Scores are fractions of a few dozen comparisons, so many features tie. Where a list must be printed, ties
-stand in the order of names.FEATURES and are marked. Where two lists are compared, the order within a tie
-is taken as random.
+Scores are fractions of a few dozen comparisons, so many features tie. Printed lists order ties as in names.FEATURES and
+mark them. Comparisons of lists treat the order within a tie as random.
 """
 
 from __future__ import annotations
@@ -14,17 +13,17 @@ import pandas as pd
 
 from ..base.errors import InputError
 from ..base.streams import generator
-from .repeats import share_drawn, spread
+from .repeats import sampling_fraction, sd_of_draws
 
 KINDS = ("stability", "discrimination")
-UNRELATED = 2000  # random lists: the ends of a 95 % band are then those of 94 to 96 %
-NULL_SEED = 86  # of the stream of random lists, the same in every study
+RANDOM_LISTS = 2000  # the limits of a 95 % band then enclose 94 to 96 %
+NULL_SEED = 86  # seed of the random lists, the same in every study
 
 
-def top(
+def top_features(
     scores: pd.DataFrame, published: pd.DataFrame | None = None, measured: pd.DataFrame | None = None, n: int = 10
 ) -> pd.DataFrame:
-    """The n most stable and most discriminative features beside the measured and published ones.
+    """The n most stable and most discriminative features, with the measured and published ones.
 
     Parameters
     ----------
@@ -33,24 +32,27 @@ def top(
     published : DataFrame, optional
         Columns kind, rank, source (simulator | phantom), feature.
     measured : DataFrame, optional
-        From `repeats.draws`: the best by their means over draws.
+        From `repeats.score_draws`; features are ranked by their mean over draws.
     n : int, optional
-        Fewer where fewer features were scored.
+        At most the number of scored features.
 
     Returns
     -------
     DataFrame
-        Per rank and kind: {kind}_simulated, {kind}_simulated_percent, {kind}_simulated_tied (how many features share
-        the score: where this is more than one, rank and even membership follow the order of names, not merit),
-        {kind}_measured, {kind}_measured_percent and {kind}_measured_sd (with `measured`), {kind}_published_simulator
-        and {kind}_published_phantom (with `published`).
+        One row per rank. Columns for both kinds of score:
+
+        * {kind}_simulated, {kind}_simulated_percent
+        * {kind}_simulated_tied: number of features with the same score. If it is larger than one, the order of names
+          decides rank and membership.
+        * with `measured`: {kind}_measured, {kind}_measured_percent, {kind}_measured_sd
+        * with `published`: {kind}_published_simulator, {kind}_published_phantom
 
     Raises
     ------
     InputError
         If scores lack a column or are not finite.
     """
-    _check(scores, "scores of the simulation")
+    _check(scores, "simulated scores")
     if measured is not None:
         _check(measured, "measured scores")
     n = min(n, len(scores))
@@ -66,7 +68,7 @@ def top(
             best = drawn[measured["feature"].unique()].mean().sort_values(ascending=False, kind="stable").index[:n]
             columns[f"{kind}_measured"] = best.to_numpy()
             columns[f"{kind}_measured_percent"] = drawn[best].mean().to_numpy()
-            columns[f"{kind}_measured_sd"] = spread(drawn[best].to_numpy(), share_drawn(measured))
+            columns[f"{kind}_measured_sd"] = sd_of_draws(drawn[best].to_numpy(), sampling_fraction(measured))
         for source in ("simulator", "phantom") if published is not None else ():
             chosen = (published["kind"] == kind) & (published["source"] == source)
             column = published[chosen].set_index("rank")
@@ -75,16 +77,9 @@ def top(
 
 
 def membership(scores: np.ndarray, n: int) -> np.ndarray:
-    """Probability that each item is among the n highest scores, ties broken at random.
+    """Probability that each item is among the n highest scores, with ties broken at random.
 
-    Parameters
-    ----------
-    scores : array_like, shape (items,)
-
-    Returns
-    -------
-    ndarray, shape (items,)
-        1 above the n-th highest score, 0 below, and within the tie across the cut the share of places left.
+    1 above the n-th highest score, 0 below it. Items with exactly that score share the remaining ranks equally.
     """
     scores = np.asarray(scores, dtype=np.float64)
     cut = np.sort(scores)[-n]
@@ -92,24 +87,20 @@ def membership(scores: np.ndarray, n: int) -> np.ndarray:
     return above + tied * (n - above.sum()) / tied.sum()
 
 
-def heads(scores: np.ndarray) -> np.ndarray:
-    """`membership` for every n, shape (lengths, items)."""
+def memberships(scores: np.ndarray) -> np.ndarray:
+    """`membership` for every n: shape (lengths, items)."""
     return np.array([membership(scores, n) for n in range(1, len(scores) + 1)])
 
 
 def expected_overlap(a: np.ndarray, b: np.ndarray, n: int) -> float:
-    """Mean number of items that the n highest of two lists of scores share.
-
-    Ties in each list are broken at random, independently. Without ties it is the plain count.
-    """
+    """Expected number of items among the n highest scores of both lists, with ties broken at random."""
     return float(membership(a, n) @ membership(b, n))
 
 
 def shared_variance(table: pd.DataFrame, features: Sequence[str]) -> pd.DataFrame:
-    """How much of their order every two features share.
+    """Squared Spearman correlation between features over the rows of an ROI, averaged over ROIs.
 
-    The square of Spearman's coefficient over all rows of an ROI, as a mean over ROIs. A feature that does not vary in
-    an ROI shares nothing there.
+    A feature that does not vary in an ROI has a correlation of 0 there.
 
     Parameters
     ----------
@@ -119,7 +110,6 @@ def shared_variance(table: pd.DataFrame, features: Sequence[str]) -> pd.DataFram
     Returns
     -------
     DataFrame, shape (features, features)
-        Symmetric.
     """
     squares = np.zeros((len(features), len(features)))
     rois = [rows[list(features)].rank().to_numpy() for _, rows in table.groupby("roi")]
@@ -133,68 +123,72 @@ def shared_variance(table: pd.DataFrame, features: Sequence[str]) -> pd.DataFram
     return pd.DataFrame(squares, index=list(features), columns=list(features))
 
 
-def unrelated_overlaps(heads: np.ndarray, shared: np.ndarray) -> np.ndarray:
-    """Overlaps, for every length, of UNRELATED random lists with a given one.
+def random_overlaps(given: np.ndarray, shared: np.ndarray) -> np.ndarray:
+    """Overlap of RANDOM_LISTS random lists with a given list, as a fraction of every length.
 
-    Features that order images alike rank alike, whatever they are worth. A random list is a draw of scores from a
-    normal distribution whose correlations are the squares of the features': a score counts |W| over many pairs of
-    groups, and where groups differ in nothing the scores of two features correlate by 0.95 of that square (r = 0.95
-    over all pairs of features of the measured table, its groups permuted; tests/statistics/test_statistics_ranking.py).
+    Correlated features have similar ranks by chance. The scores of a random list are therefore drawn from a normal
+    distribution whose correlations are the squared correlations of the features. W gives such scores for groups that do
+    not differ. In the measured table with permuted groups, the correlation of two scores is 0.95 times that square
+    (r = 0.95 over pairs of features; tests/statistics/test_statistics_ranking.py).
 
     Parameters
     ----------
-    heads : ndarray, shape (lengths, items)
-        Probability that an item is among the n highest (rows, n = 1, 2, ...) of the given list.
+    given : ndarray, shape (lengths, items)
+        `memberships` of the given list.
     shared : ndarray, shape (items, items)
         Covariance of the items' scores in a random list: `shared_variance`.
 
     Returns
     -------
     ndarray, shape (lists, lengths)
-        Shares of 1.
     """
     values, vectors = np.linalg.eigh(shared)
     root = vectors * np.sqrt(np.clip(values, 0, None))
-    lists = generator(NULL_SEED).standard_normal((UNRELATED, len(shared))) @ root.T
+    lists = generator(NULL_SEED).standard_normal((RANDOM_LISTS, len(shared))) @ root.T
     lengths = np.arange(1, len(shared) + 1)
-    return np.array([np.tril(heads[:, order]).sum(axis=1) for order in np.argsort(-lists, axis=1)]) / lengths
+    return np.array([np.tril(given[:, order]).sum(axis=1) for order in np.argsort(-lists, axis=1)]) / lengths
 
 
 def overlap(simulated: pd.DataFrame, measured: pd.DataFrame, shared: pd.DataFrame, level: float = 0.95) -> pd.DataFrame:
-    """Overlap of the n best simulated and measured features, for every n, as in the paper's overlap figure.
+    """Overlap of the n best simulated and measured features, for every n (figure 5 of Flouris et al., 2022).
 
     Parameters
     ----------
     simulated : DataFrame
-        Columns feature, stability_percent and discrimination_percent.
+        Columns feature, stability_percent, discrimination_percent.
     measured : DataFrame
-        The same, of one or more draws of equal repeats (`repeats.draws`).
+        The same columns, from one or more draws (`repeats.score_draws`).
     shared : DataFrame, shape (features, features)
-        `shared_variance` of at least the features that both have; others are left out (the measured scores come from 2D
-        regions, for which pyradiomics gives no TotalEnergy).
+        `shared_variance` of at least the features that both tables have. Other features are ignored.
     level : float, optional
-        Of the band of unrelated lists.
+        Level of the band of random lists.
 
     Returns
     -------
     DataFrame
-        One row per n: n_top, percent (of the common features) and for both kinds overlap_{kind}_percent (of n; mean
-        over draws), overlap_{kind}_sd (`repeats.spread`; NaN of one draw), and of lists that are unrelated to the
-        measured one, their features being correlated as these are (`unrelated_overlaps`), expected_{kind}_percent
-        (mean), lower_{kind}_percent and upper_{kind}_percent (central 95 %). The same in every row: area_{kind}, mean
-        over n of the overlap (1 is full agreement), area_{kind}_sd, area_{kind}_expected and area_{kind}_upper (97.5th
-        percentile) of unrelated lists, and n_features.
+        One row per n:
+
+        * n_top, percent: n, and n relative to the number of common features
+        * overlap_{kind}_percent: features in both lists, relative to n; mean over draws
+        * overlap_{kind}_sd: from `repeats.sd_of_draws`; NaN for one draw
+        * expected_{kind}_percent, lower_{kind}_percent, upper_{kind}_percent: mean and central 95 % of random lists of
+          equally correlated features (`random_overlaps`)
+
+        The same in every row: n_features, area_{kind} (mean over n of the overlap; 1 is full agreement),
+        area_{kind}_sd, area_{kind}_expected and area_{kind}_upper (mean and 97.5th percentile of random lists).
 
     Raises
     ------
     InputError
-        If a table lacks a column or holds scores that are not finite, or they share fewer than two features.
+        If a table lacks a column or has scores that are not finite, or fewer than two features are in both.
     """
-    _check(simulated, "scores of the simulation")
+    _check(simulated, "simulated scores")
     _check(measured, "measured scores")
     common = [feature for feature in simulated["feature"] if feature in set(measured["feature"])]
     if len(common) < 2:
-        raise InputError(f"overlap: the two tables of scores share {len(common)} features")
+        raise InputError(
+            f"overlap: the two tables of scores share {len(common)} features; use the same feature names in both"
+        )
     simulated = simulated.set_index("feature").loc[common]
     shared = shared.loc[common, common].to_numpy()
     if "draw" not in measured:
@@ -204,25 +198,25 @@ def overlap(simulated: pd.DataFrame, measured: pd.DataFrame, shared: pd.DataFram
     areas = {}
     for kind in KINDS:
         column = f"{kind}_percent"
-        best = heads(simulated[column])
-        drawn = [heads(one.set_index("feature").loc[common, column]) for _, one in measured.groupby("draw")]
-        found = np.array([(best * one).sum(axis=1) for one in drawn]) / lengths
-        unrelated = unrelated_overlaps(np.mean(drawn, axis=0), shared)
-        share = share_drawn(measured)
-        lower, upper = np.quantile(unrelated, [(1 - level) / 2, (1 + level) / 2], axis=0)
-        result[f"overlap_{kind}_percent"] = 100 * found.mean(axis=0)
-        result[f"overlap_{kind}_sd"] = 100 * spread(found, share)
-        result[f"expected_{kind}_percent"] = 100 * unrelated.mean(axis=0)
+        best = memberships(simulated[column])
+        draws = [memberships(draw.set_index("feature").loc[common, column]) for _, draw in measured.groupby("draw")]
+        overlaps = np.array([(best * draw).sum(axis=1) for draw in draws]) / lengths
+        random = random_overlaps(np.mean(draws, axis=0), shared)
+        fraction = sampling_fraction(measured)
+        lower, upper = np.quantile(random, [(1 - level) / 2, (1 + level) / 2], axis=0)
+        result[f"overlap_{kind}_percent"] = 100 * overlaps.mean(axis=0)
+        result[f"overlap_{kind}_sd"] = 100 * sd_of_draws(overlaps, fraction)
+        result[f"expected_{kind}_percent"] = 100 * random.mean(axis=0)
         result[f"lower_{kind}_percent"], result[f"upper_{kind}_percent"] = 100 * lower, 100 * upper
-        areas[f"area_{kind}"] = found.mean()
-        areas[f"area_{kind}_sd"] = spread(found.mean(axis=1), share)
-        areas[f"area_{kind}_expected"] = unrelated.mean()
-        areas[f"area_{kind}_upper"] = np.quantile(unrelated.mean(axis=1), (1 + level) / 2)
+        areas[f"area_{kind}"] = overlaps.mean()
+        areas[f"area_{kind}_sd"] = sd_of_draws(overlaps.mean(axis=1), fraction)
+        areas[f"area_{kind}_expected"] = random.mean()
+        areas[f"area_{kind}_upper"] = np.quantile(random.mean(axis=1), (1 + level) / 2)
     return result.assign(**areas, n_features=len(common))
 
 
 def lengths_above(overlaps: pd.DataFrame, kind: str) -> int:
-    """At how many lengths the lists share more than 97.5 % of unrelated ones do. They are strongly dependent."""
+    """Number of lengths at which the overlap exceeds the 97.5th percentile of random lists; they are dependent."""
     return int((overlaps[f"overlap_{kind}_percent"] > overlaps[f"upper_{kind}_percent"] + 1e-9).sum())
 
 
@@ -231,33 +225,37 @@ def _check(scores: pd.DataFrame, name: str) -> None:
     if missing := [column for column in ("feature", *columns) if column not in scores]:
         raise InputError(f"{name}: lacks the column {missing[0]}; make the table again")
     if not np.isfinite(scores[columns].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)).all():
-        raise InputError(f"{name}: holds values that are not finite numbers; make the table again")
+        raise InputError(f"{name}: has values that are not finite numbers; make the table again")
 
 
-def beside(simulated: pd.DataFrame, recorded: pd.DataFrame) -> pd.DataFrame:
-    """Scores of every feature over simulated groups and over recorded conditions.
+def compare_scores(simulated: pd.DataFrame, recorded: pd.DataFrame) -> pd.DataFrame:
+    """Simulated and recorded scores of every feature that both tables have, most stable recorded feature first.
 
     Parameters
     ----------
     simulated : DataFrame
-        As `wilcoxon.scores` gives it.
+        From `wilcoxon.scores`.
     recorded : DataFrame
-        As `repeats.draws` gives it.
+        From `repeats.score_draws`.
 
     Returns
     -------
     DataFrame
-        One row per feature of both, the most stable measured one first: feature, family, and of each kind of score
-        *_percent_simulated, *_percent_measured (mean over draws), *_sd_measured (of one draw); repeats (of each
-        recorded condition), rank_simulated and rank_measured by stability, 1 the highest.
+        Columns:
+
+        * feature, family
+        * for each kind of score *_percent_simulated, *_percent_measured (mean over draws), *_sd_measured (of one draw)
+        * repeats of each recorded condition
+        * rank_simulated, rank_measured: by stability; 1 is the highest
     """
     columns = [f"{kind}_percent" for kind in KINDS]
-    means, spreads = (getattr(recorded.groupby("feature")[columns], of)() for of in ("mean", "std"))
+    scores = recorded.groupby("feature")[columns]
+    means, sds = scores.mean(), scores.std()
     table = simulated[["feature", "family", *columns]].merge(
         means.reset_index(), on="feature", suffixes=("_simulated", "_measured")
     )
     for kind in KINDS:
-        table[f"{kind}_sd_measured"] = table["feature"].map(spreads[f"{kind}_percent"])
+        table[f"{kind}_sd_measured"] = table["feature"].map(sds[f"{kind}_percent"])
     table["repeats"] = int(recorded["repeats"].iloc[0])
     for source in ("simulated", "measured"):
         table[f"rank_{source}"] = table[f"stability_percent_{source}"].rank(method="min", ascending=False).astype(int)

@@ -1,6 +1,7 @@
-"""Scores at equal numbers of repeats: random subsamples of a table that has more of them than it is compared with.
+"""Scores from equal numbers of repeats, by random subsamples of the table that has more repeats.
 
-|W| grows with the root of the number of repeats, so that more of them lower stability and raise discriminative power.
+|W| grows with the square root of the number of repeats, so more repeats lower the stability and raise the
+discriminative power.
 """
 
 from __future__ import annotations
@@ -13,47 +14,49 @@ import pandas as pd
 from ..base.streams import generator, root
 from . import wilcoxon
 
-DRAWS = 30  # subsamples: their SD is known to 13 %, 1 / sqrt(2 (30 - 1))
-SEED = 4732  # of the stream of subsamples, the same in every study
+DRAWS = 30  # subsamples; the relative error of their SD is 13 %, 1 / sqrt(2 (30 - 1))
+SEED = 4732  # seed of the subsamples, the same in every study
 
 
 def subsamples(table: pd.DataFrame, repeats: int, unit: str, shared: bool) -> Iterator[tuple[pd.DataFrame, int]]:
-    """Choose repeats of every group at random, without replacement: DRAWS times, or once if they are no more.
+    """Draw repeats of every group at random, without replacement: DRAWS times, or once if all are needed.
 
     Parameters
     ----------
     table : DataFrame
-        Rows with columns group and `unit`.
+        Columns group and `unit`.
     repeats : int
-        Of every group.
+        Repeats per group.
     unit : str
-        Column that tells the repeats of a group apart.
+        Column that identifies the repeats of a group.
     shared : bool
-        Whether a value of `unit` is the same acquisition in every group, and is then chosen in all or in none;
-        otherwise each group has a choice of its own, of as many as the smallest group has.
+        Whether a value of `unit` is the same acquisition in every group: all groups then get the same values.
+        Otherwise each group gets its own draw.
 
     Yields
     ------
     chosen : DataFrame
-        Rows of the repeats chosen.
-    of : int
-        How many they are chosen of.
+        Rows of the drawn repeats.
+    available : int
+        Number of repeats that they were drawn from.
     """
-    of_group = {group: np.sort(rows[unit].unique()) for group, rows in table.groupby("group")}
+    units = {group: np.sort(rows[unit].unique()) for group, rows in table.groupby("group")}
     if shared:
-        common = np.array(sorted(set.intersection(*map(set, of_group.values()))))
-        of_group = dict.fromkeys(of_group, common)
-    of = min(map(len, of_group.values()))
-    repeats = min(repeats, of)
-    for stream in root(SEED).spawn(DRAWS if repeats < of else 1):
+        common = np.array(sorted(set.intersection(*map(set, units.values()))))
+        units = dict.fromkeys(units, common)
+    available = min(map(len, units.values()))
+    repeats = min(repeats, available)
+    for stream in root(SEED).spawn(DRAWS if repeats < available else 1):
         rng = generator(stream)
-        one = rng.choice(common, repeats, replace=False) if shared else None
-        chosen = {g: one if shared else rng.choice(units, repeats, replace=False) for g, units in of_group.items()}
+        if shared:
+            chosen = dict.fromkeys(units, rng.choice(common, repeats, replace=False))
+        else:
+            chosen = {group: rng.choice(values, repeats, replace=False) for group, values in units.items()}
         keep = np.concatenate([rows.index[rows[unit].isin(chosen[group])] for group, rows in table.groupby("group")])
-        yield table.loc[np.sort(keep)], of
+        yield table.loc[np.sort(keep)], available
 
 
-def draws(
+def score_draws(
     table: pd.DataFrame, features: Sequence[str], repeats: int, *, unit: str, shared: bool = False, **options
 ) -> pd.DataFrame:
     """Scores of every feature in every subsample.
@@ -61,45 +64,47 @@ def draws(
     Parameters
     ----------
     repeats, unit, shared
-        As `subsamples` takes them.
+        See `subsamples`.
     **options
-        Of `wilcoxon.scores`, which says what it raises.
+        Options of `wilcoxon.scores`.
 
     Returns
     -------
     DataFrame
-        One row per draw and feature: repeats, of (how many they were drawn from), draw (1, 2, ...), and the columns of
+        One row per draw and feature: repeats, of (number of repeats drawn from), draw (1, 2, ...), and the columns of
         `wilcoxon.scores`.
     """
-    found = []
-    for draw, (chosen, of) in enumerate(subsamples(table, repeats, unit, shared), 1):
+    draws = []
+    for draw, (chosen, available) in enumerate(subsamples(table, repeats, unit, shared), 1):
         scores = wilcoxon.scores(chosen, features, **options)
-        scores.insert(0, "repeats", min(repeats, of))
-        scores.insert(1, "of", of)
+        scores.insert(0, "repeats", min(repeats, available))
+        scores.insert(1, "of", available)
         scores.insert(2, "draw", draw)
-        found.append(scores)
-    return pd.concat(found, ignore_index=True)
+        draws.append(scores)
+    return pd.concat(draws, ignore_index=True)
 
 
-def share_drawn(scores: pd.DataFrame) -> float:
-    """The share of the repeats that each of the `draws` took."""
+def sampling_fraction(scores: pd.DataFrame) -> float:
+    """Fraction of the available repeats in each of the `score_draws`."""
     return float(scores["repeats"].iloc[0] / scores["of"].iloc[0])
 
 
-def spread(values: np.ndarray, share: float) -> np.ndarray:
-    """SD over draws that as many repeats taken again would have.
+def sd_of_draws(values: np.ndarray, fraction: float) -> np.ndarray:
+    """SD over new samples of equal size, from the SD over draws with a finite population correction.
+
+    Draws of n from N repeats overlap, so their SD is that of n new repeats times sqrt(1 - n / N); this is exact for
+    means [1]_.
 
     Parameters
     ----------
     values : ndarray, shape (draws, ...)
-    share : float
-        `share_drawn`: subsamples of n of N repeats overlap, so that their SD is that of n new ones times sqrt(1 - n /
-        N), exactly so for means [1]_.
+    fraction : float
+        n / N, from `sampling_fraction`.
 
     Returns
     -------
     ndarray, shape (...)
-        NaN of a single draw.
+        NaN for a single draw.
 
     References
     ----------
@@ -107,10 +112,10 @@ def spread(values: np.ndarray, share: float) -> np.ndarray:
     """
     if len(values) < 2:
         return np.full(np.shape(values)[1:], np.nan)
-    return np.std(values, axis=0, ddof=1) / np.sqrt(1 - share)
+    return np.std(values, axis=0, ddof=1) / np.sqrt(1 - fraction)
 
 
-def over_features(scores: pd.DataFrame, kind: str) -> tuple[float, float]:
-    """Mean over features of a kind of score, and its SD over draws (`spread`)."""
+def mean_over_features(scores: pd.DataFrame, kind: str) -> tuple[float, float]:
+    """Mean over features of a kind of score, and the SD of this mean over draws (`sd_of_draws`)."""
     means = scores.groupby("draw")[f"{kind}_percent"].mean().to_numpy()
-    return float(means.mean()), float(spread(means, share_drawn(scores)))
+    return float(means.mean()), float(sd_of_draws(means, sampling_fraction(scores)))

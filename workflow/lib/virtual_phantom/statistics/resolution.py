@@ -1,7 +1,7 @@
-"""Resolution from edges: the edge spread function, and where its modulation transfer function (MTF) falls to one half.
+"""Resolution from edges: the edge spread function and the frequency at which its MTF is one half.
 
-Task-based MTF of AAPM Report 233 [1]_, after [2]_: voxels are sorted by their distance to a known boundary, which
-samples the edge far more finely than voxels do. A signed distance serves boundaries of any shape.
+Task-based modulation transfer function (MTF) of AAPM Report 233 [1]_, after [2]_. Voxels are sorted by their signed
+distance to a known boundary of any shape, which samples the edge more finely than the voxel size.
 
 References
 ----------
@@ -17,32 +17,31 @@ import numpy as np
 from scipy import ndimage
 
 from ..base.errors import InputError
-from .image_quality import Measure, noise_of, propagated, slice_correlations
+from .image_quality import Measure, noise_contrasts, propagated_error, slice_correlations
 
-HALF_WIDTH_VOXELS, FLAT_VOXELS = 6.0, 4.0  # of the window around the edge, and of its part that counts fully
-BINS_PER_VOXEL = 4  # of the oversampled edge (ISO 12233)
-SECTORS = 8  # of directions: pieces of the edge with noises of their own
-LEAST_FILLED = 0.5  # share of bins
-FREQUENCIES, MOST_PER_VOXEL = 400, 2.0  # of the MTF, and cycles per voxel up to which it is taken
+HALF_WIDTH_VOXELS, FLAT_VOXELS = 6.0, 4.0  # half-widths of the window around the edge and of its flat part
+BINS_PER_VOXEL = 4  # bins of the oversampled edge (ISO 12233)
+SECTORS = 8  # angular sectors of the edge, whose noise is independent
+LEAST_FILLED = 0.5  # share of bins that must have voxels
+FREQUENCIES, MOST_PER_VOXEL = 400, 2.0  # number of frequencies of the MTF, and the largest in cycles per voxel
 
 
 def signed_distance_mm(mask: np.ndarray, spacing: Sequence[float], factor: int = 1) -> np.ndarray:
-    """Distance of every voxel's centre from a region's boundary in its own slice, negative within.
+    """In-plane distance (mm) of every voxel center from a region's boundary, negative inside the region.
 
     Parameters
     ----------
     mask : ndarray of bool, shape (z, factor * y, factor * x)
-        Where the region is, sampled finer in the plane than the result; the boundary lies half-way between its samples,
-        so that a factor of 1 places it to half a voxel.
+        The region, sampled more finely in the plane than the result. The boundary lies halfway between samples.
     spacing : sequence of 3 float
         mm (z, y, x) of the result.
     factor : int, optional
-        Odd.
+        In-plane samples per voxel side; odd.
 
     Returns
     -------
     ndarray, shape (z, y, x)
-        mm. A slice without a boundary is infinitely far off, with the sign.
+        Infinite, with the sign, in slices without a boundary.
     """
     first, fine = factor // 2, [step / factor for step in spacing[1:]]
     result = np.empty((len(mask), mask.shape[1] // factor, mask.shape[2] // factor))
@@ -50,14 +49,14 @@ def signed_distance_mm(mask: np.ndarray, spacing: Sequence[float], factor: int =
         if plane.all() or not plane.any():
             distance[...] = -np.inf if plane.all() else np.inf
             continue
-        out, inside = (ndimage.distance_transform_edt(one, fine) for one in (~plane, plane))
+        outside, inside = (ndimage.distance_transform_edt(region, fine) for region in (~plane, plane))
         half = min(fine) / 2
-        distance[...] = np.where(plane, half - inside, out - half)[first::factor, first::factor]
+        distance[...] = np.where(plane, half - inside, outside - half)[first::factor, first::factor]
     return result
 
 
 def mtf_half(images: np.ndarray, distance_mm: np.ndarray, spacing: Sequence[float], valid: np.ndarray) -> Measure:
-    """Frequency at which the MTF is one half, 1/mm (f50).
+    """Frequency (1/mm) at which the MTF is one half (f50).
 
     Parameters
     ----------
@@ -68,12 +67,12 @@ def mtf_half(images: np.ndarray, distance_mm: np.ndarray, spacing: Sequence[floa
     spacing : sequence of 3 float
         mm (z, y, x).
     valid : ndarray of bool, shape (z, y, x)
-        Voxels that may be used.
+        Voxels to use.
 
     Raises
     ------
     InputError
-        If too few voxels lie at the edge, or the MTF does not fall to one half.
+        If too few voxels lie near the edge, or the MTF does not fall to one half.
     """
     pixel = max(spacing[1:])
     step = pixel / BINS_PER_VOXEL
@@ -84,39 +83,43 @@ def mtf_half(images: np.ndarray, distance_mm: np.ndarray, spacing: Sequence[floa
     count = np.bincount(index, minlength=bins)
     filled = count > 0
     if filled.mean() < LEAST_FILLED:
-        raise InputError("resolution: too few voxels lie at the edge of the object; is it in the image?")
-    place = np.bincount(index, distance_mm[near], bins)[filled] / count[filled]
-    edge_mtf = EdgeMtf(place, step, half, FLAT_VOXELS * pixel)
+        raise InputError(
+            "resolution: too few voxels lie near the edge of the object; check that the object is in the image"
+        )
 
-    def sums(values):
+    def bin_means(values):
         return np.bincount(index, values, bins)[filled] / count[filled]
 
-    edge = sums(images.mean(axis=0, dtype=np.float64)[near])
+    edge_mtf = EdgeMtf(bin_means(distance_mm[near]), step, half, FLAT_VOXELS * pixel)
+    edge = bin_means(images.mean(axis=0, dtype=np.float64)[near])
     value = edge_mtf.half(edge)
     if len(images) < 2:
         return Measure(value, np.nan)
-    noise = noise_of(images)
-    group = _groups(near, spacing)
-    parts = np.stack([np.stack([sums(one[near] * (group == number)) for number in np.unique(group)]) for one in noise])
+    noise = noise_contrasts(images)
+    sector = _sectors(near, spacing)
+    sectors = np.unique(sector)
+    parts = np.stack(
+        [np.stack([bin_means(contrast[near] * (sector == number)) for number in sectors]) for contrast in noise]
+    )
     factor = slice_correlations(noise, near)[0]
-    return Measure(value, propagated(edge_mtf.half, edge, parts, len(images)) * float(np.sqrt(factor)))
+    return Measure(value, propagated_error(edge_mtf.half, edge, parts, len(images)) * float(np.sqrt(factor)))
 
 
 class EdgeMtf:
-    """The MTF of edge spread functions that are sampled at given distances.
+    """MTF of edge spread functions that are sampled at given distances from the edge.
 
     Parameters
     ----------
-    place : ndarray, shape (bins,)
+    distance : ndarray, shape (bins,)
         mm from the edge.
     step, half : float
-        Of the even grid that they are brought to, and how far it goes to either side, mm.
+        Step and half-width of the regular grid that the edge is interpolated on, mm.
     flat : float
-        How far the line spread function counts fully; from there a cosine takes it to 0, mm.
+        Half-width of the flat part of the window on the line spread function, mm. A cosine falls to 0 outside.
     """
 
-    def __init__(self, place: np.ndarray, step: float, half: float, flat: float):
-        self.place = place
+    def __init__(self, distance: np.ndarray, step: float, half: float, flat: float):
+        self.distance = distance
         count = int(round(2 * half / step))
         self.grid = (np.arange(count) + 0.5) * step - half
         middle = (self.grid[1:] + self.grid[:-1]) / 2
@@ -124,39 +127,30 @@ class EdgeMtf:
         self.window = 0.5 + 0.5 * np.cos(np.pi * beyond)
         self.frequency = np.linspace(0, MOST_PER_VOXEL / (step * BINS_PER_VOXEL), FREQUENCIES)
         self.kernel = np.exp(-2j * np.pi * np.outer(self.frequency, middle))
-        # Averages over bins and differences of neighbouring ones blur: both by the same sinc.
+        # Averaging over bins and differences of adjacent bins both blur with the same sinc.
         self.blur = np.sinc(self.frequency * step) ** 2
 
-    def of(self, edge: np.ndarray) -> np.ndarray:
+    def mtf(self, edge: np.ndarray) -> np.ndarray:
         """MTF of an edge spread function at `frequency`, 1 at frequency 0."""
-        line = np.diff(np.interp(self.grid, self.place, edge)) * self.window
+        line = np.diff(np.interp(self.grid, self.distance, edge)) * self.window
         transfer = np.abs(self.kernel @ line)
         return transfer / transfer[0] / self.blur
 
     def half(self, edge: np.ndarray) -> float:
-        """Where the MTF first falls to one half, 1/mm.
-
-        Parameters
-        ----------
-        edge : ndarray, shape (bins,)
-            Edge spread function.
-
-        Raises
-        ------
-        InputError
-            If it does not.
-        """
-        transfer = self.of(edge)
+        """Lowest frequency (1/mm) at which the MTF of an edge spread function is one half; InputError if none is."""
+        transfer = self.mtf(edge)
         below = np.flatnonzero(transfer < 0.5)
         if not below.size:
-            raise InputError("resolution: no edge spreads over voxels here; is the object in the image?")
+            raise InputError(
+                "resolution: the MTF does not fall to one half; check that the edge of the object is in the image"
+            )
         last = below[0]
         share = (transfer[last - 1] - 0.5) / (transfer[last - 1] - transfer[last])
         return float(self.frequency[last - 1] + share * (self.frequency[last] - self.frequency[last - 1]))
 
 
-def _groups(near: np.ndarray, spacing: Sequence[float]) -> np.ndarray:
-    """Number of the piece of the edge, by slice and direction, of every voxel near it."""
+def _sectors(near: np.ndarray, spacing: Sequence[float]) -> np.ndarray:
+    """Sector of the edge, numbered by slice and direction, of every voxel near it."""
     z, y, x = np.nonzero(near)
     angle = np.arctan2((y - y.mean()) * spacing[1], (x - x.mean()) * spacing[2])
     return z * SECTORS + np.floor((angle / (2 * np.pi) + 0.5) * SECTORS).astype(int).clip(0, SECTORS - 1)

@@ -1,6 +1,6 @@
-"""Which features are stable by which measure: W, ICC, CCC, coefficients of variation, each with a stated cut-off.
+"""Stability of features by several measures with cut-offs: W, ICC, CCC, coefficients of variation and dispersion.
 
-Equations and sources are those of `agreement_measures`; why these cut-offs, config.schema.yaml says.
+`agreement_measures` has the equations and sources, and config.schema.yaml the reasons for the default cut-offs.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..features.names import family
 from ..features.tables import finite_values, require_unique_rows
 from . import agreement_measures
 
-# Measure: the cut-off that it is held against.
+# {measure: key of its cut-off in analyses.stability.cut_offs}
 CUT_OFFS = {
     "w_stability_percent": "w_stability_percent",
     "icc_2_1": "icc",
@@ -27,49 +27,49 @@ CUT_OFFS = {
 SMALL_IS_STABLE = ("cv", "qcd")
 
 
-def measures(
+def measure_table(
     table: pd.DataFrame,
     scores: pd.DataFrame,
     features: Sequence[str],
     cut_offs: Mapping[str, float],
     source: str = "features",
 ) -> pd.DataFrame:
-    """Every measure of every feature.
+    """Compute every measure of every feature.
 
     Parameters
     ----------
     table : DataFrame
         One row per image and ROI, with columns group, roi, seed and `features`.
     scores : DataFrame
-        Of the same images, from `trust.table`, or without intervals from `wilcoxon.scores`.
+        Scores of the same images, from `trust.trust_table` (with intervals) or `wilcoxon.scores`.
     cut_offs : mapping of str to float
-        w_stability_percent, icc, ccc (stable from there up), cv, qcd (stable up to there).
+        w_stability_percent, icc, ccc (stable if at least), cv, qcd (stable if at most).
     source : str, optional
-        What the message begins with.
+        Start of error messages.
 
     Returns
     -------
     DataFrame
-        One row per feature and measure: feature, family, measure, value, ci95_low, ci95_high (ICC, and W where `scores`
-        have them), cut_off, stable (yes, no, or undefined where the measure is).
+        One row per feature and measure: feature, family, measure, value, ci95_low, ci95_high, cut_off, stable (yes, no,
+        or undefined). ICC has an interval, and W if `scores` has one.
 
     Raises
     ------
     InputError
         If a group lacks a seed of an ROI, or there are fewer than two groups or ROIs.
     """
-    x = cube(table, features, source)
+    x = feature_array(table, features, source)
     columns = ["stability_percent", "ci95_low", "ci95_high"]
     w = scores.set_index("feature").reindex(index=list(features), columns=columns).to_numpy(dtype=np.float64).T
     agreement, consistency = agreement_measures.icc_agreement(x), agreement_measures.icc_consistency(x)
-    nothing = np.full(len(features), np.nan)
-    found = {
+    missing = np.full(len(features), np.nan)
+    values = {
         "w_stability_percent": tuple(w),
         "icc_2_1": (agreement.value, agreement.low, agreement.high),
         "icc_3_1": (consistency.value, consistency.low, consistency.high),
-        "ccc": (agreement_measures.concordance(x), nothing, nothing),
-        "cv": (agreement_measures.variation(x), nothing, nothing),
-        "qcd": (agreement_measures.quartile_dispersion(x), nothing, nothing),
+        "ccc": (agreement_measures.concordance(x), missing, missing),
+        "cv": (agreement_measures.coefficient_of_variation(x), missing, missing),
+        "qcd": (agreement_measures.quartile_dispersion(x), missing, missing),
     }
     parts = [
         pd.DataFrame(
@@ -84,15 +84,15 @@ def measures(
                 "stable": _stable(measure, value, cut_offs[CUT_OFFS[measure]]),
             }
         )
-        for measure, (value, low, high) in found.items()
+        for measure, (value, low, high) in values.items()
     ]
-    order = {feature: place for place, feature in enumerate(features)}
+    order = {feature: index for index, feature in enumerate(features)}
     # A stable sort keeps the order of measures within a feature.
     return pd.concat(parts).sort_values("feature", key=lambda names: names.map(order), kind="stable", ignore_index=True)
 
 
-def by_feature(measured: pd.DataFrame) -> pd.DataFrame:
-    """One row per feature: feature, family, stable_{measure} (yes | no | undefined) of each, and how many say yes."""
+def stable_by_feature(measured: pd.DataFrame) -> pd.DataFrame:
+    """One row per feature: feature, family, stable_{measure} (yes | no | undefined), stable_by (number of yes)."""
     names = measured[["feature", "family"]].drop_duplicates(ignore_index=True)
     wide = measured.pivot(index="feature", columns="measure", values="stable").reindex(columns=list(CUT_OFFS))
     wide = wide.loc[names["feature"]]
@@ -100,15 +100,8 @@ def by_feature(measured: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([names, verdicts], axis=1).assign(stable_by=(wide == "yes").sum(axis=1).to_numpy())
 
 
-def cube(table: pd.DataFrame, features: Sequence[str], source: str = "features") -> np.ndarray:
-    """The features of a table as an array.
-
-    Parameters
-    ----------
-    table : DataFrame
-        As `measures` takes it.
-    source : str, optional
-        What the message begins with.
+def feature_array(table: pd.DataFrame, features: Sequence[str], source: str = "features") -> np.ndarray:
+    """Features of a table, as `measure_table` takes and checks it, in an array.
 
     Returns
     -------
@@ -118,20 +111,22 @@ def cube(table: pd.DataFrame, features: Sequence[str], source: str = "features")
     Raises
     ------
     InputError
-        As `measures`.
+        As `measure_table`.
     """
     keys = ["roi", "group", "seed"]
     levels = [table["roi"].unique(), np.sort(table["group"].unique()), np.sort(table["seed"].unique())]
     shape = tuple(map(len, levels))
     for kind, number in (("ROI", shape[0]), ("group", shape[1])):
         if number < 2:
-            raise InputError(f"{source}: {number} {kind}; measures of agreement compare at least two")
+            raise InputError(f"{source}: {number} {kind}; measures of agreement need at least two")
     wanted = pd.MultiIndex.from_product(levels, names=keys)
     rows = pd.MultiIndex.from_frame(table[keys])
     require_unique_rows(table, source)
     if len(missing := wanted.difference(rows)):
         roi, group, seed = missing[0]
-        raise InputError(f"{source}: no row for ROI {roi}, group {group}, seed {seed}; every group needs every one")
+        raise InputError(
+            f"{source}: no row for ROI {roi}, group {group}, seed {seed}; every group needs all ROIs and seeds"
+        )
     values = finite_values(table, features, source)[rows.get_indexer(wanted)]
     return values.T.reshape(len(features), *shape)
 

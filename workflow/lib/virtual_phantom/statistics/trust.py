@@ -1,4 +1,4 @@
-"""Which features can be trusted: the stability of each with its interval, what it rests on, and a sentence."""
+"""Table of stable features: stability with its interval, verdict, sample sizes, and a sentence for each feature."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import pandas as pd
 
 from ..base.errors import InputError
 from ..features.names import family
-from .stability_interval import agreeing, intervals
-from .stability_measures import cube
+from .stability_interval import stability_intervals, stable_probability
+from .stability_measures import feature_array
 from .wilcoxon import COMPARE
 
 VERDICTS = {"yes": "Stable", "no": "Not stable", "undecided": "Undecided"}
 
 
-def table(
+def trust_table(
     features_table: pd.DataFrame,
     features: Sequence[str],
     sharing: Mapping[int, Hashable],
@@ -26,31 +26,35 @@ def table(
     compare: str = "roi",
     source: str = "features",
 ) -> pd.DataFrame:
-    """What can be said of every feature.
+    """Compute the stability of every feature with its interval and verdict.
 
     Parameters
     ----------
     features_table : DataFrame
         One row per image and ROI, with columns group, roi, tissue_class, seed and `features`.
     sharing : mapping of int to hashable
-        For each group what it has in common with the groups whose noise is the same, repeat by repeat.
+        Key of each group; groups with equal keys share their noise, repeat by repeat.
     cut_off : float
-        Percent of stable comparisons from which on a feature is called stable.
+        Stability (percent) of a stable feature.
     threshold : float, optional
-        A comparison is stable if |W| is below.
+        A comparison is stable if |W| is below this value.
     compare : {"roi", "tissue_class"}, optional
-        What a sample is, as in `wilcoxon.scores`.
+        Definition of a sample, as in `wilcoxon.scores`.
     source : str, optional
-        What the message begins with.
+        Start of error messages.
 
     Returns
     -------
     DataFrame
-        One row per feature, in percent where a name says so: feature, family, stability_percent, ci95_low, ci95_high
-        (95 % interval of the expected stability), stable (yes: the interval lies from the cut-off up; no: below it;
-        undecided), cut_off_percent, groups, rois, repeats, comparisons, if_equal_percent (what protocols that do not
-        differ give on average), twice_repeats_percent, twice_repeats_low, twice_repeats_high (what is expected of twice
-        the repeats), sentence.
+        One row per feature:
+
+        * feature, family
+        * stability_percent, ci95_low, ci95_high: with the 95 % interval of the expected stability
+        * stable: yes if the interval is at or above cut_off_percent, no if it is below, else undecided
+        * cut_off_percent, groups, rois, repeats, comparisons
+        * if_equal_percent: expected stability of protocols that do not differ
+        * twice_repeats_percent, twice_repeats_low, twice_repeats_high: forecast for twice the repeats
+        * sentence: the result in words
 
     Raises
     ------
@@ -59,14 +63,12 @@ def table(
     """
     if compare not in COMPARE:
         raise InputError(f"statistics.compare: {compare!r} is not known; choose from {', '.join(COMPARE)}")
-    x = cube(features_table, features, source)
+    x = feature_array(features_table, features, source)
     class_of = dict(zip(features_table["roi"], features_table[compare], strict=True))
-    units = [
-        [place for place, unit in enumerate(class_of.values()) if unit == one]
-        for one in dict.fromkeys(class_of.values())
-    ]
+    unit_of = list(class_of.values())
+    units = [[index for index, unit in enumerate(unit_of) if unit == name] for name in dict.fromkeys(unit_of)]
     groups = np.sort(features_table["group"].unique())
-    found = intervals(x, units, [sharing[group] for group in groups], threshold)
+    found = stability_intervals(x, units, [sharing[group] for group in groups], threshold)
     _, rois, number, repeats = x.shape
     result = pd.DataFrame(
         {
@@ -81,7 +83,7 @@ def table(
             "rois": rois,
             "repeats": repeats,
             "comparisons": len(units) * number * (number - 1) // 2,
-            "if_equal_percent": 100 * np.mean([agreeing(repeats * len(unit), threshold) for unit in units]),
+            "if_equal_percent": 100 * np.mean([stable_probability(repeats * len(unit), threshold) for unit in units]),
             "twice_repeats_percent": 100 * found.twice,
             "twice_repeats_low": 100 * found.twice_low,
             "twice_repeats_high": 100 * found.twice_high,
@@ -91,29 +93,21 @@ def table(
 
 
 def verdicts(low: np.ndarray, high: np.ndarray, cut_off: float) -> np.ndarray:
-    """yes, no or undecided, by where the interval lies; without one undecided.
-
-    Parameters
-    ----------
-    low, high : ndarray
-        Percent.
-    cut_off : float
-        Percent.
-    """
+    """Compare intervals with the cut-off: yes, no or undecided (also without an interval)."""
     return np.where(low >= cut_off, "yes", np.where(high < cut_off, "no", "undecided"))
 
 
 def sentence(row: Mapping) -> str:
-    """What a row of `table` says, for a person."""
+    """Describe a row of `trust_table` in words."""
     if np.isnan(row["ci95_low"]):
-        return "Undecided: one repeat a group has no spread. Ask for two repeats or more."
+        return "Undecided: one repeat per group gives no interval. Use at least two repeats."
     share = "{} % of {} comparisons between protocols agree (95 % interval {} to {} %)".format(
         *(percent(row["stability_percent"]), row["comparisons"], percent(row["ci95_low"]), percent(row["ci95_high"]))
     )
-    later = "{} % ({} to {} %)".format(*(percent(row[f"twice_repeats_{what}"]) for what in ("percent", "low", "high")))
-    return f"{VERDICTS[row['stable']]}: {share}. Twice the repeats would give about {later}."
+    twice = "{} % ({} to {} %)".format(*(percent(row[f"twice_repeats_{name}"]) for name in ("percent", "low", "high")))
+    return f"{VERDICTS[row['stable']]}: {share}. Twice the repeats would give about {twice}."
 
 
 def percent(value: float) -> str:
-    """A percentage to one digit below ten, and whole above."""
+    """Format a percentage: one decimal below ten, none above."""
     return f"{value:.0f}" if value == 0 or value >= 9.95 else f"{value:.1f}"

@@ -1,14 +1,14 @@
 """Stability and discriminative power of features from the Wilcoxon rank-sum statistic W.
 
-A pair of groups is stable for a feature of a tissue class where W < 1; a pair of tissue classes in one group is told
-apart where W > 1 [1]_. The paper leaves two things open, settled here on the measured table of CT-Phantom4Radiomics
-(numbers: tests/statistics/test_statistics_wilcoxon.py):
+A pair of groups is stable for a feature of a tissue class if W < 1. A feature discriminates a pair of tissue classes in
+one group if W > 1 [1]_. The paper does not define W and samples completely. The choices below reproduce its results
+on the measured table of CT-Phantom4Radiomics (tests/statistics/test_statistics_wilcoxon.py):
 
-* W is read as |z|, the standardised rank sum.
-* `compare` says what a sample is. "roi" (default): the repeats of one ROI; a class with two ROIs counts each, and
-  ROIs are told apart only across classes. "tissue_class": the repeats of all ROIs of a class, pooled. Features that
-  grow with the ROI (Energy, non-uniformities, large areas) fill the paper's discriminative top ten, which pooling ROIs
-  of different sizes cannot give: pooled, most of them rank in the last third.
+* W is |z|, the standardized rank sum.
+* `compare` defines a sample. "roi" (default): the repeats of one ROI; pairs of ROIs of different classes are compared.
+  "tissue_class": the pooled repeats of all ROIs of a class. Features that grow with the ROI (Energy,
+  non-uniformities, large areas) are the most discriminative ones in the paper. Pooling ROIs of different sizes ranks
+  most of them in the last third.
 
 References
 ----------
@@ -32,7 +32,7 @@ from ..features.tables import finite_values, require_unique_rows
 def ranksum_z(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """|z| of the rank-sum test of two samples for every feature: normal approximation, mid-ranks for ties [1]_.
 
-    The same numbers as scipy.stats.ranksums, which ranks one feature at a time and takes thirty times as long.
+    Equal to scipy.stats.ranksums, which ranks one feature at a time and takes thirty times as long.
 
     Parameters
     ----------
@@ -66,20 +66,19 @@ def scores(
 ) -> pd.DataFrame:
     """Stability and discriminative power of every feature.
 
-    Stability: the percentage of all pairs of groups, over all ROIs (or classes, by `compare`), with W below
-    `threshold`. Discrimination: the percentage of all pairs of ROIs (or classes) of different classes, over all groups,
-    with W above.
+    Stability: percentage of pairs of groups, over all ROIs (or classes, see `compare`), with W below `threshold`.
+    Discrimination: percentage of pairs of ROIs (or classes) of different classes, over all groups, with W above it.
 
     Parameters
     ----------
     table : DataFrame
-        One row per image and ROI, with columns group, roi, tissue_class and `features`; and seed, where there is one.
+        One row per image and ROI, with columns group, roi, tissue_class, `features`, and optionally seed.
     test : {"ranksum_z"}, optional
         One of TESTS.
     compare : {"roi", "tissue_class"}, optional
-        What a sample is: see the module's docstring.
+        Definition of a sample, see the module's docstring.
     source : str, optional
-        What the message begins with.
+        Start of error messages.
 
     Returns
     -------
@@ -90,8 +89,8 @@ def scores(
     Raises
     ------
     InputError
-        For an unknown test or `compare`, fewer than two groups or classes, a group that lacks an ROI or has a
-        seed of it twice, or values that are not finite.
+        For an unknown test or `compare`, fewer than two groups or classes, a missing ROI, a repeated seed, or values
+        that are not finite.
     """
     if test not in TESTS:
         raise InputError(f"statistics.test: {test!r} is not known; choose from {', '.join(TESTS)}")
@@ -105,30 +104,22 @@ def scores(
     samples = {key: values[rows] for key, rows in table.groupby(["group", compare]).indices.items()}
     class_of = dict(zip(table[compare], table["tissue_class"], strict=True))  # in order of appearance
     groups = sorted(table["group"].unique())
-    for kind, found in (("group", groups), ("tissue class", set(class_of.values()))):
-        if len(found) < 2:
-            raise InputError(f"{source}: {len(found)} {kind}; stability and discrimination compare at least two")
+    for kind, names in (("group", groups), ("tissue class", set(class_of.values()))):
+        if len(names) < 2:
+            raise InputError(f"{source}: {len(names)} {kind}; stability and discrimination need at least two")
     for group in groups:
         for unit in class_of:
             if (group, unit) not in samples:
-                raise InputError(f"{source}: group {group} has no {compare} {unit}; every group needs every one")
+                raise InputError(f"{source}: group {group} has no {compare} {unit}; all groups need the same")
     w = TESTS[test]
     stable = {
         unit: np.array([w(samples[a, unit], samples[b, unit]) for a, b in combinations(groups, 2)]) < threshold
         for unit in class_of
     }
-    apart = (
-        np.array(
-            [
-                w(samples[group, a], samples[group, b])
-                for group in groups
-                for a, b in combinations(class_of, 2)
-                if class_of[a] != class_of[b]
-            ]
-        )
-        > threshold
-    )
-    every = np.concatenate(list(stable.values()))
+    pairs = [(a, b) for a, b in combinations(class_of, 2) if class_of[a] != class_of[b]]
+    between = [w(samples[group, a], samples[group, b]) for group in groups for a, b in pairs]
+    discriminated = np.array(between) > threshold
+    all_stable = np.concatenate(list(stable.values()))
     by_class = {
         name: np.concatenate([stable[unit] for unit in class_of if class_of[unit] == name])
         for name in dict.fromkeys(class_of.values())
@@ -137,11 +128,11 @@ def scores(
         {
             "feature": list(features),
             "family": [family(feature) for feature in features],
-            "stability_percent": _percent(every),
-            "discrimination_percent": _percent(apart),
-            **{f"stability_{name}": _percent(pairs) for name, pairs in by_class.items()},
-            "stability_comparisons": len(every),
-            "discrimination_comparisons": len(apart),
+            "stability_percent": _percent(all_stable),
+            "discrimination_percent": _percent(discriminated),
+            **{f"stability_{name}": _percent(comparisons) for name, comparisons in by_class.items()},
+            "stability_comparisons": len(all_stable),
+            "discrimination_comparisons": len(discriminated),
         }
     )
 

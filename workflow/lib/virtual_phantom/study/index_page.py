@@ -39,10 +39,10 @@ def renew(pages: Pages, config: Mapping) -> Path | None:
     from ..io.files import write_text
     from ..report import index, study  # seconds, for those who get here
 
-    html = index.page(
+    html = index.index_page(
         target.parent,
-        study.shown(pictures, pages.caption_files(), pages.shown()),
-        [index.Linked(title, path) for title, path in zip(pages.table_titles(), tables, strict=True)],
+        study.report_figures(pictures, pages.caption_files(), pages.shown()),
+        [index.LinkedTable(title, path) for title, path in zip(pages.table_titles(), tables, strict=True)],
         list(map(Path, pages.diagnoses())),
         config,
         pages.commands(),

@@ -9,7 +9,7 @@ import yaml
 
 from ...base.errors import InputError, refusing
 from ...io.files import replacing
-from ...statistics.proof_record import QUANTITIES, Entry, pooled, read
+from ...statistics.proof_record import QUANTITIES, SeedResult, pooled_counts, read_proof_record
 from .intervals import share_of
 
 MEANING = (
@@ -44,9 +44,9 @@ def add(path: str | Path, score: Mapping, state: str, note: str, unseen: bool = 
     score : mapping
         Content of score.json.
     state, note : str
-        As Entry has them.
+        As SeedResult has them.
     unseen : bool, optional
-        As Entry has it.
+        As SeedResult has it.
 
     Raises
     ------
@@ -66,19 +66,19 @@ def add(path: str | Path, score: Mapping, state: str, note: str, unseen: bool = 
                 for name, one in score["parameters"]["by_effect"].items()
             ],
         }
-    if entry["seed"] in [one.seed for one in read(path)]:
+    if entry["seed"] in [one.seed for one in read_proof_record(path)]:
         raise InputError(f"{path}: has seed {entry['seed']} already; a seed counts once, as it was first scored")
     text = yaml.safe_dump([entry], sort_keys=False, width=120, default_flow_style=None, allow_unicode=True)
     with replacing(path, checksum=False) as made:
         made.write_text(Path(path).read_text(encoding="utf-8") + text, encoding="utf-8")
 
 
-def summary(entries: Sequence[Entry]) -> dict:
+def summary(entries: Sequence[SeedResult]) -> dict:
     """What the page shows: every seed's counts, and the pooled ones with Wilson's 95 % intervals."""
     return {
         "meaning": MEANING,
         "quantities": QUANTITIES,
-        "pooled": {name: share_of(*pair) for name, pair in pooled(entries).items()},
+        "pooled": {name: share_of(*pair) for name, pair in pooled_counts(entries).items()},
         "pooled_seeds": [entry.seed for entry in entries if entry.unseen and entry.counts],
         "seeds": [
             {

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
 from ...physics.effect import names
-from ...statistics.proof_record import Entry
+from ...statistics.proof_record import SeedResult
 from ..conceal.case import ADMITTED, CATEGORIES, KINDS, MATCH, Case
 from ..conceal.catalogue import CATALOGUE, MODELS, STRENGTHS, never_concealed
 from . import agreement, calibration, confusion, parameters, record, remainders
@@ -49,7 +49,7 @@ def score(
     minutes: float | None = None,
     real: Sequence[dict] = (),
     suite: Mapping | None = None,
-    entries: Sequence[Entry] = (),
+    entries: Sequence[SeedResult] = (),
 ) -> dict:
     """What score.json holds.
 
@@ -61,7 +61,7 @@ def score(
         Rows of real recordings (real.row).
     suite : mapping, optional
         The section `proof` of the configuration; None: not known, and no entry of the record can be made of it.
-    entries : sequence of Entry, optional
+    entries : sequence of SeedResult, optional
         Of the record of the proof.
     """
     found = {
