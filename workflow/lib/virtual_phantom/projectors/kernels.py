@@ -27,6 +27,7 @@ import numpy as np
 
 from ..base.compiled import compiled
 from .columns import empty_line, gather_line, scatter_line
+from .joseph import Shadow, cross, planes_between, split
 from .lanes import OPTIONS
 
 # The volume is walked through in tiles of this many voxel columns along x and y, all views of a call for each: at 16
@@ -116,20 +117,12 @@ def _ray(view, column, scan):
 
 
 @compiled(**OPTIONS)
-def _crossings(start, direction, start_other, direction_other, n, spacing, n_other, spacing_other):
-    """Where the ray meets plane 0 and what is added from plane to plane.
-
-    Returns
-    -------
-    share, share_step : float
-        Share of the way to the detector.
-    other, other_step : float
-        Padded index along the other in-plane axis.
-    """
-    share, share_step = ((1 - n) * 0.5 * spacing - start) / direction, spacing / direction
+def _line_up(start, direction, start_other, direction_other, planes, spacing, cells, spacing_other, step, step_other):
+    """Return a ray's shadow, and the fraction of the distance to the detector at plane 0 and from plane to plane."""
+    share, share_step = ((1 - planes) * 0.5 * spacing - start) / direction, spacing / direction
     per_share = direction_other / spacing_other
-    other = start_other / spacing_other + share * per_share + (n_other - 1) * 0.5 + 1.0
-    return share, share_step, other, share_step * per_share
+    other = start_other / spacing_other + share * per_share + (cells - 1) * 0.5 + 1.0
+    return Shadow(other, share_step * per_share, 0.0, planes, cells, step, step_other), share, share_step
 
 
 @compiled(inline="always", **OPTIONS)
@@ -156,15 +149,12 @@ def span(first, slope, cells, n):
 
 
 @compiled(inline="always", **OPTIONS)
-def _set_line(lines, k, position, scale, height, slope, cells, n):
-    """Set entry k: n values between the two lines around a padded position, times `scale`.
+def _set_line(lines, k, cell, weight, scale, height, slope, cells, n):
+    """Set entry k: n values between lines `cell` and `cell` + 1, whose weight is given, times `scale`.
 
     They come from cells of which `cells` are not border. Without branches, so that many are worked out at once.
     """
-    below = np.int32(position)
-    below = np.int32(below - np.int32(np.float64(below) > position))
-    weight = position - np.float64(below)
-    lines.pair[k] = below
+    lines.pair[k] = cell
     lines.near[k] = np.float32((1.0 - weight) * scale)
     lines.weight[k] = np.float32(weight * scale)
     lines.height[k] = np.float32(height)
@@ -265,36 +255,30 @@ def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, line
     middle = scan.source_z[view] / dz + (nz - 1) * 0.5 + 1.0
     if abs(rx) >= abs(ry):
         first_plane, last_plane, first_other, last_other = tile[0], tile[1], tile[2], tile[3]
-        n, step, step_other = nx, step_x, step_y
-        share0, share_step, other0, other_step = _crossings(sx, rx, sy, ry, nx, dx, ny, dy)
+        shadow, share0, share_step = _line_up(sx, rx, sy, ry, nx, dx, ny, dy, step_x, step_y)
     else:
         first_plane, last_plane, first_other, last_other = tile[2], tile[3], tile[0], tile[1]
-        n, step, step_other = ny, step_y, step_x
-        share0, share_step, other0, other_step = _crossings(sy, ry, sx, rx, ny, dy, nx, dx)
-    first_plane, last_plane = max(first_plane - 1, 0), min(last_plane - 1, n)
-    # Most planes that the ray meets in other tiles are left out here, one by one those that remain.
-    if abs(other_step) > 1e-6:
-        one, another = (first_other - other0) / other_step, (last_other - other0) / other_step
-        first_plane = max(first_plane, int(math.floor(min(one, another))))
-        last_plane = min(last_plane, int(math.ceil(max(one, another))) + 1)
+        shadow, share0, share_step = _line_up(sy, ry, sx, rx, ny, dy, nx, dx, step_y, step_x)
+    # planes_between skips most planes that the ray meets in other tiles; the loop below skips the others.
+    start, stop = planes_between(shadow, first_other, last_other)
+    first_plane, last_plane = max(first_plane - 1, start), min(min(last_plane - 1, shadow.planes), stop)
     for k in range(last_plane - first_plane):
-        plane = np.float64(np.int32(first_plane + k))
+        plane, cell, weight = cross(shadow, np.float64(np.int32(first_plane + k)))
         share = share0 + share_step * plane
-        _set_line(
-            lines, k, other0 + other_step * plane, 1.0, middle + share * first_row, share * row_pitch, nz, rows
-        )  # fmt: skip
+        _set_line(lines, k, cell, weight, 1.0, middle + share * first_row, share * row_pitch, nz, rows)
     for k in range(last_plane - first_plane):
         if lines.pair[k] < first_other or lines.pair[k] >= last_other:
             continue
-        base = (first_plane + k + 1) * step + lines.pair[k] * step_other
+        base = (first_plane + k + 1) * shadow.step + lines.pair[k] * shadow.step_other
+        following = base + shadow.step_other
         if transpose:
             scatter_line(
-                volume, base, base + step_other, projections, pixel, nz + 2, lines.near[k], lines.weight[k],
+                volume, base, following, projections, pixel, nz + 2, lines.near[k], lines.weight[k],
                 lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], lines.one, lanes,
             )  # fmt: skip
         else:
             gather_line(
-                projections, pixel, volume, base, base + step_other, nz + 2, lines.near[k], lines.weight[k],
+                projections, pixel, volume, base, following, nz + 2, lines.near[k], lines.weight[k],
                 lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], None, lines.one, lanes,
             )  # fmt: skip
 
@@ -354,20 +338,16 @@ def back_project(volume, projections, first_view, views, first_y, last_y, scan, 
                             reach, column = _on_arc(along, ahead, view, scan)
                             reach /= scan.row_pitch
                             weight = radius * radius / (along * along + ahead * ahead)
-                            _set_line(lines, k, column + 1.0, weight, lowest * reach + up_middle, dz * reach, rows, nz)
+                            pair, share = split(column + 1.0)
+                            height = lowest * reach + up_middle
+                            _set_line(lines, k, pair, share, weight, height, dz * reach, rows, nz)
                     for k in range(min(width, nx - x0) if scan.arc == 0 else 0):
                         position_x = (np.float64(np.int32(x0 + k)) - (nx - 1) * 0.5) * dx
                         closer = 1.0 / (depth + position_x * s - position_y * c)
-                        _set_line(
-                            lines,
-                            k,
-                            (position_x * c + position_y * s - beside) * closer * across_pitch + across_middle,
-                            (radius * closer) ** 2,
-                            lowest * closer * up_pitch + up_middle,
-                            dz * closer * up_pitch,
-                            rows,
-                            nz,
-                        )
+                        along = (position_x * c + position_y * s - beside) * closer
+                        pair, share = split(along * across_pitch + across_middle)
+                        height, slope = lowest * closer * up_pitch + up_middle, dz * closer * up_pitch
+                        _set_line(lines, k, pair, share, (radius * closer) ** 2, height, slope, rows, nz)
                     for k in range(min(width, nx - x0)):
                         if lines.pair[k] < 0 or lines.pair[k] > columns:
                             continue

@@ -11,7 +11,7 @@ import numpy as np
 from numba import uintp
 
 from ..base.compiled import compiled
-from .any_rays import Bundles, axes, planes_between
+from .joseph import Bundles, bundle_shadow, cross, planes_between
 from .lanes import OPTIONS
 from .processors import ANY, PROCESSOR
 from .x86 import WIDTH, add_rows
@@ -126,26 +126,24 @@ def _trace_bundle(volume, occupied, sums, slopes, i, view, bundle, shape, rays, 
     lanes, rows = sums.shape[2], sums.shape[3]
     top, length = np.float32(nz + 1), nz + BORDER
     along_x = rays.along_x[view, bundle]
-    n, n_other, step, step_other = axes(along_x, shape)
+    shadow = bundle_shadow(rays, view, bundle, shape)
     # Planes are numbered without the border, voxel columns with it.
     low, low_other = (first_x - 1, first_y) if along_x else (first_y - 1, first_x)
-    a, b = rays.across[view, bundle, 0], rays.across[view, bundle, 1]
-    start, stop = planes_between(a, b, n, low_other, min(low_other + width, n_other + 1))
+    high_other = min(low_other + width, shadow.cells + 1)
+    start, stop = planes_between(shadow, low_other, high_other)
     lift, level = rays.lift_mm[view, bundle], rays.level[view]
     climb, climbing = rays.climb[view, bundle, 0], rays.climb[view, bundle, 1]
     for plane in range(max(start, low), min(stop, low + width)):
-        middle = plane - (n - 1) * 0.5
-        other = a + b * middle
-        j = int(math.floor(other))
-        if j < low_other or j >= low_other + width or j > n_other:
+        number, cell, share = cross(shadow, plane)
+        if cell < low_other or cell >= high_other:
             continue
-        near = ((plane + 1) * step + j * step_other) * lanes
-        far = near + step_other * lanes
-        rise = climb + climbing * middle
+        near = ((plane + 1) * shadow.step + cell * shadow.step_other) * lanes
+        far = near + shadow.step_other * lanes
+        rise = climb + climbing * number
         lowest, slope = np.float32(level + rise * lift), np.float32(rise)
         if lowest + slope * heights[0] >= top or lowest + slope * heights[rows - 1] < np.float32(0.0):
             continue
-        weight, t = np.float32(other - j), np.float32(middle)
+        weight, t = np.float32(share), np.float32(number)
         for lane in range(lanes):
             if not (occupied[near + lane] or occupied[far + lane]):
                 continue
