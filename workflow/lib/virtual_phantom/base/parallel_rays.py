@@ -183,10 +183,6 @@ class ParallelRays:
         ----------
         stack : ndarray, shape (views, rows, columns)
             Projections of the fan.
-
-        Returns
-        -------
-        ndarray
         """
         geometry = self.geometry
         along, ahead = geometry.from_spots_mm(geometry.column_positions_mm())

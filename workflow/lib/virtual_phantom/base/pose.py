@@ -46,8 +46,6 @@ def turned_back(geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None
 
     Parameters
     ----------
-    geometry : ScanGeometry
-    pose : Pose
     motion_mm : ndarray, shape (views, 3), or None
         As VoxelScene.path_lengths takes it.
 

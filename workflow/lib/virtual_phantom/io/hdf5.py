@@ -19,10 +19,6 @@ from .files import replacing
 def new_file(path: str | Path) -> Iterator[h5py.File]:
     """Open an empty HDF5 file to fill; what it holds replaces `path` if the block succeeds.
 
-    Yields
-    ------
-    h5py.File
-
     Raises
     ------
     InputError

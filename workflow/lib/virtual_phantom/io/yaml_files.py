@@ -40,10 +40,6 @@ def read_yaml(path: str | Path, advice: str, *, restore: str = "make it again") 
     restore : str, optional
         What to do where the file differs from its checksum.
 
-    Returns
-    -------
-    dict
-
     Raises
     ------
     InputErrors

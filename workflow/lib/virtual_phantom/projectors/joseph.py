@@ -60,7 +60,6 @@ class Shadow(NamedTuple):
     ----------
     position, slope : float
         Padded voxel index in plane `origin`, and its change from plane to plane.
-    origin : float
     planes, cells : int
         Number of planes, and of voxels along the other in-plane axis.
     step, step_other : int

@@ -50,7 +50,6 @@ def in_registers(rays: Bundles, shape: tuple[int, int, int]) -> tuple[np.ndarray
 
     Parameters
     ----------
-    rays : Bundles
     shape : tuple of 3 int
         (z, y, x) of the grid without its border.
 

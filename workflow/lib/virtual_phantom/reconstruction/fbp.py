@@ -84,7 +84,6 @@ class ParallelProjections:
 
     Parameters
     ----------
-    rays : ParallelRays
     packed : ndarray
         As projectors.cpu.parallel_stack lays them out.
     """
@@ -101,13 +100,8 @@ class ParallelProjections:
         Parameters
         ----------
         line_integrals : ndarray, shape (lanes, views, rows, columns)
-        geometry : ScanGeometry
         kernel : Kernel, optional
             None: the ramp alone.
-
-        Returns
-        -------
-        ParallelProjections
 
         Raises
         ------

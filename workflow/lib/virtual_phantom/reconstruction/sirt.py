@@ -29,7 +29,6 @@ def sirt(
     ----------
     projector : CpuProjector or AstraCudaProjector
     line_integrals : ndarray, shape (lanes, views, rows, columns)
-    iterations : int
     solver : {"plain", "chebyshev"}
         "plain" makes the iterations one by one. "chebyshev" gives the same image in `terms` applications of the
         operator: K iterations multiply the error by (1 - M)^K; expanded in the Chebyshev polynomials T_j(1 - 2 M), its
