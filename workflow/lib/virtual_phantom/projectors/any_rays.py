@@ -15,24 +15,23 @@ from .lanes import OPTIONS
 
 @compiled(**OPTIONS)
 def trace_sums(volumes, occupied, sums, first_view, shape, rays, apart):
-    """Add what interpolation meets in the planes along every bundle's first ray.
+    """Add the sum of the interpolated values along the first ray of every bundle.
 
     Parameters
     ----------
     volumes : ndarray of float32, shape (lanes, voxels)
         Each flat [y + 2, x + 2, z + 2].
     occupied : ndarray of bool, shape (lanes, voxel columns)
-        Whether any voxel of a column is not zero, flat [y + 2, x + 2].
+        Whether a voxel column has a nonzero voxel, flat [y + 2, x + 2].
     sums : ndarray, shape (lanes, views, bundles)
-        What is added to.
+        Output, added to.
     first_view : int
-        Of the rays, that of the sums' first view.
+        Number of the view, among those of the rays, that is the first of `sums`.
     shape : tuple of 3 int
-        (z, y, x) of the grid without its border.
-    rays : Bundles
+        (z, y, x) of the grid without padding.
     apart : int
-        From one bundle to that which is traced next, which had better meet much the same voxels: the columns of a
-        detector that is not upright, else 1.
+        Distance between bundles that are traced one after the other, so that neighbors read the same voxels: the number
+        of columns if the detector is not upright, otherwise 1.
     """
     nz = shape[0]
     lanes, views, bundles = sums.shape
@@ -77,21 +76,14 @@ def trace_sums(volumes, occupied, sums, first_view, shape, rays, apart):
 
 @compiled(**OPTIONS)
 def trace_slopes(volumes, occupied, slopes, first_view, shape, rays):
-    """Add the derivatives of the sums of every ray.
+    """Add the derivatives of the sums of all rays with respect to their coordinates.
 
     Parameters
     ----------
-    volumes : ndarray of float32, shape (lanes, voxels)
-        Each flat [y + 2, x + 2, z + 2].
-    occupied : ndarray of bool, shape (lanes, voxel columns)
-        Whether any voxel of a column is not zero, flat [y + 2, x + 2].
+    volumes, occupied, first_view, shape
+        See `trace_sums`.
     slopes : ndarray, shape (views, bundles, lanes, 4, rows)
-        What is added to; coordinates in the order a, c, b, d.
-    first_view : int
-        Of the rays, that of the slopes' first view.
-    shape : tuple of 3 int
-        (z, y, x) of the grid without its border.
-    rays : Bundles
+        Output, added to; coordinates in the order a, c, b, d.
     """
     nz = shape[0]
     views, bundles, lanes, _, rows = slopes.shape
@@ -131,17 +123,16 @@ def trace_slopes(volumes, occupied, slopes, first_view, shape, rays):
 
 @compiled(**OPTIONS)
 def path_lengths(sums, place, rays, result):
-    """Sums times the length between two planes.
+    """Write path lengths in mm: sums times the distance between two planes along the ray.
 
     Parameters
     ----------
     sums : ndarray of float32, shape (views, bundles, lanes, padded rows)
-        As trace_rows makes them.
+        Result of rows.trace_rows.
     place : ndarray of int, shape (rows,)
-        Of each row among the padded ones.
-    rays : Bundles
+        Index of each row among the padded rows.
     result : ndarray of float32, shape (lanes, views, rows, bundles)
-        What is written to, mm.
+        Output.
     """
     lanes, views, rows, bundles = result.shape
     for view in range(views):
@@ -155,21 +146,21 @@ def path_lengths(sums, place, rays, result):
 
 @compiled(**OPTIONS)
 def follow(paths, slopes, traced, rays, result):
-    """Path lengths of displaced rays.
+    """Write path lengths of displaced rays to first order.
 
-    They are the sums of those traced and their slopes times the change of the coordinates, times the new length between
-    two planes.
+    The new sum is the traced sum plus its derivatives times the change of the coordinates. Sums are multiplied by the
+    new distance between two planes.
 
     Parameters
     ----------
     paths : ndarray, shape (lanes, views, rows, bundles)
-        Of the rays traced, mm.
+        Path lengths of the traced rays, mm.
     slopes : ndarray, shape (views, bundles, lanes, 4, rows)
-        As trace_slopes makes them; further rows are left alone.
+        Result of `trace_slopes`; may have more rows.
     traced, rays : Bundles
-        The rays traced and those displaced.
+        Traced and displaced rays.
     result : ndarray, shape (lanes, views, rows, bundles)
-        What is written to, mm.
+        Output, mm.
     """
     lanes, views, rows, bundles = paths.shape
     for view in range(views):

@@ -97,16 +97,9 @@ def planes_between(shadow, low, high):
 
 
 @compiled(inline="always", **OPTIONS)
-def split(position):
-    """Return the cell below a position (int32) and the weight of the next cell; no branches, so that it vectorizes."""
-    cell = np.int32(position)
-    cell = np.int32(cell - np.int32(np.float64(cell) > position))
-    return cell, position - np.float64(cell)
-
-
-@compiled(inline="always", **OPTIONS)
 def cross(shadow, plane):
     """Return the plane's number from the origin, the cell in which the shadow meets it, and the next cell's weight."""
     number = plane - shadow.origin
-    cell, weight = split(shadow.position + shadow.slope * number)
-    return number, cell, weight
+    position = shadow.position + shadow.slope * number
+    cell = int(math.floor(position))
+    return number, cell, position - cell

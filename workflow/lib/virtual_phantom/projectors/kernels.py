@@ -1,22 +1,20 @@
 """Numba kernels of the CPU engine: Joseph's forward projection, its exact transpose, and voxel-driven back-projection.
 
-Flat float32 arrays, laid out with one voxel or pixel of zeros around them so that interpolation needs no edge cases::
+Arrays are flat float32, with one voxel or pixel of zeros around them so that interpolation needs no edge cases::
 
     volume       [y + 2, x + 2, z + 2, lane]
     projections  [view, column + 2, row + 2, lane]
 
-z and the detector rows run along the same line in space (vectors.Upright), so for one detector column (or one voxel
-column) the in-plane interpolation is common to all of them and the inner loop walks through contiguous memory.
+z and the detector rows have the same direction (vectors.Upright). One detector column (or voxel column) therefore
+shares its in-plane interpolation, and the inner loop reads contiguous memory.
 
-Joseph's method [1]_: step through the planes across the ray's main direction, interpolate bilinearly in each, scale by
-the path between planes. The ray's main direction is taken in the x-y plane, which asks for cone angles under 45
-degrees. Voxel-driven back-projection interpolates the projection bilinearly where the line from the source through the
-voxel's centre meets the detector. Joseph forward with voxel-driven back is the pair of ASTRA's 3D algorithms [2]_.
+Joseph's method is in joseph.py. The main direction of a ray is that of its projection onto the x-y plane, so cone
+angles must be below 45 degrees. Voxel-driven back-projection interpolates the projection bilinearly where the line from
+the source through the voxel's center meets the detector. This pair of operators is that of ASTRA's 3D algorithms [1]_.
 
 References
 ----------
-.. [1] P. M. Joseph, IEEE Trans. Med. Imaging 1, 192, 1982.
-.. [2] W. van Aarle et al., Ultramicroscopy 157, 35, 2015.
+.. [1] W. van Aarle et al., Ultramicroscopy 157, 35, 2015.
 """
 
 import math
@@ -27,46 +25,44 @@ import numpy as np
 
 from ..base.compiled import compiled
 from .columns import empty_line, gather_line, scatter_line
-from .joseph import Shadow, cross, planes_between, split
+from .joseph import Shadow, planes_between
 from .lanes import OPTIONS
 
-# The volume is walked through in tiles of this many voxel columns along x and y, all views of a call for each: at 16
-# lanes and 48 slices a tile is 0.8 MB, so it stays in the L2 cache instead of coming from memory once per view.
-# FEW lanes and less have wider tiles.
+# Tiles have this many voxel columns along x and y; all views of a call are processed per tile. With 16
+# lanes and 48 slices a tile is 0.8 MB, so it stays in the L2 cache instead of being read once per view.
+# With FEW lanes or fewer, tiles are WIDER.
 TILE, FEW, WIDER = 16, 4, 64
 
-# How a kernel takes one line of voxels or pixels after another (columns.py), entry by entry: which pair of lines, and
-# the shares of both; the first value's cell along them, and what is added from value to value; the values to take.
-# Last, room for one.
+# Arguments of gather_line and scatter_line (columns.py) for many pairs of lines: the first line of the pair, the
+# weights of both, the cell of the first value, the increment per value, and the range of values.
+# `one` has work arrays for one line.
 Lines = namedtuple("Lines", "pair near weight height slope start stop one")
 
 
 class Scan(NamedTuple):
-    """Grid and scan as the kernels take them. Arrays have shape (views,).
+    """Grid and scan in the form that the kernels need. Arrays have shape (views,) unless stated.
 
     Attributes
     ----------
-    shape : tuple of 3 int
-        Of the grid, (z, y, x).
-    spacing : tuple of 3 float
-        Of the grid, (z, y, x), mm.
+    shape, spacing : tuple of 3
+        Voxels and voxel size in mm of the grid (z, y, x).
     columns, rows : int
-        Of the detector.
+        Pixels of the detector.
     column_pitch, row_pitch : float
-        Of the detector, mm.
+        Pixel size, mm.
     across, nearer : ndarray, shape (columns,)
-        Where columns are: from column 0 along the column direction, and from the plane through the detector's reference
-        point towards the source, mm.
+        Positions of the columns, mm: from column 0 along the column direction, and from the plane through the
+        detector's reference point towards the source.
     arc : float
-        Radius of a cylindrical detector, mm; 0 of a flat one.
+        Radius of a cylindrical detector, mm; 0: flat.
     first_angle : float
-        Of column 0 about the focus of the arc, radians.
+        Angle of column 0 about the focus of the arc, radians.
     cosine, sine, distance, first_column, first_row : ndarray
-        As vectors.Upright has them.
+        See vectors.Upright.
     depth, beside, source_z : ndarray
-        The same, but from the grid's centre.
+        See vectors.Upright, but from the center of the grid.
     radius : ndarray
-        Depth of the isocentre, mm: what back-projected views are weighed by.
+        Depth of the isocenter, mm, for the weights of back-projected views.
     """
 
     shape: tuple[int, int, int]
@@ -91,20 +87,20 @@ class Scan(NamedTuple):
 
 
 def empty_lines(scan: Scan) -> Lines:
-    """Room for what a kernel works out at once, for each thread its own."""
+    """Return work arrays of one thread."""
     pair, start, stop = np.empty((3, WIDER), np.int32)
     return Lines(pair, *np.empty((4, WIDER), np.float32), start, stop, empty_line(max(scan.rows, scan.shape[0])))
 
 
 @compiled(**OPTIONS)
 def tile_width(lanes):
-    """In voxel columns."""
+    """Return the width of a tile in voxel columns."""
     return TILE if len(lanes) > FEW else WIDER
 
 
 @compiled(**OPTIONS)
 def _ray(view, column, scan):
-    """In-plane source position, from the grid's centre, and direction to the detector column (all the way to it)."""
+    """Return the in-plane source position from the center of the grid, and the vector to the detector column."""
     s, c = scan.sine[view], scan.cosine[view]
     depth, beside, distance = scan.depth[view], scan.beside[view], scan.distance[view] - scan.nearer[column]
     along = scan.first_column[view] + scan.across[column]
@@ -127,13 +123,9 @@ def _line_up(start, direction, start_other, direction_other, planes, spacing, ce
 
 @compiled(inline="always", **OPTIONS)
 def _from_zero(position, n):
-    """The first of the whole numbers from 0 to n that is not below a position; n beyond.
+    """Return the first integer (int32) from 0 to n that is not below a position.
 
-    Of 32 bits and without `ceil`, as some processors have no vectors of either 64 bits or `ceil`.
-
-    Returns
-    -------
-    int32
+    Uses neither 64-bit integers nor `ceil`, because some processors have no vector instructions for them.
     """
     within = min(max(position, 0.0), np.float64(n))
     below = np.int32(within)
@@ -142,17 +134,25 @@ def _from_zero(position, n):
 
 @compiled(inline="always", **OPTIONS)
 def span(first, slope, cells, n):
-    """Indices i in [0, n) whose position first + slope i lies in [0, cells + 1): those that interpolation can reach."""
+    """Return the range of i in [0, n) with first + slope i in [0, cells + 1), where interpolation is nonzero."""
     inverse = 1.0 / slope
     start = _from_zero(-first * inverse, n)
     return start, max(start, _from_zero((cells + 1.0 - first) * inverse, n))
 
 
 @compiled(inline="always", **OPTIONS)
-def _set_line(lines, k, cell, weight, scale, height, slope, cells, n):
-    """Set entry k: n values between lines `cell` and `cell` + 1, whose weight is given, times `scale`.
+def _split(position):
+    """Return the cell below a position (int32) and the next cell's weight, without branches so that it vectorizes."""
+    cell = np.int32(position)
+    cell = np.int32(cell - np.int32(np.float64(cell) > position))
+    return cell, position - np.float64(cell)
 
-    They come from cells of which `cells` are not border. Without branches, so that many are worked out at once.
+
+@compiled(inline="always", **OPTIONS)
+def _set_line(lines, k, cell, weight, scale, height, slope, cells, n):
+    """Set entry k: n values from lines `cell` and `cell` + 1, where `weight` is the share of the second, times `scale`.
+
+    `cells` excludes padding. The function has no branches, so that it vectorizes over k.
     """
     lines.pair[k] = cell
     lines.near[k] = np.float32((1.0 - weight) * scale)
@@ -164,15 +164,11 @@ def _set_line(lines, k, cell, weight, scale, height, slope, cells, n):
 
 @compiled(inline="always", **OPTIONS)
 def _on_arc(along, depth, view, scan):
-    """Where a ray meets a cylindrical detector, by its in-plane direction along the columns and away from the source.
+    """Return where a ray meets a cylindrical detector: the distance, in lengths of the given vector, and the column.
 
-    Returns
-    -------
-    reach : float
-        How many times as far as the direction is long.
-    column : float
+    The vector has the in-plane components `along` the columns and `depth` away from the source.
     """
-    # The source, seen from the focus.
+    # Position of the source relative to the focus.
     beside = scan.arc * math.sin(scan.first_angle) - scan.first_column[view]
     ahead = scan.arc - scan.distance[view]
     square, half = along * along + depth * depth, beside * along + ahead * depth
@@ -184,7 +180,7 @@ def _on_arc(along, depth, view, scan):
 
 @compiled(**OPTIONS)
 def _columns_of_tile(view, x0, x1, y0, y1, scan):
-    """Detector columns [first, last) whose rays can meet the padded voxel columns [x0, x1) x [y0, y1)."""
+    """Return detector columns [first, last) whose rays can meet the padded voxel columns [x0, x1) x [y0, y1)."""
     _, ny, nx = scan.shape
     _, dy, dx = scan.spacing
     columns, s, c = scan.columns, scan.sine[view], scan.cosine[view]
@@ -210,24 +206,23 @@ def _columns_of_tile(view, x0, x1, y0, y1, scan):
 
 @compiled(**OPTIONS)
 def trace(volume, projections, first_view, views, scan, transpose, lines, lanes):
-    """Joseph projection of some views, or its exact adjoint.
+    """Compute Joseph's projection of some views, or its exact adjoint.
 
-    A sample belongs to the tile of the first of the voxel columns that it is interpolated from.
+    A sample belongs to the tile of the first voxel column that it is interpolated from.
 
     Parameters
     ----------
     volume, projections : ndarray of float32, flat
-        Laid out as the module's docstring says. Projection adds to `projections` what `path_lengths` must then scale;
-        the adjoint adds to `volume` and needs scaled projections.
+        See the module's docstring. Projection adds to `projections`, which `path_lengths` must scale afterwards; the
+        adjoint adds to `volume` and needs scaled projections.
     first_view, views : int
-        The first of the views that `projections` hold, and their number.
-    scan : Scan
+        First view of `projections`, and number of views.
     transpose : bool
         True: the adjoint.
     lines : Lines
-        Room, of `empty_lines`.
+        Work arrays of `empty_lines`.
     lanes : tuple
-        As long as there are realisations.
+        One item per realization.
     """
     _, ny, nx = scan.shape
     width = tile_width(lanes)
@@ -242,7 +237,7 @@ def trace(volume, projections, first_view, views, scan, transpose, lines, lanes)
 
 @compiled(inline="always", **OPTIONS)
 def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, lines, lanes):
-    """The part of one detector column's rays, all rows, that lies in a tile."""
+    """Trace the part of one detector column's rays, for all rows, that is in a tile."""
     count = len(lanes)
     nz, ny, nx = scan.shape
     dz, dy, dx = scan.spacing
@@ -250,7 +245,7 @@ def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, line
     sx, sy, rx, ry = _ray(view, column, scan)
     pixel = ((i * (columns + 2) + column + 1) * (rows + 2) + 1) * count
     step_x, step_y = (nz + 2) * count, (nx + 2) * (nz + 2) * count
-    # In slices.
+    # Unit: slices.
     row_pitch, first_row = scan.row_pitch / dz, scan.first_row[view] / dz
     middle = scan.source_z[view] / dz + (nz - 1) * 0.5 + 1.0
     if abs(rx) >= abs(ry):
@@ -263,7 +258,8 @@ def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, line
     start, stop = planes_between(shadow, first_other, last_other)
     first_plane, last_plane = max(first_plane - 1, start), min(min(last_plane - 1, shadow.planes), stop)
     for k in range(last_plane - first_plane):
-        plane, cell, weight = cross(shadow, np.float64(np.int32(first_plane + k)))
+        plane = np.float64(np.int32(first_plane + k))
+        cell, weight = _split(shadow.position + shadow.slope * plane)
         share = share0 + share_step * plane
         _set_line(lines, k, cell, weight, 1.0, middle + share * first_row, share * row_pitch, nz, rows)
     for k in range(last_plane - first_plane):
@@ -285,7 +281,7 @@ def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, line
 
 @compiled(**OPTIONS)
 def path_lengths(projections, first_view, views, scan, lanes):
-    """Multiply each pixel by the length of its ray between two planes, mm: the last factor of Joseph's sum."""
+    """Multiply each pixel by the distance between two planes along its ray, mm: the last factor of Joseph's method."""
     count = len(lanes)
     columns, rows = scan.columns, scan.rows
     for i in range(views):
@@ -305,10 +301,9 @@ def path_lengths(projections, first_view, views, scan, lanes):
 def back_project(volume, projections, first_view, views, first_y, last_y, scan, lines, lanes):
     """Add the voxel-driven back-projection of some views to rows first_y to last_y - 1 of the volume.
 
-    Each view counts by (source to isocentre / depth)^2: the weight of FDK, and how densely rays lie, which the
-    transpose of a forward projection has by itself. In place of the depth, an arc takes the in-plane distance from the
-    source. ASTRA's BP3D_CUDA does the same, but for a constant (github.com/astra-toolbox/astra-toolbox/issues/594).
-    Arguments are those of `trace`.
+    Each view has the weight (source to isocenter / depth)^2 of FDK, which the transpose of a forward projection
+    contains implicitly. For a cylindrical detector, the in-plane distance from the source replaces the depth. ASTRA's
+    BP3D_CUDA differs by a constant (github.com/astra-toolbox/astra-toolbox/issues/594). Arguments are those of `trace`.
     """
     count = len(lanes)
     nz, ny, nx = scan.shape
@@ -322,7 +317,7 @@ def back_project(volume, projections, first_view, views, first_y, last_y, scan, 
                 view = first_view + i
                 s, c = scan.sine[view], scan.cosine[view]
                 depth, beside, radius = scan.depth[view], scan.beside[view], scan.radius[view]
-                # In pixels: what lies 1 mm off at a depth of 1 mm, and where the detector's zero is.
+                # In pixels: the projection of 1 mm at a depth of 1 mm, and the detector's zero.
                 across_pitch = scan.distance[view] / scan.column_pitch
                 across_middle = 1.0 - scan.first_column[view] / scan.column_pitch
                 up_pitch = scan.distance[view] / scan.row_pitch
@@ -338,14 +333,14 @@ def back_project(volume, projections, first_view, views, first_y, last_y, scan, 
                             reach, column = _on_arc(along, ahead, view, scan)
                             reach /= scan.row_pitch
                             weight = radius * radius / (along * along + ahead * ahead)
-                            pair, share = split(column + 1.0)
+                            pair, share = _split(column + 1.0)
                             height = lowest * reach + up_middle
                             _set_line(lines, k, pair, share, weight, height, dz * reach, rows, nz)
                     for k in range(min(width, nx - x0) if scan.arc == 0 else 0):
                         position_x = (np.float64(np.int32(x0 + k)) - (nx - 1) * 0.5) * dx
                         closer = 1.0 / (depth + position_x * s - position_y * c)
                         along = (position_x * c + position_y * s - beside) * closer
-                        pair, share = split(along * across_pitch + across_middle)
+                        pair, share = _split(along * across_pitch + across_middle)
                         height, slope = lowest * closer * up_pitch + up_middle, dz * closer * up_pitch
                         _set_line(lines, k, pair, share, (radius * closer) ** 2, height, slope, rows, nz)
                     for k in range(min(width, nx - x0)):
