@@ -1,4 +1,4 @@
-"""Paths that begin with ``~``: the one place where the home folder is put in."""
+"""Expansion of ``~`` in paths."""
 
 from __future__ import annotations
 
@@ -16,19 +16,16 @@ def home_folder() -> str | None:
 
 
 def expand_home(value, where: str = ""):
-    """Replace a leading ``~`` or ``~user`` in text, and in all text within mappings and lists, as a shell does.
+    """Expand a leading ``~`` or ``~user`` in text, and in all text of mappings and lists, as a shell does.
+
+    ``~name/...`` is unchanged if there is no such user: it may be a folder name.
 
     Parameters
     ----------
     value : object
-        Text, path, mapping, list or tuple; anything else is returned as it is.
+        Text, path, mapping, list or tuple; anything else is returned unchanged.
     where : str, optional
         Key or option of the value, for the message.
-
-    Returns
-    -------
-    object
-        ``~name/...`` stays if there is no such user: it may name a folder.
 
     Raises
     ------
@@ -50,7 +47,7 @@ def expand_home(value, where: str = ""):
 
 
 def expand_home_of_word(word: str) -> str:
-    """Replace ``~`` in a word of a command line, also in ``--option=~/file``, where no shell does it."""
+    """Expand ``~`` in a command-line argument, including ``--option=~/file``, which shells do not expand."""
     option, equals, value = word.partition("=")
     if equals and option.startswith("--"):
         return f"{option}={expand_home(value, option)}"

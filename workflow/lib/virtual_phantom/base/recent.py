@@ -1,4 +1,4 @@
-"""The last few results by key."""
+"""A cache of the most recently used results."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Result = TypeVar("Result")
 
 
 class Kept:
-    """A cache of at most `most` results, the least recently used going first."""
+    """A cache of at most `most` results that removes the least recently used result first."""
 
     def __init__(self, most: int):
         self._most, self._results = most, {}
@@ -18,7 +18,7 @@ class Kept:
         return key in self._results
 
     def get(self, key: Hashable, make: Callable[[], Result] | None = None) -> Result:
-        """The result of this key, made if it is not there; without `make` it must be."""
+        """Return the result of a key. A missing result is computed by `make`."""
         result = self._results.pop(key) if key in self._results else make()
         self._results[key] = result
         while len(self._results) > self._most:
