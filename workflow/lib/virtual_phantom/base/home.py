@@ -33,9 +33,9 @@ def expand_home(value, where: str = ""):
         If there is no home folder.
     """
     if isinstance(value, Mapping):
-        return {key: expand_home(one, f"{where}.{key}" if where else str(key)) for key, one in value.items()}
+        return {key: expand_home(item, f"{where}.{key}" if where else str(key)) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return type(value)(expand_home(one, f"{where}.{place}") for place, one in enumerate(value))
+        return type(value)(expand_home(item, f"{where}.{place}") for place, item in enumerate(value))
     if isinstance(value, Path):
         return Path(expand_home(str(value), where))
     if not isinstance(value, str) or not value.startswith("~"):

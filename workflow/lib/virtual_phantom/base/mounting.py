@@ -31,7 +31,7 @@ class Mounting:
     @property
     def axes(self) -> np.ndarray:
         """Column direction, row direction and normal in nominal detector axes, shape (3, 3)."""
-        roll, tilt, skew = ((math.cos(one), math.sin(one)) for one in map(math.radians, self._turns))
+        roll, tilt, skew = ((math.cos(angle), math.sin(angle)) for angle in map(math.radians, self._turns))
         rolled = [[roll[0], roll[1], 0], [-roll[1], roll[0], 0], [0, 0, 1]]
         tilted = [[1, 0, 0], [0, tilt[0], -tilt[1]], [0, tilt[1], tilt[0]]]
         skewed = [[skew[0], 0, -skew[1]], [0, 1, 0], [skew[1], 0, skew[0]]]

@@ -123,7 +123,7 @@ class ParallelRays:
         self._from_axis = geometry.from_axis_mm(positions)
         self._ahead = np.hypot(*geometry.from_spots_mm(positions))
         self.level_z_mm, self.level_radius_mm, self.level_turn_rad = (
-            np.array([one[spots].mean() for spots in levels]) for one in (z, self._radius, self._turn)
+            np.array([values[spots].mean() for spots in levels]) for values in (z, self._radius, self._turn)
         )
         self._interleaved = [self._between(geometry, spots) for spots in levels]
         self.level_ahead_mm = np.full((len(levels), len(self.t_mm)), float(geometry.source_to_detector_mm))
@@ -157,10 +157,10 @@ class ParallelRays:
         fans = np.array(fans)
         return _Interleaved(
             known,
-            tuple(spots[one] for one in chosen),
+            tuple(spots[index] for index in chosen),
             (left[chosen[0], number], left[chosen[1], number] + 1),
             share.astype(np.float32),
-            tuple(fans[one, number] for one in chosen),
+            tuple(fans[index, number] for index in chosen),
         )
 
     def _widest_rad(self, geometry) -> float:

@@ -199,8 +199,8 @@ class ScanGeometry:
     def key(self) -> tuple:
         """Hashable key, equal for geometries with equal rays."""
         return type(self).__name__, *(
-            value.tobytes() if isinstance(value := getattr(self, one.name), np.ndarray) else value
-            for one in fields(self)
+            value.tobytes() if isinstance(value := getattr(self, attribute.name), np.ndarray) else value
+            for attribute in fields(self)
         )
 
     @cached_property
@@ -329,7 +329,7 @@ class ScanGeometry:
 
     def by_vectors(self) -> VectorGeometry:
         """Return the same scan as a VectorGeometry."""
-        shared = {one.name: getattr(self, one.name) for one in fields(ScanGeometry)}
+        shared = {attribute.name: getattr(self, attribute.name) for attribute in fields(ScanGeometry)}
         return VectorGeometry(
             source_mm=self.source_mm,
             detector_mm=self.detector_mm,

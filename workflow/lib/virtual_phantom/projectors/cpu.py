@@ -123,12 +123,7 @@ class CpuProjector:
         self._share_out(run, len(projections))
         return projections
 
-    def back(
-        self,
-        projections: np.ndarray,
-        views: slice = slice(None),
-        out: np.ndarray | None = None,
-    ) -> np.ndarray:
+    def back(self, projections: np.ndarray, views: slice = slice(None), out: np.ndarray | None = None) -> np.ndarray:
         """Return the voxel-driven back-projection, packed. Each view has the weight (source to isocenter / depth)^2.
 
         Parameters

@@ -104,12 +104,7 @@ def _ray(view, column, scan):
     s, c = scan.sine[view], scan.cosine[view]
     depth, beside, distance = scan.depth[view], scan.beside[view], scan.distance[view] - scan.nearer[column]
     along = scan.first_column[view] + scan.across[column]
-    return (
-        beside * c - depth * s,
-        beside * s + depth * c,
-        distance * s + along * c,
-        -distance * c + along * s,
-    )
+    return (beside * c - depth * s, beside * s + depth * c, distance * s + along * c, -distance * c + along * s)
 
 
 @compiled(**OPTIONS)

@@ -137,9 +137,9 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
                         position_x = (x - (nx - 1) * 0.5) * dx + cx
                         total[:] = 0
                         views = 0
-                        for one in range(levels * same):
-                            level = one // same
-                            i = direction + (one - level * same) * half_turn
+                        for image in range(levels * same):
+                            level = image // same
+                            i = direction + (image - level * same) * half_turn
                             if i >= angles:
                                 continue
                             radius, up = scan.level_radius[level], scan.level_z[level]

@@ -20,7 +20,7 @@ STEEPEST = np.float32(1.875)
 FLATTEST = np.float32(0.6)
 
 FLOAT, INT = ir.FloatType(), ir.IntType(32)
-FLOATS, INTS, FLAGS = (ir.VectorType(one, WIDTH) for one in (FLOAT, INT, ir.IntType(1)))
+FLOATS, INTS, FLAGS = (ir.VectorType(scalar, WIDTH) for scalar in (FLOAT, INT, ir.IntType(1)))
 FAST = ("fast",)
 
 

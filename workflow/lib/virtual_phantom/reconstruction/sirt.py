@@ -12,13 +12,7 @@ UNSEEN = 1e-6
 
 
 def sirt(
-    projector,
-    line_integrals: np.ndarray,
-    *,
-    iterations: int,
-    solver: str,
-    terms: int,
-    backprojector: str,
+    projector, line_integrals: np.ndarray, *, iterations: int, solver: str, terms: int, backprojector: str
 ) -> np.ndarray:
     """Return the linear attenuation, 1/mm, by simultaneous iterative reconstruction.
 
