@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.base.words import label
+from virtual_phantom.base.names import label
 from virtual_phantom.diagnosis.fitting.fit import Problem
 from virtual_phantom.diagnosis.fitting.templates import changes, projected
 from virtual_phantom.diagnosis.planning.separability import (

@@ -27,7 +27,7 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
-from .caches import temporary_cache, user_cache
+from .cache_folders import temporary_cache, user_cache
 from .console import note
 from .errors import InputError
 

@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Iterator
 
-from .caches import temporary_cache
+from .cache_folders import temporary_cache
 from .errors import InputError
 from .home import home_folder
 

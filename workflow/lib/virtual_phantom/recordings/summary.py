@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import pandas as pd
 
-from ..base.words import counted
+from ..base.names import counted
 from ..features.settings import STUDY, Extraction, installed, said
 from ..statistics.comparison import SAME_VOXELS, grows_with_roi
 from .features import FeaturesRecording

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.errors import InputError
+from ..base.names import label
 from ..base.units import whole_hu
-from ..base.words import label
 from ..figures import axial, style
 from ..io.volumes import Volume
 from .html import render
