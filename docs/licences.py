@@ -27,40 +27,31 @@ The table leaves out what is not installed by default: `environment-slurm.txt` b
 | package | version | licence |
 |---|---|---|
 """
-LONGEST = 60  # characters; some packages put the licence's whole text there
+LONGEST = 60  # characters; some packages have the whole text of the license in the field
 
 
 def pinned() -> dict[str, str]:
-    """{package: version} of environment-pip.txt, in its order."""
-    lines = (ROOT / "environment-pip.txt").read_text(encoding="utf-8").splitlines()
-    return dict(line.split("#")[0].strip().split("==") for line in lines if "==" in line.split("#")[0])
+    """Return {package: version} of environment-pip.txt, in its order."""
+    lines = (line.split("#")[0].strip() for line in (ROOT / "environment-pip.txt").read_text().splitlines())
+    return dict(line.split("==") for line in lines if "==" in line)
 
 
-def licence(found: Distribution) -> str:
-    """By, in this order: SPDX expression, a licence field of one line, classifiers, the field's title, a file's title.
-
-    Raises ValueError if none of them says.
-    """
-    metadata = found.metadata
-    if expression := metadata.get("License-Expression"):
-        return expression
+def licence(package: Distribution) -> str:
+    """Return the license by SPDX expression, short license field, classifiers, or first line of the field or file."""
+    metadata = package.metadata
     field = (metadata.get("License") or "").strip()
-    if field and "\n" not in field and len(field) <= LONGEST:
-        return field
-    classifiers = [one for one in metadata.get_all("Classifier") or [] if one.startswith("License ::")]
-    if words := [one.split(" :: ")[-1] for one in classifiers if not one.endswith("OSI Approved")]:
-        return ", ".join(words)
-    if field:
-        return field.splitlines()[0].strip()[:LONGEST]
-    for file in found.files or []:
-        if file.name.upper().startswith(("LICENSE", "LICENCE", "COPYING")):
-            lines = file.read_text(encoding="utf-8").splitlines()
-            return next(line.strip() for line in lines if line.strip())[:LONGEST]
-    raise ValueError(f"{metadata['Name']}: says nothing of its licence; look it up")
+    classifiers = [entry.split(" :: ")[-1] for entry in metadata.get_all("Classifier") or [] if "License ::" in entry]
+    files = [file for file in package.files or [] if file.name.upper().startswith(("LICENSE", "LICENCE", "COPYING"))]
+    return (
+        metadata.get("License-Expression")
+        or ("\n" not in field and len(field) <= LONGEST and field)
+        or ", ".join(word for word in classifiers if word != "OSI Approved")
+        or (field or files[0].read_text(encoding="utf-8").strip()).splitlines()[0].strip()[:LONGEST]
+    )
 
 
 def page() -> str:
-    """The whole page."""
+    """Return the whole page."""
     rows = [f"| {name} | {version} | {licence(distribution(name))} |" for name, version in pinned().items()]
     return INTRODUCTION + "\n".join(rows) + "\n"
 

@@ -20,6 +20,8 @@ from ..figures import axial, style
 from ..io.volumes import Volume
 from .html import render
 
+# An own viewer (148 lines and 12 kB of templates) keeps the page one file that works offline. NiiVue 0.69 would embed
+# 2.9 MB of minified JavaScript in it, need WebGL 2, and still need code for differences, windows and ROI outlines.
 MOST_BYTES = 10_500_000  # of voxels; as text in a page, at worst, a third more: 14 MB
 MOST_ACROSS = 256  # larger slices are thinned before slices are left out
 
