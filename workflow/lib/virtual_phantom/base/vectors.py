@@ -171,13 +171,7 @@ class ScanGeometry:
 
     @property
     def known_interval_ms(self) -> float:
-        """view_interval_ms, which must be known.
-
-        Raises
-        ------
-        InputError
-            If it is not known.
-        """
+        """view_interval_ms, which must be known. Raises InputError if it is not known."""
         if self.view_interval_ms is None:
             raise InputError(
                 "scan: the time from view to view is not known, by which afterglow, motion and the drift of a dark "

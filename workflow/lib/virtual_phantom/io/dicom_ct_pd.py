@@ -16,15 +16,15 @@ import math
 from pathlib import Path
 
 import numpy as np
-from pydicom.dataset import Dataset, FileMetaDataset
-from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian
+from pydicom.dataset import Dataset
+from pydicom.uid import CTImageStorage
 from pydicom.valuerep import DSfloat
 
 from .. import __version__
 from ..base.errors import InputError
 from ..base.geometry import OrbitGeometry
 from ..base.vectors import FLAT
-from .dicom_export import NAME, uid, write
+from .dicom_export import NAME, ct_image, uid, write
 from .exchange import read_counts, read_line_integrals
 
 ROWS, COLUMNS = (0x7029, 0x1010), (0x7029, 0x1011)
@@ -46,17 +46,8 @@ CORRECTIONS = {
 }
 LOGARITHM = (0x7039, 0x1009)
 FLOATS = (
-    WIDTH,
-    HEIGHT,
-    FOCAL_ANGLE,
-    FOCAL_Z,
-    FOCAL_RADIUS,
-    DISTANCE,
-    CENTRAL,
-    SPOT_ANGLE,
-    SPOT_Z,
-    SPOT_RADIUS,
-    PHOTONS,
+    *(WIDTH, HEIGHT, FOCAL_ANGLE, FOCAL_Z, FOCAL_RADIUS, DISTANCE),
+    *(CENTRAL, SPOT_ANGLE, SPOT_Z, SPOT_RADIUS, PHOTONS),
 )
 WHOLE = (ROWS, COLUMNS, VIEWS_PER_TURN, SOURCES)
 CREATORS = {
@@ -128,23 +119,15 @@ def views_of(lines: np.ndarray, geometry: OrbitGeometry) -> list[Dataset]:
     turned, distance = np.arctan2(-along, radius + away), np.hypot(along, radius + away)
     files = []
     for view, image in enumerate(lines):
-        dataset = Dataset()
-        dataset.update(shared)
-        dataset.InstanceNumber = view + 1
-        dataset.SOPInstanceUID = uid(content, "view", view)
+        # Detector columns are rows of the image, with detector rows along -z, as in the public library.
+        stored = np.rint((image[::-1].T - float(low)) / float(slope))
+        pixels = np.clip(stored, 0, GREATEST).astype("<u2")
+        dataset = ct_image(shared, view + 1, uid(content, "view", view), pixels)
         _add(dataset, FOCAL_ANGLE, float(geometry.angles_rad[view] % (2 * math.pi)))
         _add(dataset, FOCAL_Z, float(geometry.source_z_mm[view]))
         _add(dataset, SPOT_ANGLE, float(turned[view]))
         _add(dataset, SPOT_Z, float(up[view]))
         _add(dataset, SPOT_RADIUS, float(distance[view] - radius))
-        # Detector columns are rows of the image, with detector rows along -z, as in the public library.
-        stored = np.rint((image[::-1].T - float(low)) / float(slope))
-        dataset.PixelData = np.ascontiguousarray(np.clip(stored, 0, GREATEST), "<u2").tobytes()
-        dataset["PixelData"].VR = "OW"
-        dataset.file_meta = FileMetaDataset()
-        dataset.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
-        dataset.file_meta.MediaStorageSOPClassUID = dataset.SOPClassUID
-        dataset.file_meta.MediaStorageSOPInstanceUID = dataset.SOPInstanceUID
         files.append(dataset)
     return files
 
@@ -167,6 +150,7 @@ def _shared(geometry: OrbitGeometry, low: DSfloat, slope: DSfloat, content: str)
         ds.ExposureTime = round(geometry.view_interval_ms * geometry.views_per_rotation)
     for group, name in CREATORS.items():
         ds.add_new((group, 0x0010), "LO", name)
+    central = [(geometry.columns + 1) / 2 - geometry.column_offset_px, (geometry.rows + 1) / 2 + geometry.row_offset_px]
     for tag, value in (
         (ROWS, geometry.rows),
         (COLUMNS, geometry.columns),
@@ -175,10 +159,7 @@ def _shared(geometry: OrbitGeometry, low: DSfloat, slope: DSfloat, content: str)
         (SHAPE, geometry.surface.upper()),
         (FOCAL_RADIUS, float(geometry.source_to_isocentre_mm)),
         (DISTANCE, float(geometry.source_to_detector_mm)),
-        (
-            CENTRAL,
-            [(geometry.columns + 1) / 2 - geometry.column_offset_px, (geometry.rows + 1) / 2 + geometry.row_offset_px],
-        ),
+        (CENTRAL, central),
         (SPOT_MODE, MODES[bool(np.ptp(geometry.spots_mm[:, 0])), bool(np.ptp(geometry.spots_mm[:, 2]))]),
         (VIEWS_PER_TURN, round(geometry.views_per_rotation)),
         (SOURCES, 1),

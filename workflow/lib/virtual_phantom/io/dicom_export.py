@@ -73,20 +73,24 @@ def series(image: Volume, phantom: Volume, scan: Scan) -> list[Dataset]:
     shared = _shared(image.grid, scan, study, image_hash)
     slices = []
     for index, (plane, position) in enumerate(zip(pixels, positions_lps(image.grid), strict=True)):
-        dataset = Dataset()
-        dataset.update(shared)
-        dataset.SOPInstanceUID = uid(image_hash, scan.label, "slice", index)
-        dataset.InstanceNumber = index + 1
-        dataset.ImagePositionPatient = position
-        dataset.SliceLocation = position[2]
-        dataset.PixelData = np.ascontiguousarray(plane, dtype="<i2").tobytes()
-        dataset["PixelData"].VR = "OW"
-        dataset.file_meta = FileMetaDataset()
-        dataset.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
-        dataset.file_meta.MediaStorageSOPClassUID = dataset.SOPClassUID
-        dataset.file_meta.MediaStorageSOPInstanceUID = dataset.SOPInstanceUID
+        dataset = ct_image(shared, index + 1, uid(image_hash, scan.label, "slice", index), plane.astype("<i2"))
+        dataset.ImagePositionPatient, dataset.SliceLocation = position, position[2]
         slices.append(dataset)
     return slices
+
+
+def ct_image(shared: Dataset, number: int, instance_uid: str, pixels: np.ndarray) -> Dataset:
+    """Return the dataset of one CT file: the elements that a series shares, and 16-bit pixels (little-endian)."""
+    dataset = Dataset()
+    dataset.update(shared)
+    dataset.InstanceNumber, dataset.SOPInstanceUID = number, instance_uid
+    dataset.PixelData = np.ascontiguousarray(pixels).tobytes()
+    dataset["PixelData"].VR = "OW"
+    dataset.file_meta = FileMetaDataset()
+    dataset.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    dataset.file_meta.MediaStorageSOPClassUID = dataset.SOPClassUID
+    dataset.file_meta.MediaStorageSOPInstanceUID = dataset.SOPInstanceUID
+    return dataset
 
 
 def segmentation(slices: Sequence[Dataset], masks: Mapping[str, np.ndarray]) -> Dataset:
@@ -164,12 +168,8 @@ def _shared(grid: Grid, scan: Scan, study: str, image_hash: str) -> Dataset:
     dz, dy, dx = map(_mm, grid.spacing)
     ds = Dataset()
     # Patient: anonymous
-    ds.PatientName, ds.PatientID, ds.PatientBirthDate, ds.PatientSex = (
-        "Virtual^Phantom",
-        f"phantom-{study[:12]}",
-        "",
-        "",
-    )
+    ds.PatientName, ds.PatientID = "Virtual^Phantom", f"phantom-{study[:12]}"
+    ds.PatientBirthDate = ds.PatientSex = ""
     ds.QualityControlSubject = "YES"
     ds.PatientComments = "Simulated: a phantom, not a patient"
     # General study
