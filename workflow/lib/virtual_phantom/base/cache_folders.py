@@ -34,13 +34,8 @@ def user_cache() -> Path | None:
 def temporary_cache(make: bool = True) -> Path | None:
     """Return a folder for temporary files, kept between processes, that only this user can write to.
 
-    None if it is missing, cannot be created, or could contain files of another user. Cached machine code is executed,
-    so a folder that others can write to must not be read.
-
-    Parameters
-    ----------
-    make : bool, optional
-        Create the folder if it is missing.
+    With `make`, a missing folder is created. None if it is missing, cannot be created, or could contain files of
+    another user. Cached machine code is executed, so a folder that others can write to must not be read.
     """
     try:
         user = os.getuid() if hasattr(os, "getuid") else 0

@@ -21,14 +21,8 @@ def typed(*words: object) -> str:
 def snakemake(*words: object, snakefile: Path | None = None) -> str:
     """Return a Snakemake command that works in the current folder.
 
-    The command has `-s` if the current folder has no Snakefile. Without a clone the path begins with NO_CLONE.
-
-    Parameters
-    ----------
-    *words : object
-        Arguments of `snakemake`.
-    snakefile : Path, optional
-        By default the Snakefile of the clone that contains the library.
+    The command has `-s` if the current folder has no Snakefile: with `snakefile`, or that of the clone that contains
+    the library. Without a clone the path begins with NO_CLONE.
     """
     if any(Path(name).is_file() for name in SNAKEFILES):
         return typed("snakemake", *words)

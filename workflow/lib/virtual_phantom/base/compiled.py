@@ -40,12 +40,7 @@ CHECKSUM_BYTES = CHECKSUM().digest_size
 
 
 def compiled(**options) -> Callable[[Callable], Callable]:
-    """Decorate a function so that numba compiles it when it is called and its machine code is kept on disk.
-
-    Parameters
-    ----------
-    **options
-        Options of `numba.njit` except ``cache``.
+    """Decorate a function so that numba (`njit(**options)`) compiles it when it is called and its machine code is kept.
 
     Raises
     ------

@@ -29,15 +29,7 @@ def note(text: object) -> None:
 
 
 def progress(what: str, done: int, total: int) -> None:
-    """Print the progress of long work to standard error every PROGRESS_SECONDS in commands; do nothing in jobs.
-
-    Parameters
-    ----------
-    what : str
-        The work, such as "reading regions".
-    done, total : int
-        Steps.
-    """
+    """Print the progress of long work to standard error every PROGRESS_SECONDS in commands; do nothing in jobs."""
     for handler in NOTES.handlers:
         if isinstance(handler, _Printer):
             handler.progress(what, done, total)
@@ -144,13 +136,7 @@ def _checked(word: str) -> str:
 
 
 def unexpected(error: BaseException, beside: str = f"what the same command prints with {DEBUG}") -> str:
-    """Return one line about an unexpected exception, with what the user can do.
-
-    Parameters
-    ----------
-    beside : str, optional
-        What a bug report needs in addition to this line.
-    """
+    """Return one line about an unexpected exception; `beside` says what a bug report needs in addition to this line."""
     if isinstance(error, UnicodeEncodeError):
         return _unencodable(error)
     reason = str(InputError(" ".join(str(error).split())))
@@ -166,12 +152,7 @@ def _unencodable(error: UnicodeEncodeError) -> str:
 
 
 def check_names(*names: str) -> None:
-    """Check that files with these names can be opened, and that the names can be written to files.
-
-    Parameters
-    ----------
-    *names : str
-        Names, or any text that contains them.
+    """Check that files with these names, or any names in these texts, can be opened and written to file lists.
 
     Raises
     ------

@@ -28,16 +28,7 @@ class Counts:
     scale: float
 
     def line_integrals(self, zero_counts_as: float) -> np.ndarray:
-        """Return -scale ln(data / white).
-
-        Parameters
-        ----------
-        zero_counts_as : float
-            Photons, in (0, 1], that replace a count of zero.
-
-        Returns
-        -------
-        ndarray of float32, shape (views, rows, columns)
+        """Return -scale ln(data / white), float32, (views, rows, columns); `zero_counts_as` photons replace zero.
 
         Raises
         ------

@@ -16,13 +16,7 @@ class InputError(ValueError):
 
 
 class InputErrors(InputError):
-    """Several mistakes at once. The text is the first of them and the number of others.
-
-    Attributes
-    ----------
-    lines : tuple of str
-        One line for each mistake.
-    """
+    """Several mistakes, a line for each in `lines`. The text is the first of them and the number of others."""
 
     def __init__(self, lines: Iterable[str]):
         self.lines = tuple(str(InputError(line)) for line in lines)
@@ -46,17 +40,7 @@ def printed(error: InputError) -> str:
 
 
 def meant(name: str, choices: Iterable[str], otherwise: str = "known") -> str:
-    """Return a hint for a name that is none of the choices: the most similar choice, or else all choices.
-
-    Parameters
-    ----------
-    name : str
-        What the user wrote.
-    choices : iterable of str
-        Valid names.
-    otherwise : str, optional
-        Precedes the list of all choices.
-    """
+    """Return a hint for a name that is none of the choices: the most similar choice, or else all after `otherwise`."""
     choices = list(choices)
     close = difflib.get_close_matches(str(name), choices, 1)
     return f"did you mean '{close[0]}'?" if close else f"{otherwise}: {', '.join(choices) or 'none'}"

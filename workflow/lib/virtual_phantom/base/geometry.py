@@ -292,30 +292,13 @@ class OrbitGeometry(ScanGeometry):
         return max(float(min(-low.max(), high.min())), 0.0)
 
     def from_axis_mm(self, positions_mm: np.ndarray) -> np.ndarray:
-        """Return signed in-plane distances of rays from the axis, by position on the detector, mm, (spots, positions).
-
-        Parameters
-        ----------
-        positions_mm : ndarray, shape (positions,)
-            See column_positions_mm.
-        """
+        """Return signed in-plane distances from the axis of rays to column positions, mm, (spots, positions)."""
         along, away, _ = self.spots_mm.T[..., None]
         to_along, to_ahead = self.from_spots_mm(positions_mm)
         return (along * to_ahead + (self.source_to_isocentre_mm + away) * to_along) / np.hypot(to_along, to_ahead)
 
     def from_spots_mm(self, positions_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return in-plane vectors from the spots to positions along the detector.
-
-        Parameters
-        ----------
-        positions_mm : ndarray, shape (positions,)
-            See column_positions_mm.
-
-        Returns
-        -------
-        along_mm, ahead_mm : ndarray, shape (spots, positions)
-            Components along the columns and towards the isocenter.
-        """
+        """Return in-plane vectors from the spots to column positions, mm: along the columns, towards the isocenter."""
         along, away, _ = self.spots_mm.T[..., None]
         across, nearer = self.on_surface_mm(positions_mm)
         return across - along, self.source_to_detector_mm + away - nearer
@@ -339,12 +322,7 @@ class OrbitGeometry(ScanGeometry):
 
 
 def orbit_of(geometry: ScanGeometry, who: str) -> OrbitGeometry:
-    """Return the geometry if it is circular or helical.
-
-    Parameters
-    ----------
-    who : str
-        What needs such a scan, for the message.
+    """Return the geometry if it is circular or helical, which `who` (for the message) needs.
 
     Raises
     ------
@@ -439,25 +417,12 @@ def grid_of(settings: dict) -> Grid:
     """Return the grid of the configuration's `grid` section, centered at 0, on which the phantom is made.
 
     A CT phantom has its own position in the world, so later steps use the grid of the phantom's image.
-
-    Parameters
-    ----------
-    settings : dict
-        The section: `shape`, voxels (z, y, x), and `spacing_mm`, mm (z, y, x).
     """
     return Grid(tuple(settings["shape"]), tuple(settings["spacing_mm"]))
 
 
 def scan_geometry(scan: dict, projections: int, grid: Grid) -> OrbitGeometry:
-    """Return the geometry of a complete `scan` section of the configuration.
-
-    Parameters
-    ----------
-    scan : dict
-        The section with its defaults.
-    grid : Grid
-        Volume that a helix must cover along z.
-    """
+    """Return the geometry of a complete `scan` section of the configuration; a helix must cover `grid` along z."""
     scan = with_beam(scan)
     detector = {
         key: scan[key]
@@ -489,13 +454,7 @@ def scan_geometry(scan: dict, projections: int, grid: Grid) -> OrbitGeometry:
 
 
 def surface_of(scan: dict) -> dict:
-    """Return the detector surface and focal spots of a `scan` section as fields of OrbitGeometry.
-
-    Parameters
-    ----------
-    scan : dict
-        Section of a study or recording: `detector`, `arc_radius_mm` and `flying_focal_spot`, which have defaults.
-    """
+    """Return the detector surface and focal spots of a `scan` section as fields of OrbitGeometry, with defaults."""
     surface, radius = scan.get("detector", FLAT), scan.get("arc_radius_mm")
     spots = [[spot.get(key, 0.0) for key in SPOT_KEYS] for spot in scan.get("flying_focal_spot") or [{}]]
     return {"surface": surface, "arc_radius_mm": radius, "spots_mm": np.array(spots, float)}

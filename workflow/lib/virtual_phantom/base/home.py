@@ -18,14 +18,8 @@ def home_folder() -> str | None:
 def expand_home(value, where: str = ""):
     """Expand a leading ``~`` or ``~user`` in text, and in all text of mappings and lists, as a shell does.
 
-    ``~name/...`` is unchanged if there is no such user: it may be a folder name.
-
-    Parameters
-    ----------
-    value : object
-        Text, path, mapping, list or tuple; anything else is returned unchanged.
-    where : str, optional
-        Key or option of the value, for the message.
+    ``~name/...`` is unchanged if there is no such user: it may be a folder name. Messages begin with `where`, the key
+    or option.
 
     Raises
     ------

@@ -176,13 +176,7 @@ class ParallelRays:
         return len(self.level_z_mm)
 
     def in_the_plane(self, stack: np.ndarray) -> np.ndarray:
-        """Return projections times the cosine of the rays' angle with the x-y plane, as the ramp filter requires.
-
-        Parameters
-        ----------
-        stack : ndarray, shape (views, rows, columns)
-            Fan projections.
-        """
+        """Return projections (views, rows, columns) times the cosine of the rays' angle with the x-y plane."""
         geometry = self.geometry
         along, ahead = geometry.from_spots_mm(geometry.column_positions_mm())
         flat = (ahead**2 + along**2)[:, None]
@@ -197,14 +191,7 @@ class ParallelRays:
         return result
 
     def rebin(self, stack: np.ndarray, level: int = 0) -> Iterator[np.ndarray]:
-        """Interpolate projections linearly to parallel rays, one angle after the other.
-
-        Parameters
-        ----------
-        stack : ndarray, shape (views, rows, columns)
-            Fan projections.
-        level : int, optional
-            Level of the spots.
+        """Interpolate projections (views, rows, columns) linearly to parallel rays, one angle after the other.
 
         Yields
         ------
@@ -242,15 +229,10 @@ class ParallelRays:
         return low * spots + spot, np.minimum(low + 1, last) * spots + spot, later_share
 
     def directions_seen(self, points_mm: np.ndarray) -> np.ndarray:
-        """Return the number of the `half_turn` directions from which each point is seen, shape (points,).
+        """Return the number of the `half_turn` directions from which each point (x, y, z), mm, is seen, (points,).
 
         A point is seen if its projection is between the centers of the outermost columns and rows (on the row, if there
         is only one), as in the reconstruction.
-
-        Parameters
-        ----------
-        points_mm : ndarray, shape (points, 3)
-            (x, y, z), mm.
         """
         geometry = self.geometry
         x, y, z = np.asarray(points_mm, dtype=np.float64).T

@@ -40,19 +40,10 @@ def turned_axes(turn_deg: float) -> np.ndarray:
 
 
 def turned_back(geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> tuple[ScanGeometry, np.ndarray]:
-    """Return the geometry in which a rotated object appears unrotated, and the object's shift in it.
+    """Return the geometry in which a rotated object appears unrotated, and the object's shift, (3,) or (views, 3).
 
     The object rotated by t about z and seen at angle b is the unrotated object seen at b - t, with rotated shifts.
-
-    Parameters
-    ----------
-    motion_mm : ndarray, shape (views, 3), or None
-        See VoxelScene.path_lengths.
-
-    Returns
-    -------
-    geometry : ScanGeometry
-    shift_mm : ndarray, shape (3,) or (views, 3)
+    VoxelScene.path_lengths describes `motion_mm`.
     """
     geometry, back = geometry.turned(-np.deg2rad(pose.turn_deg)), turned_axes(pose.turn_deg)
     shift = back @ [pose.x_mm, pose.y_mm, pose.z_mm]

@@ -41,14 +41,7 @@ def root(seed: int) -> Stream:
 def branch(seed: int, purpose: int, *keys: int) -> Stream:
     """Return a branch of a seed, and below it the branches given by `keys`.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of the study, or another seed.
-    purpose : int
-        A Branch; for a seed other than the study's, any number of the caller.
-    *keys : int
-        Successive branches.
+    `purpose` is a Branch; for a seed other than the study's, any number of the caller.
     """
     return Stream(seed, spawn_key=(int(purpose), *keys))
 

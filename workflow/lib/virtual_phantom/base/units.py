@@ -14,39 +14,13 @@ HU_BODY = -500.0  # halfway from air to water; denser voxels belong to the objec
 
 
 def hu_to_attenuation(hu, mu_water_per_mm: float):
-    """Return the linear attenuation, 1/mm, of CT numbers. Values below air become air, so that it is never negative.
-
-    Parameters
-    ----------
-    hu : array_like
-        HU.
-    mu_water_per_mm : float
-        Linear attenuation of water, 1/mm.
-
-    Returns
-    -------
-    ndarray
-        Floating type of `hu`; float32 for integers.
-    """
+    """Return linear attenuation, 1/mm, from HU in the floating type of `hu`. Values below air become air."""
     hu = _floating(hu)
     return (np.maximum(hu, HU_AIR) / 1000 + 1).astype(hu.dtype, copy=False) * hu.dtype.type(mu_water_per_mm)
 
 
 def attenuation_to_hu(mu, mu_water_per_mm: float):
-    """Return CT numbers in HU of linear attenuation, not clipped: noise may give values below air.
-
-    Parameters
-    ----------
-    mu : array_like
-        Linear attenuation, 1/mm.
-    mu_water_per_mm : float
-        Linear attenuation of water, 1/mm.
-
-    Returns
-    -------
-    ndarray
-        Floating type of `mu`; float32 for integers.
-    """
+    """Return HU from linear attenuation, 1/mm, in the floating type of `mu`; not clipped at air, because of noise."""
     mu = _floating(mu)
     return (mu / mu.dtype.type(mu_water_per_mm) - 1) * mu.dtype.type(1000)
 

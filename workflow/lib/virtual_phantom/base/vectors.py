@@ -212,20 +212,7 @@ class ScanGeometry:
         return (np.arange(self.columns) - (self.columns - 1) / 2 + self.column_offset_px) * self.column_pitch_mm
 
     def on_surface_mm(self, positions_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return coordinates of positions along the detector.
-
-        Parameters
-        ----------
-        positions_mm : ndarray
-            See column_positions_mm.
-
-        Returns
-        -------
-        across_mm : ndarray
-            Distance from the reference point along the column direction.
-        nearer_mm : ndarray
-            Distance towards the source from the plane through the reference point; 0 on a flat detector.
-        """
+        """Return coordinates of column positions: along the column direction, and towards the source (0 if flat)."""
         if self.surface == FLAT:
             return positions_mm, np.zeros_like(positions_mm)
         angles, radius = positions_mm / self.arc_radius_mm, self.arc_radius_mm
@@ -276,12 +263,7 @@ class ScanGeometry:
         return (to[:, :, None] + up[:, :, None] * rows[:, None]).reshape(3, self.views, -1), np.zeros(1)
 
     def upright(self, who: str) -> Upright:
-        """Return the in-plane description of the scan.
-
-        Parameters
-        ----------
-        who : str
-            What needs an upright detector, for the message.
+        """Return the in-plane description of the scan; `who`, for the message, needs an upright detector.
 
         Raises
         ------

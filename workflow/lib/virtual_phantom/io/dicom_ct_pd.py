@@ -94,12 +94,7 @@ def export_projections(path: str | Path, folder: str | Path) -> int:
 
 
 def views_of(lines: np.ndarray, geometry: OrbitGeometry) -> list[Dataset]:
-    """Return the files of a scan.
-
-    Parameters
-    ----------
-    lines : ndarray, shape (views, rows, columns)
-        Line integrals.
+    """Return the files of a scan from line integrals, shape (views, rows, columns).
 
     Raises
     ------

@@ -94,16 +94,9 @@ def ct_image(shared: Dataset, number: int, instance_uid: str, pixels: np.ndarray
 
 
 def segmentation(slices: Sequence[Dataset], masks: Mapping[str, np.ndarray]) -> Dataset:
-    """Return the ROIs of these slices as one DICOM SEG, with one segment per ROI.
+    """Return the ROIs of these slices as one DICOM SEG, with one segment per mask, [z, y, x] on the grid of the image.
 
     Content date and time, which DICOM requires, are those of writing.
-
-    Parameters
-    ----------
-    slices : sequence of Dataset
-        Result of `series`.
-    masks : mapping of str to ndarray of bool, shape (z, y, x)
-        ROIs by name, on the grid of the image.
     """
     import highdicom  # takes 0.3 s to import
     from pydicom.sr.codedict import codes

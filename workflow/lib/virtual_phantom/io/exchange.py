@@ -37,15 +37,7 @@ _COMPRESSION = dict(compression="gzip", compression_opts=1, shuffle=True)
 
 @dataclass(frozen=True)
 class Physics:
-    """Stored state of an acquisition chain.
-
-    Attributes
-    ----------
-    arrays : dict of str to ndarray
-        By name; stored as float32.
-    numbers : dict of str to float or tuple of float
-        By name.
-    """
+    """Stored state of an acquisition chain, by name; arrays are stored as float32."""
 
     arrays: dict[str, np.ndarray]
     numbers: dict[str, float | tuple[float, ...]]
@@ -98,12 +90,7 @@ def read_physics(path: str | Path) -> tuple[Physics, OrbitGeometry] | None:
 
 
 def write_counts(path: str | Path, counts: Counts, geometry: ScanGeometry) -> None:
-    """Write one noisy acquisition.
-
-    Parameters
-    ----------
-    geometry : ScanGeometry
-        Nominal geometry, which reconstructions use.
+    """Write one noisy acquisition with its nominal geometry, which reconstructions use.
 
     Raises
     ------

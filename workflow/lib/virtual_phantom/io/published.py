@@ -48,14 +48,7 @@ def named_by(paths: Iterable[str], files: Iterable[PublishedFile]) -> list[Publi
 
 
 def check_listed(path: str | Path, digest: str, table: str | Path, advice: str) -> None:
-    """Check that a file has the content that a table lists.
-
-    Parameters
-    ----------
-    digest : str
-        SHA-256 in the table, hexadecimal.
-    table : str or Path
-        The table, for the message.
+    """Check that a file has the SHA-256 that a table lists.
 
     Raises
     ------
@@ -67,12 +60,7 @@ def check_listed(path: str | Path, digest: str, table: str | Path, advice: str) 
 
 
 def reachable(url: str, advice: str) -> str:
-    """Return the address of a file on the web after a request for it.
-
-    Parameters
-    ----------
-    url, advice : str
-        The address, and what to do without a network.
+    """Return the address of a file on the web after a request for it; `advice` says what to do without a network.
 
     Raises
     ------

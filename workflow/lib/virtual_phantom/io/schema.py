@@ -42,19 +42,12 @@ BOUNDS = {"minimum": "at least", "exclusiveMinimum": "more than", "maximum": "at
 
 
 def validate(document: dict, schema: dict, source: str) -> None:
-    """Check a document against a schema, and that all keys are text (YAML reads 1 or yes as other types).
-
-    Parameters
-    ----------
-    schema : dict
-        JSON schema, draft 2020-12.
-    source : str
-        Beginning of the message: the file or the section.
+    """Check a document against a schema (draft 2020-12) and that all keys are text; YAML reads 1 or yes otherwise.
 
     Raises
     ------
     InputError
-        One line that names the key, for what the schema refuses.
+        One line that begins with `source` and names the key, for what the schema refuses.
     """
     check_nesting(document, source)
     for path, key in _keys_not_text(document, ()):
@@ -66,15 +59,7 @@ def validate(document: dict, schema: dict, source: str) -> None:
 
 @dataclass(frozen=True)
 class Mistake:
-    """A mistake in a document.
-
-    Attributes
-    ----------
-    path : tuple of str or int
-        Location in the document.
-    line : str
-        What is wrong, and what to do.
-    """
+    """A mistake in a document: its location, and a line on what is wrong and what to do."""
 
     path: tuple
     line: str
@@ -181,13 +166,6 @@ def check_nesting(document, source: str) -> None:
     """Refuse a document that is too deep or too large.
 
     With YAML's aliases, a few lines can expand to billions of items or to a document that contains itself.
-
-    Parameters
-    ----------
-    document : object
-        Result of a YAML or JSON parser.
-    source : str
-        Beginning of the message: the file or the section.
 
     Raises
     ------

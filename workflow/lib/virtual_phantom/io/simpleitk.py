@@ -19,15 +19,7 @@ def itk_image(array: np.ndarray, grid: Grid) -> sitk.Image:
 def itk_resample(image: sitk.Image, grid: Grid, transform: sitk.Transform, outside: float) -> np.ndarray:
     """Interpolate an image linearly at the voxel centers of a grid: float32 of shape (z, y, x).
 
-    Parameters
-    ----------
-    image : SimpleITK.Image
-    grid : Grid
-        Output grid.
-    transform : SimpleITK.Transform
-        From the world of `grid` to that of the image.
-    outside : float
-        Value outside of the image.
+    `transform` maps the world of `grid` to that of the image. Voxels outside of the image are `outside`.
     """
     identity = (1, 0, 0, 0, 1, 0, 0, 0, 1)
     placed = (tuple(grid.affine[:3, 3]), grid.spacing[::-1], identity)

@@ -39,12 +39,7 @@ SEEN_TILT = 0.05  # voxels; from here on the tilt is reported. Header values in 
 
 @dataclass(frozen=True)
 class Volume:
-    """An array and the grid of its voxels.
-
-    Attributes
-    ----------
-    array : ndarray, shape (z, y, x)
-    """
+    """An array, shape (z, y, x), and the grid of its voxels."""
 
     array: np.ndarray
     grid: Grid
@@ -84,17 +79,8 @@ def read_image(path: str | Path, dtype=np.float32, noted: bool = True) -> Volume
 def read_layers(path: str | Path) -> tuple[list[Volume], dict[str, str]]:
     """Read a label image with the key/value pairs of its header, as 3D Slicer writes them in .seg.nrrd files.
 
-    Parameters
-    ----------
-    path : str or Path
-        See `read_image`.
-
-    Returns
-    -------
-    layers : list of Volume
-        One per component of a voxel. Slicer writes several if segments overlap.
-    header : dict of str to str
-        Empty for NIfTI.
+    There is one layer per component of a voxel; Slicer writes several if segments overlap. The header is empty for
+    NIfTI.
 
     Raises
     ------
@@ -183,11 +169,6 @@ def _of_itk(image) -> tuple[np.ndarray, np.ndarray]:
 def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
     """Read a 3D NIfTI image like `read_image`, but refuse other formats.
 
-    Parameters
-    ----------
-    dtype : dtype or None, optional
-        Data type of the result; None: the data type of the file.
-
     Raises
     ------
     InputError
@@ -230,11 +211,8 @@ def shape_of(path: str | Path) -> tuple[int, ...]:
 def _opened(path: Path, whole: bool = True) -> Iterator[nibabel.Nifti1Image]:
     """Open a NIfTI-1 or NIfTI-2 image without reading its voxels.
 
-    Parameters
-    ----------
-    whole : bool, optional
-        Check that the file is unchanged, and read it to its end: gzip's checksum is there, but nibabel stops at the
-        last voxel.
+    With `whole`, check that the file is unchanged and read it to its end: gzip's checksum is there, but nibabel stops
+    at the last voxel.
 
     Raises
     ------
@@ -334,14 +312,7 @@ def _check_size(image: nibabel.Nifti1Image, path: Path, most: int) -> None:
 
 
 def check_fits(needed: int, source: str | Path) -> None:
-    """Check that an array fits into the machine's memory.
-
-    Parameters
-    ----------
-    needed : int
-        Bytes of the array.
-    source : str or Path
-        Beginning of the message: the file or the section.
+    """Check that an array of `needed` bytes fits into the machine's memory; the message begins with `source`.
 
     Raises
     ------
@@ -415,13 +386,7 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
 
 
 def is_small_rotation(axes: np.ndarray) -> bool:
-    """Return whether three axes are those of the frame, rotated together by at most LARGEST_ROTATION and not sheared.
-
-    Parameters
-    ----------
-    axes : ndarray, shape (3, 3)
-        Unit vectors in columns, in the order of the frame's axes.
-    """
+    """Return whether unit vectors (in columns) are the frame's axes, rotated by at most LARGEST_ROTATION, not sheared."""
     angle = math.degrees(math.acos(np.clip((np.trace(axes) - 1) / 2, -1.0, 1.0)))
     return bool(np.abs(axes.T @ axes - np.eye(3)).max() <= ORTHOGONAL) and angle <= LARGEST_ROTATION
 

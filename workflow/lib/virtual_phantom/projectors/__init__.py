@@ -77,19 +77,7 @@ def choose_engine(name: str, backprojector: str, look: bool = True, flat: bool =
 
 
 def projector(engine: str, geometry: ScanGeometry, grid: Grid, lanes: int = 1, threads: int = 1):
-    """Return the projector of an engine.
-
-    Parameters
-    ----------
-    engine : {"cpu", "astra_cuda"}
-    lanes : int, optional
-        Number of realizations that are projected at once.
-    threads : int, optional
-        Threads of the CPU engine.
-
-    Returns
-    -------
-    CpuProjector or AstraCudaProjector
+    """Return the projector of an engine ("cpu" or "astra_cuda") for a number of realizations (`lanes`).
 
     Raises
     ------

@@ -123,16 +123,9 @@ def trace_slopes(volumes, occupied, slopes, first_view, shape, rays):
 
 @compiled(**OPTIONS)
 def path_lengths(sums, place, rays, result):
-    """Write path lengths in mm: sums times the distance between two planes along the ray.
+    """Write path lengths in mm, [lanes, views, rows, bundles]: sums times the distance between two planes on the ray.
 
-    Parameters
-    ----------
-    sums : ndarray of float32, shape (views, bundles, lanes, padded rows)
-        Result of rows.trace_rows.
-    place : ndarray of int, shape (rows,)
-        Index of each row among the padded rows.
-    result : ndarray of float32, shape (lanes, views, rows, bundles)
-        Output.
+    `sums` are the result of rows.trace_rows, and `place` has the index of each row among its padded rows.
     """
     lanes, views, rows, bundles = result.shape
     for view in range(views):

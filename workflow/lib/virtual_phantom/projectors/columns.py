@@ -85,10 +85,7 @@ def gather_line(out, at, source, first, second, length, near, weight, height, sl
 
 @compiled(inline="always", **OPTIONS)
 def _gather_by_loops(out, at, source, first, second, near, weight, height, slope, start, stop, shares, line):
-    """Do the work of gather_line for one realization.
-
-    Indices are unsigned: numba wraps negative indices, and this check prevents vectorization.
-    """
+    """Do the work of gather_line for one realization; unsigned indices avoid numba's wraparound and thus vectorize."""
     if start >= stop:
         return
     begin = height + slope * np.float32(start)

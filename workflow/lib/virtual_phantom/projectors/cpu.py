@@ -126,14 +126,7 @@ class CpuProjector:
     def back(self, projections: np.ndarray, views: slice = slice(None), out: np.ndarray | None = None) -> np.ndarray:
         """Return the voxel-driven back-projection, packed. Each view has the weight (source to isocenter / depth)^2.
 
-        Parameters
-        ----------
-        projections : ndarray
-            Packed.
-        views : slice, optional
-            Views of these projections.
-        out : ndarray, optional
-            Packed volume to add to; None: a new one.
+        The result is added to the packed volume `out`, if given.
         """
         volume = self.empty_volume() if out is None else out
 
@@ -160,16 +153,10 @@ class CpuProjector:
         out: np.ndarray | None = None,
         overwrite: bool = False,
     ) -> np.ndarray:
-        """Return the exact transpose of `forward`, packed: <forward(x), y> = <x, adjoint(y)>.
+        """Return the exact transpose of `forward`, packed: <forward(x), y> = <x, adjoint(y)>; added to `out`, if given.
 
-        It always runs in one thread, because neighboring rays add to the same voxels.
-
-        Parameters
-        ----------
-        projections, views, out
-            See `back`.
-        overwrite : bool, optional
-            Scale `projections` in place instead of in a copy.
+        It always runs in one thread, because neighboring rays add to the same voxels. With `overwrite`, projections are
+        scaled in place instead of in a copy.
         """
         volume = self.empty_volume() if out is None else out
         scaled = projections
@@ -186,12 +173,8 @@ class CpuProjector:
     def back_parallel(self, projections: np.ndarray, rays, full_rows: float) -> np.ndarray:
         """Return the mean over directions of rebinned projections, packed; zero where any direction is missing.
 
-        Parameters
-        ----------
-        projections : ndarray
-            In the layout of `parallel_stack`.
-        full_rows : float
-            Central fraction of the rows with full weight where views of one direction overlap.
+        `projections` have the layout of `parallel_stack`. `full_rows` is the central fraction of the rows with full
+        weight where views of one direction overlap.
         """
         volume = self.empty_volume()
         nz, ny, nx = self.grid.shape
@@ -253,23 +236,13 @@ class CpuProjector:
 
 
 def parallel_stack(rays, lanes: int) -> np.ndarray:
-    """Return zeros for projections rebinned to parallel rays (ParallelRays), in the layout of the kernels.
-
-    Returns
-    -------
-    ndarray of float32, shape (levels x angles, t + 2, rows + 2, lanes)
-    """
+    """Return zeros for projections rebinned to parallel rays: [levels x angles, t + 2, rows + 2, lane], float32."""
     images = rays.levels * len(rays.angles_rad)
     return aligned_zeros((images, len(rays.t_mm) + 2, rays.geometry.rows + 2, lanes))
 
 
 def check_in_orbit(geometry: ScanGeometry, grid: Grid, centre_mm: ArrayLike) -> None:
-    """Check that a grid is inside the source's orbit.
-
-    Parameters
-    ----------
-    centre_mm : array_like, shape (3,) or (views, 3)
-        Center of the grid relative to the isocenter (x, y, z), mm.
+    """Check that a grid is inside the source's orbit. `centre_mm` is its center (or one per view) from the isocenter.
 
     Raises
     ------

@@ -28,13 +28,8 @@ def available() -> tuple[str, ...]:
 def environment(kind: str, kernels: Path) -> dict[str, str]:
     """Return environment variables of a process whose kernels are compiled for an instruction set of `available`.
 
-    For the machine's own instruction set only the folder is set, so that numba compiles as usual.
-
-    Parameters
-    ----------
-    kind : {"AVX-512", "AVX2", "any"}
-    kernels : Path
-        Folder for the kernels of this instruction set alone.
+    `kernels` is a folder for these kernels alone. For the machine's own instruction set only the folder is set, so that
+    numba compiles as usual.
     """
     variables = {"NUMBA_CACHE_DIR": str(kernels)}
     if kind == available()[0]:

@@ -44,11 +44,6 @@ def packed(amounts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def in_registers(rays: Bundles, shape: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Distribute rows over registers: each takes as many as it can look up, and repeats its last row in the rest.
 
-    Parameters
-    ----------
-    shape : tuple of 3 int
-        (z, y, x) of the grid without padding.
-
     Returns
     -------
     heights : ndarray of float32, shape (padded rows,)

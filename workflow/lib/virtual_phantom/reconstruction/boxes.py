@@ -30,13 +30,7 @@ def voxels_over(grid: Grid, spacing_mm: Sequence[float]) -> Grid:
 
 
 def boxes_around(masks: Iterable[np.ndarray], grid: Grid, margin_mm: float = MARGIN_MM) -> list[Box]:
-    """Return the bounding box of each region, with a margin and within the grid.
-
-    Parameters
-    ----------
-    masks : iterable of ndarray of bool, shape (z, y, x)
-        Regions; none may be empty.
-    """
+    """Return the bounding box of each region (none empty), with a margin and within the grid."""
     margins = [math.ceil(margin_mm / wide - 1e-9) for wide in grid.spacing]
     boxes = []
     for mask in masks:

@@ -79,13 +79,7 @@ def _fdk(projector, line_integrals):
 
 
 class ParallelProjections:
-    """Projections rebinned to parallel rays and filtered, for back-projection onto any voxels.
-
-    Parameters
-    ----------
-    packed : ndarray
-        In the layout of projectors.cpu.parallel_stack.
-    """
+    """Projections rebinned to parallel rays and filtered, in the layout of projectors.cpu.parallel_stack."""
 
     def __init__(self, rays: ParallelRays, packed: np.ndarray):
         self.rays, self.packed = rays, packed
@@ -94,12 +88,7 @@ class ParallelProjections:
     def of(
         cls, line_integrals: np.ndarray, geometry: ScanGeometry, kernel: Kernel | None = None
     ) -> ParallelProjections:
-        """Rebin and filter line integrals, shape (lanes, views, rows, columns).
-
-        Parameters
-        ----------
-        kernel : Kernel, optional
-            None: the ramp filter without apodization.
+        """Rebin and filter line integrals, (lanes, views, rows, columns); without a kernel, the ramp is not apodized.
 
         Raises
         ------
@@ -116,10 +105,7 @@ class ParallelProjections:
         return cls(rays, packed)
 
     def back(self, projector) -> np.ndarray:
-        """Return the back-projection onto a projector's voxels, 1/mm, shape (lanes, z, y, x).
-
-        The projector must have the same geometry and number of lanes.
-        """
+        """Return the back-projection, 1/mm, (lanes, z, y, x). Geometry and number of lanes of the projector must agree."""
         volume = projector.back_parallel(self.packed, self.rays, FULL_ROWS)
         # Projections are truncated outside this radius. Scanners also show air there.
         centre_x, centre_y, _ = projector.centre_mm
@@ -131,15 +117,7 @@ class ParallelProjections:
 
 
 def ramp_filter(rows: np.ndarray, pitch_mm: float, kernel: Kernel | None = None) -> np.ndarray:
-    """Apply the ramp filter, per mm, along the last axis.
-
-    Parameters
-    ----------
-    pitch_mm : float
-        Distance between samples.
-    kernel : Kernel, optional
-        Apodization.
-    """
+    """Apply the ramp filter, per mm, along the last axis of samples at a distance of `pitch_mm`."""
     samples = rows.shape[-1]
     n = fft.next_fast_len(2 * samples, real=True)
     spectrum = fft.rfft(rows.astype(np.float32, copy=False), n, axis=-1) * _ramp(n, pitch_mm, kernel)

@@ -60,17 +60,10 @@ class Kernel:
         return f0**3 * gamma(3 / p) / (p * 2 ** (3 / p))
 
     def window(self, cycles_per_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
-        """Return the factor of the ramp filter that gives the image this MTF.
+        """Return the factor of the ramp filter, at frequencies up to Nyquist, that gives the image this MTF.
 
         Back-projection interpolates rays linearly, which multiplies the spectrum by sinc(f pitch)^2 on average over
         positions. The window compensates for that. Rebinning fan rays adds a small blur that increases with the
         distance from the isocenter; it is not compensated.
-
-        Parameters
-        ----------
-        cycles_per_mm : ndarray
-            At most the Nyquist frequency of the samples.
-        pitch_mm : float
-            Distance between samples.
         """
         return self.mtf(cycles_per_mm) / np.sinc(cycles_per_mm * pitch_mm) ** 2

@@ -15,16 +15,7 @@ def overlaps(offsets: np.ndarray, half: float) -> np.ndarray:
 
 
 def thin_slices(count: int, spacing_mm: float, thickness_mm: float) -> tuple[np.ndarray, int, float]:
-    """Return thin slices around a stack, and the weights that average them to its slices.
-
-    Parameters
-    ----------
-    count : int
-        Slices of the stack.
-    spacing_mm : float
-        Distance between them.
-    thickness_mm : float
-        Full width of the box-shaped slice profile.
+    """Return thin slices around a stack of `count` slices, and the weights that average them to a box-shaped profile.
 
     Returns
     -------
