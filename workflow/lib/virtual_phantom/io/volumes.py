@@ -386,7 +386,7 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
 
 
 def is_small_rotation(axes: np.ndarray) -> bool:
-    """Return whether unit vectors (in columns) are the frame's axes, rotated by at most LARGEST_ROTATION, not sheared."""
+    """Return whether unit vectors (columns) are the frame's axes, rotated by at most LARGEST_ROTATION, unsheared."""
     angle = math.degrees(math.acos(np.clip((np.trace(axes) - 1) / 2, -1.0, 1.0)))
     return bool(np.abs(axes.T @ axes - np.eye(3)).max() <= ORTHOGONAL) and angle <= LARGEST_ROTATION
 

@@ -105,7 +105,7 @@ class ParallelProjections:
         return cls(rays, packed)
 
     def back(self, projector) -> np.ndarray:
-        """Return the back-projection, 1/mm, (lanes, z, y, x). Geometry and number of lanes of the projector must agree."""
+        """Return the back-projection, 1/mm, (lanes, z, y, x). The projector's geometry and lanes must agree."""
         volume = projector.back_parallel(self.packed, self.rays, FULL_ROWS)
         # Projections are truncated outside this radius. Scanners also show air there.
         centre_x, centre_y, _ = projector.centre_mm
