@@ -127,7 +127,7 @@ class Grid:
     def __str__(self) -> str:
         nz, ny, nx = self.shape
         dz, dy, dx = self.spacing
-        return f"{nx} x {ny} x {nz} voxels of {dx:g} x {dy:g} x {dz:g} mm (x, y, z) centred at {self.centre_mm}"
+        return f"{nx} x {ny} x {nz} voxels of {dx:g} x {dy:g} x {dz:g} mm (x, y, z) centered at {self.centre_mm}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,7 +186,7 @@ class OrbitGeometry(ScanGeometry):
             raise InputError("scan geometry: need three lengths for each focal spot, and no more spots than views")
         if not np.abs(spots).max() < min(self.source_to_isocentre_mm, self.source_to_detector_mm) / 2:
             raise InputError(
-                f"scan geometry: a focal spot {np.abs(spots).max():g} mm beside the focal centre is nowhere near it; "
+                f"scan geometry: a focal spot {np.abs(spots).max():g} mm from the focal center is too far away; "
                 "are all lengths in mm?"
             )
 

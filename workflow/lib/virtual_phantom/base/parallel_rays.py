@@ -108,7 +108,7 @@ class ParallelRays:
             if count < self.half_turn:
                 least = (np.pi + 2 * fan) / (2 * np.pi)
                 raise InputError(
-                    f"scan: {geometry.views} views over {turns:.3g} turns do not hold every direction of rays; "
+                    f"scan: {geometry.views} views over {turns:.3g} turns do not contain all directions of rays; "
                     f"at least {least:.2f} turns are needed and a few views more (turns, projections)"
                 )
         self.angles_rad = geometry.angles_rad[0] + step * (first + np.arange(count))

@@ -174,8 +174,8 @@ class ScanGeometry:
         """view_interval_ms, which must be known. Raises InputError if it is not known."""
         if self.view_interval_ms is None:
             raise InputError(
-                "scan: the time from view to view is not known, by which afterglow, motion and the drift of a dark "
-                "signal go; state scan.view_interval_ms or scan.rotation_time_ms"
+                "scan: the time between views is not known, but afterglow, motion and dark signal drift depend on it; "
+                "set scan.view_interval_ms or scan.rotation_time_ms"
             )
         return self.view_interval_ms
 

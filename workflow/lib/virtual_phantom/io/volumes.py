@@ -296,7 +296,7 @@ def _class_of(stream: BinaryIO, path: Path) -> type:
         if start[:4] in (size.to_bytes(4, "little"), size.to_bytes(4, "big")):
             if kind is nibabel.Nifti1Image and start[344:348] not in (b"n+1\0", b"ni1\0"):
                 raise InputError(
-                    f"{path}: is no NIfTI file, as its header lacks the mark 'n+1'; write it again as NIfTI"
+                    f"{path}: is not a NIfTI file: its header lacks the magic string 'n+1'; write it again as NIfTI"
                 )
             return kind
     raise InputError(f"{path}: has no NIfTI header; is it another format, or damaged?")
@@ -307,7 +307,9 @@ def _check_size(image: nibabel.Nifti1Image, path: Path, most: int) -> None:
     voxels = math.prod(map(int, image.shape))
     claimed = voxels * image.header.get_data_dtype().itemsize
     if min(image.shape, default=0) < 1 or claimed > most:
-        raise InputError(f"{path}: its header says {_size(image)}, which the file does not hold; is the file complete?")
+        raise InputError(
+            f"{path}: its header says {_size(image)}, which the file does not contain; is the file complete?"
+        )
     check_fits(max(claimed, 4 * voxels), path)
 
 
@@ -322,7 +324,7 @@ def check_fits(needed: int, source: str | Path) -> None:
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > there:
         raise InputError(
-            f"{source}: asks for {needed / 1e9:.3g} GB of memory, the machine has {there / 1e9:.3g}; make it smaller"
+            f"{source}: needs {needed / 1e9:.3g} GB of memory, but the machine has {there / 1e9:.3g}; make it smaller"
         )
 
 
@@ -350,13 +352,13 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
         If the array is not 3D or not numeric, or its axes have no size or are tilted against the scanner's.
     """
     if array.dtype.kind not in "biuf":
-        raise InputError(f"{path}: its voxels are of {array.dtype}, not numbers; give grey values")
+        raise InputError(f"{path}: its voxels are of {array.dtype}, not numbers; give gray values")
     while array.ndim > 3 and array.shape[-1] == 1:
         array = array[..., 0]
     if array.ndim != 3:
         raise InputError(f"{path}: has {array.ndim} dimensions; give a 3D image")
     if not np.isfinite(affine).all() or abs(np.linalg.det(affine[:3, :3])) < SMALLEST_VOXEL_MM3:
-        raise InputError(f"{path}: its header gives voxels no size or place; repair its affine")
+        raise InputError(f"{path}: its header gives voxels no size or position; repair its affine")
     orientation = nibabel.io_orientation(affine)
     if np.isnan(orientation).any():
         raise InputError(f"{path}: its header gives two axes one direction; repair its affine")
@@ -376,7 +378,7 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
         )
     if noted and moved > SEEN_TILT:
         note(
-            f"{path}: its axes are tilted by {angle:.2g} degrees and taken as upright, which moves voxels by up to "
+            f"{path}: its axes are tilted by {angle:.2g} degrees and treated as upright, which moves voxels by up to "
             f"{moved:.2g} of their size"
         )
     centre = affine[:3, 3] + matrix @ half

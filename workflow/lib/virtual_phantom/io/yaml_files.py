@@ -122,7 +122,7 @@ def _json(text: str, path: Path) -> tuple[object, list[str]] | None:
     def mapping(pairs: list[tuple[str, object]]) -> dict:
         keys = [key for key, _ in pairs]
         doubled.extend(
-            f"{path}: the key '{key}' is there twice in one section; JSON takes the last: join them"
+            f"{path}: the key '{key}' occurs twice in one section; JSON uses the last one: merge them"
             for key in dict.fromkeys(keys)
             if keys.count(key) > 1
         )
@@ -172,8 +172,8 @@ def _doubtful(node: yaml.Node, place: tuple[str, ...], seen: set[int]) -> Iterat
                 meant = _key(key)
                 if meant in lines:
                     yield (
-                        f"{'.'.join(where)} is there twice, in lines {lines[meant]} and {line}; YAML takes the last: "
-                        "join them"
+                        f"{'.'.join(where)} occurs twice, in lines {lines[meant]} and {line}; YAML uses the last one: "
+                        "merge them"
                     )
                 lines.setdefault(meant, line)
                 yield from _surprising(key, f"the key in {'.'.join(place)}" if place else "the key")

@@ -65,7 +65,7 @@ def _fdk(projector, line_integrals):
     geometry = orbit_of(projector.geometry, "filtered back-projection")
     if geometry.surface != FLAT or geometry.flies:
         odd = "a focal spot that flies" if geometry.surface == FLAT else f"a {geometry.surface} detector"
-        raise InputError(f"fbp: FDK is not made for {odd}; set reconstruction.fbp.normalise: coverage")
+        raise InputError(f"fbp: FDK does not support {odd}; set reconstruction.fbp.normalise: coverage")
     u, v = geometry.column_positions_mm(), geometry.row_positions_mm()
     distance = geometry.source_to_detector_mm
     cosine = (distance / np.sqrt(distance**2 + u[None, :] ** 2 + v[:, None] ** 2)).astype(np.float32)
