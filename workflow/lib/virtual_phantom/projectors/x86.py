@@ -1,8 +1,13 @@
-"""Interpolation of a line of one realisation by instructions of x86 processors, written in LLVM by hand.
+"""Interpolation along a line for one realization with x86 vector instructions, written in LLVM.
 
-A vector register holds WIDTH neighbours along a line. Two hold twice as many values of the line that is read, and
-instructions look WIDTH of them up: sixteen by one with AVX-512, eight by two and a choice between both with AVX2. What
-other processors do is in columns.py, which decides what is done where.
+A vector register holds WIDTH neighbors along a line. Two registers hold 2 WIDTH values of the input line, from which
+instructions select WIDTH: one instruction for sixteen with AVX-512, two and a selection for eight with AVX2.
+columns.py decides which code runs; it has loops for other processors.
+
+Measured against these loops (AMD EPYC, AVX-512): path lengths of a scene took 7 ms of CPU time instead of 35, their
+derivatives 16 instead of 63. benchmarks/diagnosis_time.py with all 32 candidates took 76 s of user CPU time instead of
+123 (one run each; the second included compilation), with 17 candidates 16.8 s instead of 20.8 (two runs each). SIRT of
+the default study (many lanes) does not use this module. The loops also round some results differently.
 """
 
 import numpy as np
