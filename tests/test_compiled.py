@@ -13,7 +13,7 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 from virtual_phantom.base import compiled as module
-from virtual_phantom.base.caches import user_cache
+from virtual_phantom.base.cache_folders import user_cache
 from virtual_phantom.base.compiled import SUFFIX, KernelCache
 from virtual_phantom.base.errors import InputError
 

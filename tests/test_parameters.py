@@ -125,7 +125,7 @@ def test_settings_of_a_filter_concern_its_features_alone(tmp_path):
             "setting:\n\tbinWidth: 5\n",
             "line 2: cannot be read as YAML (found character '\\t' that cannot start",
         ),
-        ("setting: {binWidth: 5, binWidth: 6}", "setting.binWidth is there twice, in lines 1 and 1"),
+        ("setting: {binWidth: 5, binWidth: 6}", "setting.binWidth occurs twice, in lines 1 and 1"),
         ({"voxelSetting": {"kernelRadius": 2}}, "voxelSetting is for feature maps"),
         ({"settings": {"binWidth": 10}}, "Key 'settings' was not defined"),
         ("setting: [", "cannot be read as YAML"),

@@ -2,7 +2,7 @@
 
 import math
 
-from virtual_phantom.base.words import label
+from virtual_phantom.base.names import label
 from virtual_phantom.physics.effect import (
     OF_AIR,
     OF_AIR_PER_SCAN,

@@ -11,7 +11,7 @@ from pathlib import Path
 import yaml
 
 from virtual_phantom.base.data import RESOURCES
-from virtual_phantom.base.words import label
+from virtual_phantom.base.names import label
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.conceal.catalogue import MODELS
 from virtual_phantom.proof.score.record import summary

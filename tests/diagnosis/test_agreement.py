@@ -166,7 +166,7 @@ def test_a_scan_of_less_than_half_a_turn_is_told_in_one_line():
     )
     taken, given, choice = diagnosed(DiscScene(70.0, "pmma"), geometry, {}, ("scatter",), repeats=4)
     found = agreement_of(compared(taken, None), given, choice, MU_WATER, np.random.SeedSequence(1))
-    assert found["metrics"] == {} and "do not hold every direction of rays" in found["left_out"]["images"]
+    assert found["metrics"] == {} and "do not contain all directions of rays" in found["left_out"]["images"]
     html = agreement_table(found)
     assert "Images were not compared (scan: 40 views over 0.3 turns" in html and "<table>" not in html
     assert agreement_table(None) == ""

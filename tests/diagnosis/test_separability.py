@@ -7,7 +7,7 @@ import pytest
 from generators import effect_templates
 
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.base.words import label
+from virtual_phantom.base.names import label
 from virtual_phantom.diagnosis.fitting.fit import Problem
 from virtual_phantom.diagnosis.fitting.templates import changes, projected
 from virtual_phantom.diagnosis.planning.separability import (

@@ -11,7 +11,7 @@ from matplotlib.text import Text
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.base.words import label
+from virtual_phantom.base.names import label
 from virtual_phantom.figures import axial, rois, scans
 from virtual_phantom.io.volumes import Volume
 

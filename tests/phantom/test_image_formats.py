@@ -94,14 +94,14 @@ def test_a_name_does_not_decide_whether_a_file_is_packed(tmp_path):
         ({"dim": [3, 48, 39, 14, 1, 1, 1, 1]}, "2688 bytes after the voxels that its header describes"),
         ({"datatype": 4}, "53760 bytes after the voxels"),
         ({"vox_offset": 352 + 16}, "is the file complete"),
-        ({"dim": [3, 48, 40, 15, 1, 1, 1, 1]}, "48 x 40 x 15 voxels, which the file does not hold"),
+        ({"dim": [3, 48, 40, 15, 1, 1, 1, 1]}, "48 x 40 x 15 voxels, which the file does not contain"),
         ({"dim": [4, 48, 40, 7, 2, 1, 1, 1]}, "has 4 dimensions; give a 3D image"),
-        ({"magic": b"n+9"}, r"lacks the mark 'n\+1'"),
-        ({"magic": b""}, r"lacks the mark 'n\+1'"),
+        ({"magic": b"n+9"}, r"lacks the magic string 'n\+1'"),
+        ({"magic": b""}, r"lacks the magic string 'n\+1'"),
         ({"sizeof_hdr": 0}, "has no NIfTI header"),
         ({"datatype": 2304}, "not numbers|cannot be read"),
-        ({"srow_x": [0, 0, 0, 0]}, "no size or place"),
-        ({"srow_x": [np.nan, 0, 0, 0]}, "no size or place"),
+        ({"srow_x": [0, 0, 0, 0]}, "no size or position"),
+        ({"srow_x": [np.nan, 0, 0, 0]}, "no size or position"),
     ],
 )
 def test_a_damaged_header_is_one_line(fields, line, tmp_path):
@@ -114,7 +114,7 @@ def test_color_and_complex_images_are_refused(tmp_path):
     nibabel.save(nibabel.Nifti1Image(color, CT_GRID.affine), tmp_path / "rgb.nii")
     nibabel.save(nibabel.Nifti1Image(HU.T.astype(np.complex64), CT_GRID.affine), tmp_path / "c.nii")
     for name in ("rgb.nii", "c.nii"):
-        with pytest.raises(InputError, match="not numbers; give grey values"):
+        with pytest.raises(InputError, match="not numbers; give gray values"):
             read_nifti(tmp_path / name)
 
 
@@ -153,7 +153,7 @@ def test_a_small_tilt_is_taken_as_upright_and_reported(degrees, axes, moved, tmp
         assert not notes()
         return
     (line,) = notes()
-    assert f"its axes are tilted by {abs(degrees):.2g} degrees and taken as upright" in line
+    assert f"its axes are tilted by {abs(degrees):.2g} degrees and treated as upright" in line
     # half of the voxels beside the center, times the sine of the angle
     assert float(line.split()[-4]) == pytest.approx(moved, abs=0.01)
 

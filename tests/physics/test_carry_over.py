@@ -241,7 +241,7 @@ def test_what_goes_by_unknown_times_is_not_looked_for():
     timed = {"afterglow", "slow_afterglow", "motion", "source_drift"}
     assert {name for name in names() if needs_times(name)} == timed
     for name in sorted(timed):
-        with pytest.raises(InputError, match="the time from view to view is not known"):
+        with pytest.raises(InputError, match="the time between views is not known"):
             chain.parameters(name)
     with pytest.raises(InputError, match="state scan.view_interval_ms or scan.rotation_time_ms"):
         chain.state({"motion": {f"{axis}_mm_per_s": 1.0 for axis in "xyz"}})

@@ -232,7 +232,7 @@ def test_impossible_arcs_and_spots(changes, message):
 def test_astra_has_no_arcs_and_no_parallel_beams(beam):
     from virtual_phantom.projectors.astra_cuda import AstraCudaProjector
 
-    message = "astra_cuda has neither cylindrical detectors nor parallel beams; set engine: cpu"
+    message = "astra_cuda supports neither cylindrical detectors nor parallel beams; set engine: cpu"
     with pytest.raises(InputError, match=message):
         AstraCudaProjector(circular(views=9, **(ARC | beam)), Grid((2, 2, 2), (1.0, 1.0, 1.0)), arrays=np)
     vectors = circular(views=9, **(ARC | {"surface": "flat"})).by_vectors()

@@ -7,7 +7,7 @@ SCRIPTS = ROOT / "workflow/scripts"
 # Nothing here knows how photons go: files, grids and layouts of phantoms, and the list of the library's effects.
 MAY_BE_LOADED = {
     *("base", "base.console", "base.data", "base.errors", "base.geometry", "base.home", "base.pose", "base.streams"),
-    *("base.units", "base.vectors", "base.words", "io.yaml_files"),
+    *("base.units", "base.vectors", "base.names", "io.yaml_files"),
     *("features", "features.names"),
     *("io", "io.files", "io.hdf5", "io.schema", "io.volumes", "study", "study.config", "study.job"),
     *("study.progress", "study.progress.said"),

@@ -12,7 +12,7 @@ from proof_suite import diagnosis, write_suite
 
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.base.words import label
+from virtual_phantom.base.names import label
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.conceal import seal
 from virtual_phantom.proof.conceal.case import collect

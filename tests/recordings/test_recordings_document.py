@@ -169,7 +169,7 @@ def test_times_are_as_stated_or_said_to_be_taken_for_granted(stated, interval_ms
     assert words is None and assumed(scan) is None or words in assumed(scan)
     assert timed({"kind": "projections", "scan": scan}) == (interval_ms is not None)
     if interval_ms is None:
-        with pytest.raises(InputError, match="the time from view to view is not known"):
+        with pytest.raises(InputError, match="the time between views is not known"):
             geometry.times_s  # noqa: B018
     else:
         # 24 views, each in the middle of its interval

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import virtual_phantom as vp
-from virtual_phantom.base.caches import user_cache
+from virtual_phantom.base.cache_folders import user_cache
 from virtual_phantom.base.console import run_command
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.home import expand_home

@@ -182,7 +182,7 @@ CASES = {
         "  sirt_100: {algorithm: sirt, projections: 110}\n"
         "keep_images: 'no'\n",
         [
-            "my.yaml: protocols.sirt_100 is there twice, in lines 3 and 5; YAML takes the last",
+            "my.yaml: protocols.sirt_100 occurs twice, in lines 3 and 5; YAML uses the last one",
             "protocols: 'sirt-75' must be of letters, digits and underscores only",
             "keep_images: 'no' is not of type 'boolean'",
         ],

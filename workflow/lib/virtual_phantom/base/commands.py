@@ -1,4 +1,4 @@
-"""Commands as they are printed for people: quoted for a shell, and with the Snakefile that they need."""
+"""Shell commands for messages, with quotes and the Snakefile that they need."""
 
 from __future__ import annotations
 
@@ -8,30 +8,21 @@ from pathlib import Path
 
 from .data import clone
 
-# Where Snakemake looks for a Snakefile in the current folder, in this order.
+# Snakefiles that Snakemake looks for in the current folder, in this order.
 SNAKEFILES = ("Snakefile", "snakefile", "workflow/Snakefile", "workflow/snakefile")
 NO_CLONE = "CLONE"  # in place of the unknown path of the clone
 
 
 def typed(*words: object) -> str:
-    """Words as a command line, quoted where the shell needs it."""
+    """Return words as a command line, quoted for a shell."""
     return shlex.join(map(str, words))
 
 
 def snakemake(*words: object, snakefile: Path | None = None) -> str:
-    """A Snakemake command that works in the current folder.
+    """Return a Snakemake command that works in the current folder.
 
-    Parameters
-    ----------
-    *words : object
-        What follows `snakemake`.
-    snakefile : Path, optional
-        The workflow's; by default that of the clone that the library comes from.
-
-    Returns
-    -------
-    str
-        With `-s` where the current folder has no Snakefile. Without a clone the path begins with NO_CLONE.
+    The command has `-s` if the current folder has no Snakefile: with `snakefile`, or that of the clone that contains
+    the library. Without a clone the path begins with NO_CLONE.
     """
     if any(Path(name).is_file() for name in SNAKEFILES):
         return typed("snakemake", *words)
@@ -41,7 +32,7 @@ def snakemake(*words: object, snakefile: Path | None = None) -> str:
 
 
 def missing() -> str | None:
-    """One line on what `snakemake` commands need that is not installed; None if nothing is missing."""
+    """Return one line on what `snakemake` commands need that is not installed; None if nothing is missing."""
     if clone() is None and not any(Path(name).is_file() for name in SNAKEFILES):
         return (
             "The installed package has no workflow: clone the repository, run `make setup` in the clone, and put its "

@@ -27,35 +27,25 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
-from .caches import temporary_cache, user_cache
+from .cache_folders import temporary_cache, user_cache
 from .console import note
 from .errors import InputError
 
 LIBRARY = Path(__file__).resolve().parents[1]
 BESIDE = LIBRARY / "__pycache__" / "kernels"
 SUFFIX = ".kernel"
-PROBE_BYTES = 1 << 18  # the largest kernels of lanes 1 and 15 measure 0.2 MB
+PROBE_BYTES = 1 << 18  # the largest kernels for 1 and 15 lanes have 0.2 MB
 CHECKSUM = hashlib.sha256
 CHECKSUM_BYTES = CHECKSUM().digest_size
 
 
 def compiled(**options) -> Callable[[Callable], Callable]:
-    """Decorate a function of a module so that it is compiled when it is called, and its machine code is kept.
-
-    Parameters
-    ----------
-    **options
-        Options of `numba.njit` other than ``cache``.
-
-    Returns
-    -------
-    callable
-        Decorator that returns Numba's dispatcher of a function.
+    """Decorate a function so that numba (`njit(**options)`) compiles it when it is called and its machine code is kept.
 
     Raises
     ------
     InputError
-        If Numba's compiler is switched off.
+        If NUMBA_DISABLE_JIT is set.
     """
     if numba.config.DISABLE_JIT:
         raise InputError("NUMBA_DISABLE_JIT: Numba's compiler is off, and kernels run only compiled; unset it")
@@ -76,23 +66,23 @@ def _source_hash(*files: str | Path) -> str:
 
 
 class KernelCache(_Cache):
-    """Where a dispatcher looks for the code of a signature, and where it puts the code."""
+    """Cache in which a dispatcher looks up and stores the code of a signature."""
 
     def __init__(self, function: Callable):
         file = function.__code__.co_filename
         self._name = f"{Path(file).stem}.{function.__qualname__}"
-        # Other modules call functions of `projectors`, whose code then is in theirs.
+        # Code of other modules may contain inlined functions of `projectors`.
         sources = (_source_hash(file), _source_hash(*sorted((LIBRARY / "projectors").glob("*.py"))))
         versions = (sys.implementation.cache_tag, numba.__version__, llvmlite.__version__)
         self._made_from = (self._name, sources, versions)
 
     @property
     def cache_path(self) -> str:
-        """The first folder in which code is looked for."""
+        """The first folder of the cache."""
         return str(next(_folders()))
 
     def load_overload(self, sig, target_context) -> CompileResult | None:
-        """Return the code of a signature from the disk; None if it has to be compiled."""
+        """Return the code of a signature from disk; None if it must be compiled."""
         target_context.refresh()
         key = self._key(sig, target_context.codegen())
         for folder in _folders():
@@ -103,8 +93,8 @@ class KernelCache(_Cache):
         return None
 
     def save_overload(self, sig, data: CompileResult) -> None:
-        """Keep the code of a signature in the first folder that can be written to."""
-        if data.library.has_dynamic_globals:  # addresses of this process
+        """Write the code of a signature to the first writable folder."""
+        if data.library.has_dynamic_globals:  # the code contains addresses of this process
             return
         key = self._key(sig, data.codegen)
         payload = dumps(data._reduce())
@@ -148,15 +138,15 @@ class KernelCache(_Cache):
 
 
 def _stated() -> Path | None:
-    """The folder that the user has set."""
+    """Return the folder that the user has set."""
     return Path(os.path.expanduser(numba.config.CACHE_DIR)).absolute() if numba.config.CACHE_DIR else None
 
 
 def _folders(for_writing: bool = False) -> Iterator[Path]:
-    """Folders for compiled code, in the order in which they are tried.
+    """Yield folders for compiled code in the order in which they are tried.
 
-    NUMBA_CACHE_DIR is the first if it is set, and the only one that is read if it can be used. Then follow the package,
-    where code in a container image or of whoever installed it is found, the user's caches and temporary files.
+    NUMBA_CACHE_DIR is first if it is set, and the only folder that is read if it can be used. The package folder
+    follows (code of a container image or of an installation), then the user's cache and temporary files.
     """
     if (stated := _stated()) is not None:
         yield stated
@@ -171,7 +161,7 @@ def _folders(for_writing: bool = False) -> Iterator[Path]:
 
 @cache
 def _usable(folder: Path) -> bool:
-    """Whether a kernel can be written to a folder, which is made if it is missing."""
+    """Return whether a kernel can be written to a folder, which is created if it is missing."""
     probe = folder / f"probe.tmp.{uuid.uuid4().hex}"
     try:
         _write(probe, bytes(PROBE_BYTES))
@@ -182,7 +172,7 @@ def _usable(folder: Path) -> bool:
 
 
 def _read(path: Path, key: bytes) -> bytes | None:
-    """The content of a file; None if it is missing, damaged, or of another key."""
+    """Return the content of a file; None if it is missing, damaged, or has another key."""
     try:
         content = path.read_bytes()
     except OSError:
@@ -192,7 +182,7 @@ def _read(path: Path, key: bytes) -> bytes | None:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write a file so that no other process sees a part of it, whatever else writes the same file."""
+    """Write a file atomically, so that no other process reads a part of it."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except FileExistsError:

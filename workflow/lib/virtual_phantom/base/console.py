@@ -1,4 +1,4 @@
-"""Run a command for a person at a terminal: notes, one line for each error, a traceback only with --debug."""
+"""Command-line entry point: notes, one line per error, and a traceback only with --debug."""
 
 from __future__ import annotations
 
@@ -15,29 +15,21 @@ from .home import expand_home_of_word
 
 DEBUG = "--debug"
 NOTES = logging.getLogger("virtual_phantom.notes")
-PROGRESS_SECONDS = 5  # work that takes less is not reported
+PROGRESS_SECONDS = 5  # shorter work is not reported
 INTERRUPTED = 130  # exit code of a program that Ctrl-C stopped, by the shell's convention (128 + SIGINT)
 
 
 def note(text: object) -> None:
-    """Report something in the user's input that was skipped or interpreted, which is no error.
+    """Report that input was skipped or interpreted, which is not an error.
 
-    Commands print each distinct note once, as a line that starts with "Note:". In a workflow's job it goes to the log
-    file of the rule.
+    Commands print each distinct note once, as a line that starts with "Note:". Jobs of the workflow write notes to the
+    log file of the rule.
     """
-    NOTES.warning("%s", InputError(text))  # on one line, as an error is
+    NOTES.warning("%s", InputError(text))  # on one line, like an error
 
 
 def progress(what: str, done: int, total: int) -> None:
-    """Report the progress of long work: in commands, a line on standard error every PROGRESS_SECONDS; in jobs nothing.
-
-    Parameters
-    ----------
-    what : str
-        The work, such as "reading regions".
-    done, total : int
-        Steps.
-    """
+    """Print the progress of long work to standard error every PROGRESS_SECONDS in commands; do nothing in jobs."""
     for handler in NOTES.handlers:
         if isinstance(handler, _Printer):
             handler.progress(what, done, total)
@@ -45,7 +37,7 @@ def progress(what: str, done: int, total: int) -> None:
 
 @contextlib.contextmanager
 def printed_notes() -> Iterator[None]:
-    """Print notes and progress to standard error while the block runs, each distinct note once."""
+    """Print notes and progress to standard error in this block, each distinct note once."""
     handler = _Printer()
     NOTES.addHandler(handler)
     propagate, NOTES.propagate = NOTES.propagate, False
@@ -58,7 +50,7 @@ def printed_notes() -> Iterator[None]:
 
 @contextlib.contextmanager
 def collected_notes() -> Iterator[list[str]]:
-    """Collect the notes that are made while the block runs, in addition to printing or logging them."""
+    """Collect the notes of this block, in addition to printing or logging them."""
     collector = _Collector()
     NOTES.addHandler(collector)
     try:
@@ -99,17 +91,14 @@ class _Printer(logging.Handler):
 def run_command(command: Callable[[Sequence[str]], int], words: Sequence[str] | None = None) -> int:
     """Run a command line and turn every exception into an exit code and one line on standard error.
 
+    The result is the exit code of the command, 1 after an error, or INTERRUPTED after Ctrl-C.
+
     Parameters
     ----------
     command : callable
-        Takes the words of the command line without the program's name and without ``--debug``; returns the exit code.
+        Takes the arguments without ``--debug`` and returns the exit code.
     words : sequence of str, optional
-        By default those of this process.
-
-    Returns
-    -------
-    int
-        What the command returns; 1 after an error, INTERRUPTED after Ctrl-C.
+        Arguments; by default those of this process.
     """
     words = list(sys.argv[1:] if words is None else words)
     debug = DEBUG in words
@@ -126,7 +115,7 @@ def run_command(command: Callable[[Sequence[str]], int], words: Sequence[str] | 
         print(printed(error), file=sys.stderr)
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:  # the reader, such as `head`, has closed the pipe; Python would complain at exit again
+    except BrokenPipeError:  # the reader, such as `head`, has closed the pipe; avoids a second error at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except MemoryError as error:
@@ -139,7 +128,7 @@ def run_command(command: Callable[[Sequence[str]], int], words: Sequence[str] | 
 
 
 def _checked(word: str) -> str:
-    """A word of the command line with the home folder for ``~``, without line breaks: files name one path per line."""
+    """Return an argument with ``~`` expanded. Line breaks are refused, because file lists have one path per line."""
     if len(word.splitlines()) > 1:
         raise InputError(f"{word}: contains a line break; rename the file or folder")
     check_names(word)
@@ -147,13 +136,7 @@ def _checked(word: str) -> str:
 
 
 def unexpected(error: BaseException, beside: str = f"what the same command prints with {DEBUG}") -> str:
-    """One line about an exception that no reader turned into an InputError, with what the user can do about it.
-
-    Parameters
-    ----------
-    beside : str, optional
-        What a report of the fault needs beside this line.
-    """
+    """Return one line about an unexpected exception; `beside` says what a bug report needs in addition to this line."""
     if isinstance(error, UnicodeEncodeError):
         return _unencodable(error)
     reason = str(InputError(" ".join(str(error).split())))
@@ -162,40 +145,35 @@ def unexpected(error: BaseException, beside: str = f"what the same command print
 
 
 def _unencodable(error: UnicodeEncodeError) -> str:
-    """One line about text that cannot be encoded, such as the name of a file in a locale without UTF-8."""
+    """Return one line about text that cannot be encoded, such as a file name in a locale without UTF-8."""
     around = error.object[max(0, error.start - 30) : error.end + 30]
     encoding = sys.getfilesystemencoding()
     return f"{ascii(around)}: this name does not fit the encoding of the locale ({encoding}); set PYTHONUTF8=1"
 
 
 def check_names(*names: str) -> None:
-    """Check that files of these names can be opened, and that the names can be written to files.
-
-    Parameters
-    ----------
-    *names : str
-        Or any text that contains them.
+    """Check that files with these names, or any names in these texts, can be opened and written to file lists.
 
     Raises
     ------
     InputError
-        If Python uses the encoding of a locale without the characters of a name.
+        If the encoding of the locale lacks a character of a name.
     """
     try:
         for name in names:
             name.encode(sys.getfilesystemencoding())
-            name.encode("utf-8")  # bytes that the locale's encoding lacks are surrogates in names
+            name.encode("utf-8")  # names contain surrogates for bytes outside of the locale's encoding
     except UnicodeEncodeError as error:
         raise InputError(_unencodable(error)) from None
 
 
 def check_current_folder() -> None:
-    """Check that the folder in which the process runs still exists.
+    """Check that the current folder exists.
 
     Raises
     ------
     InputError
-        If it was deleted or cannot be entered: relative paths then mean nothing.
+        If it was deleted or cannot be entered, so that relative paths have no meaning.
     """
     try:
         os.getcwd()
@@ -204,7 +182,7 @@ def check_current_folder() -> None:
 
 
 def show_any_character() -> None:
-    """Escape what the terminal's encoding cannot show, instead of stopping (names may contain any character)."""
+    """Escape characters that the terminal's encoding cannot show (names may contain any character)."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure") and stream.errors != "backslashreplace":
             stream.reconfigure(errors="backslashreplace")

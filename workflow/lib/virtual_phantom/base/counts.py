@@ -1,4 +1,4 @@
-"""What a detector reads in one acquisition."""
+"""Detector counts of one acquisition."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from .errors import InputError
 
 @dataclass(frozen=True)
 class Counts:
-    """What the detector reads in one acquisition.
+    """Detector counts of one acquisition.
 
     Attributes
     ----------
     data : ndarray, shape (views, rows, columns)
-        Photons: whole numbers, or fractions where the detector shares or adds to them.
+        Photons: integers, or fractions after charge sharing or other detector effects.
     white : float or ndarray, shape (rows, columns)
-        Photons expected without an object; one number, I0, if it is the same in all pixels.
+        Expected photons without an object; one number, I0, if all pixels are equal.
     scale : float
         Line integral per unit of -ln(data / white): 1, or p_max in the "astra" model.
     """
@@ -28,16 +28,7 @@ class Counts:
     scale: float
 
     def line_integrals(self, zero_counts_as: float) -> np.ndarray:
-        """-scale ln(data / white).
-
-        Parameters
-        ----------
-        zero_counts_as : float
-            Photons, in (0, 1], that a pixel without one is read as.
-
-        Returns
-        -------
-        ndarray of float32, shape (views, rows, columns)
+        """Return -scale ln(data / white), float32, (views, rows, columns); `zero_counts_as` photons replace zero.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Where the files lie that come with the library: JSON schemas, and tables of measurements, layouts and costs."""
+"""Paths of the package's data files: JSON schemas, and tables of measurements, layouts and costs."""
 
 import json
 from functools import cache
@@ -15,13 +15,9 @@ RESOURCES = _PACKAGE / "resources"
 
 @cache
 def clone() -> Path | None:
-    """The clone that the library comes from.
+    """Return the repository that contains the library; None for a library without its workflow.
 
-    Returns
-    -------
-    Path or None
-        The folder around the library, or the one that pip installed it from (PEP 610). None for a library without its
-        workflow.
+    This is the folder around the library, or the folder that pip installed it from (PEP 610).
     """
     places = [_PACKAGE.parents[2]]
     try:
@@ -34,12 +30,12 @@ def clone() -> Path | None:
     return next((place for place in places if (place / "workflow" / "Snakefile").is_file()), None)
 
 
-# libyaml, where PyYAML has it, reads ten times as fast. Its messages are others: what users write is read without it.
+# libyaml is ten times as fast, if PyYAML has it. Files of users are read without it because its messages differ.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def shipped_yaml(path: Path) -> dict:
-    """A YAML file that comes with the library."""
+    """Read a YAML file of the package."""
     loader = _LOADER(path.read_text(encoding="utf-8"))
     try:
         return loader.get_single_data()

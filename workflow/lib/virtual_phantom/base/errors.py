@@ -1,4 +1,4 @@
-"""The one exception that means: the user's input is at fault, not the program."""
+"""The exception for bad input, as opposed to faults of the program."""
 
 import contextlib
 import difflib
@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator
 
 
 class InputError(ValueError):
-    """Bad input. The message is one line: the file or key, what is wrong with it, and what to do.
+    """Bad input. The message is one line: the file or key, what is wrong, and what to do.
 
-    Characters that do not print, which names in the input may hold, are escaped: a line stays a line.
+    Characters that cannot be printed, which names in the input may contain, are escaped.
     """
 
     def __init__(self, message: object):
@@ -16,15 +16,7 @@ class InputError(ValueError):
 
 
 class InputErrors(InputError):
-    """Several mistakes at once.
-
-    As text the first of them, and how many more there are.
-
-    Attributes
-    ----------
-    lines : tuple of str
-        All of them, a line each.
-    """
+    """Several mistakes, a line for each in `lines`. The text is the first of them and the number of others."""
 
     def __init__(self, lines: Iterable[str]):
         self.lines = tuple(str(InputError(line)) for line in lines)
@@ -33,12 +25,12 @@ class InputErrors(InputError):
 
 
 def lines_of(error: InputError) -> tuple[str, ...]:
-    """All that an error says, a line for each mistake."""
+    """Return one line for each mistake of an error."""
     return getattr(error, "lines", (str(error),))
 
 
 def printed(error: InputError) -> str:
-    """What is printed of an error: one line, or a numbered list."""
+    """Return the text that is printed for an error: one line, or a numbered list."""
     lines = lines_of(error)
     if len(lines) == 1:
         return f"Error: {lines[0]}"
@@ -48,22 +40,7 @@ def printed(error: InputError) -> str:
 
 
 def meant(name: str, choices: Iterable[str], otherwise: str = "known") -> str:
-    """What to say of a name that is none of the choices.
-
-    Parameters
-    ----------
-    name : str
-        What the user wrote.
-    choices : iterable of str
-        What would have been right.
-    otherwise : str, optional
-        What precedes the list of all choices.
-
-    Returns
-    -------
-    str
-        The choice nearest to the name as a question; where none is near, all of them after `otherwise`.
-    """
+    """Return a hint for a name that is none of the choices: the most similar choice, or else all after `otherwise`."""
     choices = list(choices)
     close = difflib.get_close_matches(str(name), choices, 1)
     return f"did you mean '{close[0]}'?" if close else f"{otherwise}: {', '.join(choices) or 'none'}"
@@ -71,23 +48,23 @@ def meant(name: str, choices: Iterable[str], otherwise: str = "known") -> str:
 
 @contextlib.contextmanager
 def refusing(what: str, *kinds: type[Exception], advice: str = "", quoted: bool = True) -> Iterator[None]:
-    """Turn exceptions of these kinds into an InputError: `what` is wrong, the reason in brackets, and what to do.
+    """Turn exceptions of these kinds into an InputError: `what`, the reason in parentheses, and advice.
 
-    An InputError passes as it is, though it is a ValueError: it says already what is wrong.
+    An InputError passes unchanged, although it is a ValueError.
 
     Parameters
     ----------
     what : str
-        Beginning of the message: the file or key, and what is wrong with it.
+        Beginning of the message: the file or key, and what is wrong.
     *kinds : type of Exception
-        Which exceptions to turn.
+        Exceptions to convert.
     quoted : bool, optional
-        True: the reason is what the exception says; False: its type alone.
+        True: the reason is the text of the exception. False: its type.
 
     Raises
     ------
     InputError
-        For any exception of these kinds within the block.
+        For any exception of these kinds in the block.
     """
     try:
         yield
@@ -100,22 +77,22 @@ def refusing(what: str, *kinds: type[Exception], advice: str = "", quoted: bool 
 
 @contextlib.contextmanager
 def reading(source: object, kind: str) -> Iterator[None]:
-    """Turn whatever a reader raises on a broken file into an InputError that names the file and what it should be.
+    """Turn any exception of a reader into an InputError with the file and its expected format.
 
-    What the reader says is left out: of a broken header it may quote all that follows, a patient's name too.
+    The text of the exception is not shown: for a broken header it may contain a patient's name.
 
     Parameters
     ----------
     source : object
-        The file or folder, for the message.
+        File or folder, for the message.
     kind : str
-        What it should be, such as "DICOM SEG".
+        Expected format, such as "DICOM SEG".
 
     Raises
     ------
     InputError
-        For any exception within the block.
+        For any exception in the block.
     """
-    # Readers of others' formats raise many types.
+    # Third-party readers raise many types of exceptions.
     with refusing(f"{source}: cannot be read as {kind}", Exception, advice="is the file complete?", quoted=False):
         yield

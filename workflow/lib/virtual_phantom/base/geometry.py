@@ -1,16 +1,16 @@
-"""Grids and scan geometries, and the one statement of the coordinates that everything here uses.
+"""Grids and scan geometries, and the coordinate system of the whole package.
 
-Right-handed scanner frame in mm, the axes of NIfTI's RAS world frame: +x to the patient's right, +y to anterior,
-+z to superior, along the table. The isocentre lies at the centre of the volume. At view angle b (radians)::
+The scanner frame is right-handed, in mm, with the axes of NIfTI's RAS world frame: +x to the patient's right, +y to
+anterior, +z to superior, along the table. The isocenter is the center of the volume. At view angle b (radians)::
 
     source           (-R sin b,  R cos b,  z_b)        R = source_to_isocentre_mm; at b = 0 the source is at +y
     detector columns ( cos b,    sin b,    0  )        unit vector of increasing column
     detector rows    ( 0,        0,        1  )        unit vector of increasing row
 
-and the detector's centre lies opposite the source at distance source_to_detector_mm from it. Where the focal spot
-flies, this place is the focal centre, and the source lies beside it: the detector stays. Arrays are indexed
-volume[z, y, x] and projections[view, row, column], each index running along the positive axis. Scans in general, and
-where rays run, are in vectors.py.
+The detector's center is opposite the source, at the distance source_to_detector_mm. With a flying focal spot, the
+position above is the focal center and the detector does not move. Arrays are indexed volume[z, y, x] and
+projections[view, row, column]; every index increases along its positive axis. vectors.py defines general scans and
+rays.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ import numpy as np
 from .errors import InputError
 from .vectors import CYLINDRICAL, FLAT, ScanGeometry
 
-# A parallel beam's source to isocentre, and from there to its detector, behind any object. Rays are parallel to 1e-6 of
-# what they are apart, and 64 bits hold places along them to 1e-6 mm.
+# Distances of a parallel beam from source to isocenter and from there to the detector, behind any object. Rays are
+# parallel to 1e-6 of their spacing, and float64 resolves positions along them to 1e-6 mm.
 PARALLEL_MM, BEHIND_MM = 1e9, 1e3
-PARALLEL = "parallel"  # of `scan.beam`
-SPOT_KEYS = ("columns_mm", "radius_mm", "z_mm")  # of a flying focal spot, in a `scan` section
+PARALLEL = "parallel"  # value of `scan.beam`
+SPOT_KEYS = ("columns_mm", "radius_mm", "z_mm")  # keys of `flying_focal_spot` in a `scan` section
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A regular voxel grid, its axes along the scanner frame.
+    """A regular voxel grid with axes along the scanner frame.
 
     Attributes
     ----------
@@ -43,15 +43,15 @@ class Grid:
     spacing : tuple of 3 float
         Voxel size in mm (z, y, x).
     centre_mm : tuple of 3 float
-        Where the centre of the grid lies in the NIfTI world frame, mm (x, y, z).
+        Center of the grid in the NIfTI world frame, mm (x, y, z).
     directions : tuple of 3 tuple of 3 float, or None
-        Unit vectors of the axes x, y and z of an image that is read as upright though it is slightly rotated. Positions
-        of regions that were drawn on it refer to them (`drawn_affine`); all else takes the grid as upright.
+        Unit vectors of the axes x, y and z of an image that is slightly rotated but read as upright. Regions that were
+        drawn on the image refer to these axes (`drawn_affine`); everything else treats the grid as upright.
 
     Raises
     ------
     InputError
-        If a voxel count or size is not positive, or there are not three of each.
+        If there are not three positive voxel counts and sizes.
     """
 
     shape: tuple[int, int, int]
@@ -75,7 +75,7 @@ class Grid:
 
     @property
     def drawn_affine(self) -> np.ndarray:
-        """The same along `directions`: where voxels lie for a program in which regions are drawn."""
+        """The same along `directions`: positions of voxels in a program in which regions are drawn."""
         return self._affine(self._axes)
 
     @property
@@ -99,17 +99,17 @@ class Grid:
         return tuple(n * s for n, s in zip(self.shape, self.spacing, strict=True))
 
     def axes_mm(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Voxel centres along z, y and x in mm from the centre of the grid (the isocentre)."""
+        """Return voxel centers along z, y and x in mm from the center of the grid (the isocenter)."""
         return tuple((np.arange(n) - (n - 1) / 2) * s for n, s in zip(self.shape, self.spacing, strict=True))
 
     def refined(self, factor: int) -> Grid:
-        """The same box sampled `factor` times finer along each axis."""
+        """Return a grid of the same extent, sampled `factor` times finer along each axis."""
         return replace(
             self, shape=tuple(n * factor for n in self.shape), spacing=tuple(s / factor for s in self.spacing)
         )
 
     def matches(self, other: Grid, tolerance_mm: float = 1e-3) -> bool:
-        """True if both grids put the same voxels at the same places (to `tolerance_mm` anywhere in the volume)."""
+        """Return whether both grids have the same voxels at the same positions, to `tolerance_mm` everywhere."""
         return self.shape == other.shape and bool(
             np.all(np.abs(self._corners_mm() - other._corners_mm()) < tolerance_mm)
         )
@@ -119,7 +119,7 @@ class Grid:
         return np.stack([self.affine[:3, 3], self.affine[:3, :3] @ last + self.affine[:3, 3]])
 
     def rotated_against(self, other: Grid) -> float:
-        """Largest distance between voxels, in voxels, by which the directions of two grids differ."""
+        """Return the largest displacement of a voxel, in voxels, by the different directions of two grids."""
         spacing = np.array(self.spacing[::-1])
         ends = (np.array(self.shape[::-1]) - 1) / 2 * spacing
         return float((np.abs(self._axes - other._axes) @ ends / spacing).max())
@@ -127,37 +127,36 @@ class Grid:
     def __str__(self) -> str:
         nz, ny, nx = self.shape
         dz, dy, dx = self.spacing
-        return f"{nx} x {ny} x {nz} voxels of {dx:g} x {dy:g} x {dz:g} mm (x, y, z) centred at {self.centre_mm}"
+        return f"{nx} x {ny} x {nz} voxels of {dx:g} x {dy:g} x {dz:g} mm (x, y, z) centered at {self.centre_mm}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class OrbitGeometry(ScanGeometry):
     """A circular or helical scan (see the module's docstring for the frame).
 
-    The detector's reference point is the foot of the perpendicular from the focal centre, which is the focus of an arc
-    whose radius is not given. Other attributes are those of ScanGeometry.
+    The detector's reference point is the foot of the perpendicular from the focal center. The focal center is the focus
+    of an arc if its radius is not given. ScanGeometry describes the other attributes.
 
     Attributes
     ----------
     source_to_isocentre_mm : float
-        Radius of the focal centre's orbit, mm.
+        Radius of the focal center's orbit, mm.
     source_to_detector_mm : float
-        From the focal centre to the detector's reference point, mm.
+        Distance from the focal center to the detector's reference point, mm.
     angles_rad : ndarray, shape (views,)
-        View angles, radians.
     source_z_mm : ndarray, shape (views,)
-        Height of the focal centre in every view, mm; constant for a circular scan.
+        Height of the focal center in every view, mm; constant for a circular scan.
     views_per_rotation : float
-        How many views make one turn; weights of FDK need it.
+        Views per turn, for the weights of FDK.
     spots_mm : ndarray, shape (spots, 3)
-        Where the focal spot is from the focal centre, mm: along the columns, away from the isocentre, along z. View i
-        has spot i mod spots. One spot at 0: it does not fly.
+        Position of the focal spot relative to the focal center, mm: along the columns, away from the isocenter, along
+        z. View i has spot i mod spots. A single spot at 0 does not fly.
 
     Raises
     ------
     InputError
-        If there is no view, the arrays differ in length, the isocentre does not lie between source and detector, or
-        spots cannot be.
+        If there is no view, the arrays differ in length, the isocenter is not between source and detector, or spots are
+        impossible.
     """
 
     source_to_isocentre_mm: float
@@ -187,42 +186,42 @@ class OrbitGeometry(ScanGeometry):
             raise InputError("scan geometry: need three lengths for each focal spot, and no more spots than views")
         if not np.abs(spots).max() < min(self.source_to_isocentre_mm, self.source_to_detector_mm) / 2:
             raise InputError(
-                f"scan geometry: a focal spot {np.abs(spots).max():g} mm beside the focal centre is nowhere near it; "
+                f"scan geometry: a focal spot {np.abs(spots).max():g} mm from the focal center is too far away; "
                 "are all lengths in mm?"
             )
 
     @property
     def flies(self) -> bool:
-        """Whether the focal spot flies, or rests beside the focal centre."""
+        """Whether the focal spot flies or has an offset from the focal center."""
         return bool(self.spots_mm.any())
 
     @property
     def spot_of_view(self) -> np.ndarray:
-        """Which spot each view has, shape (views,)."""
+        """Number of the spot in each view, shape (views,)."""
         return np.arange(self.views) % len(self.spots_mm)
 
     @property
     def views(self) -> int:
-        """How many views the scan has."""
+        """Number of views."""
         return self.angles_rad.size
 
     @cached_property
     def source_mm(self) -> np.ndarray:
-        """Where the source is, mm, shape (views, 3)."""
+        """Position of the source, mm, shape (views, 3)."""
         sine, cosine = np.sin(self.angles_rad), np.cos(self.angles_rad)
         radius = self.source_to_isocentre_mm
         return np.stack([-radius * sine, radius * cosine, self.source_z_mm], axis=1) + self._flown_mm
 
     @cached_property
     def toward_mm(self) -> np.ndarray:
-        """From the source to the detector's reference point, mm, shape (views, 3)."""
+        """Vector from the source to the detector's reference point, mm, shape (views, 3)."""
         sine, cosine = np.sin(self.angles_rad), np.cos(self.angles_rad)
         distance = self.source_to_detector_mm
         return np.stack([distance * sine, -distance * cosine, np.zeros(self.views)], axis=1) - self._flown_mm
 
     @cached_property
     def _flown_mm(self) -> np.ndarray | float:
-        """From the focal centre to the source, mm, shape (views, 3); 0 where it does not fly."""
+        """Vector from the focal center to the source, mm, shape (views, 3); 0 if the spot does not fly."""
         if not self.flies:
             return 0.0
         along, away, up = self.spots_mm[self.spot_of_view].T[..., None]
@@ -230,7 +229,7 @@ class OrbitGeometry(ScanGeometry):
 
     @cached_property
     def detector_mm(self) -> np.ndarray:
-        """Where the detector's reference point is, mm, shape (views, 3)."""
+        """Position of the detector's reference point, mm, shape (views, 3)."""
         return self.source_mm + self.toward_mm
 
     @cached_property
@@ -244,14 +243,14 @@ class OrbitGeometry(ScanGeometry):
         return np.tile([0.0, 0.0, 1.0], (self.views, 1))
 
     def every(self, step: int) -> OrbitGeometry:
-        """One view of so many, each at its time."""
+        """Return the scan with every `step`-th view, at its time."""
         spots = len(self.spots_mm)
         found = self.at(np.arange(0, self.views, step))
         cycle = found.spots_mm[: spots // math.gcd(spots, step)]
         return replace(found, views_per_rotation=self.views_per_rotation / step, spots_mm=cycle)
 
     def at(self, views: np.ndarray) -> OrbitGeometry:
-        """Some of the views, by number, each at its time and with its spot."""
+        """Return the scan with some of the views, by number, at their times and with their spots."""
         return replace(
             self,
             angles_rad=self.angles_rad[views],
@@ -261,17 +260,17 @@ class OrbitGeometry(ScanGeometry):
         )
 
     def turned(self, angle_rad: float) -> OrbitGeometry:
-        """Source and detector turned about z, from +x to +y."""
+        """Return the scan with source and detector turned about z, from +x to +y."""
         return replace(self, angles_rad=self.angles_rad + angle_rad)
 
     @property
     def parallel(self) -> bool:
-        """Whether the beam is one of `parallel_beam`."""
+        """Whether the beam is that of `parallel_beam`."""
         return self.source_to_isocentre_mm >= PARALLEL_MM
 
     @property
     def magnification(self) -> float:
-        """At the isocentre."""
+        """Magnification at the isocenter."""
         return self.source_to_detector_mm / self.source_to_isocentre_mm
 
     @property
@@ -283,7 +282,7 @@ class OrbitGeometry(ScanGeometry):
 
     @property
     def field_of_view_radius_mm(self) -> float:
-        """Radius of the cylinder around the isocentre that every view sees completely (in-plane)."""
+        """Radius of the cylinder around the isocenter that is completely in the fan of every view."""
         half = self.columns / 2 - abs(self.column_offset_px)
         if self.surface == FLAT and not self.flies:
             fan = math.atan(half * self.column_pitch_mm / self.source_to_detector_mm)
@@ -293,46 +292,24 @@ class OrbitGeometry(ScanGeometry):
         return max(float(min(-low.max(), high.min())), 0.0)
 
     def from_axis_mm(self, positions_mm: np.ndarray) -> np.ndarray:
-        """How far the rays to positions along the detector pass the axis, seen from above, signed as the positions are.
-
-        Parameters
-        ----------
-        positions_mm : ndarray, shape (positions,)
-            As column_positions_mm gives them.
-
-        Returns
-        -------
-        ndarray, shape (spots, positions)
-            mm.
-        """
+        """Return signed in-plane distances from the axis of rays to column positions, mm, (spots, positions)."""
         along, away, _ = self.spots_mm.T[..., None]
         to_along, to_ahead = self.from_spots_mm(positions_mm)
         return (along * to_ahead + (self.source_to_isocentre_mm + away) * to_along) / np.hypot(to_along, to_ahead)
 
     def from_spots_mm(self, positions_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The ways from the spots to positions along the detector, seen from above.
-
-        Parameters
-        ----------
-        positions_mm : ndarray, shape (positions,)
-            As column_positions_mm gives them.
-
-        Returns
-        -------
-        along_mm, ahead_mm : ndarray, shape (spots, positions)
-            Along the columns and towards the isocentre.
-        """
+        """Return in-plane vectors from the spots to column positions, mm: along the columns, towards the isocenter."""
         along, away, _ = self.spots_mm.T[..., None]
         across, nearer = self.on_surface_mm(positions_mm)
         return across - along, self.source_to_detector_mm + away - nearer
 
     def fan_angles_rad(self) -> np.ndarray:
-        """Of the columns, seen from the focal centre, radians, shape (columns,)."""
+        """Return the fan angles of the columns from the focal center, radians, shape (columns,)."""
         across, nearer = self.on_surface_mm(self.column_positions_mm())
         return np.arctan2(across, self.source_to_detector_mm - nearer)
 
     def solid_angles(self) -> np.ndarray:
-        """As ScanGeometry.solid_angles; of shape (1, rows, columns) where all views are alike."""
+        """Return ScanGeometry.solid_angles; shape (1, rows, columns) if all views are equal."""
         if self.surface != FLAT or self.flies:
             if len(self.spots_mm) > 1:
                 return super().solid_angles()
@@ -345,19 +322,12 @@ class OrbitGeometry(ScanGeometry):
 
 
 def orbit_of(geometry: ScanGeometry, who: str) -> OrbitGeometry:
-    """The geometry itself, for what only a circle or helix can do.
-
-    Parameters
-    ----------
-    geometry : ScanGeometry
-        Any scan.
-    who : str
-        What needs a circle or helix, for the message.
+    """Return the geometry if it is circular or helical, which `who` (for the message) needs.
 
     Raises
     ------
     InputError
-        If the scan is neither a circle nor a helix.
+        If the scan is neither circular nor helical.
     """
     if not isinstance(geometry, OrbitGeometry):
         raise InputError(f"{who} needs a circular or helical scan; the scan geometry is given view by view")
@@ -367,18 +337,16 @@ def orbit_of(geometry: ScanGeometry, who: str) -> OrbitGeometry:
 def circular(
     *, views: int, turns: float = 1.0, start_angle_rad: float = 0.0, direction: int = 1, **detector
 ) -> OrbitGeometry:
-    """Make a circular scan: views evenly spaced over some turns at one table position.
+    """Return a circular scan: views evenly spaced over some turns at one table position.
 
     Parameters
     ----------
-    turns : float, optional
-        How many turns they are spread over.
     start_angle_rad : float, optional
         Angle of the first view, radians.
     direction : {1, -1}, optional
-        Way of the turn: 1 from +x to +y.
+        Direction of rotation: 1 from +x to +y.
     **detector
-        OrbitGeometry's other fields.
+        Other fields of OrbitGeometry.
     """
     views_per_rotation = views / turns
     angles = start_angle_rad + direction * 2 * np.pi * np.arange(views) / views_per_rotation
@@ -397,22 +365,22 @@ def helical(
     direction: int = 1,
     **detector,
 ) -> OrbitGeometry:
-    """Make a helical scan: views evenly spaced on a helix centred on the isocentre.
+    """Return a helical scan: views evenly spaced on a helix centered at the isocenter.
 
     Parameters
     ----------
     volume_height_mm : float
-        Height that the helix is to carry the beam over, mm.
+        Height that the beam must cover, mm.
     pitch : float, optional
-        Table feed per turn over the detector's height as seen at the isocentre (IEC 60601-2-44).
+        Table feed per turn over the detector's height at the isocenter (IEC 60601-2-44).
     turns : float, optional
-        None: as many as carry the whole beam over the whole volume, (volume height + beam height) / feed.
+        None: (volume height + beam height) / feed, so that the whole beam covers the whole volume.
     start_angle_rad : float, optional
         Angle of the first view, radians.
     direction : {1, -1}, optional
-        Way of the turn: 1 from +x to +y.
+        Direction of rotation: 1 from +x to +y.
     **detector
-        OrbitGeometry's other fields.
+        Other fields of OrbitGeometry.
     """
     beam = (
         detector["rows"]
@@ -429,52 +397,31 @@ def helical(
 
 
 def parallel_beam() -> dict[str, float]:
-    """The distances of a parallel beam, with which `circular` and `helical` make scans of one.
+    """Return the distances of a parallel beam, mm, as fields of OrbitGeometry for `circular` and `helical`.
 
-    The source is so far away that nothing tells its rays from parallel ones, and pixels are as large as their shadows.
-
-    Returns
-    -------
-    dict of str to float
-        mm, by name of OrbitGeometry's fields.
+    The source is so far away that its rays are parallel within rounding, and the magnification is 1.
     """
     return {"source_to_isocentre_mm": PARALLEL_MM, "source_to_detector_mm": PARALLEL_MM + BEHIND_MM}
 
 
 def with_beam(scan: Mapping) -> dict:
-    """A `scan` section, of a study or a recording, with the distances of its beam.
+    """Return a `scan` section, of a study or a recording, with the distances of its beam.
 
-    Parameters
-    ----------
-    scan : mapping
-        With `beam: parallel` it has none of its own that count.
+    With `beam: parallel` the section's own distances are ignored.
     """
     return dict(scan) | (parallel_beam() if scan.get("beam") == PARALLEL else {})
 
 
 def grid_of(settings: dict) -> Grid:
-    """The grid of the configuration's `grid` section, centred at 0: what the phantom is made on.
+    """Return the grid of the configuration's `grid` section, centered at 0, on which the phantom is made.
 
-    A CT puts it where it lies in the world itself, so that from then on the grid is that of the phantom's image.
-
-    Parameters
-    ----------
-    settings : dict
-        The section: `shape`, voxels (z, y, x), and `spacing_mm`, mm (z, y, x).
+    A CT phantom has its own position in the world, so later steps use the grid of the phantom's image.
     """
     return Grid(tuple(settings["shape"]), tuple(settings["spacing_mm"]))
 
 
 def scan_geometry(scan: dict, projections: int, grid: Grid) -> OrbitGeometry:
-    """The geometry that a complete `scan` section of the configuration asks for.
-
-    Parameters
-    ----------
-    scan : dict
-        The section, with its defaults filled in.
-    grid : Grid
-        What a helix has to cover along z.
-    """
+    """Return the geometry of a complete `scan` section of the configuration; a helix must cover `grid` along z."""
     scan = with_beam(scan)
     detector = {
         key: scan[key]
@@ -506,25 +453,14 @@ def scan_geometry(scan: dict, projections: int, grid: Grid) -> OrbitGeometry:
 
 
 def surface_of(scan: dict) -> dict:
-    """The detector's surface and the focal spots of a `scan` section, of a study or a recording.
-
-    Parameters
-    ----------
-    scan : dict
-        The section: `detector`, `arc_radius_mm` and `flying_focal_spot`, each with a default where it is absent.
-
-    Returns
-    -------
-    dict
-        By name of OrbitGeometry's fields.
-    """
+    """Return the detector surface and focal spots of a `scan` section as fields of OrbitGeometry, with defaults."""
     surface, radius = scan.get("detector", FLAT), scan.get("arc_radius_mm")
     spots = [[spot.get(key, 0.0) for key in SPOT_KEYS] for spot in scan.get("flying_focal_spot") or [{}]]
     return {"surface": surface, "arc_radius_mm": radius, "spots_mm": np.array(spots, float)}
 
 
 def stated_surface(geometry: OrbitGeometry) -> dict:
-    """What `surface_of` reads, for a recording's `scan` section."""
+    """Return the keys of a recording's `scan` section that `surface_of` reads."""
     stated = {"beam": PARALLEL} if geometry.parallel else {}
     stated |= {"detector": geometry.surface}
     if geometry.surface != FLAT and geometry.arc_radius_mm != geometry.source_to_detector_mm:

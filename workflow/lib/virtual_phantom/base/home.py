@@ -1,4 +1,4 @@
-"""Paths that begin with ``~``: the one place where the home folder is put in."""
+"""Expansion of ``~`` in paths."""
 
 from __future__ import annotations
 
@@ -16,19 +16,10 @@ def home_folder() -> str | None:
 
 
 def expand_home(value, where: str = ""):
-    """Replace a leading ``~`` or ``~user`` in text, and in all text within mappings and lists, as a shell does.
+    """Expand a leading ``~`` or ``~user`` in text, and in all text of mappings and lists, as a shell does.
 
-    Parameters
-    ----------
-    value : object
-        Text, path, mapping, list or tuple; anything else is returned as it is.
-    where : str, optional
-        Key or option of the value, for the message.
-
-    Returns
-    -------
-    object
-        ``~name/...`` stays if there is no such user: it may name a folder.
+    ``~name/...`` is unchanged if there is no such user: it may be a folder name. Messages begin with `where`, the key
+    or option.
 
     Raises
     ------
@@ -36,9 +27,9 @@ def expand_home(value, where: str = ""):
         If there is no home folder.
     """
     if isinstance(value, Mapping):
-        return {key: expand_home(one, f"{where}.{key}" if where else str(key)) for key, one in value.items()}
+        return {key: expand_home(item, f"{where}.{key}" if where else str(key)) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return type(value)(expand_home(one, f"{where}.{place}") for place, one in enumerate(value))
+        return type(value)(expand_home(item, f"{where}.{place}") for place, item in enumerate(value))
     if isinstance(value, Path):
         return Path(expand_home(str(value), where))
     if not isinstance(value, str) or not value.startswith("~"):
@@ -50,7 +41,7 @@ def expand_home(value, where: str = ""):
 
 
 def expand_home_of_word(word: str) -> str:
-    """Replace ``~`` in a word of a command line, also in ``--option=~/file``, where no shell does it."""
+    """Expand ``~`` in a command-line argument, including ``--option=~/file``, which shells do not expand."""
     option, equals, value = word.partition("=")
     if equals and option.startswith("--"):
         return f"{option}={expand_home(value, option)}"

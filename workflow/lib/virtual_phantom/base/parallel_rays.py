@@ -1,4 +1,4 @@
-"""Fan rays sorted into parallel ones, and which directions of them a point is seen from."""
+"""Rebinning of fan rays to parallel rays, and the directions from which a point is seen."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from .errors import InputError
 from .geometry import ScanGeometry, orbit_of
 from .vectors import FLAT
 
-SAME_MM = 1e-6  # places of focal spots that differ by less are one
-# Of a step from angle to angle: a ray so near to a view is that view's. So half a turn is enough for parallel rays,
-# whose fan angles are not quite 0.
+SAME_MM = 1e-6  # smaller differences of focal spot positions are ignored
+# Fraction of an angle step within which a ray belongs to a view, so that half a turn is enough for parallel rays,
+# whose fan angles are not exactly 0.
 BESIDE_VIEW = 1e-3
 
 
 class _Interleaved(NamedTuple):
-    """Between which two samples each t lies, of spots whose rays interleave; tuples hold one array for either of them.
+    """Neighboring samples of each t for spots whose rays interleave. Tuples have one array for each of the two samples.
 
     Attributes
     ----------
@@ -26,9 +26,9 @@ class _Interleaved(NamedTuple):
         Whether every spot has rays on both sides.
     spot, column : tuple of 2 ndarray of int, shape (t,)
     right_share : ndarray of float32, shape (t,)
-        Of the second.
+        Weight of the second sample.
     fan_rad : tuple of 2 ndarray, shape (t,)
-        Angle of the ray at t over that of the view from whose spot it comes.
+        Angle between the ray at t and the view of its spot.
     """
 
     known: np.ndarray
@@ -39,46 +39,46 @@ class _Interleaved(NamedTuple):
 
 
 class ParallelRays:
-    """The parallel rays of a scan: ray (t, angle) leaves the source of view angle b = angle - asin(t / R).
+    """Parallel rays of a scan: ray (t, angle) leaves the source of view angle b = angle - asin(t / R).
 
-    Only complete angles are held, those of which every ray was measured: where the outermost ones are missing, the ramp
-    filter would take the cut for an edge.
+    Only complete angles, of which every ray was measured, are included: the ramp filter would treat a truncation as an
+    edge.
 
-    Where the focal spot flies, rays of spots at one height interleave, so that t is the denser. Spots at other heights
-    make a level of their own, which sees a point through other rows: all levels hold all t and angles.
+    With a flying focal spot, rays of spots at one height interleave, which makes t denser. Spots at other heights form
+    another level, which sees a point through other rows. All levels have the same t and angles.
 
     Parameters
     ----------
     geometry : ScanGeometry
-        A circle or helix.
+        Circular or helical.
 
     Attributes
     ----------
     half_turn : int
-        How many angles there are per pi.
+        Number of angles per pi.
     angles_rad : ndarray, shape (angles,)
         Ray directions (sin, -cos), radians.
     t_mm : ndarray, shape (t,)
-        Signed distances of the rays from the isocentre's axis, as dense as the detector's columns, times the spots that
-        interleave.
+        Signed distances of the rays from the axis, as dense as the columns times the number of interleaved spots.
     t_pitch_mm : float
-        From one of these distances to the next, mm.
+        Increment of t, mm.
     view_step : float
-        Radians from view to view, signed.
+        Radians per view, signed.
     view_of_angle : ndarray, shape (angles,)
         Fractional view of the central ray of each angle.
     periodic : bool
-        Whole turns in one plane: view 0 follows the last view.
+        True for whole turns in one plane, where view 0 follows the last view.
     level_z_mm, level_radius_mm, level_turn_rad : ndarray, shape (levels,)
-        Of each level's spots on average: height over the focal centre, distance from the axis, and how far they are
-        turned about it from the focal centre.
+        Means over the spots of a level: height above the focal center, distance from the axis, and rotation about the
+        axis relative to the focal center.
     level_ahead_mm : ndarray, shape (levels, t)
         In-plane length of the rays from the source to the detector, times the cosine of the fan angle.
 
     Raises
     ------
     InputError
-        For a scan that is no circle or helix, of one view or one column, or of less than half a turn and the fan.
+        For a scan that is neither circular nor helical, has one view or one column, or covers less than half a turn
+        plus the fan.
     """
 
     def __init__(self, geometry: ScanGeometry):
@@ -101,21 +101,21 @@ class ParallelRays:
             first, count = 0, 2 * self.half_turn * round(turns)
         else:
             fan = self._widest_rad(geometry)
-            # Every spot must have been there before, and be there again.
+            # Every spot must occur before and after.
             scanned, before = (geometry.views - spots) * abs(self.view_step), (spots - 1) * abs(self.view_step)
             first = int(np.ceil((fan + before) / abs(step) - BESIDE_VIEW))
             count = int(np.floor((scanned - fan) / abs(step) + BESIDE_VIEW)) - first + 1
             if count < self.half_turn:
                 least = (np.pi + 2 * fan) / (2 * np.pi)
                 raise InputError(
-                    f"scan: {geometry.views} views over {turns:.3g} turns do not hold every direction of rays; "
+                    f"scan: {geometry.views} views over {turns:.3g} turns do not contain all directions of rays; "
                     f"at least {least:.2f} turns are needed and a few views more (turns, projections)"
                 )
         self.angles_rad = geometry.angles_rad[0] + step * (first + np.arange(count))
         self.view_of_angle = (self.angles_rad - geometry.angles_rad[0]) / self.view_step
 
     def _see(self, geometry, levels):
-        """Work out what each level's rays are, seen from above."""
+        """Compute the in-plane rays of each level."""
         positions = geometry.column_positions_mm()
         along, away, z = geometry.spots_mm.T
         radius = geometry.source_to_isocentre_mm + away
@@ -123,7 +123,7 @@ class ParallelRays:
         self._from_axis = geometry.from_axis_mm(positions)
         self._ahead = np.hypot(*geometry.from_spots_mm(positions))
         self.level_z_mm, self.level_radius_mm, self.level_turn_rad = (
-            np.array([one[spots].mean() for spots in levels]) for one in (z, self._radius, self._turn)
+            np.array([values[spots].mean() for spots in levels]) for values in (z, self._radius, self._turn)
         )
         self._interleaved = [self._between(geometry, spots) for spots in levels]
         self.level_ahead_mm = np.full((len(levels), len(self.t_mm)), float(geometry.source_to_detector_mm))
@@ -157,14 +157,14 @@ class ParallelRays:
         fans = np.array(fans)
         return _Interleaved(
             known,
-            tuple(spots[one] for one in chosen),
+            tuple(spots[index] for index in chosen),
             (left[chosen[0], number], left[chosen[1], number] + 1),
             share.astype(np.float32),
-            tuple(fans[one, number] for one in chosen),
+            tuple(fans[index, number] for index in chosen),
         )
 
     def _widest_rad(self, geometry) -> float:
-        """The largest fan angle of a measured ray."""
+        """Return the largest fan angle of a measured ray."""
         if geometry.surface == FLAT and not geometry.flies:
             return float(np.arctan(np.abs(geometry.column_positions_mm()).max() / geometry.source_to_detector_mm))
         fans = np.arcsin(np.clip(self._from_axis / self._radius[:, None], -1, 1)) + self._turn[:, None]
@@ -172,17 +172,11 @@ class ParallelRays:
 
     @property
     def levels(self) -> int:
-        """How many heights focal spots have over the focal centre."""
+        """Number of heights of focal spots above the focal center."""
         return len(self.level_z_mm)
 
     def in_the_plane(self, stack: np.ndarray) -> np.ndarray:
-        """Projections times the cosine of the angle between rays and the plane across z, what the ramp filter asks for.
-
-        Parameters
-        ----------
-        stack : ndarray, shape (views, rows, columns)
-            Projections of the fan.
-        """
+        """Return projections (views, rows, columns) times the cosine of the rays' angle with the x-y plane."""
         geometry = self.geometry
         along, ahead = geometry.from_spots_mm(geometry.column_positions_mm())
         flat = (ahead**2 + along**2)[:, None]
@@ -197,14 +191,7 @@ class ParallelRays:
         return result
 
     def rebin(self, stack: np.ndarray, level: int = 0) -> Iterator[np.ndarray]:
-        """Interpolate projections linearly to parallel rays, angle by angle.
-
-        Parameters
-        ----------
-        stack : ndarray, shape (views, rows, columns)
-            Projections of the fan.
-        level : int, optional
-            Of whose spots.
+        """Interpolate projections (views, rows, columns) linearly to parallel rays, one angle after the other.
 
         Yields
         ------
@@ -229,7 +216,7 @@ class ParallelRays:
             yield np.where(known[:, None], rows, np.float32(0)).T
 
     def _views_about(self, spot, view):
-        """The views of a spot before and after a fractional view, and the share of the one after, (t, 1)."""
+        """Return the views of a spot before and after a fractional view, and the weight of the latter, (t, 1)."""
         views, spots = self.geometry.views, len(self.geometry.spots_mm)
         number = (view - spot) / spots
         low = np.floor(number).astype(int)
@@ -242,19 +229,10 @@ class ParallelRays:
         return low * spots + spot, np.minimum(low + 1, last) * spots + spot, later_share
 
     def directions_seen(self, points_mm: np.ndarray) -> np.ndarray:
-        """How many of the `half_turn` directions some view sees each point in.
+        """Return the number of the `half_turn` directions from which each point (x, y, z), mm, is seen, (points,).
 
-        Seen is what falls between the centres of the outermost columns and of the outermost rows (on the row, if there
-        is but one), the same as in the reconstruction.
-
-        Parameters
-        ----------
-        points_mm : ndarray, shape (points, 3)
-            Points (x, y, z), mm.
-
-        Returns
-        -------
-        ndarray of int, shape (points,)
+        A point is seen if its projection is between the centers of the outermost columns and rows (on the row, if there
+        is only one), as in the reconstruction.
         """
         geometry = self.geometry
         x, y, z = np.asarray(points_mm, dtype=np.float64).T
@@ -278,7 +256,7 @@ class ParallelRays:
 
 
 def _levels(spots_mm: np.ndarray) -> tuple[list[np.ndarray], int]:
-    """Spots at one height each, and by how much the densest of these interleave."""
+    """Return the spots at each height, and the largest number of spots that interleave."""
     heights = np.round(spots_mm[:, 2] / SAME_MM)
     levels = [np.flatnonzero(heights == height) for height in np.unique(heights)]
     return levels, max(len(np.unique(np.round(spots_mm[spots, 0] / SAME_MM))) for spots in levels)

@@ -1,4 +1,4 @@
-"""Import Matplotlib whatever the user's settings for it are: figures of this package depend on none of them."""
+"""Import of Matplotlib independent of the user's settings, on which figures of this package never depend."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Iterator
 
-from .caches import temporary_cache
+from .cache_folders import temporary_cache
 from .errors import InputError
 from .home import home_folder
 
@@ -26,7 +26,7 @@ def import_matplotlib() -> None:
     """
     if "matplotlib" in sys.modules:
         return
-    # Matplotlib's own temporary folder is one per process, each of which would then collect all fonts again.
+    # Matplotlib's own temporary folder is per process, so every process would collect all fonts again.
     if not all(map(_writable, _settings_folders())) and (temporary := temporary_cache()) is not None:
         os.environ["MPLCONFIGDIR"] = str(temporary / "matplotlib")
     try:
@@ -43,7 +43,7 @@ def import_matplotlib() -> None:
 
 
 def _settings_folders() -> Iterator[str]:
-    """The folders of settings and fonts that Matplotlib is about to use (matplotlib._get_config_or_cache_dir)."""
+    """Yield the settings and font folders that Matplotlib is about to use (matplotlib._get_config_or_cache_dir)."""
     if stated := os.environ.get("MPLCONFIGDIR"):
         yield stated
     elif sys.platform.startswith("linux"):
@@ -53,7 +53,7 @@ def _settings_folders() -> Iterator[str]:
 
 
 def _writable(folder: str) -> bool:
-    """Whether a folder is there, or can be made, and can be written to. A relative path depends on the process."""
+    """Return whether a folder exists or can be created, and is writable. False for a path relative to the process."""
     if not os.path.isabs(folder):
         return False
     try:

@@ -1,4 +1,4 @@
-"""Where an object lies beside the place that it is said to have, and how a scan sees it then."""
+"""Pose of the object: its deviation from the nominal position and size, and the scan as the object sees it."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from .vectors import ScanGeometry
 
 @dataclass(frozen=True)
 class Pose:
-    """How the object lies off the place that it is said to have.
+    """Deviation of the object from its nominal position and size.
 
     Attributes
     ----------
     x_mm, y_mm, z_mm : float
         Shift, mm.
     turn_deg : float
-        About z, degrees.
+        Rotation about z, degrees.
     size : float
-        Over the one that it is said to have, in every direction.
+        Scale factor in all directions.
     """
 
     x_mm: float = 0.0
@@ -34,24 +34,16 @@ IN_PLACE = Pose()
 
 
 def turned_axes(turn_deg: float) -> np.ndarray:
-    """The axes of an object that is turned about z, from +x to +y, by so many degrees: unit vectors, shape (3, 3)."""
+    """Return the axes of an object rotated about z, from +x to +y: unit vectors, shape (3, 3)."""
     turn = np.deg2rad(turn_deg)
     return np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
 
 
 def turned_back(geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> tuple[ScanGeometry, np.ndarray]:
-    """The geometry in which an object that is turned is seen unturned, and the object's shift in it.
+    """Return the geometry in which a rotated object appears unrotated, and the object's shift, (3,) or (views, 3).
 
-    The object turned by t about z and seen at angle b is the object seen at b - t, with shifts turned back.
-
-    Parameters
-    ----------
-    motion_mm : ndarray, shape (views, 3), or None
-        As VoxelScene.path_lengths takes it.
-
-    Returns
-    -------
-    shift_mm : ndarray, shape (3,) or (views, 3)
+    The object rotated by t about z and seen at angle b is the unrotated object seen at b - t, with rotated shifts.
+    VoxelScene.path_lengths describes `motion_mm`.
     """
     geometry, back = geometry.turned(-np.deg2rad(pose.turn_deg)), turned_axes(pose.turn_deg)
     shift = back @ [pose.x_mm, pose.y_mm, pose.z_mm]

@@ -1,7 +1,7 @@
-"""All random numbers: which stream is whose.
+"""Random streams: all random numbers of the project come from here.
 
-A stream is a numpy.random.SeedSequence: the same numbers whatever the order of jobs and the number of cores, and apart
-from those of every other stream. Nothing else in the project makes one.
+A stream is a numpy.random.SeedSequence. Its numbers depend neither on the order of jobs nor on the number of cores, and
+are independent of those of other streams.
 """
 
 from __future__ import annotations
@@ -16,55 +16,48 @@ Stream = np.random.SeedSequence
 
 
 class Branch(IntEnum):
-    """What a branch of a seed is for. A number is never given again to something else: the draws would be the same."""
+    """Purpose of a branch of a seed. A number is never reused for another purpose: random numbers would repeat."""
 
     PHANTOM = 0
     ACQUISITION = 1
-    GAIN_PATTERN = 2  # of seed 0: a detector's pattern is no matter of the study
-    AGREEMENT = 3  # images for a diagnosis's table of agreement
+    GAIN_PATTERN = 2  # of seed 0, because a detector's pattern does not depend on the study
+    AGREEMENT = 3  # images for the agreement table of a diagnosis
     SIMULATED_IMAGES = 4  # images that a diagnosis simulates
-    AGREEMENT_ELSEWHERE = 5  # as AGREEMENT, by another protocol
+    AGREEMENT_ELSEWHERE = 5  # like AGREEMENT, with another protocol
     PROOF_PHANTOM = 6
     REPOSITIONING = 7
 
 
 def generator(stream: Stream | int) -> np.random.Generator:
-    """What draws from a stream, or from that of a seed."""
+    """Return a generator for a stream or a seed."""
     return np.random.default_rng(stream)
 
 
 def root(seed: int) -> Stream:
-    """The stream of a seed itself."""
+    """Return the stream of a seed."""
     return Stream(seed)
 
 
 def branch(seed: int, purpose: int, *keys: int) -> Stream:
-    """A branch of a seed, and the branches below it that `keys` name.
+    """Return a branch of a seed, and below it the branches given by `keys`.
 
-    Parameters
-    ----------
-    seed : int
-        The study's seed, or another.
-    purpose : int
-        One of Branch; of a seed that is not the study's, a number of the caller's own.
-    *keys : int
-        Branches below, each of the one before.
+    `purpose` is a Branch; for a seed other than the study's, any number of the caller.
     """
     return Stream(seed, spawn_key=(int(purpose), *keys))
 
 
 def below(stream: Stream, *keys: int) -> Stream:
-    """A branch of a stream."""
+    """Return a branch of a stream."""
     return Stream(stream.entropy, spawn_key=(*stream.spawn_key, *keys))
 
 
 def named(stream: Stream, *names: str | int) -> Stream:
-    """A branch of a stream for each name, the same however many others are drawn."""
+    """Return a branch of a stream for names, independent of which other names are used."""
     return below(stream, *(zlib.crc32(str(name).encode()) for name in names))
 
 
 def acquisition(study_seed: int, geometry: str, noise: str, seed: int) -> Stream:
-    """The noise of one acquisition of a study: distinct for every argument."""
+    """Return the noise stream of one acquisition of a study, distinct for every argument."""
 
     def words(label):
         return np.frombuffer(hashlib.sha256(label.encode()).digest()[:8], dtype=np.uint32).tolist()
@@ -73,5 +66,5 @@ def acquisition(study_seed: int, geometry: str, noise: str, seed: int) -> Stream
 
 
 def common_acquisition(study_seed: int, seed: int) -> Stream:
-    """The noise that all geometries, noise levels and physics have in common in one repeat."""
+    """Return the noise stream of one repeat that all geometries, noise levels and physics share."""
     return branch(study_seed, Branch.ACQUISITION, seed)

@@ -10,64 +10,35 @@ from .errors import InputError
 
 HU_AIR = -1000.0
 HU_WATER = 0.0
-HU_BODY = -500.0  # half-way from air to water: what is denser belongs to the object
+HU_BODY = -500.0  # halfway from air to water; denser voxels belong to the object
 
 
 def hu_to_attenuation(hu, mu_water_per_mm: float):
-    """Linear attenuation from HU. Values under air are taken as air: it is never negative.
-
-    Parameters
-    ----------
-    hu : array_like
-        HU.
-    mu_water_per_mm : float
-        Linear attenuation of water, 1/mm.
-
-    Returns
-    -------
-    ndarray
-        1/mm, of the type of `hu`; integers become float32.
-    """
+    """Return linear attenuation, 1/mm, from HU in the floating type of `hu`. Values below air become air."""
     hu = _floating(hu)
     return (np.maximum(hu, HU_AIR) / 1000 + 1).astype(hu.dtype, copy=False) * hu.dtype.type(mu_water_per_mm)
 
 
 def attenuation_to_hu(mu, mu_water_per_mm: float):
-    """HU from linear attenuation. Not clipped: noise may carry a voxel below air.
-
-    Parameters
-    ----------
-    mu : array_like
-        Linear attenuation, 1/mm.
-    mu_water_per_mm : float
-        Linear attenuation of water, 1/mm.
-
-    Returns
-    -------
-    ndarray
-        HU, of the type of `mu`; integers become float32.
-    """
+    """Return HU from linear attenuation, 1/mm, in the floating type of `mu`; not clipped at air, because of noise."""
     mu = _floating(mu)
     return (mu / mu.dtype.type(mu_water_per_mm) - 1) * mu.dtype.type(1000)
 
 
 def whole_hu(hu: np.ndarray, not_finite: str) -> tuple[np.ndarray, int]:
-    """HU as int16, which images are stored in: rounded half to even, and set to the bound beyond its range.
+    """Return HU as int16, in which images are stored: rounded half to even, and clipped to the range of int16.
 
     Parameters
     ----------
-    hu : ndarray
-        HU, of any shape.
     not_finite : str
-        Message of the error where a voxel is NaN or infinite, which no int16 says.
+        Message of the error for NaN or infinite voxels.
 
     Returns
     -------
     whole : ndarray of int16
-        HU, shaped as `hu`.
     beyond : int
-        How many voxels were beyond the range. What that means is for the caller to say: a reconstruction warns of them,
-        as metal may rightly be there; an export for other programs refuses them; a page to look at shows the bound.
+        Number of clipped voxels. The caller decides what it means: metal may exceed the range in a reconstruction,
+        which only warns; exports refuse it; report pages show the bound.
 
     Raises
     ------
@@ -83,6 +54,6 @@ def whole_hu(hu: np.ndarray, not_finite: str) -> tuple[np.ndarray, int]:
 
 
 def _floating(values):
-    """The array itself if it holds floats; integers, as images are stored, become float32."""
+    """Return the array itself if it contains floats, otherwise as float32."""
     values = np.asarray(values)
     return values if np.issubdtype(values.dtype, np.floating) else values.astype(np.float32)

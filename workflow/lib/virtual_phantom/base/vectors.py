@@ -1,14 +1,14 @@
-"""Scan geometries as vectors: where the source, the detector and its pixels are in every view.
+"""Scan geometries as vectors: positions of the source, the detector and its pixels in every view.
 
-A ray runs from the source to the middle of a pixel. Pixel (row, column) of a flat detector lies at::
+A ray runs from the source to the center of a pixel. Pixel (row, column) of a flat detector is at::
 
     detector_mm + u column_direction + v row_direction        u, v: column_positions_mm, row_positions_mm
 
-and that of a cylindrical one, an arc of the radius r about a focus, at::
+and a pixel of a cylindrical detector, an arc of radius r about a focus, is at::
 
     detector_mm + r sin(u / r) column_direction - r (1 - cos(u / r)) normal + v row_direction
 
-in the frame of geometry.py. This is the one place that says so; whoever needs rays takes them from here.
+in the frame of geometry.py. All other modules use these definitions.
 """
 
 from __future__ import annotations
@@ -22,30 +22,30 @@ import numpy as np
 
 from .errors import InputError
 
-# Largest part of a direction's length, and of a right angle's cosine, that rounding may make.
+# Largest rounding error of a direction's length and of a right angle's cosine.
 ROUNDING = 1e-9
 FLAT, CYLINDRICAL = "flat", "cylindrical"
 
 
 class Upright(NamedTuple):
-    """A scan whose detector rows lie above each other along z, seen from above. All arrays have shape (views,).
+    """In-plane description of a scan whose detector rows are stacked along z. All arrays have shape (views,).
 
     Attributes
     ----------
     cosine, sine : ndarray
         Column direction (cosine, sine, 0); the detector faces the source along (sine, -cosine, 0).
     depth : ndarray
-        From the source to the isocentre along that, mm.
+        Distance from the source to the isocenter along the facing direction, mm.
     beside : ndarray
-        How far the source lies from the isocentre along the columns, mm.
+        Distance from the isocenter to the source along the columns, mm.
     distance : ndarray
-        From the source to the detector's reference point along that, mm.
+        Distance from the source to the detector's reference point along the facing direction, mm.
     first_column : ndarray
         Position of column 0 along the columns, from the foot of the perpendicular from the source, mm.
     source_z : ndarray
         Height of the source, mm.
     first_row : ndarray
-        Height of row 0 over the source, mm.
+        Height of row 0 above the source, mm.
     """
 
     cosine: np.ndarray
@@ -62,36 +62,36 @@ class Upright(NamedTuple):
 class ScanGeometry:
     """A detector and a point source in every view.
 
-    VectorGeometry holds any of them view by view; geometry.OrbitGeometry a circle or helix, by the few numbers that say
-    all. Both have source_mm, detector_mm (the detector's reference point: its centre, if both offsets are 0),
-    toward_mm (from the one to the other), column_direction and row_direction, (views, 3); every(step), one view of so
-    many; and turned(angle_rad), about z from +x to +y.
+    VectorGeometry stores vectors for each view; geometry.OrbitGeometry stores the parameters of a circle or helix. Both
+    have source_mm, detector_mm (the detector's reference point: its center, if both offsets are 0), toward_mm (from
+    source to detector), column_direction and row_direction, (views, 3); every(step), which selects views; and
+    turned(angle_rad), about z from +x to +y.
 
     Attributes
     ----------
     columns, rows : int
         Pixels of the detector.
     column_pitch_mm, row_pitch_mm : float
-        Distances between their centres, mm.
+        Distances between pixel centers, mm.
     column_offset_px, row_offset_px : float
-        Shift of the detector's centre from its reference point along columns and rows, in pixels.
+        Shift of the detector's center from its reference point along columns and rows, in pixels.
     surface : {"flat", "cylindrical"}
-        Of the detector. On a cylindrical one, pitch and offset of the columns are lengths along the arc.
+        On a cylindrical detector, pitch and offset of the columns are arc lengths.
     arc_radius_mm : float or None
-        Of a cylindrical detector, mm: how far its focus lies from its reference point, across it. None of a flat one.
+        Distance from the focus of a cylindrical detector to its reference point, mm; None: flat.
     view_interval_ms : float or None
-        From the middle of one view to that of the next, ms; None: not known.
+        Time between the centers of successive views, ms; None: not known.
     exposure_ms : float or None
-        How long the beam is on in every view's interval, ms: in its middle, while the detector integrates over all of
-        it; None: throughout.
+        Time of the beam in the middle of each view's interval, ms, while the detector integrates over the whole
+        interval; None: the whole interval.
     view_times : ndarray, shape (views,)
-        Middle of each view, in intervals from the middle of the scan. None is made into one after another: view i of N
-        at i + 1/2 - N/2.
+        Center of each view, in intervals from the middle of the scan. None: successive views, view i of N at i + 1/2 -
+        N/2.
 
     Raises
     ------
     InputError
-        For a detector or times that cannot be.
+        For an impossible detector or impossible times.
     """
 
     columns: int
@@ -107,14 +107,14 @@ class ScanGeometry:
     view_times: np.ndarray | None = None
 
     def _freeze(self, *arrays: str) -> None:
-        """Copy arrays as float64 that cannot be written to."""
+        """Copy arrays as read-only float64."""
         for name in arrays:
             values = np.array(getattr(self, name), dtype=np.float64)
             values.setflags(write=False)
             object.__setattr__(self, name, values)
 
     def _check(self) -> None:
-        """Set and freeze the times. Raises InputError for a detector or times that cannot be."""
+        """Set and freeze the times. Raises InputError for an impossible detector or impossible times."""
         if self.view_times is None:
             object.__setattr__(self, "view_times", np.arange(self.views) + 0.5 - self.views / 2)
         self._freeze("view_times")
@@ -141,7 +141,7 @@ class ScanGeometry:
             raise InputError(f"scan geometry: arc_radius_mm is the radius of a {CYLINDRICAL} detector, and of no other")
         if self.surface == CYLINDRICAL:
             reach = np.abs(self.column_positions_mm()[[0, -1]]).max()
-            if not reach < self.arc_radius_mm * math.pi / 2:  # not: NaN is refused too
+            if not reach < self.arc_radius_mm * math.pi / 2:  # `not` also refuses NaN
                 raise InputError(
                     f"scan geometry: a detector that reaches {reach:g} mm from its reference point is more than half "
                     f"a circle of arc_radius_mm {self.arc_radius_mm:g}"
@@ -149,7 +149,7 @@ class ScanGeometry:
 
     @property
     def times_s(self) -> np.ndarray:
-        """Middle of each view's interval, when it is exposed: seconds from the middle of the scan, shape (views,).
+        """Return the center of each view's interval and exposure: seconds from the middle of the scan, shape (views,).
 
         Raises
         ------
@@ -160,7 +160,7 @@ class ScanGeometry:
 
     @property
     def duration_s(self) -> float:
-        """From the begin of the first view's interval to the end of the last one's, seconds.
+        """Return the time from the start of the first view's interval to the end of the last one's, seconds.
 
         Raises
         ------
@@ -171,36 +171,30 @@ class ScanGeometry:
 
     @property
     def known_interval_ms(self) -> float:
-        """view_interval_ms, which must be known.
-
-        Raises
-        ------
-        InputError
-            If it is not.
-        """
+        """view_interval_ms, which must be known. Raises InputError if it is not known."""
         if self.view_interval_ms is None:
             raise InputError(
-                "scan: the time from view to view is not known, by which afterglow, motion and the drift of a dark "
-                "signal go; state scan.view_interval_ms or scan.rotation_time_ms"
+                "scan: the time between views is not known, but afterglow, motion and dark signal drift depend on it; "
+                "set scan.view_interval_ms or scan.rotation_time_ms"
             )
         return self.view_interval_ms
 
     @property
     def views_apart(self) -> int:
-        """How many of the scanner's views lie from one view to the next: 1, unless only some are kept (`every`)."""
+        """Step between views in views of the scanner: 1, unless `every` selected some."""
         return 1 if self.views < 2 else round(self.view_times[1] - self.view_times[0])
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Of its projections: views, rows, columns."""
+        """Shape of the projections: views, rows, columns."""
         return self.views, self.rows, self.columns
 
     @property
     def key(self) -> tuple:
-        """Equal for geometries whose rays are the same, and hashable."""
+        """Hashable key, equal for geometries with equal rays."""
         return type(self).__name__, *(
-            value.tobytes() if isinstance(value := getattr(self, one.name), np.ndarray) else value
-            for one in fields(self)
+            value.tobytes() if isinstance(value := getattr(self, attribute.name), np.ndarray) else value
+            for attribute in fields(self)
         )
 
     @cached_property
@@ -210,39 +204,26 @@ class ScanGeometry:
 
     @property
     def magnification(self) -> float:
-        """At the isocentre, mean over views."""
+        """Magnification at the isocenter, mean over views."""
         return float(np.mean(_dot(self.toward_mm, self.normal) / -_dot(self.source_mm, self.normal)))
 
     def column_positions_mm(self) -> np.ndarray:
-        """Column centres along the detector, on its arc if it has one, mm from its reference point, (columns,)."""
+        """Return column centers along the detector or its arc, mm from the reference point, shape (columns,)."""
         return (np.arange(self.columns) - (self.columns - 1) / 2 + self.column_offset_px) * self.column_pitch_mm
 
     def on_surface_mm(self, positions_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where positions along the detector are.
-
-        Parameters
-        ----------
-        positions_mm : ndarray
-            As column_positions_mm gives them.
-
-        Returns
-        -------
-        across_mm : ndarray
-            From the reference point along the column direction.
-        nearer_mm : ndarray
-            From the plane through the reference point across the normal, towards the source: 0 on a flat detector.
-        """
+        """Return coordinates of column positions: along the column direction, and towards the source (0 if flat)."""
         if self.surface == FLAT:
             return positions_mm, np.zeros_like(positions_mm)
         angles, radius = positions_mm / self.arc_radius_mm, self.arc_radius_mm
         return radius * np.sin(angles), 2 * radius * np.sin(angles / 2) ** 2
 
     def row_positions_mm(self) -> np.ndarray:
-        """Row centres along the detector, mm from its reference point, shape (rows,)."""
+        """Return row centers along the detector, mm from its reference point, shape (rows,)."""
         return (np.arange(self.rows) - (self.rows - 1) / 2 + self.row_offset_px) * self.row_pitch_mm
 
     def ray(self, view: int, row: int, column: int) -> tuple[np.ndarray, np.ndarray]:
-        """Source and detector-pixel centre (x, y, z) in mm of one ray: the definition, not the fast path."""
+        """Return source and pixel center (x, y, z) in mm of one ray: the reference definition, not the fast path."""
         source = self.source_mm[view]
         across, nearer = (one[column] for one in self.on_surface_mm(self.column_positions_mm()))
         along = across * self.column_direction[view] - nearer * self.normal[view]
@@ -251,26 +232,26 @@ class ScanGeometry:
 
     @property
     def parallel(self) -> bool:
-        """Whether the beam is parallel: none that is given by vectors is."""
+        """Whether the beam is parallel; never for a geometry given by vectors."""
         return False
 
     @cached_property
     def is_upright(self) -> bool:
-        """Whether the detector's rows lie above each other along z in every view."""
+        """Whether the detector's rows are stacked along z in every view."""
         return bool(np.abs(self.row_direction - [0, 0, 1]).max() < ROUNDING)
 
     def bundles(self) -> tuple[np.ndarray, np.ndarray]:
-        """All rays, in bundles that share their shadow in the plane across z.
+        """Return all rays, in bundles that share their projection onto the x-y plane.
 
-        Of an upright detector a bundle is a column, of any other one pixel after another, a row at a time. Reshaped to
-        (views, rows, columns), what is worked out as [view, row, bundle] is in its place.
+        For an upright detector a bundle is a column; otherwise it is one pixel, in row-major order. An array [view,
+        row, bundle] can be reshaped to (views, rows, columns).
 
         Returns
         -------
         to : ndarray, shape (3, views, bundles)
-            The way (x, y, z) from the source to the detector, mm.
+            Vectors (x, y, z) from the source to the detector, mm.
         rows : ndarray, shape (rows,) or (1,)
-            What each row adds to its z, mm.
+            Added to the z component in each row, mm.
         """
         toward, along, up = (each.T[..., None] for each in (self.toward_mm, self.column_direction, self.row_direction))
         across, nearer = self.on_surface_mm(self.column_positions_mm())
@@ -282,12 +263,7 @@ class ScanGeometry:
         return (to[:, :, None] + up[:, :, None] * rows[:, None]).reshape(3, self.views, -1), np.zeros(1)
 
     def upright(self, who: str) -> Upright:
-        """The scan seen from above.
-
-        Parameters
-        ----------
-        who : str
-            What needs an upright detector, for the message.
+        """Return the in-plane description of the scan; `who`, for the message, needs an upright detector.
 
         Raises
         ------
@@ -309,14 +285,10 @@ class ScanGeometry:
         )
 
     def solid_angles(self) -> np.ndarray:
-        """Solid angle under which the source sees each pixel, over that of a pixel at the foot of the perpendicular.
+        """Return solid angles relative to a pixel at the foot of the perpendicular, (views or 1, rows, columns).
 
-        It is the inverse square of the distance times the cosine of the incidence: on a flat detector the cube of that
-        cosine. On an arc, the foot is that of the perpendicular to the plane through its reference point.
-
-        Returns
-        -------
-        ndarray, shape (views or 1, rows, columns)
+        It is the inverse square of the distance times the cosine of the incidence angle; on a flat detector, the cube
+        of this cosine. For an arc, the perpendicular is that to the plane through its reference point.
         """
         (to_x, to_y, to_z), rows = self.bundles()
         squared = (to_x**2 + to_y**2)[:, None] + (to_z[:, None] + rows[:, None]) ** 2
@@ -324,7 +296,7 @@ class ScanGeometry:
         cosine = distance / np.sqrt(squared)
         if self.surface == FLAT:
             return cosine**3
-        # How far the source lies from the planes that touch the arc at its columns.
+        # Distances of the source from the tangent planes of the arc at its columns.
         angles = self.column_positions_mm() / self.arc_radius_mm
         across, nearer = self.on_surface_mm(self.column_positions_mm())
         across, nearer = _dot(self.toward_mm, self.column_direction)[:, None] + across, distance[..., 0] - nearer
@@ -332,8 +304,8 @@ class ScanGeometry:
         return cosine**2 * facing[:, None] / np.sqrt(squared)
 
     def by_vectors(self) -> VectorGeometry:
-        """The same scan, held view by view."""
-        shared = {one.name: getattr(self, one.name) for one in fields(ScanGeometry)}
+        """Return the same scan as a VectorGeometry."""
+        shared = {attribute.name: getattr(self, attribute.name) for attribute in fields(ScanGeometry)}
         return VectorGeometry(
             source_mm=self.source_mm,
             detector_mm=self.detector_mm,
@@ -345,23 +317,21 @@ class ScanGeometry:
 
 @dataclass(frozen=True, kw_only=True)
 class VectorGeometry(ScanGeometry):
-    """Any scan, view by view: sources that jitter or fly, detectors that roll, tilt or sag.
+    """Any scan, with vectors for each view: sources that jitter or fly, detectors that roll, tilt or sag.
 
     Attributes
     ----------
     source_mm : ndarray, shape (views, 3)
-        Where the source is, mm.
+        Position of the source, mm.
     detector_mm : ndarray, shape (views, 3)
-        Where the detector's reference point is, mm.
-    column_direction : ndarray, shape (views, 3)
-        Unit vectors of increasing column.
-    row_direction : ndarray, shape (views, 3)
-        Unit vectors of increasing row.
+        Position of the detector's reference point, mm.
+    column_direction, row_direction : ndarray, shape (views, 3)
+        Unit vectors of increasing column and row.
 
     Raises
     ------
     InputError
-        For other shapes, vectors that are not finite (a source at infinity is not built), directions that are not
+        For wrong shapes, vectors that are not finite (sources at infinity are not supported), directions that are not
         orthonormal, and a detector that faces away from the source.
     """
 
@@ -394,24 +364,24 @@ class VectorGeometry(ScanGeometry):
 
     @property
     def views(self) -> int:
-        """How many views the scan has."""
+        """Number of views."""
         return len(self.source_mm)
 
     @property
     def toward_mm(self) -> np.ndarray:
-        """From the source to the detector's reference point, mm, shape (views, 3)."""
+        """Vector from the source to the detector's reference point, mm, shape (views, 3)."""
         return self.detector_mm - self.source_mm
 
     def every(self, step: int) -> VectorGeometry:
-        """One view of so many, each at its time."""
+        """Return the scan with every `step`-th view, at its time."""
         return self.at(np.arange(0, self.views, step))
 
     def at(self, views: np.ndarray) -> VectorGeometry:
-        """Some of the views, by number, each at its time."""
+        """Return the scan with some of the views, by number, at their times."""
         return replace(self, **{name: getattr(self, name)[views] for name in (*_VECTORS, "view_times")})
 
     def turned(self, angle_rad: float) -> VectorGeometry:
-        """Source and detector turned about z, from +x to +y."""
+        """Return the scan with source and detector turned about z, from +x to +y."""
         sine, cosine = math.sin(angle_rad), math.cos(angle_rad)
         turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
         return replace(self, **{name: getattr(self, name) @ turn.T for name in _VECTORS})

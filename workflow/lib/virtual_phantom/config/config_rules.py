@@ -11,8 +11,8 @@ from pathlib import PurePosixPath
 
 from ..base.errors import InputError, meant
 from ..base.geometry import PARALLEL
+from ..base.names import same_but_for_case
 from ..base.vectors import FLAT
-from ..base.words import same_but_for_case
 from ..physics.effect import OF_A_SPOT, check_readings, checked, image_effects
 from ..statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 from .outputs import OUTPUTS, WILDCARD

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ..base.geometry import PARALLEL
+from ..base.names import counted, label
 from ..base.vectors import FLAT
-from ..base.words import counted, label
 from ..physics.beam.materials import attenuation_per_mm
 from ..physics.scenes.labeled import materials_of
 from ..physics.scenes.shapes import NOTHING

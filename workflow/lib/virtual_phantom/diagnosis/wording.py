@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ..base.words import enumerated, label
+from ..base.names import enumerated, label
 from .residuals.residual_tests import ALPHA, KINDS
 
 MATCH, UNEXPLAINED = "match", "unexplained"

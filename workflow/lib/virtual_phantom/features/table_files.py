@@ -20,7 +20,7 @@ import pandas as pd
 
 from ..base.console import note
 from ..base.errors import InputError
-from ..base.words import counted
+from ..base.names import counted
 from ..io.files import NAMES, check_unchanged
 from ..io.volumes import GZIP
 from .names import EVERY_FAMILY, is_feature

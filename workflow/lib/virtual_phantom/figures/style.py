@@ -23,7 +23,7 @@ from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 from seaborn.utils import relative_luminance
 
-from ..base.words import label
+from ..base.names import label
 from ..features.names import is_feature
 from ..io.files import replacing
 

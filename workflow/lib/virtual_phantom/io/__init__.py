@@ -1,1 +1,1 @@
-"""Files: written whole, with checksums, and read back checked; and the formats of others."""
+"""Input and output: atomic writing, checksums, and file formats of other programs."""

@@ -1,4 +1,4 @@
-"""The default study's numbers, for what is not given: those of config/config.yaml, which a package does not hold."""
+"""Settings of the default study, as in config/config.yaml, which an installed package does not contain."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ def _read() -> dict:
 
 
 def sizes() -> dict:
-    """What each size of a study asks for: study_sizes.yaml of the library's resources."""
+    """Return the settings of each study size: study_sizes.yaml of the package."""
     return copy.deepcopy(_read())
 
 
 def default_study() -> dict:
-    """Of them the default study: grid, scan, levels, protocols, analyses, without what the schema has by default."""
+    """Return the default study: grid, scan, levels, protocols, analyses, without keys that have schema defaults."""
     return sizes()["normal"]

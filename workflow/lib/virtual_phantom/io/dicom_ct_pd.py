@@ -1,8 +1,8 @@
-"""Projections as DICOM-CT-PD, the format of public low-dose CT data: its elements, and files of them.
+"""Export of projections as DICOM-CT-PD, the format of public low-dose CT data.
 
-Every view is a file. Private elements say where the detector's focal centre and the focal spot are; pixels are line
-integrals, rescaled. Element (row j, column i), counted from 1, lies on an arc of radius d about the focal centre at the
-fan angle (i - X) w / d and at z + (Y - j) h: rows run along -z. The frame is that of base/geometry.py.
+Every view is a file. Private elements hold the positions of the detector's focal center and the focal spot. Pixels are
+rescaled line integrals. Element (row j, column i), counted from 1, is on an arc of radius d about the focal center, at
+the fan angle (i - X) w / d and at z + (Y - j) h: rows run along -z. base/geometry.py defines the frame.
 
 References
 ----------
@@ -16,15 +16,15 @@ import math
 from pathlib import Path
 
 import numpy as np
-from pydicom.dataset import Dataset, FileMetaDataset
-from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian
+from pydicom.dataset import Dataset
+from pydicom.uid import CTImageStorage
 from pydicom.valuerep import DSfloat
 
 from .. import __version__
 from ..base.errors import InputError
 from ..base.geometry import OrbitGeometry
 from ..base.vectors import FLAT
-from .dicom_export import NAME, uid, write
+from .dicom_export import NAME, ct_image, uid, write
 from .exchange import read_counts, read_line_integrals
 
 ROWS, COLUMNS = (0x7029, 0x1010), (0x7029, 0x1011)
@@ -46,17 +46,8 @@ CORRECTIONS = {
 }
 LOGARITHM = (0x7039, 0x1009)
 FLOATS = (
-    WIDTH,
-    HEIGHT,
-    FOCAL_ANGLE,
-    FOCAL_Z,
-    FOCAL_RADIUS,
-    DISTANCE,
-    CENTRAL,
-    SPOT_ANGLE,
-    SPOT_Z,
-    SPOT_RADIUS,
-    PHOTONS,
+    *(WIDTH, HEIGHT, FOCAL_ANGLE, FOCAL_Z, FOCAL_RADIUS, DISTANCE),
+    *(CENTRAL, SPOT_ANGLE, SPOT_Z, SPOT_RADIUS, PHOTONS),
 )
 WHOLE = (ROWS, COLUMNS, VIEWS_PER_TURN, SOURCES)
 CREATORS = {
@@ -66,34 +57,29 @@ CREATORS = {
     0x7037: "Projection Data Definitions",
     0x7039: "Preprocessing Flags Module",
 }
-GREATEST = 65535  # of a pixel
-LEAST_COUNT = 0.5  # photons that a pixel without any is read as, as in the default study
+GREATEST = 65535  # largest pixel value
+LEAST_COUNT = 0.5  # photons that replace a count of zero, as in the default study
 MODES = {(False, False): "FFSNONE", (True, False): "FFSXY", (False, True): "FFSZ", (True, True): "FFSXYZ"}
 
 
 def export_projections(path: str | Path, folder: str | Path) -> int:
-    """Write projections of a study (projections/.../*.h5) as DICOM-CT-PD, one file per view.
+    """Write projections of a study (projections/.../*.h5) as DICOM-CT-PD, one file per view; return their number.
 
     Parameters
     ----------
     path : str or Path
-        Line integrals, or counts, of which they are made.
+        Line integrals, or counts, which are converted.
     folder : str or Path
-        Is made.
-
-    Returns
-    -------
-    int
-        How many files were written.
+        Created by this function.
 
     Raises
     ------
     InputError
-        If the file is none of these, the folder is there already, or the detector is an arc about another point.
+        If the file has other content, the folder exists, or the format does not support the scan.
     """
     folder = Path(folder)
     if folder.exists():
-        raise InputError(f"{folder}: is there already; name a new folder, or remove that one first")
+        raise InputError(f"{folder}: exists already; give a new folder, or remove this one first")
     try:
         lines, geometry = read_line_integrals(path)
     except InputError as error:
@@ -108,22 +94,17 @@ def export_projections(path: str | Path, folder: str | Path) -> int:
 
 
 def views_of(lines: np.ndarray, geometry: OrbitGeometry) -> list[Dataset]:
-    """The files of a scan.
-
-    Parameters
-    ----------
-    lines : ndarray, shape (views, rows, columns)
-        Line integrals.
+    """Return the files of a scan from line integrals, shape (views, rows, columns).
 
     Raises
     ------
     InputError
-        For a parallel beam, and an arc about another point than the focal centre, which the format has no place for.
+        For a parallel beam or an arc about another point than the focal center, which the format does not support.
     """
     if geometry.parallel:
-        raise InputError("DICOM-CT-PD: has fan beams alone; the scan's beam is parallel")
+        raise InputError("DICOM-CT-PD: supports fan beams only; the scan's beam is parallel")
     if geometry.surface != FLAT and geometry.arc_radius_mm != geometry.source_to_detector_mm:
-        raise InputError("DICOM-CT-PD: has arcs about the focal centre alone; the detector is one about another point")
+        raise InputError("DICOM-CT-PD: supports only arcs about the focal center; the detector has another one")
     low = _rounded(lines.min())
     slope = _rounded(max(float(lines.max()) - float(low), 1e-6) / GREATEST * (1 + 1e-9))
     content = hashlib.sha256(np.ascontiguousarray(lines).tobytes()).hexdigest()
@@ -133,29 +114,21 @@ def views_of(lines: np.ndarray, geometry: OrbitGeometry) -> list[Dataset]:
     turned, distance = np.arctan2(-along, radius + away), np.hypot(along, radius + away)
     files = []
     for view, image in enumerate(lines):
-        one = Dataset()
-        one.update(shared)
-        one.InstanceNumber = view + 1
-        one.SOPInstanceUID = uid(content, "view", view)
-        _add(one, FOCAL_ANGLE, float(geometry.angles_rad[view] % (2 * math.pi)))
-        _add(one, FOCAL_Z, float(geometry.source_z_mm[view]))
-        _add(one, SPOT_ANGLE, float(turned[view]))
-        _add(one, SPOT_Z, float(up[view]))
-        _add(one, SPOT_RADIUS, float(distance[view] - radius))
-        # One column of the detector after another, its rows along -z, as in the public library.
+        # Detector columns are rows of the image, with detector rows along -z, as in the public library.
         stored = np.rint((image[::-1].T - float(low)) / float(slope))
-        one.PixelData = np.ascontiguousarray(np.clip(stored, 0, GREATEST), "<u2").tobytes()
-        one["PixelData"].VR = "OW"
-        one.file_meta = FileMetaDataset()
-        one.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
-        one.file_meta.MediaStorageSOPClassUID = one.SOPClassUID
-        one.file_meta.MediaStorageSOPInstanceUID = one.SOPInstanceUID
-        files.append(one)
+        pixels = np.clip(stored, 0, GREATEST).astype("<u2")
+        dataset = ct_image(shared, view + 1, uid(content, "view", view), pixels)
+        _add(dataset, FOCAL_ANGLE, float(geometry.angles_rad[view] % (2 * math.pi)))
+        _add(dataset, FOCAL_Z, float(geometry.source_z_mm[view]))
+        _add(dataset, SPOT_ANGLE, float(turned[view]))
+        _add(dataset, SPOT_Z, float(up[view]))
+        _add(dataset, SPOT_RADIUS, float(distance[view] - radius))
+        files.append(dataset)
     return files
 
 
 def _shared(geometry: OrbitGeometry, low: DSfloat, slope: DSfloat, content: str) -> Dataset:
-    """What all views hold."""
+    """Return the elements that all views share."""
     ds = Dataset()
     ds.SOPClassUID, ds.Modality = CTImageStorage, "CT"
     ds.PatientName, ds.PatientID, ds.PatientBirthDate, ds.PatientSex = "Virtual^Phantom", content[:12], "", ""
@@ -172,6 +145,7 @@ def _shared(geometry: OrbitGeometry, low: DSfloat, slope: DSfloat, content: str)
         ds.ExposureTime = round(geometry.view_interval_ms * geometry.views_per_rotation)
     for group, name in CREATORS.items():
         ds.add_new((group, 0x0010), "LO", name)
+    central = [(geometry.columns + 1) / 2 - geometry.column_offset_px, (geometry.rows + 1) / 2 + geometry.row_offset_px]
     for tag, value in (
         (ROWS, geometry.rows),
         (COLUMNS, geometry.columns),
@@ -180,13 +154,7 @@ def _shared(geometry: OrbitGeometry, low: DSfloat, slope: DSfloat, content: str)
         (SHAPE, geometry.surface.upper()),
         (FOCAL_RADIUS, float(geometry.source_to_isocentre_mm)),
         (DISTANCE, float(geometry.source_to_detector_mm)),
-        (
-            CENTRAL,
-            [
-                (geometry.columns + 1) / 2 - geometry.column_offset_px,
-                (geometry.rows + 1) / 2 + geometry.row_offset_px,
-            ],
-        ),
+        (CENTRAL, central),
         (SPOT_MODE, MODES[bool(np.ptp(geometry.spots_mm[:, 0])), bool(np.ptp(geometry.spots_mm[:, 2]))]),
         (VIEWS_PER_TURN, round(geometry.views_per_rotation)),
         (SOURCES, 1),
@@ -204,5 +172,5 @@ def _add(ds: Dataset, tag: tuple[int, int], value: object) -> None:
 
 
 def _rounded(value: float) -> DSfloat:
-    """As a decimal string of DICOM's 16 characters."""
+    """Return a value as a decimal string with DICOM's 16 characters."""
     return DSfloat(float(value), auto_format=True)

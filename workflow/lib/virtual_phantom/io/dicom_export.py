@@ -1,8 +1,8 @@
-"""Simulated images as DICOM CT series, and their ROIs as DICOM SEG, for programs that read nothing else.
+"""Export of simulated images as DICOM CT series, and of their ROIs as DICOM SEG.
 
-CT Image IOD (PS3.3, A.3) with its mandatory modules. DICOM's patient frame is LPS: rows run to the patient's left,
-columns to posterior, slices to superior, so that both in-plane axes of a volume are flipped. There is no patient:
-names say what was simulated, dates are empty, and UIDs are hashes of the content, so that equal images make equal
+Series have the mandatory modules of the CT Image IOD (PS3.3, A.3). DICOM's patient frame is LPS: rows run to the
+patient's left, columns to posterior, slices to superior, so both in-plane axes of a volume are flipped. There is no
+patient: names describe the simulation, dates are empty, and UIDs are hashes of the content, so equal images give equal
 files.
 """
 
@@ -25,22 +25,20 @@ from .files import replacing
 from .volumes import Volume
 
 NAME = "Virtual Phantom"
-DECIMALS = 5  # of mm: NIfTI keeps single precision, whose last digits mean nothing
-TEXT_LENGTH = 64  # of a DICOM long string
+DECIMALS = 5  # of mm; later digits are rounding errors of NIfTI's single precision
+TEXT_LENGTH = 64  # of a DICOM long string (LO)
 
 
 @dataclass(frozen=True)
 class Scan:
-    """What a series is called, and what is known of how it was acquired.
+    """Name of a series and its acquisition.
 
     Attributes
     ----------
     label : str
         Protocol, noise level and seed.
     description : str
-        One line for whoever opens it.
-    source_to_isocentre_mm, source_to_detector_mm : float
-        Of the scanner, mm.
+        One line of explanation.
     """
 
     protocol: str
@@ -51,19 +49,19 @@ class Scan:
 
 
 def series(image: Volume, phantom: Volume, scan: Scan) -> list[Dataset]:
-    """One dataset per slice, from inferior to superior; whole HU, rescaled by slope 1 and intercept 0.
+    """Return one dataset per slice, from inferior to superior: integer HU, with rescale slope 1 and intercept 0.
 
     Parameters
     ----------
     image : Volume
         HU on the phantom's grid; fractions are rounded.
     phantom : Volume
-        What was scanned: its series make one study, in one frame of reference.
+        The scanned phantom; its series form one study, in one frame of reference.
 
     Raises
     ------
     InputError
-        If the image is on another grid, or holds values that are not finite or beyond 16 bits.
+        If the image has another grid, or values that are not finite or beyond 16 bits.
     """
     if not image.grid.matches(phantom.grid):
         raise InputError(f"{scan.label}: is on another grid ({image.grid}) than the phantom ({phantom.grid})")
@@ -75,35 +73,32 @@ def series(image: Volume, phantom: Volume, scan: Scan) -> list[Dataset]:
     shared = _shared(image.grid, scan, study, image_hash)
     slices = []
     for index, (plane, position) in enumerate(zip(pixels, positions_lps(image.grid), strict=True)):
-        one = Dataset()
-        one.update(shared)
-        one.SOPInstanceUID = uid(image_hash, scan.label, "slice", index)
-        one.InstanceNumber = index + 1
-        one.ImagePositionPatient = position
-        one.SliceLocation = position[2]
-        one.PixelData = np.ascontiguousarray(plane, dtype="<i2").tobytes()
-        one["PixelData"].VR = "OW"
-        one.file_meta = FileMetaDataset()
-        one.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
-        one.file_meta.MediaStorageSOPClassUID = one.SOPClassUID
-        one.file_meta.MediaStorageSOPInstanceUID = one.SOPInstanceUID
-        slices.append(one)
+        dataset = ct_image(shared, index + 1, uid(image_hash, scan.label, "slice", index), plane.astype("<i2"))
+        dataset.ImagePositionPatient, dataset.SliceLocation = position, position[2]
+        slices.append(dataset)
     return slices
 
 
+def ct_image(shared: Dataset, number: int, instance_uid: str, pixels: np.ndarray) -> Dataset:
+    """Return the dataset of one CT file: the elements that a series shares, and 16-bit pixels (little-endian)."""
+    dataset = Dataset()
+    dataset.update(shared)
+    dataset.InstanceNumber, dataset.SOPInstanceUID = number, instance_uid
+    dataset.PixelData = np.ascontiguousarray(pixels).tobytes()
+    dataset["PixelData"].VR = "OW"
+    dataset.file_meta = FileMetaDataset()
+    dataset.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    dataset.file_meta.MediaStorageSOPClassUID = dataset.SOPClassUID
+    dataset.file_meta.MediaStorageSOPInstanceUID = dataset.SOPInstanceUID
+    return dataset
+
+
 def segmentation(slices: Sequence[Dataset], masks: Mapping[str, np.ndarray]) -> Dataset:
-    """The ROIs as one DICOM SEG, a segment each, of these slices.
+    """Return the ROIs of these slices as one DICOM SEG, with one segment per mask, [z, y, x] on the grid of the image.
 
-    Content date and time are those of writing: DICOM wants some.
-
-    Parameters
-    ----------
-    slices : sequence of Dataset
-        The image's, as `series` makes them.
-    masks : mapping of str to ndarray of bool, shape (z, y, x)
-        ROIs by name, on the grid of the image.
+    Content date and time, which DICOM requires, are those of writing.
     """
-    import highdicom  # a third of a second, for those who export
+    import highdicom  # takes 0.3 s to import
     from pydicom.sr.codedict import codes
 
     described = [
@@ -135,43 +130,39 @@ def segmentation(slices: Sequence[Dataset], masks: Mapping[str, np.ndarray]) -> 
 
 def write(dataset: Dataset, path: str | Path) -> None:
     """Write one DICOM file."""
-    with replacing(path, checksum=False) as temporary:  # other programs take every file in the folder for a slice
+    with replacing(path, checksum=False) as temporary:  # other programs read every file in the folder as a slice
         dataset.save_as(temporary, enforce_file_format=True)
 
 
 def write_series(slices: Iterable[Dataset], folder: str | Path) -> None:
     """Write 001.dcm, 002.dcm, ... from inferior to superior."""
-    for one in slices:
-        write(one, Path(folder) / f"{one.InstanceNumber:03d}.dcm")
+    for dataset in slices:
+        write(dataset, Path(folder) / f"{dataset.InstanceNumber:03d}.dcm")
 
 
 def lps(array: np.ndarray) -> np.ndarray:
-    """[z, y, x] along the NIfTI world's positive axes as DICOM slices: rows to the left, columns to posterior."""
+    """Convert [z, y, x] in the NIfTI world to DICOM slices, with rows to the left and columns to posterior."""
     return array[:, ::-1, ::-1]
 
 
 def positions_lps(grid: Grid) -> list[list[float]]:
-    """Where the first pixel of each slice lies, mm (x, y, z) in DICOM's patient frame."""
+    """Return the position of the first pixel of each slice, mm (x, y, z) in DICOM's patient frame."""
     z, y, x = (axis + centre for axis, centre in zip(grid.axes_mm(), grid.centre_mm[::-1], strict=True))
     return [[_mm(-x[-1]), _mm(-y[-1]), _mm(height)] for height in z]
 
 
 def uid(*sources: object) -> str:
-    """A UID that depends on these alone."""
+    """Return a UID that depends only on these words."""
     return generate_uid(entropy_srcs=["virtual_phantom", *map(str, sources)])
 
 
 def _shared(grid: Grid, scan: Scan, study: str, image_hash: str) -> Dataset:
-    """What all slices of a series hold, module by module."""
+    """Return the elements that all slices share, module by module."""
     dz, dy, dx = map(_mm, grid.spacing)
     ds = Dataset()
-    # Patient: nobody
-    ds.PatientName, ds.PatientID, ds.PatientBirthDate, ds.PatientSex = (
-        "Virtual^Phantom",
-        f"phantom-{study[:12]}",
-        "",
-        "",
-    )
+    # Patient: anonymous
+    ds.PatientName, ds.PatientID = "Virtual^Phantom", f"phantom-{study[:12]}"
+    ds.PatientBirthDate = ds.PatientSex = ""
     ds.QualityControlSubject = "YES"
     ds.PatientComments = "Simulated: a phantom, not a patient"
     # General study
@@ -193,7 +184,7 @@ def _shared(grid: Grid, scan: Scan, study: str, image_hash: str) -> Dataset:
     ds.SamplesPerPixel, ds.PhotometricInterpretation = 1, "MONOCHROME2"
     ds.Rows, ds.Columns = grid.shape[1:]
     ds.BitsAllocated, ds.BitsStored, ds.HighBit, ds.PixelRepresentation = 16, 16, 15, 1
-    # CT: the abdominal window to begin with
+    # CT, with an abdominal window
     ds.RescaleIntercept, ds.RescaleSlope, ds.RescaleType, ds.KVP = 0, 1, "HU", None
     ds.WindowCenter, ds.WindowWidth = 40, 400
     ds.DistanceSourceToPatient = _mm(scan.source_to_isocentre_mm)
@@ -202,7 +193,7 @@ def _shared(grid: Grid, scan: Scan, study: str, image_hash: str) -> Dataset:
 
 
 def _content(volume: Volume) -> str:
-    """A hash of the voxels and of where they are."""
+    """Return a hash of the voxels and their positions."""
     digest = hashlib.sha256(np.ascontiguousarray(volume.array).tobytes())
     digest.update(np.round(volume.grid.affine, DECIMALS).tobytes())
     return digest.hexdigest()

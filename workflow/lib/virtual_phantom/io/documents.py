@@ -1,4 +1,4 @@
-"""JSON documents that have a schema: checked when they are written, and when they are read."""
+"""JSON documents with a schema, validated when they are written and read."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from ..base.errors import InputError, refusing
 from .files import read_text, write_text
 from .schema import read_schema, validate
 
-DIAGNOSIS, SCORE, SCANNER = "diagnosis", "score", "scanner"  # SCHEMAS holds NAME.schema.yaml
+DIAGNOSIS, SCORE, SCANNER = "diagnosis", "score", "scanner"  # names of files NAME.schema.yaml in SCHEMAS
 
 
 def write_document(content: dict, path: str | Path, kind: str) -> None:
-    """Write a document of this kind, one of DIAGNOSIS, SCORE and SCANNER.
+    """Write a document of one of the kinds DIAGNOSIS, SCORE and SCANNER.
 
     Raises
     ------
     InputError
-        If the schema refuses the content; then nothing is written.
+        If the schema refuses the content; nothing is written.
     """
     validate(content, schema_of_kind(kind), f"{kind}.json")
     write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", path)
 
 
 def read_document(path: str | Path, kind: str) -> dict:
-    """Read a document of this kind, one of DIAGNOSIS, SCORE and SCANNER.
+    """Read a document of one of the kinds DIAGNOSIS, SCORE and SCANNER.
 
     Raises
     ------
     InputError
-        If the file is missing, no JSON, or refused by the schema.
+        If the file is missing, not JSON, or refused by the schema.
     """
     with refusing(f"{path}: is no {kind}.json", OSError, ValueError, advice="make it again"):
         content = json.loads(read_text(path))
@@ -43,5 +43,5 @@ def read_document(path: str | Path, kind: str) -> dict:
 
 
 def schema_of_kind(kind: str) -> dict:
-    """The schema of a kind of document."""
+    """Return the schema of a kind of document."""
     return read_schema(SCHEMAS / f"{kind}.schema.yaml")

@@ -1,14 +1,13 @@
-"""Projections on disk: HDF5 in the Data Exchange layout.
+"""Projection files: HDF5 in the Data Exchange layout.
 
-A file holds::
+Content of a file::
 
     /exchange/data        counts, or line integrals (attribute log = True), [view, row, column]
     /exchange/data_white  mean counts without an object, [1, row, column]      (counts only)
     /exchange/data_dark   counts without X-rays, [1, row, column]              (counts only)
     /exchange/theta       view angles, degrees
-    /physics              where effects are switched on: mean signals with and without the object, and the noise's law
-    /acquisition          the rest of the scan geometry: attributes in mm, source_z_mm per view, and spots_mm of a focal
-                          spot that flies
+    /physics              with effects: mean signals with and without the object, and parameters of the noise
+    /acquisition          other scan geometry: attributes in mm, source_z_mm per view, spots_mm of a flying focal spot
 
 References
 ----------
@@ -29,24 +28,16 @@ from ..base.geometry import OrbitGeometry, ScanGeometry, orbit_of
 from .files import check_unchanged
 from .hdf5 import new_file
 
-# The times are those of all views that follow each other: not stored.
+# Times are not stored: views are successive.
 _ARRAYS = ("angles_rad", "source_z_mm", "spots_mm", "view_times")
 _SCALARS = [f.name for f in fields(OrbitGeometry) if f.name not in _ARRAYS]
-# Cheap and lossless: the bytes of noise do not compress, the zeros above them do.
+# Fast and lossless: bytes of noise do not compress, but the zero bytes above them do.
 _COMPRESSION = dict(compression="gzip", compression_opts=1, shuffle=True)
 
 
 @dataclass(frozen=True)
 class Physics:
-    """What a file keeps of an acquisition chain.
-
-    Attributes
-    ----------
-    arrays : dict of str to ndarray
-        By name; stored as float32.
-    numbers : dict of str to float or tuple of float
-        By name.
-    """
+    """Stored state of an acquisition chain, by name; arrays are stored as float32."""
 
     arrays: dict[str, np.ndarray]
     numbers: dict[str, float | tuple[float, ...]]
@@ -60,16 +51,16 @@ def write_line_integrals(
     Parameters
     ----------
     line_integrals : ndarray, shape (views, rows, columns)
-        Dimensionless, stored as float32.
+        Stored as float32.
     geometry : ScanGeometry
-        As stated: what a reconstruction goes by.
+        Nominal geometry, which reconstructions use.
     physics : Physics, optional
-        What the acquisition chain made of the scene, where effects are switched on.
+        State of the acquisition chain if effects are switched on.
 
     Raises
     ------
     InputError
-        If the scan is no circle or helix, or the file cannot be written.
+        If the scan is neither circular nor helical, or the file cannot be written.
     """
     with new_file(path) as file:
         data = _write(file, line_integrals.astype(np.float32, copy=False), geometry)
@@ -82,12 +73,7 @@ def write_line_integrals(
 
 
 def read_physics(path: str | Path) -> tuple[Physics, OrbitGeometry] | None:
-    """What `write_line_integrals` kept of an acquisition chain.
-
-    Returns
-    -------
-    tuple of Physics and OrbitGeometry, or None
-        Arrays as float64, and the geometry; None of the baseline.
+    """Return the stored state of an acquisition chain (float64) and the geometry; None without effects.
 
     Raises
     ------
@@ -104,17 +90,12 @@ def read_physics(path: str | Path) -> tuple[Physics, OrbitGeometry] | None:
 
 
 def write_counts(path: str | Path, counts: Counts, geometry: ScanGeometry) -> None:
-    """Write one noisy acquisition.
-
-    Parameters
-    ----------
-    geometry : ScanGeometry
-        As stated: what a reconstruction goes by.
+    """Write one noisy acquisition with its nominal geometry, which reconstructions use.
 
     Raises
     ------
     InputError
-        If the scan is no circle or helix, or the file cannot be written.
+        If the scan is neither circular nor helical, or the file cannot be written.
     """
     with new_file(path) as file:
         data = _write(file, counts.data, geometry)
@@ -127,12 +108,7 @@ def write_counts(path: str | Path, counts: Counts, geometry: ScanGeometry) -> No
 
 
 def read_line_integrals(path: str | Path) -> tuple[np.ndarray, OrbitGeometry]:
-    """Line integrals and their geometry.
-
-    Returns
-    -------
-    line_integrals : ndarray of float32, shape (views, rows, columns)
-        Dimensionless.
+    """Return line integrals, float32 of shape (views, rows, columns), and their geometry.
 
     Raises
     ------
@@ -147,12 +123,7 @@ def read_line_integrals(path: str | Path) -> tuple[np.ndarray, OrbitGeometry]:
 
 
 def read_counts(path: str | Path) -> tuple[Counts, OrbitGeometry]:
-    """One noisy acquisition and its geometry.
-
-    Returns
-    -------
-    counts : Counts
-        What the detector read.
+    """Return the counts of one noisy acquisition and its geometry.
 
     Raises
     ------
@@ -175,7 +146,7 @@ def _write(file, data, geometry):
     exchange.create_dataset("theta", data=np.rad2deg(geometry.angles_rad)).attrs["units"] = "degree"
     acquisition = file.create_group("acquisition")
     acquisition.create_dataset("source_z_mm", data=geometry.source_z_mm)
-    # Degrees do not read back to the same radians; the reconstruction should see the very angles that were simulated.
+    # Degrees do not convert back to exactly the same radians, which the reconstruction must use.
     acquisition.create_dataset("angles_rad", data=geometry.angles_rad)
     if geometry.flies:
         acquisition.create_dataset("spots_mm", data=geometry.spots_mm)
@@ -195,12 +166,12 @@ def _geometry(file):
 
 
 class opened:  # noqa: N801  used like a function, as contextlib.closing is
-    """h5py.File for reading, whose failures are InputErrors that name the file.
+    """Open an HDF5 file for reading; failures in the block become InputErrors that name the file.
 
     Raises
     ------
     InputError
-        If the file is missing, incomplete or changed since it was written, or what the block reads is not there.
+        If the file is missing, incomplete or changed, or lacks what the block reads.
     """
 
     def __init__(self, path: str | Path, advice: str = "delete it and run again"):
@@ -218,7 +189,7 @@ class opened:  # noqa: N801  used like a function, as contextlib.closing is
 
     def __exit__(self, kind, error, _):
         self.file.close()
-        if isinstance(error, Exception) and not isinstance(error, InputError):  # h5py raises many types on broken files
+        if isinstance(error, Exception) and not isinstance(error, InputError):  # h5py raises many types
             raise InputError(
                 f"{self.path}: not a complete projection file ({' '.join(str(error).split())}); {self.advice}"
             ) from error

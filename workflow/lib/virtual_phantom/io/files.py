@@ -1,7 +1,8 @@
-"""Write beside, then rename: no reader ever sees half a file. Beside it goes its SHA-256: none reads a changed one.
+"""Atomic writing, and checksums of files.
 
-The checksum of table.csv is the hidden file .table.csv.sha256, as `sha256sum --check` reads it. Files without one,
-which are the user's, are taken as they are.
+A file is written under a temporary name and renamed, so that readers never see a part of it. Its SHA-256 is in a hidden
+file next to it (.table.csv.sha256 for table.csv, readable by `sha256sum --check`). Changed files are refused; files
+without a checksum, such as those of users, are accepted.
 """
 
 import contextlib
@@ -25,7 +26,7 @@ DISK_PROBLEMS = {
     errno.ENAMETOOLONG: "the name is too long; give shorter names",
 }
 
-# Columns of names. A name may look like a number, a truth value or a gap: 01, 1e3, true, NA, null.
+# Columns of names. A name may look like a number, a truth value or a missing value: 01, 1e3, true, NA, null.
 NAMES = frozenset(
     """algorithm collection condition effect family feature file image kernel kind label_in_file name noise
     numpy_version pca property protocol pyradiomics_version recording reconstruction region roi scan settings
@@ -37,27 +38,27 @@ VALUE = re.compile(r"-?(?:0|[1-9]\d*)(?:\.\d+)?(?:e[+-]\d\d+)?|-?inf|True|False"
 
 @contextlib.contextmanager
 def replacing(path: str | Path, checksum: bool = True) -> Iterator[Path]:
-    """Yield a temporary path beside a file; move it there if the block succeeds.
+    """Yield a temporary path in the same folder; replace the file by it if the block succeeds.
 
     Parameters
     ----------
     path : str or Path
-        The file. Its folder is made where it is missing.
+        The file. A missing folder is created.
     checksum : bool, optional
-        Keep the SHA-256 beside it, for files that are read again.
+        Write the SHA-256, for files that are read again.
 
     Yields
     ------
     Path
-        In the same folder and with the same suffixes, because NIfTI and figure writers choose their format by them.
+        Has the suffixes of `path`, which NIfTI and figure writers use to choose the format.
 
     Raises
     ------
     InputError
-        If the disk is full, the folder cannot be made or written to, or the path is a folder; what was there before
-        then stays.
+        If the disk is full, the folder cannot be created or written to, or the path is a folder. The old file then
+        stays.
     OSError
-        For whatever else the system refuses.
+        For other errors of the system.
     """
     path = Path(path)
     if path.is_dir():
@@ -76,16 +77,16 @@ def replacing(path: str | Path, checksum: bool = True) -> Iterator[Path]:
             beside = _temporary(path, ".sha256", temporaries)
             beside.write_text(f"{sha256(temporary)}  {path.name}\n", encoding="utf-8")
             beside.chmod(0o666 & ~umask)
-        # Between these two steps the file has no checksum: a kill leaves it whole, and never with that of another.
+        # A process that is killed between these steps leaves a complete file without a checksum.
         kept.unlink(missing_ok=True)
         os.replace(temporary, path)
         if checksum:
             os.replace(beside, kept)
     except OSError as error:
-        # NumPy's own writer says how many bytes were written, and not why.
+        # NumPy reports the number of written bytes but not the reason.
         number = errno.ENOSPC if "requested and" in str(error) else error.errno
         reason = DISK_PROBLEMS.get(number)
-        if reason is None and not temporaries:  # the folder cannot be made or written to; the block was not entered
+        if reason is None and not temporaries:  # the folder cannot be created or written to
             reason = f"{error.strerror}; give another path"
         if reason is None:
             raise
@@ -103,26 +104,26 @@ def _temporary(path: Path, suffix: str, temporaries: list[Path]) -> Path:
 
 
 def sha256(path: str | Path) -> str:
-    """SHA-256 of a file's bytes, hexadecimal."""
+    """Return the SHA-256 of a file, hexadecimal."""
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def checksum_path(path: str | Path) -> Path:
-    """Where the checksum of a file is kept."""
+    """Return the path of a file's checksum."""
     path = Path(path)
     return path.with_name(f".{path.name}.sha256")
 
 
 def check_unchanged(path: str | Path, advice: str = "delete it and run again") -> None:
-    """Check that a file that has a checksum is what was written.
+    """Check that a file agrees with its checksum.
 
-    A file that is missing, or has no checksum, passes: its reader tells what else is wrong with it.
+    A missing file, or one without a checksum, passes: its reader reports other problems.
 
     Raises
     ------
     InputError
-        If the file was changed; `advice` says what to do about it.
+        If the file was changed; the message ends with `advice`.
     """
     path = Path(path)
     if not path.is_file():
@@ -136,37 +137,34 @@ def check_unchanged(path: str | Path, advice: str = "delete it and run again") -
 
 
 def write_csv(table, path: str | Path) -> None:
-    """Write a pandas DataFrame without its index; floats as the shortest text that reads back to the same number."""
+    """Write a DataFrame without its index; floats have the shortest text that reads back to the same number."""
     with replacing(path) as temporary:
         table.to_csv(temporary, index=False, lineterminator="\n")
 
 
 def write_parquet(table, path: str | Path) -> None:
-    """Write a pandas DataFrame without its index as Parquet, which keeps the type of every column."""
-    with replacing(path, checksum=False) as temporary:  # for other programs: ours read the CSV
+    """Write a DataFrame without its index as Parquet, which stores the type of every column."""
+    with replacing(path, checksum=False) as temporary:  # for other programs; Virtual Phantom reads the CSV
         table.to_parquet(temporary, index=False)
 
 
 def read_csv(path: str | Path, advice: str = "delete it and run again", numbers: Sequence[str] = ()):
-    """Read a table that `write_csv` wrote, with names as text, whatever they look like.
+    """Read a table of `write_csv`; columns of NAMES are text.
+
+    Any other column has numbers or truth values if all its entries are written as pandas writes these, otherwise text.
+    Empty entries are NaN; the text NA is not missing.
 
     Parameters
     ----------
     advice : str, optional
         End of the message if the file cannot be read.
     numbers : sequence of str, optional
-        Columns of numbers although they are called as a column of names is (NAMES).
-
-    Returns
-    -------
-    DataFrame
-        Columns of NAMES are text. Any other column has numbers or truth values if all its entries are written as
-        pandas writes these, else text. Empty entries are NaN; the text NA is no gap.
+        Columns of numbers although their names are in NAMES.
 
     Raises
     ------
     InputError
-        If the file is missing, empty, changed since it was written, or no table.
+        If the file is missing, empty, changed, or not a table.
     """
     import pandas
 
@@ -174,7 +172,7 @@ def read_csv(path: str | Path, advice: str = "delete it and run again", numbers:
     options = {"keep_default_na": False, "na_values": [""], "index_col": False, "low_memory": False}
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", pandas.errors.ParserWarning)  # every row is longer than the header
+            warnings.simplefilter("error", pandas.errors.ParserWarning)  # all rows are longer than the header
             table = pandas.read_csv(path, dtype=dict.fromkeys(NAMES - set(numbers), str), **options)
             # Only whole numbers and truth values may be names: 007, 1e3, true.
             doubtful = [name for name in table if name not in NAMES and _whole(table[name])]
@@ -192,7 +190,7 @@ def read_csv(path: str | Path, advice: str = "delete it and run again", numbers:
 
 
 def _whole(column) -> bool:
-    """Whether a column was read as truth values, or as numbers of which all are whole or infinite."""
+    """Return whether a column has truth values, or numbers that are all integers or infinite."""
     if column.dtype.kind != "f":
         return column.dtype.kind in "biu"
     values = column.to_numpy()
@@ -206,20 +204,19 @@ def write_text(text: str, path: str | Path) -> None:
 
 
 def read_text(path: str | Path, advice: str = "delete it and run again") -> str:
-    """Read a UTF-8 text file.
+    """Read a UTF-8 text file. Errors of Path.read_text pass.
 
     Raises
     ------
     InputError
-        If the file was changed since it was written; the message ends in `advice`. Path.read_text raises its own
-        errors.
+        If the file was changed; the message ends with `advice`.
     """
     check_unchanged(path, advice)
     return Path(path).read_text(encoding="utf-8")
 
 
 def files_of(path: str | Path) -> list[Path]:
-    """The path itself, or the files in a DICOM folder, hidden ones left out as the reader leaves them out."""
+    """Return the path itself, or the files in a DICOM folder except hidden ones, which the reader also skips."""
     path = Path(path)
     if not path.is_dir():
         return [path]

@@ -1,7 +1,7 @@
-"""New HDF5 files, made in memory and written in one piece.
+"""New HDF5 files, created in memory and written in one piece.
 
-HDF5 writes as it goes and once more when it closes; where the disk is full then, h5py is left with a file that it can
-neither close nor forget, and the process ends in a crash instead of a message.
+HDF5 writes while it runs and when it closes. On a full disk, h5py can then neither close nor discard the file, and the
+process crashes without a message.
 """
 
 from __future__ import annotations
@@ -17,16 +17,12 @@ from .files import replacing
 
 @contextlib.contextmanager
 def new_file(path: str | Path) -> Iterator[h5py.File]:
-    """Open an empty HDF5 file to fill; what it holds replaces `path` if the block succeeds.
-
-    Yields
-    ------
-    h5py.File
+    """Open an empty HDF5 file for writing; it replaces `path` if the block succeeds.
 
     Raises
     ------
     InputError
-        If the disk is full or the folder may not be written to.
+        If the disk is full or the folder is not writable.
     """
     with replacing(path) as temporary:
         with h5py.File(temporary.name, "w", driver="core", backing_store=False) as file:

@@ -1,6 +1,6 @@
-"""Files of others that a shipped configuration names: which they are, and whether they are those.
+"""Published files that a shipped configuration uses, and checks of their content.
 
-A table lists them: `file`, where each lies below FOLDER; `source`, where below a web folder it comes from; `sha256`.
+A table lists them: `file`, the path below FOLDER; `source`, the path below a web folder; `sha256`.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from pathlib import Path
 from ..base.errors import InputError
 from .files import read_text, sha256
 
-FOLDER = "downloads"  # in the project's folder; git ignores it
+FOLDER = "downloads"  # in the project's folder, ignored by git
 
 
 @dataclass(frozen=True)
 class PublishedFile:
-    """One file of others.
+    """A published file.
 
     Attributes
     ----------
     path : str
-        Its path here.
+        Local path.
     source : str
-        Its path below the web folder.
+        Path below the web folder.
     sha256 : str
-        Of its bytes, hexadecimal.
+        Hexadecimal.
     """
 
     path: str
@@ -36,50 +36,38 @@ class PublishedFile:
 
 
 def read_published(table: str | Path) -> tuple[PublishedFile, ...]:
-    """The files of a table, a CSV."""
+    """Return the files of a table, a CSV."""
     rows = csv.DictReader(read_text(table).splitlines())
     return tuple(PublishedFile(f"{FOLDER}/{row['file']}", row["source"], row["sha256"]) for row in rows)
 
 
 def named_by(paths: Iterable[str], files: Iterable[PublishedFile]) -> list[PublishedFile]:
-    """Those files that are one of these paths or lie in one of these folders, in their own order."""
+    """Return the files that are among these paths or in these folders, in their own order."""
     named = {Path(path) for path in paths}
     return [file for file in files if named & {Path(file.path), *Path(file.path).parents}]
 
 
 def check_listed(path: str | Path, digest: str, table: str | Path, advice: str) -> None:
-    """Check that a file is the one that a table lists.
-
-    Parameters
-    ----------
-    digest : str
-        SHA-256 in the table, hexadecimal.
-    table : str or Path
-        The table, for the message.
+    """Check that a file has the SHA-256 that a table lists.
 
     Raises
     ------
     InputError
-        If the file's SHA-256 is another.
+        If the file's SHA-256 differs.
     """
     if (found := sha256(path)) != digest:
         raise InputError(f"{path}: is not the file that {table} lists (SHA-256 {found}, not {digest}); {advice}")
 
 
 def reachable(url: str, advice: str) -> str:
-    """The address of a file on the web, which has been asked for.
-
-    Parameters
-    ----------
-    url, advice : str
-        The address, and what to do where there is no network.
+    """Return the address of a file on the web after a request for it; `advice` says what to do without a network.
 
     Raises
     ------
     InputError
         If the file cannot be fetched.
     """
-    import requests  # as what fetches the file does, Snakemake's plugin
+    import requests  # like Snakemake's plugin, which fetches the file
 
     try:
         requests.head(url, timeout=20, allow_redirects=True).raise_for_status()

@@ -1,4 +1,4 @@
-"""Documents checked against their JSON schemas: defaults filled in, and mistakes told in one line."""
+"""Validation of documents against JSON schemas: default values, and one line per mistake."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from ..base.data import SCHEMAS, shipped_yaml
 from ..base.errors import InputError, meant
 
 SCHEMA = SCHEMAS / "config.schema.yaml"
-DEEPEST, MOST_ITEMS = 40, 100_000  # levels and items of a document
-# Python's types are not JSON's: range() takes no 150.0, and callers hand in points as tuples.
+DEEPEST, MOST_ITEMS = 40, 100_000  # largest number of levels and items of a document
+# Python types differ from JSON types: range() refuses 150.0, and callers pass points as tuples.
 _Validator = validators.extend(
     Draft202012Validator,
     type_checker=Draft202012Validator.TYPE_CHECKER.redefine_many(
@@ -34,7 +34,7 @@ _Validator = validators.extend(
 
 
 def _finite(value: object) -> bool:
-    """YAML and Python have numbers that JSON does not."""
+    """Check for numbers of YAML and Python that JSON lacks."""
     return isinstance(value, Real) and not isinstance(value, bool) and (isinstance(value, int) or math.isfinite(value))
 
 
@@ -42,21 +42,12 @@ BOUNDS = {"minimum": "at least", "exclusiveMinimum": "more than", "maximum": "at
 
 
 def validate(document: dict, schema: dict, source: str) -> None:
-    """Check a document against a schema. Keys that are not text, which YAML makes of 1 or yes, are refused too.
-
-    Parameters
-    ----------
-    document : dict
-        What to check.
-    schema : dict
-        JSON schema, draft 2020-12.
-    source : str
-        What the message begins with: the file or the section.
+    """Check a document against a schema (draft 2020-12) and that all keys are text; YAML reads 1 or yes otherwise.
 
     Raises
     ------
     InputError
-        One line that names the key, for what the schema refuses.
+        One line that begins with `source` and names the key, for what the schema refuses.
     """
     check_nesting(document, source)
     for path, key in _keys_not_text(document, ()):
@@ -68,15 +59,7 @@ def validate(document: dict, schema: dict, source: str) -> None:
 
 @dataclass(frozen=True)
 class Mistake:
-    """What a schema refuses in a document.
-
-    Attributes
-    ----------
-    path : tuple of str or int
-        Where in the document.
-    line : str
-        What is wrong, and what to do.
-    """
+    """A mistake in a document: its location, and a line on what is wrong and what to do."""
 
     path: tuple
     line: str
@@ -85,26 +68,26 @@ class Mistake:
 def mistakes(
     document: dict, schema: dict, source: str, entries: Collection[tuple[str, ...]] = ()
 ) -> tuple[list[Mistake], dict]:
-    """All that a schema refuses in a document, and the document without it.
+    """Return all mistakes of a document, and the document without them.
 
     Parameters
     ----------
     document : dict
-        As `check_nesting` lets it pass; it stays as it is.
+        A document that passes `check_nesting`; not changed.
     schema : dict
         JSON schema, draft 2020-12.
     source : str
-        What lines begin with: the file or the section.
+        Beginning of the lines: the file or the section.
     entries : collection of tuple of str, optional
-        Sections whose entries, like those of lists, are taken out as a whole: half of one would be another.
+        Sections whose entries, like list items, are removed as a whole, because a part would have another meaning.
 
     Returns
     -------
     found : list of Mistake
-        Each key once: what `validate` says first, then from the top of the document on.
+        One per key: first the message of `validate`, then in the order of the document.
     rest : dict
-        What is left where every section, entry of a list or value with a mistake in it is taken out. Of sections that
-        must be there, those at the top may be missing.
+        The document without every section, list item or value that has a mistake. Required sections at the top may be
+        missing.
     """
     found: dict[tuple, Mistake] = {}
     rest = copy.deepcopy(document)
@@ -116,7 +99,7 @@ def mistakes(
     for error in errors:
         for mistake in _each(error, source):
             found.setdefault(mistake.path, mistake)
-    for _ in range(DEEPEST):  # what is taken out may have been required a level higher
+    for _ in range(DEEPEST):  # a removed value may be required one level higher
         places = {place for error in _Validator(schema).iter_errors(rest) for place in _places(error, rest, entries)}
         if not places:
             break
@@ -125,7 +108,7 @@ def mistakes(
 
 
 def _each(error, source) -> Iterator[Mistake]:
-    """The mistakes of one error: a key that is missing is none where another one was meant for it."""
+    """Return the mistakes of one error; a missing key is not reported if another key is a misspelling of it."""
     path = tuple(error.absolute_path)
     if error.validator == "additionalProperties":
         known = list(error.schema.get("properties", ()))
@@ -145,7 +128,7 @@ def _each(error, source) -> Iterator[Mistake]:
 
 
 def _places(error, document, entries) -> Iterator[tuple]:
-    """What to take out of a document because of an error; nothing if it is at the top."""
+    """Return the locations to remove from a document for an error; none if it is at the top."""
     path = tuple(error.absolute_path)
     if error.validator == "additionalProperties":
         places = [(*path, key) for key in set(error.instance) - set(error.schema.get("properties", ()))]
@@ -164,14 +147,14 @@ def _places(error, document, entries) -> Iterator[tuple]:
 
 
 def _without(document, places: set[tuple]) -> None:
-    """Take values out of a document, in place; the last of a list first, so that numbers stay right."""
+    """Remove values from a document, in place; the last items of a list first, so that indices stay valid."""
     for place in sorted(places, key=lambda place: [(isinstance(key, int), key) for key in map(_ordered, place)])[::-1]:
         value = document
         try:
             for key in place[:-1]:
                 value = value[key]
             del value[place[-1]]
-        except (KeyError, IndexError, TypeError):  # gone with what was around it
+        except (KeyError, IndexError, TypeError):  # removed with its parent
             continue
 
 
@@ -180,16 +163,9 @@ def _ordered(key):
 
 
 def check_nesting(document, source: str) -> None:
-    """Refuse a document that is too deep or too large to be meant.
+    """Refuse a document that is too deep or too large.
 
-    YAML's aliases make one of a few lines that unfolds to billions of items, or holds itself.
-
-    Parameters
-    ----------
-    document : object
-        What YAML or JSON gave.
-    source : str
-        What the message begins with: the file or the section.
+    With YAML's aliases, a few lines can expand to billions of items or to a document that contains itself.
 
     Raises
     ------
@@ -210,7 +186,7 @@ def check_nesting(document, source: str) -> None:
 
 @cache
 def schema_of(*section: str) -> dict:
-    """The schema of a section of the configuration, given by its keys, as `validate` takes it."""
+    """Return the schema, for `validate`, of a section of the configuration given by its keys."""
     whole = part = read_schema(SCHEMA)
     for key in section:
         part = part["properties"][key]
@@ -218,14 +194,14 @@ def schema_of(*section: str) -> dict:
 
 
 def defaults_of(*section: str) -> dict:
-    """What the schema has by default in a section of the configuration, given by its keys."""
+    """Return the schema defaults of a section of the configuration given by its keys."""
     document: dict = {}
     fill_defaults(document, schema_of(*section))
     return document
 
 
 def fill_defaults(document: dict, schema: dict) -> None:
-    """Add to a valid document, in place, every key that it leaves out and the schema has a default for."""
+    """Add to a valid document, in place, every missing key that has a default in the schema."""
     for _ in _with_defaults(Draft202012Validator)(schema).iter_errors(document):
         pass
 
@@ -237,7 +213,7 @@ def read_schema(path: Path) -> dict:
 
 
 def _keys_not_text(value, path) -> Iterator[tuple[tuple, object]]:
-    """(where, key) of keys that YAML makes something else of, what is outside first."""
+    """Yield (location, key) of keys that YAML reads as other types, outer keys first."""
     if isinstance(value, dict):
         yield from ((path, key) for key in value if not isinstance(key, str))
     elif not isinstance(value, list | tuple):
@@ -295,7 +271,7 @@ def _unknown(key, known, path, source) -> str:
 
 
 def _number_meant(value, kinds) -> str | None:
-    """How YAML 1.1, which asks for a point and a signed exponent, writes the number that a value reads as, if one."""
+    """Return how YAML 1.1, which needs a point and a signed exponent, writes a number read as text, or None."""
     kinds = [kinds] if isinstance(kinds, str) else kinds
     try:
         number = float(value) if isinstance(value, str | float) else math.nan
@@ -310,7 +286,7 @@ def _number_meant(value, kinds) -> str | None:
 
 
 def _quotes_missing(value, kinds) -> str | None:
-    """What to do about a value that YAML makes of a word, a number or a date where text is expected."""
+    """Return advice for a word, number or date of YAML where text is expected."""
     kinds = [kinds] if isinstance(kinds, str) else kinds
     if "string" not in kinds:
         return None
@@ -321,7 +297,7 @@ def _quotes_missing(value, kinds) -> str | None:
         return f"is {str(value).lower()} to YAML, as {words} are without quotes; write the text in quotes"
     if isinstance(value, int | float):
         return f'is the number {value} to YAML; write it in quotes if it is a name: "{value}"'
-    if isinstance(value, datetime.date):  # a datetime too
+    if isinstance(value, datetime.date):  # also a datetime
         return f'is a date to YAML; write it in quotes: "{value}"'
     return None
 

@@ -1,4 +1,4 @@
-"""Volumes in SimpleITK, whose physical coordinates are then the NIfTI world's."""
+"""Volumes as SimpleITK images, whose physical coordinates are then those of the NIfTI world."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..base.geometry import Grid
 
 
 def itk_image(array: np.ndarray, grid: Grid) -> sitk.Image:
-    """An array [z, y, x] on its grid."""
+    """Return an array [z, y, x] on its grid as an image."""
     image = sitk.GetImageFromArray(array)
     image.SetSpacing(grid.spacing[::-1])
     image.SetOrigin(tuple(grid.affine[:3, 3]))
@@ -17,20 +17,9 @@ def itk_image(array: np.ndarray, grid: Grid) -> sitk.Image:
 
 
 def itk_resample(image: sitk.Image, grid: Grid, transform: sitk.Transform, outside: float) -> np.ndarray:
-    """Interpolate an image linearly at the voxel centres of a grid.
+    """Interpolate an image linearly at the voxel centers of a grid: float32 of shape (z, y, x).
 
-    Parameters
-    ----------
-    grid : Grid
-        Where to.
-    transform : SimpleITK.Transform
-        World of `grid` to world of the image.
-    outside : float
-        Value where the image holds none.
-
-    Returns
-    -------
-    ndarray of float32, shape (z, y, x)
+    `transform` maps the world of `grid` to that of the image. Voxels outside of the image are `outside`.
     """
     identity = (1, 0, 0, 0, 1, 0, 0, 0, 1)
     placed = (tuple(grid.affine[:3, 3]), grid.spacing[::-1], identity)
@@ -40,7 +29,7 @@ def itk_resample(image: sitk.Image, grid: Grid, transform: sitk.Transform, outsi
 
 
 def matrix_of(transform: sitk.Euler3DTransform) -> np.ndarray:
-    """The transform of world mm as a 4 x 4 matrix."""
+    """Return a transform of world mm as a 4 x 4 matrix."""
     matrix = np.eye(4)
     matrix[:3, :3] = np.reshape(transform.GetMatrix(), (3, 3))
     matrix[:3, 3] = transform.TransformPoint((0.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""Volumes on a Grid, and files of them: NIfTI, and NRRD and MetaImage through SimpleITK."""
+"""Volumes on a Grid, and their files: NIfTI, and NRRD and MetaImage through SimpleITK."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])  # from the world frame of DICOM an
 SMALLEST_VOXEL_MM3 = 1e-9
 CHUNK = 1 << 20  # bytes
 GZIP = b"\x1f\x8b"  # the first bytes of a gzip file (RFC 1952)
-GZIP_MOST = 1032  # bytes that one of deflate's stands for at most: 258 of them in 2 bits (RFC 1951)
+GZIP_MOST = 1032  # largest expansion of a byte of deflate: 258 bytes from 2 bits (RFC 1951)
 # Voxels by which a tilted axis may move a voxel center. Up to half a voxel, resampling to the upright grid by nearest
 # neighbor returns the array unchanged. A rotation of 0.3 degrees moves the ends of 190 voxels by as much.
 LARGEST_TILT = 0.5
@@ -39,20 +39,7 @@ SEEN_TILT = 0.05  # voxels; from here on the tilt is reported. Header values in 
 
 @dataclass(frozen=True)
 class Volume:
-    """An array and the grid that says where its voxels are.
-
-    Attributes
-    ----------
-    array : ndarray, shape (z, y, x)
-        Values of the voxels.
-    grid : Grid
-        Of the same shape.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ.
-    """
+    """An array, shape (z, y, x), and the grid of its voxels."""
 
     array: np.ndarray
     grid: Grid
@@ -63,9 +50,9 @@ class Volume:
 
 
 def suffix_of(path: str | Path) -> str | None:
-    """Return the suffix that names a format of images, such as ".nii.gz", in lower case; None if there is none."""
+    """Return the suffix of an image format, such as ".nii.gz", in lower case; None if there is none."""
     name = Path(path).name.lower()
-    return max((one for one in (*NIFTI, *ITK) if name.endswith(one)), key=len, default=None)
+    return max((suffix for suffix in (*NIFTI, *ITK) if name.endswith(suffix)), key=len, default=None)
 
 
 def read_image(path: str | Path, dtype=np.float32, noted: bool = True) -> Volume:
@@ -90,24 +77,15 @@ def read_image(path: str | Path, dtype=np.float32, noted: bool = True) -> Volume
 
 
 def read_layers(path: str | Path) -> tuple[list[Volume], dict[str, str]]:
-    """Read an image of labels with the key/value pairs of its header, as 3D Slicer writes them in .seg.nrrd files.
+    """Read a label image with the key/value pairs of its header, as 3D Slicer writes them in .seg.nrrd files.
 
-    Parameters
-    ----------
-    path : str or Path
-        As `read_image` takes it.
-
-    Returns
-    -------
-    layers : list of Volume
-        One for each component of a voxel. Slicer writes several if segments overlap.
-    header : dict of str to str
-        Empty for NIfTI.
+    There is one layer per component of a voxel; Slicer writes several if segments overlap. The header is empty for
+    NIfTI.
 
     Raises
     ------
     InputError
-        As `read_image`.
+        For the errors of `read_image`.
     """
     path = Path(path)
     if suffix_of(path) not in ITK:
@@ -120,7 +98,7 @@ def read_layers(path: str | Path) -> tuple[list[Volume], dict[str, str]]:
 
 
 def _voxels(path: Path, noted: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Array (x, y, z) and affine from voxel index to RAS world mm."""
+    """Return the array (x, y, z) and the affine from voxel index to RAS world mm."""
     if suffix_of(path) in ITK:
         image = _read_itk(path)
         if noted and "NRRD_space" not in image.GetMetaDataKeys() and suffix_of(path) in (".nrrd", ".nhdr"):
@@ -153,7 +131,7 @@ def _report_orientation(image: nibabel.Nifti1Image, path: Path) -> None:
 
 def _read_itk(path: Path):
     """Read an NRRD or MetaImage file; its size is checked before memory is allocated."""
-    import SimpleITK as sitk  # half a second, which NIfTI does not need
+    import SimpleITK as sitk  # takes 0.5 s to import and is not needed for NIfTI
 
     if not path.is_file():
         raise InputError(f"{path}: no such file; give the path of an image")
@@ -174,7 +152,7 @@ def _read_itk(path: Path):
 
 
 def _of_itk(image) -> tuple[np.ndarray, np.ndarray]:
-    """Array (x, y, z) or (x, y, z, component), and affine from voxel index to RAS world mm."""
+    """Return the array (x, y, z) or (x, y, z, component), and the affine from voxel index to RAS world mm."""
     import SimpleITK as sitk
 
     array = sitk.GetArrayFromImage(image)
@@ -189,12 +167,7 @@ def _of_itk(image) -> tuple[np.ndarray, np.ndarray]:
 
 
 def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
-    """Read a 3D NIfTI image as `read_image` does, and refuse other formats.
-
-    Parameters
-    ----------
-    dtype : dtype or None, optional
-        Data type of the result; None: the data type of the file.
+    """Read a 3D NIfTI image like `read_image`, but refuse other formats.
 
     Raises
     ------
@@ -207,14 +180,9 @@ def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
 
 
 def length_unit(path: str | Path) -> str:
-    """The unit of lengths in the header of an image.
+    """Return the unit of lengths in an image header, as NiBabel names it, such as "mm" or "unknown".
 
-    The header alone is read: the rest is for read_image to check.
-
-    Returns
-    -------
-    str
-        As NiBabel names it, such as "mm", or "unknown". NRRD and MetaImage files state none.
+    Only the header is read. NRRD and MetaImage have no unit.
 
     Raises
     ------
@@ -228,7 +196,7 @@ def length_unit(path: str | Path) -> str:
 
 
 def shape_of(path: str | Path) -> tuple[int, ...]:
-    """Voxels of an image along z, y and x as they are stored, without reading them.
+    """Return the stored number of voxels along z, y and x, without reading them.
 
     Raises
     ------
@@ -241,17 +209,10 @@ def shape_of(path: str | Path) -> tuple[int, ...]:
 
 @contextlib.contextmanager
 def _opened(path: Path, whole: bool = True) -> Iterator[nibabel.Nifti1Image]:
-    """Open a NIfTI-1 or NIfTI-2 image, its voxels not yet read. No other format is tried.
+    """Open a NIfTI-1 or NIfTI-2 image without reading its voxels.
 
-    Parameters
-    ----------
-    whole : bool, optional
-        Check that the file is as it was written, and read it to its end: gzip's own checksum stands there, and nibabel
-        stops at the last voxel.
-
-    Yields
-    ------
-    nibabel.Nifti1Image
+    With `whole`, check that the file is unchanged and read it to its end: gzip's checksum is there, but nibabel stops
+    at the last voxel.
 
     Raises
     ------
@@ -262,13 +223,13 @@ def _opened(path: Path, whole: bool = True) -> Iterator[nibabel.Nifti1Image]:
         raise InputError(f"{path}: no such file; give the path of a NIfTI image")
     if whole:
         check_unchanged(path)
-    # nibabel raises many types on broken files.
+    # nibabel raises many types of exceptions for broken files.
     with refusing(f"{path}: cannot be read as NIfTI", Exception, advice="is the file complete?"):
         if (suffix_of(path) or "").startswith((".hdr", ".img")):
             yield _pair(path)
             return
         with path.open("rb") as stream:
-            packed = stream.read(2) == GZIP  # whatever the suffix says
+            packed = stream.read(2) == GZIP  # independent of the suffix
         with (gzip.open if packed else open)(path, "rb") as stream:
             image = _class_of(stream, path).from_stream(stream)
             _check_size(image, path, path.stat().st_size * (GZIP_MOST if packed else 1))
@@ -288,7 +249,7 @@ def _opened(path: Path, whole: bool = True) -> Iterator[nibabel.Nifti1Image]:
 
 
 def _pair(path: Path) -> nibabel.Nifti1Pair:
-    """A NIfTI image in two files, by the name of one of them."""
+    """Return a NIfTI image in two files, given one of their names."""
     suffix = path.name[-len(suffix_of(path)) :]
     base, packed = path.name[: -len(suffix)], suffix[4:]
     upper = suffix[1].isupper()
@@ -318,7 +279,7 @@ def _pair(path: Path) -> nibabel.Nifti1Pair:
 
 
 def _end(image: nibabel.Nifti1Image, voxels: int | None = None) -> int:
-    """The byte at which the voxels of an image end; with `voxels` 0, where they begin."""
+    """Return the byte at which the voxels of an image end; with `voxels` 0, where they begin."""
     count = math.prod(map(int, image.shape)) if voxels is None else voxels
     return int(image.dataobj.offset) + count * image.header.get_data_dtype().itemsize
 
@@ -328,64 +289,58 @@ def _size(image: nibabel.Nifti1Image) -> str:
 
 
 def _class_of(stream: BinaryIO, path: Path) -> type:
-    """NIfTI-1 or NIfTI-2 by the size that the header gives itself, in either byte order."""
+    """Return NIfTI-1 or NIfTI-2 by the header size in the file, in either byte order."""
     start = stream.read(352)
     stream.seek(0)
     for kind, size in ((nibabel.Nifti1Image, 348), (nibabel.Nifti2Image, 540)):
         if start[:4] in (size.to_bytes(4, "little"), size.to_bytes(4, "big")):
             if kind is nibabel.Nifti1Image and start[344:348] not in (b"n+1\0", b"ni1\0"):
                 raise InputError(
-                    f"{path}: is no NIfTI file, as its header lacks the mark 'n+1'; write it again as NIfTI"
+                    f"{path}: is not a NIfTI file: its header lacks the magic string 'n+1'; write it again as NIfTI"
                 )
             return kind
     raise InputError(f"{path}: has no NIfTI header; is it another format, or damaged?")
 
 
 def _check_size(image: nibabel.Nifti1Image, path: Path, most: int) -> None:
-    """Refuse a header that asks for more than the file can hold, or the machine, before anything is allocated."""
+    """Refuse, before memory is allocated, a header that asks for more than the file or the memory can contain."""
     voxels = math.prod(map(int, image.shape))
     claimed = voxels * image.header.get_data_dtype().itemsize
     if min(image.shape, default=0) < 1 or claimed > most:
-        raise InputError(f"{path}: its header says {_size(image)}, which the file does not hold; is the file complete?")
+        raise InputError(
+            f"{path}: its header says {_size(image)}, which the file does not contain; is the file complete?"
+        )
     check_fits(max(claimed, 4 * voxels), path)
 
 
 def check_fits(needed: int, source: str | Path) -> None:
-    """Check that an array fits into the machine's memory.
-
-    Parameters
-    ----------
-    needed : int
-        Bytes of the array.
-    source : str or Path
-        What the message begins with: the file or the section.
+    """Check that an array of `needed` bytes fits into the machine's memory; the message begins with `source`.
 
     Raises
     ------
     InputError
-        If it does not.
+        If it does not fit.
     """
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > there:
         raise InputError(
-            f"{source}: asks for {needed / 1e9:.3g} GB of memory, the machine has {there / 1e9:.3g}; make it smaller"
+            f"{source}: needs {needed / 1e9:.3g} GB of memory, but the machine has {there / 1e9:.3g}; make it smaller"
         )
 
 
 def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.float32, noted: bool = True) -> Volume:
-    """The volume of an array and its affine, axes flipped and swapped to run along +x, +y, +z.
+    """Return the volume of an array and its affine, with axes flipped and swapped to run along +x, +y, +z.
 
-    Axes that are tilted by so little that no voxel center moves by more than LARGEST_TILT are taken as upright, about
-    the center of the volume. So are axes that are rotated together, by LARGEST_ROTATION at most.
+    Axes with a tilt that moves no voxel center by more than LARGEST_TILT are treated as upright, about the center of
+    the volume. So are axes that are rotated together by at most LARGEST_ROTATION.
 
     Parameters
     ----------
     array : ndarray, shape (x, y, z) or (x, y, z, 1)
-        Numbers.
     affine : ndarray, shape (4, 4)
         From voxel index to RAS world mm.
     path : str or Path
-        What the message begins with.
+        Beginning of messages.
     dtype : dtype or None, optional
         Data type of the result; None: the data type of the array.
     noted : bool, optional
@@ -394,16 +349,16 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
     Raises
     ------
     InputError
-        If the array is not 3D or no numbers, or its axes are tilted against the scanner's or have no size.
+        If the array is not 3D or not numeric, or its axes have no size or are tilted against the scanner's.
     """
     if array.dtype.kind not in "biuf":
-        raise InputError(f"{path}: its voxels are of {array.dtype}, not numbers; give grey values")
+        raise InputError(f"{path}: its voxels are of {array.dtype}, not numbers; give gray values")
     while array.ndim > 3 and array.shape[-1] == 1:
         array = array[..., 0]
     if array.ndim != 3:
         raise InputError(f"{path}: has {array.ndim} dimensions; give a 3D image")
     if not np.isfinite(affine).all() or abs(np.linalg.det(affine[:3, :3])) < SMALLEST_VOXEL_MM3:
-        raise InputError(f"{path}: its header gives voxels no size or place; repair its affine")
+        raise InputError(f"{path}: its header gives voxels no size or position; repair its affine")
     orientation = nibabel.io_orientation(affine)
     if np.isnan(orientation).any():
         raise InputError(f"{path}: its header gives two axes one direction; repair its affine")
@@ -423,7 +378,7 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
         )
     if noted and moved > SEEN_TILT:
         note(
-            f"{path}: its axes are tilted by {angle:.2g} degrees and taken as upright, which moves voxels by up to "
+            f"{path}: its axes are tilted by {angle:.2g} degrees and treated as upright, which moves voxels by up to "
             f"{moved:.2g} of their size"
         )
     centre = affine[:3, 3] + matrix @ half
@@ -433,26 +388,15 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
 
 
 def is_small_rotation(axes: np.ndarray) -> bool:
-    """Whether three axes are the frame's own, rotated together by at most LARGEST_ROTATION and not sheared.
-
-    Parameters
-    ----------
-    axes : ndarray, shape (3, 3)
-        Unit vectors in columns, in the order of the frame's axes.
-    """
+    """Return whether unit vectors (columns) are the frame's axes, rotated by at most LARGEST_ROTATION, unsheared."""
     angle = math.degrees(math.acos(np.clip((np.trace(axes) - 1) / 2, -1.0, 1.0)))
     return bool(np.abs(axes.T @ axes - np.eye(3)).max() <= ORTHOGONAL) and angle <= LARGEST_ROTATION
 
 
 def write_nifti(volume: Volume, path: str | Path) -> None:
-    """Write a volume as NIfTI-1 in mm, its affine with the grid's directions in both sform and qform.
+    """Write a volume (float32 or any integer type) as NIfTI-1 in mm, with the affine in both sform and qform.
 
-    The gzip header carries no time or name, so equal volumes make equal bytes.
-
-    Parameters
-    ----------
-    volume : Volume
-        Of float32, or any integer type.
+    The gzip header has no time or name, so equal volumes give equal bytes.
     """
     affine = volume.grid.drawn_affine
     image = nibabel.Nifti1Image(volume.array.T, affine)
@@ -464,27 +408,15 @@ def write_nifti(volume: Volume, path: str | Path) -> None:
 
 
 def read_repeats(paths: Sequence[str | Path]) -> tuple[np.ndarray, Grid]:
-    """Images of one scan.
-
-    Parameters
-    ----------
-    paths : sequence of str or Path
-        NIfTI files.
-
-    Returns
-    -------
-    images : ndarray of float64, shape (repeats, z, y, x)
-        Their voxels.
-    grid : Grid
-        Of all of them.
+    """Read NIfTI images of one scan, float64 of shape (repeats, z, y, x), and their grid.
 
     Raises
     ------
     InputError
-        If one lies on another grid than the first.
+        If the grids differ.
     """
     repeats = [read_nifti(path) for path in paths]
     grid = repeats[0].grid
-    if odd := [path for path, one in zip(paths, repeats, strict=True) if not one.grid.matches(grid)]:
+    if odd := [path for path, volume in zip(paths, repeats, strict=True) if not volume.grid.matches(grid)]:
         raise InputError(f"{odd[0]}: is on another grid than {paths[0]}; make the images again")
-    return np.stack([one.array for one in repeats]).astype(np.float64), grid
+    return np.stack([volume.array for volume in repeats]).astype(np.float64), grid

@@ -1,4 +1,4 @@
-"""Read YAML and JSON files that users write: mistakes of the file in one line each, with the line number."""
+"""Reader of YAML and JSON files of users, with one line and a line number per mistake."""
 
 from __future__ import annotations
 
@@ -36,15 +36,17 @@ def read_yaml(path: str | Path, advice: str, *, restore: str = "make it again") 
     path : str or Path
         YAML or JSON, in UTF-8.
     advice : str
-        What to do where there is no such file, or it contains no mapping, such as "give the path of a configuration".
+        What to do if the file is missing or contains no mapping, such as "give the path of a configuration".
     restore : str, optional
-        What to do where the file differs from its checksum.
+        What to do if the file differs from its checksum.
 
     Raises
     ------
+    InputError
+        See InputErrors.
     InputErrors
-        For a file that cannot be read or contains no mapping, and a line for each key that is there twice and for each
-        number that YAML reads differently than people do.
+        For a file that cannot be read or contains no mapping, with one line for each duplicate key and each number that
+        YAML reads in an unexpected way.
     """
     content, lines = parse_yaml(path, advice, restore=restore)
     if lines:
@@ -55,19 +57,19 @@ def read_yaml(path: str | Path, advice: str, *, restore: str = "make it again") 
 def parse_yaml(
     path: str | Path, advice: str, *, restore: str = "make it again", template: Callable[[str], dict] | None = None
 ) -> tuple[dict, list[str]]:
-    """Read a file that contains a mapping, and list what in it is probably not meant.
+    """Read a file that contains a mapping, and list probable mistakes in it.
 
     Parameters
     ----------
     path, advice, restore
-        As `read_yaml` takes them.
+        See `read_yaml`.
     template : callable, optional
         Renders a text with the key `__use_yte__`, which Snakemake's configurations may have.
 
     Returns
     -------
     lines : list of str
-        For what `read_yaml` refuses in a mapping.
+        The mistakes for which `read_yaml` refuses a mapping.
 
     Raises
     ------
@@ -113,13 +115,13 @@ def _text(path: Path, advice: str) -> str:
 
 
 def _json(text: str, path: Path) -> tuple[object, list[str]] | None:
-    """The content of JSON, and a line for each key that is there twice; None for anything else."""
+    """Return the content of JSON, and a line for each duplicate key; None for anything else."""
     doubled: list[str] = []
 
     def mapping(pairs: list[tuple[str, object]]) -> dict:
         keys = [key for key, _ in pairs]
         doubled.extend(
-            f"{path}: the key '{key}' is there twice in one section; JSON takes the last: join them"
+            f"{path}: the key '{key}' occurs twice in one section; JSON uses the last one: merge them"
             for key in dict.fromkeys(keys)
             if keys.count(key) > 1
         )
@@ -137,7 +139,7 @@ def _yaml(text: str, path: Path) -> tuple[object, list[str]]:
         node = loader.get_single_node()
         if node is None:
             return None, []
-        lines = [f"{path}: {line}" for line in _doubtful(node, (), set())]  # before merge keys are replaced
+        lines = [f"{path}: {line}" for line in _doubtful(node, (), set())]  # before merge keys are expanded
         return loader.construct_document(node), lines
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
@@ -146,7 +148,7 @@ def _yaml(text: str, path: Path) -> tuple[object, list[str]]:
         if "'\\t'" in reason or (mark and "\t" in _line(text, mark.line)[: mark.column + 1]):
             reason += "; indent by spaces, not tabs"
         raise InputError(f"{path}{place}: cannot be read as YAML ({reason}); correct this line") from None
-    except (ValueError, TypeError, RecursionError) as error:  # dates that do not exist, unhashable keys, deep nesting
+    except (ValueError, TypeError, RecursionError) as error:  # invalid dates, unhashable keys, deep nesting
         raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())}); correct it") from None
 
 
@@ -156,7 +158,7 @@ def _line(text: str, number: int) -> str:
 
 
 def _doubtful(node: yaml.Node, place: tuple[str, ...], seen: set[int]) -> Iterator[str]:
-    """Keys that are there twice, and scalars that YAML 1.1 reads differently than people do; each node once."""
+    """Yield mistakes: duplicate keys, and scalars that YAML 1.1 reads in an unexpected way; each node once."""
     if id(node) in seen or len(place) > DEEPEST:
         return
     seen.add(id(node))
@@ -165,12 +167,12 @@ def _doubtful(node: yaml.Node, place: tuple[str, ...], seen: set[int]) -> Iterat
         for key, value in node.value:
             name, line = str(key.value) if isinstance(key, yaml.ScalarNode) else "a key", key.start_mark.line + 1
             where = (*place, name)
-            if key.tag != MERGE:  # several << are merged
+            if key.tag != MERGE:  # several << keys are valid
                 meant = _key(key)
                 if meant in lines:
                     yield (
-                        f"{'.'.join(where)} is there twice, in lines {lines[meant]} and {line}; YAML takes the last: "
-                        "join them"
+                        f"{'.'.join(where)} occurs twice, in lines {lines[meant]} and {line}; YAML uses the last one: "
+                        "merge them"
                     )
                 lines.setdefault(meant, line)
                 yield from _surprising(key, f"the key in {'.'.join(place)}" if place else "the key")
@@ -183,7 +185,7 @@ def _doubtful(node: yaml.Node, place: tuple[str, ...], seen: set[int]) -> Iterat
 
 
 def _key(node: yaml.Node) -> object:
-    """What a key is in Python, where 1 and 01 are one key."""
+    """Return the Python value of a key, so that 1 and 01 are equal."""
     try:
         key = yaml.constructor.SafeConstructor().construct_object(node)
         hash(key)

@@ -24,7 +24,7 @@ from skimage.measure import points_in_poly
 
 from ..base.errors import InputError, meant, reading
 from ..base.geometry import Grid
-from ..base.words import counted
+from ..base.names import counted
 from .regions import CroppedRegion, Regions, Remark, crop_to_box, sequence_of, to_voxels, whole_number
 
 XOR = "CLOSEDPLANAR_XOR"

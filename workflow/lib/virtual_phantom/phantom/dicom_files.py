@@ -224,7 +224,6 @@ def split_dicom(paths: Iterable[Path], unused: UnusedFiles) -> tuple[list[Path],
 
     Returns
     -------
-    candidates : list of Path
     others : list of (Path, str)
         With the reason, for `add_not_dicom`.
     """

@@ -19,7 +19,7 @@ import numpy as np
 from ..base.console import note
 from ..base.errors import InputError
 from ..base.geometry import Grid
-from ..base.words import counted
+from ..base.names import counted
 from ..io.volumes import LARGEST_TILT, LPS_TO_RAS, ORTHOGONAL, Volume, check_fits, is_small_rotation, upright
 from .dicom_files import NEEDED, Slice, UnusedFiles, files_in, not_dicom, slices_of, walk_folders
 from .dicom_pixels import check_pixels, read_into, same_pixels

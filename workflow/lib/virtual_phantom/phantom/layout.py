@@ -12,8 +12,8 @@ import numpy as np
 
 from ..base.data import RESOURCES
 from ..base.errors import InputError
+from ..base.names import same_but_for_case
 from ..base.streams import Stream
-from ..base.words import same_but_for_case
 from ..io.yaml_files import read_yaml
 from .shapes import Ellipsoid, Tube
 from .texture import Component, Texture

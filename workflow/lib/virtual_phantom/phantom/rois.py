@@ -9,7 +9,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, find_objects
 
 from ..base.errors import InputError
 from ..base.geometry import Grid
-from ..base.words import same_but_for_case
+from ..base.names import same_but_for_case
 from ..io.schema import schema_of, validate
 
 FIT_VOXELS = 20_000  # sample size for the cluster centers

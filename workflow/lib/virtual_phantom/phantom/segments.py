@@ -12,7 +12,7 @@ from pydicom.pixels import get_decoder
 
 from ..base.errors import InputError, reading, refusing
 from ..base.geometry import Grid
-from ..base.words import counted
+from ..base.names import counted
 from .regions import (
     GRID_TOLERANCE_MM,
     CroppedRegion,

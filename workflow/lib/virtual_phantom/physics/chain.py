@@ -17,8 +17,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..base.geometry import OrbitGeometry, ScanGeometry
+from ..base.lru_cache import LRUCache
 from ..base.mounting import AS_STATED
-from ..base.recent import Kept
 from .beam.materials import attenuation_per_mm
 from .beam.sensors import Sensor
 from .beam.spectra import SENSOR, Spectrum, passing
@@ -80,8 +80,8 @@ class Chain:
         self.illumination, self.sensor, self.readout = illumination, sensor, readout
         parts, pixels = len(divided(geometry, samples)), math.prod(geometry.shape)
         rays = pixels * samples ** (2 if geometry.rows > 1 else 1)
-        self._paths = Kept(_kept(8 * rays, PATHS_KEPT) * parts)
-        self._transmissions = Kept(_kept(8 * pixels, TRANSMISSIONS_KEPT))
+        self._paths = LRUCache(_kept(8 * rays, PATHS_KEPT) * parts)
+        self._transmissions = LRUCache(_kept(8 * pixels, TRANSMISSIONS_KEPT))
         self._before: list[Chain] | None = None  # of the views before those that are there
 
     def copy(self, geometry: ScanGeometry | None = None, samples: int | None = None) -> Chain:
@@ -217,7 +217,7 @@ class Chain:
         if self._before is None:
             self._before = [self.copy(later(self.geometry, -count)) for count in EARLIER]
             for one in self._before:  # of one pose: of large scans more of them would take gigabytes
-                one._paths = Kept(len(divided(one.geometry, one.samples)))
+                one._paths = LRUCache(len(divided(one.geometry, one.samples)))
         return np.stack([one._run_through(physics, pose, photons, extra).signal for one in self._before])
 
     def _before_the_object(self, physics, photons: float | None = None, **extra) -> tuple[State, list]:

@@ -1,4 +1,4 @@
-"""Engines that project. All offer the same calls (see cpu.CpuProjector): pack, unpack, forward, back."""
+"""Projection engines. Each has the methods of cpu.CpuProjector: pack, unpack, forward, back."""
 
 from __future__ import annotations
 
@@ -12,54 +12,49 @@ ENGINES = ("auto", "cpu", "astra_cuda")
 
 
 def cuda_available() -> bool:
-    """True if ASTRA can use a CUDA device. Its 3D algorithms end the process where it cannot: ask first."""
+    """Return whether ASTRA can use a CUDA device. Without one its 3D algorithms end the process: check first."""
     import astra
 
     return bool(astra.use_cuda())
 
 
 def cupy_installed() -> bool:
-    """True if there is a CuPy that works, which keeps the arrays of astra_cuda on the device."""
+    """Return whether CuPy can be imported; astra_cuda keeps its arrays on the device with it."""
     try:
         import cupy  # noqa: F401
-    except ImportError:  # of its own libraries too
+    except ImportError:  # including errors of its own libraries
         return False
     return True
 
 
-NOT_OF_ASTRA = "engine: astra_cuda has neither cylindrical detectors nor parallel beams; set engine: cpu"
+NOT_OF_ASTRA = "engine: astra_cuda supports neither cylindrical detectors nor parallel beams; set engine: cpu"
 NO_CUPY = "astra_cuda needs CuPy, which cannot be imported: pip install -r environment-gpu.txt"
 
 
 def astra_projects(geometry: ScanGeometry) -> bool:
-    """Whether ASTRA is given such a scan: its detector is flat, and its beam not parallel."""
+    """Return whether ASTRA supports the scan: a flat detector and a beam that is not parallel."""
     return geometry.surface == FLAT and not geometry.parallel
 
 
 def choose_engine(name: str, backprojector: str, look: bool = True, flat: bool = True) -> str:
-    """The engine for what the configuration says; "auto" takes CUDA where there is any and it can do the work.
+    """Return the engine for the configured name; "auto" selects CUDA where it is available and supports the scan.
 
-    Warns if a device is left unused for want of CuPy.
+    Warns if CUDA is available but unused because CuPy is missing.
 
     Parameters
     ----------
-    name : {"auto", "cpu", "astra_cuda"}
     backprojector : {"voxel", "adjoint"}
-        That of SIRT: ASTRA has no "adjoint".
+        Back-projector of SIRT; ASTRA has no "adjoint".
     look : bool, optional
-        False: astra_cuda is believed, and looked for by what uses it (`projector`).
+        False: do not check for a device if the name is astra_cuda; `projector` checks when it is used.
     flat : bool, optional
-        Whether all detectors are, and no beam is parallel: ASTRA is given nothing else.
-
-    Returns
-    -------
-    {"cpu", "astra_cuda"}
+        Whether ASTRA supports the scan: all detectors are flat and no beam is parallel.
 
     Raises
     ------
     InputError
-        For an unknown engine, for astra_cuda where there is no CUDA device or no CuPy, with "adjoint", or for a
-        detector that is not flat or a parallel beam.
+        For an unknown engine, or astra_cuda without a CUDA device or CuPy, with "adjoint", a curved detector or a
+        parallel beam.
     """
     if name not in ENGINES:
         raise InputError(f"engine '{name}' is unknown; use one of {', '.join(ENGINES)}")
@@ -74,7 +69,7 @@ def choose_engine(name: str, backprojector: str, look: bool = True, flat: bool =
             return "cpu"
         if cupy_installed():
             return "astra_cuda"
-        warnings.warn(f"engine: auto takes the CPU, though there is a CUDA device: {NO_CUPY}", stacklevel=2)
+        warnings.warn(f"engine: auto uses the CPU although a CUDA device is available: {NO_CUPY}", stacklevel=2)
         return "cpu"
     if look:
         _check_device()
@@ -82,21 +77,12 @@ def choose_engine(name: str, backprojector: str, look: bool = True, flat: bool =
 
 
 def projector(engine: str, geometry: ScanGeometry, grid: Grid, lanes: int = 1, threads: int = 1):
-    """The projector of an engine.
-
-    Parameters
-    ----------
-    engine : {"cpu", "astra_cuda"}
-        See choose_engine.
-    lanes : int, optional
-        How many realisations at once.
-    threads : int, optional
-        Of the CPU engine.
+    """Return the projector of an engine ("cpu" or "astra_cuda") for a number of realizations (`lanes`).
 
     Raises
     ------
     InputError
-        For astra_cuda where there is no CUDA device or no CuPy.
+        For astra_cuda without a CUDA device or CuPy.
     """
     if engine == "cpu":
         from .cpu import CpuProjector
@@ -110,6 +96,6 @@ def projector(engine: str, geometry: ScanGeometry, grid: Grid, lanes: int = 1, t
 
 def _check_device():
     if not cuda_available():
-        raise InputError("engine: astra_cuda needs a CUDA device and ASTRA finds none; set engine: cpu or auto")
+        raise InputError("engine: astra_cuda needs a CUDA device, but ASTRA finds none; set engine: cpu or auto")
     if not cupy_installed():
         raise InputError(f"engine: {NO_CUPY}; or set engine: cpu")

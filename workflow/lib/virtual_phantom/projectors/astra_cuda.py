@@ -1,7 +1,7 @@
 """The GPU engine: ASTRA's 3D cone-beam projectors.
 
-Volumes and projections are CuPy arrays, which ASTRA reads and writes where they lie (DLPack). NumPy's functions, which
-SIRT is made of, call CuPy's for them (NEP 13 and 18): what is iterated stays on the device.
+Volumes and projections are CuPy arrays, which ASTRA reads and writes without copies (DLPack). NumPy functions dispatch
+to CuPy (NEP 13 and 18), so the arrays of SIRT stay on the device.
 
 References
 ----------
@@ -24,7 +24,7 @@ from . import NOT_OF_ASTRA, astra_projects
 
 
 def cone_vectors(geometry: ScanGeometry, views: slice = slice(None)) -> np.ndarray:
-    """ASTRA's cone_vec rows (source, detector centre, column step, row step; x, y, z in mm), shape (views, 12)."""
+    """Return ASTRA's cone_vec rows (source, detector center, column step, row step; x, y, z), mm, (views, 12)."""
     column = geometry.column_direction * geometry.column_pitch_mm
     row = geometry.row_direction * geometry.row_pitch_mm
     centre = geometry.detector_mm + column * geometry.column_offset_px + row * geometry.row_offset_px
@@ -32,36 +32,35 @@ def cone_vectors(geometry: ScanGeometry, views: slice = slice(None)) -> np.ndarr
 
 
 def volume_geometry(grid: Grid) -> dict:
-    """ASTRA's description of a grid around the isocentre."""
+    """Return ASTRA's description of a grid around the isocenter."""
     depth, height, width = (extent / 2 for extent in grid.extent_mm)
     nz, ny, nx = grid.shape
     return astra.create_vol_geom(ny, nx, nz, -width, width, -height, height, -depth, depth)
 
 
 def projection_geometry(geometry: ScanGeometry, views: slice = slice(None)) -> dict:
-    """ASTRA's description of a scan."""
+    """Return ASTRA's description of a scan."""
     return astra.create_proj_geom("cone_vec", geometry.rows, geometry.columns, cone_vectors(geometry, views))
 
 
 class AstraCudaProjector:
-    """The calls of cpu.CpuProjector on a CUDA device, one realisation after another.
+    """Methods of cpu.CpuProjector on a CUDA device, one realization after the other.
 
-    Packed volumes are [lane, z, y, x] and packed projections [lane, row, view, column], float32, as ASTRA keeps them;
-    `pack_*` takes NumPy's arrays to the device, `unpack_*` takes them back. `back` is ASTRA's voxel-driven
-    back-projection, with ASTRA's own scale: good for SIRT, whose weights divide it out. FDK, which needs one pass only,
-    stays on the CPU engine.
+    Packed volumes are [lane, z, y, x] and packed projections [lane, row, view, column], float32, as in ASTRA. `pack_*`
+    copies NumPy arrays to the device, `unpack_*` copies them back. `back` is ASTRA's voxel-driven back-projection with
+    ASTRA's own scale. SIRT divides by its weights, which removes this scale. FDK always runs on the CPU engine.
 
     Parameters
     ----------
     lanes : int, optional
-        How many realisations.
+        Number of realizations.
     arrays : module, optional
-        Whose arrays lie where ASTRA projects: CuPy, if None.
+        Array module of the device; None: CuPy.
 
     Raises
     ------
     InputError
-        For a detector that is not flat, a parallel beam, and where ASTRA fails.
+        For a detector that is not flat, a parallel beam, or an error of ASTRA.
     """
 
     def __init__(self, geometry: ScanGeometry, grid: Grid, lanes: int = 1, arrays: ModuleType | None = None):
@@ -70,38 +69,38 @@ class AstraCudaProjector:
         if arrays is None:
             import cupy as arrays
         self.geometry, self.grid, self.lanes, self._arrays = geometry, grid, lanes, arrays
-        # A device call has a cost of its own: as few as possible.
+        # Each device call has an overhead, so all views form one block.
         self.views_per_block = geometry.views
         self._volume_geometry = volume_geometry(grid)
         self._made: dict[tuple[int, int, int], tuple[dict, int]] = {}
 
     def empty_volume(self):
-        """Zeros, [lane, z, y, x]."""
+        """Return zeros, [lane, z, y, x]."""
         return self._arrays.zeros((self.lanes, *self.grid.shape), dtype=np.float32)
 
     @staticmethod
     def one_lane(packed):
-        """The first lane of packed volumes or projections, in a shape that broadcasts against all of them."""
+        """Return the first lane of packed volumes or projections, in a shape that broadcasts against all lanes."""
         return packed[:1]
 
     def pack_volume(self, stack: np.ndarray):
-        """[lane, z, y, x] to the device."""
+        """Copy [lane, z, y, x] to the device."""
         return self._arrays.asarray(np.ascontiguousarray(stack, dtype=np.float32))
 
     def unpack_volume(self, packed) -> np.ndarray:
-        """[lane, z, y, x] from the device."""
+        """Copy [lane, z, y, x] from the device."""
         return self._arrays.asnumpy(packed)
 
     def pack_projections(self, stack: np.ndarray):
-        """[lane, view, row, column] to [lane, row, view, column] on the device."""
+        """Copy [lane, view, row, column] to [lane, row, view, column] on the device."""
         return self._arrays.asarray(np.ascontiguousarray(np.swapaxes(stack, 1, 2), dtype=np.float32))
 
     def unpack_projections(self, packed) -> np.ndarray:
-        """[lane, row, view, column] on the device to [lane, view, row, column]."""
+        """Copy [lane, row, view, column] from the device to [lane, view, row, column]."""
         return np.ascontiguousarray(np.swapaxes(self._arrays.asnumpy(packed), 1, 2))
 
     def forward(self, volume, views: slice = slice(None)):
-        """Line integrals of every lane for the given views."""
+        """Return line integrals of all lanes for the given views."""
         count = len(range(*views.indices(self.geometry.views)))
         out = self._arrays.zeros((self.lanes, self.geometry.rows, count, self.geometry.columns), dtype=np.float32)
         for lane in range(self.lanes):
@@ -109,7 +108,7 @@ class AstraCudaProjector:
         return out
 
     def back(self, projections, views: slice = slice(None), out=None):
-        """Back-projection of every lane, added to `out`."""
+        """Back-project all lanes and add the result to `out`."""
         out = self.empty_volume() if out is None else out
         for lane in range(self.lanes):
             volume = self._arrays.zeros(self.grid.shape, dtype=np.float32)
@@ -118,7 +117,7 @@ class AstraCudaProjector:
         return out
 
     def _run(self, operation, views, volume, projections):
-        """Do one of ASTRA's operations on arrays where they lie. Its `direct_...` calls say nothing when they fail."""
+        """Run an ASTRA operation on arrays without copies. ASTRA's `direct_...` functions do not report failures."""
         rays, projector = self._rays_and_projector(views)
         linked = []
         try:
@@ -134,7 +133,7 @@ class AstraCudaProjector:
             astra.data3d.delete(linked)
 
     def _rays_and_projector(self, views):
-        """ASTRA's description of these views and its number of a projector for them, made once."""
+        """Return ASTRA's description of these views and the number of a projector for them, made once."""
         span = views.indices(self.geometry.views)
         if span not in self._made:
             rays = projection_geometry(self.geometry, views)

@@ -1,14 +1,13 @@
-"""Lengths of rays in convex shapes, in closed form, where later shapes replace earlier ones.
+"""Exact chord lengths of rays in convex shapes; later shapes replace earlier ones.
 
-A shape is what lies behind all of its planes and within its quadric, if it has one: points x with
+A shape is the intersection of half-spaces and at most one quadric: all points x with
 
-    normal . x <= offset                        of every plane
-    x . Q x + 2 b . x + c <= 0                  of the quadric
+    normal . x <= offset                        for every plane
+    x . Q x + 2 b . x + c <= 0                  for the quadric
 
-so that a ray has one interval in it: balls, cylinders and cones from quadrics, boxes from planes, ends from either.
+A ray therefore has one interval in a shape. Balls, cylinders and cones are quadrics; boxes are planes; ends are either.
 
-Rays of a bundle share their shadow on the plane z = 0. Which shapes it passes is asked once for all of them: most
-shapes of a test phantom are small, and most rays pass most of them by.
+The rays of a bundle share their projection onto the plane z = 0, so shapes that they miss are excluded once per bundle.
 """
 
 from __future__ import annotations
@@ -20,27 +19,27 @@ import numpy as np
 from ..base.compiled import compiled
 from .lanes import OPTIONS
 
-EXACT = OPTIONS | {"fastmath": False}  # roots of quadratics are written so that they do not cancel
-PARALLEL = 1e-12  # of a direction's part along a normal, and of a quadratic's leading factor: less is rounding
+EXACT = OPTIONS | {"fastmath": False}  # avoids cancellation in the roots of quadratics
+PARALLEL = 1e-12  # smaller direction components and leading coefficients are rounding errors
 
 
 class Shapes(NamedTuple):
-    """Convex shapes as arrays, the ones that replace others last.
+    """Convex shapes as arrays. A later shape replaces earlier ones where they overlap.
 
     Attributes
     ----------
     planes : ndarray, shape (planes, 4)
         Normal (x, y, z) and offset, mm.
     first_plane : ndarray of int, shape (shapes + 1,)
-        Planes first_plane[i] to first_plane[i + 1] - 1 are those of shape i.
+        Shape i has the planes first_plane[i] to first_plane[i + 1] - 1.
     quadrics : ndarray, shape (shapes, 10)
         Q as xx, yy, zz, xy, xz, yz, then b, then c.
     curved : ndarray of bool, shape (shapes,)
         Whether a shape has a quadric.
     material : ndarray of int, shape (shapes,)
-        Index of each shape's material; -1: nothing.
+        Index of the material; -1: vacuum.
     around : ndarray, shape (shapes, 5)
-        An upright cylinder around each shape: x, y and radius, from z to z, mm. All but x and y may be infinite.
+        Upright bounding cylinder: x, y, radius, lowest z, highest z, mm. All but x and y may be infinite.
     """
 
     planes: np.ndarray
@@ -53,7 +52,7 @@ class Shapes(NamedTuple):
 
 @compiled(inline="always", **EXACT)
 def _behind_planes(shapes, i, source, way):
-    """The part [first, last] of the way from the source, in shares of it, that lies behind a shape's planes."""
+    """Return the part [first, last] of a ray, as fractions of its length, that lies behind the planes of a shape."""
     first, last = 0.0, 1.0
     for p in range(shapes.first_plane[i], shapes.first_plane[i + 1]):
         plane = shapes.planes[p]
@@ -71,7 +70,7 @@ def _behind_planes(shapes, i, source, way):
 
 @compiled(inline="always", **EXACT)
 def _within_quadric(q, source, way, first, last):
-    """What of [first, last] lies within a quadric. Of a cone, whose two halves a ray may pass, planes leave one."""
+    """Return the part of [first, last] within a quadric. A ray may cross both halves of a cone; planes exclude one."""
     x, y, z = source[0], source[1], source[2]
     u, v, w = way[0], way[1], way[2]
     qx, qy, qz = q[0] * u + q[3] * v + q[4] * w, q[3] * u + q[1] * v + q[5] * w, q[4] * u + q[5] * v + q[2] * w
@@ -93,7 +92,7 @@ def _within_quadric(q, source, way, first, last):
     root = half * half - a * c
     if root <= 0:
         return (first, last) if a < 0 else (0.0, -1.0)
-    # Without cancellation: one root from the sum of like signs, the other from their product.
+    # Avoid cancellation: one root from the sum of equal signs, the other from their product.
     sum_ = -half - np.sqrt(root) if half > 0 else -half + np.sqrt(root)
     one, another = sum_ / a, c / sum_ if sum_ != 0 else 0.0
     low, high = min(one, another), max(one, another)
@@ -104,10 +103,20 @@ def _within_quadric(q, source, way, first, last):
 
 
 class Room(NamedTuple):
-    """What one ray needs: where it enters and leaves the shapes that it meets, which these are, and its own vectors.
+    """Work arrays of one thread.
 
-    And the shares of its way in every material; and what its bundle needs: shapes that its shadow passes, and between
-    which shares of the way it does.
+    Attributes
+    ----------
+    begin, end, met : ndarray, shape (shapes,)
+        Entry and exit of the ray in the shapes that it meets, and the indices of these shapes.
+    edges : ndarray, shape (2 shapes,)
+        All entries and exits in order.
+    way, nearest : ndarray, shape (3,)
+        Vector from source to detector, and the point of the ray that is nearest to the isocenter.
+    passed, near, far : ndarray, shape (shapes,)
+        Shapes that the bundle's projection crosses, and where it enters and leaves them.
+    shares : ndarray, shape (materials,)
+        Fraction of the ray in each material.
     """
 
     begin: np.ndarray
@@ -123,7 +132,7 @@ class Room(NamedTuple):
 
     @classmethod
     def of(cls, shapes: Shapes) -> Room:
-        """For so many shapes."""
+        """Allocate work arrays for these shapes."""
         count = len(shapes.material)
         begin, end, near, far = np.empty((4, count))
         met, passed = np.empty((2, count), np.int64)
@@ -133,7 +142,7 @@ class Room(NamedTuple):
 
 @compiled(inline="always", **EXACT)
 def _insert(edges, count, value):
-    """Put a value into its place among `count` that are in order."""
+    """Insert a value into a sorted array of `count` values."""
     place = count
     while place > 0 and edges[place - 1] > value:
         edges[place] = edges[place - 1]
@@ -143,7 +152,7 @@ def _insert(edges, count, value):
 
 @compiled(inline="always", **EXACT)
 def _passed(shapes, source, to_x, to_y, room):
-    """Note which shapes a bundle's shadow passes, and between which shares of the way; how many they are."""
+    """Store the shapes that the bundle's projection crosses, with entry and exit, and return their number."""
     square, found = to_x * to_x + to_y * to_y, 0
     for i in range(len(shapes.material)):
         around = shapes.around[i]
@@ -166,27 +175,27 @@ def _passed(shapes, source, to_x, to_y, room):
 
 @compiled(inline="always", **EXACT)
 def _at_height(around, z, rise, near, far):
-    """Whether a ray between two shares of its way is anywhere as high as a shape."""
+    """Return whether a ray between two fractions of its length reaches the heights of a shape."""
     one, another = z + near * rise, z + far * rise
     return max(one, another) >= around[3] and min(one, another) <= around[4]
 
 
 @compiled(**EXACT)
 def chords(shapes, sources, ways, rises, size, lengths, room):
-    """Write the lengths of rays in every material, mm.
+    """Write the length of rays in every material, mm.
 
     Parameters
     ----------
     sources : ndarray, shape (views, 3)
-        Where rays begin, mm.
+        Start of the rays, mm.
     ways : ndarray, shape (views, bundles, 3)
-        From there to the detector, mm, of the bundle's rays without their rise.
+        Vector from the source to the detector for a rise of 0, mm.
     rises : ndarray, shape (rows,)
-        What each row adds to z, mm.
+        Added to the z component in each row, mm.
     size : float
-        That lengths are multiplied by.
+        Factor for all lengths.
     lengths : ndarray of float32, shape (materials, views, rows, bundles)
-        What is written to. Zeros.
+        Output; must be zeros.
     """
     views, bundles = ways.shape[0], ways.shape[1]
     begin, end, met, edges, way, nearest = room.begin, room.end, room.met, room.edges, room.way, room.nearest
@@ -201,7 +210,7 @@ def chords(shapes, sources, ways, rises, size, lengths, room):
             for row in range(len(rises)):
                 way[2] = ways[view, bundle, 2] + rises[row]
                 found = 0
-                # Quadratics are solved about the point that is nearest to the isocentre: the source may be far away.
+                # The origin is the point nearest to the isocenter, because the source may be far away.
                 closest = 0.0
                 for axis in range(3):
                     closest -= source[axis] * way[axis]

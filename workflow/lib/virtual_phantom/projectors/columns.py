@@ -1,8 +1,8 @@
-"""Interpolation along z or the detector rows, of one line of voxels or pixels after another.
+"""Interpolation along z or the detector rows, for one line of voxels or pixels after the other.
 
-Realisations fill vector registers where there are many (lanes.py). For one alone, both lines are made one first, and
-neighbours along it fill them: by instructions of x86 processors (x86.py) where these have them and slices and rows lie
-about as dense, otherwise by loops that the compiler makes vectors of, on any processor.
+Many realizations fill vector registers (lanes.py). A single realization first combines both lines into one, and
+neighbors along this line fill the registers: by x86 instructions (x86.py) if the processor has them and slices and rows
+are about equally dense, otherwise by loops that LLVM vectorizes on any processor.
 """
 
 from collections import namedtuple
@@ -16,32 +16,32 @@ from .processors import ANY, PROCESSOR
 from .x86 import FLATTEST, STEEPEST, WIDTH, gather_neighbours, scatter_neighbours
 
 BY_HAND = PROCESSOR != ANY
-# At a step of s cells from row to row, at most 2 / s rows, rounded up, lie less than a cell away from one: two from
-# ONE_CELL on, three from TWO_THIRDS, four from FLATTEST, as many as the tuples are long.
+# With a step of s cells per row, at most ceil(2 / s) rows are less than one cell away from a cell: two from
+# ONE_CELL on, three from TWO_THIRDS, four from FLATTEST. The lengths of the tuples are these numbers.
 ONE_CELL, TWO_THIRDS = np.float32(1.0), np.float32(2 / 3)
 TWO, THREE, FOUR = (0,) * 2, (0,) * 3, (0,) * 4
 
-# Room for one line, for each thread its own: its cells' values, and of each position along it, in cells, the whole and
-# the remaining part.
+# Work arrays of one thread for one line: the values of its cells, and the integer and fractional part of each
+# position along it, in cells.
 Line = namedtuple("Line", "values whole part")
 
 
 def empty_line(cells: int) -> Line:
-    """Room for lines of at most so many cells or positions, their borders not counted."""
-    size = cells + 5  # two of the border, and what positions at its end may round up to
+    """Return work arrays for lines of at most so many cells or positions, without padding."""
+    size = cells + 5  # padding, and rounding at the end of the line
     return Line(np.zeros(size, np.float32), np.empty(size, np.int32), np.empty(size, np.float32))
 
 
 @compiled(inline="always", **OPTIONS)
 def gather_line(out, at, source, first, second, length, near, weight, height, slope, start, stop, shares, line, lanes):
-    """Add to out[at + i lanes], i from start to stop - 1, what two lines hold at the cell height + slope i.
+    """Add two weighted lines, interpolated at cell height + slope i, to out[at + i lanes] for i in [start, stop).
 
-    Heights must lie from 0 to under length - 1.
+    Heights must be in [0, length - 1).
 
     Parameters
     ----------
     out, source : ndarray of float32, flat
-        What is added to, and what is read.
+        Output and input.
     at : int
         Offset of value 0 in `out`.
     first, second : int
@@ -49,20 +49,20 @@ def gather_line(out, at, source, first, second, length, near, weight, height, sl
     length : int
         Cells of each line.
     near, weight : float32
-        Shares of the two lines.
+        Weights of the two lines.
     height, slope : float32
-        Cell of value 0, and what is added from value to value.
+        Cell of value 0, and the increment per value.
     start, stop : int
-        Which values.
+        Range of values.
     shares : ndarray of float32 or None
-        By which each value i is multiplied.
+        Factor of each value i.
     line : Line
-        Room, of `empty_line`.
+        Work arrays of `empty_line`.
     lanes : tuple
-        As long as there are realisations.
+        One item per realization.
     """
     count = len(lanes)
-    # What is written by hand reads beyond the line, but must not read beyond the array.
+    # The x86 code reads beyond the line but must stay within the array.
     if BY_HAND and count == 1 and slope <= STEEPEST and max(first, second) + length + 2 * WIDTH <= source.size:
         gather_neighbours(out, at, source, first, second, near, weight, height, slope, start, stop, shares)
     elif count == 1:
@@ -85,10 +85,7 @@ def gather_line(out, at, source, first, second, length, near, weight, height, sl
 
 @compiled(inline="always", **OPTIONS)
 def _gather_by_loops(out, at, source, first, second, near, weight, height, slope, start, stop, shares, line):
-    """Of gather_line what one realisation needs.
-
-    Indices are unsigned, as numba takes negative ones from the end, and what asks for that is not made a vector.
-    """
+    """Do the work of gather_line for one realization; unsigned indices avoid numba's wraparound and thus vectorize."""
     if start >= stop:
         return
     begin = height + slope * np.float32(start)
@@ -97,7 +94,7 @@ def _gather_by_loops(out, at, source, first, second, near, weight, height, slope
     one, other = uintp(first + lowest), uintp(second + lowest)
     for k in range(cells):
         line.values[k] = near * source[one + k] + weight * source[other + k]
-    # Rounded up, the last value may lie beyond the last cell by as much as that.
+    # Rounding may move the last position into this cell.
     line.values[cells] = np.float32(0.0)
     begin -= np.float32(lowest)
     count, to, given = uintp(stop - start), uintp(at + start), uintp(start)
@@ -117,12 +114,12 @@ def _gather_by_loops(out, at, source, first, second, near, weight, height, slope
 
 @compiled(inline="always", **OPTIONS)
 def scatter_line(out, first, second, source, at, length, near, weight, height, slope, start, stop, line, lanes):
-    """The transpose of gather_line: add what source[at + i lanes] holds to two lines at the cell height + slope i.
+    """Apply the transpose of gather_line: add source[at + i lanes] to two lines at the cell height + slope i.
 
-    The first and the last of the `length` cells are the border, of which a caller makes zeros: they may be left out.
+    The first and last of the `length` cells are padding, which the caller sets to zero; they may be skipped.
     """
     count = len(lanes)
-    # What is written by hand reads beyond the values, but must not read beyond the array.
+    # The x86 code reads beyond the values but must stay within the array.
     if BY_HAND and count == 1 and FLATTEST <= slope and at + stop + 2 * WIDTH <= source.size:
         if slope >= ONE_CELL:
             _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, TWO)
@@ -147,7 +144,7 @@ def scatter_line(out, first, second, source, at, length, near, weight, height, s
 
 @compiled(inline="always", **OPTIONS)
 def _scatter_by_loops(out, first, second, source, at, near, weight, height, slope, start, stop, line):
-    """Of scatter_line what one realisation needs."""
+    """Do the work of scatter_line for one realization."""
     if start >= stop:
         return
     begin = height + slope * np.float32(start)
@@ -176,7 +173,7 @@ def _scatter_by_loops(out, first, second, source, at, near, weight, height, slop
 
 @compiled(inline="always", **OPTIONS)
 def _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, rows):
-    """Of scatter_line, WIDTH cells at a time."""
+    """Do the work of scatter_line for WIDTH cells at a time."""
     if start < stop:
         lowest = max(np.int64(height + slope * np.float32(start)), 1)
         end = min(np.int64(height + slope * np.float32(stop - 1)) + 2, length - 1)

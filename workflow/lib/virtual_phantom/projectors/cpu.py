@@ -1,4 +1,4 @@
-"""The CPU engine: numba kernels with noise realisations as SIMD lanes."""
+"""The CPU engine: numba kernels with noise realizations as SIMD lanes."""
 
 from __future__ import annotations
 
@@ -15,26 +15,25 @@ VIEWS_PER_BLOCK = 16
 
 
 class CpuProjector:
-    """Forward and back-projection of several realisations at once between a grid and a scan geometry.
+    """Forward and back-projection of several realizations at once between a grid and a scan geometry.
 
-    Stacks that a caller hands in or gets back are [lane, z, y, x] and [lane, view, row, column]. Between the two
-    calls `pack_*` and `unpack_*` they stay in the kernels' own layout (see kernels.py), on which sums and products
-    element by element are valid as they are.
+    Unpacked stacks are [lane, z, y, x] and [lane, view, row, column]. Between `pack_*` and `unpack_*` they have the
+    layout of the kernels (kernels.py), which allows element-wise sums and products.
 
     Parameters
     ----------
     geometry : ScanGeometry
-        Upright: the detector's rows lie above each other along z.
+        Must be upright: the detector's rows are stacked along z.
     lanes : int, optional
-        How many realisations.
+        Number of realizations.
     centre_mm : array_like, shape (3,) or (views, 3), optional
-        Of the grid from the isocentre (x, y, z), mm, in all views or in each; whatever grid.centre_mm says of its
-        world. `back_parallel` asks for one of all views.
+        Center of the grid relative to the isocenter (x, y, z), mm, for all views or for each; grid.centre_mm is
+        ignored. `back_parallel` needs one center for all views.
 
     Raises
     ------
     InputError
-        If the geometry is not upright, or the grid's corners lie outside the source's orbit.
+        If the geometry is not upright, or the grid's corners are outside the source's orbit.
     """
 
     views_per_block = VIEWS_PER_BLOCK
@@ -63,7 +62,7 @@ class CpuProjector:
             rows=geometry.rows,
             column_pitch=float(geometry.column_pitch_mm),
             row_pitch=float(geometry.row_pitch_mm),
-            # Of a flat detector so that rounding is what it is from column to column.
+            # For flat detectors, this product keeps rounding the same for all columns.
             across=across - across[0] if arc else np.arange(geometry.columns) * float(geometry.column_pitch_mm),
             nearer=nearer,
             arc=float(arc),
@@ -80,7 +79,7 @@ class CpuProjector:
         )
 
     def empty_volume(self) -> np.ndarray:
-        """Zeros in the kernels' layout."""
+        """Return zeros in the layout of the kernels."""
         nz, ny, nx = self.grid.shape
         return aligned_zeros((ny + 2, nx + 2, nz + 2, self.lanes))
 
@@ -89,44 +88,31 @@ class CpuProjector:
 
     @staticmethod
     def one_lane(packed: np.ndarray) -> np.ndarray:
-        """The first lane of packed volumes or projections, in a shape that broadcasts against all of them."""
+        """Return the first lane of packed volumes or projections, in a shape that broadcasts against all lanes."""
         return packed[..., :1]
 
     def pack_volume(self, stack: np.ndarray) -> np.ndarray:
-        """[lane, z, y, x] to the kernels' layout."""
+        """Convert [lane, z, y, x] to the layout of the kernels."""
         packed = self.empty_volume()
         packed[1:-1, 1:-1, 1:-1] = np.transpose(stack, (2, 3, 1, 0))
         return packed
 
     def unpack_volume(self, packed: np.ndarray) -> np.ndarray:
-        """Kernels' layout to [lane, z, y, x]."""
+        """Convert the layout of the kernels to [lane, z, y, x]."""
         return np.ascontiguousarray(np.transpose(packed[1:-1, 1:-1, 1:-1], (3, 2, 0, 1)))
 
     def pack_projections(self, stack: np.ndarray) -> np.ndarray:
-        """[lane, view, row, column], of all views or a block of them, to the kernels' layout."""
+        """Convert [lane, view, row, column], for all views or a block of views, to the layout of the kernels."""
         packed = self._empty_projections(stack.shape[1])
         packed[:, 1:-1, 1:-1] = np.transpose(stack, (1, 3, 2, 0))
         return packed
 
     def unpack_projections(self, packed: np.ndarray) -> np.ndarray:
-        """Kernels' layout to [lane, view, row, column]."""
+        """Convert the layout of the kernels to [lane, view, row, column]."""
         return np.ascontiguousarray(np.transpose(packed[:, 1:-1, 1:-1], (3, 0, 2, 1)))
 
     def forward(self, volume: np.ndarray, views: slice = slice(None)) -> np.ndarray:
-        """Line integrals (Joseph) of a packed volume.
-
-        Parameters
-        ----------
-        volume : ndarray
-            Packed, 1/mm.
-        views : slice, optional
-            Which views.
-
-        Returns
-        -------
-        ndarray
-            Packed projections of these views, dimensionless.
-        """
+        """Return line integrals of a packed volume (1/mm) by Joseph's method: packed projections, dimensionless."""
         projections = self._empty_projections(len(range(*views.indices(self.geometry.views))))
 
         def run(first, last):
@@ -137,27 +123,10 @@ class CpuProjector:
         self._share_out(run, len(projections))
         return projections
 
-    def back(
-        self,
-        projections: np.ndarray,
-        views: slice = slice(None),
-        out: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Voxel-driven back-projection. Each view counts by (source to isocentre / depth)^2.
+    def back(self, projections: np.ndarray, views: slice = slice(None), out: np.ndarray | None = None) -> np.ndarray:
+        """Return the voxel-driven back-projection, packed. Each view has the weight (source to isocenter / depth)^2.
 
-        Parameters
-        ----------
-        projections : ndarray
-            Packed.
-        views : slice, optional
-            Which views these are of.
-        out : ndarray, optional
-            Packed volume to add to; None: a new one.
-
-        Returns
-        -------
-        ndarray
-            The packed volume.
+        The result is added to the packed volume `out`, if given.
         """
         volume = self.empty_volume() if out is None else out
 
@@ -184,25 +153,10 @@ class CpuProjector:
         out: np.ndarray | None = None,
         overwrite: bool = False,
     ) -> np.ndarray:
-        """The exact transpose of `forward`: <forward(x), y> = <x, adjoint(y)>.
+        """Return the exact transpose of `forward`, packed: <forward(x), y> = <x, adjoint(y)>; added to `out`, if given.
 
-        Neighbouring rays add to the same voxels, so this runs in one thread whatever `threads` says.
-
-        Parameters
-        ----------
-        projections : ndarray
-            Packed.
-        views : slice, optional
-            Which views these are of.
-        out : ndarray, optional
-            Packed volume to add to; None: a new one.
-        overwrite : bool, optional
-            Scale `projections` where they stand instead of in a copy.
-
-        Returns
-        -------
-        ndarray
-            The packed volume.
+        It always runs in one thread, because neighboring rays add to the same voxels. With `overwrite`, projections are
+        scaled in place instead of in a copy.
         """
         volume = self.empty_volume() if out is None else out
         scaled = projections
@@ -211,25 +165,16 @@ class CpuProjector:
             scaled[...] = projections
         self._scale(scaled, self._start(views))
         self._trace(volume, scaled, self._start(views), transpose=True)
-        # Rays that graze the edge also wrote into the border, which must stay zero.
+        # Rays at the edge also wrote into the padding, which must stay zero.
         for axis in range(3):
             np.moveaxis(volume, axis, 0)[[0, -1]] = 0
         return volume
 
     def back_parallel(self, projections: np.ndarray, rays, full_rows: float) -> np.ndarray:
-        """Mean over directions of rebinned projections, each voxel by the views that see it.
+        """Return the mean over directions of rebinned projections, packed; zero where any direction is missing.
 
-        Parameters
-        ----------
-        projections : ndarray
-            As `parallel_stack` lays them out.
-        full_rows : float
-            Share of the rows, from the middle, that count fully where views of one direction overlap.
-
-        Returns
-        -------
-        ndarray
-            Packed volume; zero where any direction is missing.
+        `projections` have the layout of `parallel_stack`. `full_rows` is the central fraction of the rows with full
+        weight where views of one direction overlap.
         """
         volume = self.empty_volume()
         nz, ny, nx = self.grid.shape
@@ -291,34 +236,24 @@ class CpuProjector:
 
 
 def parallel_stack(rays, lanes: int) -> np.ndarray:
-    """Zeros for projections sorted into parallel rays (ParallelRays), in the kernels' layout.
-
-    Returns
-    -------
-    ndarray of float32, shape (levels x angles, t + 2, rows + 2, lanes)
-    """
+    """Return zeros for projections rebinned to parallel rays: [levels x angles, t + 2, rows + 2, lane], float32."""
     images = rays.levels * len(rays.angles_rad)
     return aligned_zeros((images, len(rays.t_mm) + 2, rays.geometry.rows + 2, lanes))
 
 
 def check_in_orbit(geometry: ScanGeometry, grid: Grid, centre_mm: ArrayLike) -> None:
-    """Check that the source goes round a grid.
-
-    Parameters
-    ----------
-    centre_mm : array_like, shape (3,) or (views, 3)
-        Of the grid from the isocentre (x, y, z), mm.
+    """Check that a grid is inside the source's orbit. `centre_mm` is its center (or one per view) from the isocenter.
 
     Raises
     ------
     InputError
-        If the grid's corners lie outside the source's orbit.
+        If the grid's corners are outside the orbit.
     """
     orbit_mm = float(np.hypot(*geometry.source_mm[:, :2].T).min())
     x, y, _ = np.asarray(centre_mm, dtype=np.float64).T
     half_diagonal = np.hypot(*grid.extent_mm[1:]) / 2 + np.hypot(x, y).max()
     if half_diagonal >= orbit_mm:
         raise InputError(
-            f"grid: its corners lie {half_diagonal:.0f} mm from the isocentre, outside the source's orbit of "
+            f"grid: its corners are {half_diagonal:.0f} mm from the isocenter, outside the source's orbit of "
             f"{orbit_mm:g} mm; shrink the grid or move the source out"
         )

@@ -1,22 +1,20 @@
 """Numba kernels of the CPU engine: Joseph's forward projection, its exact transpose, and voxel-driven back-projection.
 
-Flat float32 arrays, laid out with one voxel or pixel of zeros around them so that interpolation needs no edge cases::
+Arrays are flat float32, with one voxel or pixel of zeros around them so that interpolation needs no edge cases::
 
     volume       [y + 2, x + 2, z + 2, lane]
     projections  [view, column + 2, row + 2, lane]
 
-z and the detector rows run along the same line in space (vectors.Upright), so for one detector column (or one voxel
-column) the in-plane interpolation is common to all of them and the inner loop walks through contiguous memory.
+z and the detector rows have the same direction (vectors.Upright). One detector column (or voxel column) therefore
+shares its in-plane interpolation, and the inner loop reads contiguous memory.
 
-Joseph's method [1]_: step through the planes across the ray's main direction, interpolate bilinearly in each, scale by
-the path between planes. The ray's main direction is taken in the x-y plane, which asks for cone angles under 45
-degrees. Voxel-driven back-projection interpolates the projection bilinearly where the line from the source through the
-voxel's centre meets the detector. Joseph forward with voxel-driven back is the pair of ASTRA's 3D algorithms [2]_.
+Joseph's method is in joseph.py. The main direction of a ray is that of its projection onto the x-y plane, so cone
+angles must be below 45 degrees. Voxel-driven back-projection interpolates the projection bilinearly where the line from
+the source through the voxel's center meets the detector. This pair of operators is that of ASTRA's 3D algorithms [1]_.
 
 References
 ----------
-.. [1] P. M. Joseph, IEEE Trans. Med. Imaging 1, 192, 1982.
-.. [2] W. van Aarle et al., Ultramicroscopy 157, 35, 2015.
+.. [1] W. van Aarle et al., Ultramicroscopy 157, 35, 2015.
 """
 
 import math
@@ -27,45 +25,44 @@ import numpy as np
 
 from ..base.compiled import compiled
 from .columns import empty_line, gather_line, scatter_line
+from .joseph import Shadow, planes_between
 from .lanes import OPTIONS
 
-# The volume is walked through in tiles of this many voxel columns along x and y, all views of a call for each: at 16
-# lanes and 48 slices a tile is 0.8 MB, so it stays in the L2 cache instead of coming from memory once per view.
-# FEW lanes and less have wider tiles.
+# Tiles have this many voxel columns along x and y; all views of a call are processed per tile. With 16
+# lanes and 48 slices a tile is 0.8 MB, so it stays in the L2 cache instead of being read once per view.
+# With FEW lanes or fewer, tiles are WIDER.
 TILE, FEW, WIDER = 16, 4, 64
 
-# How a kernel takes one line of voxels or pixels after another (columns.py), entry by entry: which pair of lines, and
-# the shares of both; the first value's cell along them, and what is added from value to value; the values to take.
-# Last, room for one.
+# Arguments of gather_line and scatter_line (columns.py) for many pairs of lines: the first line of the pair, the
+# weights of both, the cell of the first value, the increment per value, and the range of values.
+# `one` has work arrays for one line.
 Lines = namedtuple("Lines", "pair near weight height slope start stop one")
 
 
 class Scan(NamedTuple):
-    """Grid and scan as the kernels take them. Arrays have shape (views,).
+    """Grid and scan in the form that the kernels need. Arrays have shape (views,) unless stated.
 
     Attributes
     ----------
-    shape : tuple of 3 int
-        Of the grid, (z, y, x).
-    spacing : tuple of 3 float
-        Of the grid, (z, y, x), mm.
+    shape, spacing : tuple of 3
+        Voxels and voxel size in mm of the grid (z, y, x).
     columns, rows : int
-        Of the detector.
+        Pixels of the detector.
     column_pitch, row_pitch : float
-        Of the detector, mm.
+        Pixel size, mm.
     across, nearer : ndarray, shape (columns,)
-        Where columns are: from column 0 along the column direction, and from the plane through the detector's reference
-        point towards the source, mm.
+        Positions of the columns, mm: from column 0 along the column direction, and from the plane through the
+        detector's reference point towards the source.
     arc : float
-        Radius of a cylindrical detector, mm; 0 of a flat one.
+        Radius of a cylindrical detector, mm; 0: flat.
     first_angle : float
-        Of column 0 about the focus of the arc, radians.
+        Angle of column 0 about the focus of the arc, radians.
     cosine, sine, distance, first_column, first_row : ndarray
-        As vectors.Upright has them.
+        See vectors.Upright.
     depth, beside, source_z : ndarray
-        The same, but from the grid's centre.
+        See vectors.Upright, but from the center of the grid.
     radius : ndarray
-        Depth of the isocentre, mm: what back-projected views are weighed by.
+        Depth of the isocenter, mm, for the weights of back-projected views.
     """
 
     shape: tuple[int, int, int]
@@ -90,57 +87,40 @@ class Scan(NamedTuple):
 
 
 def empty_lines(scan: Scan) -> Lines:
-    """Room for what a kernel works out at once, for each thread its own."""
+    """Return work arrays of one thread."""
     pair, start, stop = np.empty((3, WIDER), np.int32)
     return Lines(pair, *np.empty((4, WIDER), np.float32), start, stop, empty_line(max(scan.rows, scan.shape[0])))
 
 
 @compiled(**OPTIONS)
 def tile_width(lanes):
-    """In voxel columns."""
+    """Return the width of a tile in voxel columns."""
     return TILE if len(lanes) > FEW else WIDER
 
 
 @compiled(**OPTIONS)
 def _ray(view, column, scan):
-    """In-plane source position, from the grid's centre, and direction to the detector column (all the way to it)."""
+    """Return the in-plane source position from the center of the grid, and the vector to the detector column."""
     s, c = scan.sine[view], scan.cosine[view]
     depth, beside, distance = scan.depth[view], scan.beside[view], scan.distance[view] - scan.nearer[column]
     along = scan.first_column[view] + scan.across[column]
-    return (
-        beside * c - depth * s,
-        beside * s + depth * c,
-        distance * s + along * c,
-        -distance * c + along * s,
-    )
+    return (beside * c - depth * s, beside * s + depth * c, distance * s + along * c, -distance * c + along * s)
 
 
 @compiled(**OPTIONS)
-def _crossings(start, direction, start_other, direction_other, n, spacing, n_other, spacing_other):
-    """Where the ray meets plane 0 and what is added from plane to plane.
-
-    Returns
-    -------
-    share, share_step : float
-        Share of the way to the detector.
-    other, other_step : float
-        Padded index along the other in-plane axis.
-    """
-    share, share_step = ((1 - n) * 0.5 * spacing - start) / direction, spacing / direction
+def _line_up(start, direction, start_other, direction_other, planes, spacing, cells, spacing_other, step, step_other):
+    """Return a ray's shadow, and the fraction of the distance to the detector at plane 0 and from plane to plane."""
+    share, share_step = ((1 - planes) * 0.5 * spacing - start) / direction, spacing / direction
     per_share = direction_other / spacing_other
-    other = start_other / spacing_other + share * per_share + (n_other - 1) * 0.5 + 1.0
-    return share, share_step, other, share_step * per_share
+    other = start_other / spacing_other + share * per_share + (cells - 1) * 0.5 + 1.0
+    return Shadow(other, share_step * per_share, 0.0, planes, cells, step, step_other), share, share_step
 
 
 @compiled(inline="always", **OPTIONS)
 def _from_zero(position, n):
-    """The first of the whole numbers from 0 to n that is not below a position; n beyond.
+    """Return the first integer (int32) from 0 to n that is not below a position.
 
-    Of 32 bits and without `ceil`, as some processors have no vectors of either 64 bits or `ceil`.
-
-    Returns
-    -------
-    int32
+    Uses neither 64-bit integers nor `ceil`, because some processors have no vector instructions for them.
     """
     within = min(max(position, 0.0), np.float64(n))
     below = np.int32(within)
@@ -149,22 +129,27 @@ def _from_zero(position, n):
 
 @compiled(inline="always", **OPTIONS)
 def span(first, slope, cells, n):
-    """Indices i in [0, n) whose position first + slope i lies in [0, cells + 1): those that interpolation can reach."""
+    """Return the range of i in [0, n) with first + slope i in [0, cells + 1), where interpolation is nonzero."""
     inverse = 1.0 / slope
     start = _from_zero(-first * inverse, n)
     return start, max(start, _from_zero((cells + 1.0 - first) * inverse, n))
 
 
 @compiled(inline="always", **OPTIONS)
-def _set_line(lines, k, position, scale, height, slope, cells, n):
-    """Set entry k: n values between the two lines around a padded position, times `scale`.
+def _split(position):
+    """Return the cell below a position (int32) and the next cell's weight, without branches so that it vectorizes."""
+    cell = np.int32(position)
+    cell = np.int32(cell - np.int32(np.float64(cell) > position))
+    return cell, position - np.float64(cell)
 
-    They come from cells of which `cells` are not border. Without branches, so that many are worked out at once.
+
+@compiled(inline="always", **OPTIONS)
+def _set_line(lines, k, cell, weight, scale, height, slope, cells, n):
+    """Set entry k: n values from lines `cell` and `cell` + 1, where `weight` is the share of the second, times `scale`.
+
+    `cells` excludes padding. The function has no branches, so that it vectorizes over k.
     """
-    below = np.int32(position)
-    below = np.int32(below - np.int32(np.float64(below) > position))
-    weight = position - np.float64(below)
-    lines.pair[k] = below
+    lines.pair[k] = cell
     lines.near[k] = np.float32((1.0 - weight) * scale)
     lines.weight[k] = np.float32(weight * scale)
     lines.height[k] = np.float32(height)
@@ -174,14 +159,11 @@ def _set_line(lines, k, position, scale, height, slope, cells, n):
 
 @compiled(inline="always", **OPTIONS)
 def _on_arc(along, depth, view, scan):
-    """Where a ray meets a cylindrical detector, by its in-plane direction along the columns and away from the source.
+    """Return where a ray meets a cylindrical detector: the distance, in lengths of the given vector, and the column.
 
-    Returns
-    -------
-    reach : float
-        How many times as far as the direction is long.
+    The vector has the in-plane components `along` the columns and `depth` away from the source.
     """
-    # The source, seen from the focus.
+    # Position of the source relative to the focus.
     beside = scan.arc * math.sin(scan.first_angle) - scan.first_column[view]
     ahead = scan.arc - scan.distance[view]
     square, half = along * along + depth * depth, beside * along + ahead * depth
@@ -193,7 +175,7 @@ def _on_arc(along, depth, view, scan):
 
 @compiled(**OPTIONS)
 def _columns_of_tile(view, x0, x1, y0, y1, scan):
-    """Detector columns [first, last) whose rays can meet the padded voxel columns [x0, x1) x [y0, y1)."""
+    """Return detector columns [first, last) whose rays can meet the padded voxel columns [x0, x1) x [y0, y1)."""
     _, ny, nx = scan.shape
     _, dy, dx = scan.spacing
     columns, s, c = scan.columns, scan.sine[view], scan.cosine[view]
@@ -219,23 +201,23 @@ def _columns_of_tile(view, x0, x1, y0, y1, scan):
 
 @compiled(**OPTIONS)
 def trace(volume, projections, first_view, views, scan, transpose, lines, lanes):
-    """Joseph projection of some views, or its exact adjoint.
+    """Compute Joseph's projection of some views, or its exact adjoint.
 
-    A sample belongs to the tile of the first of the voxel columns that it is interpolated from.
+    A sample belongs to the tile of the first voxel column that it is interpolated from.
 
     Parameters
     ----------
     volume, projections : ndarray of float32, flat
-        Laid out as the module's docstring says. Projection adds to `projections` what `path_lengths` must then scale;
-        the adjoint adds to `volume` and needs scaled projections.
+        See the module's docstring. Projection adds to `projections`, which `path_lengths` must scale afterwards; the
+        adjoint adds to `volume` and needs scaled projections.
     first_view, views : int
-        The first of the views that `projections` hold, and their number.
+        First view of `projections`, and number of views.
     transpose : bool
         True: the adjoint.
     lines : Lines
-        Room, of `empty_lines`.
+        Work arrays of `empty_lines`.
     lanes : tuple
-        As long as there are realisations.
+        One item per realization.
     """
     _, ny, nx = scan.shape
     width = tile_width(lanes)
@@ -250,7 +232,7 @@ def trace(volume, projections, first_view, views, scan, transpose, lines, lanes)
 
 @compiled(inline="always", **OPTIONS)
 def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, lines, lanes):
-    """The part of one detector column's rays, all rows, that lies in a tile."""
+    """Trace the part of one detector column's rays, for all rows, that is in a tile."""
     count = len(lanes)
     nz, ny, nx = scan.shape
     dz, dy, dx = scan.spacing
@@ -258,48 +240,43 @@ def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, line
     sx, sy, rx, ry = _ray(view, column, scan)
     pixel = ((i * (columns + 2) + column + 1) * (rows + 2) + 1) * count
     step_x, step_y = (nz + 2) * count, (nx + 2) * (nz + 2) * count
-    # In slices.
+    # Unit: slices.
     row_pitch, first_row = scan.row_pitch / dz, scan.first_row[view] / dz
     middle = scan.source_z[view] / dz + (nz - 1) * 0.5 + 1.0
     if abs(rx) >= abs(ry):
         first_plane, last_plane, first_other, last_other = tile[0], tile[1], tile[2], tile[3]
-        n, step, step_other = nx, step_x, step_y
-        share0, share_step, other0, other_step = _crossings(sx, rx, sy, ry, nx, dx, ny, dy)
+        shadow, share0, share_step = _line_up(sx, rx, sy, ry, nx, dx, ny, dy, step_x, step_y)
     else:
         first_plane, last_plane, first_other, last_other = tile[2], tile[3], tile[0], tile[1]
-        n, step, step_other = ny, step_y, step_x
-        share0, share_step, other0, other_step = _crossings(sy, ry, sx, rx, ny, dy, nx, dx)
-    first_plane, last_plane = max(first_plane - 1, 0), min(last_plane - 1, n)
-    # Most planes that the ray meets in other tiles are left out here, one by one those that remain.
-    if abs(other_step) > 1e-6:
-        one, another = (first_other - other0) / other_step, (last_other - other0) / other_step
-        first_plane = max(first_plane, int(math.floor(min(one, another))))
-        last_plane = min(last_plane, int(math.ceil(max(one, another))) + 1)
+        shadow, share0, share_step = _line_up(sy, ry, sx, rx, ny, dy, nx, dx, step_y, step_x)
+    # planes_between skips most planes that the ray meets in other tiles; the loop below skips the others.
+    start, stop = planes_between(shadow, first_other, last_other)
+    first_plane, last_plane = max(first_plane - 1, start), min(min(last_plane - 1, shadow.planes), stop)
     for k in range(last_plane - first_plane):
         plane = np.float64(np.int32(first_plane + k))
+        cell, weight = _split(shadow.position + shadow.slope * plane)
         share = share0 + share_step * plane
-        _set_line(
-            lines, k, other0 + other_step * plane, 1.0, middle + share * first_row, share * row_pitch, nz, rows
-        )  # fmt: skip
+        _set_line(lines, k, cell, weight, 1.0, middle + share * first_row, share * row_pitch, nz, rows)
     for k in range(last_plane - first_plane):
         if lines.pair[k] < first_other or lines.pair[k] >= last_other:
             continue
-        base = (first_plane + k + 1) * step + lines.pair[k] * step_other
+        base = (first_plane + k + 1) * shadow.step + lines.pair[k] * shadow.step_other
+        following = base + shadow.step_other
         if transpose:
             scatter_line(
-                volume, base, base + step_other, projections, pixel, nz + 2, lines.near[k], lines.weight[k],
+                volume, base, following, projections, pixel, nz + 2, lines.near[k], lines.weight[k],
                 lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], lines.one, lanes,
             )  # fmt: skip
         else:
             gather_line(
-                projections, pixel, volume, base, base + step_other, nz + 2, lines.near[k], lines.weight[k],
+                projections, pixel, volume, base, following, nz + 2, lines.near[k], lines.weight[k],
                 lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], None, lines.one, lanes,
             )  # fmt: skip
 
 
 @compiled(**OPTIONS)
 def path_lengths(projections, first_view, views, scan, lanes):
-    """Multiply each pixel by the length of its ray between two planes, mm: the last factor of Joseph's sum."""
+    """Multiply each pixel by the distance between two planes along its ray, mm: the last factor of Joseph's method."""
     count = len(lanes)
     columns, rows = scan.columns, scan.rows
     for i in range(views):
@@ -319,10 +296,9 @@ def path_lengths(projections, first_view, views, scan, lanes):
 def back_project(volume, projections, first_view, views, first_y, last_y, scan, lines, lanes):
     """Add the voxel-driven back-projection of some views to rows first_y to last_y - 1 of the volume.
 
-    Each view counts by (source to isocentre / depth)^2: the weight of FDK, and how densely rays lie, which the
-    transpose of a forward projection has by itself. In place of the depth, an arc takes the in-plane distance from the
-    source. ASTRA's BP3D_CUDA does the same, but for a constant (github.com/astra-toolbox/astra-toolbox/issues/594).
-    Arguments are those of `trace`.
+    Each view has the weight (source to isocenter / depth)^2 of FDK, which the transpose of a forward projection
+    contains implicitly. For a cylindrical detector, the in-plane distance from the source replaces the depth. ASTRA's
+    BP3D_CUDA differs by a constant (github.com/astra-toolbox/astra-toolbox/issues/594). Arguments are those of `trace`.
     """
     count = len(lanes)
     nz, ny, nx = scan.shape
@@ -336,7 +312,7 @@ def back_project(volume, projections, first_view, views, first_y, last_y, scan, 
                 view = first_view + i
                 s, c = scan.sine[view], scan.cosine[view]
                 depth, beside, radius = scan.depth[view], scan.beside[view], scan.radius[view]
-                # In pixels: what lies 1 mm off at a depth of 1 mm, and where the detector's zero is.
+                # In pixels: the projection of 1 mm at a depth of 1 mm, and the detector's zero.
                 across_pitch = scan.distance[view] / scan.column_pitch
                 across_middle = 1.0 - scan.first_column[view] / scan.column_pitch
                 up_pitch = scan.distance[view] / scan.row_pitch
@@ -352,20 +328,16 @@ def back_project(volume, projections, first_view, views, first_y, last_y, scan, 
                             reach, column = _on_arc(along, ahead, view, scan)
                             reach /= scan.row_pitch
                             weight = radius * radius / (along * along + ahead * ahead)
-                            _set_line(lines, k, column + 1.0, weight, lowest * reach + up_middle, dz * reach, rows, nz)
+                            pair, share = _split(column + 1.0)
+                            height = lowest * reach + up_middle
+                            _set_line(lines, k, pair, share, weight, height, dz * reach, rows, nz)
                     for k in range(min(width, nx - x0) if scan.arc == 0 else 0):
                         position_x = (np.float64(np.int32(x0 + k)) - (nx - 1) * 0.5) * dx
                         closer = 1.0 / (depth + position_x * s - position_y * c)
-                        _set_line(
-                            lines,
-                            k,
-                            (position_x * c + position_y * s - beside) * closer * across_pitch + across_middle,
-                            (radius * closer) ** 2,
-                            lowest * closer * up_pitch + up_middle,
-                            dz * closer * up_pitch,
-                            rows,
-                            nz,
-                        )
+                        along = (position_x * c + position_y * s - beside) * closer
+                        pair, share = _split(along * across_pitch + across_middle)
+                        height, slope = lowest * closer * up_pitch + up_middle, dz * closer * up_pitch
+                        _set_line(lines, k, pair, share, (radius * closer) ** 2, height, slope, rows, nz)
                     for k in range(min(width, nx - x0)):
                         if lines.pair[k] < 0 or lines.pair[k] > columns:
                             continue

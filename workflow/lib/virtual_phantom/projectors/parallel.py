@@ -1,6 +1,6 @@
-"""The numba kernel of weighted filtered back-projection: parallel-rebinned projections onto the volume.
+"""Numba kernel of weighted filtered back-projection: parallel-rebinned projections onto the volume.
 
-Layout and interpolation are those of kernels.py, angles in place of views and distances t in place of columns.
+Layout and interpolation are as in kernels.py, with angles for views and distances t for columns.
 """
 
 import math
@@ -17,9 +17,9 @@ from .lanes import OPTIONS
 
 @compiled(inline="always", **OPTIONS)
 def _row_weight(height, rows, full):
-    """1 in the middle share `full` of the rows, falling smoothly to 0 at the outermost rows' centres; padded rows.
+    """Return 1 in the central fraction `full` of the rows, with a smooth decrease to 0 at the outermost rows' centers.
 
-    One row counts to half its height off its centre.
+    `height` counts padded rows. A single row has weight up to half its height from its center.
     """
     off_centre = abs(height - np.float32((rows + 1) * 0.5)) / np.float32(max(rows - 1, 1) * 0.5)
     s = min(np.float32(1.0), max(np.float32(0.0), (np.float32(1.0) - off_centre) / np.float32(1.0 - full)))
@@ -27,39 +27,36 @@ def _row_weight(height, rows, full):
 
 
 class ParallelScan(NamedTuple):
-    """Grid and rebinned scan as the kernel takes them; lengths in mm.
+    """Grid and rebinned scan in the form that the kernel needs; lengths in mm.
 
     Attributes
     ----------
-    shape : tuple of 3 int
-        Of the grid, (z, y, x).
-    spacing : tuple of 3 float
-        Of the grid, (z, y, x).
+    shape, spacing : tuple of 3
+        Voxels and voxel size of the grid (z, y, x).
     centre : tuple of 3 float
-        Of the grid from the isocentre, (z, y, x).
+        Center of the grid relative to the isocenter (z, y, x).
     columns : int
-        Distances t of each angle.
+        Number of distances t per angle.
     rows : int
-        Of the detector.
+        Rows of the detector.
     half_turn : int
         Angles per half turn.
-    sine, cosine : ndarray, shape (angles,)
-        Of the angles.
     view_of_angle : ndarray, shape (angles,)
         Fractional view whose central ray has the angle.
     view_step : float
-        Radians from view to view, signed.
+        Radians per view, signed.
     source_z, source_step : float
-        Height of the focal centre in view 0, and what each view adds.
+        Height of the focal center in view 0, and its change per view.
     level_z, level_radius, level_turn : ndarray, shape (levels,)
+        See ParallelRays.
     level_ahead : ndarray, shape (levels, columns)
-        As ParallelRays has them.
+        See ParallelRays.
     first_row, row_pitch : float
-        Height of row 0 on the detector, and from row to row.
+        Height of row 0 on the detector, and distance between rows.
     first_t, t_pitch : float
-        The first of the distances t, and from one to the next.
+        First distance t, and its increment.
     full : float
-        Share of the rows, from the middle, that count fully.
+        Central fraction of the rows with full weight.
     """
 
     shape: tuple[int, int, int]
@@ -85,13 +82,13 @@ class ParallelScan(NamedTuple):
     full: float
 
 
-# Room for sums, for as many views of all levels as have one direction: total (z,), shares (view, z), four times (view,)
-# and one line's.
+# Work arrays of one thread, for all views of one direction: total (z,), shares (view, z), four arrays (view,)
+# and those of one line.
 Room = namedtuple("Room", "total shares near at height slope line")
 
 
 def empty_room(slices: int, views: int, rows: int) -> Room:
-    """Room for sums, for each thread its own."""
+    """Return work arrays of one thread."""
     near, height, slope = np.empty((3, views), np.float32)
     shares = np.empty((views, slices), np.float32)
     at, line = np.empty(views, np.intp), empty_line(max(rows, slices))
@@ -102,21 +99,21 @@ def empty_room(slices: int, views: int, rows: int) -> Room:
 def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room, lanes):
     """Add parallel-rebinned projections to rows first_y to last_y - 1 of the volume.
 
-    Every voxel takes each direction of rays once: views of the same direction, half turns apart, share it in the ratio
-    of their row weights.
+    Each direction of rays contributes once to a voxel. Views of one direction, half turns apart, are averaged with
+    their row weights.
 
     Parameters
     ----------
     volume : ndarray of float32, flat
-        Laid out as in kernels.py.
+        Layout as in kernels.py.
     seen : ndarray of float32, shape (y, x, z)
-        Counts the directions that any view gave.
+        Number of directions that contributed; added to.
     projections : ndarray of float32, flat
         [level, angle, t + 2, row + 2, lane].
     room : Room
-        Of `empty_room`.
+        Work arrays of `empty_room`.
     lanes : tuple
-        As long as there are realisations.
+        One item per realization.
     """
     count = len(lanes)
     nz, ny, nx = scan.shape
@@ -140,9 +137,9 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
                         position_x = (x - (nx - 1) * 0.5) * dx + cx
                         total[:] = 0
                         views = 0
-                        for one in range(levels * same):
-                            level = one // same
-                            i = direction + (one - level * same) * half_turn
+                        for image in range(levels * same):
+                            level = image // same
+                            i = direction + (image - level * same) * half_turn
                             if i >= angles:
                                 continue
                             radius, up = scan.level_radius[level], scan.level_z[level]
@@ -179,7 +176,7 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
                             for z in range(nz):
                                 shares[i, z] *= total[z]
                             start, stop = span(height[i], slope[i], rows, nz)
-                            if rows == 1:  # It counts to half its height off its centre.
+                            if rows == 1:  # One row has weight up to half its height from its center.
                                 height[i], slope[i] = 1.0, 0.0
                             gather_line(
                                 volume,

@@ -1,8 +1,8 @@
-"""Joseph's sums along rays that share their shadow, and their derivatives: all rows of a bundle at once.
+"""Joseph's sums for bundles of many rows, and their derivatives: all rows of a bundle at once.
 
-As any_rays.py, where many rows lie above each other. In each plane the two lines of voxels beside the bundle's shadow
-are interpolated once, and rows look their values up in that line: by instructions of x86 processors (x86.py) where
-these have them, otherwise in loops. Rows may lie at any heights, in rising order.
+In each plane the two lines of voxels beside the bundle's shadow (joseph.py) are interpolated once, and rows look up
+their values in the result: by x86 instructions (x86.py) if the processor has them, otherwise in loops. Rows may have
+any heights, in ascending order. any_rays.py does the same for single rays.
 """
 
 import math
@@ -11,31 +11,27 @@ import numpy as np
 from numba import uintp
 
 from ..base.compiled import compiled
-from .any_rays import Bundles, axes, planes_between
+from .joseph import Bundles, bundle_shadow, cross, planes_between
 from .lanes import OPTIONS
 from .processors import ANY, PROCESSOR
 from .x86 import WIDTH, add_rows
 
 BY_HAND = PROCESSOR != ANY
-BORDER = 3  # cells of a line that are not voxels: one below, two above
-BEYOND = 2 * WIDTH  # what is written by hand reads beyond a line's end
-MOST_CELLS = 2 * WIDTH - 3  # that rows of one register may span: they look up in two
-TILE_BYTES = 800_000  # of the volume, all views of a call for each: so much stays in the L2 cache
+BORDER = 3  # padding of a line: one cell below, two above
+BEYOND = 2 * WIDTH  # the x86 code reads beyond the end of a line
+MOST_CELLS = 2 * WIDTH - 3  # span of the rows of one register, which look up in two registers
+TILE_BYTES = 800_000  # part of the volume that stays in the L2 cache
 
 
 def packed(amounts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Volumes as `trace_rows` takes them.
-
-    Parameters
-    ----------
-    amounts : ndarray, shape (lanes, z, y, x)
+    """Convert volumes, shape (lanes, z, y, x), to the layout of `trace_rows`.
 
     Returns
     -------
     volume : ndarray of float32, flat
         [y + 2, x + 2, lane, z + BORDER].
     occupied : ndarray of bool, flat
-        Whether a line holds anything, [y + 2, x + 2, lane].
+        Whether a line has a nonzero voxel, [y + 2, x + 2, lane].
     """
     lanes, nz, ny, nx = amounts.shape
     shape = (ny + 2, nx + 2, lanes, nz + BORDER)
@@ -46,19 +42,14 @@ def packed(amounts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def in_registers(rays: Bundles, shape: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Rows as registers take them: as many in each as it can look up, the rest of it filled by its last one.
-
-    Parameters
-    ----------
-    shape : tuple of 3 int
-        (z, y, x) of the grid without its border.
+    """Distribute rows over registers: each takes as many as it can look up, and repeats its last row in the rest.
 
     Returns
     -------
     heights : ndarray of float32, shape (padded rows,)
-        As rows_mm.
+        rows_mm of the padded rows.
     place : ndarray of int, shape (rows,)
-        Of each row among them.
+        Index of each row among them.
     """
     rows, climb = rays.rows_mm, np.abs(rays.climb)
     steepest = float((climb[..., 0] + climb[..., 1] * max(shape[1:]) / 2).max())
@@ -72,39 +63,39 @@ def in_registers(rays: Bundles, shape: tuple[int, int, int]) -> tuple[np.ndarray
 
 
 def tile_width(lanes: int, shape: tuple[int, int, int]) -> int:
-    """In voxel columns along x and y."""
+    """Return the width of a tile in voxel columns along x and y."""
     return max(8, int(math.sqrt(TILE_BYTES / (4 * lanes * (shape[0] + BORDER)))))
 
 
 def empty_lines(shape: tuple[int, int, int]) -> np.ndarray:
-    """Room for the loops of one thread."""
+    """Return work arrays of one thread."""
     return np.zeros((2, shape[0] + BORDER), np.float32)
 
 
 @compiled(**OPTIONS)
 def trace_rows(volume, occupied, sums, slopes, first_view, shape, rays, heights, width, room):
-    """Add what interpolation meets in the planes along every ray, and the derivatives of that.
+    """Add the sums of interpolated values along all rays, and their derivatives.
 
-    A sample belongs to the tile of the first of the voxel columns that it is interpolated from.
+    A sample belongs to the tile of the first voxel column that it is interpolated from.
 
     Parameters
     ----------
     volume, occupied : ndarray
-        Of `packed`.
+        Result of `packed`.
     sums : ndarray of float32, shape (views, bundles, lanes, padded rows)
-        What is added to.
+        Output, added to.
     slopes : ndarray of float32, shape (views, bundles, lanes, 4, padded rows), or None
-        What is added to; coordinates in the order a, c, b, d.
+        Output, added to; coordinates in the order a, c, b, d.
     first_view : int
-        Of the rays, that of the sums' first view.
+        Number of the view, among those of the rays, that is the first of `sums`.
     shape : tuple of 3 int
-        (z, y, x) of the grid without its border.
+        (z, y, x) of the grid without padding.
     heights : ndarray of float32, shape (padded rows,)
-        Of `in_registers`.
+        Result of `in_registers`.
     width : int
-        Of tiles.
+        Width of a tile.
     room : ndarray
-        Of `empty_lines`.
+        Work arrays of `empty_lines`.
     """
     views, bundles = sums.shape[:2]
     for first_y in range(0, shape[1] + 1, width):
@@ -119,31 +110,29 @@ def trace_rows(volume, occupied, sums, slopes, first_view, shape, rays, heights,
 
 @compiled(inline="always", **OPTIONS)
 def _trace_bundle(volume, occupied, sums, slopes, i, view, bundle, shape, rays, heights, first_x, first_y, width, room):
-    """Of trace_rows one bundle in one tile."""
+    """Do the work of trace_rows for one bundle in one tile."""
     nz = shape[0]
     lanes, rows = sums.shape[2], sums.shape[3]
     top, length = np.float32(nz + 1), nz + BORDER
     along_x = rays.along_x[view, bundle]
-    n, n_other, step, step_other = axes(along_x, shape)
-    # Planes are numbered without the border, voxel columns with it.
+    shadow = bundle_shadow(rays, view, bundle, shape)
+    # Plane numbers exclude padding, voxel columns include it.
     low, low_other = (first_x - 1, first_y) if along_x else (first_y - 1, first_x)
-    a, b = rays.across[view, bundle, 0], rays.across[view, bundle, 1]
-    start, stop = planes_between(a, b, n, low_other, min(low_other + width, n_other + 1))
+    high_other = min(low_other + width, shadow.cells + 1)
+    start, stop = planes_between(shadow, low_other, high_other)
     lift, level = rays.lift_mm[view, bundle], rays.level[view]
     climb, climbing = rays.climb[view, bundle, 0], rays.climb[view, bundle, 1]
     for plane in range(max(start, low), min(stop, low + width)):
-        middle = plane - (n - 1) * 0.5
-        other = a + b * middle
-        j = int(math.floor(other))
-        if j < low_other or j >= low_other + width or j > n_other:
+        number, cell, share = cross(shadow, plane)
+        if cell < low_other or cell >= high_other:
             continue
-        near = ((plane + 1) * step + j * step_other) * lanes
-        far = near + step_other * lanes
-        rise = climb + climbing * middle
+        near = ((plane + 1) * shadow.step + cell * shadow.step_other) * lanes
+        far = near + shadow.step_other * lanes
+        rise = climb + climbing * number
         lowest, slope = np.float32(level + rise * lift), np.float32(rise)
         if lowest + slope * heights[0] >= top or lowest + slope * heights[rows - 1] < np.float32(0.0):
             continue
-        weight, t = np.float32(other - j), np.float32(middle)
+        weight, t = np.float32(share), np.float32(number)
         for lane in range(lanes):
             if not (occupied[near + lane] or occupied[far + lane]):
                 continue
@@ -163,7 +152,7 @@ def _trace_bundle(volume, occupied, sums, slopes, i, view, bundle, shape, rays, 
 
 @compiled(inline="always", **OPTIONS)
 def _by_loops(sums, slopes, volume, one, another, weight, t, heights, lowest, slope, top, room):
-    """Of trace_rows one lane in one plane."""
+    """Do the work of trace_rows for one lane in one plane."""
     rows = len(heights)
     line, step = room[0], room[1]
     first = uintp(max(lowest + slope * heights[0], np.float32(0.0)))

@@ -1,4 +1,4 @@
-"""Work that the threads of one process share out."""
+"""Distribution of work over the threads of a process."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ _most: int | None = None  # of this process
 
 
 def limit_threads(most: int) -> None:
-    """Let `share_out` use no more threads in this process: for one of several that work side by side."""
+    """Limit the threads of `share_out` in this process, for processes that run in parallel."""
     global _most
     _most = most
 
 
 def share_out(run: Callable[[int, int], None], count: int, threads: int) -> None:
-    """Call run(first, last) over [0, count) in one contiguous share per thread; the shares write to separate places."""
+    """Call run(first, last) for one contiguous part of [0, count) per thread; parts must write to separate memory."""
     threads = threads if _most is None else min(threads, _most)
     if threads == 1:
         run(0, count)

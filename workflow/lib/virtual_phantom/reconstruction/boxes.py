@@ -1,6 +1,6 @@
-"""Filtered back-projection at a scanner's own voxels, in boxes around regions only: what is elsewhere is not made.
+"""Filtered back-projection at a scanner's own voxel size, in boxes around regions only.
 
-Back-projection is local, so that a voxel's value does not depend on which others are made.
+Back-projection is local: the value of a voxel does not depend on which other voxels are reconstructed.
 """
 
 from __future__ import annotations
@@ -18,35 +18,19 @@ from .fbp import ParallelProjections
 from .kernel import Kernel
 from .slices import thin_slices
 
-MARGIN_MM = 3.0  # what a box has around its region: features of the region need nothing of it, pictures do
+MARGIN_MM = 3.0  # margin for figures; features of the region do not need it
 
 Box = tuple[slice, slice, slice]
 
 
 def voxels_over(grid: Grid, spacing_mm: Sequence[float]) -> Grid:
-    """Voxels of another size over the whole of a grid, with the same centre.
-
-    Parameters
-    ----------
-    spacing_mm : sequence of 3 float
-        (z, y, x).
-    """
+    """Return a grid with the same extent and center but voxels of another size (z, y, x), mm."""
     shape = [math.ceil(long / wide - 1e-6) for long, wide in zip(grid.extent_mm, spacing_mm, strict=True)]
     return Grid(tuple(shape), tuple(spacing_mm), grid.centre_mm)
 
 
 def boxes_around(masks: Iterable[np.ndarray], grid: Grid, margin_mm: float = MARGIN_MM) -> list[Box]:
-    """The box of each region and a margin around it, cut at the grid's border.
-
-    Parameters
-    ----------
-    masks : iterable of ndarray of bool, shape (z, y, x)
-        None empty.
-
-    Returns
-    -------
-    list of tuple of 3 slice
-    """
+    """Return the bounding box of each region (none empty), with a margin and within the grid."""
     margins = [math.ceil(margin_mm / wide - 1e-9) for wide in grid.spacing]
     boxes = []
     for mask in masks:
@@ -71,27 +55,26 @@ def fbp_in_boxes(
     kernel: Kernel | None = None,
     threads: int = 1,
 ) -> np.ndarray:
-    """Images of every acquisition, not rounded; air outside of the boxes.
+    """Return images of every acquisition in HU, not rounded; voxels outside of the boxes are air.
 
     Parameters
     ----------
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
     geometry : ScanGeometry
-        A circle or helix.
+        Circular or helical.
     grid, boxes, mu_water_per_mm, thickness_mm, threads
-        As back_in_boxes takes them.
+        See `back_in_boxes`.
     kernel : Kernel, optional
-        None: the ramp alone.
+        None: the ramp filter without apodization.
 
     Returns
     -------
     ndarray of float32, shape (acquisitions, z, y, x)
-        HU.
 
     Raises
     ------
     InputError
-        As fbp.fbp does of a scan.
+        For the scans that fbp.fbp refuses.
     """
     rays = ParallelProjections.of(line_integrals, geometry, kernel)
     return back_in_boxes(rays, grid, boxes, mu_water_per_mm=mu_water_per_mm, thickness_mm=thickness_mm, threads=threads)
@@ -106,23 +89,22 @@ def back_in_boxes(
     thickness_mm: float | None = None,
     threads: int = 1,
 ) -> np.ndarray:
-    """The same of projections that are sorted and filtered, which slices of several thicknesses may share.
+    """Return images in HU from rebinned and filtered projections, which several slice thicknesses may share.
 
     Parameters
     ----------
     grid : Grid
-        Of the whole image, the isocentre in its middle.
+        The whole image, with the isocenter at its center.
     boxes : sequence of tuple of 3 slice
-        What is made of it.
+        Parts to reconstruct.
     mu_water_per_mm : float
         Linear attenuation of water, 1/mm.
     thickness_mm : float, optional
-        Of slices, as slices.thin_slices; None: the slices lie in planes, as `fbp` makes them.
+        Slice thickness (slices.thin_slices); None: slices are planes, as in `fbp`.
 
     Returns
     -------
     ndarray of float32, shape (acquisitions, z, y, x)
-        HU.
     """
     lanes = rays.packed.shape[-1]
     images = np.full((lanes, *grid.shape), HU_AIR, np.float32)

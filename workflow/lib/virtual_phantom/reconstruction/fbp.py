@@ -1,4 +1,4 @@
-"""Filtered back-projection of circular and helical cone-beam scans, ramp filter."""
+"""Filtered back-projection of circular and helical cone-beam scans with a ramp filter."""
 
 from __future__ import annotations
 
@@ -15,37 +15,36 @@ from ..base.vectors import FLAT
 from ..projectors.cpu import parallel_stack
 from .kernel import Kernel
 
-# Rows of the detector, as a share from its middle, that count fully where views of one direction overlap.
+# Central fraction of the detector rows with full weight where views of one direction overlap.
 FULL_ROWS = 0.6
 
 
 def fbp(
     projector, line_integrals: np.ndarray, *, normalise: str = "coverage", kernel: Kernel | None = None
 ) -> np.ndarray:
-    """Linear attenuation from line integrals by filtered back-projection.
+    """Return the linear attenuation, 1/mm, by filtered back-projection.
 
     Parameters
     ----------
     line_integrals : ndarray, shape (lanes, views, rows, columns)
     normalise : {"coverage", "none"}, optional
-        "coverage": rays are rebinned to parallel ones, and each voxel takes every direction (mod half a turn) once, in
-        the ratio of the row weights of the views that see it: weighted filtered back-projection [1]_. Air outside the
-        field of view, and where any direction is missing. "none": FDK [2]_ that takes all views for one turn. Right for
-        one circular turn; on a helix every voxel comes out scaled by the share of views that see it, as with ASTRA's
-        FDK_CUDA.
+        "coverage": weighted filtered back-projection [1]_. Rays are rebinned to parallel rays, and every voxel receives
+        each direction (modulo half a turn) once; views of one direction are averaged with their row weights. Voxels
+        outside the field of view, or without a complete set of directions, are air. "none": FDK [2]_ as if all views
+        were one turn. It is correct for one circular turn. On a helix, voxels are scaled by the fraction of views that
+        see them, as with ASTRA's FDK_CUDA.
     kernel : Kernel, optional
-        None: the ramp alone.
+        None: the ramp filter without apodization.
 
     Returns
     -------
     ndarray, shape (lanes, z, y, x)
-        1/mm.
 
     Raises
     ------
     InputError
-        For another word, a scan that is no circle or helix, with "coverage" one that ParallelRays refuses, and with
-        "none" a kernel, a detector that is not flat or a focal spot that flies.
+        For an unknown `normalise`, a scan that is neither circular nor helical, with "coverage" a scan that
+        ParallelRays refuses, and with "none" a kernel, a curved detector or a flying focal spot.
 
     References
     ----------
@@ -65,7 +64,7 @@ def _fdk(projector, line_integrals):
     geometry = orbit_of(projector.geometry, "filtered back-projection")
     if geometry.surface != FLAT or geometry.flies:
         odd = "a focal spot that flies" if geometry.surface == FLAT else f"a {geometry.surface} detector"
-        raise InputError(f"fbp: FDK is not made for {odd}; set reconstruction.fbp.normalise: coverage")
+        raise InputError(f"fbp: FDK does not support {odd}; set reconstruction.fbp.normalise: coverage")
     u, v = geometry.column_positions_mm(), geometry.row_positions_mm()
     distance = geometry.source_to_detector_mm
     cosine = (distance / np.sqrt(distance**2 + u[None, :] ** 2 + v[:, None] ** 2)).astype(np.float32)
@@ -73,19 +72,13 @@ def _fdk(projector, line_integrals):
     for lane, stack in enumerate(line_integrals):
         filtered[lane] = ramp_filter(stack * cosine, geometry.column_pitch_mm / geometry.magnification)
     volume = projector.back(projector.pack_projections(filtered))
-    # Half of the integral over one turn of views: each ray is met twice.
+    # Half of the integral over one turn, because each ray is measured twice.
     volume *= np.float32(np.pi / geometry.views)
     return projector.unpack_volume(volume)
 
 
 class ParallelProjections:
-    """Projections sorted into parallel rays and filtered, to be projected back onto any voxels.
-
-    Parameters
-    ----------
-    packed : ndarray
-        As projectors.cpu.parallel_stack lays them out.
-    """
+    """Projections rebinned to parallel rays and filtered, in the layout of projectors.cpu.parallel_stack."""
 
     def __init__(self, rays: ParallelRays, packed: np.ndarray):
         self.rays, self.packed = rays, packed
@@ -94,18 +87,12 @@ class ParallelProjections:
     def of(
         cls, line_integrals: np.ndarray, geometry: ScanGeometry, kernel: Kernel | None = None
     ) -> ParallelProjections:
-        """Sort and filter.
-
-        Parameters
-        ----------
-        line_integrals : ndarray, shape (lanes, views, rows, columns)
-        kernel : Kernel, optional
-            None: the ramp alone.
+        """Rebin and filter line integrals, (lanes, views, rows, columns); without a kernel, the ramp is not apodized.
 
         Raises
         ------
         InputError
-            As ParallelRays.
+            For the scans that ParallelRays refuses.
         """
         rays = ParallelRays(geometry)
         packed = parallel_stack(rays, len(line_integrals))
@@ -117,20 +104,9 @@ class ParallelProjections:
         return cls(rays, packed)
 
     def back(self, projector) -> np.ndarray:
-        """Project back onto a projector's voxels.
-
-        Parameters
-        ----------
-        projector : CpuProjector
-            Of the same geometry and number of lanes.
-
-        Returns
-        -------
-        ndarray, shape (lanes, z, y, x)
-            1/mm.
-        """
+        """Return the back-projection, 1/mm, (lanes, z, y, x). The projector's geometry and lanes must agree."""
         volume = projector.back_parallel(self.packed, self.rays, FULL_ROWS)
-        # Outside, projections are cut off and the ramp filter with them: air, as scanners show it.
+        # Projections are truncated outside this radius. Scanners also show air there.
         centre_x, centre_y, _ = projector.centre_mm
         _, y, x = projector.grid.axes_mm()
         y, x = y + centre_y, x + centre_x
@@ -140,21 +116,7 @@ class ParallelProjections:
 
 
 def ramp_filter(rows: np.ndarray, pitch_mm: float, kernel: Kernel | None = None) -> np.ndarray:
-    """Ramp filter along the last axis.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (..., samples)
-    pitch_mm : float
-        From sample to sample.
-    kernel : Kernel, optional
-        What apodises it.
-
-    Returns
-    -------
-    ndarray of float32, shape (..., samples)
-        Per mm.
-    """
+    """Apply the ramp filter, per mm, along the last axis of samples at a distance of `pitch_mm`."""
     samples = rows.shape[-1]
     n = fft.next_fast_len(2 * samples, real=True)
     spectrum = fft.rfft(rows.astype(np.float32, copy=False), n, axis=-1) * _ramp(n, pitch_mm, kernel)
@@ -163,13 +125,9 @@ def ramp_filter(rows: np.ndarray, pitch_mm: float, kernel: Kernel | None = None)
 
 @lru_cache(maxsize=4)
 def _ramp(n: int, pitch_mm: float, kernel: Kernel | None = None) -> np.ndarray:
-    """The ramp at the frequencies of a real transform of n samples.
+    """Return the ramp at the frequencies of a real transform of n samples, shape (n // 2 + 1,).
 
-    From its band-limited impulse response, so that the mean is kept.
-
-    Returns
-    -------
-    ndarray of float32, shape (n // 2 + 1,)
+    It is the transform of the band-limited impulse response, which preserves the mean.
 
     References
     ----------

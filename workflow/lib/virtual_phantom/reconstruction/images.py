@@ -24,38 +24,37 @@ def in_hu(
     mu_water_per_mm: float,
     threads: int = 1,
 ) -> np.ndarray:
-    """Images of every acquisition, not rounded.
+    """Return images of every acquisition in HU, not rounded.
 
     Parameters
     ----------
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
     algorithm : {"sirt", "fbp"}
     settings : dict
-        Keywords of sirt.sirt or fbp.fbp; kernel may be one as `read_kernel` takes it.
+        Keywords of sirt.sirt or fbp.fbp; `kernel` as in `read_kernel`.
     engine : {"cpu", "astra_cuda"}
-        Of SIRT; FBP is made by the CPU engine.
+        Engine of SIRT; FBP always uses the CPU engine.
     mu_water_per_mm : float
         Linear attenuation of water, 1/mm.
 
     Returns
     -------
     ndarray, shape (acquisitions, z, y, x)
-        HU.
 
     Raises
     ------
     InputError
-        For an unknown algorithm or a scan that it cannot use.
+        For an unknown algorithm or a scan that it does not support.
     """
     count = len(line_integrals)
     if algorithm == "sirt":
-        # Lanes fill a processor's registers. A device has no use for them, and less memory.
+        # Lanes fill vector registers of the CPU. A GPU does not need them and has less memory.
         at_once = count if engine == "cpu" else 1
         made = projector(engine, geometry, grid, at_once, threads)
         images = [sirt.sirt(made, line_integrals[i : i + at_once], **settings) for i in range(0, count, at_once)]
         attenuation = images[0] if len(images) == 1 else np.concatenate(images)
     elif algorithm == "fbp":
-        # One pass, and ASTRA's back-projection has a scale of its own: always on the CPU engine.
+        # FBP is a single pass, and ASTRA's back-projection has another scale, so it uses the CPU engine.
         settings = {**settings, "kernel": read_kernel(settings)}
         attenuation = fbp.fbp(projector("cpu", geometry, grid, count, threads), line_integrals, **settings)
     else:
@@ -64,12 +63,12 @@ def in_hu(
 
 
 def read_kernel(settings: dict) -> Kernel | None:
-    """The kernel of settings of filtered back-projection: Kernel's fields under `kernel`; None for the ramp alone."""
+    """Return the Kernel of FBP settings, whose fields are under `kernel`; None for the ramp filter alone."""
     return None if settings.get("kernel") is None else Kernel(**settings["kernel"])
 
 
 def compile_kernels(lanes: Sequence[int]) -> None:
-    """Compile all kernels for these numbers of realisations; the next process finds them in numba's cache."""
+    """Compile all kernels for these numbers of realizations; later processes read them from the cache."""
     geometry = circular(
         views=4,
         source_to_isocentre_mm=500.0,

@@ -1,4 +1,4 @@
-"""Reconstruction kernels: a ramp, apodised so that the image has a given modulation transfer function (MTF)."""
+"""Reconstruction kernels: a ramp filter apodized for a given modulation transfer function (MTF)."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ HALF, TENTH = math.log(2), math.log(10)
 
 @dataclass(frozen=True)
 class Kernel:
-    """A smooth kernel by two points of its MTF, which is exp(-(f / f0)^p) through both.
+    """A smooth kernel with the MTF exp(-(f / f0)^p), defined by two points of the MTF.
 
-    The noise power of an image of evenly spread rays is f MTF(f)^2 along any direction [1]_.
+    For evenly spaced rays, the noise power of an image along any direction is f MTF(f)^2 [1]_.
 
     Attributes
     ----------
     mtf50_per_cm, mtf10_per_cm : float
-        Where the MTF is a half and a tenth, line pairs per cm.
+        Frequencies at which the MTF is 0.5 and 0.1, line pairs per cm.
 
     Raises
     ------
@@ -46,37 +46,24 @@ class Kernel:
 
     @property
     def exponent(self) -> float:
-        """What p is."""
+        """The exponent p."""
         return math.log(TENTH / HALF) / math.log(self.mtf10_per_cm / self.mtf50_per_cm)
 
     def mtf(self, cycles_per_mm: np.ndarray) -> np.ndarray:
-        """The MTF at these frequencies, per mm."""
+        """Return the MTF at these frequencies, per mm."""
         return np.exp(-HALF * (np.abs(cycles_per_mm) * 10 / self.mtf50_per_cm) ** self.exponent)
 
     @property
     def noise(self) -> float:
-        """The variance of an image's noise but for what all kernels share: the integral of f^2 MTF(f)^2 from 0 on.
-
-        Returns
-        -------
-        float
-            Per mm cubed.
-        """
+        """Noise variance of an image, per mm^3, up to a common factor: the integral of f^2 MTF(f)^2 from 0."""
         p, f0 = self.exponent, self.mtf50_per_cm / 10 * HALF ** (-1 / self.exponent)
         return f0**3 * gamma(3 / p) / (p * 2 ** (3 / p))
 
     def window(self, cycles_per_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
-        """What the ramp is multiplied by, so that the image has the MTF.
+        """Return the factor of the ramp filter, at frequencies up to Nyquist, that gives the image this MTF.
 
         Back-projection interpolates rays linearly, which multiplies the spectrum by sinc(f pitch)^2 on average over
-        places: that is taken out. Sorting fan rays into parallel ones blurs a little more, the more the farther from
-        the isocentre, and none beside it.
-
-        Parameters
-        ----------
-        cycles_per_mm : ndarray
-            Up to the Nyquist frequency of the samples.
-        pitch_mm : float
-            From sample to sample.
+        positions. The window compensates for that. Rebinning fan rays adds a small blur that increases with the
+        distance from the isocenter; it is not compensated.
         """
         return self.mtf(cycles_per_mm) / np.sinc(cycles_per_mm * pitch_mm) ** 2

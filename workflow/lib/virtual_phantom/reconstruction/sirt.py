@@ -1,4 +1,4 @@
-"""Iterative reconstruction: SIRT, plain and Chebyshev-accelerated, on any engine of `projectors`."""
+"""Iterative reconstruction: SIRT, plain and Chebyshev-accelerated, for any projection engine."""
 
 from __future__ import annotations
 
@@ -7,46 +7,39 @@ from scipy import special
 
 from ..base.errors import InputError
 
-# Voxels and rays whose weight is under this share of the largest are outside the scan: they stay at zero.
+# Voxels and rays with less than this fraction of the largest weight are outside the scan and stay zero.
 UNSEEN = 1e-6
 
 
 def sirt(
-    projector,
-    line_integrals: np.ndarray,
-    *,
-    iterations: int,
-    solver: str,
-    terms: int,
-    backprojector: str,
+    projector, line_integrals: np.ndarray, *, iterations: int, solver: str, terms: int, backprojector: str
 ) -> np.ndarray:
-    """Linear attenuation from line integrals by simultaneous iterative reconstruction.
+    """Return the linear attenuation, 1/mm, by simultaneous iterative reconstruction.
 
-    x <- x + C A' R (b - A x) from x = 0, unclipped. R and C hold the reciprocals of the row and column sums of A [1]_.
-    With the exact transpose for A', M = C A' R A has its eigenvalues in [0, 1].
+    The iteration is x <- x + C A' R (b - A x) from x = 0, without clipping. R and C are the reciprocal row and column
+    sums of A [1]_. With the exact transpose A', the eigenvalues of M = C A' R A are in [0, 1].
 
     Parameters
     ----------
     line_integrals : ndarray, shape (lanes, views, rows, columns)
     solver : {"plain", "chebyshev"}
-        "plain" makes the iterations one by one. "chebyshev" gives the same image in `terms` applications of the
-        operator: K iterations multiply the error by (1 - M)^K; expanded in the Chebyshev polynomials T_j(1 - 2 M), its
-        coefficients are binomials that die off like exp(-j^2 / K). Not valid with clipping.
+        "plain": one iteration after the other. "chebyshev": the same image from `terms` applications of the operator. K
+        iterations multiply the error by (1 - M)^K. In Chebyshev polynomials T_j(1 - 2 M), the coefficients of this
+        power decay like exp(-j^2 / K). Not valid with clipping.
     terms : int
-        Where "chebyshev" stops.
+        Number of Chebyshev terms.
     backprojector : {"adjoint", "voxel"}
-        What stands for A'. "adjoint": the exact transpose. "voxel": voxel-driven interpolation, as ASTRA's SIRT3D_CUDA
-        has it. With it, rays that cross less of the grid than a voxel's longest side take no part.
+        "adjoint": the exact transpose. "voxel": voxel-driven interpolation, as in ASTRA's SIRT3D_CUDA, without rays
+        that cross less of the grid than the longest side of a voxel.
 
     Returns
     -------
     ndarray, shape (lanes, z, y, x)
-        1/mm.
 
     Raises
     ------
     InputError
-        For an unknown word, counts under 1, or an engine without an adjoint.
+        For an unknown option, counts below 1, or an engine without an adjoint.
 
     References
     ----------
@@ -68,7 +61,7 @@ def sirt(
 
 
 def _back(projector, backprojector):
-    """The function (projections, views, out) that stands for A'. It may overwrite the projections."""
+    """Return the function (projections, views, out) for A'. It may overwrite the projections."""
     if backprojector == "voxel":
         return projector.back
     if backprojector != "adjoint":
@@ -81,16 +74,16 @@ def _back(projector, backprojector):
 
 
 def _shortest_mm(grid, backprojector):
-    """What a ray must cross of the grid to take part, mm.
+    """Return the shortest path in the grid, mm, of a ray that is used.
 
-    The transpose gives a voxel a ray's residual by the share of its length there, which is at most 1. The voxel-driven
-    one gives it whole, over that length: noise of a ray that grazes a corner of the grid would outdo all others.
+    The exact transpose weights a ray's residual in a voxel by its path there. The voxel-driven back-projector does not,
+    so the noise of a ray that grazes a corner of the grid would dominate.
     """
     return max(grid.spacing) if backprojector == "voxel" else 0.0
 
 
 class _SirtUpdate:
-    """C A' R (b - A x), a block of views at a time, so that no second set of projections is ever held."""
+    """C A' R (b - A x), computed in blocks of views to avoid a second set of projections."""
 
     def __init__(self, projector, line_integrals, back, shortest_mm):
         self.projector, self.back = projector, back
@@ -130,19 +123,7 @@ def _reciprocal(values, smallest):
 
 
 def chebyshev_coefficients(iterations: int, terms: int) -> np.ndarray:
-    """Share of each Chebyshev polynomial in K iterations: C(2K, K) / 4^K, then 2 C(2K, K - j) / 4^K.
-
-    Parameters
-    ----------
-    iterations : int
-        K.
-    terms : int
-        The largest j.
-
-    Returns
-    -------
-    ndarray, shape (terms + 1,)
-    """
+    """Return Chebyshev coefficients of K iterations for j = 0 to `terms`: C(2K, K) / 4^K, then 2 C(2K, K - j) / 4^K."""
     j = np.arange(terms + 1)
     k = iterations
     log = special.gammaln(2 * k + 1) - special.gammaln(k - j + 1) - special.gammaln(k + j + 1) - 2 * k * np.log(2)
@@ -161,7 +142,7 @@ def _chebyshev(update, iterations, terms):
         following += current
         following += current
         following -= before
-        total += np.multiply(following, weight, out=before)  # which is not needed any more: no fifth volume
+        total += np.multiply(following, weight, out=before)  # reuses the array to avoid a fifth volume
         before, current = current, following
     total *= np.float32(1 / coefficients.sum())
     return total

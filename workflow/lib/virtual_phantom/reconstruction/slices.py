@@ -1,4 +1,4 @@
-"""Slices thicker than they are apart: means over thin ones."""
+"""Slices thicker than their spacing, as means of thin slices."""
 
 from __future__ import annotations
 
@@ -6,47 +6,25 @@ import math
 
 import numpy as np
 
-THIN_MM = 0.5  # thin slices are no farther apart: less than the 0.6 mm that rows of body scanners are high
+THIN_MM = 0.5  # largest distance of thin slices: less than the 0.6 mm rows of body scanners
 
 
 def overlaps(offsets: np.ndarray, half: float) -> np.ndarray:
-    """How much of cells of width 1 lies within a distance of 0.
-
-    Parameters
-    ----------
-    offsets : ndarray
-        Centres of the cells.
-    half : float
-        The distance.
-
-    Returns
-    -------
-    ndarray
-        From 0 to 1, shaped as `offsets`.
-    """
+    """Return the fraction of each unit cell, centered at `offsets`, that is within `half` of 0."""
     return np.clip(np.minimum(offsets + 0.5, half) - np.maximum(offsets - 0.5, -half), 0, 1)
 
 
 def thin_slices(count: int, spacing_mm: float, thickness_mm: float) -> tuple[np.ndarray, int, float]:
-    """Thin slices around a stack, and how they are averaged to its slices.
-
-    Parameters
-    ----------
-    count : int
-        Slices of the stack.
-    spacing_mm : float
-        From one of them to the next.
-    thickness_mm : float
-        Full width of the profile, a box.
+    """Return thin slices around a stack of `count` slices, and the weights that average them to a box-shaped profile.
 
     Returns
     -------
     weights : ndarray of float32, shape (count, thin)
-        Rows add up to 1.
+        Each row sums to 1.
     thin : int
-        Thin slices; their stack has the same centre.
+        Number of thin slices; their stack has the same center.
     thin_mm : float
-        From one of these to the next.
+        Distance between thin slices.
     """
     parts = max(1, math.ceil(spacing_mm / THIN_MM - 1e-9))
     thin_mm = spacing_mm / parts

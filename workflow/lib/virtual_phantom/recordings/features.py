@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from ..base.errors import InputError
-from ..base.words import counted
+from ..base.names import counted
 from ..features import consistency
 from ..features.names import FEATURES, MEAN, VARIANCE, features_of, is_feature
 from ..features.settings import Extraction, differences, distinct_extractions, read_extractions

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..base.errors import InputError
 from ..base.geometry import OrbitGeometry
-from ..base.words import counted
+from ..base.names import counted
 from ..io.exchange import opened
 from ..io.volumes import check_fits
 from .document import Document

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import pandas as pd
 
-from ..base.words import counted
+from ..base.names import counted
 from ..features.settings import STUDY, Extraction, describe_differences, installed
 from ..statistics.comparability import SAME_VOXELS, grows_with_roi
 from .features import FeaturesRecording

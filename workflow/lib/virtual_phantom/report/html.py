@@ -10,7 +10,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Undefined
 from matplotlib.figure import Figure
 
-from ..base.words import enumerated, label
+from ..base.names import enumerated, label
 from ..diagnosis.wording import share
 from ..figures import style
 

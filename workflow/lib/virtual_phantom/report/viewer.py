@@ -13,12 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.errors import InputError
+from ..base.names import label
 from ..base.units import whole_hu
-from ..base.words import label
 from ..figures import axial, style
 from ..io.volumes import Volume
 from .html import render
 
+# This viewer (150 lines and 12 kB of templates) keeps the page one file that works offline. NiiVue 0.69 would embed
+# 2.9 MB of minified JavaScript in it and need WebGL 2. Differences, windows and outlines would still need own code.
 MOST_BYTES = 10_500_000  # uncompressed voxels of a page; base64 text makes it at most 14 MB
 MOST_ACROSS = 256  # voxels per row above which slices are thinned, rather than skipped
 

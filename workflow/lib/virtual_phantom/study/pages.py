@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..base.commands import snakemake
 from ..base.errors import InputError
-from ..base.words import label
+from ..base.names import label
 from ..config.dependencies import shipped
 from ..config.outputs import BY_NAME, OUTPUTS, Files, Output, filled
 from ..config.plan import Plan

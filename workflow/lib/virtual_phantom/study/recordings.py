@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..base.commands import typed
-from ..base.words import label
+from ..base.names import label
 from ..config.outputs import PICTURES, Files
 from ..config.plan import Plan
 from ..config.public_scans import PublicScans

@@ -14,7 +14,7 @@ import numpy as np
 from ...base.console import note, progress
 from ...base.errors import InputError, meant
 from ...base.geometry import Grid
-from ...base.words import counted
+from ...base.names import counted
 from ...io.volumes import Volume, suffix_of
 from ...phantom.dicom_files import not_dicom, read_header
 from ...phantom.masks import KINDS, open_regions

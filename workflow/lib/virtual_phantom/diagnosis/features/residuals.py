@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from ...base.words import label
+from ...base.names import label
 from ...statistics.comparison import compare
 from ...statistics.multiplicity import bonferroni, holm
 from ..residuals.residual_tests import ALPHA

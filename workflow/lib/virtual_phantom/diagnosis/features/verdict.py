@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from ...base.names import label
 from ...base.streams import generator
-from ...base.words import label
 from ..verdict.verdict import VERDICTS
 from .properties import FOLDS, Property, calibration
 from .residuals import Place, Places, places

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from ...base.recent import Kept
+from ...base.lru_cache import LRUCache
 from ...physics.effect import FOCAL_SPOT, GEOMETRY, MOTION, load
 from ..noise import gain_pattern as patterns
 from ..noise.condensed import Observed
@@ -122,12 +122,12 @@ class Fitter:
         self.model, self.data, self.held_out = model, data, held_out
         self.weights = data.weights(variance, floor)
         self.held_weights = held_out.weights(variance, floor)
-        self.kept = Kept(KEPT)
+        self.kept = LRUCache(KEPT)
 
     def of(self, model: Model) -> Fitter:
         """The same data with the same weights, of another model."""
         found = copy.copy(self)
-        found.model, found.kept = model, Kept(KEPT)
+        found.model, found.kept = model, LRUCache(KEPT)
         return found
 
     def fit(self, effects: tuple[str, ...], given: Fit | None = None, from_farther: bool = True) -> Fit:

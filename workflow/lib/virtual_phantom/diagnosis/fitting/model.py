@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...base.recent import Kept
+from ...base.lru_cache import LRUCache
 from ...physics.beam.spectra import KVP, TUNGSTEN, Anode
 from ...physics.chain import Chain
 from ...physics.effect import READOUT_UNITS, Parameter, acts_on_images, load
@@ -59,7 +59,7 @@ class Model(ABC):
     ):
         self.chain, self.aligned, self.anode, self.tube_kvp = chain, aligned, anode, tube_kvp
         self.fixed, self.density, self.declared = fixed or {}, density, declared or {}
-        self._near = Kept(NEAR_KEPT)
+        self._near = LRUCache(NEAR_KEPT)
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """The alignment beside these effects.

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...base.recent import Kept
+from ...base.lru_cache import LRUCache
 from ...base.streams import Stream, below, generator
 from ...base.units import HU_AIR
 from ...physics.beam.spectra import TUNGSTEN, Anode
@@ -57,7 +57,7 @@ class ImagesModel(Model):
         super().__init__(chain, aligned, anode, tube_kvp, declared=declared)
         self.reconstruct, self.spacing_mm, self._seed = reconstruct, spacing_mm, seed
         self.condenser: Condenser | None = None
-        self._means, self._noises = Kept(IMAGES_KEPT), Kept(IMAGES_KEPT)
+        self._means, self._noises = LRUCache(IMAGES_KEPT), LRUCache(IMAGES_KEPT)
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """The alignment beside these effects: with a spectrum the scale is free, as water has been set to 0 HU."""

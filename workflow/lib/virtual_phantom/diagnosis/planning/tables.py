@@ -9,7 +9,7 @@ import pandas as pd
 import yaml
 
 from ...base.data import SCHEMAS
-from ...base.words import label
+from ...base.names import label
 from ...io.schema import read_schema, validate
 from .measurement import DarkFrames
 from .ranking import Next, Pair, Ranked, settles

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...base.geometry import ScanGeometry
-from ...base.recent import Kept
+from ...base.lru_cache import LRUCache
 from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
 from ...physics.scenes.inclusion import Inclusion
@@ -73,13 +73,13 @@ class Numerical:
 
     def __init__(self, chain: Chain, finer: Chain | None, coarser: Chain | None, anode: Anode = TUNGSTEN):
         self._chain, self._finer, self._coarser, self._anode = chain, finer, coarser, anode
-        self._kept, self._pieces = Kept(KEPT), {}
+        self._kept, self._pieces = LRUCache(KEPT), {}
         self.names = tuple(name for name, one in (("rays", finer), ("voxels", coarser)) if one is not None)
 
     def with_pieces(self, pieces: Mapping[str, Inclusion]) -> Numerical:
         """Those of an object with pieces more, {number of the alignment: what attenuates by so much per mm}."""
         found = copy.copy(self)
-        found._kept, found._pieces = Kept(KEPT), pieces
+        found._kept, found._pieces = LRUCache(KEPT), pieces
         return found
 
     def at(self, linearisation: LinearisationPoint = NOMINAL) -> dict[str, np.ndarray]:

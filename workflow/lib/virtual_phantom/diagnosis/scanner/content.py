@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 import numpy as np
 
-from ...base.words import label
+from ...base.names import label
 from ...physics.effect import OF_PROTOCOL, OF_SCAN, OF_SCANNER, load
 from ...statistics.multiplicity import bonferroni
 from ..fitting.fit import Fit

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ...base.words import label
+from ...base.names import label
 
 # What is counted, as it is said of many.
 RANKED, FITTED = "effects ranked", "fits made"

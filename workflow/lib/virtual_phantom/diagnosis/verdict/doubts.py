@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ...base.words import enumerated, label
+from ...base.names import enumerated, label
 from ...physics.beam.sensors import STATED_SD
 from ...physics.effect import Parameter
 from ..fitting.fit import Fit

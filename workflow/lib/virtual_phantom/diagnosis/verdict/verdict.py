@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base.words import label
+from ...base.names import label
 from ...physics.effect import load
 from ..fitting.model import Model
 from ..fitting.steps import interval

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.caches import temporary_cache, user_cache
+from ...base.cache_folders import temporary_cache, user_cache
 from ...base.errors import InputError
 from ...io.files import check_unchanged, replacing
 from .materials import attenuation_per_mm

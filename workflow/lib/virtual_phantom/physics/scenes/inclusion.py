@@ -8,7 +8,7 @@ from collections.abc import Hashable
 import numpy as np
 
 from ...base.geometry import ScanGeometry
-from ...base.recent import Kept
+from ...base.lru_cache import LRUCache
 from ..state import Added
 from .scene import IN_PLACE, Pose
 from .shapes import Shape, ShapesScene
@@ -29,7 +29,7 @@ class Inclusion:
 
     def __init__(self, shape: Shape, key: Hashable):
         self.key, self._scene = key, ShapesScene([shape])
-        self._lengths: Kept | None = None
+        self._lengths: LRUCache | None = None
 
     def lengths_mm(
         self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None
@@ -50,7 +50,7 @@ class Inclusion:
         ndarray of float32, shape (views, rows, columns)
         """
         if self._lengths is None:
-            self._lengths = Kept(int(min(MOST_KEPT, max(2, KEPT_BYTES // (4 * math.prod(geometry.shape))))))
+            self._lengths = LRUCache(int(min(MOST_KEPT, max(2, KEPT_BYTES // (4 * math.prod(geometry.shape))))))
         rays = (geometry.key, pose, None if motion_mm is None else motion_mm.tobytes())
         return self._lengths.get(rays, lambda: self._scene.path_lengths(geometry, pose, motion_mm)[0])
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from ...base.data import SCHEMAS
 from ...base.errors import InputError, meant
-from ...base.words import same_but_for_case
+from ...base.names import same_but_for_case
 from ...io.schema import fill_defaults, read_schema, validate
 from ...io.yaml_files import read_yaml
 from ..beam.material_names import COMPOUNDS, ELEMENTS, named

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ...base.geometry import ScanGeometry
-from ...base.recent import Kept
+from ...base.lru_cache import LRUCache
 from .rays import Rays, followed, outline
 from .sampling import Divided
 from .scene import IN_PLACE, Pose, VoxelScene
@@ -76,7 +76,7 @@ class PosedScene:
         self.materials, self.energy_kev, self.threads = scene.materials, scene.energy_kev, scene.threads
         self.attenuation_per_mm = scene.attenuation_per_mm
         self.allowed_mm = float(np.sqrt(TOLERANCE_MM * min(scene.grid.spacing)))
-        self._kept: Kept | None = None
+        self._kept: LRUCache | None = None
 
     @property
     def radius_mm(self) -> float:
@@ -90,7 +90,7 @@ class PosedScene:
     def traced(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None) -> Traced:
         """A scan, traced now or lately."""
         if self._kept is None:
-            self._kept = Kept(self._most(geometry))
+            self._kept = LRUCache(self._most(geometry))
         key = geometry.key, pose, None if motion_mm is None else motion_mm.tobytes()
         return self._kept.get(key, lambda: Traced(self.scene, geometry, pose, motion_mm))
 

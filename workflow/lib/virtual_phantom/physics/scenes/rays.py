@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from ...base.geometry import Grid, ScanGeometry
-from ...projectors.any_rays import COORDINATES, Bundles, follow, path_lengths, trace_slopes, trace_sums
+from ...projectors.any_rays import follow, path_lengths, trace_slopes, trace_sums
+from ...projectors.joseph import COORDINATES, Bundles
 from ...projectors.rows import empty_lines, in_registers, packed, tile_width, trace_rows
 from ...projectors.threads import share_out
 from .sampling import Divided
@@ -162,7 +163,7 @@ class Voxels:
         Returns
         -------
         ndarray of float32, shape (views, bundles, materials, coordinates, rows)
-            Coordinates as projectors/any_rays.py has them.
+            Coordinates as projectors/joseph.py has them.
         """
         if rays.bundles.rows_mm.size > 1:
             _, slopes, place = self._rows(rays, threads, with_slopes=True)

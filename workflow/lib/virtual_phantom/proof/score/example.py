@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import InputError
-from ...base.words import label
+from ...base.names import label
 from ...diagnosis.selection.store import RESIDUAL_MAPS
 from ...io.files import check_unchanged
 from ..conceal.case import Case

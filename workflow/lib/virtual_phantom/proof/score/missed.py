@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...base.words import label
+from ...base.names import label
 from ...diagnosis.selection.forward_selection import AS_GOOD, RULED_OUT
 from ...figures.style import number
 from ..conceal.case import MATCH, UNEXPLAINED, Case

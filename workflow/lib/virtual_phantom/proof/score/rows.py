@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ...base.words import label
+from ...base.names import label
 from ...report.agreement_table import NAMES
 from ...report.html import number
 from ...report.proof import percent, reached, tally, valued

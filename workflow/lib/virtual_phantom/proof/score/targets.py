@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ...base.words import label
+from ...base.names import label
 from .agreement import TARGETS as AGREEMENT_TARGETS
 
 MINUTES = 90.0  # of the whole suite on two cores

@@ -11,7 +11,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Mapping
 
-from ...base.words import counted
+from ...base.names import counted
 from . import words
 from .failures import described
 from .load import slowdown

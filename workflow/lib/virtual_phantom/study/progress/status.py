@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import TextIO
 
-from ...base.words import counted
+from ...base.names import counted
 from .time_left import Progress
 
 # Each line after the first comes this long after the one before it, or a thirtieth of the time since the start: the

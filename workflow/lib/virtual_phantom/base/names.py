@@ -1,4 +1,4 @@
-"""How names of the configuration are read: of effects, protocols and ROIs, in sentences, tables and figures."""
+"""Display names of effects, protocols and ROIs for text, tables and figures."""
 
 from __future__ import annotations
 
@@ -19,25 +19,20 @@ WRITTEN = {
 
 
 def label(name: object) -> str:
-    """A name as it is read: underscores are spaces, words of WRITTEN are as there."""
+    """Return a name for display: underscores become spaces, and words of WRITTEN get their usual form."""
     words = str(name).replace("_", " ").split()
     return " ".join(WRITTEN.get(word, word) for word in words)
 
 
 def counted(number: int, thing: str) -> str:
-    """So many things, in words: 1 repeat, 2 repeats."""
+    """Return a number with its noun: 1 repeat, 2 repeats."""
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
 def same_but_for_case(names: Iterable[str]) -> tuple[str, str] | None:
-    """Return the first two names that differ only in case.
+    """Return the first two names that differ only in case; None if there are none.
 
-    Files named after them would be one file on a file system that ignores case, such as that of macOS.
-
-    Returns
-    -------
-    tuple of str or None
-        None if there are no such names.
+    On a file system that ignores case, such as that of macOS, files with these names would be one file.
     """
     seen: dict[str, str] = {}
     for name in names:
@@ -47,5 +42,5 @@ def same_but_for_case(names: Iterable[str]) -> tuple[str, str] | None:
 
 
 def enumerated(phrases: Sequence[str]) -> str:
-    """Phrases one after the other, the last with "and"."""
+    """Join phrases with commas, the last with "and"."""
     return " and ".join([", ".join(phrases[:-1]), phrases[-1]] if len(phrases) > 1 else phrases)

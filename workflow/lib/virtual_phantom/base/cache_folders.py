@@ -1,4 +1,4 @@
-"""Folders for what is kept from one process to the next and can be computed again."""
+"""Folders for cached files that can be computed again."""
 
 from __future__ import annotations
 
@@ -15,12 +15,9 @@ NAME = "virtual_phantom"
 def user_cache() -> Path | None:
     """Return the user's cache folder of this package: below ``$XDG_CACHE_HOME``, otherwise below ``~/.cache``.
 
-    Returns
-    -------
-    Path or None
-        It may be missing or read-only. None if there is no home folder, or if the folder belongs to another user, who
-        could have put machine code into it. A relative ``$XDG_CACHE_HOME`` is ignored, as the XDG Base Directory
-        Specification demands.
+    The folder may be missing or read-only. A relative ``$XDG_CACHE_HOME`` is ignored, as the XDG Base Directory
+    Specification demands. The result is None without a home folder, or if the folder belongs to another user, who could
+    have put machine code into it.
     """
     if os.path.isabs(stated := os.environ.get("XDG_CACHE_HOME", "")):
         folder = Path(stated, NAME)
@@ -35,18 +32,10 @@ def user_cache() -> Path | None:
 
 
 def temporary_cache(make: bool = True) -> Path | None:
-    """Return a folder for temporary files that only this user can write to, kept between processes.
+    """Return a folder for temporary files, kept between processes, that only this user can write to.
 
-    Parameters
-    ----------
-    make : bool, optional
-        Create the folder if it is missing.
-
-    Returns
-    -------
-    Path or None
-        None if it is missing, cannot be made, or could contain files of another user. Cached machine code is executed,
-        so that a folder that others can write to must not be read.
+    With `make`, a missing folder is created. None if it is missing, cannot be created, or could contain files of
+    another user. Cached machine code is executed, so a folder that others can write to must not be read.
     """
     try:
         user = os.getuid() if hasattr(os, "getuid") else 0
@@ -61,5 +50,5 @@ def temporary_cache(make: bool = True) -> Path | None:
 
 
 def _is_own(found: os.stat_result) -> bool:
-    """Whether a folder belongs to the user of this process; on Windows, each user has other folders."""
+    """Return whether a folder belongs to the user of this process; on Windows, each user has other folders."""
     return not hasattr(os, "getuid") or found.st_uid == os.getuid()

@@ -1,4 +1,4 @@
-"""The last few results by key."""
+"""A cache of the most recently used results; with cachetools.LRUCache, `get` would need the same code in a subclass."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import TypeVar
 Result = TypeVar("Result")
 
 
-class Kept:
-    """A cache of at most `most` results, the least recently used going first."""
+class LRUCache:
+    """A cache of at most `size` results that removes the least recently used result first."""
 
-    def __init__(self, most: int):
-        self._most, self._results = most, {}
+    def __init__(self, size: int):
+        self._size, self._results = size, {}
 
     def __contains__(self, key: Hashable) -> bool:
         return key in self._results
 
     def get(self, key: Hashable, make: Callable[[], Result] | None = None) -> Result:
-        """The result of this key, made if it is not there; without `make` it must be."""
+        """Return the result of a key; `make` computes a missing result."""
         result = self._results.pop(key) if key in self._results else make()
         self._results[key] = result
-        while len(self._results) > self._most:
+        while len(self._results) > self._size:
             self._results.pop(next(iter(self._results)))
         return result
