@@ -36,9 +36,10 @@ OF_VERDICTS = (
         ("selection.forward_selection", name)
         for name in ("ALPHA", "LEAST_GAIN", "AS_GOOD", "RULED_OUT", "MOST_EFFECTS")
     ),
-    *(("selection.forward_selection", name) for name in ("MOST_SWAPS", "SCREEN", "FEW", "LEAST_SHARE", "NEAR_BEST")),
+    ("selection.forward_selection", "MOST_SWAPS"),
+    *(("selection.screening", name) for name in ("SCREEN", "FEW", "LEAST_SHARE", "NEAR_BEST")),
     *(("residuals.residual_tests", name) for name in ("ALPHA", "EDGE_SHARE", "BINS")),
-    *(("verdict.doubts", name) for name in ("WELL_KNOWN", "MOST_CHI_SQUARE")),
+    *(("verdict.warnings", name) for name in ("WELL_KNOWN", "MOST_CHI_SQUARE")),
     ("verdict.verdict", "LEFT_SD"),
     ("verdict.object_mismatch", "BEYOND"),
     ("projections.residual_maps", "THIN"),

@@ -1,4 +1,4 @@
-"""What an effect is: a piece of physics that the baseline leaves out, one file each in `effects`."""
+"""Effects: physics that the baseline simulation leaves out, one file each in `effects`."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from pathlib import Path
 from ..base.errors import InputError, meant
 from . import effects
 
-# Stages of what moves rays, the object, and where rays begin.
+# Stages that displace rays, the object, and the source of rays.
 GEOMETRY, MOTION, FOCAL_SPOT = MOVING = ("geometry", "motion", "focal_spot")
-# In the order in which they act.
+# In their order along the beam.
 STAGES = (
     GEOMETRY,
     MOTION,
@@ -30,43 +30,44 @@ STAGES = (
 )
 
 
-# What a parameter is counted in where one scan is asked about: the time from view to view, that of the whole scan, what
-# the detector reads in air, that over the scan's time, and 1 over the photons of a pixel in air.
+# Units of Reach, of a parameter within one scan: the time from view to view, the duration of the scan, the detector's
+# reading in air, that reading per duration, and 1 over the photons of a pixel in air.
 PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN = "view interval", "scan", "air", "air over the scan"
 PER_AIR_PHOTON = "1 over the photons in air"
-READOUT_UNITS = (
-    "readout units"  # in a study and of its own recordings photons, of line integrals alone the signal in air
-)
-# Effects that go by the place or size of the focal spot, or by angles and distances from it: parallel rays know none.
-OF_A_SPOT = (
-    "anti_scatter_grid",
-    "bowtie",
-    "focal_spot",
-    "focal_spot_wobble",
-    "heel",
-    "off_focal_radiation",
-    "source_distance",
-    "source_drift",
-)
+READOUT_UNITS = "readout units"  # photons in a study and its recordings; the signal in air for line integrals
 LOGARITHM = 0  # as a power: fits vary the logarithm
-# Whose a parameter is: all recordings of a scanner have it in common, those of one of its protocols, or none.
+# Owner of a parameter: recordings of a scanner share it, or those of one of its protocols, or none.
 OF_SCANNER, OF_PROTOCOL, OF_SCAN = "scanner", "protocol", "scan"
+
+# Needs of effects, and why an effect is not tried without.
+DIVERGENT_BEAM, NOMINAL_PHOTONS = "divergent beam", "nominal photons"
+SUCCESSIVE_VIEWS, HELIX = "successive views", "helix"
+NEEDS = {
+    DIVERGENT_BEAM: "goes by the place of a focal spot, and the beam is parallel",
+    NOMINAL_PHOTONS: "needs nominal_photons, which it could differ from and which are not stated",
+    SUCCESSIVE_VIEWS: "jumps from view to view, and every second view or fewer are fitted (view_step)",
+    HELIX: "goes along the axis, where the source does not move",
+}
+# What a scanner's label, under `nominal` in recording.yaml, may state of a parameter: a prior.
+TUBE_VOLTAGE, SENSOR_THICKNESS = "tube voltage", "sensor thickness"
+# What dark frames, readings without a beam before and after a scan, show of a parameter: mean, change, and variance.
+DARK_LEVEL, DARK_DRIFT, DARK_NOISE = "dark level", "dark drift", "dark noise"
 
 
 @dataclass(frozen=True)
 class Reach:
-    """What one scan shows of a parameter whose unit carries over to others.
+    """Range of a parameter within one scan, where its unit carries over to other scans.
 
-    A motion in mm/s, say, is told by the mm that it amounts to over the scan.
+    A motion in mm/s, for example, is limited by the mm that it amounts to over the scan.
 
     Attributes
     ----------
     of : str
-        What it is counted in: PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN or PER_AIR_PHOTON.
+        Unit: PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN or PER_AIR_PHOTON.
     low, high, start : float
         A fit's range and start.
     typical : float
-        A typical strength.
+        Typical strength.
     """
 
     of: str
@@ -78,30 +79,38 @@ class Reach:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number that an effect has, in a unit that carries over to the scanner's other scans.
+    """Parameter of an effect, in a unit that carries over to the scanner's other scans.
 
     Attributes
     ----------
     name, unit, meaning : str
     low, high : float
-        Plausible range, which the configuration and the fit keep to.
+        Plausible range, which limits the configuration and fits.
     start : float
-        Where a fit begins.
+        Start of fits.
     typical : float
-        A strength that scanners show, for templates and examples.
+        Typical strength, for templates and examples.
     neutral : float or None
-        At this value the effect does nothing; None if there is none.
+        Value at which the effect does nothing; None if there is none.
     power : int
-        With which power of it a small effect grows: 2 for the width of a blur. Fits vary that power, in which data are
-        straighter; LOGARITHM of what may be of any size.
+        Power with which a small effect grows: 2 for the width of a blur. Fits vary that power, in which data are more
+        linear; LOGARITHM for parameters of any order of magnitude.
     reach : Reach or None
-        What of it one scan shows; None: as the range, start and typical strength say.
+        Range, start and typical strength within one scan; None: as above.
     stated : bool
-        Of the scanner's design: a fit takes it at its typical value.
+        Design parameter of the scanner: fits take it at its typical value.
     belongs_to : {"scanner", "protocol", "scan"}
-        Which recordings have it in common.
+        Owner: the recordings that share it.
     kernel : bool
-        The width of a kernel or source whose form is assumed: that of a real one may be another.
+        Width of a kernel or source of assumed form, which may be another in reality.
+    kernel_error : float or None
+        Share of the kernel that may be half as wide, one standard deviation; None: the effect's model accuracy.
+    nominal : str or None
+        Quantity on the scanner's label that is a prior of it: TUBE_VOLTAGE or SENSOR_THICKNESS.
+    dark : str or None
+        What dark frames show of it: DARK_LEVEL, DARK_DRIFT or DARK_NOISE.
+    label : str
+        Name in messages; empty: `name` without its unit.
     """
 
     name: str
@@ -117,23 +126,27 @@ class Parameter:
     stated: bool = False
     belongs_to: str = OF_SCANNER
     kernel: bool = False
+    kernel_error: float | None = None
+    nominal: str | None = None
+    dark: str | None = None
+    label: str = ""
 
     def number(self, value: float) -> float:
-        """What fits vary, of a value."""
+        """Return the number that fits vary, for a value."""
         return math.log(value) if self.power == LOGARITHM else value**self.power
 
     @property
     def timed(self) -> bool:
-        """Whether it can be told only of a scan whose times are known."""
+        """Whether only a scan with known times shows it."""
         return self.reach is not None and self.reach.of not in (OF_AIR, PER_AIR_PHOTON)
 
     def within(self, scan: Mapping[str, float]) -> Parameter:
-        """Itself with range, start and typical strength as one scan shows them.
+        """Return the parameter with range, start and typical strength within one scan.
 
         Parameters
         ----------
         scan : mapping of str to float
-            {unit of Reach: how much of the parameter is 1 of it}.
+            {unit of Reach: amount of the parameter that makes 1 of it}.
 
         Returns
         -------
@@ -141,42 +154,53 @@ class Parameter:
         """
         if self.reach is None:
             return self
-        one = scan[self.reach.of]
-        low, high = max(self.low, self.reach.low * one), min(self.high, self.reach.high * one)
-        start, typical = (min(max(value * one, low), high) for value in (self.reach.start, self.reach.typical))
+        unit = scan[self.reach.of]
+        low, high = max(self.low, self.reach.low * unit), min(self.high, self.reach.high * unit)
+        start, typical = (min(max(value * unit, low), high) for value in (self.reach.start, self.reach.typical))
         return replace(self, low=low, high=high, start=start, typical=typical)
 
 
 @dataclass(frozen=True)
 class Effect:
-    """One piece of physics.
+    """Physics that the baseline simulation leaves out, with all that the diagnosis needs to know of it.
 
     Attributes
     ----------
     name : str
-        Of its file.
+        Name of its file.
     physics : str
-        What happens, in a sentence.
+        Description in a sentence.
     equation : str
         As applied.
     source : str
-        Where it is described.
+        Reference.
     stage : str
         One of STAGES.
     signature : str
-        What tells it apart from others.
+        What distinguishes it from other effects.
     settled_by : str
-        The further recording that shows it alone.
+        Further recording that shows it alone.
     parameters : tuple of Parameter
     apply : callable
-        (state, values by name): changes in place a state.State, or at stage "image" an image_state.ImageState.
+        (state, values by name): changes a state.State in place, or at stage "image" an image_state.ImageState.
     pattern : bool
-        True if one unknown per detector pixel is fitted beside the parameters (rings).
-    beside : str or None
-        The effect without which this one does nothing, or is no other than that one.
+        One unknown per detector pixel is fitted beside the parameters (rings).
     rank : int
-        Of image effects, which act in the order of their ranks, and of their names where these are equal: 0 for
-        sharpness, 1 for the numbers.
+        Order of image effects, then by name: 0 for sharpness, 1 for the numbers.
+    beside : str or None
+        Effect without which this one does nothing, or is indistinguishable from it.
+    needs : tuple of str
+        Keys of NEEDS: conditions of a scan under which it is tried.
+    of_one_scan : bool
+        Each scan of a scanner has its own, so that joint diagnoses do not try it.
+    removed_by : tuple of str
+        Corrections by the scanner's maker (`corrected` in recording.yaml) that remove it: then it is not tried.
+    correction : str
+        Correction by the scanner's maker that it models: it is tried only where that was made.
+    absolute_attenuation : bool
+        It gives attenuation absolutely, so that beside it the scale of line integrals is the object's density alone.
+    if_absent : str
+        Warning where the data reject it although the label states a tube voltage, {tube_kvp} in kV.
     """
 
     name: str
@@ -191,24 +215,30 @@ class Effect:
     pattern: bool = False
     rank: int = 0
     beside: str | None = None
+    needs: tuple[str, ...] = ()
+    of_one_scan: bool = False
+    removed_by: tuple[str, ...] = ()
+    correction: str = ""
+    absolute_attenuation: bool = False
+    if_absent: str = ""
 
     @property
     def kinematic(self) -> bool:
-        """Whether it only moves rays or the object: where these are is no model that could be inexact."""
+        """Whether it only displaces rays or the object: a position involves no model that could be inexact."""
         return self.stage in (GEOMETRY, MOTION) or all(map(self.moves, self.parameters))
 
     def moves(self, parameter: Parameter) -> bool:
-        """Whether a parameter displaces rays or the object, to first order: the width of a blur does not."""
+        """Return whether a parameter displaces rays or the object to first order: the width of a blur does not."""
         return self.stage in MOVING and parameter.power == 1 and parameter.unit != "1" and not parameter.kernel
 
     def values(self, given: Mapping[str, float], source: str = "physics") -> dict[str, float]:
-        """All parameters: those given, the others at their typical value.
+        """Return all parameters: given values, typical values for the others.
 
         Parameters
         ----------
         given : mapping of str to float
         source : str, optional
-            What the message begins with.
+            Prefix of messages.
 
         Returns
         -------
@@ -217,7 +247,7 @@ class Effect:
         Raises
         ------
         InputError
-            For names it does not have, and values that are not finite or out of the plausible range.
+            For unknown names, and values that are not finite or out of the plausible range.
         """
         known = {parameter.name: parameter for parameter in self.parameters}
         for name, value in given.items():
@@ -235,7 +265,7 @@ class Effect:
 
 
 def names() -> tuple[str, ...]:
-    """Every effect that there is, sorted: the files of `effects`, and of folders that were added."""
+    """Return the names of all effects, sorted: files of `effects` and of folders that were added."""
     return _names(tuple(effects.__path__))
 
 
@@ -245,12 +275,12 @@ def _names(folders: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def add_folder(folder: str | Path) -> tuple[str, ...]:
-    """Let the library know the effects of a folder of one's own, for as long as Python runs.
+    """Add the effects of a folder to the library until Python exits.
 
     Parameters
     ----------
     folder : str or Path
-        Every Python file in it is an effect, as those in `effects` are, and may import from `..effect` and `..state`.
+        Every Python file in it is an effect like those in `effects`, and may import from `..effect` and `..state`.
 
     Returns
     -------
@@ -260,7 +290,7 @@ def add_folder(folder: str | Path) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        If there is no such folder, it holds no Python file, or one has the name of an effect that there is.
+        If the folder is missing or holds no Python file, or a file has the name of an existing effect.
     """
     folder = Path(folder).resolve()
     found = _names((str(folder),))
@@ -274,19 +304,19 @@ def add_folder(folder: str | Path) -> tuple[str, ...]:
 
 
 def require(name: str, source: str) -> None:
-    """Check that the library has an effect of this name.
+    """Check that there is an effect of this name.
 
     Raises
     ------
     InputError
-        Naming `source`, if it has not.
+        If there is none; the message begins with `source`.
     """
     if name not in names():
         raise InputError(f"{source}: there is no effect '{name}'; {meant(name, names())}")
 
 
 def load(name: str, source: str = "physics") -> Effect:
-    """The effect of this name.
+    """Return the effect of a name.
 
     Returns
     -------
@@ -295,30 +325,30 @@ def load(name: str, source: str = "physics") -> Effect:
     Raises
     ------
     InputError
-        Naming `source`, if there is none.
+        If there is none; the message begins with `source`.
     """
     require(name, source)
     return importlib.import_module(f".effects.{name}", __package__).EFFECT
 
 
 def offered(candidates: Iterable[str], there: Collection[str]) -> list[str]:
-    """The candidates that can do something beside the effects that are there."""
+    """Return the candidates that can act beside the effects that are there."""
     return [name for name in candidates if (needed := load(name).beside) is None or needed in there]
 
 
 def acts_on_images(name: str) -> bool:
-    """Whether an effect acts after the reconstruction, not on projections."""
+    """Return whether an effect acts on reconstructed images, not on projections."""
     return load(name).stage == "image"
 
 
 def image_effects() -> tuple[str, ...]:
-    """Effects of the library that act on reconstructed images, in the order in which they act."""
+    """Return the effects on reconstructed images, in the order in which they act."""
     effects = [load(name) for name in names() if acts_on_images(name)]
     return tuple(effect.name for effect in sorted(effects, key=lambda effect: (effect.rank, effect.name)))
 
 
 def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, source: str, scan: str) -> None:
-    """Refuse readings that are implausible beside that in air.
+    """Check parameters that are readings of the detector against its reading in air.
 
     Parameters
     ----------
@@ -327,12 +357,12 @@ def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, sourc
     air : float
         Reading in air, photons.
     source, scan : str
-        What the message begins with, and what the scan is called in it.
+        Prefix of messages, and name of the scan in them.
 
     Raises
     ------
     InputError
-        For such a reading.
+        For an implausible reading.
     """
     for name, values in physics.items():
         for one in load(name).parameters:
@@ -352,33 +382,41 @@ def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, sourc
                     )
 
 
+def absolute_attenuation(effects: Iterable[str]) -> bool:
+    """Return whether one of these effects gives attenuation absolutely."""
+    return any(load(name).absolute_attenuation for name in effects)
+
+
+def needing(need: str) -> list[str]:
+    """Return the effects that declare a need."""
+    return [name for name in names() if need in load(name).needs]
+
+
+def scan_effects() -> list[str]:
+    """Return the effects that each scan of a scanner has of its own."""
+    return [name for name in names() if load(name).of_one_scan]
+
+
 def of_one_scan(name: str) -> dict[str, float | None]:
-    """Parameters of an effect that other scans of the scanner have of their own, with their neutral values."""
+    """Return the parameters of an effect that belong to one scan, with their neutral values."""
     return {one.name: one.neutral for one in load(name).parameters if one.belongs_to == OF_SCAN}
 
 
 def needs_times(name: str) -> bool:
-    """Whether an effect is nothing that a scan without known times could show.
-
-    That is so if a parameter that goes by them cannot be left out, or all do.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether an effect cannot be detected without the scan's times."""
     parameters = load(name).parameters
     return any(one.timed and one.neutral is None for one in parameters) or all(one.timed for one in parameters)
 
 
 def checked(physics: Mapping[str, Mapping[str, float] | None], source: str = "physics") -> dict[str, dict[str, float]]:
-    """Complete settings of effects from a configuration's section.
+    """Return complete settings of effects from a section of the configuration.
 
     Parameters
     ----------
     physics : mapping of str to mapping of str to float, or None
-        {effect: {parameter: value}}; parameters that are not given are typical.
+        {effect: {parameter: value}}; missing parameters are typical.
     source : str, optional
-        What the message begins with.
+        Prefix of messages.
 
     Returns
     -------
@@ -387,7 +425,7 @@ def checked(physics: Mapping[str, Mapping[str, float] | None], source: str = "ph
     Raises
     ------
     InputError
-        For unknown effects or parameters and values out of range.
+        For unknown effects or parameters, and values out of range.
     """
     for name, given in physics.items():
         if given is not None and not isinstance(given, Mapping):

@@ -10,14 +10,22 @@ from dataclasses import replace
 import numpy as np
 
 from ...base.recent import Kept
+from ...physics.beam.sensors import STATED_SD
 from ...physics.beam.spectra import KVP, TUNGSTEN, Anode
 from ...physics.chain import Chain
-from ...physics.effect import READOUT_UNITS, Parameter, acts_on_images, load
-from ..noise.condensed import Observed
-from ..noise.prediction import Prediction
+from ...physics.effect import (
+    READOUT_UNITS,
+    SENSOR_THICKNESS,
+    TUBE_VOLTAGE,
+    Parameter,
+    absolute_attenuation,
+    acts_on_images,
+    load,
+)
+from ..noise.condensed import Observed, Prediction
 from .linearization import BASE, Linearisation, LinearisationPoint, before_images
 from .nuisance import LOCATION, SURE, Nuisance, pose_of
-from .priors import Statement
+from .priors import Label, Statement
 from .unknown import Unknown
 
 DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
@@ -76,7 +84,7 @@ class Model(ABC):
         -------
         tuple of Nuisance
         """
-        if "spectrum" not in self.whole(effects):
+        if not absolute_attenuation(self.whole(effects)):
             return self.aligned
         value, sd = self.density
         return tuple(
@@ -136,38 +144,55 @@ class Model(ABC):
             return BASE
         return Linearisation(LinearisationPoint({}, place), LinearisationPoint({}, place))
 
+    @property
+    def labels(self) -> dict[str, Label]:
+        """Priors of parameters that the scanner's label states (Parameter.nominal)."""
+        low, high = KVP[self.anode.target]
+        tube, sensor = Label("", low=low, high=high), self.chain.sensor
+        if self.tube_kvp is not None:
+            words = f"stated: {self.tube_kvp:g}, known within {TUBE_KVP_SD:g}"
+            tube = Label(words, self.tube_kvp, TUBE_KVP_SD, low, high)
+        words = f"stated: {sensor.thickness_mm:g}, known within {100 * sensor.thickness_sd:g} %"
+        known = sensor.thickness_sd <= STATED_SD
+        thickness = Label(words if known else "", sensor.thickness_mm, sensor.thickness_sd)
+        return {TUBE_VOLTAGE: tube, SENSOR_THICKNESS: thickness}
+
     def unknowns(self, effects: tuple[str, ...]) -> list[Unknown]:
-        """The effects' numbers that are fitted, in order: no fixed ones, and none of a gain pattern."""
-        found = []
-        for name in effects:
-            effect, fixed = load(name), self.fixed.get(name, {})
-            for one in () if effect.pattern else self.parameters(name):
-                if one.name in fixed:
-                    continue
-                low, high = one.number(one.low), one.number(one.high)
-                if (name, one.name) == ("spectrum", "kvp"):
-                    low, high = KVP[self.anode.target]
-                expected, sd = (low + high) / 2, high - low
-                stated = self.declared.get(name, {}).get(one.name)
-                if stated is not None:
-                    if not stated.sd:
-                        continue
-                    expected, sd = stated.number(one)
-                    found.append(Unknown(name, one.name, low, high, (expected,), None, expected, sd, one.power))
-                    continue
-                starts = (min(max(one.number(one.start), low), high),)
-                # A slice thinner than their distance changes nothing, so that no fit would leave it.
-                if one.neutral is None or (acts_on_images(name) and len(effect.parameters) == 1):
-                    starts += tuple(low + share * (high - low) for share in STARTS)
-                if (name, one.name) == ("spectrum", "kvp") and self.tube_kvp is not None:
-                    expected, sd, starts = self.tube_kvp, TUBE_KVP_SD, (self.tube_kvp,)
-                    low, high = max(low, expected - SURE * sd), min(high, expected + SURE * sd)
-                if (name, one.name) == ("spectrum", "sensor_mm"):
-                    expected, sd = one.number(self.chain.sensor.thickness_mm), self.chain.sensor.thickness_sd
-                    low, high, starts = max(low, expected - SURE * sd), min(high, expected + SURE * sd), (expected,)
-                neutral, starts = None if one.neutral is None else one.number(one.neutral), tuple(dict.fromkeys(starts))
-                found.append(Unknown(name, one.name, low, high, starts, neutral, expected, sd, one.power))
-        return found
+        """Return the numbers that fits vary, in order: neither fixed parameters nor those of a gain pattern."""
+        return [
+            unknown
+            for name in effects
+            for parameter in (() if load(name).pattern else self.parameters(name))
+            if parameter.name not in self.fixed.get(name, {})
+            and (unknown := self._unknown(name, parameter)) is not None
+        ]
+
+    def _unknown(self, name: str, parameter: Parameter) -> Unknown | None:
+        """Return a parameter's number with its range, starts and prior; None if it is declared exactly."""
+        low, high = parameter.number(parameter.low), parameter.number(parameter.high)
+        label = self.labels.get(parameter.nominal)
+        if label is not None and label.low is not None:
+            low, high = parameter.number(label.low), parameter.number(label.high)
+        declared = self.declared.get(name, {}).get(parameter.name)
+        if declared is not None:
+            expected, sd = declared.number(parameter)
+            start = (expected,)
+            return (
+                Unknown(name, parameter.name, low, high, start, None, expected, sd, parameter.power)
+                if declared.sd
+                else None
+            )
+        expected, sd = (low + high) / 2, high - low  # a wide prior, against runaways
+        starts = (min(max(parameter.number(parameter.start), low), high),)
+        # A slice thinner than the distance of slices changes nothing, so that a fit would never leave it.
+        if parameter.neutral is None or (acts_on_images(name) and len(load(name).parameters) == 1):
+            starts += tuple(low + share * (high - low) for share in STARTS)
+        if label is not None and label.value is not None:
+            expected, sd = parameter.number(label.value), label.sd
+            low, high, starts = max(low, expected - SURE * sd), min(high, expected + SURE * sd), (expected,)
+        neutral = None if parameter.neutral is None else parameter.number(parameter.neutral)
+        starts = tuple(dict.fromkeys(starts))
+        return Unknown(name, parameter.name, low, high, starts, neutral, expected, sd, parameter.power)
 
     @property
     def distortions(self) -> tuple[str, ...]:

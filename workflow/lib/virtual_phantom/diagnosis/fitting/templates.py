@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from ...physics.effect import Parameter, load
-from .fit import MOVING_STEPS, SLOPE_REACH, Fit, Fitter, Problem
+from .fit import Fit, Fitter
+from .problem import MOVING_STEPS, SLOPE_REACH, Problem
 from .unknown import Unknown
 
 SMALL = 1e-9  # of a template's square: what is left of one that the alignment takes up entirely
@@ -23,19 +24,18 @@ def whitened(parts: list[np.ndarray], weights: list[np.ndarray]) -> np.ndarray:
     return np.concatenate([part * np.sqrt(weight) for part, weight in zip(parts, weights, strict=True)])
 
 
-def data_changes(problem: Problem, pattern: np.ndarray | None) -> np.ndarray:
+def data_changes(problem: Problem) -> np.ndarray:
     """Change of the whitened data per unit of every parameter and number of the alignment.
 
     Parameters
     ----------
     problem : Problem
-    pattern : ndarray, shape (rows, columns), or None
 
     Returns
     -------
     ndarray, shape (data, numbers)
     """
-    jacobian = problem.jacobian_at_start(pattern)
+    jacobian = problem.jacobian_at_start()
     columns = [
         whitened([rows[index] for rows in jacobian], problem.weights) / step for index, step in enumerate(problem.steps)
     ]
@@ -59,9 +59,9 @@ def with_knowledge(columns: np.ndarray, problem: Problem) -> np.ndarray:
     return np.vstack([columns, np.diag(np.sqrt(problem.knowledge))])
 
 
-def changes(problem: Problem, pattern: np.ndarray | None) -> np.ndarray:
+def changes(problem: Problem) -> np.ndarray:
     """`with_knowledge` of `data_changes`."""
-    return with_knowledge(data_changes(problem, pattern), problem)
+    return with_knowledge(data_changes(problem), problem)
 
 
 def projected(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:

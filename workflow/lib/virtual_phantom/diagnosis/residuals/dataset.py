@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,9 +12,81 @@ from scipy.sparse import sparray
 
 from ..fitting.fit import Fit, Fitter
 from ..noise.condensed import Observed
-from .change import PieceOfObject
-from .display import ResidualMaps
 from .residual_tests import Half, Location
+
+
+@dataclass(frozen=True)
+class ResidualMaps:
+    """What reports and figures need to know of a kind of recording.
+
+    Attributes
+    ----------
+    unit : str
+        Of differences, as metrics name it.
+    summed : int
+        Axis of the data that maps are summed over.
+    down, across : str
+        Names of the map's axes.
+    profiles : tuple of tuple of (str, str, int)
+        Domain, name of its axis, and number of its first place.
+    one_repeat : str
+        Where the noise of a recording with a single repeat is from.
+    ranked : bool
+        Whether further recordings of the kind are ranked by what they would tell (diagnosis.next_measurement).
+    """
+
+    unit: str
+    summed: int
+    down: str
+    across: str
+    profiles: tuple[tuple[str, str, int], ...]
+    one_repeat: str
+    ranked: bool = False
+
+
+@dataclass(frozen=True)
+class PieceOfObject:
+    """A piece of the object that may differ from what was stated.
+
+    Attributes
+    ----------
+    words : str
+        What it is, after "what is left".
+    content : mapping
+        What diagnosis.json holds of it.
+    directions : ndarray, shape (mean data, 1)
+        Path lengths in it, mm.
+    """
+
+    words: str
+    content: Mapping
+    directions: np.ndarray
+
+
+@dataclass(frozen=True)
+class Change:
+    """What one kind of change does for a fit.
+
+    Attributes
+    ----------
+    words : str
+        Of the kind, after "what is left".
+    z : float
+        Of the residual held out, along the direction that the data fitted say.
+    p : float
+        Chance of such a z without any such change.
+    gain : float
+        Log score of the data held out that the change would add, its size shrunk for what noise alone gives
+        (W. James and C. Stein, Proc. 4th Berkeley Symp. 1, 361, 1961).
+    piece : PieceOfObject or None
+        Where it is one of the object.
+    """
+
+    words: str
+    z: float
+    p: float
+    gain: float
+    piece: PieceOfObject | None = None
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from ...physics.effect import load
-from ..fitting.fit import Fit, Fitter, Problem
+from ..fitting.fit import Fit, Fitter
+from ..fitting.problem import Problem
 from ..fitting.templates import SMALL, data_changes, strength, templates, varied, with_knowledge
 
 # Logarithm of a strength over that of first order, and the search for it. At the edges of a disc, slopes to either side
@@ -62,14 +63,14 @@ def exchanged(fitter: Fitter, fit: Fit, effect: str, others: Sequence[str], leas
     dict of str to Exchange
         Empty where the effect has no strength that could be taken out; without those that have none themselves.
     """
-    problem = Problem(fitter, fit.effects, fit)
+    problem = Problem.at(fitter, fit)
     count = len(problem.unknowns)
     own = {index: one.neutral for index, one in enumerate(problem.unknowns) if one.effect == effect}
     amounts = {index: problem.start[index] - none for index, none in own.items() if none is not None}
     others = [name for name in others if not load(name).pattern and varied(fitter.model.parameters(name))]
     if load(effect).pattern or not any(amounts.values()) or not others:
         return {}
-    columns = data_changes(problem, fit.pattern)
+    columns = data_changes(problem)
     change = sum(columns[:, index] * amount for index, amount in amounts.items())
     rest = [index for index in range(columns.shape[1]) if index not in own]
     beside = with_knowledge(columns, problem)[:, rest]
@@ -121,8 +122,8 @@ def exchanged(fitter: Fitter, fit: Fit, effect: str, others: Sequence[str], leas
 
 
 def _chi_square(fitter: Fitter, start: Fit) -> float:
-    problem = Problem(fitter, start.effects, start)
-    point, residuals = problem.solve_scale_and_offset(problem.start, start.pattern)
+    problem = Problem.at(fitter, start)
+    point, residuals = problem.solve_scale_and_offset(problem.start)
     return problem.chi_square(residuals, point)
 
 

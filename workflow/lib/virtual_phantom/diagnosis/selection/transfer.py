@@ -13,9 +13,9 @@ from pathlib import Path
 from ...base.errors import InputError, refusing
 from ...io.documents import DIAGNOSIS, read_document
 from ...io.schema import defaults_of
-from ...physics.effect import READOUT_UNITS, checked, load, of_one_scan
+from ...physics.effect import READOUT_UNITS, absolute_attenuation, checked, load, of_one_scan
 from ..fitting.fit import Fitter
-from ..fitting.joint_fit import NOT_OF_SCAN, those
+from ..fitting.joint_fit import NOT_OF_SCAN, parameters_owned_by
 from ..fitting.steps import NORMAL_95
 from ..fitting.trial import Trial, trial
 from ..uncertainty.model_error import Errors
@@ -81,7 +81,7 @@ class Physics:
             errors = {n: {k: _error(v) for k, v in values.items()} for n, values in taken.items()}
             noise = {n: {k: _error(v, "ci95_noise") for k, v in values.items()} for n, values in taken.items()}
             units = {n: {k: v["unit"] for k, v in values.items()} for n, values in taken.items()}
-            density = (scale["value"], _error(scale)) if "spectrum" in effects else None
+            density = (scale["value"], _error(scale)) if absolute_attenuation(effects) else None
         if needed and not effects:
             raise InputError(f"{path}: found no effect that another recording could be held against; drop physics_from")
         return cls(recording, effects, errors, units, density, tuple(sorted(set(found) - set(taken))), noise)
@@ -169,7 +169,9 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
     model = fitter.model
     density = physics.scale if physics.scale is not None and same_material else model.density
     held = fitter.of(copy.copy(model))  # of projections or of images
-    held.model.fixed = {name: those(NOT_OF_SCAN, name, values) for name, values in physics.effects.items()}
+    held.model.fixed = {
+        name: parameters_owned_by(NOT_OF_SCAN, name, values) for name, values in physics.effects.items()
+    }
     held.model.density = density
     chosen = trial(held, tuple(physics.effects), baseline)
     without = {}
@@ -178,7 +180,10 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
         without[name] = trial(held, rest, chosen) if rest else baseline
     gains = {name: chosen.score - one.score for name, one in without.items()}
     whole, noise = (
-        {name: chosen.fit.errors[name] | those(NOT_OF_SCAN, name, values) for name, values in errors.items()}
+        {
+            name: chosen.fit.errors[name] | parameters_owned_by(NOT_OF_SCAN, name, values)
+            for name, values in errors.items()
+        }
         for errors in (physics.errors, physics.errors | physics.noise)
     )
     chosen = replace(chosen, fit=replace(chosen.fit, errors=noise))

@@ -18,18 +18,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...physics.effect import load
-from ..fitting.fit import Fit, Fitter, Problem
-from ..fitting.joint_fit import JointFit, JointFitter, places_of
+from ...physics.effect import Parameter, load
+from ..fitting.fit import Fit, Fitter
+from ..fitting.joint_fit import JointFit, JointFitter
+from ..fitting.problem import Problem
+from ..fitting.solver import joint_indices
 from ..fitting.steps import Known, standard_errors
 from ..fitting.templates import data_changes, whitened
 
 Distortions = Iterator[tuple[tuple[str, int | str], np.ndarray]]  # (model, shape), and (data,)
 NUMERICAL = "numerical"  # of model_accuracy: how uneven corrections are, over what a twice finer step changes
-# Of a kernel whose form is assumed: a share of it may be narrower by the second, one standard deviation of which is the
-# model's inexactness, but for these. In six scans of off-focal radiation (benchmarks/intervals.py, seeds 71 and 72) 41
-# to 74 % of it were found, which is off by 1.1 of as much again as was found, half as wide, root mean square.
-MIXED, NARROWER = {"off_focal_radiation": 1.0}, 0.5
+# Relative width of the part of a kernel that has another form than assumed (Parameter.kernel_error).
+NARROWER = 0.5
 HARMONICS = (2, 4)  # of a turn: an object is seen alike from opposite sides, a square grid from four
 
 
@@ -72,7 +72,7 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
     found = (_distortions(fitter, fit, without, accuracy), _of_steps(fitter, fit, accuracy))
     if all(next(one, None) is None for one in found):  # of images, derivatives take minutes
         return Errors({name: dict(one) for name, one in fit.errors.items()}, dict(fit.nuisance_errors))
-    problem = Problem(fitter, fit.effects, fit)
+    problem = Problem.at(fitter, fit)
     numbers = _numbers([ModelErrorInfluence.of(problem, fit, without, accuracy, np.arange(len(problem.start)))])
     names = [one.name for one in problem.aligned]
     return Errors(
@@ -126,8 +126,8 @@ def pulled_of_recordings(
     dict of str to Pulled
         By recording.
     """
-    problems = {name: Problem(fitter, fit.effects, fit.fits[name]) for name, fitter in together.fitters.items()}
-    places = places_of(problems, together.protocols)
+    problems = {name: Problem.at(fitter, fit.fits[name]) for name, fitter in together.fitters.items()}
+    places = joint_indices(problems, together.protocols)
     return {
         name: ModelErrorInfluence.of(
             one,
@@ -165,7 +165,7 @@ def distortions_of_physics(
     ndarray, shape (data, distortions)
         One standard deviation of each.
     """
-    problem, here = Problem(fitter, fit.effects, fit), fitter.predicted(fit)
+    problem, here = Problem.at(fitter, fit), fitter.predicted(fit)
     parts, spread = fitter.data.residuals(here), shapes(here.mean)
     after = whitened(parts, fitter.weights)
     found = []
@@ -179,7 +179,7 @@ def distortions_of_physics(
         change = whitened(fitter.data.residuals(there), fitter.weights) - after
         if name not in fit.effects:
             aligned = columns[:, len(problem.unknowns) :]
-            knowledge = Problem(other, fit.effects, fit).knowledge[-len(problem.aligned) :]
+            knowledge = Problem.at(other, fit).knowledge[-len(problem.aligned) :]
             numbers, known = np.vstack([aligned, np.diag(np.sqrt(knowledge))]), np.zeros(len(knowledge))
             change -= aligned @ np.linalg.lstsq(numbers, np.concatenate([change, known]), rcond=None)[0]
         mean, rest = np.split(share * change, [here.mean.size])
@@ -276,7 +276,7 @@ class ModelErrorInfluence:
         cls, problem: Problem, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float], places: np.ndarray
     ) -> ModelErrorInfluence:
         """Of a problem that begins where the fit ended."""
-        changes = data_changes(problem, fit.pattern)
+        changes = data_changes(problem)
         fitter = problem.fitter
         pulls = {key: changes.T @ one for key, one in _distortions(fitter, fit, without, accuracy)}
         own = [changes.T @ one for _, one in _of_steps(fitter, fit, accuracy)]
@@ -337,15 +337,21 @@ def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy:
 
 
 def _of_kernels(fitter: Fitter, fit: Fit, name: str, after: Sequence[np.ndarray], share: float) -> Distortions:
-    """Those that kernels of another form than was assumed may make, of the fit's residuals by part."""
-    share = MIXED.get(name, share)
-    for parameter in load(name).parameters if share else ():
-        if parameter.kernel:
+    """Yield changes by kernels of another form than assumed; `after` are the fit's residuals by part."""
+    for parameter in load(name).parameters:
+        error = kernel_error(parameter, share)
+        if error:
             narrower = {parameter.name: NARROWER * fit.physics[name][parameter.name]}
             physics = fit.physics | {name: fit.physics[name] | narrower}
             there = fitter.model.predict(physics, fit.nuisance, fitter.data, fit.linearisation)
             parts = [one - other for one, other in zip(fitter.data.residuals(there), after, strict=True)]
-            yield (name, parameter.name), share * whitened(parts, fitter.weights)
+            yield (name, parameter.name), error * whitened(parts, fitter.weights)
+
+
+def kernel_error(parameter: Parameter, share: float) -> float:
+    """Return the share of a kernel that may have another form; `share` is the relative error of the effect's model."""
+    own = share if parameter.kernel_error is None else parameter.kernel_error
+    return own if parameter.kernel else 0.0
 
 
 def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distortions:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 
 import numpy as np
 
-from ..fitting.fit import Fit, Fitter, Problem
+from ..fitting.fit import Fit, Fitter
+from ..fitting.problem import Problem
 from ..fitting.steps import Known
 from ..fitting.unknown import Unknown
 
@@ -30,34 +30,19 @@ def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
     list of ndarray, shape (directions, data)
         By part.
     """
-    problem = Problem(fitter, fit.effects, fit)
-    fitted, held = of_both_halves(fitter, problem, fit)
+    problem = Problem.at(fitter, fit)
+    fitted, held = of_both_halves(problem)
     information, _ = problem.normal(fitted, problem.start, [np.zeros(rows.shape[1]) for rows in fitted])
     directions = _directions(problem, fit, information)
     return [(directions / problem.steps) @ rows for rows in held]
 
 
-def of_both_halves(fitter: Fitter, problem: Problem, fit: Fit) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Changes of what a fit predicts of the data fitted and of those held out.
-
-    Parameters
-    ----------
-    fitter : Fitter
-    problem : Problem
-        Of the data fitted, which begins where the fit ended.
-    fit : Fit
-
-    Returns
-    -------
-    fitted, held : list of ndarray, shape (numbers, data)
-        As Problem.jacobian gives them.
-    """
-    fitted = problem.jacobian_at_start(fit.pattern)
-    if fitter.held_out.usable is fitter.data.usable:
+def of_both_halves(problem: Problem) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return the Jacobians of the fitted and of the held-out data at a problem's start, shape (numbers, data)."""
+    fitted = problem.jacobian_at_start()
+    if problem.fitter.held_out.usable is problem.data.usable:
         return fitted, fitted
-    other = copy.copy(fitter)
-    other.data, other.weights = fitter.held_out, fitter.held_weights
-    return fitted, Problem(other, fit.effects, fit).jacobian_at_start(fit.pattern)
+    return fitted, problem.of_held_out().jacobian_at_start()
 
 
 def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarray:

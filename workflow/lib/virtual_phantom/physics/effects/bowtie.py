@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...base.geometry import orbit_of
-from ..effect import OF_PROTOCOL, Effect, Parameter
+from ..effect import DIVERGENT_BEAM, OF_PROTOCOL, Effect, Parameter
 from ..state import State
 
 REFERENCE_DEG = 20.0  # fan angle at which the thickness is stated: inside every body scanner's fan
@@ -52,4 +52,5 @@ EFFECT = Effect(
         Parameter("levels_off_deg", "degrees", "w; 0: it grows on and on", 0.0, 60.0, 0.0, 0.0, None, stated=True),
     ),
     apply=apply,
+    needs=(DIVERGENT_BEAM,),
 )

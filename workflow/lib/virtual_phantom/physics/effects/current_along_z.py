@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...base.geometry import orbit_of
-from ..effect import Effect, Parameter
+from ..effect import HELIX, Effect, Parameter
 from ..state import State
 
 
@@ -28,4 +28,5 @@ EFFECT = Effect(
         Parameter("quadratic_per_mm2", "1/mm2", "b", -0.001, 0.001, 0.0, 0.0),
     ),
     apply=apply,
+    needs=(HELIX,),
 )

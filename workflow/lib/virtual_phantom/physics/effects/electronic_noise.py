@@ -1,6 +1,6 @@
 """Electronic noise of the read-out."""
 
-from ..effect import Effect, Parameter
+from ..effect import DARK_NOISE, Effect, Parameter
 from ..state import State
 
 
@@ -17,6 +17,6 @@ EFFECT = Effect(
     stage="noise",
     signature="more variance where few photons arrive; the mean stays",
     settled_by="dark scans: their variance is that of the electronics",
-    parameters=(Parameter("photons", "photons", "standard deviation", 0.0, 1000.0, 30.0, 30.0),),
+    parameters=(Parameter("photons", "photons", "standard deviation", 0.0, 1000.0, 30.0, 30.0, dark=DARK_NOISE),),
     apply=apply,
 )

@@ -1,6 +1,6 @@
 """Photon flux: another dose than stated."""
 
-from ..effect import Effect, Parameter
+from ..effect import NOMINAL_PHOTONS, Effect, Parameter
 from ..state import State
 
 
@@ -19,4 +19,6 @@ EFFECT = Effect(
     settled_by="the tube's output measured with a dosemeter",
     parameters=(Parameter("factor", "1", "photons over those stated", 0.02, 50.0, 1.0, 0.7, 1.0),),
     apply=apply,
+    needs=(NOMINAL_PHOTONS,),
+    of_one_scan=True,
 )

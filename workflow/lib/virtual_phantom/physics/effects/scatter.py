@@ -54,4 +54,5 @@ EFFECT = Effect(
         Parameter("width_mm", "mm", "width of the kernel at the detector", 10.0, 200.0, 60.0, 60.0, None, kernel=True),
     ),
     apply=apply,
+    removed_by=("scatter",),
 )

@@ -1,6 +1,6 @@
 """Drift of the source during the scan."""
 
-from ..effect import PER_SCAN, Effect, Parameter, Reach
+from ..effect import DIVERGENT_BEAM, PER_SCAN, Effect, Parameter, Reach
 from ..state import State
 
 FASTEST = 20.0  # mm/s
@@ -35,4 +35,5 @@ EFFECT = Effect(
         Parameter("away_mm_per_s", "mm/s", "away from the detector", -FASTEST, FASTEST, 0.0, 0.0, reach=_reach(0.0)),
     ),
     apply=apply,
+    needs=(DIVERGENT_BEAM,),
 )

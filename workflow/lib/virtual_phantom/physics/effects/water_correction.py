@@ -24,4 +24,5 @@ EFFECT = Effect(
         Parameter("cubic", "1", "b", -0.001, 0.005, 0.0, 0.0),
     ),
     apply=apply,
+    correction="beam_hardening",
 )
