@@ -131,7 +131,7 @@ EFFECT = Effect(
     parameters=(
         Parameter("share", "1", "share of the signal in air", 0.0, 0.3, 0.01, 0.02, dark=DARK_LEVEL),
         Parameter("kvp", "kV", "voltage of the tube", 20.0, 200.0, 90.0, 110.0, None, nominal=TUBE_VOLTAGE,
-                  label="voltage behind the housing"),
+                  title="voltage behind the housing"),
         Parameter("width_mm", "mm", "of the leak", 1.0, 90.0, 30.0, 30.0, None, kernel=True, kernel_error=0.7),
     ),
     apply=apply,

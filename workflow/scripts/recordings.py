@@ -11,4 +11,4 @@ with job(snakemake) as log:
     found = {name: json.loads(files.read_text(path)) for name, path in zip(names, paths, strict=True)}
     rows = table(found)
     files.write_csv(rows, snakemake.output[0])
-    print(readable(rows) or "The configuration names no recordings; docs/recordings.md says how.")
+    print(readable(rows) or "The configuration names no recordings; docs/how-to/recordings.md says how.")

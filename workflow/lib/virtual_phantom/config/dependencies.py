@@ -50,10 +50,6 @@ def files_behind(script: str | Path) -> list[Path]:
 
     With the templates of pages that lie beside them.
 
-    Parameters
-    ----------
-    script : str or Path
-
     Returns
     -------
     list of Path

@@ -643,14 +643,8 @@ class Files:
 
         Parameters
         ----------
-        name : str
-        suffix : str, optional
         **known : str
             Wildcards.
-
-        Returns
-        -------
-        str
 
         Raises
         ------

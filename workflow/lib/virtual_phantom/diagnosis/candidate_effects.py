@@ -80,10 +80,6 @@ def candidates(
     parallel : bool, optional
         Whether the beam is parallel.
 
-    Returns
-    -------
-    list of str
-
     Raises
     ------
     InputError

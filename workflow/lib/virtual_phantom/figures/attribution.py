@@ -24,11 +24,6 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     ----------
     table : DataFrame
         `Attribution.properties` of `statistics.attribution`.
-    title : str, optional
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------

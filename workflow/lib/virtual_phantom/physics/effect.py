@@ -1,4 +1,4 @@
-"""Effects: physics that the baseline simulation leaves out, one file each in `effects`."""
+"""Effects: physics that the baseline lacks, one file each in `effects`."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from pathlib import Path
 from ..base.errors import InputError, meant
 from . import effects
 
-# Stages that displace rays, the object, and the source of rays.
+# Stages that move rays, the object, and the origin of rays.
 GEOMETRY, MOTION, FOCAL_SPOT = MOVING = ("geometry", "motion", "focal_spot")
-# In their order along the beam.
+# In the order in which they act.
 STAGES = (
     GEOMETRY,
     MOTION,
@@ -30,16 +30,15 @@ STAGES = (
 )
 
 
-# Units of Reach, of a parameter within one scan: the time from view to view, the duration of the scan, the detector's
-# reading in air, that reading per duration, and 1 over the photons of a pixel in air.
+# Units of a parameter relative to one scan: view interval, scan time, reading in air, reading in air per scan time, and
+# 1 / photons per pixel in air.
 PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN = "view interval", "scan", "air", "air over the scan"
 PER_AIR_PHOTON = "1 over the photons in air"
-READOUT_UNITS = "readout units"  # photons in a study and its recordings; the signal in air for line integrals
-LOGARITHM = 0  # as a power: fits vary the logarithm
-# Owner of a parameter: recordings of a scanner share it, or those of one of its protocols, or none.
+READOUT_UNITS = "readout units"  # photons in a study and its recordings; the signal in air for line integrals alone
+LOGARITHM = 0  # value of Parameter.power: fits use the logarithm
+# Scope of a parameter: shared by all recordings of a scanner, by those of one protocol, or by none.
 OF_SCANNER, OF_PROTOCOL, OF_SCAN = "scanner", "protocol", "scan"
-
-# Needs of effects, and why an effect is not tried without.
+# Conditions of a scan that effects need (Effect.needs), and why an effect is not tried without them.
 DIVERGENT_BEAM, NOMINAL_PHOTONS = "divergent beam", "nominal photons"
 SUCCESSIVE_VIEWS, HELIX = "successive views", "helix"
 NEEDS = {
@@ -48,24 +47,24 @@ NEEDS = {
     SUCCESSIVE_VIEWS: "jumps from view to view, and every second view or fewer are fitted (view_step)",
     HELIX: "goes along the axis, where the source does not move",
 }
-# What a scanner's label, under `nominal` in recording.yaml, may state of a parameter: a prior.
+# Quantities on the scanner's label that are priors of parameters (Parameter.nominal).
 TUBE_VOLTAGE, SENSOR_THICKNESS = "tube voltage", "sensor thickness"
-# What dark frames, readings without a beam before and after a scan, show of a parameter: mean, change, and variance.
+# Mean, change and variance of dark frames, which measure parameters (Parameter.dark).
 DARK_LEVEL, DARK_DRIFT, DARK_NOISE = "dark level", "dark drift", "dark noise"
 
 
 @dataclass(frozen=True)
 class Reach:
-    """Range of a parameter within one scan, where its unit carries over to other scans.
+    """Range of a parameter relative to one scan, if its unit is independent of the scan.
 
-    A motion in mm/s, for example, is limited by the mm that it amounts to over the scan.
+    A motion in mm/s, for example, is detected by its length in mm over the scan.
 
     Attributes
     ----------
     of : str
-        Unit: PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN or PER_AIR_PHOTON.
+        Relative unit: PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN or PER_AIR_PHOTON.
     low, high, start : float
-        A fit's range and start.
+        Range and start of a fit.
     typical : float
         Typical strength.
     """
@@ -79,38 +78,38 @@ class Reach:
 
 @dataclass(frozen=True)
 class Parameter:
-    """Parameter of an effect, in a unit that carries over to the scanner's other scans.
+    """Parameter of an effect, in a unit that is valid for all scans of the scanner.
 
     Attributes
     ----------
-    name, unit, meaning : str
     low, high : float
-        Plausible range, which limits the configuration and fits.
+        Plausible range of configurations and fits.
     start : float
-        Start of fits.
+        Start of a fit.
     typical : float
-        Typical strength, for templates and examples.
+        Strength typical of scanners, for templates and examples.
     neutral : float or None
         Value at which the effect does nothing; None if there is none.
     power : int
-        Power with which a small effect grows: 2 for the width of a blur. Fits vary that power, in which data are more
-        linear; LOGARITHM for parameters of any order of magnitude.
+        Power of the parameter in which a small effect is linear: 2 for the width of a blur. Fits use this power, or
+        the logarithm (LOGARITHM) if the magnitude is unknown.
     reach : Reach or None
-        Range, start and typical strength within one scan; None: as above.
+        Range relative to one scan; None: low, high, start and typical.
     stated : bool
-        Design parameter of the scanner: fits take it at its typical value.
+        Whether it is part of the scanner design; fits keep the typical value.
     belongs_to : {"scanner", "protocol", "scan"}
-        Owner: the recordings that share it.
+        Recordings that share it.
     kernel : bool
-        Width of a kernel or source of assumed form, which may be another in reality.
+        Whether it is the width of a kernel or source whose shape is an assumption.
     kernel_error : float or None
-        Share of the kernel that may be half as wide, one standard deviation; None: the effect's model accuracy.
+        Share of the kernel that may be half as wide, one standard deviation; None: the relative error of the effect's
+        model.
     nominal : str or None
-        Quantity on the scanner's label that is a prior of it: TUBE_VOLTAGE or SENSOR_THICKNESS.
+        Quantity on the scanner's label that is its prior: TUBE_VOLTAGE or SENSOR_THICKNESS.
     dark : str or None
-        What dark frames show of it: DARK_LEVEL, DARK_DRIFT or DARK_NOISE.
-    label : str
-        Name in messages; empty: `name` without its unit.
+        Property of dark frames that it determines: DARK_LEVEL, DARK_DRIFT or DARK_NOISE.
+    title : str
+        Name in texts; empty: `name` without its unit.
     """
 
     name: str
@@ -129,78 +128,73 @@ class Parameter:
     kernel_error: float | None = None
     nominal: str | None = None
     dark: str | None = None
-    label: str = ""
+    title: str = ""
 
     def number(self, value: float) -> float:
-        """Return the number that fits vary, for a value."""
+        """Transform a value to the variable of fits."""
         return math.log(value) if self.power == LOGARITHM else value**self.power
 
     @property
     def timed(self) -> bool:
-        """Whether only a scan with known times shows it."""
+        """Whether it can be determined only from scans with known times."""
         return self.reach is not None and self.reach.of not in (OF_AIR, PER_AIR_PHOTON)
 
     def within(self, scan: Mapping[str, float]) -> Parameter:
-        """Return the parameter with range, start and typical strength within one scan.
+        """Return the parameter with the range, start and typical strength of one scan.
 
         Parameters
         ----------
         scan : mapping of str to float
-            {unit of Reach: amount of the parameter that makes 1 of it}.
-
-        Returns
-        -------
-        Parameter
+            {relative unit of Reach: its size in the unit of the parameter}.
         """
         if self.reach is None:
             return self
-        unit = scan[self.reach.of]
-        low, high = max(self.low, self.reach.low * unit), min(self.high, self.reach.high * unit)
-        start, typical = (min(max(value * unit, low), high) for value in (self.reach.start, self.reach.typical))
+        one = scan[self.reach.of]
+        low, high = max(self.low, self.reach.low * one), min(self.high, self.reach.high * one)
+        start, typical = (min(max(value * one, low), high) for value in (self.reach.start, self.reach.typical))
         return replace(self, low=low, high=high, start=start, typical=typical)
 
 
 @dataclass(frozen=True)
 class Effect:
-    """Physics that the baseline simulation leaves out, with all that the diagnosis needs to know of it.
+    """Physics that the baseline lacks.
 
     Attributes
     ----------
     name : str
         Name of its file.
     physics : str
-        Description in a sentence.
+        Physical description for catalogue and reports.
     equation : str
-        As applied.
+        Equation as applied.
     source : str
-        Reference.
+        References.
     stage : str
         One of STAGES.
     signature : str
-        What distinguishes it from other effects.
+        Features of the data that distinguish it from other effects.
     settled_by : str
-        Further recording that shows it alone.
-    parameters : tuple of Parameter
+        Recording that would confirm it, as an instruction.
     apply : callable
-        (state, values by name): changes a state.State in place, or at stage "image" an image_state.ImageState.
+        (state, values by name): changes a state.State in place, or an image_state.ImageState at stage "image".
     pattern : bool
-        One unknown per detector pixel is fitted beside the parameters (rings).
-    rank : int
-        Order of image effects, then by name: 0 for sharpness, 1 for the numbers.
+        Whether one unknown per detector pixel is fitted in addition to the parameters (rings).
     beside : str or None
-        Effect without which this one does nothing, or is indistinguishable from it.
+        Effect without which this one does nothing, or equals it.
+    rank : int
+        Order of image effects, then by name: 0 for sharpness, 1 for HU values.
     needs : tuple of str
-        Keys of NEEDS: conditions of a scan under which it is tried.
+        Conditions of a scan under which it is tried: keys of NEEDS.
     of_one_scan : bool
-        Each scan of a scanner has its own, so that joint diagnoses do not try it.
+        Whether each scan of a scanner has its own; joint diagnoses do not try it.
     removed_by : tuple of str
-        Corrections by the scanner's maker (`corrected` in recording.yaml) that remove it: then it is not tried.
+        Corrections by the scanner's maker (`corrected` in recording.yaml) after which it is not tried.
     correction : str
-        Correction by the scanner's maker that it models: it is tried only where that was made.
+        Correction by the scanner's maker that it models; it is tried only after that one.
     absolute_attenuation : bool
-        It gives attenuation absolutely, so that beside it the scale of line integrals is the object's density alone.
+        Whether it determines attenuation absolutely: beside it, the scale of line integrals is the object's density.
     if_absent : str
-        Warning where the data reject it although the label states a tube voltage, {tube_kvp} in kV.
+        Warning if the data reject it although the label states a tube voltage, {tube_kvp} in kV.
     """
 
     name: str
@@ -224,25 +218,20 @@ class Effect:
 
     @property
     def kinematic(self) -> bool:
-        """Whether it only displaces rays or the object: a position involves no model that could be inexact."""
+        """Whether it only moves rays or the object. Such effects have no model error."""
         return self.stage in (GEOMETRY, MOTION) or all(map(self.moves, self.parameters))
 
     def moves(self, parameter: Parameter) -> bool:
-        """Return whether a parameter displaces rays or the object to first order: the width of a blur does not."""
+        """Whether a parameter displaces rays or the object to first order; the width of a blur does not."""
         return self.stage in MOVING and parameter.power == 1 and parameter.unit != "1" and not parameter.kernel
 
     def values(self, given: Mapping[str, float], source: str = "physics") -> dict[str, float]:
-        """Return all parameters: given values, typical values for the others.
+        """Return all parameters: those given, the others at their typical value.
 
         Parameters
         ----------
-        given : mapping of str to float
         source : str, optional
-            Prefix of messages.
-
-        Returns
-        -------
-        dict of str to float
+            Start of error messages.
 
         Raises
         ------
@@ -265,7 +254,7 @@ class Effect:
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of all effects, sorted: files of `effects` and of folders that were added."""
+    """Return the names of all effects, sorted: the files in `effects` and in added folders."""
     return _names(tuple(effects.__path__))
 
 
@@ -275,22 +264,22 @@ def _names(folders: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def add_folder(folder: str | Path) -> tuple[str, ...]:
-    """Add the effects of a folder to the library until Python exits.
+    """Register the effects of a folder for the running Python process.
 
     Parameters
     ----------
     folder : str or Path
-        Every Python file in it is an effect like those in `effects`, and may import from `..effect` and `..state`.
+        Each Python file in it is an effect, like those in `effects`, and may import from `..effect` and `..state`.
 
     Returns
     -------
     tuple of str
-        Their names.
+        Names of its effects.
 
     Raises
     ------
     InputError
-        If the folder is missing or holds no Python file, or a file has the name of an existing effect.
+        If the folder does not exist, has no Python file, or a name is already used.
     """
     folder = Path(folder).resolve()
     found = _names((str(folder),))
@@ -304,51 +293,47 @@ def add_folder(folder: str | Path) -> tuple[str, ...]:
 
 
 def require(name: str, source: str) -> None:
-    """Check that there is an effect of this name.
+    """Check that an effect of this name exists.
 
     Raises
     ------
     InputError
-        If there is none; the message begins with `source`.
+        Naming `source`, if it does not.
     """
     if name not in names():
         raise InputError(f"{source}: there is no effect '{name}'; {meant(name, names())}")
 
 
 def load(name: str, source: str = "physics") -> Effect:
-    """Return the effect of a name.
-
-    Returns
-    -------
-    Effect
+    """Return the effect of this name.
 
     Raises
     ------
     InputError
-        If there is none; the message begins with `source`.
+        Naming `source`, if there is none.
     """
     require(name, source)
     return importlib.import_module(f".effects.{name}", __package__).EFFECT
 
 
 def offered(candidates: Iterable[str], there: Collection[str]) -> list[str]:
-    """Return the candidates that can act beside the effects that are there."""
+    """Return the candidates that have an effect given the present effects."""
     return [name for name in candidates if (needed := load(name).beside) is None or needed in there]
 
 
 def acts_on_images(name: str) -> bool:
-    """Return whether an effect acts on reconstructed images, not on projections."""
+    """Whether an effect acts after the reconstruction, not on projections."""
     return load(name).stage == "image"
 
 
 def image_effects() -> tuple[str, ...]:
-    """Return the effects on reconstructed images, in the order in which they act."""
+    """Return the names of effects on reconstructed images, in order of application."""
     effects = [load(name) for name in names() if acts_on_images(name)]
     return tuple(effect.name for effect in sorted(effects, key=lambda effect: (effect.rank, effect.name)))
 
 
 def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, source: str, scan: str) -> None:
-    """Check parameters that are readings of the detector against its reading in air.
+    """Reject parameters that are implausible relative to the reading in air.
 
     Parameters
     ----------
@@ -357,12 +342,12 @@ def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, sourc
     air : float
         Reading in air, photons.
     source, scan : str
-        Prefix of messages, and name of the scan in them.
+        Start of error messages, and name of the scan in them.
 
     Raises
     ------
     InputError
-        For an implausible reading.
+        For an implausible value.
     """
     for name, values in physics.items():
         for one in load(name).parameters:
@@ -383,12 +368,12 @@ def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, sourc
 
 
 def absolute_attenuation(effects: Iterable[str]) -> bool:
-    """Return whether one of these effects gives attenuation absolutely."""
+    """Return whether one of these effects determines attenuation absolutely."""
     return any(load(name).absolute_attenuation for name in effects)
 
 
 def needing(need: str) -> list[str]:
-    """Return the effects that declare a need."""
+    """Return the effects that need a condition."""
     return [name for name in names() if need in load(name).needs]
 
 
@@ -398,34 +383,33 @@ def scan_effects() -> list[str]:
 
 
 def of_one_scan(name: str) -> dict[str, float | None]:
-    """Return the parameters of an effect that belong to one scan, with their neutral values."""
+    """Return the neutral values of the parameters of an effect that belong to a single scan."""
     return {one.name: one.neutral for one in load(name).parameters if one.belongs_to == OF_SCAN}
 
 
 def needs_times(name: str) -> bool:
-    """Return whether an effect cannot be detected without the scan's times."""
+    """Whether an effect is detectable only in scans with known times.
+
+    This is the case if all parameters depend on time, or one that does has no neutral value.
+    """
     parameters = load(name).parameters
     return any(one.timed and one.neutral is None for one in parameters) or all(one.timed for one in parameters)
 
 
 def checked(physics: Mapping[str, Mapping[str, float] | None], source: str = "physics") -> dict[str, dict[str, float]]:
-    """Return complete settings of effects from a section of the configuration.
+    """Check and complete the settings of effects in a configuration.
 
     Parameters
     ----------
     physics : mapping of str to mapping of str to float, or None
-        {effect: {parameter: value}}; missing parameters are typical.
+        {effect: {parameter: value}}; missing parameters take their typical value.
     source : str, optional
-        Prefix of messages.
-
-    Returns
-    -------
-    dict of str to dict of str to float
+        Start of error messages.
 
     Raises
     ------
     InputError
-        For unknown effects or parameters, and values out of range.
+        For unknown effects or parameters and values out of range.
     """
     for name, given in physics.items():
         if given is not None and not isinstance(given, Mapping):

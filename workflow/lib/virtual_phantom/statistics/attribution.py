@@ -70,7 +70,6 @@ def attribute(
         they share its noise.
     recorded : DataFrame
         As each of the variants: one row per image and ROI with columns roi and `features`.
-    features : sequence of str
     baseline : str, optional
         Its name.
     rois : sequence of str, optional
@@ -81,10 +80,6 @@ def attribute(
         Of the bootstrap.
     seed : int, optional
         Of the bootstrap.
-
-    Returns
-    -------
-    Attribution
 
     Raises
     ------

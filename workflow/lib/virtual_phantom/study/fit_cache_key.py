@@ -30,10 +30,6 @@ def fit_cache(folder: str | Path, model: Mapping, files: Iterable[str | Path]) -
         Diagnosis.model of the recording.
     files : iterable of str or Path
         And folders of files: of the recording, and of what was scanned.
-
-    Returns
-    -------
-    FitCache
     """
     code = sorted({path for module in FITTING for path in files_behind(module)})
     declared = [_effect(name) for name in sorted(model["settings"].get("baseline", {}))]

@@ -35,10 +35,6 @@ def job(snakemake) -> Iterator[logging.Logger]:
     ----------
     snakemake : Snakemake
         The object that Snakemake puts into a script.
-
-    Yields
-    ------
-    Logger
     """
     show_any_character()
     log_file = Path(str(snakemake.log[0])) if snakemake.log else None
@@ -90,7 +86,6 @@ def last_reason(log_file: str | Path, since: float) -> str | None:
 
     Parameters
     ----------
-    log_file : str or Path
     since : float
         s, of the epoch.
 

@@ -40,7 +40,7 @@ def read_responses(
         {column: value} of the recording's rows that are compared.
     dimensions : {2, 3}
     stored_offset_hu : float
-        Both of the recording's features, as comparison.comparable takes them.
+        Both of the recording's features, as comparability.comparable takes them.
     parameters : str or None
         The study's parameter file of pyradiomics.
     rois : sequence of str or None
@@ -48,7 +48,6 @@ def read_responses(
 
     Returns
     -------
-    data : Responses
     rows : DataFrame
         The recording's that are compared.
     not_compared : dict of str to str

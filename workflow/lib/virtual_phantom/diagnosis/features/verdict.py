@@ -52,15 +52,10 @@ def diagnose_features(name: str, data: Responses, not_compared: Mapping[str, str
     ----------
     name : str
         Of the comparison.
-    data : Responses
     not_compared : mapping of str to str
         {feature: why}.
     mean : str
         The feature that is an ROI's mean HU, for the HU calibration's values.
-
-    Returns
-    -------
-    FeatureDiagnosis
     """
     before, found = places(data, data.baseline), trials(data)
     best, trial = next(iter(found.items()))

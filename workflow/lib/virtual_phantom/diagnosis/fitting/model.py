@@ -43,7 +43,6 @@ class Model(ABC):
     ----------
     chain : Chain
         With the detector's sensor, whose thickness is held by what the chain knows of it.
-    aligned : tuple of Nuisance
     anode : Anode, optional
         Of the tube.
     tube_kvp : float, optional
@@ -75,14 +74,6 @@ class Model(ABC):
 
         A spectrum leaves the scale only the density of the material: that of a monochromatic beam also holds the
         energy.
-
-        Parameters
-        ----------
-        effects : tuple of str
-
-        Returns
-        -------
-        tuple of Nuisance
         """
         if not absolute_attenuation(self.whole(effects)):
             return self.aligned
@@ -119,10 +110,6 @@ class Model(ABC):
             {effect: {parameter: value}}.
         nuisance : mapping of str to float
             The alignment, whose photons per pixel they are.
-
-        Returns
-        -------
-        dict of str to mapping of str to float
         """
         photons = float(np.exp(nuisance["log_photons"]))
         state = self.chain.state(
@@ -204,7 +191,6 @@ class Model(ABC):
 
         Parameters
         ----------
-        nuisance : mapping of str to float
         linearisation : Linearisation, optional
             Its `errors` is where the error is computed.
 
@@ -217,10 +203,6 @@ class Model(ABC):
 
     def errors_of_steps(self, linearisation: Linearisation = BASE) -> dict[str, np.ndarray]:
         """What twice finer steps of the simulator change of the mean.
-
-        Parameters
-        ----------
-        linearisation : Linearisation, optional
 
         Returns
         -------
@@ -245,16 +227,10 @@ class Model(ABC):
 
         Parameters
         ----------
-        errors : LinearisationPoint
         nuisance : mapping of str to float
             Of the prediction.
-        prediction : Prediction
         weights : ndarray, shape (data,)
             Inverse variances of the mean.
-
-        Returns
-        -------
-        bool
         """
         return False
 
@@ -289,10 +265,4 @@ class Model(ABC):
             {effect: {parameter: value}}.
         nuisance : mapping of str to float
             The alignment.
-        data : Observed
-        linearisation : Linearisation, optional
-
-        Returns
-        -------
-        Prediction
         """

@@ -19,7 +19,6 @@ class Statement:
 
     Attributes
     ----------
-    value : float
     sd : float
         Standard deviation; 0: known exactly.
     """

@@ -50,7 +50,6 @@ def with_knowledge(columns: np.ndarray, problem: Problem) -> np.ndarray:
     Parameters
     ----------
     columns : ndarray, shape (data, numbers)
-    problem : Problem
 
     Returns
     -------
@@ -103,8 +102,6 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
 
     Parameters
     ----------
-    fitter : Fitter
-    fit : Fit
     name : str
         Of the effect.
     shapes : sequence of mapping of str to float, optional

@@ -22,7 +22,6 @@ class Template:
 
     Attributes
     ----------
-    effect : str
     parameter : str or None
         None where the effect has no parameter with a neutral value.
     whole : ndarray, shape (data,)
@@ -50,14 +49,8 @@ def described(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list[Template]:
 
     Parameters
     ----------
-    fitter : Fitter
-    fit : Fit
     names : sequence of str
         Of effects.
-
-    Returns
-    -------
-    list of Template
     """
     basis, found = np.linalg.qr(changes(Problem.at(fitter, fit)))[0], []
     for name in names:
@@ -89,13 +82,8 @@ def split(fitter: Fitter, row: np.ndarray) -> dict[str, np.ndarray]:
 
     Parameters
     ----------
-    fitter : Fitter
     row : ndarray, shape (data or more,)
         What stands below the data is left out.
-
-    Returns
-    -------
-    dict of str to ndarray
     """
     names = fitter.data.parts
     ends = np.cumsum([weight.size for weight in fitter.weights])
@@ -107,7 +95,6 @@ def shares(fitter: Fitter, row: np.ndarray) -> dict[str, float]:
 
     Parameters
     ----------
-    fitter : Fitter
     row : ndarray
         As for `split`.
 
@@ -128,8 +115,6 @@ def taken_up_in_range(fitter: Fitter, fit: Fit, rows: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    fitter : Fitter
-    fit : Fit
     rows : ndarray, shape (rows, data)
         Whitened.
 
@@ -152,10 +137,6 @@ def taken_up_in_range(fitter: Fitter, fit: Fit, rows: np.ndarray) -> np.ndarray:
 def correlations(found: Sequence[Template]) -> np.ndarray:
     """Cosines between what is left of templates.
 
-    Parameters
-    ----------
-    found : sequence of Template
-
     Returns
     -------
     ndarray, shape (templates, templates)
@@ -175,10 +156,6 @@ def grouped(correlation: np.ndarray) -> list[int]:
     ----------
     correlation : ndarray, shape (templates, templates)
         From `correlations`.
-
-    Returns
-    -------
-    list of int
     """
     distance = 1 - np.abs(np.nan_to_num(correlation))
     np.fill_diagonal(distance, 0)

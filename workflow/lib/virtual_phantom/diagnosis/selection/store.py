@@ -65,15 +65,6 @@ def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mappi
 def read_trial(path: str | Path) -> tuple[Trial, str]:
     """Read what `write_trial` wrote.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    trial : Trial
-    made_of : str
-
     Raises
     ------
     InputError

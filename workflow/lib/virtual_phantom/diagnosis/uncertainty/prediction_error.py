@@ -20,11 +20,6 @@ def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
     fitted. Numbers of effects that were found elsewhere have the errors found there, as far as the numbers fitted here
     do not make up for them.
 
-    Parameters
-    ----------
-    fitter : Fitter
-    fit : Fit
-
     Returns
     -------
     list of ndarray, shape (directions, data)

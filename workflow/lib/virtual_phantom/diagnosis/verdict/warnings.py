@@ -70,7 +70,7 @@ def caveats(
     if prepared.voxels and EDGES in [place.domain for place in left] and _along_edges(prepared, choice):
         found.append(
             f"What is left lies along edges, {prepared.voxels} would show whether anything else is left "
-            "(docs/objects.md)."
+            "(docs/how-to/objects.md)."
         )
     return found
 
@@ -161,7 +161,7 @@ def advice(fit: Fit, model: Model) -> list[str]:
         found.append(
             f"{label(number.name).capitalize()} of the alignment is taken to be known to {number.sd:.3g}{why}. "
             f"If it may be farther off, give its standard deviation: alignment: {{{number.name}: ...}} under "
-            "diagnosis.recordings (docs/diagnosis.md)."
+            "diagnosis.recordings (docs/how-to/diagnosis.md)."
         )
     return found
 
@@ -177,7 +177,7 @@ def _quantity(parameter: Parameter, value: float) -> tuple[str, str]:
     begin, _, end = parameter.name.rpartition("_")
     name = begin if begin and parameter.unit.startswith(end) else parameter.name
     unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-    return parameter.label or label(name), f"{value:.3g}{unit}"
+    return parameter.title or label(name), f"{value:.3g}{unit}"
 
 
 def _stated(unknown: Unknown, model: Model) -> str:
