@@ -33,7 +33,6 @@ class Fit:
         In the order given, without declared effects.
     physics, errors : dict of str to dict of str to float
         {effect: {parameter: value or standard error}}, with declared effects.
-    nuisance, nuisance_errors : dict of str to float
     chi_square : float
         Of the fitted data and the priors.
     parts : tuple of float
@@ -77,15 +76,10 @@ class Fit:
 
         Parameters
         ----------
-        problem : Problem
         point, errors : ndarray, shape (numbers,)
             Numbers and their standard errors.
         residuals : sequence of ndarray, shape (data,)
             By part of the data.
-
-        Returns
-        -------
-        Fit
         """
         model, count = problem.model, len(problem.unknowns)
         physics = {name: model.known(name) for name in problem.whole}
@@ -123,7 +117,6 @@ class Fitter:
 
     Parameters
     ----------
-    model : Model
     data, held_out : Observed
         Data that are fitted, and data that are predicted.
     variance : ndarray
@@ -150,15 +143,10 @@ class Fitter:
 
         Parameters
         ----------
-        effects : tuple of str
         given : Fit, optional
             Start.
         from_farther : bool, optional
             Repeat a fit that has stalled from starts farther off.
-
-        Returns
-        -------
-        Fit
         """
         problem = Problem(self, effects, given)
         found, promised = self._solve(problem)

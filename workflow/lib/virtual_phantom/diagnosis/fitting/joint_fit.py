@@ -80,13 +80,8 @@ class JointFitter:
 
         Parameters
         ----------
-        effects : tuple of str
         given : JointFit, optional
             Start; it may hold further recordings.
-
-        Returns
-        -------
-        JointFit
 
         Raises
         ------
@@ -137,7 +132,6 @@ class JointFitter:
         ----------
         names : collection of str
             Recordings to leave out.
-        effects : tuple of str
         given : JointFit
             Start.
 
@@ -204,10 +198,6 @@ def parameters_owned_by(owners: Collection[str], name: str, values: Mapping[str,
         Of the effect.
     values : mapping of str to float
         By parameter.
-
-    Returns
-    -------
-    dict of str to float
     """
     own = {parameter.name for parameter in load(name).parameters if parameter.belongs_to in owners}
     return {key: value for key, value in values.items() if key in own}

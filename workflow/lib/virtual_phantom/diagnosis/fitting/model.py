@@ -1,4 +1,4 @@
-"""What fits ask a model for: its numbers, what is known of them, and what it predicts."""
+"""Model of a recording as fits need it: numbers, priors and predictions."""
 
 from __future__ import annotations
 
@@ -28,31 +28,30 @@ from .nuisance import LOCATION, SURE, Nuisance, pose_of
 from .priors import Label, Statement
 from .unknown import Unknown
 
-DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
+DENSITY_SD = 0.02  # of the density scale where attenuation is absolute
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
-NEAR_KEPT = 8  # chains whose rays follow those of a linearisation point
-STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number may begin whose start may be no good
+NEAR_KEPT = 8  # cached chains whose rays follow those of a linearization point
+STARTS = (0.02, 0.1, 0.5)  # further starts, as shares of the range, for numbers whose start may be a local minimum
 
 
 class Model(ABC):
-    """Predictions of a recording for effects' parameters and the alignment.
-
-    They are what fits ask for, whatever was recorded.
+    """Predictions for effects' parameters and nuisance parameters, for any kind of recording.
 
     Parameters
     ----------
     chain : Chain
-        With the detector's sensor, whose thickness is held by what the chain knows of it.
-    anode : Anode, optional
-        Of the tube.
+        With the detector's sensor, whose thickness is a prior.
+    aligned : tuple of Nuisance
+        Nuisance parameters.
     tube_kvp : float, optional
-        As the label on the scanner says, taken to be known to TUBE_KVP_SD, kV; None: not known.
+        Nominal tube voltage, kV, with a standard deviation of TUBE_KVP_SD.
     fixed : mapping of str to mapping of str to float, optional
-        Parameters that are known from elsewhere and not fitted: {effect: {parameter: value}}.
+        Parameters taken from elsewhere and not fitted: {effect: {parameter: value}}.
     density : tuple of 2 float, optional
-        Of the material over the listed one, and its standard deviation: the scale beside a spectrum.
+        Density of the material over the listed one, and its standard deviation: the prior of the scale beside effects
+        that determine attenuation absolutely.
     declared : mapping of str to mapping of str to Statement, optional
-        Physics that is known of the scanner: in every model, fitted within what is stated.
+        Known physics of the scanner: in every model, fitted within its priors.
     """
 
     def __init__(
@@ -70,10 +69,9 @@ class Model(ABC):
         self._near = Kept(NEAR_KEPT)
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
-        """The alignment beside these effects.
+        """Return the nuisance parameters beside these effects.
 
-        A spectrum leaves the scale only the density of the material: that of a monochromatic beam also holds the
-        energy.
+        In a beam of one assumed energy the scale also holds the energy; beside absolute attenuation it is the density.
         """
         if not absolute_attenuation(self.whole(effects)):
             return self.aligned
@@ -83,33 +81,31 @@ class Model(ABC):
         )
 
     def whole(self, effects: tuple[str, ...]) -> tuple[str, ...]:
-        """What is declared, and these effects."""
+        """Return the declared effects followed by these."""
         return (*(name for name in self.declared if name not in effects), *effects)
 
     def undeclared(self, name: str) -> Model:
-        """The same where one effect is not declared."""
+        """Return the model without the declaration of one effect."""
         found = copy.copy(self)
         found.declared = {key: stated for key, stated in self.declared.items() if key != name}
         return found
 
     def parameters(self, name: str) -> tuple[Parameter, ...]:
-        """An effect's parameters as the recorded scan shows them."""
+        """Return an effect's parameters with their ranges in the recorded scan."""
         return self.chain.parameters(name)
 
     def known(self, name: str) -> dict[str, float]:
-        """Parameters of an effect that are not fitted."""
+        """Return the parameters of an effect that are not fitted."""
         exact = {key: one.value for key, one in self.declared.get(name, {}).items() if not one.sd}
         return self.chain.held(name) | dict(self.fixed.get(name, {})) | exact
 
     def of_study(self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> dict:
-        """Settings of effects as a study takes them, whose readout units are photons.
+        """Return settings of effects in units of a study, whose readout units are photons.
 
         Parameters
         ----------
-        physics : mapping of str to mapping of str to float
-            {effect: {parameter: value}}.
         nuisance : mapping of str to float
-            The alignment, whose photons per pixel they are.
+            With the photons per pixel in air.
         """
         photons = float(np.exp(nuisance["log_photons"]))
         state = self.chain.state(
@@ -125,7 +121,7 @@ class Model(ABC):
 
     @property
     def nominal(self) -> Linearisation:
-        """Where predictions are linearised before anything is fitted: BASE, or the object where it is expected."""
+        """Linearization before anything is fitted: BASE, or the object at its expected position."""
         place = {one.name: one.expected for one in self.aligned if one.name in LOCATION}
         if not any(place.values()):
             return BASE
@@ -162,13 +158,10 @@ class Model(ABC):
             low, high = parameter.number(label.low), parameter.number(label.high)
         declared = self.declared.get(name, {}).get(parameter.name)
         if declared is not None:
+            if not declared.sd:
+                return None
             expected, sd = declared.number(parameter)
-            start = (expected,)
-            return (
-                Unknown(name, parameter.name, low, high, start, None, expected, sd, parameter.power)
-                if declared.sd
-                else None
-            )
+            return Unknown(name, parameter.name, low, high, (expected,), None, expected, sd, parameter.power)
         expected, sd = (low + high) / 2, high - low  # a wide prior, against runaways
         starts = (min(max(parameter.number(parameter.start), low), high),)
         # A slice thinner than the distance of slices changes nothing, so that a fit would never leave it.
@@ -183,37 +176,20 @@ class Model(ABC):
 
     @property
     def distortions(self) -> tuple[str, ...]:
-        """Names of the numerical errors among the numbers of the alignment."""
+        """Names of the nuisance parameters that are numerical errors."""
         return ()
 
     def distortion(self, nuisance: Mapping[str, float], linearisation: Linearisation = BASE) -> np.ndarray | float:
-        """Numerical error that an alignment takes off what is predicted of the mean.
-
-        Parameters
-        ----------
-        linearisation : Linearisation, optional
-            Its `errors` is where the error is computed.
-
-        Returns
-        -------
-        ndarray or float
-            Broadcastable to the mean.
-        """
+        """Return the numerical error that nuisance parameters subtract from the mean, broadcastable to it."""
         return 0.0
 
     def errors_of_steps(self, linearisation: Linearisation = BASE) -> dict[str, np.ndarray]:
-        """What twice finer steps of the simulator change of the mean.
-
-        Returns
-        -------
-        dict of str to ndarray
-            {name of a number of the alignment: change per unit of it}; empty where there is none.
-        """
+        """Return the change of the mean by twice finer steps, by nuisance parameter; empty if there is none."""
         return {}
 
     @property
     def turned_rad(self) -> np.ndarray | None:
-        """How far the source has turned in every view, shape (views,); None of images."""
+        """Direction of the source in every view, shape (views,); None for images."""
         return None
 
     def strayed(
@@ -223,25 +199,17 @@ class Model(ABC):
         prediction: Prediction,
         weights: np.ndarray,
     ) -> bool:
-        """Whether a prediction lies too far off a point where `errors` of a linearisation were computed.
-
-        Parameters
-        ----------
-        nuisance : mapping of str to float
-            Of the prediction.
-        weights : ndarray, shape (data,)
-            Inverse variances of the mean.
-        """
+        """Return whether a prediction lies too far from the point where numerical errors were computed."""
         return False
 
     def follows(
         self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float], rays: LinearisationPoint
     ) -> bool:
-        """Whether all rays of a prediction are near enough to those of a linearisation to follow them, or none can."""
+        """Return whether all rays of a prediction are near enough to those of a linearization point."""
         return self.near(rays).follows(before_images(physics), pose_of(nuisance), anode=self.anode)
 
     def near(self, rays: LinearisationPoint, reach: float = 1.0) -> Chain:
-        """The chain whose rays follow those of a linearisation, as far as its reach."""
+        """Return the chain whose rays follow those of a linearization point."""
         return self._near.get(
             (rays.key, reach),
             lambda: self.chain.near(rays.physics, pose_of(rays.nuisance), reach, anode=self.anode),
@@ -255,14 +223,4 @@ class Model(ABC):
         data: Observed,
         linearisation: Linearisation = BASE,
     ) -> Prediction:
-        """The prediction for settings of effects and of the alignment.
-
-        A gain pattern is fitted elsewhere: it has no mean of its own here.
-
-        Parameters
-        ----------
-        physics : mapping of str to mapping of str to float
-            {effect: {parameter: value}}.
-        nuisance : mapping of str to float
-            The alignment.
-        """
+        """Return the prediction for settings of effects and nuisance parameters, without a gain pattern."""

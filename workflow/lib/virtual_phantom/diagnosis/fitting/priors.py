@@ -72,10 +72,6 @@ def declared(section: Mapping[str, Mapping[str, Mapping[str, float]]], where: st
     where : str
         Prefix of messages.
 
-    Returns
-    -------
-    dict of str to dict of str to Statement
-
     Raises
     ------
     InputError

@@ -42,7 +42,6 @@ class Problem:
     ----------
     fitter : Fitter
         Model, data and weights.
-    effects : tuple of str
     given : Fit or None
         Where the numbers begin.
     beside : str, optional
@@ -175,14 +174,6 @@ class Problem:
 
         Geometry trades against the pose along narrow valleys, which are rough: errors of finite steps change along
         them. New geometry parameters are displaced; everything else stays as fitted.
-
-        Parameters
-        ----------
-        fit : Fit
-
-        Returns
-        -------
-        list of Fit
         """
         found = []
         for index, new in enumerate(self._new_strengths()):

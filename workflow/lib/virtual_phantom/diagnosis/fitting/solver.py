@@ -164,15 +164,6 @@ def solve(problem: JointProblem, start: Iterate) -> Solution:
 
     A Jacobian by finite differences costs one prediction per number. Broyden's update keeps it in use while steps gain
     about what it predicts.
-
-    Parameters
-    ----------
-    problem : JointProblem
-    start : Iterate
-
-    Returns
-    -------
-    Solution
     """
     here, jacobians, damping, as_expected = start, None, 0.0, False
     for _ in range(ITERATIONS):

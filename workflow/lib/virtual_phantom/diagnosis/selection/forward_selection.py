@@ -125,7 +125,6 @@ def choose(
 
     Parameters
     ----------
-    fitter : Fitter
     baseline : Trial
         Nuisance parameters alone.
     candidates : sequence of str
@@ -142,10 +141,6 @@ def choose(
         Progress of rankings and fits.
     alone : mapping of str to Screened, optional
         Matched filters of the candidates beside the nuisance parameters, if they are known.
-
-    Returns
-    -------
-    Choice
     """
     accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
     fits = CandidateFits(fitter, baseline, candidates, processes, accuracy, kept, how_far, alone)
@@ -166,7 +161,6 @@ class ForwardSelection:
 
     Parameters
     ----------
-    fits : CandidateFits
     accuracy : mapping of str to float
         As `choose` takes it.
 
@@ -176,7 +170,6 @@ class ForwardSelection:
         Fit of the effects selected so far.
     worth : dict of str to float
         {effect: gain in log score when it was accepted}.
-    unconfounded : set of str
     """
 
     def __init__(self, fits: CandidateFits, accuracy: Mapping[str, float]):
@@ -331,15 +324,8 @@ class ForwardSelection:
 
         Parameters
         ----------
-        effect : str
         rest : Trial
             Fit without the effect.
-        others : sequence of str
-
-        Returns
-        -------
-        losses : dict of str to float
-        fitted : list of Trial
         """
         fits, score, effects = self.fits, self.current.score, rest.fit.effects
         gain = score - rest.score
@@ -427,13 +413,8 @@ class CandidateFits:
 
         Parameters
         ----------
-        fit : Fit
         found : mapping of str to Screened
             Matched filters beside it.
-
-        Returns
-        -------
-        set of str
         """
         moving = [one for name, one in found.items() if load(name).kinematic]
         if sum(weight.size for weight in self._fitter.weights) > MOST_DATA or not any(

@@ -64,15 +64,10 @@ def choose_jointly(
     ----------
     together : JointFitter
         Of two recordings or more.
-    candidates : sequence of str
     accuracy : mapping of str to float, optional
         As `forward_selection.choose` takes it.
     objects : mapping of str to str, optional
         As `left_together` takes them.
-
-    Returns
-    -------
-    JointChoice
 
     Raises
     ------
@@ -94,8 +89,6 @@ class JointSelection:
 
     Parameters
     ----------
-    together : JointFitter
-    candidates : sequence of str
     accuracy : mapping of str to float
         As `forward_selection.choose` takes it.
     folds : sequence of collection of str

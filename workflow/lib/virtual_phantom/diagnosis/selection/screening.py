@@ -85,16 +85,11 @@ class Remainder:
 
         Parameters
         ----------
-        problem : Problem
         columns : ndarray, shape (data, numbers)
             From `data_changes`.
         residual : ndarray, shape (data,)
         errors : ndarray, shape (data, errors), optional
             Changes of the whitened data by model errors, one standard deviation each.
-
-        Returns
-        -------
-        Remainder
         """
         columns = with_knowledge(columns, problem)
         known = np.sqrt(problem.knowledge) * (problem.centre - problem.start)
@@ -121,10 +116,6 @@ class Remainder:
             Orthogonal to `basis`.
         low, high : ndarray, shape (templates,)
             Smallest and largest amounts.
-
-        Returns
-        -------
-        float
         """
         none, unbounded = np.zeros(len(self.inward)), np.full(len(self.inward), np.inf)
         low, high = np.concatenate([low, none]), np.concatenate([high, unbounded])
@@ -144,21 +135,14 @@ def screened(
 
     Parameters
     ----------
-    fitter : Fitter
-    fit : Fit
     names : sequence of str
         Effects.
     processes : int, optional
         Number of parallel processes, at most.
-    how_far : DiagnosisProgress, optional
     accuracy : mapping of str to float, optional
         Relative errors of the models of declared physics, as `forward_selection.choose` takes it; None: not counted.
     fitted_too : bool, optional
         Count errors of the fitted effects' models, too.
-
-    Returns
-    -------
-    dict of str to Screened
 
     Raises
     ------
@@ -223,16 +207,10 @@ def _best(parameters: Sequence[Parameter], rows: np.ndarray, count: int, left: R
 
     Parameters
     ----------
-    parameters : sequence of Parameter
     rows : ndarray, shape (shapes * parameters, data)
         Templates.
     count : int
         Number of shapes.
-    left : Remainder
-
-    Returns
-    -------
-    Screened
     """
     low, high = amounts(parameters)
     lengths = (rows**2).sum(axis=1).reshape(count, -1)
@@ -296,15 +274,10 @@ def is_unconfounded(effect: str, beside: Mapping[str, Screened], least_gain: flo
 
     Parameters
     ----------
-    effect : str
     beside : mapping of str to Screened
         Matched filters of the effect and of all others, with model errors.
     least_gain, lead : float
         Decrease of chi-square that it must reach beside model errors, and by which it must be ahead of the others.
-
-    Returns
-    -------
-    bool
     """
     own = beside[effect].beside_model_error
     others = max((one.beside_model_error.gain for name, one in beside.items() if name != effect), default=0.0)
@@ -317,15 +290,10 @@ def could_win(found: Mapping[str, Screened], needed: float = 0.0, model_error_ga
 
     Parameters
     ----------
-    found : mapping of str to Screened
     needed : float, optional
         As `best_few`.
     model_error_gain : float, optional
         Decrease of chi-square that must remain beside model errors; None: these are not considered.
-
-    Returns
-    -------
-    list of str
     """
     likely = {
         name: one
@@ -342,13 +310,8 @@ def best_few(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
 
     Parameters
     ----------
-    found : mapping of str to Screened
     needed : float, optional
         Gain in chi-square of the effect that they would replace.
-
-    Returns
-    -------
-    list of str
     """
     ranked = sorted(found, key=lambda name: -found[name].gain)
     best = found[ranked[0]].gain if ranked else 0.0

@@ -1,10 +1,10 @@
-"""By how much a fit's numbers may be off because its models are inexact, beside what noise does.
+"""Standard errors of a fit's numbers with model errors.
 
-A wrong model shifts numbers that seem well known [1]_. Here a model of an effect may be wrong by a share of what it
-explains (`model_accuracy`): as a whole, or rising along an axis of the data or with the attenuation. A kernel or a
-source may have another form than was assumed. Corrections for finite steps may be uneven: along axes, with the
-attenuation, and with the direction from which a grid and an object are seen. The same shares guard the choice of
-effects.
+A wrong model shifts numbers that seem well known [1]_. Here an effect's model may be wrong by a share of what it
+explains (`model_accuracy`): uniformly, or rising along an axis of the data or with the attenuation. A kernel or a
+source may have another form than assumed. Corrections for finite steps may be uneven: along axes, with the
+attenuation, and with the direction from which a grid and an object are seen. The selection of effects uses the same
+shares.
 
 References
 ----------
@@ -27,20 +27,20 @@ from ..fitting.steps import Known, standard_errors
 from ..fitting.templates import data_changes, whitened
 
 Distortions = Iterator[tuple[tuple[str, int | str], np.ndarray]]  # (model, shape), and (data,)
-NUMERICAL = "numerical"  # of model_accuracy: how uneven corrections are, over what a twice finer step changes
+NUMERICAL = "numerical"  # key of model_accuracy: unevenness of corrections, over the change by a twice finer step
 # Relative width of the part of a kernel that has another form than assumed (Parameter.kernel_error).
 NARROWER = 0.5
-HARMONICS = (2, 4)  # of a turn: an object is seen alike from opposite sides, a square grid from four
+HARMONICS = (2, 4)  # periods per turn: an object looks equal from opposite sides, a square grid from four
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Standard errors of a fit's numbers, inexact models included.
+    """Standard errors of a fit's numbers with model errors.
 
     Attributes
     ----------
     physics : dict of str to dict of str to float
-        {effect: {parameter: standard error}}, as Fit.errors.
+        As Fit.errors.
     nuisance : dict of str to float
         As Fit.nuisance_errors.
     """
@@ -50,21 +50,20 @@ class Errors:
 
 
 def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]) -> Errors:
-    """Standard errors of a fit's numbers, inexact models included.
+    """Return standard errors of a fit's numbers with model errors.
 
     A distortion d of the whitened data shifts the numbers by A^-1 J'd, where J are the changes of the data per number
-    and A = J'J + K their information and what is known of them. Distortions are independent of each other and of noise.
+    and A = J'J + K their information with priors. Distortions are independent of each other and of noise.
 
     Parameters
     ----------
     without : mapping of str to Fit
-        {effect: the fit without it}, of those whose models may be inexact: what an effect explains is by how much these
-        differ.
+        {effect: fit without it}, for effects with inexact models: the difference is what the effect explains.
     accuracy : mapping of str to float
-        As `attribute.choose` takes it.
+        As `forward_selection.choose` takes it.
     """
     found = (_distortions(fitter, fit, without, accuracy), _of_steps(fitter, fit, accuracy))
-    if all(next(one, None) is None for one in found):  # of images, derivatives take minutes
+    if all(next(one, None) is None for one in found):  # derivatives of images take minutes
         return Errors({name: dict(one) for name, one in fit.errors.items()}, dict(fit.nuisance_errors))
     problem = Problem.at(fitter, fit)
     numbers = _numbers([ModelErrorInfluence.of(problem, fit, without, accuracy, np.arange(len(problem.start)))])
@@ -78,17 +77,17 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
 def errors_of_pulled(
     scans: Mapping[str, ModelErrorInfluence], fits: Mapping[str, Fit] | None = None
 ) -> dict[str, dict[str, dict[str, float]]]:
-    """Standard errors of effects' parameters that are fitted to these recordings together, inexact models included.
+    """Return standard errors of effects' parameters in a joint fit, with model errors.
 
-    As errors_with_models; one distortion is that of one model and one shape, in all recordings at once: they have the
-    same model, so that more of them do not make its error less. Finite steps err in every recording for itself.
+    As errors_with_models. A distortion by one model and shape acts on all recordings at once: they have the same model,
+    so that more of them do not reduce its error. Finite steps err in each recording independently.
 
     Parameters
     ----------
     scans : mapping of str to ModelErrorInfluence
         By recording.
     fits : mapping of str to Fit, optional
-        Whose errors they are, by the slopes of those that were looked at; None: of these themselves.
+        Fits whose errors are returned, with the slopes of those in `scans`; None: the fits in `scans`.
 
     Returns
     -------
@@ -103,21 +102,14 @@ def errors_of_pulled(
 def pulled_of_recordings(
     together: JointFitter, fit: JointFit, without: Mapping[str, JointFit], accuracy: Mapping[str, float]
 ) -> dict[str, ModelErrorInfluence]:
-    """What each recording knows of the numbers of all, and how inexact models pull them.
+    """Return the information of each recording on all numbers, and the influence of model errors on them.
 
     Parameters
     ----------
-    fit : JointFit
-        Where it ended.
     without : mapping of str to JointFit
         As errors_with_models takes them.
     accuracy : mapping of str to float
         As errors_with_models takes it.
-
-    Returns
-    -------
-    dict of str to Pulled
-        By recording.
     """
     problems = {name: Problem.at(fitter, fit.fits[name]) for name, fitter in together.fitters.items()}
     places = joint_indices(problems, together.protocols)
@@ -136,25 +128,21 @@ def pulled_of_recordings(
 def distortions_of_physics(
     fitter: Fitter, fit: Fit, columns: np.ndarray, accuracy: Mapping[str, float], names: Sequence[str]
 ) -> np.ndarray:
-    """Changes of the whitened data that inexact models of declared or fitted physics may make.
+    """Return changes of the whitened data by errors of effects' models, shape (data, distortions).
 
-    A declared effect explains what it changes less what the alignment would take up without it, to first order; of a
-    fitted one, all that it changes may be off. Where rays and the object are is no model, so that what moves them has
-    no such error. Beside fitted effects, corrections for finite steps may be uneven.
+    Each is one standard deviation. A declared effect explains what it changes less what the nuisance parameters would
+    absorb without it, to first order; all that a fitted effect changes may be wrong. Positions of rays and the object
+    involve no model, so that effects that move them have no such error. Beside fitted effects, corrections for finite
+    steps may be uneven.
 
     Parameters
     ----------
     columns : ndarray, shape (data, numbers)
         From `data_changes`, of the fit.
     accuracy : mapping of str to float
-        As `attribute.choose` takes it.
+        As `forward_selection.choose` takes it.
     names : sequence of str
-        Of effects, declared or of the fit.
-
-    Returns
-    -------
-    ndarray, shape (data, distortions)
-        One standard deviation of each.
+        Effects, declared or of the fit.
     """
     problem, here = Problem.at(fitter, fit), fitter.predicted(fit)
     parts, spread = fitter.data.residuals(here), shapes(here.mean)
@@ -184,7 +172,7 @@ def distortions_of_physics(
 
 
 def shapes(level: np.ndarray) -> dict[int, np.ndarray]:
-    """How a model's error may be spread over the data: evenly, or along an axis or with their level, straight or bent.
+    """Return the shapes of a model error over the data: uniform, and along axes or the level, linear or quadratic.
 
     Parameters
     ----------
@@ -194,28 +182,26 @@ def shapes(level: np.ndarray) -> dict[int, np.ndarray]:
     Returns
     -------
     dict of int to ndarray
-        By number, the even one 0; shaped as `level`, with a root mean square of 1. An axis of length one has none.
+        By number, 0 uniform; shaped as `level`, with a root mean square of 1. An axis of length one has none.
     """
     axes = np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in level.shape), indexing="ij", sparse=True)
     rising = [*axes, level, axes[2] ** 2, (level - level.mean()) ** 2]
     found = {0: np.ones(level.shape)}
-    for number, one in enumerate(rising, start=1):
-        one = np.broadcast_to(one - one.mean(), level.shape)
-        spread = one.std()
+    for number, values in enumerate(rising, start=1):
+        shape = np.broadcast_to(values - values.mean(), level.shape)
+        spread = shape.std()
         if spread > 0:
-            found[number] = one / spread
+            found[number] = shape / spread
     return found
 
 
 def harmonics(turned_rad: np.ndarray | None, shape: tuple[int, int, int]) -> dict[str, np.ndarray]:
-    """Waves over a turn, by which errors of a grid may vary with the direction it is seen from.
+    """Return waves over a turn, by which errors of a grid may vary with the viewing direction.
 
     Parameters
     ----------
     turned_rad : ndarray, shape (views,), or None
         None: there are no views.
-    shape : tuple of 3 int
-        Of the data.
 
     Returns
     -------
@@ -235,22 +221,22 @@ def harmonics(turned_rad: np.ndarray | None, shape: tuple[int, int, int]) -> dic
 
 @dataclass(frozen=True)
 class ModelErrorInfluence:
-    """What one recording knows of the numbers, and how distortions of its data pull them.
+    """Information of one recording on the numbers, and the influence of model errors on them.
 
     Attributes
     ----------
-    fit : Fit
-        Where it was looked at.
+    problem : Problem
+        At the end of `fit`.
     places : ndarray of int, shape (numbers,)
-        Of its numbers among those of all recordings.
+        Positions of its numbers among those of all recordings.
     information : ndarray, shape (numbers, numbers)
         By its data.
     knowledge : ndarray, shape (numbers,)
-        Information beside the data; of a number that recordings share, their mean counts.
+        By the priors; for numbers that recordings share, their mean counts.
     pulls : dict of (str, int or str) to ndarray, shape (numbers,)
         {(model, shape): J'd}.
     own : list of ndarray, shape (numbers,)
-        J'd of those that no other recording has.
+        J'd of distortions of this recording alone.
     """
 
     problem: Problem
@@ -265,7 +251,7 @@ class ModelErrorInfluence:
     def of(
         cls, problem: Problem, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float], places: np.ndarray
     ) -> ModelErrorInfluence:
-        """Of a problem that begins where the fit ended."""
+        """Compute the influence for a problem at the end of a fit."""
         changes = data_changes(problem)
         fitter = problem.fitter
         pulls = {key: changes.T @ one for key, one in _distortions(fitter, fit, without, accuracy)}
@@ -274,25 +260,26 @@ class ModelErrorInfluence:
 
     @property
     def alone(self) -> ModelErrorInfluence:
-        """The same where it is the only recording."""
+        """The same for the only recording."""
         return replace(self, places=np.arange(len(self.places)))
 
 
 def _numbers(scans: Sequence[ModelErrorInfluence]) -> np.ndarray:
-    """Standard errors of all numbers of several recordings, shape (numbers,)."""
+    """Return standard errors of all numbers of several recordings, shape (numbers,)."""
     count = 1 + max(int(one.places.max()) for one in scans)
     information, knowledge = np.zeros((count, count)), np.zeros(count)
     times = np.bincount(np.concatenate([one.places for one in scans]), minlength=count)
     pulls: dict[tuple[str, int | str], np.ndarray] = {}
     own: list[np.ndarray] = []
-    for one in scans:
-        information[np.ix_(one.places, one.places)] += one.information
-        knowledge[one.places] += one.knowledge / times[one.places]  # what is known of a number is known once
-        for key, pull in one.pulls.items():
-            pulls.setdefault(key, np.zeros(count))[one.places] += pull
-        for pull in one.own:
+    for scan in scans:
+        places = scan.places
+        information[np.ix_(places, places)] += scan.information
+        knowledge[places] += scan.knowledge / times[places]  # the prior of a shared number counts once
+        for key, pull in scan.pulls.items():
+            pulls.setdefault(key, np.zeros(count))[places] += pull
+        for pull in scan.own:
             own.append(np.zeros(count))
-            own[-1][one.places] = pull
+            own[-1][places] = pull
     information += np.diag(knowledge)
     root, squares = Known.of(information).root, standard_errors(information) ** 2
     for pull in (*pulls.values(), *own):
@@ -301,21 +288,21 @@ def _numbers(scans: Sequence[ModelErrorInfluence]) -> np.ndarray:
 
 
 def _named(problem: Problem, fit: Fit, numbers: np.ndarray) -> dict[str, dict[str, float]]:
-    """Standard errors of a fit's parameters by name; those that are no numbers of the problem keep their own."""
+    """Return standard errors of a fit's parameters by name; those that are not numbers of the problem keep theirs."""
     errors = {name: dict(one) for name, one in fit.errors.items()}
-    for one, error in zip(problem.unknowns, numbers, strict=False):
-        number = one.of(fit.physics[one.effect][one.name])
-        errors[one.effect][one.name] = float(one.value_error(number, error))
+    for unknown, error in zip(problem.unknowns, numbers, strict=False):
+        number = unknown.of(fit.physics[unknown.effect][unknown.name])
+        errors[unknown.effect][unknown.name] = float(unknown.value_error(number, error))
     return errors
 
 
 def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]) -> Distortions:
-    """Changes of the whitened data that inexact models may make, one standard deviation each."""
-    # One at a time: of a large scan not all of them can be held.
+    """Yield changes of the whitened data by model errors, one standard deviation each."""
+    # One at a time: for a large scan they would not fit into memory together.
     data, here = fitter.data, fitter.predicted(fit)
     after, spread = data.residuals(here), shapes(here.mean)
     for name, fitted in without.items():
-        if load(name).pattern or load(name).kinematic:  # their numbers have no model
+        if load(name).pattern or load(name).kinematic:  # they have no model error
             continue
         share, there = accuracy.get(name, accuracy["default"]), fitter.predicted(fitted)
         rest = [share * (one - other) for one, other in zip(data.residuals(there), after, strict=True)][1:]
@@ -345,7 +332,7 @@ def kernel_error(parameter: Parameter, share: float) -> float:
 
 
 def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distortions:
-    """Those that uneven corrections for finite steps may make; of even ones the numbers are fitted."""
+    """Yield changes by uneven corrections for finite steps; the size of even corrections is fitted."""
     share, data = accuracy.get(NUMERICAL, 0.0), fitter.data
     errors = fitter.model.errors_of_steps(fit.linearisation) if share else {}
     if not errors:
@@ -360,6 +347,6 @@ def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distor
 
 
 def _whole(fitter: Fitter, change: np.ndarray, rest: list[np.ndarray]) -> np.ndarray:
-    """A change of the mean and of what else is known of the data, whitened."""
+    """Return a change of the mean and of the other parts of the data, whitened."""
     mean = fitter.data.whitened(np.where(fitter.data.usable, change, 0)).ravel()
     return whitened([mean, *rest], fitter.weights)

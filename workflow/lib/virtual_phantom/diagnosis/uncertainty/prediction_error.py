@@ -1,4 +1,4 @@
-"""What the errors of a fit's own numbers add to residuals of data that it has not seen."""
+"""Uncertainty of predictions for held-out data, by the errors of a fit's numbers."""
 
 from __future__ import annotations
 
@@ -13,17 +13,12 @@ from ..fitting.unknown import Unknown
 
 
 def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
-    """Changes of the predictions of the data held out that the errors of a fit's numbers make.
+    """Return changes of held-out predictions by errors of a fit's numbers, by part, (directions, data).
 
-    They are independent, and each is one standard error large. The residuals of data held out vary by the sum of their
-    squares beside their own noise: r = n - J (theta - truth), and theta has the covariance (J'WJ + K)^-1 of the data
-    fitted. Numbers of effects that were found elsewhere have the errors found there, as far as the numbers fitted here
-    do not make up for them.
-
-    Returns
-    -------
-    list of ndarray, shape (directions, data)
-        By part.
+    The directions are independent, each one standard error large. Residuals of held-out data vary by the sum of their
+    squares beside their own noise: r = n - J (theta - truth), where theta has the covariance (J'WJ + K)^-1 of the
+    fitted data. Parameters from elsewhere have the errors found there, as far as the fitted numbers do not
+    compensate for them.
     """
     problem = Problem.at(fitter, fit)
     fitted, held = of_both_halves(problem)
@@ -41,7 +36,7 @@ def of_both_halves(problem: Problem) -> tuple[list[np.ndarray], list[np.ndarray]
 
 
 def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarray:
-    """Directions, the sum of whose outer products is the numbers' covariance, shape (directions, numbers)."""
+    """Return rows whose outer products sum up to the numbers' covariance, shape (directions, numbers)."""
     elsewhere = np.zeros(len(problem.start), bool)
     elsewhere[: len(problem.unknowns)] = [one.name in fit.elsewhere.get(one.effect, ()) for one in problem.unknowns]
     known = Known.of(information[np.ix_(~elsewhere, ~elsewhere)])
@@ -56,7 +51,7 @@ def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarr
 
 
 def _found(numbers: Sequence[Unknown], fit: Fit) -> np.ndarray:
-    """The same of numbers that were found elsewhere, shape (directions, numbers)."""
+    """Return such rows for numbers taken from elsewhere, shape (directions, numbers)."""
     rows = [fit.directions.get(one.effect, {}).get(one.name) for one in numbers]
     if numbers and None not in rows:  # voltage and filtration, say, are off together or not at all
         return np.linalg.qr(np.transpose(rows), mode="r")  # the same covariance, by no more directions than numbers

@@ -45,16 +45,10 @@ def caveats(
 
     Parameters
     ----------
-    prepared : Prepared
-    choice : Choice
     tube_kvp : float, optional
         Nominal tube voltage, kV.
     left : sequence of Location, optional
         Locations of the remaining mismatch, the worst first.
-
-    Returns
-    -------
-    list of str
     """
     found = prepared.caveats()
     if prepared.lacking:
@@ -101,14 +95,8 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
 
     Parameters
     ----------
-    choice : Choice
-    model : Model
     held_out : mapping
         Metrics before and after, from verdict.metrics_of.
-
-    Returns
-    -------
-    list of str
     """
     fit = choice.chosen.fit
     found = []
@@ -142,11 +130,6 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
 
 def advice(fit: Fit, model: Model) -> list[str]:
     """Return sentences on what to state where nuisance parameters reached their bounds.
-
-    Parameters
-    ----------
-    fit : Fit
-    model : Model
 
     Returns
     -------
@@ -200,8 +183,6 @@ def statements(
 
     Parameters
     ----------
-    fit : Fit
-    model : Model
     errors : mapping of str to mapping of str to float, optional
         Standard errors with model errors, as `model_error.Errors` has them; None: those of the fit.
 
