@@ -117,11 +117,11 @@ class Remembered:
         return effects, *(None if one is None else self._key(one.fit) for one in begun)
 
     def get(self, effects, given=None, against=None):
-        """As KeptFits.get."""
+        """As FitCache.get."""
         return self._trials.get(self._of(effects, given, against))
 
     def put(self, found, effects, given=None, against=None) -> None:
-        """As KeptFits.put."""
+        """As FitCache.put."""
         self._trials[self._of(effects, given, against)] = found
 
     def once(self, function: Callable) -> Callable:

@@ -142,7 +142,7 @@ def _settled(
     Parameters
     ----------
     choice : callable
-        (Prepared, KeptFits or None) to Choice.
+        (Prepared, FitCache or None) to Choice.
     kept : FitCache or None
         For the first one.
     """

@@ -99,7 +99,7 @@ class HalfProducts:
     def z(self, where: np.ndarray | None = None) -> float:
         """Return the sum beyond numerical errors over its standard deviation without a difference, at least 0.
 
-        A numerical error c D with c ~ N(0, 1) gives c^2 times its expected sum, which has a standard deviation of 2^(1/2).
+        A numerical error c D with c ~ N(0, 1) gives c^2 times its expected sum; c^2 has a variance of 2.
 
         Parameters
         ----------

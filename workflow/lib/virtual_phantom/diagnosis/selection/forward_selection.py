@@ -288,15 +288,8 @@ class ForwardSelection:
             p[effect] = min(1.0, chance(current.fit, rest.fit, effect) * len(fits.candidates))
             others = fits.others(rest.fit.effects, but=effect)
             if effect in unconfounded:
-                # Tested again: it may now stand beside other effects than when it was accepted.
-                beside = fits.filters(rest.fit, [effect, *others], fitted_too=True) if rest.fit.effects else {}
-                if beside and is_unconfounded(effect, beside, 2 * LEAST_GAIN, 2 * RULED_OUT):
-                    own = beside[effect].beside_model_error.gain
-                    losses[effect] = {
-                        name: max(0.0, own - beside[name].beside_model_error.gain) / 2
-                        for name in others
-                        if not beside[name].blind
-                    }
+                losses[effect] = self.losses_if_unconfounded(effect, rest, others)
+                if losses[effect] is not None:
                     continue
                 unconfounded.discard(effect)
             losses[effect], fitted = self.alternatives_of(effect, rest, others)
@@ -314,6 +307,16 @@ class ForwardSelection:
         )
         # A fit with fewer effects may be better, too: not every fit ends at its minimum.
         return choice, max([*refitted, *without.values()], key=lambda one: one.score, default=None)
+
+    def losses_if_unconfounded(self, effect: str, rest: Trial, others: Sequence[str]) -> dict[str, float] | None:
+        """Return the first-order losses with others in an effect's place; None if it is confounded, beside `rest`."""
+        if not rest.fit.effects:
+            return None
+        beside = self.fits.filters(rest.fit, [effect, *others], fitted_too=True)
+        if not is_unconfounded(effect, beside, 2 * LEAST_GAIN, 2 * RULED_OUT):
+            return None
+        gains = {name: one.beside_model_error.gain for name, one in beside.items()}
+        return {name: max(0.0, gains[effect] - gains[name]) / 2 for name in others if not beside[name].blind}
 
     def alternatives_of(self, effect: str, rest: Trial, others: Sequence[str]) -> tuple[dict[str, float], list[Trial]]:
         """Return the log score that each other effect loses in an effect's place, and the fits made for it.
