@@ -71,7 +71,7 @@ class JointFitter:
 
     def without(self, names: Collection[str]) -> JointFitter:
         """Return the fitter of the other recordings."""
-        return JointFitter({name: one for name, one in self.fitters.items() if name not in names}, self.protocols)
+        return JointFitter({name: fitter for name, fitter in self.fitters.items() if name not in names}, self.protocols)
 
     def fit(self, effects: tuple[str, ...], given: JointFit | None = None) -> JointFit:
         """Fit all parameters of these effects, and the nuisance parameters of every recording.
@@ -107,11 +107,11 @@ class JointFitter:
     def _solve(self, problem: JointProblem) -> JointFit:
         found = solve(problem, problem.common_start())
         errors, root, fits = standard_errors(found.information), Known.of(found.information).root, {}
-        for name, one, part in problem.parts(found.point):
+        for name, own, part in problem.parts(found.point):
             indices = problem.indices[name]
-            fit = Fit.at(one, part, errors[indices], found.residuals[name])
+            fit = Fit.at(own, part, errors[indices], found.residuals[name])
             directions: dict[str, dict[str, list[float]]] = {}
-            for unknown, index in zip(one.unknowns, indices, strict=False):
+            for unknown, index in zip(own.unknowns, indices, strict=False):
                 directions.setdefault(unknown.effect, {})[unknown.name] = root[index].tolist()
             fits[name] = replace(fit, directions=directions)
         first = next(iter(fits.values()))
@@ -119,7 +119,7 @@ class JointFitter:
         several = len({self.protocols[name] for name in fits}) > 1
         common = (OF_SCANNER,) if several else NOT_OF_SCAN
         known = {name: parameters_owned_by(common, name, values) for name, values in first.errors.items()}
-        free = len(found.point) - sum(len(one.aligned) for one in problem.problems.values())
+        free = len(found.point) - sum(len(own.aligned) for own in problem.problems.values())
         return JointFit(first.effects, physics, known, found.chi_square, free, fits)
 
     def left_out(self, names: Collection[str], effects: tuple[str, ...], given: JointFit) -> dict[str, Fit]:
@@ -184,7 +184,7 @@ class JointFitter:
 
     def _protocol(self, name: str, effects: tuple[str, ...]) -> str:
         """Return a recording's protocol if one of these effects has parameters of a protocol."""
-        own = any(one.belongs_to == OF_PROTOCOL for effect in effects for one in load(effect).parameters)
+        own = any(parameter.belongs_to == OF_PROTOCOL for effect in effects for parameter in load(effect).parameters)
         return self.protocols[name] if own else ""
 
 

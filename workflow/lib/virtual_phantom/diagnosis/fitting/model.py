@@ -77,7 +77,8 @@ class Model(ABC):
             return self.aligned
         value, sd = self.density
         return tuple(
-            replace(one, expected=value, sd=min(one.sd, sd)) if one.name == "scale" else one for one in self.aligned
+            replace(number, expected=value, sd=min(number.sd, sd)) if number.name == "scale" else number
+            for number in self.aligned
         )
 
     def whole(self, effects: tuple[str, ...]) -> tuple[str, ...]:
@@ -96,7 +97,7 @@ class Model(ABC):
 
     def known(self, name: str) -> dict[str, float]:
         """Return the parameters of an effect that are not fitted."""
-        exact = {key: one.value for key, one in self.declared.get(name, {}).items() if not one.sd}
+        exact = {key: stated.value for key, stated in self.declared.get(name, {}).items() if not stated.sd}
         return self.chain.held(name) | dict(self.fixed.get(name, {})) | exact
 
     def of_study(self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> dict:
@@ -113,7 +114,8 @@ class Model(ABC):
             photons=photons,
             anode=self.anode,
         )
-        counted = {one.name for name in physics for one in load(name).parameters if READOUT_UNITS in one.unit}
+        every = (parameter for name in physics for parameter in load(name).parameters)
+        counted = {parameter.name for parameter in every if READOUT_UNITS in parameter.unit}
         return {
             name: {key: value * photons / state.unit if key in counted else value for key, value in values.items()}
             for name, values in physics.items()
@@ -122,7 +124,7 @@ class Model(ABC):
     @property
     def nominal(self) -> Linearisation:
         """Linearization before anything is fitted: BASE, or the object at its expected position."""
-        place = {one.name: one.expected for one in self.aligned if one.name in LOCATION}
+        place = {number.name: number.expected for number in self.aligned if number.name in LOCATION}
         if not any(place.values()):
             return BASE
         return Linearisation(LinearisationPoint({}, place), LinearisationPoint({}, place))

@@ -57,7 +57,7 @@ class Label:
 
 def stated_physics(declared: Mapping[str, Mapping[str, Statement]]) -> dict[str, dict[str, float]]:
     """Return the prior means, {effect: {parameter: value}}."""
-    return {name: {key: one.value for key, one in parameters.items()} for name, parameters in declared.items()}
+    return {name: {key: stated.value for key, stated in parameters.items()} for name, parameters in declared.items()}
 
 
 def declared(section: Mapping[str, Mapping[str, Mapping[str, float]]], where: str) -> dict[str, dict[str, Statement]]:
@@ -82,12 +82,12 @@ def declared(section: Mapping[str, Mapping[str, Mapping[str, float]]], where: st
         effect = load(name, where)
         if effect.pattern:
             raise InputError(f"{where}: {name} has one unknown per detector pixel, which nobody can state; take it out")
-        checked({name: {key: one["value"] for key, one in parameters.items()}}, where)
+        checked({name: {key: stated["value"] for key, stated in parameters.items()}}, where)
         missing = [parameter.name for parameter in effect.parameters if parameter.name not in parameters]
         if missing:
             raise InputError(f"{where}.{name}: nothing is stated of {', '.join(missing)}; give value and sd")
         fixed = {parameter.name for parameter in effect.parameters if parameter.stated}
         found[name] = {
-            key: Statement(one["value"], 0.0 if key in fixed else one["sd"]) for key, one in parameters.items()
+            key: Statement(stated["value"], 0.0 if key in fixed else stated["sd"]) for key, stated in parameters.items()
         }
     return found

@@ -75,8 +75,8 @@ class Problem:
         aligned = self.aligned
         nuisance = {number.name: number.expected for number in aligned} if given is None else given.nuisance
         start = np.array([*values, *(nuisance[number.name] for number in aligned)], float)
-        self.low = np.array([one.low for one in self.unknowns] + [one.expected - SURE * one.sd for one in aligned])
-        self.high = np.array([one.high for one in self.unknowns] + [one.expected + SURE * one.sd for one in aligned])
+        ends = [(number.expected - SURE * number.sd, number.expected + SURE * number.sd) for number in aligned]
+        self.low, self.high = np.array([*((unknown.low, unknown.high) for unknown in self.unknowns), *ends]).T.copy()
         self.start = np.clip(start, self.low, self.high)
         self.count = sum(int((weight > 0).sum()) for weight in self.weights)
         self.centre = np.array([number.expected for number in (*self.unknowns, *aligned)])
@@ -241,7 +241,7 @@ class Problem:
         for unknown, number in zip(self.unknowns, point, strict=False):
             physics[unknown.effect][unknown.name] = float(unknown.value(number))
         aligned = zip(self.aligned, point[len(self.unknowns) :], strict=True)
-        return physics, {one.name: float(number) for one, number in aligned}
+        return physics, {number.name: float(value) for number, value in aligned}
 
     def solve_scale_and_offset(self, point: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         """Solve for the density scale and the air offset in closed form, all other numbers fixed.

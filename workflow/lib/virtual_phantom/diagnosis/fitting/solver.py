@@ -112,13 +112,13 @@ class JointProblem:
 
     def recompute(self, point: np.ndarray) -> Iterate:
         """Return a point with residuals at the present linearization, gain patterns estimated again."""
-        return self._iterate(point, {name: one.recompute_residuals(part) for name, one, part in self.parts(point)})
+        return self._iterate(point, {name: own.recompute_residuals(part) for name, own, part in self.parts(point)})
 
     def follow(self, here: Iterate) -> Iterate:
         """Return a point with residuals of rays traced there, where they lie too far from those traced before."""
         if not any([problem.follow(part) for _, problem, part in self.parts(here.point)]):  # all, not the first alone
             return here
-        return self._iterate(here.point, {name: one.residuals(part) for name, one, part in self.parts(here.point)})
+        return self._iterate(here.point, {name: own.residuals(part) for name, own, part in self.parts(here.point)})
 
     def solve_scale_and_offset(self, point: np.ndarray) -> Iterate:
         """Return a point with the best density scale and air offset of every recording."""
@@ -186,7 +186,7 @@ def solve(problem: JointProblem, start: Iterate) -> Solution:
             converged = gained < enough and fresh
         # A gain pattern is estimated in turn with the numbers, which converges slowly: corrections do not wait for it.
         corrected = (converged or problem.patterned) and any(
-            [one.needs_new_corrections(part) for _, one, part in problem.parts(here.point)]
+            [own.needs_new_corrections(part) for _, own, part in problem.parts(here.point)]
         )
         if converged and not corrected:
             break

@@ -71,7 +71,7 @@ class Unknown:
     @property
     def parameter(self) -> Parameter:
         """The parameter whose number it is."""
-        return next(one for one in load(self.effect).parameters if one.name == self.name)
+        return next(parameter for parameter in load(self.effect).parameters if parameter.name == self.name)
 
     @property
     def moves(self) -> bool:

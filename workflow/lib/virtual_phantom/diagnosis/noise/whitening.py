@@ -62,7 +62,7 @@ class Correlations:
     def stands_out(self, other: Correlations, rays: int) -> bool:
         """Return whether so many rays would distinguish these correlations from others."""
         pairs = zip((self.columns, self.rows, self.views), (other.columns, other.rows, other.views), strict=True)
-        return max(abs(one[0] - two[0]) for one, two in pairs) * np.sqrt(rays) > SEEN
+        return max(abs(own[0] - its[0]) for own, its in pairs) * np.sqrt(rays) > SEEN
 
     def of_second_differences(self, of_rows: bool = False) -> float:
         """Return the variance of x[i - 1] - 2 x[i] + x[i + 1] of successive views over that of a view.
@@ -159,7 +159,7 @@ class Correlations:
         ratio = np.trace(moved) * of_pairs / square
         along = (moved * moved.T).sum() * of_pairs**2 + ratio**2 * (there**2).sum() * of_squares**2
         along -= 2 * ratio * (moved * there).sum() * of_pairs * of_squares
-        others = [self.variance_of_squares(one, lengths[one]) for one in range(3) if one != axis]
+        others = [self.variance_of_squares(other, lengths[other]) for other in range(3) if other != axis]
         return float(2 * along / square**2 / of_pairs * np.prod(others))
 
 
@@ -181,10 +181,10 @@ def of_state(state: State, apart: int | None = None) -> Correlations:
     electronic = (state.electronic / state.photons) ** 2 / state.per_line**2 if state.electronic else 0.0
     coloured = 1 - float(np.mean(electronic / variance))
     pixels = []
-    for one, length in zip(state.neighbours, variance.shape[:0:-1], strict=True):
-        one = one if length > 1 else 0.0
-        square = (1 - 2 * one) ** 2 + 2 * one**2
-        pixels.append((coloured * 2 * one * (1 - 2 * one) / square, coloured * one**2 / square))
+    for share, length in zip(state.neighbours, variance.shape[:0:-1], strict=True):
+        share = share if length > 1 else 0.0
+        square = (1 - 2 * share) ** 2 + 2 * share**2
+        pixels.append((coloured * 2 * share * (1 - 2 * share) / square, coloured * share**2 / square))
     # Of weights 1 - k, k (1 - d), k (1 - d) d, ...: those of views that follow each other, over the squares.
     glow = share**2 * (1 - memory) / (1 + memory)
     views = (share * (1 - share) * (1 - memory) + glow * memory) / ((1 - share) ** 2 + glow)
@@ -344,14 +344,14 @@ def estimated(deviations, lines: np.ndarray, usable: np.ndarray, freedom: int) -
             calm[_along(axis, side)] &= ~steep
     if calm.sum() < LEAST_CALM * usable.sum():
         calm = usable
-    deviations = [np.where(calm, one, 0.0) for one in deviations]
+    deviations = [np.where(calm, deviation, 0.0) for deviation in deviations]
 
     def mean(axis: int, lag: int) -> tuple[float, float]:
         """Of products of deviations at a lag, and how many of them are independent without correlations."""
         length = calm.shape[axis]
         low, high = (_along(axis, slice(a, length - lag + a)) for a in (0, lag))
         pairs = int((calm[low] & calm[high]).sum())
-        total = sum(float(np.vdot(one[low], one[high])) for one in deviations)
+        total = sum(float(np.vdot(deviation[low], deviation[high])) for deviation in deviations)
         return total / max(pairs, 1), pairs * freedom
 
     square, _ = mean(2, 0)
@@ -389,7 +389,7 @@ def _of_views(mean, length: int, square: float) -> tuple[float, float]:
     """Return the correlation of successive views and its decay: the geometric series that fits best."""
     lags = range(1, min(VIEW_LAGS, length // 2) + 1)
     found = [mean(lag) for lag in lags]
-    rho, count = np.array([one / square for one, _ in found]), np.array([count for _, count in found])
+    rho, count = np.array([product / square for product, _ in found]), np.array([count for _, count in found])
     if not rho.size:
         return 0.0, 0.0
     series = MEMORIES[:, None] ** np.arange(rho.size)
@@ -422,4 +422,4 @@ def _and(near: np.ndarray, there: np.ndarray, axis: int, by: int) -> None:
 
 def _along(axis: int, part: slice) -> tuple[slice, ...]:
     """Return the index of a part of [view, row, column] along an axis."""
-    return tuple(part if one == axis else slice(None) for one in range(3))
+    return tuple(part if other == axis else slice(None) for other in range(3))

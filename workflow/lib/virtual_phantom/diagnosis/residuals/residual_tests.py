@@ -107,7 +107,7 @@ class HalfProducts:
             Data that are summed; None: all that count.
         """
         chosen = self.there if where is None else self.there & where
-        numerical = np.array([float(one[chosen].sum()) for one in self.numerical])
+        numerical = np.array([float(error[chosen].sum()) for error in self.numerical])
         beyond = float(self.products[chosen].sum()) - numerical.sum()
         noise = float(np.sum(1 + np.broadcast_to(self.scatter, chosen.shape)[chosen]))
         return max(0.0, beyond) / float(np.sqrt(max(1.0, noise) + 2 * (numerical**2).sum()))
@@ -207,9 +207,9 @@ def variance_z(residual: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 def corrected(found: list[Location]) -> list[Location]:
     """Return locations with p corrected over domains (Holm), the worst first."""
-    found = sorted(found, key=lambda one: one.p)
-    together = holm(np.array([one.p for one in found]))
-    return [replace(one, p=float(p)) for one, p in zip(found, together, strict=True)]
+    found = sorted(found, key=lambda location: location.p)
+    together = holm(np.array([location.p for location in found]))
+    return [replace(location, p=float(p)) for location, p in zip(found, together, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -235,7 +235,7 @@ class Alike:
 
     def of_block(self, total) -> np.ndarray | float:
         """Return that of rays with a common weight, whose error changes the distribution but not the variance."""
-        return sum((total(self.weight * one) ** 2 for one in self.distortions), 0.0)
+        return sum((total(self.weight * distortion) ** 2 for distortion in self.distortions), 0.0)
 
 
 def _two_sided(z: float, places: int) -> float:
@@ -338,8 +338,8 @@ def by_value(domain: str, words: str, residual, weight, values, inside, alike: A
     edges = np.quantile(values[inside], np.linspace(0, 1, BINS + 1)) if inside.any() else np.zeros(BINS + 1)
     index = np.where(inside, np.clip(np.searchsorted(edges, values) - 1, 0, BINS - 1), BINS)
 
-    def by_tenth(one):
-        return np.bincount(index.ravel(), one.ravel(), BINS + 1)[:BINS]
+    def by_tenth(values):
+        return np.bincount(index.ravel(), values.ravel(), BINS + 1)[:BINS]
 
     total, extra = by_tenth(weight), 0.0 if alike is None else alike(by_tenth)
     z = by_tenth(residual * weight) / np.sqrt(np.where(total > 0, total + extra, np.inf))
@@ -370,7 +370,7 @@ def steepest(
     chosen = steep(weight, slope)
     count = int(chosen.sum())
     square = float((weight[chosen] * residual[chosen] ** 2).sum())
-    expected = count + sum(float((weight[chosen] * one[chosen] ** 2).sum()) for one in numbers)
+    expected = count + sum(float((weight[chosen] * change[chosen] ** 2).sum()) for change in numbers)
     square *= count / max(1.0, expected)
     z = (square - count) / np.sqrt(2 * count + of_weights)
     freedom = 2 * count**2 / (2 * count + of_weights)  # of the chi-square with this mean and variance, but for a factor

@@ -52,7 +52,7 @@ def exchanged(fitter: Fitter, fit: Fit, effect: str, others: Sequence[str], leas
         return {}
     removal = _Removal(fitter, fit, effect)
     found = {name: removal.replaced_by(name, least) for name in others} if removal.changes_data else {}
-    return {name: one for name, one in found.items() if one is not None and one.share >= least}
+    return {name: exchange for name, exchange in found.items() if exchange is not None and exchange.share >= least}
 
 
 class _Removal:
@@ -61,7 +61,7 @@ class _Removal:
     def __init__(self, fitter: Fitter, fit: Fit, effect: str):
         self.fitter, self.fit, self.effect = fitter, fit, effect
         self.problem = problem = Problem.at(fitter, fit)
-        own = {index: one.neutral for index, one in enumerate(problem.unknowns) if one.effect == effect}
+        own = {index: unknown.neutral for index, unknown in enumerate(problem.unknowns) if unknown.effect == effect}
         amounts = {index: problem.start[index] - none for index, none in own.items() if none is not None}
         self.changes_data = any(amounts.values())
         if not self.changes_data:
@@ -75,9 +75,10 @@ class _Removal:
         alone = self.wanted - self.beside @ np.linalg.lstsq(self.beside, self.wanted, rcond=None)[0]
         self.square = float(alone @ alone)  # of the change that the other numbers cannot absorb
         self.changes_data = self.square > SMALL * (self.wanted @ self.wanted)
-        none = {one.name: one.value(one.neutral) for one in (problem.unknowns[index] for index in amounts)}
+        strengths = [problem.unknowns[index] for index in amounts]
+        none = {unknown.name: unknown.value(unknown.neutral) for unknown in strengths}
         removed = replace(fit, physics=fit.physics | {effect: fit.physics[effect] | none})
-        self.here, self.without = (_chi_square(fitter, one) for one in (fit, removed))
+        self.here, self.without = (_chi_square(fitter, start) for start in (fit, removed))
 
     def replaced_by(self, name: str, least: float) -> Exchange | None:
         """Return the exchange for another effect; None where it shares less, to first order."""

@@ -58,6 +58,6 @@ class FitCache:
         return self.folder / f"{'+'.join(effects) or ALIGNMENT}.json"
 
     def _made_of(self, effects, given, against) -> str:
-        begun = [None if one is None else content_of(one) for one in (given, against)]
+        begun = [None if trial is None else content_of(trial) for trial in (given, against)]
         said = json.dumps([self.made_of, [self.code(name) for name in effects], begun])
         return hashlib.sha256(said.encode()).hexdigest()

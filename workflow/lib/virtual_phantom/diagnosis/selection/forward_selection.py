@@ -183,8 +183,11 @@ class ForwardSelection:
         """Select effects."""
         self.add_effects()
         choice = self.exchange_effects()
+        found = self._filters_beside(choice.chosen)
         undecided = {
-            name: one.gain / 2 for name, one in self._filters_beside(choice.chosen).items() if self._shows(one)
+            name: filtered.gain / 2
+            for name, filtered in found.items()
+            if stands_out(filtered, len(found), 2 * LEAST_GAIN)
         }
         return replace(
             choice,
@@ -215,7 +218,7 @@ class ForwardSelection:
             best = self.best_addition(tried)
             if best is None:
                 break
-            gains = {name: one.score - self.current.score for name, one in tried.items()}
+            gains = {name: trial.score - self.current.score for name, trial in tried.items()}
             least = self.required_gain(self.current)
             self.unconfounded = {
                 name for name in self.unconfounded if name in best.fit.effects and gains.get(name, 0.0) < least
@@ -226,7 +229,7 @@ class ForwardSelection:
 
     def best_addition(self, tried: Mapping[str, Trial]) -> Trial | None:
         """Return the fit with the best further effect, if it gains enough and is significant over all candidates."""
-        gains = {name: one.score - self.current.score for name, one in tried.items()}
+        gains = {name: trial.score - self.current.score for name, trial in tried.items()}
         enough = [name for name, gain in gains.items() if gain >= self.required_gain(self.current, name)]
         best = tried[max(enough, key=lambda name: gains[name])] if enough else None
         return best if enough and best.p * len(self.fits.candidates) <= ALPHA else None
@@ -255,11 +258,10 @@ class ForwardSelection:
             self.unconfounded |= self.fits.unconfounded(self.current.fit, found)
         # Chi-square is twice the log score, but a first-order filter may fall short of it by a factor of two.
         least = self.required_gain(self.current)
-        likely = best_few(
-            {name: one for name, one in found.items() if stands_out(one.beside_model_error, len(found), least)}
-        )
+        sure = {name: one for name, one in found.items() if stands_out(one.beside_model_error, len(found), least)}
+        likely = best_few(sure)
         likely += [name for name in sorted(self.unconfounded) if name in found]
-        likely += [name for name, one in found.items() if one.blind]
+        likely += [name for name, filtered in found.items() if filtered.blind]
         return self.fits.beside(self.current, list(dict.fromkeys(likely))) if likely else {}
 
     def exchange_effects(self) -> Choice:
@@ -306,7 +308,7 @@ class ForwardSelection:
             without={effect: rest.fit for effect, rest in without.items()},
         )
         # A fit with fewer effects may be better, too: not every fit ends at its minimum.
-        return choice, max([*refitted, *without.values()], key=lambda one: one.score, default=None)
+        return choice, max([*refitted, *without.values()], key=lambda trial: trial.score, default=None)
 
     def losses_if_unconfounded(self, effect: str, rest: Trial, others: Sequence[str]) -> dict[str, float] | None:
         """Return the first-order losses with others in an effect's place; None if it is confounded, beside `rest`."""
@@ -315,7 +317,7 @@ class ForwardSelection:
         beside = self.fits.filters(rest.fit, [effect, *others], fitted_too=True)
         if not is_unconfounded(effect, beside, 2 * LEAST_GAIN, 2 * RULED_OUT):
             return None
-        gains = {name: one.beside_model_error.gain for name, one in beside.items()}
+        gains = {name: filtered.beside_model_error.gain for name, filtered in beside.items()}
         return {name: max(0.0, gains[effect] - gains[name]) / 2 for name in others if not beside[name].blind}
 
     def alternatives_of(self, effect: str, rest: Trial, others: Sequence[str]) -> tuple[dict[str, float], list[Trial]]:
@@ -335,21 +337,21 @@ class ForwardSelection:
         # In the place of an effect, errors of declared models are no argument.
         found = fits.filters(rest.fit, others, accuracy=None) if effects else fits.alone
         found = {name: found[name] for name in others}
-        losses = {name: gain - one.gain / 2 for name, one in found.items()}
+        losses = {name: gain - filtered.gain / 2 for name, filtered in found.items()}
         close = [name for name, lost in losses.items() if lost < RULED_OUT]
         likely = list(dict.fromkeys([*could_win(found, 2 * gain), *close]))
         fitted = dict(zip(likely, fits.of([(*effects, name) for name in likely], rest), strict=True))
         losses = {name: max(lost, 0.0) for name, lost in losses.items()}
-        losses |= {name: score - one.score for name, one in fitted.items()}
+        losses |= {name: score - trial.score for name, trial in fitted.items()}
         moving, enough = load(effect).kinematic, max(RULED_OUT, self.tolerance(self.current))
         doubtful = [
             name
             for name, lost in losses.items()
             if lost >= enough and (name in fitted or (moving and load(name).kinematic))
         ]
-        for name, one in fits.in_place(self.current, effect, doubtful).items():
-            if name not in fitted or one.fit.chi_square < fitted[name].fit.chi_square:
-                fitted[name], losses[name] = one, score - one.score
+        for name, trial in fits.in_place(self.current, effect, doubtful).items():
+            if name not in fitted or trial.fit.chi_square < fitted[name].fit.chi_square:
+                fitted[name], losses[name] = trial, score - trial.score
         return losses, list(fitted.values())
 
     def _filters_beside(self, trial: Trial) -> dict[str, Screened]:
@@ -358,9 +360,6 @@ class ForwardSelection:
             self._filtered = trial.fit.effects
             self._filters = self.fits.filters(trial.fit, self.fits.others(self._filtered))
         return self._filters
-
-    def _shows(self, one: Screened) -> bool:
-        return stands_out(one, len(self._filters), 2 * LEAST_GAIN)
 
 
 class CandidateFits:
@@ -419,9 +418,9 @@ class CandidateFits:
         found : mapping of str to Screened
             Matched filters beside it.
         """
-        moving = [one for name, one in found.items() if load(name).kinematic]
+        moving = [filtered for name, filtered in found.items() if load(name).kinematic]
         if sum(weight.size for weight in self._fitter.weights) > MOST_DATA or not any(
-            stands_out(one.beside_model_error, len(found), 2 * LEAST_GAIN) for one in moving
+            stands_out(filtered.beside_model_error, len(found), 2 * LEAST_GAIN) for filtered in moving
         ):
             return set()
         beside = self.filters(fit, list(found), fitted_too=True)
@@ -452,14 +451,14 @@ class CandidateFits:
         if not others:
             return {}
         found = exchanged(self._fitter, current.fit, effect, others, LIKE)
-        tasks = [(one.start.effects, replace(current, fit=one.start)) for one in found.values()]
+        tasks = [(exchange.start.effects, replace(current, fit=exchange.start)) for exchange in found.values()]
         return dict(zip(found, self._refit(tasks), strict=True))
 
     def gain_alone(self) -> dict[str, float]:
         """Return the held-out log score that every candidate gains alone, to first order where it was not fitted."""
         return {
-            name: self.singles[name].score - self.baseline.score if name in self.singles else one.gain / 2
-            for name, one in self.alone.items()
+            name: self.singles[name].score - self.baseline.score if name in self.singles else filtered.gain / 2
+            for name, filtered in self.alone.items()
         }
 
 

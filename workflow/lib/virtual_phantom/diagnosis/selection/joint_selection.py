@@ -170,11 +170,11 @@ class JointSelection:
         ]
 
         def shows(name: str) -> bool:
-            found = [one[name] for one in filters]
-            gain = sum(one.beside_model_error.gain for one in found)
+            found = [fits[name] for fits in filters]
+            gain = sum(filtered.beside_model_error.gain for filtered in found)
             numbers = sum(max(1, len(fitter.model.unknowns((name,)))) for fitter in fitters.values())
             p = float(bonferroni(stats.chi2.sf(gain, numbers), len(names)))
-            return any(one.blind for one in found) or (gain > LEAST_GAIN and p < SCREEN)
+            return any(filtered.blind for filtered in found) or (gain > LEAST_GAIN and p < SCREEN)
 
         return [name for name in names if shows(name)]
 

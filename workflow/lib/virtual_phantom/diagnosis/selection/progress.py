@@ -105,8 +105,8 @@ class DiagnosisProgress:
         """
         with self._lock:
             known = self._parts.get(what) if what == FITTED else None
-            one = self._parts[what] = known or Count()
-            one.of, one.began, one.before = one.of + count, self._clock(), one.done
+            tasks = self._parts[what] = known or Count()
+            tasks.of, tasks.began, tasks.before = tasks.of + count, self._clock(), tasks.done
             self._rounds += what == FITTED
             if what == RANKED:
                 self._beside = " and ".join(map(label, beside))
@@ -114,7 +114,7 @@ class DiagnosisProgress:
 
         def done() -> None:
             with self._lock:
-                one.done += 1
+                tasks.done += 1
                 self._say()
 
         return done

@@ -231,8 +231,8 @@ def amounts(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
     if not parameters:  # it cannot be faint
         return np.array([SIZES[0]]), np.array([SIZES[1]])
     ends = [
-        sorted((one.number(end) - none) / (one.number(strength(one)) - none) for end in (one.low, one.high))
-        for one, none in ((one, one.number(one.neutral)) for one in parameters)
+        sorted((one.number(end) - one.number(one.neutral)) / size for end in (one.low, one.high))
+        for one, size in ((one, one.number(strength(one)) - one.number(one.neutral)) for one in parameters)
     ]
     return tuple(np.array(ends).T)
 
@@ -264,9 +264,9 @@ def explained(rows: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.
     return max(0.0, float(inside @ inside - 2 * solved.cost))
 
 
-def stands_out(one: Screened, count: int, least_gain: float) -> bool:
+def stands_out(filtered: Screened, count: int, least_gain: float) -> bool:
     """Return whether a filter is significant over `count` candidates and gains more than a decrease of chi-square."""
-    return one.p * count < SCREEN and one.gain > least_gain
+    return filtered.p * count < SCREEN and filtered.gain > least_gain
 
 
 def is_unconfounded(effect: str, beside: Mapping[str, Screened], least_gain: float, lead: float) -> bool:
@@ -280,7 +280,7 @@ def is_unconfounded(effect: str, beside: Mapping[str, Screened], least_gain: flo
         Decrease of chi-square that it must reach beside model errors, and by which it must be ahead of the others.
     """
     own = beside[effect].beside_model_error
-    others = max((one.beside_model_error.gain for name, one in beside.items() if name != effect), default=0.0)
+    others = max((filtered.beside_model_error.gain for name, filtered in beside.items() if name != effect), default=0.0)
     keeps = stands_out(own, len(beside), least_gain) and own.gain >= KEPT_BESIDE_MODEL_ERROR * beside[effect].gain
     return load(effect).kinematic and keeps and own.gain - others >= lead
 
@@ -296,13 +296,14 @@ def could_win(found: Mapping[str, Screened], needed: float = 0.0, model_error_ga
         Decrease of chi-square that must remain beside model errors; None: these are not considered.
     """
     likely = {
-        name: one
-        for name, one in found.items()
+        name: filtered
+        for name, filtered in found.items()
         if model_error_gain is None
-        or one.with_model_error is None
-        or stands_out(one.with_model_error, len(found), model_error_gain)
+        or filtered.with_model_error is None
+        or stands_out(filtered.with_model_error, len(found), model_error_gain)
     }
-    return list(dict.fromkeys([*best_few(likely, needed), *(name for name, one in found.items() if one.blind)]))
+    blind = [name for name, filtered in found.items() if filtered.blind]
+    return list(dict.fromkeys([*best_few(likely, needed), *blind]))
 
 
 def best_few(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:

@@ -62,7 +62,7 @@ class Physics:
             content = read_document(path, DIAGNOSIS)
             if "alignment" not in content:  # nothing was fitted
                 raise InputError(f"{path}: {content['sentence']} Physics cannot be taken from it; mend that first")
-            found = {one["name"]: one["parameters"] for one in content["effects"]}
+            found = {effect["name"]: effect["parameters"] for effect in content["effects"]}
             recording, scale = content["recording"], content["alignment"]["scale"]
             taken = {name: values for name, values in found.items() if not load(name).pattern}
             effects = checked({n: {k: v["value"] for k, v in values.items()} for n, values in taken.items()}, str(path))
@@ -101,7 +101,7 @@ def with_declared(model: Mapping, path: str | Path | None) -> dict:
         for name, values in found.effects.items()
     }
     for name, values in read_document(path, DIAGNOSIS).get("declared", {}).items():
-        known[name] = {key: {"value": one["value"], "sd": _error(one)} for key, one in values.items()}
+        known[name] = {key: {"value": stated["value"], "sd": _error(stated)} for key, stated in values.items()}
     for name, values in known.items():
         for key, neutral in of_one_scan(name).items():
             if key in values:
@@ -156,7 +156,7 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
     for name in physics.effects:
         rest = tuple(other for other in physics.effects if other != name)
         without[name] = trial(held, rest, chosen) if rest else baseline
-    gains = {name: chosen.score - one.score for name, one in without.items()}
+    gains = {name: chosen.score - rest.score for name, rest in without.items()}
     whole, noise = (
         {
             name: chosen.fit.errors[name] | parameters_owned_by(NOT_OF_SCAN, name, values)
@@ -166,7 +166,7 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
     )
     chosen = replace(chosen, fit=replace(chosen.fit, errors=noise))
     errors = Errors(whole, chosen.fit.nuisance_errors)
-    fits = {name: one.fit for name, one in without.items()}
+    fits = {name: rest.fit for name, rest in without.items()}
     numerical = defaults_of("diagnosis", "model_accuracy")["numerical"]
     p = dict.fromkeys(physics.effects)
     return Choice(baseline, {}, {}, chosen, gains, {}, p, without=fits, numerical=numerical, errors=errors)
@@ -175,7 +175,7 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
 def stated(content: dict, physics: Physics) -> dict:
     """Return the content of diagnosis.json with the source of the physics."""
     content = content | {
-        "effects": [one | {"taken_from": physics.recording} for one in content["effects"]],
+        "effects": [effect | {"taken_from": physics.recording} for effect in content["effects"]],
         "not_taken": list(physics.not_taken),
     }
     return content | {"sentence": sentence(content)}

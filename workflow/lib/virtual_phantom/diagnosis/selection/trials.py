@@ -47,7 +47,7 @@ def trials(
         return found
 
     made = [None if kept is None else kept.get(*task) for task in tasks]
-    missing = [task for task, one in zip(tasks, made, strict=True) if one is None]
+    missing = [task for task, found in zip(tasks, made, strict=True) if found is None]
     done = how_far.begin(FITTED, len(missing)) if how_far is not None and missing else None
     fresh = iter(side_by_side(make, missing, processes, done))
-    return [next(fresh) if one is None else one for one in made]
+    return [next(fresh) if found is None else found for found in made]

@@ -63,11 +63,11 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
         As `forward_selection.choose` takes it.
     """
     found = (_distortions(fitter, fit, without, accuracy), _of_steps(fitter, fit, accuracy))
-    if all(next(one, None) is None for one in found):  # derivatives of images take minutes
-        return Errors({name: dict(one) for name, one in fit.errors.items()}, dict(fit.nuisance_errors))
+    if all(next(distortions, None) is None for distortions in found):  # derivatives of images take minutes
+        return Errors({name: dict(errors) for name, errors in fit.errors.items()}, dict(fit.nuisance_errors))
     problem = Problem.at(fitter, fit)
     numbers = _numbers([ModelErrorInfluence.of(problem, fit, without, accuracy, np.arange(len(problem.start)))])
-    names = [one.name for one in problem.aligned]
+    names = [number.name for number in problem.aligned]
     return Errors(
         _named(problem, fit, numbers),
         fit.nuisance_errors | dict(zip(names, map(float, numbers[len(problem.unknowns) :]), strict=True)),
@@ -95,8 +95,8 @@ def errors_of_pulled(
         {recording: as Fit.errors}.
     """
     numbers = _numbers(list(scans.values()))
-    fits = fits or {name: one.fit for name, one in scans.items()}
-    return {name: _named(one.problem, fits[name], numbers[one.places]) for name, one in scans.items()}
+    fits = fits or {name: scan.fit for name, scan in scans.items()}
+    return {name: _named(scan.problem, fits[name], numbers[scan.places]) for name, scan in scans.items()}
 
 
 def pulled_of_recordings(
@@ -115,13 +115,13 @@ def pulled_of_recordings(
     places = joint_indices(problems, together.protocols)
     return {
         name: ModelErrorInfluence.of(
-            one,
+            problem,
             fit.fits[name],
             {key: other.fits[name] for key, other in without.items()},
             accuracy,
             places[name],
         )
-        for name, one in problems.items()
+        for name, problem in problems.items()
     }
 
 
@@ -165,9 +165,9 @@ def distortions_of_physics(
         for number, shape in spread.items():  # what else is known of the data changes with the even one
             found.append(np.concatenate([mean * shape.ravel(), rest if number == 0 else np.zeros_like(rest)]))
         if name in fit.effects:
-            found += [one for _, one in _of_kernels(fitter, fit, name, parts, share)]
+            found += [change for _, change in _of_kernels(fitter, fit, name, parts, share)]
     if set(names) & set(fit.effects):
-        found += [one for _, one in _of_steps(fitter, fit, accuracy)]
+        found += [change for _, change in _of_steps(fitter, fit, accuracy)]
     return np.stack(found, axis=1) if found else np.zeros((len(after), 0))
 
 
@@ -254,8 +254,8 @@ class ModelErrorInfluence:
         """Compute the influence for a problem at the end of a fit."""
         changes = data_changes(problem)
         fitter = problem.fitter
-        pulls = {key: changes.T @ one for key, one in _distortions(fitter, fit, without, accuracy)}
-        own = [changes.T @ one for _, one in _of_steps(fitter, fit, accuracy)]
+        pulls = {key: changes.T @ change for key, change in _distortions(fitter, fit, without, accuracy)}
+        own = [changes.T @ change for _, change in _of_steps(fitter, fit, accuracy)]
         return cls(problem, fit, places, changes.T @ changes, problem.knowledge, pulls, own)
 
     @property
@@ -266,9 +266,9 @@ class ModelErrorInfluence:
 
 def _numbers(scans: Sequence[ModelErrorInfluence]) -> np.ndarray:
     """Return standard errors of all numbers of several recordings, shape (numbers,)."""
-    count = 1 + max(int(one.places.max()) for one in scans)
+    count = 1 + max(int(scan.places.max()) for scan in scans)
     information, knowledge = np.zeros((count, count)), np.zeros(count)
-    times = np.bincount(np.concatenate([one.places for one in scans]), minlength=count)
+    times = np.bincount(np.concatenate([scan.places for scan in scans]), minlength=count)
     pulls: dict[tuple[str, int | str], np.ndarray] = {}
     own: list[np.ndarray] = []
     for scan in scans:
@@ -289,7 +289,7 @@ def _numbers(scans: Sequence[ModelErrorInfluence]) -> np.ndarray:
 
 def _named(problem: Problem, fit: Fit, numbers: np.ndarray) -> dict[str, dict[str, float]]:
     """Return standard errors of a fit's parameters by name; those that are not numbers of the problem keep theirs."""
-    errors = {name: dict(one) for name, one in fit.errors.items()}
+    errors = {name: dict(errors) for name, errors in fit.errors.items()}
     for unknown, error in zip(problem.unknowns, numbers, strict=False):
         number = unknown.of(fit.physics[unknown.effect][unknown.name])
         errors[unknown.effect][unknown.name] = float(unknown.value_error(number, error))
@@ -305,11 +305,11 @@ def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy:
         if load(name).pattern or load(name).kinematic:  # they have no model error
             continue
         share, there = accuracy.get(name, accuracy["default"]), fitter.predicted(fitted)
-        rest = [share * (one - other) for one, other in zip(data.residuals(there), after, strict=True)][1:]
+        rest = [share * (part - other) for part, other in zip(data.residuals(there), after, strict=True)][1:]
         change = share * (here.mean - there.mean)
         for number, shape in spread.items():  # what else is known of the data changes with the even one
             yield (name, number), _whole(fitter, change * shape, rest)
-            rest = [np.zeros_like(one) for one in rest]
+            rest = [np.zeros_like(part) for part in rest]
         yield from _of_kernels(fitter, fit, name, after, share)
 
 
@@ -321,7 +321,7 @@ def _of_kernels(fitter: Fitter, fit: Fit, name: str, after: Sequence[np.ndarray]
             narrower = {parameter.name: NARROWER * fit.physics[name][parameter.name]}
             physics = fit.physics | {name: fit.physics[name] | narrower}
             there = fitter.model.predict(physics, fit.nuisance, fitter.data, fit.linearisation)
-            parts = [one - other for one, other in zip(fitter.data.residuals(there), after, strict=True)]
+            parts = [part - other for part, other in zip(fitter.data.residuals(there), after, strict=True)]
             yield (name, parameter.name), error * whitened(parts, fitter.weights)
 
 
@@ -338,7 +338,7 @@ def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distor
     if not errors:
         return
     here = fitter.predicted(fit)
-    none = [np.zeros_like(one) for one in data.residuals(here)[1:]]
+    none = [np.zeros_like(part) for part in data.residuals(here)[1:]]
     spread = {key: shape for key, shape in shapes(here.mean).items() if key != 0}
     spread |= harmonics(fitter.model.turned_rad, here.mean.shape)
     for name, change in errors.items():

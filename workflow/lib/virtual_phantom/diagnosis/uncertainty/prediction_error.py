@@ -38,7 +38,8 @@ def of_both_halves(problem: Problem) -> tuple[list[np.ndarray], list[np.ndarray]
 def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarray:
     """Return rows whose outer products sum up to the numbers' covariance, shape (directions, numbers)."""
     elsewhere = np.zeros(len(problem.start), bool)
-    elsewhere[: len(problem.unknowns)] = [one.name in fit.elsewhere.get(one.effect, ()) for one in problem.unknowns]
+    names = [(number.effect, number.name) for number in problem.unknowns]
+    elsewhere[: len(names)] = [name in fit.elsewhere.get(effect, ()) for effect, name in names]
     known = Known.of(information[np.ix_(~elsewhere, ~elsewhere)])
     fitted = np.zeros((len(known.values), len(elsewhere)))
     fitted[:, ~elsewhere] = known.root.T
@@ -52,12 +53,12 @@ def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarr
 
 def _found(numbers: Sequence[Unknown], fit: Fit) -> np.ndarray:
     """Return such rows for numbers taken from elsewhere, shape (directions, numbers)."""
-    rows = [fit.directions.get(one.effect, {}).get(one.name) for one in numbers]
+    rows = [fit.directions.get(number.effect, {}).get(number.name) for number in numbers]
     if numbers and None not in rows:  # voltage and filtration, say, are off together or not at all
         return np.linalg.qr(np.transpose(rows), mode="r")  # the same covariance, by no more directions than numbers
     spread = []
-    for one in numbers:
-        value, error = fit.physics[one.effect][one.name], fit.errors[one.effect][one.name]
-        ends = np.clip([value - error, value + error], one.value(one.low), one.value(one.high))
-        spread.append((one.of(float(ends[1])) - one.of(float(ends[0]))) / 2)
+    for number in numbers:
+        value, error = fit.physics[number.effect][number.name], fit.errors[number.effect][number.name]
+        ends = np.clip([value - error, value + error], number.value(number.low), number.value(number.high))
+        spread.append((number.of(float(ends[1])) - number.of(float(ends[0]))) / 2)
     return np.diag(spread) if spread else np.zeros((0, 0))
