@@ -76,8 +76,8 @@ class Fit:
 
         Parameters
         ----------
-        point, errors : ndarray, shape (numbers,)
-            Numbers and their standard errors.
+        errors : ndarray, shape (numbers,)
+            Standard errors of the point.
         residuals : sequence of ndarray, shape (data,)
             By part of the data.
         """

@@ -44,12 +44,10 @@ class JointFit:
 
 
 class JointFitter:
-    """Joint fits and scores for several recordings.
+    """Joint fits of several recordings.
 
     Parameters
     ----------
-    fitters : mapping of str to Fitter
-        By recording.
     protocols : mapping of str to str, optional
         Protocol of each recording; recordings without one share one.
 
@@ -123,22 +121,10 @@ class JointFitter:
         return JointFit(first.effects, physics, known, found.chi_square, free, fits)
 
     def left_out(self, names: Collection[str], effects: tuple[str, ...], given: JointFit) -> dict[str, Fit]:
-        """Fit recordings with physics that was fitted to the others.
+        """Fit recordings with physics that was fitted to the others, starting from a joint fit.
 
         Only nuisance parameters and parameters of one scan are fitted, and those of a protocol that none of the others
         has. Declared physics is as fitted to the others, too.
-
-        Parameters
-        ----------
-        names : collection of str
-            Recordings to leave out.
-        given : JointFit
-            Start.
-
-        Returns
-        -------
-        dict of str to Fit
-            By recording.
         """
         if not self.whole(effects):
             return {name: given.fits[name] if not given.effects else self.fitters[name].fit(()) for name in names}
@@ -146,20 +132,7 @@ class JointFitter:
         return self.held(others, {name: given.fits[name] for name in names})
 
     def held(self, others: JointFit, starts: Mapping[str, Fit]) -> dict[str, Fit]:
-        """Fit recordings with physics that was fitted to others, as `left_out` does.
-
-        Parameters
-        ----------
-        others : JointFit
-            Of recordings of this fitter that are not among `starts`.
-        starts : mapping of str to Fit
-            By recording.
-
-        Returns
-        -------
-        dict of str to Fit
-            By recording.
-        """
+        """Fit recordings with physics that was fitted to others, as `left_out` does."""
         rest = self.without([name for name in self.fitters if name not in others.fits])
         return {name: self._held(name, start, rest, others) for name, start in starts.items()}
 
@@ -189,15 +162,6 @@ class JointFitter:
 
 
 def parameters_owned_by(owners: Collection[str], name: str, values: Mapping[str, float]) -> dict[str, float]:
-    """Return the values, or errors, of an effect's parameters that belong to certain owners.
-
-    Parameters
-    ----------
-    owners : collection of {"scanner", "protocol", "scan"}
-    name : str
-        Of the effect.
-    values : mapping of str to float
-        By parameter.
-    """
+    """Return the values, or errors, of an effect's parameters that belong to scanner, protocol or scan."""
     own = {parameter.name for parameter in load(name).parameters if parameter.belongs_to in owners}
     return {key: value for key, value in values.items() if key in own}

@@ -24,13 +24,7 @@ PIECE = "piece_"  # prefix of the names of local mismatches' attenuation
 
 @dataclass(frozen=True)
 class Nuisance:
-    """Nuisance parameter, fitted in every model.
-
-    Attributes
-    ----------
-    expected, sd : float
-        Gaussian prior.
-    """
+    """Nuisance parameter, fitted in every model, with a Gaussian prior."""
 
     name: str
     unit: str

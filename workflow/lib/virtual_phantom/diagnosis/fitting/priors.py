@@ -15,13 +15,7 @@ BASELINE = "diagnosis.recordings: baseline"  # prefix of messages that are about
 
 @dataclass(frozen=True)
 class Statement:
-    """Prior of a parameter.
-
-    Attributes
-    ----------
-    sd : float
-        Standard deviation; 0: known exactly.
-    """
+    """Prior of a parameter: value and standard deviation (0: known exactly)."""
 
     value: float
     sd: float
@@ -61,16 +55,10 @@ def stated_physics(declared: Mapping[str, Mapping[str, Statement]]) -> dict[str,
 
 
 def declared(section: Mapping[str, Mapping[str, Mapping[str, float]]], where: str) -> dict[str, dict[str, Statement]]:
-    """Return the priors that a configuration declares.
+    """Return the priors that a configuration declares, {effect: {parameter: {value, sd}}}.
 
-    Design parameters of the scanner, which no fit varies, are exact whatever their standard deviation.
-
-    Parameters
-    ----------
-    section : mapping
-        {effect: {parameter: {value, sd}}}.
-    where : str
-        Prefix of messages.
+    Design parameters of the scanner, which no fit varies, are exact whatever their standard deviation. Messages begin
+    with `where`.
 
     Raises
     ------

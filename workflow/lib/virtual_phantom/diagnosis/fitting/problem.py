@@ -103,14 +103,10 @@ class Problem:
         return found
 
     def best_start(self) -> np.ndarray:
-        """Return the best starting point.
+        """Return the best starting point, shape (numbers,).
 
         All starts of new effects are tried, with the given and with the expected nuisance parameters: a fit from a
         single start may end in a local minimum.
-
-        Returns
-        -------
-        ndarray, shape (numbers,)
         """
         count = len(self.unknowns)
         choices = [
@@ -144,19 +140,10 @@ class Problem:
     def _between(
         self, off: tuple[np.ndarray, list[np.ndarray]], full: tuple[np.ndarray, list[np.ndarray]]
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the best point between two, for residuals that change linearly from one to the other.
+        """Return the best point between two, and its residuals, if residuals change linearly from one to the other.
 
-        With a starting strength that is far too high, the shape that does the least harm would look best.
-
-        Parameters
-        ----------
-        off, full : tuple of ndarray and list of ndarray
-            A point with new effects off or at full strength, and its residuals.
-
-        Returns
-        -------
-        point : ndarray, shape (numbers,)
-        residuals : list of ndarray, shape (data,)
+        `off` and `full` have new effects off or at full strength. With a starting strength that is far too high, the
+        shape that does the least harm would look best.
         """
         change = [here - there for here, there in zip(off[1], full[1], strict=True)]
         square = chi_square(self.weights, change)
@@ -170,10 +157,10 @@ class Problem:
         return self.solve_scale_and_offset(np.clip(point, self.low, self.high))
 
     def farther(self, fit) -> list:
-        """Return starts for a fit of this problem that has stalled.
+        """Return starts for a fit that has stalled: new geometry parameters are displaced, the others stay as fitted.
 
         Geometry trades against the pose along narrow valleys, which are rough: errors of finite steps change along
-        them. New geometry parameters are displaced; everything else stays as fitted.
+        them.
         """
         found = []
         for index, new in enumerate(self._new_strengths()):
@@ -188,13 +175,7 @@ class Problem:
         return found
 
     def needs_new_corrections(self, point: np.ndarray) -> bool:
-        """Relinearize the numerical errors about a point if its predictions lie too far from where they were computed.
-
-        Returns
-        -------
-        bool
-            Whether they were relinearized.
-        """
+        """Relinearize numerical errors at a point too far from where they were computed; return whether."""
         if self.linearised == MOST_LINEARISATIONS:
             return False
         physics, nuisance = self._named(point)
@@ -206,13 +187,7 @@ class Problem:
         return True
 
     def follow(self, point: np.ndarray) -> bool:
-        """Trace rays at a point if its rays lie too far from those traced so far.
-
-        Returns
-        -------
-        bool
-            Whether they were traced.
-        """
+        """Trace rays at a point if they lie too far from those traced so far; return whether."""
         physics, nuisance = self._named(point)
         if self.model.follows(physics, nuisance, self.linearisation.rays):
             return False
@@ -220,18 +195,7 @@ class Problem:
         return True
 
     def residuals(self, point: np.ndarray, reach: float = 1.0) -> list[np.ndarray]:
-        """Return observed minus predicted data and minus the gain pattern, by part; the mean's noise is whitened.
-
-        Parameters
-        ----------
-        point : ndarray, shape (numbers,)
-        reach : float, optional
-            As in Linearisation.
-
-        Returns
-        -------
-        list of ndarray, shape (data,)
-        """
+        """Return observed minus predicted data and gain pattern by part, shape (data,), with whitened noise."""
         prediction = self.model.predict(*self._named(point), self.data, replace(self.linearisation, reach=reach))
         return less_pattern(self.data.residuals(prediction), self.pattern, self.data)
 
@@ -244,15 +208,10 @@ class Problem:
         return physics, {number.name: float(value) for number, value in aligned}
 
     def solve_scale_and_offset(self, point: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Solve for the density scale and the air offset in closed form, all other numbers fixed.
+        """Return a point with the best density scale and air offset, in closed form, and its residuals by part.
 
         Predictions are linear in both, and most effects trade against them: otherwise fits creep along narrow, curved
         valleys.
-
-        Returns
-        -------
-        point : ndarray, shape (numbers,)
-        residuals : list of ndarray, shape (data,)
         """
         physics, nuisance = self._named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearisation)

@@ -229,19 +229,7 @@ def _step(problem: JointProblem, here: Iterate, information, gradient, damping, 
 
 
 def joint_indices(problems: Mapping[str, Problem], protocols: Mapping[str, str]) -> dict[str, np.ndarray]:
-    """Return the positions of each recording's numbers in a joint point.
-
-    Parameters
-    ----------
-    problems : mapping of str to Problem
-        By recording, for the same effects.
-    protocols : mapping of str to str
-        Protocol of every recording.
-
-    Returns
-    -------
-    dict of str to ndarray of int, shape (numbers,)
-    """
+    """Return the positions of each recording's numbers in a joint point, by recording."""
     numbered: dict[tuple[str, str, str], int] = {}
     return {
         name: np.array([numbered.setdefault(key, len(numbered)) for key in _keys(problem, name, protocols[name])])

@@ -13,15 +13,7 @@ from .fit import Fit, Fitter
 
 @dataclass(frozen=True)
 class Trial:
-    """A fit with its scores.
-
-    Attributes
-    ----------
-    score : float
-        Log score on held-out data.
-    p : float
-        p-value of the last effect, against the fit without it.
-    """
+    """A fit, its log score on held-out data, and the p-value of its last effect against the fit without it."""
 
     fit: Fit
     score: float

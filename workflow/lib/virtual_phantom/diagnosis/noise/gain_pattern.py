@@ -42,19 +42,11 @@ def chance(rms: float, error: float) -> float:
 
 
 def estimate(residual: np.ndarray, weight: np.ndarray, whitening: Whitening | None = None) -> Pattern:
-    """Estimate the pattern in residuals.
+    """Estimate the pattern in residuals with weights 1 / variance, shape (views, rows, columns).
 
     Constants are independent draws of a normal distribution, whose variance is the mean square of their rough part less
     that of noise. A smooth part larger than expected of such draws is other physics (the shadow of a disc is equal in
     all views), and not part of the pattern.
-
-    Parameters
-    ----------
-    residual : ndarray, shape (views, rows, columns)
-    weight : ndarray, shape (views, rows, columns)
-        1 / variance.
-    whitening : Whitening, optional
-        Filter of the residuals.
     """
     total = weight.sum(axis=0)
     good = total > 0

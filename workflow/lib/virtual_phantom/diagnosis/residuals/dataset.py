@@ -164,12 +164,7 @@ class Prepared(ABC):
         """
 
     def kinds(self, fit: Fit) -> Iterable[tuple[str, np.ndarray | sparray]]:
-        """Yield kinds of change about a fit's predictions: description and directions; none by default.
-
-        Returns
-        -------
-        iterable of tuple of str and ndarray or sparse array, shape (mean data, directions)
-        """
+        """Yield kinds of change about a fit's predictions: description and directions (mean data, directions)."""
         return ()
 
     def piece(self, fit: Fit) -> PieceOfObject | None:

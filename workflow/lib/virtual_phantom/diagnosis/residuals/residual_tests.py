@@ -116,12 +116,8 @@ class HalfProducts:
 def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
     """Return the largest deviation of nuisance parameters from their priors: residuals do not show it.
 
-    The pose of the object is not a difference, and is left out. The list is empty if there are no priors.
-
-    Parameters
-    ----------
-    numerical : collection of str
-        Names of the model's numerical errors, whose priors are only a guess.
+    The pose of the object and numerical errors, of uncertain size, are left out. The list is empty if there are no
+    priors.
     """
     z = {name: value for name, value in fit.pulled.items() if name not in numerical and name not in PLACE}
     if not z:
@@ -253,14 +249,7 @@ def _likely(z: np.ndarray) -> float:
 
 
 def extreme(domain: str, z: np.ndarray, words) -> Location:
-    """Return a domain by its worst location.
-
-    Parameters
-    ----------
-    z : ndarray, shape (places,)
-    words : callable
-        Describes the location of an index.
-    """
+    """Return a domain by its worst location; `words` describes the location of an index."""
     worst = int(np.argmax(np.abs(z)))
     return Location(domain, words(worst), float(z[worst]), _likely(z), z)
 
@@ -324,17 +313,7 @@ def blocks(
 
 
 def by_value(domain: str, words: str, residual, weight, values, inside, alike: Alike | None = None) -> Location:
-    """Return a domain of tenths of the data, in the order of a value.
-
-    Parameters
-    ----------
-    domain, words : str
-        `words` takes a tenth's bounds.
-    residual, weight, values : ndarray
-        Along the data's three axes.
-    inside : ndarray of bool
-        Data that are divided.
-    """
+    """Return a domain of tenths of the data `inside`, in the order of a value; `words` takes a tenth's bounds."""
     edges = np.quantile(values[inside], np.linspace(0, 1, BINS + 1)) if inside.any() else np.zeros(BINS + 1)
     index = np.where(inside, np.clip(np.searchsorted(edges, values) - 1, 0, BINS - 1), BINS)
 
@@ -360,8 +339,6 @@ def steepest(
     ----------
     what : str
         Rays or voxels, for messages.
-    residual, weight, slope : ndarray
-        Along the data's three axes.
     numbers : sequence of ndarray, optional
         Changes by errors of the fit's numbers.
     of_weights : float, optional

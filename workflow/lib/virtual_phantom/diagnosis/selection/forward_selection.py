@@ -155,14 +155,9 @@ class ForwardSelection:
     2. *Prune*: effects that a later one has made needless are dropped.
     3. *Exchange*: every effect is compared with each alternative in its place; a better one is accepted.
 
-    Models of effects are inexact, so that a strong effect leaves structure that another effect may fit. A model that
-    is wrong by a share a of what the effect changes leaves a^2 of the log score that it gains: the tolerance. A further
+    Models of effects are inexact, so that a strong effect leaves structure that another effect may fit. A model that is
+    wrong by a share a of what the effect changes leaves a^2 of the log score that it gains: the tolerance. A further
     effect must gain more, unless it is unconfounded: no error of these models could look like it.
-
-    Parameters
-    ----------
-    accuracy : mapping of str to float
-        As `choose` takes it.
 
     Attributes
     ----------
@@ -325,12 +320,7 @@ class ForwardSelection:
 
         The likely alternatives are fitted. A fit may end in a local minimum, and filters are inexact for effects that
         move rays. Before an alternative is ruled out that changes the data as the effect does, it is fitted again from
-        the settings equal to the effect's.
-
-        Parameters
-        ----------
-        rest : Trial
-            Fit without the effect.
+        the settings equal to the effect's. `rest` is the fit without the effect.
         """
         fits, score, effects = self.fits, self.current.score, rest.fit.effects
         gain = score - rest.score
@@ -363,12 +353,7 @@ class ForwardSelection:
 
 
 class CandidateFits:
-    """Fits and matched filters of candidates, alone and together; single candidates are fitted once.
-
-    Parameters
-    ----------
-    fitter, baseline, candidates, processes, accuracy, kept, how_far, alone
-        As `choose` takes them.
+    """Fits and matched filters of candidates, alone and together; arguments are those of `choose`.
 
     Attributes
     ----------
@@ -411,12 +396,7 @@ class CandidateFits:
         """Return the effect that moves rays or the object whose gain nothing else explains, if there is one.
 
         No wrong model of a signal moves rays. Other effects are not asked about: models may be wrong in ways that are
-        not counted, which look like several effects at once.
-
-        Parameters
-        ----------
-        found : mapping of str to Screened
-            Matched filters beside it.
+        not counted, which look like several effects at once. `found` are the matched filters beside the fit.
         """
         moving = [filtered for name, filtered in found.items() if load(name).kinematic]
         if sum(weight.size for weight in self._fitter.weights) > MOST_DATA or not any(

@@ -81,18 +81,11 @@ def choose_jointly(
 
 
 class JointSelection:
-    """Forward selection by the log score of recordings that were left out.
+    """Forward selection by the log score of recordings that are left out (`folds`).
 
-    An effect is accepted if it gains more over all recordings left out than model errors of the earlier ones may
-    account for, makes no more than half of the recordings worse, and is significant on the fitted data. Effects that
-    later ones have made needless are dropped. There is no limit on their number.
-
-    Parameters
-    ----------
-    accuracy : mapping of str to float
-        As `forward_selection.choose` takes it.
-    folds : sequence of collection of str
-        Recordings to leave out at a time.
+    An effect is accepted if it gains more over all recordings left out than model errors of the earlier ones may account
+    for, makes no more than half of the recordings worse, and is significant on the fitted data. Effects that later ones
+    have made needless are dropped. There is no limit on their number.
     """
 
     def __init__(
@@ -195,19 +188,10 @@ class JointSelection:
 
 
 def left_together(names: Sequence[str], objects: Mapping[str, str] | None = None) -> list[list[str]]:
-    """Return the folds of recordings that are left out: by object, where there are several, or one by one.
+    """Return the folds of recordings that are left out: by scanned object, where there are several, or one by one.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Recordings.
-    objects : mapping of str to str, optional
-        {recording: scanned object}; None: each has an object of its own.
-
-    Returns
-    -------
-    list of list of str
-        MOST_FOLDS at most: of more objects some are left out together.
+    `objects` is {recording: object}; None: each has its own. Of more than MOST_FOLDS objects some are left out
+    together.
     """
     found: dict[str, list[str]] = {}
     several = objects is not None and len(set(objects.values())) > 1

@@ -108,15 +108,7 @@ class Remainder:
         return cls(basis, residual - basis @ (basis.T @ residual), inward - (inward @ basis) @ basis.T)
 
     def gain(self, rows: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
-        """Return the largest decrease of chi-square by templates.
-
-        Parameters
-        ----------
-        rows : ndarray, shape (templates, data + numbers)
-            Orthogonal to `basis`.
-        low, high : ndarray, shape (templates,)
-            Smallest and largest amounts.
-        """
+        """Return the largest decrease of chi-square by templates (rows), orthogonal to `basis`, within bounds."""
         none, unbounded = np.zeros(len(self.inward)), np.full(len(self.inward), np.inf)
         low, high = np.concatenate([low, none]), np.concatenate([high, unbounded])
         return explained(np.vstack([rows, self.inward]), self.residual, low, high)
@@ -135,8 +127,6 @@ def screened(
 
     Parameters
     ----------
-    names : sequence of str
-        Effects.
     processes : int, optional
         Number of parallel processes, at most.
     accuracy : mapping of str to float, optional
@@ -203,15 +193,7 @@ def _pattern(fitter: Fitter, residual: np.ndarray) -> Screened:
 
 
 def _best(parameters: Sequence[Parameter], rows: np.ndarray, count: int, left: Remainder) -> Screened:
-    """Return the result for an effect with the best of its shapes.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (shapes * parameters, data)
-        Templates.
-    count : int
-        Number of shapes.
-    """
+    """Return the result for an effect with the best of `count` shapes; `rows` are its templates."""
     low, high = amounts(parameters)
     lengths = (rows**2).sum(axis=1).reshape(count, -1)
     rows = projected(rows, left.basis).reshape(count, len(low), -1)
@@ -238,20 +220,7 @@ def amounts(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def explained(rows: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
-    """Return the largest decrease of a residual's square by templates within bounds.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (templates, data)
-    residual : ndarray, shape (data,)
-    low, high : ndarray, shape (templates,)
-        Smallest and largest amounts.
-
-    Returns
-    -------
-    float
-        At least 0.
-    """
+    """Return the largest decrease of a residual's square by templates (rows) within bounds on their amounts."""
     lengths = np.sqrt((rows**2).sum(axis=1))
     rows, low, high = rows[lengths > 0], low[lengths > 0], high[lengths > 0]
     lengths = lengths[lengths > 0]
@@ -290,8 +259,6 @@ def could_win(found: Mapping[str, Screened], needed: float = 0.0, model_error_ga
 
     Parameters
     ----------
-    needed : float, optional
-        As `best_few`.
     model_error_gain : float, optional
         Decrease of chi-square that must remain beside model errors; None: these are not considered.
     """
@@ -307,13 +274,7 @@ def could_win(found: Mapping[str, Screened], needed: float = 0.0, model_error_ga
 
 
 def best_few(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
-    """Return the effects with the largest first-order gains, the best first.
-
-    Parameters
-    ----------
-    needed : float, optional
-        Gain in chi-square of the effect that they would replace.
-    """
+    """Return the effects with the largest first-order gains, the best first; `needed` is the gain of one to replace."""
     ranked = sorted(found, key=lambda name: -found[name].gain)
     best = found[ranked[0]].gain if ranked else 0.0
     least = LEAST_SHARE * max(best, needed)

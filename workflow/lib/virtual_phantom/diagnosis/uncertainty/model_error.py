@@ -35,15 +35,7 @@ HARMONICS = (2, 4)  # periods per turn: an object looks equal from opposite side
 
 @dataclass(frozen=True)
 class Errors:
-    """Standard errors of a fit's numbers with model errors.
-
-    Attributes
-    ----------
-    physics : dict of str to dict of str to float
-        As Fit.errors.
-    nuisance : dict of str to float
-        As Fit.nuisance_errors.
-    """
+    """Standard errors of a fit's numbers with model errors, as Fit.errors and Fit.nuisance_errors."""
 
     physics: dict[str, dict[str, float]]
     nuisance: dict[str, float]
@@ -77,22 +69,15 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
 def errors_of_pulled(
     scans: Mapping[str, ModelErrorInfluence], fits: Mapping[str, Fit] | None = None
 ) -> dict[str, dict[str, dict[str, float]]]:
-    """Return standard errors of effects' parameters in a joint fit, with model errors.
+    """Return standard errors of effects' parameters in a joint fit, with model errors, by recording.
 
     As errors_with_models. A distortion by one model and shape acts on all recordings at once: they have the same model,
     so that more of them do not reduce its error. Finite steps err in each recording independently.
 
     Parameters
     ----------
-    scans : mapping of str to ModelErrorInfluence
-        By recording.
     fits : mapping of str to Fit, optional
         Fits whose errors are returned, with the slopes of those in `scans`; None: the fits in `scans`.
-
-    Returns
-    -------
-    dict of str to dict of str to dict of str to float
-        {recording: as Fit.errors}.
     """
     numbers = _numbers(list(scans.values()))
     fits = fits or {name: scan.fit for name, scan in scans.items()}
@@ -102,15 +87,7 @@ def errors_of_pulled(
 def pulled_of_recordings(
     together: JointFitter, fit: JointFit, without: Mapping[str, JointFit], accuracy: Mapping[str, float]
 ) -> dict[str, ModelErrorInfluence]:
-    """Return the information of each recording on all numbers, and the influence of model errors on them.
-
-    Parameters
-    ----------
-    without : mapping of str to JointFit
-        As errors_with_models takes them.
-    accuracy : mapping of str to float
-        As errors_with_models takes it.
-    """
+    """Return each recording's information on the joint numbers, and the influence of model errors on it."""
     problems = {name: Problem.at(fitter, fit.fits[name]) for name, fitter in together.fitters.items()}
     places = joint_indices(problems, together.protocols)
     return {
@@ -172,17 +149,10 @@ def distortions_of_physics(
 
 
 def shapes(level: np.ndarray) -> dict[int, np.ndarray]:
-    """Return the shapes of a model error over the data: uniform, and along axes or the level, linear or quadratic.
+    """Return the shapes of a model error over data along three axes, by number, with a root mean square of 1.
 
-    Parameters
-    ----------
-    level : ndarray
-        Along three axes.
-
-    Returns
-    -------
-    dict of int to ndarray
-        By number, 0 uniform; shaped as `level`, with a root mean square of 1. An axis of length one has none.
+    Shape 0 is uniform; others change linearly or quadratically along an axis or with the level. An axis of length one
+    has none.
     """
     axes = np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in level.shape), indexing="ij", sparse=True)
     rising = [*axes, level, axes[2] ** 2, (level - level.mean()) ** 2]
@@ -196,18 +166,7 @@ def shapes(level: np.ndarray) -> dict[int, np.ndarray]:
 
 
 def harmonics(turned_rad: np.ndarray | None, shape: tuple[int, int, int]) -> dict[str, np.ndarray]:
-    """Return waves over a turn, by which errors of a grid may vary with the viewing direction.
-
-    Parameters
-    ----------
-    turned_rad : ndarray, shape (views,), or None
-        None: there are no views.
-
-    Returns
-    -------
-    dict of str to ndarray
-        By name, shaped as the data, with a root mean square of 1.
-    """
+    """Return waves over a turn, by which errors of a grid may vary with the viewing direction, of RMS 1, by name."""
     if turned_rad is None:
         return {}
     waves = {f"{wave.__name__} {times}": wave(times * turned_rad) for times in HARMONICS for wave in (np.cos, np.sin)}
