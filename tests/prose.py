@@ -23,9 +23,7 @@ CHECKED = ("README.md", "CONTRIBUTING.md", "config", "docs", "workflow", "benchm
 UNCONVERTED = (  # patterns of paths
     "benchmarks",
     "config/*.yaml",
-    "docs/*.md",
     "docs/notebooks",
-    "docs/tutorials",
     "tests",
     "workflow",
 )
