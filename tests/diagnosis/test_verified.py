@@ -162,7 +162,7 @@ def test_a_density_that_is_not_that_of_the_object_removes_less(other):
         (None, "is no diagnosis"),
         ("{", "is no diagnosis"),
         (json.dumps({"recording": "disc", "effects": []}), "is no diagnosis"),
-        (json.dumps(found_on("disc", 1.0, {})), "found no effect that another recording could be held against"),
+        (json.dumps(found_on("disc", 1.0, {})), "found no effect to validate on another recording"),
         (json.dumps(found_on("disc", 1.0, {"scatter": {"amount": 7.0}})), "is out of the plausible range"),
     ],
 )

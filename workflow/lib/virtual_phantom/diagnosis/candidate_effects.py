@@ -36,7 +36,7 @@ def shown_by(content: Mapping) -> dict:
     Parameters
     ----------
     content : mapping
-        Of recording.yaml.
+        Content of recording.yaml.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def candidates(
     Parameters
     ----------
     settings : dict
-        Of the diagnosis: `effects`, `nominal_photons`, `view_step` and `baseline`.
+        Settings of the diagnosis: `effects`, `nominal_photons`, `view_step` and `baseline`.
     kind : {"projections", "images"}, optional
     timed : bool, optional
         Whether the times of the views are known.

@@ -34,7 +34,7 @@ class Fit:
     physics, errors : dict of str to dict of str to float
         {effect: {parameter: value or standard error}}, with declared effects.
     chi_square : float
-        Of the fitted data and the priors.
+        Chi-square of the fitted data and the priors.
     parts : tuple of float
         Chi-square by part of the data (Observed.parts).
     free : int
@@ -47,7 +47,7 @@ class Fit:
     pulled : dict of str to float
         Deviations of the nuisance parameters from their priors, in standard deviations.
     linearisation : Linearisation
-        Of the predictions.
+        Linearization of the predictions.
     corrected : float
         Chi-square of the corrections for numerical errors.
     pattern, pattern_variance : ndarray, shape (rows, columns), or None

@@ -28,7 +28,7 @@ class JointFit:
         {effect: {parameter: value or standard error}}, shared by all recordings. In `physics`, parameters of one scan
         are neutral, and parameters of one protocol of several are those of the first recording; `errors` has neither.
     chi_square : float
-        Of all fitted data and the priors.
+        Chi-square of all fitted data and the priors.
     free : int
         Number of effects' parameters: those of one scan count in every recording, of one protocol in every protocol.
     fits : dict of str to Fit

@@ -11,9 +11,9 @@ from ...physics.scenes.scene import Pose
 SURE = 5.0
 # Mean and standard deviation of numerical errors, over what a finer step changes (L. F. Richardson, Phil. Trans. R.
 # Soc. A 210, 307, 1911). Twice as many rays are expected to change what all further ones do. Voxels of edge h,
-# and lines between their middles, blur by a variance of h^2/4, those twice as large by 3/4 h^2 more; an object that is
-# finer by itself is blurred by less, down to 0 (0.33), one of voxels half as large by h^2/24 (0.28), one of just these
-# voxels, but with sharp edges, by h^2/12 (0.22).
+# and lines between their centers, blur by a variance of h^2/4; voxels twice as large add 3/4 h^2. The residual blur
+# depends on the object. It is 0 for one that is finer by itself (0.33). It is h^2/24 for one with voxels half as large
+# (0.28), and h^2/12 for one of just these voxels with sharp edges (0.22).
 NUMERICAL = {"rays": (1.0, 1 / 3), "voxels": (0.28, 0.06)}
 NOMINAL_PHOTONS_SD = 0.02  # of the logarithm of a stated number of photons
 LOCATION = ("x_mm", "y_mm", "z_mm")

@@ -66,8 +66,8 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
     """Return the changes of the whitened data by an effect, shape (shapes * parameters, data).
 
     Each parameter with a neutral value is changed alone, at typical strength; an effect without such a parameter is at
-    typical values. For parameters that move rays it is the slope times the strength: the pose trades against them to
-    one part in a hundred, and errors of rays beyond their linearization would look like an effect of their own.
+    typical values. For parameters that move rays it is the slope times the strength. The pose trades against them to
+    one part in a hundred: errors of rays beyond their linearization would look like an effect of their own.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ class Unknown:
     Attributes
     ----------
     effect, name : str
-        Of the parameter.
+        Effect and parameter.
     low, high : float
         Plausible range.
     starts : tuple of float

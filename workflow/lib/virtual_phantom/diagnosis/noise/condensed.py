@@ -86,7 +86,7 @@ class Observed:
         Standard error of its logarithm, for sums over many blocks: correlated noise makes neighboring blocks vary
         together.
     correlation, correlation_error : ndarray, shape (pairs,), or None
-        Of neighbors, and its standard error; NaN where missing.
+        Correlation of neighbors, and its standard error; NaN where missing.
     numerical : tuple of ndarray
         Errors of predictions common to many rays, one standard deviation, whitened, shaped as the mean.
     alone : ndarray, shape (blocks,), or float

@@ -2,8 +2,8 @@
 
 A detector whose pixels share light, or glow on, blurs its own quantum noise: variances of single rays fall, variances
 of sums over many rays do not. Residuals are therefore whitened before they are fitted and tested (pre-whitening
-[1]_), by the inverse of a filter that is estimated once per recording from differences of repeats, which no model of
-the mean influences.
+[1]_) by the inverse of a filter. The filter is estimated once per recording from differences of repeats, which no
+model of the mean influences.
 
 The detector blurs its signal. A residual is therefore multiplied by the signal, filtered, and divided by it again.
 The filter keeps smooth residuals, so that they stay line integrals.
@@ -145,7 +145,7 @@ class Correlations:
         Parameters
         ----------
         lengths : tuple of 3 int
-            Of all axes.
+            Lengths of all axes.
         """
         if self.white:
             return 1.0
@@ -185,7 +185,7 @@ def of_state(state: State, apart: int | None = None) -> Correlations:
         share = share if length > 1 else 0.0
         square = (1 - 2 * share) ** 2 + 2 * share**2
         pixels.append((coloured * 2 * share * (1 - 2 * share) / square, coloured * share**2 / square))
-    # Of weights 1 - k, k (1 - d), k (1 - d) d, ...: those of views that follow each other, over the squares.
+    # For weights 1 - k, k (1 - d), k (1 - d) d, ...: those of views that follow each other, over the squares.
     glow = share**2 * (1 - memory) / (1 + memory)
     views = (share * (1 - share) * (1 - memory) + glow * memory) / ((1 - share) ** 2 + glow)
     found = Correlations(*pixels, (coloured * views, memory if share else 0.0))
@@ -198,7 +198,7 @@ class Whitening:
     Parameters
     ----------
     correlations : Correlations
-        Of the noise.
+        Correlations of the noise.
     lines : ndarray, shape (views, rows, columns)
         Line integrals, to first order: their transmission is the signal.
     usable : ndarray of bool, shape (views, rows, columns)
@@ -225,7 +225,7 @@ class Whitening:
 
     @property
     def amplification(self) -> float:
-        """Of the variance of a ray far from the edges."""
+        """Amplification of the variance of a ray far from the edges."""
         return self.correlations.amplification()
 
     def variance(self, lines: np.ndarray) -> np.ndarray:
@@ -347,7 +347,7 @@ def estimated(deviations, lines: np.ndarray, usable: np.ndarray, freedom: int) -
     deviations = [np.where(calm, deviation, 0.0) for deviation in deviations]
 
     def mean(axis: int, lag: int) -> tuple[float, float]:
-        """Of products of deviations at a lag, and how many of them are independent without correlations."""
+        """Return the mean product of deviations at a lag, and the number of independent ones without correlations."""
         length = calm.shape[axis]
         low, high = (_along(axis, slice(a, length - lag + a)) for a in (0, lag))
         pairs = int((calm[low] & calm[high]).sum())

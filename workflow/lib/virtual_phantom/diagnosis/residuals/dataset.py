@@ -22,7 +22,7 @@ class ResidualMaps:
     Attributes
     ----------
     unit : str
-        Of differences, as metrics name it.
+        Unit of differences, as in names of metrics.
     summed : int
         Axis of the data that maps are summed over.
     down, across : str
@@ -72,7 +72,7 @@ class Change:
     words : str
         Description, after "what is left".
     z : float
-        Of the held-out residual along the direction that the fitted data determine.
+        Standardized held-out residual along the direction that the fitted data determine.
     p : float
         p-value of z.
     gain : float
@@ -96,11 +96,11 @@ class Prepared(ABC):
     Attributes
     ----------
     look : ResidualMaps
-        Of the kind of recording.
+        Display of the kind of recording.
     data, held_out : Observed
         Fitted and held-out data.
     variance : ndarray
-        Of one repeat, along the data's three axes.
+        Variance of one repeat, along the data's three axes.
     held : str
         What is held out, in words.
     single : bool
@@ -188,7 +188,7 @@ class Prepared(ABC):
 
     @abstractmethod
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
-        """Return recorded minus modelled data in the unit of `look`, one-dimensional."""
+        """Return recorded minus modeled data in the unit of `look`, one-dimensional."""
 
     def share_at_edges(self, fit: Fit) -> float | None:
         """Return the share of chi-square beyond noise at the steepest data; None if nothing exceeds noise."""

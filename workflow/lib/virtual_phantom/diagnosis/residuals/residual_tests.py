@@ -116,7 +116,7 @@ class HalfProducts:
 def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
     """Return the largest deviation of nuisance parameters from their priors: residuals do not show it.
 
-    The pose of the object and numerical errors, of uncertain size, are left out. The list is empty if there are no
+    The pose of the object and numerical errors, of uncertain size, are omitted. The list is empty if there are no
     priors.
     """
     z = {name: value for name, value in fit.pulled.items() if name not in numerical and name not in PLACE}
@@ -189,7 +189,7 @@ def variance_z(residual: np.ndarray, weight: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     residual, weight : ndarray, shape (blocks,)
-        Of the unbiased logarithms, and their inverse variances; 0 where there is no variance.
+        Residuals of the unbiased logarithms, and their inverse variances; 0 where there is no variance.
 
     References
     ----------

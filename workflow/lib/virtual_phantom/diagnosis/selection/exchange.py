@@ -28,9 +28,9 @@ class Exchange:
         Start of a fit with the other effect.
     share : float
         Squared partial correlation of the changes of the data by the two effects, beside all other numbers of the fit.
-        1: they are equal to first order. For two that move rays or the object, if larger, the share of the chi-square
-        lost without the effect that the other restores at its start: slopes to either side of a sharp edge differ, and
-        two equal effects shared 0.6.
+        1: they are equal to first order. For two that move rays or the object it is, if larger, the share
+        of the lost chi-square that the other effect restores at its start. Slopes to either side of a sharp edge
+        differ: two equal effects shared 0.6.
     """
 
     start: Fit

@@ -27,7 +27,7 @@ AS_GOOD = 3.0  # log score that an alternative explanation may lose: a factor of
 # effects that were ruled out in seeds 13 and 15 of the blind validation was there.
 RULED_OUT = 10.0
 # Share of an effect's first-order change that an alternative must make too, to be fitted again from settings equal to
-# the effect's; an alternative less similar loses a fifth of the gain. A choice. Detector offset and center of rotation
+# the effect's. An alternative less similar loses a fifth of the gain. A choice. Detector offset and center of rotation
 # share over 0.99 in parallel and fan beams (tests/diagnosis/test_exchanged.py).
 LIKE = 0.8
 MOST_EFFECTS = 4  # effects selected at most; a choice that bounds the time
@@ -193,7 +193,7 @@ class ForwardSelection:
 
     def tolerance(self, trial: Trial) -> float:
         """Return the log score that errors of a fit's models and of finite steps may account for."""
-        # Effects share what the fit gains over the baseline in proportion to their worth: an effect may explain more
+        # Effects share what the fit gains over the baseline in proportion to their worth. An effect may explain more
         # than it gained when accepted, once an earlier one has been dropped.
         baseline, names = self.fits.baseline, trial.fit.effects
         steps = self.accuracy.get("numerical", 0.0) ** 2 * baseline.fit.corrected / 2

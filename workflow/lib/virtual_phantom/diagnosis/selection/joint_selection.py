@@ -1,4 +1,4 @@
-"""Forward selection of the effects that several recordings of one scanner share, judged by recordings left out."""
+"""Forward selection of the effects that several recordings of one scanner share, judged by held-out recordings."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from ..fitting.joint_fit import JointFit, JointFitter
 from .forward_selection import ALPHA, LEAST_GAIN, less
 from .screening import SCREEN, screened
 
-TRIED = 3  # best effects of the fitted data that are judged by recordings left out; a choice that bounds the time
-MOST_FOLDS = 12  # folds of recordings that are left out; a choice that bounds the time
+TRIED = 3  # best effects of the fitted data that are judged by held-out recordings; a choice that bounds the time
+MOST_FOLDS = 12  # folds of held-out recordings; a choice that bounds the time
 MOST_WORSE = 0.5  # share of the recordings that an effect may make worse: one scan's own effect is not the scanner's
 
 
@@ -31,11 +31,11 @@ class JointChoice:
         Nuisance parameters alone, and with the effects; fitted to all recordings.
     before, left_out : dict of str to Fit
         By recording, its own nuisance parameters with declared physics, or with all physics, as fitted to the
-        recordings that were not left out with it.
+        recordings outside of its fold.
     scores : dict of str to dict of str to float
         By recording, log score on its held-out data: "before", and "after" with the physics of the others.
     gains : dict of str to float
-        {effect: log score lost without it, over all recordings left out}.
+        {effect: log score lost without it, over all held-out recordings}.
     p : dict of str to float
         {effect: p-value of its likelihood ratio when it was accepted, times the number of candidates}.
     without : dict of str to JointFit
@@ -63,7 +63,7 @@ def choose_jointly(
     Parameters
     ----------
     together : JointFitter
-        Of two recordings or more.
+        Two recordings or more.
     accuracy : mapping of str to float, optional
         As `forward_selection.choose` takes it.
     objects : mapping of str to str, optional
@@ -81,11 +81,11 @@ def choose_jointly(
 
 
 class JointSelection:
-    """Forward selection by the log score of recordings that are left out (`folds`).
+    """Forward selection by the log score of held-out recordings (`folds`).
 
-    An effect is accepted if it gains more over all recordings left out than model errors of the earlier ones may account
-    for, makes no more than half of the recordings worse, and is significant on the fitted data. Effects that later ones
-    have made needless are dropped. There is no limit on their number.
+    An effect is accepted under three conditions. Over all held-out recordings it gains more than model errors of the
+    earlier ones may account for. It makes no more than half of the recordings worse. It is significant on the fitted
+    data. Effects that later ones have made needless are dropped. There is no limit on their number.
     """
 
     def __init__(
@@ -172,7 +172,7 @@ class JointSelection:
         return [name for name in names if shows(name)]
 
     def left_out(self, fit: JointFit) -> dict[str, Fit]:
-        """Return fits of the recordings left out with a fit's effects, made once for each set of effects."""
+        """Return fits of the held-out recordings with a fit's effects, made once for each set of effects."""
         key = tuple(sorted(fit.effects))
         if key not in self._left_out:
             found: dict[str, Fit] = {}
@@ -188,10 +188,9 @@ class JointSelection:
 
 
 def left_together(names: Sequence[str], objects: Mapping[str, str] | None = None) -> list[list[str]]:
-    """Return the folds of recordings that are left out: by scanned object, where there are several, or one by one.
+    """Return the folds of held-out recordings: by scanned object, where there are several, or one by one.
 
-    `objects` is {recording: object}; None: each has its own. Of more than MOST_FOLDS objects some are left out
-    together.
+    `objects` is {recording: object}; None: each has its own. More than MOST_FOLDS objects share folds.
     """
     found: dict[str, list[str]] = {}
     several = objects is not None and len(set(objects.values())) > 1

@@ -14,9 +14,9 @@ RANKED, FITTED = "effects ranked", "fits made"
 # Milestones.
 ALIGNED, JUDGED, COMPARED = "alignment fitted", "verdict found", "images compared"
 
-# Upper bound of the time left after these, over the time since the start: images and the page took 4 to 30 percent of
-# twelve diagnoses (benchmarks/diagnosis_rates.py), the page alone up to a tenth. For fits divided by their rounds: with
-# three effects, 4 after the first of nine rounds, 2.3 after the second, 0.9 after the fifth.
+# Upper bound of the time left after these, over the time since the start. Images and the page took 4 to 30 percent of
+# twelve diagnoses (benchmarks/diagnosis_rates.py); the page alone took up to a tenth. The value for fits is divided by
+# their rounds: with three effects, 4 after the first of nine rounds, 2.3 after the second, 0.9 after the fifth.
 LEFT_AFTER = {FITTED: 6.0, JUDGED: 0.4, COMPARED: 0.1}
 
 

@@ -22,8 +22,8 @@ from .progress import RANKED, DiagnosisProgress
 SIZES = (1 / 3, 3.0)  # factors by which a fit may change an effect without a neutral value from its start
 ALIKE = 1e-4  # of a template's length: difference of two equal templates by path lengths in single precision
 SCREEN = 0.01  # significance level over all candidates below which an effect is fitted beside the selected ones
-# Candidates that are fitted: the first FEW by their filters' gain, with at least LEAST_SHARE of the best gain or of the
-# effect they replace, and all with at least NEAR_BEST of the best gain.
+# Candidates that are fitted, by their filters' gain: the first FEW, and all with at least NEAR_BEST of the best gain.
+# They must have at least LEAST_SHARE of the best gain, or of that of the effect they replace.
 FEW, LEAST_SHARE, NEAR_BEST = 6, 0.1, 0.5
 # Share of its gain that an effect must keep beside model errors to be unconfounded. In two scans of the blind
 # validation's seed 16 row offsets kept 0.99 and 1.02, and a drift that was not there 0.24.

@@ -43,9 +43,9 @@ def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mappi
     output : object
         Paths, as attributes diagnosis, physics, report and maps.
     content : dict
-        Of diagnosis.json.
+        Content of diagnosis.json.
     overlay : dict
-        Of physics.yaml: a configuration of the study.
+        Content of physics.yaml, a configuration of the study.
     page : str
         The report.
     """

@@ -71,7 +71,7 @@ class Physics:
             units = {n: {k: v["unit"] for k, v in values.items()} for n, values in taken.items()}
             density = (scale["value"], _error(scale)) if absolute_attenuation(effects) else None
         if needed and not effects:
-            raise InputError(f"{path}: found no effect that another recording could be held against; drop physics_from")
+            raise InputError(f"{path}: found no effect to validate on another recording; drop physics_from")
         return cls(recording, effects, errors, units, density, tuple(sorted(set(found) - set(taken))), noise)
 
 

@@ -44,7 +44,7 @@ class Errors:
 def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]) -> Errors:
     """Return standard errors of a fit's numbers with model errors.
 
-    A distortion d of the whitened data shifts the numbers by A^-1 J'd, where J are the changes of the data per number
+    A distortion d of the whitened data shifts the numbers by A^-1 J'd. Here J are the changes of the data per number
     and A = J'J + K their information with priors. Distortions are independent of each other and of noise.
 
     Parameters

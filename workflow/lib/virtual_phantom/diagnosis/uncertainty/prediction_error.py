@@ -16,7 +16,7 @@ def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
     """Return changes of held-out predictions by errors of a fit's numbers, by part, (directions, data).
 
     The directions are independent, each one standard error large. Residuals of held-out data vary by the sum of their
-    squares beside their own noise: r = n - J (theta - truth), where theta has the covariance (J'WJ + K)^-1 of the
+    squares beside their own noise: r = n - J (theta - truth). Here theta has the covariance (J'WJ + K)^-1 of the
     fitted data. Parameters from elsewhere have the errors found there, as far as the fitted numbers do not
     compensate for them.
     """

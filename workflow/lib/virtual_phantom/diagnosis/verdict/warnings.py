@@ -22,7 +22,7 @@ from ..selection.forward_selection import Choice
 
 ALIKE = 0.9  # correlation of recording and simulation; less is another object, position or geometry
 # Share of chi-square beyond noise in the steepest tenth of the data, from which a mismatch lies along edges. Cylinders
-# drawn in voxels of 0.25 to 2 mm left 0.32 to 1.1 there once the physics was fitted; scatter and a spectrum that were
+# drawn in voxels of 0.25 to 2 mm left 0.32 to 1.1 there once the physics was fitted. Scatter and a spectrum that were
 # not fitted, and were more than what voxels leave, 0.08 to 0.15.
 ALONG_EDGES = 0.25
 ABSENT = 10.0  # log score that an effect implied by the label must lose to be reported as absent
