@@ -36,9 +36,10 @@ OF_VERDICTS = (
         ("selection.forward_selection", name)
         for name in ("ALPHA", "LEAST_GAIN", "AS_GOOD", "RULED_OUT", "MOST_EFFECTS")
     ),
-    *(("selection.forward_selection", name) for name in ("MOST_SWAPS", "SCREEN", "FEW", "LEAST_SHARE", "NEAR_BEST")),
+    ("selection.forward_selection", "MOST_SWAPS"),
+    *(("selection.screening", name) for name in ("SCREEN", "FEW", "LEAST_SHARE", "NEAR_BEST")),
     *(("residuals.residual_tests", name) for name in ("ALPHA", "EDGE_SHARE", "BINS")),
-    *(("verdict.doubts", name) for name in ("WELL_KNOWN", "MOST_CHI_SQUARE")),
+    *(("verdict.warnings", name) for name in ("WELL_KNOWN", "MOST_CHI_SQUARE")),
     ("verdict.verdict", "LEFT_SD"),
     ("verdict.object_mismatch", "BEYOND"),
     ("projections.residual_maps", "THIN"),
@@ -116,11 +117,11 @@ class Remembered:
         return effects, *(None if one is None else self._key(one.fit) for one in begun)
 
     def get(self, effects, given=None, against=None):
-        """As KeptFits.get."""
+        """As FitCache.get."""
         return self._trials.get(self._of(effects, given, against))
 
     def put(self, found, effects, given=None, against=None) -> None:
-        """As KeptFits.put."""
+        """As FitCache.put."""
         self._trials[self._of(effects, given, against)] = found
 
     def once(self, function: Callable) -> Callable:

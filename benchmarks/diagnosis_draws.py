@@ -32,9 +32,8 @@ from scipy import ndimage
 from scipy.optimize import brentq
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.fitting.declared import declared
 from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearisation, LinearisationPoint
-from virtual_phantom.diagnosis.fitting.priors import stated_physics
+from virtual_phantom.diagnosis.fitting.priors import declared, stated_physics
 from virtual_phantom.diagnosis.fitting.templates import strength, varied, whitened
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared

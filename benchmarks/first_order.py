@@ -18,8 +18,8 @@ from diagnosis_draws import GEOMETRY, PHOTONS, scans, scene, strengths
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
-from virtual_phantom.diagnosis.selection.forward_selection import AS_GOOD, LEAST_GAIN, could_win
-from virtual_phantom.diagnosis.selection.screening import Screened, screened
+from virtual_phantom.diagnosis.selection.forward_selection import AS_GOOD, LEAST_GAIN
+from virtual_phantom.diagnosis.selection.screening import Screened, could_win, screened
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, names
 

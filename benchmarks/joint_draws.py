@@ -21,13 +21,13 @@ from declared import of_catalogue, statable
 from intervals import LEVELS, held, shares
 
 from virtual_phantom.base.streams import branch, generator
-from virtual_phantom.diagnosis.candidate_effects import OF_ONE_SCAN
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.preparation import ready
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA
 from virtual_phantom.diagnosis.scanner.consistency import alone
 from virtual_phantom.diagnosis.uncertainty.model_error import errors_of_pulled, pulled_of_recordings
+from virtual_phantom.physics.effect import load
 from virtual_phantom.proof.conceal.objects import OBJECTS
 
 EFFECTS = 3
@@ -38,7 +38,7 @@ WAYS = ("both", *OBJECTS)
 def drawn(number, seed):
     """Effects of a scanner, as a case of the proof has them, and of another day."""
     random = generator(branch(seed, number))
-    shared = [name for name in statable() if name not in OF_ONE_SCAN]
+    shared = [name for name in statable() if not load(name).of_one_scan]
     effects = [of_catalogue(name, "medium", random) for name in random.choice(shared, EFFECTS, replace=False)]
     return effects, [of_catalogue(effects[0]["name"], "medium", random), *effects[1:]]
 

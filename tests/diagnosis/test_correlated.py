@@ -5,8 +5,8 @@ import pytest
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.fitting.fit import Problem
 from virtual_phantom.diagnosis.fitting.priors import Statement
+from virtual_phantom.diagnosis.fitting.problem import Problem
 from virtual_phantom.diagnosis.fitting.templates import data_changes
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.noise.gain_pattern import estimate
@@ -250,7 +250,7 @@ def test_the_errors_of_a_fit_add_what_its_numbers_can_move():
     found = left_by_numbers(fitter, fit)
     total = sum(float((weight * one**2).sum()) for weight, one in zip(fitter.weights, found, strict=True))
     problem = Problem(fitter, fit.effects, fit)
-    changes = data_changes(problem, None)
+    changes = data_changes(problem)
     information = changes.T @ changes
     expected = np.trace(np.linalg.solve(information + np.diag(problem.knowledge), information))
     assert total == pytest.approx(expected, rel=1e-3) and 3 < total < len(problem.start)

@@ -7,9 +7,9 @@ from simulated_scans import body, chosen, scans_of
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.candidate_effects import candidates
-from virtual_phantom.diagnosis.fitting.declared import declared
-from virtual_phantom.diagnosis.fitting.fit import Problem
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
+from virtual_phantom.diagnosis.fitting.priors import declared
+from virtual_phantom.diagnosis.fitting.problem import Problem
 from virtual_phantom.diagnosis.fitting.templates import data_changes
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
@@ -127,7 +127,7 @@ def errors_of_scatter(scene):
     """Of line integrals, one standard deviation each, shape (views, rows, columns, errors)."""
     fitter = scanned_strongly(scene, {}, 0)
     fit = trial(fitter, ()).fit
-    columns = data_changes(Problem(fitter, (), fit), None)
+    columns = data_changes(Problem(fitter, (), fit))
     found = distortions_of_physics(fitter, fit, columns, TRUSTED, list(fitter.model.declared))
     mean = fitter.data.mean
     return (found[: mean.size] / np.sqrt(fitter.weights[0])[:, None]).reshape(*mean.shape, -1)
@@ -144,7 +144,7 @@ def test_errors_of_a_declared_model_are_of_the_size_that_it_is_trusted_to(scene,
     # An exact model has none.
     fitter = scanned_strongly(scene, {}, 0)
     fit = trial(fitter, ()).fit
-    columns = data_changes(Problem(fitter, (), fit), None)
+    columns = data_changes(Problem(fitter, (), fit))
     assert distortions_of_physics(fitter, fit, columns, {"default": 0.0}, list(fitter.model.declared)).shape == (
         len(columns),
         0,
@@ -164,7 +164,9 @@ def test_what_errors_of_declared_models_may_make_up_is_not_named(scene, errors_o
     assert found.chosen.fit.effects == ()
     # What is significant if models are exact is told all the same.
     gains = screened(fitter, aligned.fit, TRIED, accuracy=TRUSTED)
-    assert set(exact.chosen.fit.effects) & {name for name, one in gains.items() if one.gain > 10 * one.sure.gain}
+    assert set(exact.chosen.fit.effects) & {
+        name for name, one in gains.items() if one.gain > 10 * one.beside_model_error.gain
+    }
 
 
 def test_of_several_recordings_errors_of_declared_models_are_no_evidence_either(scene, errors_of_scatter):

@@ -12,8 +12,8 @@ from hypothesis.extra.numpy import arrays
 from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.fitting.declared import declared
-from virtual_phantom.diagnosis.fitting.fit import Problem
+from virtual_phantom.diagnosis.fitting.priors import declared
+from virtual_phantom.diagnosis.fitting.problem import Problem
 from virtual_phantom.diagnosis.fitting.steps import NORMAL_95, bounded_step, standard_errors
 from virtual_phantom.diagnosis.fitting.templates import data_changes
 from virtual_phantom.diagnosis.fitting.unknown import Unknown
@@ -147,9 +147,9 @@ def test_errors_are_those_of_derivatives_where_the_fit_ends(name, truth):
     """Derivatives that were updated from step to step may be off by as much as they were where the fit began."""
     fitter = fitted_to({name: truth})
     fit = fitter.fit((name,), fitter.fit(()))
-    there = Problem(fitter, fit.effects, fit)
-    residuals = there.residuals(there.start, None)
-    information, _ = there.normal(there.jacobian(there.start, residuals, None), there.start, residuals)
+    there = Problem.at(fitter, fit)
+    residuals = there.residuals(there.start)
+    information, _ = there.normal(there.jacobian(there.start, residuals), there.start, residuals)
     errors = [*fit.errors[name].values(), *fit.nuisance_errors.values()]
     np.testing.assert_allclose(errors, standard_errors(information), rtol=0.02)
 
@@ -218,16 +218,16 @@ def test_jacobians_where_fits_have_ended_are_worked_out_once():
     truth = {"scatter": {"amount": 0.05, "width_mm": 60.0}}
     fitter = fitted_to(truth)
     fit = fitter.fit(("scatter",), fitter.fit(()))
-    fitted, held = of_both_halves(fitter, Problem(fitter, fit.effects, fit), fit)
-    again = Problem(fitter, fit.effects, fit)
-    fresh = again.jacobian(again.start, again.residuals(again.start, None), None)
+    fitted, held = of_both_halves(Problem.at(fitter, fit))
+    again = Problem.at(fitter, fit)
+    fresh = again.jacobian(again.start, again.residuals(again.start))
     for one, other in zip(fitted, fresh, strict=True):
         np.testing.assert_array_equal(one, other)
     predict = fitter.model.predict
     try:
         fitter.model.predict = None
-        columns = data_changes(again, None)
-        assert of_both_halves(fitter, again, fit)[1] is held
+        columns = data_changes(again)
+        assert of_both_halves(again)[1] is held
     finally:
         fitter.model.predict = predict
     np.testing.assert_allclose(
@@ -235,7 +235,7 @@ def test_jacobians_where_fits_have_ended_are_worked_out_once():
     )
     known = copy.copy(fitter.model)
     known.fixed = {"scatter": {"width_mm": 60.0}}
-    assert data_changes(Problem(fitter.of(known), fit.effects, fit), None).shape[1] == len(again.start) - 1
+    assert data_changes(Problem.at(fitter.of(known), fit)).shape[1] == len(again.start) - 1
 
 
 def test_there_is_no_negative_scatter():
@@ -269,7 +269,7 @@ def test_a_fit_that_stalls_begins_again_from_farther_off(monkeypatch):
     assert numbers == pytest.approx([max(here - 10, -10), here - 2, here + 2, min(here + 10, 10)])
     assert all(one.nuisance == stalled.nuisance for one in begun)
     ends = iter([(replace(stalled, chi_square=value), 9.0) for value in (50.0, 60.0, 40.0, 30.0, 70.0)])
-    monkeypatch.setattr(fitter, "_settled", lambda problem: next(ends))
+    monkeypatch.setattr(fitter, "_solve", lambda problem: next(ends))
     assert fitter.fit(("detector_row_offset",)).chi_square == 30.0
 
 
@@ -289,14 +289,14 @@ def test_slopes_hold_along_the_valley_in_which_what_moves_rays_trades():
     """Size, scale and distances change the data together by a tenth of what each does alone."""
     fitter = fitted_to(VALLEY)
     fit = fitter.fit(("source_distance",))
-    problem = Problem(fitter, fit.effects, fit)
+    problem = Problem.at(fitter, fit)
     problem.follow(problem.start)
-    here = problem.residuals(problem.start, None)
-    jacobian = problem.jacobian(problem.start, here, None)
+    here = problem.residuals(problem.start)
+    jacobian = problem.jacobian(problem.start, here)
     information, _ = problem.normal(jacobian, problem.start, here)
     along = np.linalg.inv(information)[0]
     along /= np.sqrt(along[0])  # one standard error of the first number, all others following
-    moved = problem.residuals(problem.start + along, None)
+    moved = problem.residuals(problem.start + along)
     promised = jacobian[0].T @ (along / problem.steps)
     root = np.sqrt(fitter.weights[0])
     off = np.linalg.norm((here[0] - moved[0] - promised) * root)

@@ -1,20 +1,25 @@
 """What the library lacks is one file of one's own: an effect on projections, one on images, and a kind of scene."""
 
+import ast
 import importlib.util
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated_scans import body, chosen, noisy_lines
+from simulated_scans import body, chosen, noisy_lines, scans_of
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.config.dependencies import LIBRARY
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.comparison.regions import complete
 from virtual_phantom.diagnosis.images.prepared import prepare as prepare_images
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
+from virtual_phantom.diagnosis.uncertainty.model_error import kernel_error
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
+from virtual_phantom.diagnosis.verdict.warnings import caveats, doubts
 from virtual_phantom.physics import effect, effects
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
@@ -51,7 +56,7 @@ CUPPING = '''"""Images that are darker the nearer to the axis."""
 import numpy as np
 
 from ..effect import Effect, Parameter
-from ..image import ImageState
+from ..image_state import ImageState
 
 
 def apply(state: ImageState, values: dict[str, float]) -> None:
@@ -101,6 +106,42 @@ class Balls:
             off = np.linalg.norm(np.cross(np.array(centre) * pose.size - source, way), axis=-1)
             total = total + 2 * np.sqrt(np.maximum((radius * pose.size) ** 2 - off**2, 0))
         return total.astype(np.float32).reshape(1, *geometry.shape)
+'''
+LEAKAGE = '''"""Radiation that leaks through the tube's housing, with everything that an effect may declare."""
+
+from ..effect import (
+    DARK_LEVEL, HELIX, NEEDS, NOMINAL_PHOTONS, SUCCESSIVE_VIEWS, DIVERGENT_BEAM, TUBE_VOLTAGE, Effect, Parameter
+)
+from ..state import State
+
+
+def apply(state: State, values: dict[str, float]) -> None:
+    """Add a share of the signal in air."""
+    state.signal = state.signal + values["share"] * (values["kvp"] / 120) * state.air
+
+
+EFFECT = Effect(
+    name="leakage",
+    physics="The housing lets a little radiation through.",
+    equation="S' = S + g A",
+    source="a test",
+    stage="scatter",
+    signature="line integrals too low behind the object",
+    settled_by="a lead plate",
+    parameters=(
+        Parameter("share", "1", "share of the signal in air", 0.0, 0.3, 0.01, 0.02, dark=DARK_LEVEL),
+        Parameter("kvp", "kV", "voltage of the tube", 20.0, 200.0, 90.0, 110.0, None, nominal=TUBE_VOLTAGE,
+                  title="voltage behind the housing"),
+        Parameter("width_mm", "mm", "of the leak", 1.0, 90.0, 30.0, 30.0, None, kernel=True, kernel_error=0.7),
+    ),
+    apply=apply,
+    needs=(DIVERGENT_BEAM, NOMINAL_PHOTONS, SUCCESSIVE_VIEWS, HELIX),
+    of_one_scan=True,
+    removed_by=("dark",),
+    correction="housing",
+    absolute_attenuation=True,
+    if_absent="A tube of {tube_kvp:g} kV leaks, and this one does not.",
+)
 '''
 GEOMETRY = circular(
     views=40,
@@ -165,6 +206,86 @@ def test_an_effect_on_images_is_found(scene, added):
     assert [one["name"] for one in found["effects"]][:1] == ["cupping"]
     low, high = found["effects"][0]["parameters"]["depth_hu"]["ci95"]
     assert low - (high - low) / 2 < 12.0 < high + (high - low) / 2
+
+
+@pytest.fixture
+def leaking(tmp_path):
+    """The effect that declares everything."""
+    before = list(effects.__path__)
+    (tmp_path / "leakage.py").write_text(LEAKAGE)
+    effect.add_folder(tmp_path)
+    yield effect.load("leakage")
+    effects.__path__[:] = before
+    sys.modules.pop(f"{effects.__name__}.leakage", None)
+
+
+FAVORABLE = {"corrected": ["housing"], "helical": True}
+
+
+@pytest.mark.parametrize(
+    ("settings", "scan", "message"),
+    [
+        ({}, {}, "leakage needs nominal_photons"),
+        ({"view_step": 2}, {}, "leakage jumps from view to view"),
+        ({}, {"helical": False}, "leakage goes along the axis"),
+        ({}, {"parallel": True}, "leakage goes by the place of a focal spot"),
+        ({}, {"corrected": ["housing", "dark"]}, r"leakage was corrected by the scanner's maker \(corrected: dark"),
+        ({}, {"corrected": []}, r"leakage is there .* state corrected: \[housing\]"),
+    ],
+)
+def test_an_effect_is_tried_where_its_needs_are_met(leaking, settings, scan, message):
+    stated = {"nominal_photons": None if "nominal" in message else PHOTONS} | settings
+    assert "leakage" in candidates({"nominal_photons": PHOTONS}, **FAVORABLE)
+    assert "leakage" not in candidates(stated, **FAVORABLE | scan)
+    with pytest.raises(InputError, match=message):
+        candidates(stated | {"effects": ["leakage"]}, **FAVORABLE | scan)
+
+
+def test_an_effect_declares_its_priors_and_its_owner(scene, leaking):
+    """A label's voltage is a prior of its parameter; the scale is the density; each scan has an effect of its own."""
+    assert effect.scan_effects().count("leakage") == 1 and "leakage" in effect.needing(effect.DIVERGENT_BEAM)
+    assert effect.absolute_attenuation(["leakage"]) and not effect.absolute_attenuation(["scatter"])
+    taken = scans_of(Chain(scene, GEOMETRY, PHOTONS).state({}), 4, np.random.default_rng(1))
+    fitter = prepared.prepare(taken, None, Chain(scene, GEOMETRY, PHOTONS), tube_kvp=100.0).fitter
+    kvp = next(one for one in fitter.model.unknowns(("leakage",)) if one.name == "kvp")
+    assert (kvp.expected, kvp.sd, kvp.low, kvp.high, kvp.starts) == (100.0, 1.0, 95.0, 105.0, (100.0,))
+    scale, free = (
+        next(one for one in fitter.model.alignment(names) if one.name == "scale") for names in (("leakage",), ())
+    )
+    assert (scale.expected, scale.sd) == (fitter.model.density[0], min(free.sd, fitter.model.density[1]))
+    share, _, width = leaking.parameters
+    assert [kernel_error(one, 0.1) for one in (share, width)] == [0.0, 0.7]
+
+
+def test_an_effect_warns_where_it_reaches_a_bound_or_is_absent(scene, leaking):
+    taken = scans_of(Chain(scene, GEOMETRY, PHOTONS).state({}), 4, np.random.default_rng(1))
+    given = prepared.prepare(taken, None, Chain(scene, GEOMETRY, PHOTONS), tube_kvp=100.0)
+    choice = chosen(given.fitter, ("scatter",))
+    absent = replace(choice, alone={"leakage": -20.0})
+    assert "A tube of 100 kV leaks, and this one does not." in caveats(given, absent, 100.0)
+    assert caveats(given, replace(choice, alone={"leakage": 0.0}), 100.0) == caveats(given, choice)
+    values = {"leakage": {"share": 0.01, "kvp": 105.0, "width_mm": 30.0}}
+    errors = {"leakage": dict.fromkeys(values["leakage"], 0.01)}
+    fit = replace(choice.chosen.fit, effects=("leakage",), physics=values, errors=errors)
+    (doubt,) = doubts(replace(choice, chosen=replace(choice.chosen, fit=fit)), given.fitter.model, {})
+    assert doubt == "voltage behind the housing of leakage is 105 kV (stated: 100, known within 1)"
+
+
+SHARED = ("noise", "fitting", "residuals", "uncertainty", "selection", "verdict", "comparison", "planning", "scanner")
+
+
+def test_the_core_names_no_effect():
+    """Shared packages of the diagnosis, and the module of effects but for its list of stages."""
+    core = LIBRARY / "diagnosis"
+    paths = [path for package in SHARED for path in (core / package).glob("*.py")] + list(core.glob("*.py"))
+    found = [
+        f"{path.relative_to(LIBRARY)}:{node.lineno} names {node.value}"
+        for path in (*paths, LIBRARY / "physics" / "effect.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and node.value in effect.names()
+        if path.parent != LIBRARY / "physics" or node.value not in effect.STAGES
+    ]
+    assert len(paths) > 40 and not found, found
 
 
 def test_a_folder_that_cannot_be_added_is_refused(tmp_path):

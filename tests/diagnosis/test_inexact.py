@@ -72,7 +72,7 @@ def test_of_data_that_are_off_as_models_may_be_intervals_are_right(chain):
 
 def test_a_kernel_of_another_form_is_off_by_what_half_its_width_shifts(chain, monkeypatch):
     """Glare of which as much again is half as wide: the numbers move by what is counted for it."""
-    monkeypatch.setattr(model_error, "MIXED", {"veiling_glare": 1.0})
+    monkeypatch.setattr(model_error, "kernel_error", lambda parameter, share: float(parameter.kernel))
     glare = {"veiling_glare": {"share": 0.03, "width_mm": 60.0}}
     narrower = {"veiling_glare": {"share": 0.03, "width_mm": 30.0}}
     wide, narrow = (chain.state(one).line_integrals() for one in (glare, narrower))

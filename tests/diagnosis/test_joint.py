@@ -9,8 +9,8 @@ from simulated_scans import noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.diagnosis.fitting.declared import declared
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
+from virtual_phantom.diagnosis.fitting.priors import declared
 from virtual_phantom.diagnosis.projections import observed
 from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.diagnosis.scanner.scanner import explain_scanner, protocols_of
@@ -103,7 +103,7 @@ def test_of_one_recording_inexact_models_count_as_there(fitters):
 def test_more_recordings_do_not_make_a_models_error_less(fitters, joint, monkeypatch):
     """One tenth too weak as a whole: the amount is off by a tenth, of three discs as of one."""
     monkeypatch.setattr(model_error, "shapes", lambda mean: {0: np.ones(mean.shape)})
-    monkeypatch.setattr(model_error, "MIXED", {"scatter": 0.0})
+    monkeypatch.setattr(model_error, "kernel_error", lambda parameter, share: 0.0)
     without = JointFitter(fitters).fit(())
     accuracy = INEXACT | {"numerical": 0.0}
     errors = errors_of_pulled(pulled_of_recordings(JointFitter(fitters), joint, {"scatter": without}, accuracy))[

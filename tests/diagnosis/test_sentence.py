@@ -12,8 +12,8 @@ from virtual_phantom.diagnosis.fitting.priors import Statement
 from virtual_phantom.diagnosis.projections import observed
 from virtual_phantom.diagnosis.projections.model import ScansModel
 from virtual_phantom.diagnosis.projections.prepared import prepare
-from virtual_phantom.diagnosis.verdict.doubts import advice, doubts
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
+from virtual_phantom.diagnosis.verdict.warnings import advice, doubts
 from virtual_phantom.diagnosis.wording import sentence
 from virtual_phantom.physics.beam import sensors
 from virtual_phantom.physics.chain import Chain

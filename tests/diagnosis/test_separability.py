@@ -8,7 +8,7 @@ from generators import effect_templates
 
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.base.names import label
-from virtual_phantom.diagnosis.fitting.fit import Problem
+from virtual_phantom.diagnosis.fitting.problem import Problem
 from virtual_phantom.diagnosis.fitting.templates import changes, projected
 from virtual_phantom.diagnosis.planning.separability import (
     Template,
@@ -76,7 +76,7 @@ def test_flux_is_told_by_the_statement_alone(disc):
     # Of one number, known to 2 % beside what the blocks' variances say of it.
     data, known = fitter.weights[1].sum(), 1 / 0.02**2
     assert flux.taken_up == pytest.approx(data / (data + known), rel=1e-3)
-    unstated = np.linalg.qr(changes(Problem(fitter, (), fit), None)[: flux.whole.size])[0]
+    unstated = np.linalg.qr(changes(Problem(fitter, (), fit))[: flux.whole.size])[0]
     left = projected(flux.whole[None], unstated)[0]
     assert left @ left < 1e-5 * (flux.whole @ flux.whole)
 
@@ -120,7 +120,7 @@ def test_what_lies_out_of_range_is_not_taken_up(disc):
     fitter, fit = disc
     problem = Problem(fitter, (), fit)
     place = len(problem.unknowns) + [one.name for one in problem.aligned].index("scale")
-    column = changes(problem, None)[: sum(part.size for part in fitter.weights), place]
+    column = changes(problem)[: sum(part.size for part in fitter.weights), place]
     room = problem.high[place] - problem.start[place]
     found = taken_up_in_range(fitter, fit, np.stack([0.5 * room * column, 100 * room * column]))
     # Within its range all, far beyond it hardly any.

@@ -19,8 +19,7 @@ from virtual_phantom.diagnosis.fitting.trial import Trial, trial
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.scanned_object import mask_scene
 from virtual_phantom.diagnosis.selection import forward_selection
-from virtual_phantom.diagnosis.selection.forward_selection import best_few
-from virtual_phantom.diagnosis.selection.screening import Screened
+from virtual_phantom.diagnosis.selection.screening import Screened, best_few
 from virtual_phantom.diagnosis.selection.transfer import Physics, stated, verified, with_declared
 from virtual_phantom.diagnosis.uncertainty.intervals import half_width
 from virtual_phantom.diagnosis.uncertainty.prediction_error import left_by_numbers
@@ -163,7 +162,7 @@ def test_a_density_that_is_not_that_of_the_object_removes_less(other):
         (None, "is no diagnosis"),
         ("{", "is no diagnosis"),
         (json.dumps({"recording": "disc", "effects": []}), "is no diagnosis"),
-        (json.dumps(found_on("disc", 1.0, {})), "found no effect that another recording could be held against"),
+        (json.dumps(found_on("disc", 1.0, {})), "found no effect to validate on another recording"),
         (json.dumps(found_on("disc", 1.0, {"scatter": {"amount": 7.0}})), "is out of the plausible range"),
     ],
 )
@@ -269,7 +268,7 @@ def scored(monkeypatch):
     def filtered(fitter, fit, names, fitted_too=False, **more):
         made_up = Screened(1.0, 0.0) if fitted_too else None  # inexact models may make up all of it
         gains = {name: 2 * (made((*fit.effects, name)).score - made(fit.effects).score) for name in names}
-        return {name: Screened(0.0, gain, beside_errors=made_up) for name, gain in gains.items()}
+        return {name: Screened(0.0, gain, with_model_error=made_up) for name, gain in gains.items()}
 
     monkeypatch.setattr(forward_selection, "screened", filtered)
     monkeypatch.setattr(
@@ -286,7 +285,7 @@ def test_an_effect_that_is_worse_beside_the_others_is_swapped(scored):
     choice = forward_selection.choose(BARE, scored(()), singles)
     assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
     assert choice.gains == {"motion": 500, "scatter": 800}
-    assert choice.stand_ins == {"motion": {"heel": 395}, "scatter": {"heel": 200}}
+    assert choice.alternatives == {"motion": {"heel": 395}, "scatter": {"heel": 200}}
     assert choice.ruled_out == {"heel": 200} and choice.ambiguous_with("scatter") == []
 
 
@@ -305,8 +304,8 @@ def test_models_are_held_as_exact_as_the_configuration_has_it_by_default(scored)
     stated = complete(default)["diagnosis"]["model_accuracy"]
     assert set(stated) > {"default", "numerical"} and stated["default"] > 0
     given, taken = (forward_selection.choose(BARE, scored(()), singles, **one) for one in ({"accuracy": stated}, {}))
-    assert (given.undecided, given.ruled_out, given.blur) == (taken.undecided, taken.ruled_out, taken.blur)
-    assert taken.blur > forward_selection.choose(BARE, scored(()), singles, accuracy={"default": 0.0}).blur
+    assert (given.undecided, given.ruled_out, given.tolerance) == (taken.undecided, taken.ruled_out, taken.tolerance)
+    assert taken.tolerance > forward_selection.choose(BARE, scored(()), singles, accuracy={"default": 0.0}).tolerance
 
 
 def test_what_has_no_template_is_fitted(scored, monkeypatch):
@@ -353,9 +352,9 @@ def test_what_inexact_models_cannot_make_up_is_named_however_little(scored, monk
 
     monkeypatch.setattr(forward_selection, "screened", filtered)
     choice = forward_selection.choose(BARE, scored(()), SINGLES[::2], accuracy={"default": 0.7})
-    assert choice.chosen.fit.effects == ("heel", "motion") and choice.apart == {"motion"}
+    assert choice.chosen.fit.effects == ("heel", "motion") and choice.unconfounded == {"motion"}
     monkeypatch.setattr(forward_selection, "MOST_DATA", -1)
-    assert not forward_selection.choose(BARE, scored(()), SINGLES[::2], accuracy={"default": 0.7}).apart
+    assert not forward_selection.choose(BARE, scored(()), SINGLES[::2], accuracy={"default": 0.7}).unconfounded
 
 
 @pytest.mark.parametrize(
@@ -382,7 +381,7 @@ def test_an_effect_is_worth_what_it_explains_once_an_idle_one_has_gone(scored, m
     singles = SINGLES
     choice = forward_selection.choose(BARE, scored(()), singles, accuracy={"default": 0.1})
     assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
-    assert choice.blur == pytest.approx(0.1**2 * 900)
+    assert choice.tolerance == pytest.approx(0.1**2 * 900)
 
 
 def test_what_was_found_elsewhere_can_be_declared(tmp_path):

@@ -1,7 +1,6 @@
-"""What the configuration asks of a diagnosis: which effects are tried, and on which kinds of recordings.
+"""Effects that a recording is tried against, and checks of what the configuration asks of diagnoses."""
 
-Apart from `ready`, whose imports take two seconds that every start of the workflow would pay.
-"""
+# Imports stay light: every start of the workflow reads this module, and `preparation` takes seconds to load.
 
 from __future__ import annotations
 
@@ -9,49 +8,43 @@ from collections.abc import Collection, Mapping
 
 from ..base.errors import InputError
 from ..base.geometry import PARALLEL
-from ..physics.effect import OF_A_SPOT, acts_on_images, load, names, needs_times, require
+from ..physics.effect import (
+    DIVERGENT_BEAM,
+    HELIX,
+    NEEDS,
+    NOMINAL_PHOTONS,
+    SUCCESSIVE_VIEWS,
+    acts_on_images,
+    load,
+    names,
+    needs_times,
+    require,
+)
 from ..recordings.scan import timed
-from .fitting.declared import declared
+from .fitting.priors import declared
 
-# {kind of a recording: (which effects it does not show, and why)}
+# {kind of a recording: (test for effects that it does not show, reason)}
 HIDDEN = {
     "projections": (acts_on_images, "acts on images, and projections do not show it"),
     "images": (lambda name: load(name).pattern, "has one unknown per detector pixel, which images mix"),
 }
 
-# Effects of one scan, which its scanner's other scans do not share; a gain pattern has no numbers to share.
-OF_ONE_SCAN = ("gain_pattern", "motion", "photon_flux")
-
-
-# {what a maker corrects before projections are stored: effects that this takes away}
-CORRECTED = {
-    "beam_hardening": ("spectrum",),
-    "gain": ("gain_pattern",),
-    "flat": ("gain_pattern", "heel"),
-    "dark": ("dark_signal",),
-    "scatter": ("scatter",),
-}
-
-
-# {effect: the correction that it is}: tried where the maker made it.
-MADE_BY_MAKER = {"water_correction": "beam_hardening"}
-
 
 def shown_by(content: Mapping) -> dict:
-    """What of `candidates` a recording says.
+    """Return the arguments of `candidates` that a recording.yaml states.
 
     Parameters
     ----------
     content : mapping
-        That of recording.yaml.
+        Content of recording.yaml.
 
     Returns
     -------
     dict
-        Its arguments after the settings.
+        All arguments but the settings.
     """
     kind = content["kind"]
-    # Images are simulated by a protocol of the study, which may be a helix.
+    # A protocol of the study simulates images, and its scan may be a helix.
     helical = kind == "images" or content.get("scan", {}).get("trajectory") == "helical"
     parallel = content.get("scan", {}).get("beam") == PARALLEL
     return {
@@ -71,47 +64,51 @@ def candidates(
     helical: bool = False,
     parallel: bool = False,
 ) -> list[str]:
-    """The effects that a recording of a kind is tried against.
+    """Return the effects that a recording is tried against.
 
     Parameters
     ----------
     settings : dict
-        Of the diagnosis: `effects`, `nominal_photons`, `view_step` and `baseline`.
+        Settings of the diagnosis: `effects`, `nominal_photons`, `view_step` and `baseline`.
     kind : {"projections", "images"}, optional
     timed : bool, optional
-        Whether the times of its views are known.
+        Whether the times of the views are known.
     corrected : collection of str, optional
-        What was corrected before the recording was stored (CORRECTED).
+        Corrections by the scanner's maker.
     helical : bool, optional
         Whether the source moves along the axis.
     parallel : bool, optional
-        Whether rays are parallel.
+        Whether the beam is parallel.
 
     Raises
     ------
     InputError
-        For one that the library does not have, that the kind does not show, or that needs a statement which is missing.
+        For an unknown effect, one that the recording cannot show, and one that needs a missing statement.
     """
     hides, why = HIDDEN[kind]
+    unmet = {
+        NOMINAL_PHOTONS: settings.get("nominal_photons") is None,
+        SUCCESSIVE_VIEWS: (settings.get("view_step") or 1) % 2 == 0,
+        HELIX: not helical,
+        DIVERGENT_BEAM: parallel,
+    }
     hidden = {name: why for name in names() if hides(name)}
-    if settings.get("nominal_photons") is None:
-        hidden["photon_flux"] = "needs nominal_photons, which it could differ from and which are not stated"
     hidden |= dict.fromkeys(settings.get("baseline", {}), "is declared under baseline")
-    if (settings.get("view_step") or 1) % 2 == 0:
-        hidden["focal_spot_wobble"] = "jumps from view to view, and every second view or fewer are fitted (view_step)"
-    for name in corrected:
-        words = f"was corrected by the scanner's maker (corrected: {name} in recording.yaml)"
-        hidden |= dict.fromkeys(CORRECTED.get(name, ()), words)
-    for name, correction in MADE_BY_MAKER.items():
-        if correction not in corrected:
-            hidden[name] = f"is there where the maker corrected it; state corrected: [{correction}] in recording.yaml"
-    if not helical:
-        hidden["current_along_z"] = "goes along the axis, where the source does not move"
-    if parallel:
-        hidden |= dict.fromkeys(OF_A_SPOT, "goes by the place of a focal spot, and the beam is parallel")
-    if not timed:
-        words = "goes by the scan's times; state scan.rotation_time_ms or scan.view_interval_ms in recording.yaml"
-        hidden |= {name: words for name in names() if needs_times(name)}
+    for name in names():
+        effect = load(name)
+        for correction in set(effect.removed_by) & set(corrected):
+            hidden[name] = f"was corrected by the scanner's maker (corrected: {correction} in recording.yaml)"
+        if effect.correction and effect.correction not in corrected:
+            hidden[name] = (
+                f"is there where the maker corrected it; state corrected: [{effect.correction}] in recording.yaml"
+            )
+        for need in effect.needs:
+            if unmet[need]:
+                hidden[name] = NEEDS[need]
+        if not timed and needs_times(name):
+            hidden[name] = (
+                "goes by the scan's times; state scan.rotation_time_ms or scan.view_interval_ms in recording.yaml"
+            )
     chosen = settings.get("effects") or [name for name in names() if name not in hidden]
     for name in chosen:
         require(name, "diagnosis.effects")
@@ -123,12 +120,12 @@ def candidates(
 
 
 def check_accuracy(accuracy: Mapping[str, float]) -> None:
-    """Check that the library has every effect under `diagnosis.model_accuracy`.
+    """Check the names of effects under `diagnosis.model_accuracy`.
 
     Raises
     ------
     InputError
-        For one that it does not have.
+        For an unknown effect.
     """
     for name in accuracy:
         if name not in ("default", "numerical", *names()):
@@ -139,21 +136,20 @@ def check_accuracy(accuracy: Mapping[str, float]) -> None:
 
 
 def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
-    """Check that every recording under `diagnosis.recordings` can be diagnosed as it is configured.
+    """Check that settings under `diagnosis.recordings` fit the kinds of the recordings.
 
     Parameters
     ----------
     diagnosed : mapping
-        The section of the configuration.
+        Section of the configuration.
     recordings : mapping of str to Document
         By name.
 
     Raises
     ------
     InputError
-        For a recording of features, which are diagnosed by comparison; of images without the protocol that simulates
-        them, or with a disc or an object; of projections with a protocol; for one that takes its physics from one of
-        another kind; and for a baseline that cannot be.
+        For settings of another kind of recording, for physics from a recording of another kind, and for a baseline that
+        is invalid.
     """
     for name, settings in diagnosed.items():
         where, kind = f"diagnosis.recordings.{name}", recordings[name].content["kind"]

@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from ..physics.effect import offered
-from .residuals.change import Change
-from .residuals.dataset import Prepared
+from .residuals.dataset import Change, Prepared
 from .selection.fit_cache import FitCache
 from .selection.forward_selection import Choice, choose
 from .selection.progress import ALIGNED, JUDGED, DiagnosisProgress
@@ -143,7 +142,7 @@ def _settled(
     Parameters
     ----------
     choice : callable
-        (Prepared, KeptFits or None) to Choice.
+        (Prepared, FitCache or None) to Choice.
     kept : FitCache or None
         For the first one.
     """

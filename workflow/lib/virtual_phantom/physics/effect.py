@@ -35,20 +35,22 @@ STAGES = (
 PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN = "view interval", "scan", "air", "air over the scan"
 PER_AIR_PHOTON = "1 over the photons in air"
 READOUT_UNITS = "readout units"  # photons in a study and its recordings; the signal in air for line integrals alone
-# Effects that depend on the position or size of the focal spot; parallel beams have none.
-OF_A_SPOT = (
-    "anti_scatter_grid",
-    "bowtie",
-    "focal_spot",
-    "focal_spot_wobble",
-    "heel",
-    "off_focal_radiation",
-    "source_distance",
-    "source_drift",
-)
 LOGARITHM = 0  # value of Parameter.power: fits use the logarithm
 # Scope of a parameter: shared by all recordings of a scanner, by those of one protocol, or by none.
 OF_SCANNER, OF_PROTOCOL, OF_SCAN = "scanner", "protocol", "scan"
+# Conditions of a scan that effects need (Effect.needs), and why an effect is not tried without them.
+DIVERGENT_BEAM, NOMINAL_PHOTONS = "divergent beam", "nominal photons"
+SUCCESSIVE_VIEWS, HELIX = "successive views", "helix"
+NEEDS = {
+    DIVERGENT_BEAM: "goes by the place of a focal spot, and the beam is parallel",
+    NOMINAL_PHOTONS: "needs nominal_photons, which it could differ from and which are not stated",
+    SUCCESSIVE_VIEWS: "jumps from view to view, and every second view or fewer are fitted (view_step)",
+    HELIX: "goes along the axis, where the source does not move",
+}
+# Quantities on the scanner's label that are priors of parameters (Parameter.nominal).
+TUBE_VOLTAGE, SENSOR_THICKNESS = "tube voltage", "sensor thickness"
+# Mean, change and variance of dark frames, which measure parameters (Parameter.dark).
+DARK_LEVEL, DARK_DRIFT, DARK_NOISE = "dark level", "dark drift", "dark noise"
 
 
 @dataclass(frozen=True)
@@ -99,6 +101,15 @@ class Parameter:
         Recordings that share it.
     kernel : bool
         Whether it is the width of a kernel or source whose shape is an assumption.
+    kernel_error : float or None
+        Share of the kernel that may be half as wide, one standard deviation; None: the relative error of the effect's
+        model.
+    nominal : str or None
+        Quantity on the scanner's label that is its prior: TUBE_VOLTAGE or SENSOR_THICKNESS.
+    dark : str or None
+        Property of dark frames that it determines: DARK_LEVEL, DARK_DRIFT or DARK_NOISE.
+    title : str
+        Name in texts; empty: `name` without its unit.
     """
 
     name: str
@@ -114,6 +125,10 @@ class Parameter:
     stated: bool = False
     belongs_to: str = OF_SCANNER
     kernel: bool = False
+    kernel_error: float | None = None
+    nominal: str | None = None
+    dark: str | None = None
+    title: str = ""
 
     def number(self, value: float) -> float:
         """Transform a value to the variable of fits."""
@@ -168,6 +183,18 @@ class Effect:
         Effect without which this one does nothing, or equals it.
     rank : int
         Order of image effects, then by name: 0 for sharpness, 1 for HU values.
+    needs : tuple of str
+        Conditions of a scan under which it is tried: keys of NEEDS.
+    of_one_scan : bool
+        Whether each scan of a scanner has its own; joint diagnoses do not try it.
+    removed_by : tuple of str
+        Corrections by the scanner's maker (`corrected` in recording.yaml) after which it is not tried.
+    correction : str
+        Correction by the scanner's maker that it models; it is tried only after that one.
+    absolute_attenuation : bool
+        Whether it determines attenuation absolutely: beside it, the scale of line integrals is the object's density.
+    if_absent : str
+        Warning if the data reject it although the label states a tube voltage, {tube_kvp} in kV.
     """
 
     name: str
@@ -182,6 +209,12 @@ class Effect:
     pattern: bool = False
     rank: int = 0
     beside: str | None = None
+    needs: tuple[str, ...] = ()
+    of_one_scan: bool = False
+    removed_by: tuple[str, ...] = ()
+    correction: str = ""
+    absolute_attenuation: bool = False
+    if_absent: str = ""
 
     @property
     def kinematic(self) -> bool:
@@ -332,6 +365,21 @@ def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, sourc
                         f"{source}.{name}.{one.name}: {values[one.name]:g} times the {air:g} photons that {scan} has "
                         f"in air is {times:.2g}; plausible are {one.reach.low:g} to {one.reach.high:g}"
                     )
+
+
+def absolute_attenuation(effects: Iterable[str]) -> bool:
+    """Return whether one of these effects determines attenuation absolutely."""
+    return any(load(name).absolute_attenuation for name in effects)
+
+
+def needing(need: str) -> list[str]:
+    """Return the effects that need a condition."""
+    return [name for name in names() if need in load(name).needs]
+
+
+def scan_effects() -> list[str]:
+    """Return the effects that each scan of a scanner has of its own."""
+    return [name for name in names() if load(name).of_one_scan]
 
 
 def of_one_scan(name: str) -> dict[str, float | None]:

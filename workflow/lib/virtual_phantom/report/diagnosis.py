@@ -9,8 +9,8 @@ import numpy as np
 from .. import __version__
 from ..diagnosis.fitting.fit import Fit
 from ..diagnosis.residuals.dataset import Prepared
-from ..diagnosis.verdict.doubts import advice
 from ..diagnosis.verdict.verdict import Diagnosis
+from ..diagnosis.verdict.warnings import advice
 from ..diagnosis.wording import UNITS
 from ..figures import diagnosis as figures
 from ..io.volumes import Volume

@@ -11,8 +11,8 @@ from ..base.errors import InputError
 from ..config.dependencies import shipped
 from ..config.outputs import Files
 from ..config.plan import Plan
-from ..diagnosis.candidate_effects import OF_ONE_SCAN, candidates, check_accuracy, check_kinds, shown_by
-from ..diagnosis.fitting.declared import declared
+from ..diagnosis.candidate_effects import candidates, check_accuracy, check_kinds, shown_by
+from ..diagnosis.fitting.priors import declared
 from ..diagnosis.workload import fitted, is_shapes
 from ..physics.effect import OF_SCANNER, image_effects, load, require
 from ..physics.scenes.object_files import path_of
@@ -145,11 +145,11 @@ class Diagnosis:
         common = [
             name
             for name in shown[0]
-            if all(name in one for one in shown) and name not in OF_ONE_SCAN and name not in known
+            if all(name in one for one in shown) and not load(name).of_one_scan and name not in known
         ]
         for name in asked or []:
             require(name, where)
-            if name in OF_ONE_SCAN:
+            if load(name).of_one_scan:
                 raise InputError(f"{where}: {name} is one scan's alone; take it out")
             if name in known:
                 raise InputError(f"{where}: {name} is declared under baseline; take it out")

@@ -1,4 +1,4 @@
-"""Where predictions are linearised: said with every prediction, so that it depends on nothing that was asked before."""
+"""Linearization points of predictions: part of every request, so that results do not depend on earlier ones."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from .nuisance import PIECE, POSES
 
 
 def before_images(physics: Mapping[str, Mapping[str, float]]) -> dict[str, Mapping[str, float]]:
-    """Settings of the effects that the chain knows: those on images, and patterns of pixels, come later."""
+    """Return the settings of effects in the chain: without effects on images, and patterns of pixels."""
     return {name: values for name, values in physics.items() if not (acts_on_images(name) or load(name).pattern)}
 
 
 @dataclass(frozen=True)
 class LinearisationPoint:
-    """Settings about which something is linearised.
+    """Settings about which predictions are linearized.
 
     Attributes
     ----------
     physics : mapping of str to mapping of str to float
-        {effect: {parameter: value}}, of those that act before images are made.
+        {effect: {parameter: value}}, for effects before images are made.
     nuisance : mapping of str to float
-        The numbers of the alignment that move the object, and those of pieces of it.
+        Nuisance parameters that move the object, and those of local mismatches.
     """
 
     physics: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -31,14 +31,14 @@ class LinearisationPoint:
 
     @classmethod
     def of(cls, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> LinearisationPoint:
-        """That of settings of effects and of the alignment."""
+        """Return the linearization point of all settings."""
         chain = {name: dict(values) for name, values in before_images(physics).items()}
         of_object = {name: value for name, value in nuisance.items() if name in POSES or name.startswith(PIECE)}
         return cls(chain, of_object)
 
     @property
     def key(self) -> tuple:
-        """Equal for linearisation points that are the same, and hashable."""
+        """Hashable key, equal for equal points."""
         physics = tuple((name, *sorted(values.items())) for name, values in sorted(self.physics.items()))
         return physics, tuple(sorted(self.nuisance.items()))
 
@@ -48,16 +48,16 @@ NOMINAL = LinearisationPoint()
 
 @dataclass(frozen=True)
 class Linearisation:
-    """About what predictions are linearised.
+    """Linearization of predictions.
 
     Attributes
     ----------
     errors : LinearisationPoint
-        Where the errors of the model's own steps, and the noise of images, are computed.
+        Point where numerical errors and the noise of images are computed.
     rays : LinearisationPoint
-        Whose rays others follow to first order.
+        Point whose traced rays others follow to first order.
     reach : float
-        Times as far as usual that they do.
+        Factor of the distance over which they follow.
     """
 
     errors: LinearisationPoint = NOMINAL

@@ -1,4 +1,4 @@
-"""What fits ask a model for: its numbers, what is known of them, and what it predicts."""
+"""Model of a recording as fits need it: numbers, priors and predictions."""
 
 from __future__ import annotations
 
@@ -10,41 +10,48 @@ from dataclasses import replace
 import numpy as np
 
 from ...base.lru_cache import LRUCache
+from ...physics.beam.sensors import STATED_SD
 from ...physics.beam.spectra import KVP, TUNGSTEN, Anode
 from ...physics.chain import Chain
-from ...physics.effect import READOUT_UNITS, Parameter, acts_on_images, load
-from ..noise.condensed import Observed
-from ..noise.prediction import Prediction
+from ...physics.effect import (
+    READOUT_UNITS,
+    SENSOR_THICKNESS,
+    TUBE_VOLTAGE,
+    Parameter,
+    absolute_attenuation,
+    acts_on_images,
+    load,
+)
+from ..noise.condensed import Observed, Prediction
 from .linearization import BASE, Linearisation, LinearisationPoint, before_images
 from .nuisance import LOCATION, SURE, Nuisance, pose_of
-from .priors import Statement
+from .priors import Label, Statement
 from .unknown import Unknown
 
-DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
+DENSITY_SD = 0.02  # of the density scale where attenuation is absolute
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
-NEAR_KEPT = 8  # chains whose rays follow those of a linearisation point
-STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number may begin whose start may be no good
+NEAR_KEPT = 8  # cached chains whose rays follow those of a linearization point
+STARTS = (0.02, 0.1, 0.5)  # further starts, as shares of the range, for numbers whose start may be a local minimum
 
 
 class Model(ABC):
-    """Predictions of a recording for effects' parameters and the alignment.
-
-    They are what fits ask for, whatever was recorded.
+    """Predictions for effects' parameters and nuisance parameters, for any kind of recording.
 
     Parameters
     ----------
     chain : Chain
-        With the detector's sensor, whose thickness is held by what the chain knows of it.
-    anode : Anode, optional
-        Of the tube.
+        With the detector's sensor, whose thickness is a prior.
+    aligned : tuple of Nuisance
+        Nuisance parameters.
     tube_kvp : float, optional
-        As the label on the scanner says, taken to be known to TUBE_KVP_SD, kV; None: not known.
+        Nominal tube voltage, kV, with a standard deviation of TUBE_KVP_SD.
     fixed : mapping of str to mapping of str to float, optional
-        Parameters that are known from elsewhere and not fitted: {effect: {parameter: value}}.
+        Parameters taken from elsewhere and not fitted: {effect: {parameter: value}}.
     density : tuple of 2 float, optional
-        Of the material over the listed one, and its standard deviation: the scale beside a spectrum.
+        Density of the material over the listed one, and its standard deviation: the prior of the scale beside effects
+        that determine attenuation absolutely.
     declared : mapping of str to mapping of str to Statement, optional
-        Physics that is known of the scanner: in every model, fitted within what is stated.
+        Known physics of the scanner: in every model, fitted within its priors.
     """
 
     def __init__(
@@ -62,46 +69,44 @@ class Model(ABC):
         self._near = LRUCache(NEAR_KEPT)
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
-        """The alignment beside these effects.
+        """Return the nuisance parameters beside these effects.
 
-        A spectrum leaves the scale only the density of the material: that of a monochromatic beam also holds the
-        energy.
+        In a beam of one assumed energy the scale also holds the energy; beside absolute attenuation it is the density.
         """
-        if "spectrum" not in self.whole(effects):
+        if not absolute_attenuation(self.whole(effects)):
             return self.aligned
         value, sd = self.density
         return tuple(
-            replace(one, expected=value, sd=min(one.sd, sd)) if one.name == "scale" else one for one in self.aligned
+            replace(number, expected=value, sd=min(number.sd, sd)) if number.name == "scale" else number
+            for number in self.aligned
         )
 
     def whole(self, effects: tuple[str, ...]) -> tuple[str, ...]:
-        """What is declared, and these effects."""
+        """Return the declared effects followed by these."""
         return (*(name for name in self.declared if name not in effects), *effects)
 
     def undeclared(self, name: str) -> Model:
-        """The same where one effect is not declared."""
+        """Return the model without the declaration of one effect."""
         found = copy.copy(self)
         found.declared = {key: stated for key, stated in self.declared.items() if key != name}
         return found
 
     def parameters(self, name: str) -> tuple[Parameter, ...]:
-        """An effect's parameters as the recorded scan shows them."""
+        """Return an effect's parameters with their ranges in the recorded scan."""
         return self.chain.parameters(name)
 
     def known(self, name: str) -> dict[str, float]:
-        """Parameters of an effect that are not fitted."""
-        exact = {key: one.value for key, one in self.declared.get(name, {}).items() if not one.sd}
+        """Return the parameters of an effect that are not fitted."""
+        exact = {key: stated.value for key, stated in self.declared.get(name, {}).items() if not stated.sd}
         return self.chain.held(name) | dict(self.fixed.get(name, {})) | exact
 
     def of_study(self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> dict:
-        """Settings of effects as a study takes them, whose readout units are photons.
+        """Return settings of effects in units of a study, whose readout units are photons.
 
         Parameters
         ----------
-        physics : mapping of str to mapping of str to float
-            {effect: {parameter: value}}.
         nuisance : mapping of str to float
-            The alignment, whose photons per pixel they are.
+            With the photons per pixel in air.
         """
         photons = float(np.exp(nuisance["log_photons"]))
         state = self.chain.state(
@@ -109,7 +114,8 @@ class Model(ABC):
             photons=photons,
             anode=self.anode,
         )
-        counted = {one.name for name in physics for one in load(name).parameters if READOUT_UNITS in one.unit}
+        every = (parameter for name in physics for parameter in load(name).parameters)
+        counted = {parameter.name for parameter in every if READOUT_UNITS in parameter.unit}
         return {
             name: {key: value * photons / state.unit if key in counted else value for key, value in values.items()}
             for name, values in physics.items()
@@ -117,78 +123,75 @@ class Model(ABC):
 
     @property
     def nominal(self) -> Linearisation:
-        """Where predictions are linearised before anything is fitted: BASE, or the object where it is expected."""
-        place = {one.name: one.expected for one in self.aligned if one.name in LOCATION}
+        """Linearization before anything is fitted: BASE, or the object at its expected position."""
+        place = {number.name: number.expected for number in self.aligned if number.name in LOCATION}
         if not any(place.values()):
             return BASE
         return Linearisation(LinearisationPoint({}, place), LinearisationPoint({}, place))
 
+    @property
+    def labels(self) -> dict[str, Label]:
+        """Priors of parameters that the scanner's label states (Parameter.nominal)."""
+        low, high = KVP[self.anode.target]
+        tube, sensor = Label("", low=low, high=high), self.chain.sensor
+        if self.tube_kvp is not None:
+            words = f"stated: {self.tube_kvp:g}, known within {TUBE_KVP_SD:g}"
+            tube = Label(words, self.tube_kvp, TUBE_KVP_SD, low, high)
+        words = f"stated: {sensor.thickness_mm:g}, known within {100 * sensor.thickness_sd:g} %"
+        known = sensor.thickness_sd <= STATED_SD
+        thickness = Label(words if known else "", sensor.thickness_mm, sensor.thickness_sd)
+        return {TUBE_VOLTAGE: tube, SENSOR_THICKNESS: thickness}
+
     def unknowns(self, effects: tuple[str, ...]) -> list[Unknown]:
-        """The effects' numbers that are fitted, in order: no fixed ones, and none of a gain pattern."""
-        found = []
-        for name in effects:
-            effect, fixed = load(name), self.fixed.get(name, {})
-            for one in () if effect.pattern else self.parameters(name):
-                if one.name in fixed:
-                    continue
-                low, high = one.number(one.low), one.number(one.high)
-                if (name, one.name) == ("spectrum", "kvp"):
-                    low, high = KVP[self.anode.target]
-                expected, sd = (low + high) / 2, high - low
-                stated = self.declared.get(name, {}).get(one.name)
-                if stated is not None:
-                    if not stated.sd:
-                        continue
-                    expected, sd = stated.number(one)
-                    found.append(Unknown(name, one.name, low, high, (expected,), None, expected, sd, one.power))
-                    continue
-                starts = (min(max(one.number(one.start), low), high),)
-                # A slice thinner than their distance changes nothing, so that no fit would leave it.
-                if one.neutral is None or (acts_on_images(name) and len(effect.parameters) == 1):
-                    starts += tuple(low + share * (high - low) for share in STARTS)
-                if (name, one.name) == ("spectrum", "kvp") and self.tube_kvp is not None:
-                    expected, sd, starts = self.tube_kvp, TUBE_KVP_SD, (self.tube_kvp,)
-                    low, high = max(low, expected - SURE * sd), min(high, expected + SURE * sd)
-                if (name, one.name) == ("spectrum", "sensor_mm"):
-                    expected, sd = one.number(self.chain.sensor.thickness_mm), self.chain.sensor.thickness_sd
-                    low, high, starts = max(low, expected - SURE * sd), min(high, expected + SURE * sd), (expected,)
-                neutral, starts = None if one.neutral is None else one.number(one.neutral), tuple(dict.fromkeys(starts))
-                found.append(Unknown(name, one.name, low, high, starts, neutral, expected, sd, one.power))
-        return found
+        """Return the numbers that fits vary, in order: neither fixed parameters nor those of a gain pattern."""
+        return [
+            unknown
+            for name in effects
+            for parameter in (() if load(name).pattern else self.parameters(name))
+            if parameter.name not in self.fixed.get(name, {})
+            and (unknown := self._unknown(name, parameter)) is not None
+        ]
+
+    def _unknown(self, name: str, parameter: Parameter) -> Unknown | None:
+        """Return a parameter's number with its range, starts and prior; None if it is declared exactly."""
+        low, high = parameter.number(parameter.low), parameter.number(parameter.high)
+        label = self.labels.get(parameter.nominal)
+        if label is not None and label.low is not None:
+            low, high = parameter.number(label.low), parameter.number(label.high)
+        declared = self.declared.get(name, {}).get(parameter.name)
+        if declared is not None:
+            if not declared.sd:
+                return None
+            expected, sd = declared.number(parameter)
+            return Unknown(name, parameter.name, low, high, (expected,), None, expected, sd, parameter.power)
+        expected, sd = (low + high) / 2, high - low  # a wide prior, against runaways
+        starts = (min(max(parameter.number(parameter.start), low), high),)
+        # A slice thinner than the distance of slices changes nothing, so that a fit would never leave it.
+        if parameter.neutral is None or (acts_on_images(name) and len(load(name).parameters) == 1):
+            starts += tuple(low + share * (high - low) for share in STARTS)
+        if label is not None and label.value is not None:
+            expected, sd = parameter.number(label.value), label.sd
+            low, high, starts = max(low, expected - SURE * sd), min(high, expected + SURE * sd), (expected,)
+        neutral = None if parameter.neutral is None else parameter.number(parameter.neutral)
+        starts = tuple(dict.fromkeys(starts))
+        return Unknown(name, parameter.name, low, high, starts, neutral, expected, sd, parameter.power)
 
     @property
     def distortions(self) -> tuple[str, ...]:
-        """Names of the numerical errors among the numbers of the alignment."""
+        """Names of the nuisance parameters that are numerical errors."""
         return ()
 
     def distortion(self, nuisance: Mapping[str, float], linearisation: Linearisation = BASE) -> np.ndarray | float:
-        """Numerical error that an alignment takes off what is predicted of the mean.
-
-        Parameters
-        ----------
-        linearisation : Linearisation, optional
-            Its `errors` is where the error is computed.
-
-        Returns
-        -------
-        ndarray or float
-            Broadcastable to the mean.
-        """
+        """Return the numerical error that nuisance parameters subtract from the mean, broadcastable to it."""
         return 0.0
 
     def errors_of_steps(self, linearisation: Linearisation = BASE) -> dict[str, np.ndarray]:
-        """What twice finer steps of the simulator change of the mean.
-
-        Returns
-        -------
-        dict of str to ndarray
-            {name of a number of the alignment: change per unit of it}; empty where there is none.
-        """
+        """Return the change of the mean by twice finer steps, by nuisance parameter; empty if there is none."""
         return {}
 
     @property
     def turned_rad(self) -> np.ndarray | None:
-        """How far the source has turned in every view, shape (views,); None of images."""
+        """Direction of the source in every view, shape (views,); None for images."""
         return None
 
     def strayed(
@@ -198,25 +201,17 @@ class Model(ABC):
         prediction: Prediction,
         weights: np.ndarray,
     ) -> bool:
-        """Whether a prediction lies too far off a point where `errors` of a linearisation were computed.
-
-        Parameters
-        ----------
-        nuisance : mapping of str to float
-            Of the prediction.
-        weights : ndarray, shape (data,)
-            Inverse variances of the mean.
-        """
+        """Return whether a prediction lies too far from the point where numerical errors were computed."""
         return False
 
     def follows(
         self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float], rays: LinearisationPoint
     ) -> bool:
-        """Whether all rays of a prediction are near enough to those of a linearisation to follow them, or none can."""
+        """Return whether all rays of a prediction are near enough to those of a linearization point."""
         return self.near(rays).follows(before_images(physics), pose_of(nuisance), anode=self.anode)
 
     def near(self, rays: LinearisationPoint, reach: float = 1.0) -> Chain:
-        """The chain whose rays follow those of a linearisation, as far as its reach."""
+        """Return the chain whose rays follow those of a linearization point."""
         return self._near.get(
             (rays.key, reach),
             lambda: self.chain.near(rays.physics, pose_of(rays.nuisance), reach, anode=self.anode),
@@ -230,14 +225,4 @@ class Model(ABC):
         data: Observed,
         linearisation: Linearisation = BASE,
     ) -> Prediction:
-        """The prediction for settings of effects and of the alignment.
-
-        A gain pattern is fitted elsewhere: it has no mean of its own here.
-
-        Parameters
-        ----------
-        physics : mapping of str to mapping of str to float
-            {effect: {parameter: value}}.
-        nuisance : mapping of str to float
-            The alignment.
-        """
+        """Return the prediction for settings of effects and nuisance parameters, without a gain pattern."""

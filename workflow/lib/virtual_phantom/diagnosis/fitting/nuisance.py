@@ -1,4 +1,4 @@
-"""The alignment that every model gets alike: nobody's physics, held by what is known of it."""
+"""Nuisance parameters of a recording with Gaussian priors: scale, offset, pose, photons and numerical errors."""
 
 from __future__ import annotations
 
@@ -7,30 +7,24 @@ from dataclasses import dataclass
 
 from ...physics.scenes.scene import Pose
 
-# Standard deviations that what is known may be off by at most: where much is left out, a Gaussian alone gives way.
+# Bound on the deviation from a prior, in standard deviations: a Gaussian alone gives way where much physics is missing.
 SURE = 5.0
-# Expected and standard deviation of numerical errors, over what a finer step changes (L. F. Richardson, Phil. Trans. R.
+# Mean and standard deviation of numerical errors, over what a finer step changes (L. F. Richardson, Phil. Trans. R.
 # Soc. A 210, 307, 1911). Twice as many rays are expected to change what all further ones do. Voxels of edge h,
-# and lines between their middles, blur by a variance of h^2/4, those twice as large by 3/4 h^2 more; an object that is
-# finer by itself is blurred by less, down to 0 (0.33), one of voxels half as large by h^2/24 (0.28), one of just these
-# voxels, but with sharp edges, by h^2/12 (0.22).
+# and lines between their centers, blur by a variance of h^2/4; voxels twice as large add 3/4 h^2. The residual blur
+# depends on the object. It is 0 for one that is finer by itself (0.33). It is h^2/24 for one with voxels half as large
+# (0.28), and h^2/12 for one of just these voxels with sharp edges (0.22).
 NUMERICAL = {"rays": (1.0, 1 / 3), "voxels": (0.28, 0.06)}
-NOMINAL_PHOTONS_SD = 0.02  # of the logarithm: how well a stated number of photons is taken to be known
+NOMINAL_PHOTONS_SD = 0.02  # of the logarithm of a stated number of photons
 LOCATION = ("x_mm", "y_mm", "z_mm")
 PLACE = (*LOCATION, "turn_deg")
 POSES = (*PLACE, "size")
-PIECE = "piece_"  # begins the names of what pieces of the object attenuate more than was stated
+PIECE = "piece_"  # prefix of the names of local mismatches' attenuation
 
 
 @dataclass(frozen=True)
 class Nuisance:
-    """A number of the alignment: nobody's physics, fitted in every model.
-
-    Attributes
-    ----------
-    expected, sd : float
-        The Gaussian of what is known of it, by which it is held.
-    """
+    """Nuisance parameter, fitted in every model, with a Gaussian prior."""
 
     name: str
     unit: str
@@ -38,7 +32,7 @@ class Nuisance:
     sd: float
 
     def off(self, value: float) -> float:
-        """How far a value lies off what is known, in its standard deviations."""
+        """Return the deviation of a value from the prior, in standard deviations."""
         return (value - self.expected) / self.sd
 
 
@@ -49,21 +43,21 @@ def nuisances(
     numerical: Iterable[str] = (),
     location: Mapping[str, float] | None = None,
 ) -> tuple[Nuisance, ...]:
-    """The alignment of a recording of projections.
+    """Return the nuisance parameters of a recording of projections.
 
     Parameters
     ----------
     log_photons, photons_sd : float
-        Logarithm of the photons per pixel in air, and how well it is known (infinite: not).
+        Logarithm of the photons per pixel in air, and its standard deviation (infinite: not known).
     known : mapping of str to float
-        Standard deviations that the configuration gives instead of the defaults.
+        Standard deviations from the configuration, instead of the defaults.
     numerical : iterable of str, optional
-        Names of the model's numerical distortions, of NUMERICAL.
+        Names of the model's numerical errors, of NUMERICAL.
     location : mapping of str to float, optional
-        Where the object is expected, by name of LOCATION, mm; 0 where it is not stated.
+        Expected position of the object, by name of LOCATION, mm; 0 where it is not stated.
     """
     defaults = {
-        "scale": ("1", 1.0, 0.005),  # of the line integrals: density of the phantom's material
+        "scale": ("1", 1.0, 0.005),  # of the line integrals: density of the material
         "offset": ("1", 0.0, 0.002),  # of the line integrals: drift of the tube since the air scan
         "x_mm": ("mm", 0.0, 1.0),
         "y_mm": ("mm", 0.0, 1.0),
@@ -80,5 +74,5 @@ def nuisances(
 
 
 def pose_of(nuisance: Mapping[str, float]) -> Pose:
-    """The object's pose in an alignment."""
+    """Return the object's pose."""
     return Pose(**{name: nuisance[name] for name in POSES if name in nuisance})

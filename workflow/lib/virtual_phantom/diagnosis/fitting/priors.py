@@ -1,32 +1,81 @@
-"""What is stated of a parameter of physics that is known."""
+"""Gaussian priors of known physics, as a configuration declares them."""
+
+# Imports stay light: every start of the workflow reads this module, and the packages behind fits take seconds to load.
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ...physics.effect import Parameter
+from ...base.errors import InputError
+from ...physics.effect import Parameter, checked, load
+
+BASELINE = "diagnosis.recordings: baseline"  # prefix of messages that are about no recording in particular
 
 
 @dataclass(frozen=True)
 class Statement:
-    """What is stated of a parameter of an effect.
-
-    Attributes
-    ----------
-    sd : float
-        Standard deviation; 0: known exactly.
-    """
+    """Prior of a parameter: value and standard deviation (0: known exactly)."""
 
     value: float
     sd: float
 
     def number(self, of: Parameter) -> tuple[float, float]:
-        """The number that fits vary, and its standard deviation."""
+        """Return the prior's mean and standard deviation for the number that fits vary."""
         ends = [min(max(self.value + side * self.sd, of.low), of.high) for side in (-1, 1)]
         return of.number(self.value), (of.number(ends[1]) - of.number(ends[0])) / 2
 
 
+@dataclass(frozen=True)
+class Label:
+    """Prior of a parameter by the scanner's label.
+
+    Attributes
+    ----------
+    words : str
+        Value and uncertainty, for messages; empty: not stated.
+    value : float or None
+        Expected value; None: not known.
+    sd : float
+        Standard deviation of the number that fits vary.
+    low, high : float or None
+        Range of values; None: that of the parameter.
+    """
+
+    words: str
+    value: float | None = None
+    sd: float = 0.0
+    low: float | None = None
+    high: float | None = None
+
+
 def stated_physics(declared: Mapping[str, Mapping[str, Statement]]) -> dict[str, dict[str, float]]:
-    """Settings of effects as they are stated: {effect: {parameter: value}}."""
-    return {name: {key: one.value for key, one in parameters.items()} for name, parameters in declared.items()}
+    """Return the prior means, {effect: {parameter: value}}."""
+    return {name: {key: stated.value for key, stated in parameters.items()} for name, parameters in declared.items()}
+
+
+def declared(section: Mapping[str, Mapping[str, Mapping[str, float]]], where: str) -> dict[str, dict[str, Statement]]:
+    """Return the priors that a configuration declares, {effect: {parameter: {value, sd}}}.
+
+    Design parameters of the scanner, which no fit varies, are exact whatever their standard deviation. Messages begin
+    with `where`.
+
+    Raises
+    ------
+    InputError
+        For an unknown effect or parameter, a value out of its range, a pattern of pixels, or a missing parameter.
+    """
+    found = {}
+    for name, parameters in section.items():
+        effect = load(name, where)
+        if effect.pattern:
+            raise InputError(f"{where}: {name} has one unknown per detector pixel, which nobody can state; take it out")
+        checked({name: {key: stated["value"] for key, stated in parameters.items()}}, where)
+        missing = [parameter.name for parameter in effect.parameters if parameter.name not in parameters]
+        if missing:
+            raise InputError(f"{where}.{name}: nothing is stated of {', '.join(missing)}; give value and sd")
+        fixed = {parameter.name for parameter in effect.parameters if parameter.stated}
+        found[name] = {
+            key: Statement(stated["value"], 0.0 if key in fixed else stated["sd"]) for key, stated in parameters.items()
+        }
+    return found

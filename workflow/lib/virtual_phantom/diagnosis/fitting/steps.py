@@ -1,4 +1,4 @@
-"""Linear algebra of fits: steps within bounds, standard errors, and Jacobians that follow a step."""
+"""Linear algebra of fits: steps within bounds, standard errors, and Broyden's update of Jacobians."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 NORMAL_95 = 1.959964  # standard errors to either end of a 95 % interval
-LEAST_EIGENVALUE = 1e-12  # over the largest, where each number alone has an information of 1: less is rounding
+LEAST_EIGENVALUE = 1e-12  # over the largest, in units in which each number alone has an information of 1: rounding
 ROUNDING = 1e-9  # of the squared component of a unit vector
 
 
 @dataclass(frozen=True)
 class Known:
-    """What an information matrix knows, in units in which each number alone has an information of 1.
+    """Eigenvalues of an information matrix, in units in which each number alone has an information of 1.
 
-    Parameters in mm, kV and shares differ so much that what tells small eigenvalues from rounding would take a
-    parameter of little information for none at all.
+    Parameters in mm, kV and shares differ by orders of magnitude: in their own units, a threshold for rounding would
+    discard parameters with little information.
 
     Attributes
     ----------
     units : ndarray, shape (numbers,)
-        0 where nothing is known of one.
+        0 for a number without information.
     values : ndarray, shape (directions,)
-        Of the directions of which something is known.
+        Eigenvalues above rounding.
     vectors : ndarray, shape (numbers, directions)
     """
 
@@ -34,7 +34,7 @@ class Known:
 
     @classmethod
     def of(cls, information: np.ndarray) -> Known:
-        """From an information matrix, shape (numbers, numbers)."""
+        """Decompose an information matrix, shape (numbers, numbers)."""
         diagonal = np.diag(information)
         units = np.divide(1, np.sqrt(diagonal), out=np.zeros_like(diagonal), where=diagonal > 0)
         values, vectors = np.linalg.eigh(information * np.outer(units, units))
@@ -43,28 +43,18 @@ class Known:
 
     @property
     def root(self) -> np.ndarray:
-        """Of the covariance: root @ root.T, as far as anything is known; shape (numbers, directions)."""
+        """Root of the covariance, root @ root.T, of the known directions; shape (numbers, directions)."""
         return self.vectors / np.sqrt(self.values) * self.units[:, None]
 
     @property
     def covariance(self) -> np.ndarray:
-        """As far as anything is known, shape (numbers, numbers)."""
+        """Covariance of the known directions, shape (numbers, numbers)."""
         root = self.root
         return root @ root.T
 
 
 def standard_errors(information: np.ndarray) -> np.ndarray:
-    """Standard errors of the numbers of a fit.
-
-    Parameters
-    ----------
-    information : ndarray, shape (numbers, numbers)
-
-    Returns
-    -------
-    ndarray, shape (numbers,)
-        Infinite where a number, or what tells it from others, is not known at all.
-    """
+    """Return standard errors, shape (numbers,); infinite for a number with a component that is not known."""
     known = Known.of(information)
     squares = known.vectors**2
     error = known.units * np.sqrt((squares / known.values).sum(axis=1))
@@ -72,34 +62,15 @@ def standard_errors(information: np.ndarray) -> np.ndarray:
 
 
 def interval(value: float, error: float, low: float = -np.inf, high: float = np.inf) -> list[float]:
-    """95 % interval of a number with a standard error, as far as it may go.
-
-    Parameters
-    ----------
-    low, high : float, optional
-        The least and the largest value that the number may have.
-
-    Returns
-    -------
-    list of 2 float
-    """
+    """Return the 95 % interval of a number within its range."""
     return [float(max(low, value - NORMAL_95 * error)), float(min(high, value + NORMAL_95 * error))]
 
 
 def bounded_step(information, gradient, point, low, high) -> np.ndarray:
-    """Newton step to the least of the quadratic model within the bounds.
+    """Return the Newton step to the minimum of the quadratic model within bounds, shape (numbers,).
 
-    A free step that is cut to the bounds is none: of two numbers that trade against each other, cutting one leaves the
-    other where it makes the fit worse.
-
-    Parameters
-    ----------
-    information : ndarray, shape (numbers, numbers)
-    gradient, point, low, high : ndarray, shape (numbers,)
-
-    Returns
-    -------
-    ndarray, shape (numbers,)
+    Clipping a free step would not do: of two numbers that trade against each other, it leaves one where it makes the
+    fit worse.
     """
     known = Known.of(information)
     root, units = np.sqrt(known.values), known.units
@@ -112,9 +83,7 @@ def bounded_step(information, gradient, point, low, high) -> np.ndarray:
 
 
 def updated(jacobian, step, before, after) -> list[np.ndarray]:
-    """Broyden's update [1]_: the least change of a Jacobian that agrees with a step just made.
-
-    Derivatives by differences cost one prediction per parameter, this none.
+    """Return a Jacobian after Broyden's update [1]_: the smallest change that agrees with a step.
 
     Parameters
     ----------
@@ -123,10 +92,6 @@ def updated(jacobian, step, before, after) -> list[np.ndarray]:
     step : ndarray, shape (numbers,)
     before, after : list of ndarray, shape (data,)
         Residuals by part.
-
-    Returns
-    -------
-    list of ndarray, shape (numbers, data)
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""A fit, and how good it is."""
+"""A fit with its held-out log score and p-value."""
 
 from __future__ import annotations
 
@@ -7,21 +7,13 @@ from dataclasses import dataclass
 from scipy import stats
 
 from ...physics.effect import load
-from ..noise import gain_pattern as patterns
+from ..noise import gain_pattern
 from .fit import Fit, Fitter
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A fit, and how good it is.
-
-    Attributes
-    ----------
-    score : float
-        Log score on held-out data.
-    p : float
-        p-value of its last effect, against the fit without it.
-    """
+    """A fit, its log score on held-out data, and the p-value of its last effect against the fit without it."""
 
     fit: Fit
     score: float
@@ -29,17 +21,15 @@ class Trial:
 
 
 def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, against: Trial | None = None) -> Trial:
-    """Fit effects and score them.
-
-    A fit that shows an effect begins again from farther off where it stalls. One of what could stand in does not: there
-    are many, each of them would take minutes in a large scan, and few come near.
+    """Fit and score effects.
 
     Parameters
     ----------
     given : Trial, optional
-        Where to begin.
+        Start.
     against : Trial, optional
-        The fit without the last effect, for its p-value; None: p is 1.
+        Fit without the last effect, for its p-value; None: p is 1. Only with it does a fit that stalls start again from
+        farther off: alternatives are many, each would take minutes in a large scan, and few come near.
     """
     fit = fitter.fit(effects, None if given is None else given.fit, from_farther=against is not None)
     p = 1.0 if against is None else chance(fit, against.fit, effects[-1])
@@ -47,16 +37,8 @@ def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, 
 
 
 def chance(fit: Fit, without: Fit, effect: str) -> float:
-    """Chance of such a fit if the effect is not there.
-
-    By the likelihood ratio, or, of a gain pattern, by its size.
-
-    Parameters
-    ----------
-    fit, without : Fit
-        With and without the effect.
-    """
+    """Return an effect's p-value by the likelihood ratio of fits with and without it, or by a gain pattern's size."""
     if load(effect).pattern:
-        return patterns.chance(fit.physics[effect]["rms"], fit.errors[effect]["rms"])
+        return gain_pattern.chance(fit.physics[effect]["rms"], fit.errors[effect]["rms"])
     lost = max(0.0, without.chi_square - fit.chi_square)
     return float(stats.chi2.sf(lost, max(1, fit.free - without.free)))

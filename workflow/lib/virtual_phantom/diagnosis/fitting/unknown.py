@@ -1,4 +1,4 @@
-"""The numbers of effects that fits vary."""
+"""Numbers of effects that fits vary."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from .steps import NORMAL_95, ROUNDING
 
 @dataclass(frozen=True)
 class Unknown:
-    """A number of an effect, as fits vary it: a parameter to its power, or its logarithm.
+    """Number of an effect that fits vary: a power of a parameter, or its logarithm.
 
     Attributes
     ----------
     effect, name : str
-        Of the parameter.
+        Effect and parameter.
     low, high : float
         Plausible range.
     starts : tuple of float
-        Where a fit may begin.
+        Starts of fits.
     neutral : float or None
-        The one that changes nothing, if there is one.
+        Number at which the effect does nothing, if there is one.
     expected, sd : float
-        The Gaussian that it is held by. Without further knowledge that is as wide as the range: against runaways.
+        Gaussian prior; without further knowledge as wide as the range, against runaways.
     power : int
         As in Parameter.
     """
@@ -42,32 +42,26 @@ class Unknown:
     power: int = 1
 
     def of(self, value: float) -> float:
-        """The number of a parameter's value."""
+        """Return the number of a parameter's value."""
         return math.log(value) if self.power == LOGARITHM else value**self.power
 
     def value(self, number: float) -> float:
-        """The parameter's value."""
+        """Return the parameter's value of a number."""
         return math.exp(number) if self.power == LOGARITHM else number ** (1 / self.power)
 
     def value_error(self, number: float, error: float) -> float:
-        """Standard error of the value: such that the 95 % interval reaches at least as far as the number's.
-
-        Parameters
-        ----------
-        number, error : float
-            The number, and its standard error.
-        """
+        """Return the standard error of the value: its 95 % interval reaches at least as far as the number's."""
         if self.power == 1 or not np.isfinite(error):
             return error
         if self.power == LOGARITHM:
-            error = min(error, self.high - self.low)  # farther than the whole range, and beyond numbers
+            error = min(error, self.high - self.low)  # more than the whole range overflows
             ends = [self.value(number + side * NORMAL_95 * error) for side in (-1, 1)]
         else:
             ends = [self.value(max(0.0, number + side * NORMAL_95 * error)) for side in (-1, 1)]
         return max(abs(end - self.value(number)) for end in ends) / NORMAL_95
 
     def number_error(self, value: float, error: float) -> float:
-        """Standard error of the number, of which `value_error` makes that of a value; the least where ends were cut."""
+        """Return the standard error of the number: the inverse of `value_error`, the least where ends were cut."""
         if self.power == 1 or not np.isfinite(error):
             return error
         reach = NORMAL_95 * error
@@ -76,27 +70,16 @@ class Unknown:
 
     @property
     def parameter(self) -> Parameter:
-        """Of which it is the number."""
-        return next(one for one in load(self.effect).parameters if one.name == self.name)
+        """The parameter whose number it is."""
+        return next(parameter for parameter in load(self.effect).parameters if parameter.name == self.name)
 
     @property
     def moves(self) -> bool:
-        """Whether it displaces rays or the object, to first order."""
+        """Whether it displaces rays or the object to first order."""
         return load(self.effect).moves(self.parameter)
 
     def owner(self, recording: str, protocol: str) -> str:
-        """Whose it is.
-
-        Parameters
-        ----------
-        recording, protocol : str
-            Where it is fitted; no protocol (empty): there is one alone.
-
-        Returns
-        -------
-        str
-            Empty: the scanner's; else the protocol or the recording.
-        """
+        """Return its owner, the recording or the protocol; empty: the scanner, or the only protocol."""
         belongs_to = self.parameter.belongs_to
         if belongs_to == OF_SCAN:
             return recording

@@ -12,14 +12,14 @@ from ...base.streams import Stream, below, generator
 from ...base.units import HU_AIR
 from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
-from ...physics.effect import acts_on_images
+from ...physics.effect import absolute_attenuation, acts_on_images
 from ...physics.state import State
 from ...simulation.reconstruct import with_effects
 from ..fitting.linearization import BASE, Linearisation, LinearisationPoint, before_images
 from ..fitting.model import Model
 from ..fitting.nuisance import Nuisance, pose_of
 from ..fitting.priors import Statement
-from ..noise.prediction import Prediction
+from ..noise.condensed import Prediction
 from .observed import Condenser, ObservedImages
 
 REALISATIONS = 7  # of noise; one more lane holds the mean
@@ -60,8 +60,8 @@ class ImagesModel(Model):
         self._means, self._noises = LRUCache(IMAGES_KEPT), LRUCache(IMAGES_KEPT)
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
-        """The alignment beside these effects: with a spectrum the scale is free, as water has been set to 0 HU."""
-        if "spectrum" not in self.whole(effects):
+        """Return the nuisance parameters: beside absolute attenuation the scale is free, as water is set to 0 HU."""
+        if not absolute_attenuation(self.whole(effects)):
             return self.aligned
         return tuple(replace(one, sd=max(one.sd, WATER_SD)) if one.name == "scale" else one for one in self.aligned)
 

@@ -18,8 +18,7 @@ from ..fitting.fit import Fit, Fitter
 from ..fitting.linearization import before_images
 from ..fitting.nuisance import NOMINAL_PHOTONS_SD, nuisances
 from ..fitting.priors import Statement, stated_physics
-from ..residuals.dataset import Prepared
-from ..residuals.display import ResidualMaps
+from ..residuals.dataset import Prepared, ResidualMaps
 from ..residuals.residual_tests import Half, Location
 from .model import REALISATIONS, ImagesModel, noise_lines, scaled
 from .observed import Condenser

@@ -15,9 +15,9 @@ from ...recordings.images import ImagesRecording
 from ..comparison.agreement import Features
 from ..comparison.regions import Scanned, complete, phantom_regions
 from ..comparison.relevance import agreement_and_practice
-from ..fitting.declared import BASELINE, declared
 from ..fitting.fit import Fit
 from ..fitting.nuisance import pose_of
+from ..fitting.priors import BASELINE, declared
 from ..projections.discretization import model_and_floor
 from ..request import DiagnosisRequest, NominalSettings
 from ..scanned_object import scene_of

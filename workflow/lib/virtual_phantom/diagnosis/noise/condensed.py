@@ -1,7 +1,4 @@
-"""The repeats of a recording, condensed to what fits and tests ask for.
-
-That is the mean, and how noisy and how correlated they are: of rays or of voxels, along three axes.
-"""
+"""Repeats of a recording condensed to mean, variance and correlations, of rays or voxels along three axes."""
 
 from __future__ import annotations
 
@@ -9,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .prediction import Prediction
 from .whitening import Whitening
 
 FEWEST = 8  # degrees of freedom from which on the mean of an inverse says anything
@@ -17,7 +13,7 @@ FEWEST = 8  # degrees of freedom from which on the mean of an inverse says anyth
 
 @dataclass(frozen=True)
 class Blocks:
-    """A division of rays or voxels into blocks along three axes.
+    """Division of rays or voxels into blocks along three axes.
 
     Attributes
     ----------
@@ -33,53 +29,74 @@ class Blocks:
 
     @classmethod
     def of(cls, shape: tuple[int, int, int], parts: tuple[int, int, int]) -> Blocks:
-        """Divide data of a shape into so many parts along each axis, or as many as there are places."""
+        """Divide data of a shape into so many parts along each axis, at most one for each position."""
         parts = tuple(min(part, n) for part, n in zip(parts, shape, strict=True))
         axes = [np.arange(n) * part // n for part, n in zip(parts, shape, strict=True)]
         index = (axes[0][:, None, None] * parts[1] + axes[1][:, None]) * parts[2] + axes[2]
         return cls(index, int(np.prod(parts)), parts)
 
     def sum(self, array: np.ndarray) -> np.ndarray:
-        """Sums over every block, shape (blocks,)."""
+        """Return sums over every block, shape (blocks,)."""
         return np.bincount(self.index.ravel(), np.broadcast_to(array, self.index.shape).ravel(), self.count)
 
     def spread(self, values: np.ndarray) -> np.ndarray:
-        """Values of blocks, shape (blocks,), given to all that lie in them."""
+        """Return the value of each datum's block, for values of shape (blocks,)."""
         return values[self.index]
 
 
 @dataclass(frozen=True)
-class Observed:
-    """The condensed repeats.
+class Prediction:
+    """Prediction of the condensed data.
 
     Attributes
     ----------
     mean : ndarray
-        Along three axes, of views, rows and columns or of slices, rows and columns.
+        Along the data's three axes.
+    log_variance : ndarray, shape (blocks,)
+        Logarithm of the variance over Observed.reference.
+    correlation : ndarray, shape (pairs,), or None
+        None where the data have none.
+    design : tuple of 2 ndarray
+        Change of the mean per unit of density scale and air offset, broadcastable to it.
+    """
+
+    mean: np.ndarray
+    log_variance: np.ndarray
+    correlation: np.ndarray | None
+    design: tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Condensed repeats.
+
+    Attributes
+    ----------
+    mean : ndarray
+        Along views, rows and columns, or slices, rows and columns.
     n : int
         Number of repeats.
     usable : ndarray of bool
         Rays or voxels that count.
     reference : ndarray
-        What `variance` is over, shaped as the mean.
+        Unit of `variance`, shaped as the mean.
     variance : ndarray, shape (blocks,), or None
-        Mean of the sample variance over `reference`, so scaled that its logarithm is unbiased; None of a single repeat.
+        Mean sample variance over `reference`, scaled so that its logarithm is unbiased; None for a single repeat.
     variance_error : ndarray, shape (blocks,), or None
-        Standard error of its logarithm, as sums over many blocks have it: of noise that neighbours share, those of
-        blocks side by side vary together.
+        Standard error of its logarithm, for sums over many blocks: correlated noise makes neighboring blocks vary
+        together.
     correlation, correlation_error : ndarray, shape (pairs,), or None
-        Of neighbours, and its standard error; missing ones are NaN.
+        Correlation of neighbors, and its standard error; NaN where missing.
     numerical : tuple of ndarray
-        Distortions alike in many rays by which predictions may be off (one standard deviation), whitened, each shaped
-        as the mean.
+        Errors of predictions common to many rays, one standard deviation, whitened, shaped as the mean.
     alone : ndarray, shape (blocks,), or float
         Variance of a single block's logarithm over the square of `variance_error`.
     whitening : Whitening or None
-        What makes the mean's noise white; None where it is.
+        Filter that makes the mean's noise white; None: it is white.
     weighed : ndarray, shape (blocks,), or float
-        Relative variance of the mean's weights, which are measured block by block.
+        Relative variance of the mean's weights, which are measured by block.
     coarser : Blocks or None
-        Blocks of which the variance is known over each other, and nothing of its level; None: it is known of `blocks`.
+        Blocks of which only the relative variance is known; None: `blocks`, with the level.
     """
 
     mean: np.ndarray
@@ -103,20 +120,20 @@ class Observed:
         return self.blocks if self.coarser is None else self.coarser
 
     def whitened(self, residual: np.ndarray) -> np.ndarray:
-        """A residual of the mean, its noise made white."""
+        """Whiten a residual of the mean."""
         return residual if self.whitening is None else self.whitening(residual)
 
     def as_recorded(self, whitened: np.ndarray) -> np.ndarray:
-        """A whitened residual as it was."""
+        """Undo the whitening of a residual."""
         return whitened if self.whitening is None else self.whitening.inverse(whitened)
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Names of what is known of the data, in the order of residuals and weights."""
+        """Names of the parts of the data, in the order of residuals and weights."""
         return ("mean",) if self.variance is None else ("mean", "noise variance", "noise correlation")
 
     def residuals(self, prediction: Prediction) -> list[np.ndarray]:
-        """Observed less predicted, by part; the mean's noise made white."""
+        """Return observed minus predicted data, by part; the mean's noise is whitened."""
         found = [self.whitened(np.where(self.usable, self.mean - prediction.mean, 0)).ravel()]
         if self.variance is not None:
             found.append(self._of_variance(prediction))
@@ -124,7 +141,7 @@ class Observed:
         return found
 
     def _of_variance(self, prediction: Prediction) -> np.ndarray:
-        """Logarithm of the observed variance less the predicted one, shape (blocks,)."""
+        """Return the logarithm of observed over predicted variance, shape (blocks,)."""
         left = np.log(self.variance) - prediction.log_variance
         known = np.isfinite(left)
         left = np.where(known, left, 0.0)
@@ -134,18 +151,12 @@ class Observed:
         return np.where(known, left - (weight @ left) / weight.sum(), 0.0)
 
     def weights(self, variance: np.ndarray, floor: np.ndarray) -> list[np.ndarray]:
-        """Inverse variances of the parts of `residuals`, 0 for what is not there.
+        """Return inverse variances of the parts of `residuals`, shape (data,); 0 for missing data.
 
         Parameters
         ----------
-        variance : ndarray
-            Of the mean's data of one repeat, whitened, along three axes.
-        floor : ndarray
-            Numerical error of the prediction, whitened, standard deviation, along three axes.
-
-        Returns
-        -------
-        list of ndarray, shape (data,)
+        variance, floor : ndarray
+            Variance of one repeat, and numerical error of predictions (standard deviation), whitened, along three axes.
         """
         found = [np.where(self.counted, 1 / (variance / self.n + floor**2), 0).ravel()]
         if self.variance is not None:
@@ -157,11 +168,11 @@ class Observed:
 
     @property
     def scatter(self) -> np.ndarray:
-        """Relative variance of the weight of every datum, or of all of them alike."""
+        """Relative variance of each datum's weight, or of all alike."""
         weighed = np.asarray(self.weighed)
         return self.blocks.spread(weighed) if weighed.ndim else weighed
 
     @property
     def counted(self) -> np.ndarray:
-        """What is usable and counts in the mean: whitening takes away those beside missing ones."""
+        """Usable data with weight in the mean: whitening excludes those next to missing ones."""
         return self.usable if self.whitening is None else self.whitening.counted

@@ -1,4 +1,4 @@
-"""A detector's gain pattern: one constant per pixel, estimated from the mean residual of all views."""
+"""Gain pattern of a detector: one constant per pixel, estimated from the mean residual of all views."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Pattern:
     Attributes
     ----------
     values : ndarray, shape (rows, columns)
-        Shrunk towards 0 by how much of each is noise.
+        Estimates, shrunk towards 0 for noise.
     variance : ndarray, shape (rows, columns)
-        That the true constants, whitened, have about them.
+        Variance of the true constants, whitened, about them.
     rms, error : float
         Standard deviation of the true constants, and its standard error.
     """
@@ -34,32 +34,19 @@ class Pattern:
 
 
 def chance(rms: float, error: float) -> float:
-    """Chance of a pattern of this size where there is none, from its standard error.
+    """Return the p-value of a pattern's rms, by its standard error.
 
-    A likelihood ratio would be none: a pattern has as many constants as there are pixels.
-
-    Parameters
-    ----------
-    rms, error : float
-        As in Pattern.
+    A likelihood ratio has no known distribution here: a pattern has as many constants as there are pixels.
     """
     return float(stats.norm.sf(rms / error)) if rms else 1.0
 
 
 def estimate(residual: np.ndarray, weight: np.ndarray, whitening: Whitening | None = None) -> Pattern:
-    """The pattern in residuals.
+    """Estimate the pattern in residuals with weights 1 / variance, shape (views, rows, columns).
 
-    Constants are taken as independent draws of one normal distribution. Its variance is what the mean square of their
-    rough part exceeds that of noise by. Where the smooth part is larger than such draws would make it, it is other
-    physics (the shadow of a disc looks alike in all views) and not counted as pattern.
-
-    Parameters
-    ----------
-    residual : ndarray, shape (views, rows, columns)
-    weight : ndarray, shape (views, rows, columns)
-        1 / variance.
-    whitening : Whitening, optional
-        That the residuals have been through.
+    Constants are independent draws of a normal distribution, whose variance is the mean square of their rough part less
+    that of noise. A smooth part larger than expected of such draws is other physics (the shadow of a disc is equal in
+    all views), and not part of the pattern.
     """
     total = weight.sum(axis=0)
     good = total > 0
@@ -82,12 +69,12 @@ def estimate(residual: np.ndarray, weight: np.ndarray, whitening: Whitening | No
 
 
 def _widths(shape: tuple[int, ...]) -> list[float]:
-    """Over which the smooth part is averaged; 0 where a detector is no wider."""
+    """Return the widths over which the smooth part is averaged; 0 along a short axis."""
     return [SMOOTH_PX if n > 2 * SMOOTH_PX else 0 for n in shape]
 
 
 def _without_smooth(mean: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, float]:
-    """The rough part, and the share of a white pattern's variance that it keeps."""
+    """Return the rough part, and the share of a white pattern's variance that it keeps."""
     sigma = _widths(mean.shape)
 
     def smooth(array):

@@ -1,12 +1,12 @@
-"""Noise that neighbouring rays share: how it is correlated, what makes it white, and what errors it leaves.
+"""Correlated noise of neighboring rays: its estimate, the filter that whitens it, and errors of its statistics.
 
-A detector whose pixels share light, or glow on, blurs its own quantum noise: variances of single rays fall, those of
-sums over many rays do not. Residuals are therefore whitened before they are fitted and tested (pre-whitening [1]_), by
-the inverse of a filter that is estimated once per recording from differences of repeats, which no model of the mean
-touches.
+A detector whose pixels share light, or glow on, blurs its own quantum noise: variances of single rays fall, variances
+of sums over many rays do not. Residuals are therefore whitened before they are fitted and tested (pre-whitening
+[1]_) by the inverse of a filter. The filter is estimated once per recording from differences of repeats, which no
+model of the mean influences.
 
-What is blurred is the signal as it is read. A residual is therefore multiplied by the signal, filtered, and divided by
-it again. The filter leaves what is smooth as it is, so that residuals stay line integrals.
+The detector blurs its signal. A residual is therefore multiplied by the signal, filtered, and divided by it again.
+The filter keeps smooth residuals, so that they stay line integrals.
 
 References
 ----------
@@ -35,14 +35,14 @@ REACH = 0.1  # of a filter's middle: rays as near to a missing one as its taps a
 
 @dataclass(frozen=True)
 class Correlations:
-    """Of the noise that is read of a uniform signal; 0 along axes where none stands out.
+    """Correlations of the noise of a uniform signal; 0 along axes where none is significant.
 
     Attributes
     ----------
     columns, rows : tuple of 2 float
         Correlation of pixels one and two apart.
     views : tuple of 2 float
-        Correlation of successive views, and the factor by which it fades with every further one.
+        Correlation of successive views, and the factor by which it decays with every further one.
     """
 
     columns: tuple[float, float] = (0.0, 0.0)
@@ -55,40 +55,31 @@ class Correlations:
         return not (self.columns[0] or self.rows[0] or self.views[0])
 
     def of_every(self, step: int) -> Correlations:
-        """Those of one view of so many."""
+        """Return the correlations of every so many-th view."""
         first, memory = self.views
         return Correlations(self.columns, self.rows, (first * memory ** (step - 1), memory**step))
 
     def stands_out(self, other: Correlations, rays: int) -> bool:
-        """Whether so many rays would show that their noise has these correlations and not the other ones."""
+        """Return whether so many rays would distinguish these correlations from others."""
         pairs = zip((self.columns, self.rows, self.views), (other.columns, other.rows, other.views), strict=True)
-        return max(abs(one[0] - two[0]) for one, two in pairs) * np.sqrt(rays) > SEEN
+        return max(abs(own[0] - its[0]) for own, its in pairs) * np.sqrt(rays) > SEEN
 
     def of_second_differences(self, of_rows: bool = False) -> float:
-        """Variance of x[i - 1] - 2 x[i] + x[i + 1] of successive views, over that of a view.
+        """Return the variance of x[i - 1] - 2 x[i] + x[i + 1] of successive views over that of a view.
 
         Parameters
         ----------
         of_rows : bool, optional
-            Of these differences, they are taken of successive rows, too.
+            Differences are taken along successive rows, too.
         """
         first, memory = self.views
         along_views, along_rows = 6 - 8 * first + 2 * first * memory, 6 - 8 * self.rows[0] + 2 * self.rows[1]
         return along_views * along_rows if of_rows else along_views
 
     def covariance(self, axis: int, length: int) -> np.ndarray:
-        """Covariance of places along an axis, that of a place far from the ends being 1 with itself.
+        """Return the covariance of positions along an axis (0 views, 1 rows, 2 columns), shape (length, length).
 
-        The pixels at a detector's edges keep what would leave it: as if it were mirrored there.
-
-        Parameters
-        ----------
-        axis : int
-            Of views, rows and columns.
-
-        Returns
-        -------
-        ndarray, shape (length, length)
+        The variance is 1 far from the ends. Pixels at the edges keep what would leave the detector: as if mirrored.
         """
         if axis == 0:
             far = np.abs(np.subtract.outer(np.arange(length), np.arange(length)))
@@ -103,17 +94,9 @@ class Correlations:
         return total + taps[np.add.outer(place, place) + 1] + taps[2 * length - 1 - np.add.outer(place, place)]
 
     def power(self, axis: int, length: int) -> np.ndarray:
-        """Power of noise along rows or columns, by the cosines of a discrete cosine transform (II).
+        """Return the power of noise along rows (axis 1) or columns (2), shape (length,).
 
-        Parameters
-        ----------
-        axis : int
-            1 or 2, of views, rows and columns.
-
-        Returns
-        -------
-        ndarray, shape (length,)
-            By frequency.
+        It is by frequency of a discrete cosine transform (II).
         """
         near, far = self.rows if axis == 1 else self.columns
         angle = np.pi * np.arange(length) / length
@@ -122,9 +105,9 @@ class Correlations:
         return np.maximum(1 + 2 * near * np.cos(angle) + 2 * far * np.cos(2 * angle), LEAST_POWER)
 
     def moving_average(self) -> float:
-        """Moving-average part of the ARMA(1, 1) process that has the views' correlations.
+        """Return the moving-average coefficient of the ARMA(1, 1) process with the views' correlations.
 
-        That is psi of x_i = phi x_(i-1) + e_i + psi e_(i-1), where |psi| < 1 and phi is the factor by which they fade.
+        This is psi of x_i = phi x_(i-1) + e_i + psi e_(i-1), with |psi| < 1 and phi the factor of their decay.
         """
         first, memory = self.views
         if abs(first - memory) < 1e-12:
@@ -135,36 +118,34 @@ class Correlations:
         return float(np.clip(root, -MOST_ROOT, MOST_ROOT))
 
     def amplification(self) -> float:
-        """Variance of white noise with the same power at low frequencies, over that of a ray far from the edges."""
+        """Return the variance of white noise with the same power at low frequencies, over that of a ray."""
         first, memory = self.views
         of_views = max(1 + 2 * first / (1 - memory), LEAST_POWER)
         return float(self.power(1, 2)[0] * self.power(2, 2)[0] * of_views)
 
     def variance_of_squares(self, axis: int, length: int, places: slice = slice(None)) -> float:
-        """Variance of the sum of squares over places of an axis, over that of white noise: n sum C_ij^2 / (sum C_ii)^2.
+        """Return the variance of a sum of squares along an axis over that of white noise.
+
+        This is n sum C_ij^2 / (sum C_ii)^2.
 
         Parameters
         ----------
-        axis : int
-            Of views, rows and columns.
         places : slice, optional
-            Those that are summed.
+            Positions that are summed.
         """
         part = self.covariance(axis, min(length, LONG) if places == slice(None) else length)[places, places]
         return float(len(part) * (part**2).sum() / np.trace(part) ** 2)
 
     def variance_of_neighbours(self, axis: int, lengths: tuple[int, int, int]) -> float:
-        """Variance of the sample correlation of neighbours along an axis, times the number of pairs.
+        """Return the variance of the sample correlation of neighbors along an axis, times the number of pairs.
 
-        To first order that of a ratio a / b of quadratic forms x'Mx, whose covariances are 2 tr(M C M' C); C is a
+        It is to first order that of a ratio a / b of quadratic forms x'Mx, whose covariances are 2 tr(M C M' C); C is a
         product by axis.
 
         Parameters
         ----------
-        axis : int
-            Of views, rows and columns.
         lengths : tuple of 3 int
-            Of all axes.
+            Lengths of all axes.
         """
         if self.white:
             return 1.0
@@ -178,7 +159,7 @@ class Correlations:
         ratio = np.trace(moved) * of_pairs / square
         along = (moved * moved.T).sum() * of_pairs**2 + ratio**2 * (there**2).sum() * of_squares**2
         along -= 2 * ratio * (moved * there).sum() * of_pairs * of_squares
-        others = [self.variance_of_squares(one, lengths[one]) for one in range(3) if one != axis]
+        others = [self.variance_of_squares(other, lengths[other]) for other in range(3) if other != axis]
         return float(2 * along / square**2 / of_pairs * np.prod(others))
 
 
@@ -186,14 +167,12 @@ WHITE = Correlations()
 
 
 def of_state(state: State, apart: int | None = None) -> Correlations:
-    """Correlations that a state of the chain gives the noise.
-
-    Electronic noise is included as its share is over all rays.
+    """Return the correlations of noise in a state of the chain, diluted by electronic noise as averaged over all rays.
 
     Parameters
     ----------
     apart : int, optional
-        Of the scanner's views, by how many those lie apart that are asked for; None: the state's own.
+        Distance of successive views in the scanner's views; None: that of the state.
     """
     share, memory, _ = state.lag
     if not (any(state.neighbours) or share):
@@ -202,11 +181,11 @@ def of_state(state: State, apart: int | None = None) -> Correlations:
     electronic = (state.electronic / state.photons) ** 2 / state.per_line**2 if state.electronic else 0.0
     coloured = 1 - float(np.mean(electronic / variance))
     pixels = []
-    for one, length in zip(state.neighbours, variance.shape[:0:-1], strict=True):
-        one = one if length > 1 else 0.0
-        square = (1 - 2 * one) ** 2 + 2 * one**2
-        pixels.append((coloured * 2 * one * (1 - 2 * one) / square, coloured * one**2 / square))
-    # Of weights 1 - k, k (1 - d), k (1 - d) d, ...: those of views that follow each other, over the squares.
+    for share, length in zip(state.neighbours, variance.shape[:0:-1], strict=True):
+        share = share if length > 1 else 0.0
+        square = (1 - 2 * share) ** 2 + 2 * share**2
+        pixels.append((coloured * 2 * share * (1 - 2 * share) / square, coloured * share**2 / square))
+    # For weights 1 - k, k (1 - d), k (1 - d) d, ...: those of views that follow each other, over the squares.
     glow = share**2 * (1 - memory) / (1 + memory)
     views = (share * (1 - share) * (1 - memory) + glow * memory) / ((1 - share) ** 2 + glow)
     found = Correlations(*pixels, (coloured * views, memory if share else 0.0))
@@ -214,20 +193,20 @@ def of_state(state: State, apart: int | None = None) -> Correlations:
 
 
 class Whitening:
-    """Filters residuals of line integrals so that their noise is white.
+    """Filter that whitens residuals of line integrals.
 
     Parameters
     ----------
     correlations : Correlations
-        Of the noise.
+        Correlations of the noise.
     lines : ndarray, shape (views, rows, columns)
-        Line integrals, to first order: what is read is their transmission.
+        Line integrals, to first order: their transmission is the signal.
     usable : ndarray of bool, shape (views, rows, columns)
 
     Attributes
     ----------
     noise, correlations : Correlations
-        As given, and those of the views that are usable.
+        As given, and of the usable views.
     """
 
     def __init__(self, correlations: Correlations, lines: np.ndarray, usable: np.ndarray):
@@ -246,43 +225,33 @@ class Whitening:
 
     @property
     def amplification(self) -> float:
-        """Of the variance of a ray far from the edges."""
+        """Amplification of the variance of a ray far from the edges."""
         return self.correlations.amplification()
 
     def variance(self, lines: np.ndarray) -> np.ndarray:
-        """Shape of the whitened noise's variance, up to a factor.
-
-        Parameters
-        ----------
-        lines : ndarray, shape (views, rows, columns)
-            Line integrals.
-
-        Returns
-        -------
-        ndarray, shape (views, rows, columns)
-        """
+        """Return the variance of whitened noise up to a factor, for line integrals (views, rows, columns)."""
         return np.exp(-lines) / self._read**2
 
     def __call__(self, residual: np.ndarray) -> np.ndarray:
-        """A residual made white, shape (views, rows, columns)."""
+        """Whiten a residual, shape (views, rows, columns)."""
         pixels = self._pixels(residual * self._read, 1 / self._blur)
         return self._along_views(pixels, inverse=False) / self._read
 
     def inverse(self, whitened: np.ndarray) -> np.ndarray:
-        """A whitened residual as it was, shape (views, rows, columns)."""
+        """Undo the whitening of a residual, shape (views, rows, columns)."""
         return self._pixels(self._along_views(whitened * self._read, inverse=True), self._blur) / self._read
 
     def pixels(self, constants: np.ndarray) -> np.ndarray:
-        """Constants that, the same in all views, whitening makes these, shape (rows, columns)."""
+        """Return constants of pixels from whitened ones, equal in all views, shape (rows, columns)."""
         return self._pixels(constants[None], self._blur)[0]
 
     def roughness(self, smooth_px: tuple[float, float]) -> float:
-        """Standard deviation of what whitening makes of white constants of pixels, over theirs.
+        """Return the factor by which whitening changes the standard deviation of white constants of pixels.
 
         Parameters
         ----------
         smooth_px : sequence of 2 float
-            Widths of Gaussians along rows and columns that are taken off, pixels; 0: none.
+            Widths of Gaussians along rows and columns that are subtracted, pixels; 0: none.
         """
         rows, columns = (
             np.exp(-((sigma * np.pi * np.arange(n) / n) ** 2) / 2) if sigma else np.ones(n)
@@ -292,22 +261,14 @@ class Whitening:
         return float(np.sqrt((rough / self._blur**2).sum() / rough.sum()))
 
     def _pixels(self, array: np.ndarray, factor: np.ndarray) -> np.ndarray:
-        """Along rows and columns, mirrored at the detector's edges."""
+        """Filter along rows and columns, mirrored at the detector's edges."""
         if not (self.correlations.columns[0] or self.correlations.rows[0]):
             return array
         axes = (1, 2)
         return fft.idctn(fft.dctn(array, axes=axes) * factor, axes=axes)
 
     def _along_views(self, array: np.ndarray, inverse: bool) -> np.ndarray:
-        """By the innovations of a stationary ARMA(1, 1), from its first view on [1]_, so scaled that what lasts stays.
-
-        Parameters
-        ----------
-        array : ndarray, shape (views, rows, columns)
-
-        Returns
-        -------
-        ndarray, shape (views, rows, columns)
+        """Filter along views by the innovations of a stationary ARMA(1, 1) process [1]_, constants kept.
 
         References
         ----------
@@ -333,7 +294,7 @@ class Whitening:
         return result
 
     def _away_from_missing(self, usable: np.ndarray) -> np.ndarray:
-        """Rays whose filter asks for none that is missing, as far as that matters."""
+        """Return the rays whose filter uses no missing ray with a relevant coefficient."""
         counted = usable.copy()
         if usable.all():
             return counted
@@ -364,7 +325,7 @@ class Whitening:
 
 
 def estimated(deviations, lines: np.ndarray, usable: np.ndarray, freedom: int) -> Correlations:
-    """The correlations of noise.
+    """Estimate the correlations of noise.
 
     Parameters
     ----------
@@ -374,7 +335,7 @@ def estimated(deviations, lines: np.ndarray, usable: np.ndarray, freedom: int) -
         Line integrals, to first order.
     usable : ndarray of bool, shape (views, rows, columns)
     freedom : int
-        How many of the deviations are independent.
+        Number of independent deviations.
     """
     calm = usable.copy()
     for axis in range(3):
@@ -383,14 +344,14 @@ def estimated(deviations, lines: np.ndarray, usable: np.ndarray, freedom: int) -
             calm[_along(axis, side)] &= ~steep
     if calm.sum() < LEAST_CALM * usable.sum():
         calm = usable
-    deviations = [np.where(calm, one, 0.0) for one in deviations]
+    deviations = [np.where(calm, deviation, 0.0) for deviation in deviations]
 
     def mean(axis: int, lag: int) -> tuple[float, float]:
-        """Of products of deviations at a lag, and how many of them are independent without correlations."""
+        """Return the mean product of deviations at a lag, and the number of independent ones without correlations."""
         length = calm.shape[axis]
         low, high = (_along(axis, slice(a, length - lag + a)) for a in (0, lag))
         pairs = int((calm[low] & calm[high]).sum())
-        total = sum(float(np.vdot(one[low], one[high])) for one in deviations)
+        total = sum(float(np.vdot(deviation[low], deviation[high])) for deviation in deviations)
         return total / max(pairs, 1), pairs * freedom
 
     square, _ = mean(2, 0)
@@ -401,23 +362,18 @@ def estimated(deviations, lines: np.ndarray, usable: np.ndarray, freedom: int) -
 
 
 def _of_pixels(mean, length: int, square: float) -> tuple[float, float]:
-    """Correlations of pixels one and two apart, of which the edges' own variances and covariances are part.
+    """Return the correlations of pixels one and two apart, edges considered; 0 if not significant.
 
-    Of n pixels mirrored at both edges, mean products are 1 + 2 r1 / n, r1 + 2 r2 / (n - 1) and r2, times a variance.
+    Mean products of n pixels mirrored at both edges are 1 + 2 r1 / n, r1 + 2 r2 / (n - 1) and r2, times a variance.
 
     Parameters
     ----------
     mean : callable
-        Lag to the mean of products of deviations, and how many are independent.
+        Lag to the mean product of deviations, and the number of independent ones.
     length : int
         n.
     square : float
         Mean product at lag 0.
-
-    Returns
-    -------
-    first, second : float
-        0 where the first does not stand out.
     """
     if length < 2:
         return 0.0, 0.0
@@ -430,10 +386,10 @@ def _of_pixels(mean, length: int, square: float) -> tuple[float, float]:
 
 
 def _of_views(mean, length: int, square: float) -> tuple[float, float]:
-    """Correlation of successive views and its memory: the geometric series that fits best."""
+    """Return the correlation of successive views and its decay: the geometric series that fits best."""
     lags = range(1, min(VIEW_LAGS, length // 2) + 1)
     found = [mean(lag) for lag in lags]
-    rho, count = np.array([one / square for one, _ in found]), np.array([count for _, count in found])
+    rho, count = np.array([product / square for product, _ in found]), np.array([count for _, count in found])
     if not rho.size:
         return 0.0, 0.0
     series = MEMORIES[:, None] ** np.arange(rho.size)
@@ -446,7 +402,7 @@ def _of_views(mean, length: int, square: float) -> tuple[float, float]:
 
 
 def _lasting(array: np.ndarray, correlations: Correlations) -> np.ndarray:
-    """What is read of a signal [view, row, column] that lags behind so that its noise has these correlations."""
+    """Return the reading of a signal [view, row, column] with a lag that causes these correlations."""
     first, memory = correlations.views
     if not first:
         return array
@@ -458,12 +414,12 @@ def _lasting(array: np.ndarray, correlations: Correlations) -> np.ndarray:
 
 
 def _and(near: np.ndarray, there: np.ndarray, axis: int, by: int) -> None:
-    """Of `near` keep what has a neighbour that is `there` so many places before it along an axis, or none at all."""
+    """Keep those in `near` that have a neighbor in `there` so many positions before them, or none at all."""
     length = there.shape[axis]
     low, high = slice(max(by, 0), length + min(by, 0)), slice(max(-by, 0), length + min(-by, 0))
     near[_along(axis, low)] &= there[_along(axis, high)]
 
 
 def _along(axis: int, part: slice) -> tuple[slice, ...]:
-    """A part of [view, row, column] along an axis."""
-    return tuple(part if one == axis else slice(None) for one in range(3))
+    """Return the index of a part of [view, row, column] along an axis."""
+    return tuple(part if other == axis else slice(None) for other in range(3))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from ..fitting.fit import Problem
+from ..fitting.problem import Problem
 from ..fitting.templates import whitened
 
 # Added to the diagonal of matrices scaled to 1: numbers of which nothing is known and nothing is told stay solvable.
@@ -77,7 +77,7 @@ def told(problem: Problem, name: str, own: Collection[str] = (), protocol: str =
         one protocol alone.
     """
     problem.follow(problem.start)
-    predicted = -whitened(problem.residuals(problem.start, None), problem.weights)
+    predicted = -whitened(problem.residuals(problem.start), problem.weights)
     room = np.stack([problem.low - problem.start, problem.high - problem.start], axis=1)
     return MeasurementInformation(
         keys_of(problem, name, own, protocol), changes(problem), predicted, problem.knowledge, room, problem.steps
@@ -112,7 +112,7 @@ def slope(problem: Problem, index: int, step: float) -> np.ndarray:
     for end in ends:
         point = problem.start.copy()
         point[index] = end
-        sides.append(whitened(problem.residuals(point, None), problem.weights))
+        sides.append(whitened(problem.residuals(point), problem.weights))
     return (sides[0] - sides[1]) / (ends[1] - ends[0])
 
 

@@ -10,10 +10,12 @@ from scipy import special
 
 from ...base.geometry import OrbitGeometry
 from ...physics.chain import Chain
+from ...physics.effect import DARK_DRIFT, DARK_LEVEL, DARK_NOISE, load
 from ...physics.state import MOST_NOISE, PHOTONS
-from ..fitting.fit import Fit, Fitter, Problem
+from ..fitting.fit import Fit, Fitter
 from ..fitting.linearization import before_images
 from ..fitting.nuisance import Nuisance
+from ..fitting.problem import Problem
 from ..noise.condensed import Blocks
 from ..projections.model import ScansModel
 from ..projections.observed import PARTS, ObservedScans, white_shape
@@ -245,20 +247,24 @@ class DarkFrames:
         geometry = model.chain.geometry
         air = model.chain.reads_in_air
         half = (geometry.duration_s if geometry.view_interval_ms is not None else 1.0) / 2
-        photons = float(fit.physics.get("electronic_noise", {}).get("photons", 0.0))
-        values = fit.physics.get("dark_signal", {})
-        level, drift = values.get("level_units", 0.0), values.get("drift_units_per_s", 0.0) * half
+        shown = {
+            parameter.dark: values.get(parameter.name, 0.0)
+            for name, values in fit.physics.items()
+            for parameter in load(name).parameters
+        }
+        photons = float(shown.get(DARK_NOISE, 0.0))
+        level, drift = shown.get(DARK_LEVEL, 0.0), shown.get(DARK_DRIFT, 0.0) * half
         variance = photons**2 + ROUNDING * (model.chain.photons / air) ** 2
         sd = DARK_SD * air
         predicted = np.array([(level - drift) / sd, (level + drift) / sd, np.log(variance) / MOST_KNOWN])
         slopes = {
-            ("dark_signal", "level_units"): np.array([1 / sd, 1 / sd, 0]),
-            ("dark_signal", "drift_units_per_s"): np.array([-half / sd, half / sd, 0]),
-            ("electronic_noise", "photons"): np.array([0, 0, 2 * photons / variance / MOST_KNOWN]),
+            DARK_LEVEL: np.array([1 / sd, 1 / sd, 0]),
+            DARK_DRIFT: np.array([-half / sd, half / sd, 0]),
+            DARK_NOISE: np.array([0, 0, 2 * photons / variance / MOST_KNOWN]),
         }
-        told_of = [one for one in unknowns if (one.effect, one.name) in slopes]
+        told_of = [one for one in unknowns if one.parameter.dark in slopes]
         keys = tuple((one.effect, one.name) for one in told_of)
-        changes = np.stack([slopes[key] for key in keys], axis=1) if keys else np.zeros((3, 0))
+        changes = np.stack([slopes[one.parameter.dark] for one in told_of], axis=1) if keys else np.zeros((3, 0))
         now = np.array([one.of(fit.physics[one.effect][one.name]) for one in told_of])
         room = np.array([[one.low, one.high] for one in told_of]).reshape(-1, 2) - now[:, None]
         return MeasurementInformation(

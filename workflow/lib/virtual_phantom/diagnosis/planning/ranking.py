@@ -9,11 +9,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ...physics.effect import load
-from ..candidate_effects import OF_ONE_SCAN
-from ..fitting.fit import Fit, Problem
+from ...physics.effect import load, scan_effects
+from ..fitting.fit import Fit
 from ..fitting.joint_fit import JointFitter
 from ..fitting.model import Model
+from ..fitting.problem import Problem
 from ..fitting.templates import SMALL, templates, varied
 from ..projections.prepared import BY_VIEW, PreparedScans
 from ..selection.forward_selection import AS_GOOD
@@ -149,7 +149,7 @@ def rank(
                 fit.effects,
                 fit,
                 conditions,
-                OF_ONE_SCAN,
+                scan_effects(),
                 beside=beside,
                 weighed=chosen[first],
                 protocol=protocols[first],
@@ -217,7 +217,7 @@ def _as_it_is(
     model = prepared.fitter.model
     scan = Scan(name, "", model.chain.scene, model.chain.geometry)
     conditions = conditions_of(prepared)
-    return scan.tells(model, fit.effects, fit, conditions, OF_ONE_SCAN, True, beside, weighed, protocol)
+    return scan.tells(model, fit.effects, fit, conditions, scan_effects(), True, beside, weighed, protocol)
 
 
 def conditions_of(prepared: PreparedScans) -> Conditions:

@@ -11,7 +11,8 @@ from scipy.optimize import lsq_linear
 from scipy.spatial.distance import squareform
 
 from ...physics.effect import load
-from ..fitting.fit import Fit, Fitter, Problem
+from ..fitting.fit import Fit, Fitter
+from ..fitting.problem import Problem
 from ..fitting.templates import SMALL, changes, projected, templates, varied, whitened
 
 
@@ -51,7 +52,7 @@ def described(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list[Template]:
     names : sequence of str
         Of effects.
     """
-    basis, found = np.linalg.qr(changes(Problem(fitter, fit.effects, fit), fit.pattern))[0], []
+    basis, found = np.linalg.qr(changes(Problem.at(fitter, fit)))[0], []
     for name in names:
         if load(name).pattern:
             labels, rows = [None], _drawn(fitter, fit, name)[None]
@@ -121,8 +122,8 @@ def taken_up_in_range(fitter: Fitter, fit: Fit, rows: np.ndarray) -> np.ndarray:
     -------
     ndarray, shape (rows,)
     """
-    problem = Problem(fitter, fit.effects, fit)
-    basis, triangle = np.linalg.qr(changes(problem, fit.pattern))
+    problem = Problem.at(fitter, fit)
+    basis, triangle = np.linalg.qr(changes(problem))
     scale = np.linalg.norm(triangle, axis=0)
     bounds = (problem.low - problem.start) * scale, (problem.high - problem.start) * scale
     found = []

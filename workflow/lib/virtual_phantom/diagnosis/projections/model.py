@@ -17,7 +17,7 @@ from ..fitting.linearization import BASE, Linearisation, LinearisationPoint, bef
 from ..fitting.model import DENSITY_SD, Model
 from ..fitting.nuisance import Nuisance, pose_of
 from ..fitting.priors import Statement
-from ..noise.prediction import Prediction
+from ..noise.condensed import Prediction
 from .discretization import Numerical, added_of
 from .local_mismatch import Piece
 from .observed import ObservedScans, white_shape

@@ -20,9 +20,7 @@ from ..fitting.nuisance import NOMINAL_PHOTONS_SD, PIECE, Nuisance, nuisances, p
 from ..fitting.priors import Statement, stated_physics
 from ..noise.condensed import FEWEST, Blocks
 from ..noise.whitening import WHITE, Correlations, Whitening, estimated, of_state
-from ..residuals.change import PieceOfObject
-from ..residuals.dataset import Prepared
-from ..residuals.display import ResidualMaps
+from ..residuals.dataset import PieceOfObject, Prepared, ResidualMaps
 from ..residuals.residual_tests import Half, Location
 from ..uncertainty.prediction_error import left_by_numbers
 from ..workload import rays_of

@@ -6,7 +6,7 @@ from ...physics.chain import EVEN, Chain
 from ...physics.state import AIR
 from ...recordings.recording import Recording
 from ...recordings.scan import assumed
-from ..fitting.declared import BASELINE, declared
+from ..fitting.priors import BASELINE, declared
 from ..request import DiagnosisRequest, NominalSettings
 from ..scanned_object import coarse_scene, scene_of, whole_voxels
 from ..workload import fitted

@@ -1,9 +1,9 @@
-"""A recording made ready for fits: what is fitted, what is held out, and how its differences are tested."""
+"""Recording prepared for fits: fitted and held-out data, and the tests of their residuals."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,35 +12,107 @@ from scipy.sparse import sparray
 
 from ..fitting.fit import Fit, Fitter
 from ..noise.condensed import Observed
-from .change import PieceOfObject
-from .display import ResidualMaps
 from .residual_tests import Half, Location
 
 
 @dataclass(frozen=True)
+class ResidualMaps:
+    """Display of residuals of a kind of recording in reports and figures.
+
+    Attributes
+    ----------
+    unit : str
+        Unit of differences, as in names of metrics.
+    summed : int
+        Axis of the data that maps are summed over.
+    down, across : str
+        Names of the map's axes.
+    profiles : tuple of tuple of (str, str, int)
+        Domain, name of its axis, and number of its first position.
+    one_repeat : str
+        Source of the noise where there is a single repeat.
+    ranked : bool
+        Whether further recordings of the kind are ranked (diagnosis.planning).
+    """
+
+    unit: str
+    summed: int
+    down: str
+    across: str
+    profiles: tuple[tuple[str, str, int], ...]
+    one_repeat: str
+    ranked: bool = False
+
+
+@dataclass(frozen=True)
+class PieceOfObject:
+    """Local object mismatch: a piece of the object that may differ from what was stated.
+
+    Attributes
+    ----------
+    words : str
+        Description, after "what is left".
+    content : mapping
+        Entry in diagnosis.json.
+    directions : ndarray, shape (mean data, 1)
+        Path lengths in it, mm.
+    """
+
+    words: str
+    content: Mapping
+    directions: np.ndarray
+
+
+@dataclass(frozen=True)
+class Change:
+    """Effect of one kind of change of the residuals on a fit.
+
+    Attributes
+    ----------
+    words : str
+        Description, after "what is left".
+    z : float
+        Standardized held-out residual along the direction that the fitted data determine.
+    p : float
+        p-value of z.
+    gain : float
+        Increase of the held-out log score by the change, its size shrunk for noise (W. James and C. Stein, Proc. 4th
+        Berkeley Symp. 1, 361, 1961).
+    piece : PieceOfObject or None
+        Where it is one of the object.
+    """
+
+    words: str
+    z: float
+    p: float
+    gain: float
+    piece: PieceOfObject | None = None
+
+
+@dataclass(frozen=True)
 class Prepared(ABC):
-    """What all fits of a recording share, and what a kind of recording says of itself.
+    """Recording prepared for fits, of any kind.
 
     Attributes
     ----------
     look : ResidualMaps
-        Of the kind of recording.
+        Display of the kind of recording.
     data, held_out : Observed
-        What is fitted, and what is held out.
+        Fitted and held-out data.
     variance : ndarray
-        Of one repeat, along the data's three axes.
+        Variance of one repeat, along the data's three axes.
     held : str
         What is held out, in words.
     single : bool
-        True if the noise had to be taken from a single repeat.
+        Whether the noise had to be taken from a single repeat.
     photons : float
         Per pixel in air, as estimated from the variances.
     step : int
         One view of so many was fitted or held out.
     lacking : str or None
-        What of the scan's times is not stated, in words.
+        Missing times of the scan, in words.
     voxels : str or None
-        What whole voxels that the object is drawn in leave of its edges, and what would tell, in words; None: nothing.
+        What voxels of the object leave at its edges, and how to find out, in words; None: nothing.
     """
 
     look: ClassVar[ResidualMaps]
@@ -58,32 +130,32 @@ class Prepared(ABC):
 
     @property
     def usable(self) -> np.ndarray:
-        """Data that count, fitted and held out, along three axes."""
+        """Data that are fitted and held out, along three axes."""
         return self.data.usable & self.held_out.usable
 
     def half(self, fit: Fit, held_out: bool) -> Half:
-        """What a fit leaves of the data held out, or of those fitted."""
+        """Return a fit's residuals of the held-out or of the fitted data."""
         fitter = self.fitter
         if held_out:
             return Half(fitter.residuals(fit), fitter.held_weights, self.held_out)
         return Half(fitter.residuals(fit, held_out=False), fitter.weights, self.data)
 
     def halves(self, fit: Fit) -> tuple[Half, Half]:
-        """What a fit leaves of the data fitted, and of those held out."""
+        """Return a fit's residuals of the fitted and of the held-out data."""
         return self.half(fit, held_out=False), self.half(fit, held_out=True)
 
     @abstractmethod
     def domains(
         self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
     ) -> list[Location]:
-        """Where a half and a fit differ beyond noise, by domain.
+        """Test a half for differences from a fit beyond noise, by domain.
 
         Parameters
         ----------
         fitted : Half, optional
-            The data that the model was fitted to, where `half` are others: then errors of the fit count too.
+            Fitted data, where `half` is held out: then errors of the fit count, too.
         more : sequence of Location, optional
-            Domains that residuals do not show.
+            Further domains that residuals do not show.
 
         Returns
         -------
@@ -92,64 +164,40 @@ class Prepared(ABC):
         """
 
     def kinds(self, fit: Fit) -> Iterable[tuple[str, np.ndarray | sparray]]:
-        """Kinds of change about what a fit predicts: each in words, and its directions; none by default.
-
-        Returns
-        -------
-        iterable of tuple of str and ndarray or sparse array, shape (mean data, directions)
-        """
+        """Yield kinds of change about a fit's predictions: description and directions (mean data, directions)."""
         return ()
 
     def piece(self, fit: Fit) -> PieceOfObject | None:
-        """The piece of the object whose change would explain most of what a fit leaves of the data fitted.
-
-        Returns
-        -------
-        PieceOfObject or None
-            None where none can be told, and by default.
-        """
+        """Return the local object mismatch that explains most of a fit's residuals, if one can be found."""
         return None
 
     def with_piece(self, piece: PieceOfObject, fit: Fit) -> Prepared:
-        """The same of an object with that piece, which moves with it and of which the attenuation is fitted.
+        """Return the recording with a local object mismatch that moves with the object and whose attenuation is fitted.
 
-        Its place and width are found anew, beside the alignment that fits an object with it.
-
-        Parameters
-        ----------
-        piece : PieceOfObject
-            As `piece` gives it.
-        fit : Fit
-            Beside whose effects that is.
+        Position and width are fitted again, beside the effects of a fit and the nuisance parameters.
         """
         raise NotImplementedError
 
     def pieces(self, fit: Fit) -> Sequence[PieceOfObject]:
-        """The pieces that this object has beside what was stated, with what a fit says of them; none by default."""
+        """Return the local object mismatches beside the stated object, with a fit's numbers; none by default."""
         return ()
 
     @abstractmethod
     def recorded(self) -> np.ndarray:
-        """The data that were fitted, in the unit of `look`, where they count: one-dimensional."""
+        """Return the fitted data in the unit of `look`, one-dimensional."""
 
     @abstractmethod
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
-        """Recorded less modelled in the unit of `look`, where data count: one-dimensional."""
+        """Return recorded minus modeled data in the unit of `look`, one-dimensional."""
 
     def share_at_edges(self, fit: Fit) -> float | None:
-        """Of what a fit leaves of the data held out, the share that lies where these change most.
-
-        Returns
-        -------
-        float or None
-            Of chi-square beyond noise; None where nothing is beyond it, and by default.
-        """
+        """Return the share of chi-square beyond noise at the steepest data; None if nothing exceeds noise."""
         return None
 
     def with_noise_of(self, fit: Fit) -> Prepared:
-        """The same with noise as a fit says that it is correlated, where recordings do not say it themselves."""
+        """Return the recording with a fit's noise correlation, where recordings do not show it themselves."""
         return self
 
     def caveats(self) -> list[str]:
-        """Sentences for the report about what was recorded, none if all is well."""
+        """Return sentences for the report on limits of the recording."""
         return []

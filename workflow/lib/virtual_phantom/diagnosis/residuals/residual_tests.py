@@ -1,4 +1,4 @@
-"""Where a recording and a model differ beyond noise."""
+"""Statistical tests of a fit's residuals: where recording and model differ beyond noise."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ BINS = 10  # of rays or voxels in the order of a value: enough to show a curve, 
 
 @dataclass(frozen=True)
 class Location:
-    """The worst place of a domain.
+    """Worst location of a domain.
 
     Attributes
     ----------
     domain : str
-        What was looked at.
+        Set of locations that was tested.
     where : str
-        The place, in words.
+        The location, in words.
     z : float
-        Standardised difference, positive where the recording holds more.
+        Standardized difference, positive where the recording is larger.
     p : float
-        Chance of one as large anywhere in the domain without a difference.
+        p-value over all locations of the domain.
     map : ndarray
-        z of every place, for figures; along three axes for blocks.
+        z of every location, for figures; along three axes for blocks.
     """
 
     domain: str
@@ -46,17 +46,18 @@ class Location:
 
     @property
     def significant(self) -> bool:
-        """Said by `locate` of the family as a whole: p here is after Holm's correction over domains."""
+        """Whether p, corrected over all domains (Holm), is significant."""
         return self.p < ALPHA
 
 
 @dataclass(frozen=True)
 class Half:
-    """One half of the data, with residuals and weights by part.
+    """Residuals and weights of the fitted or the held-out data.
 
     Attributes
     ----------
     residuals, weights : list of ndarray, shape (data,)
+        By part.
     """
 
     residuals: list[np.ndarray]
@@ -64,7 +65,7 @@ class Half:
     data: Observed
 
     def in_common(self, other: Half) -> HalfProducts:
-        """What the mean's residuals have in common with those of another half."""
+        """Return the products of the mean's residuals with those of another half."""
         weight = np.sqrt(self.weights[0] * other.weights[0])
         return HalfProducts(
             weight > 0,
@@ -76,18 +77,18 @@ class Half:
 
 @dataclass(frozen=True)
 class HalfProducts:
-    """Products of standardised residuals of two halves whose noises are independent, by ray or voxel.
+    """Products of standardized residuals of two halves with independent noise, by ray or voxel.
 
     Attributes
     ----------
     there : ndarray of bool, shape (data,)
         Whether it counts in both halves.
     products : ndarray, shape (data,)
-        Their mean is the square of what both have in common, in standard deviations.
+        Their mean is the square of the common difference, in standard deviations.
     numerical : list of ndarray, shape (data,)
-        Of every numerical error of the model, one standard deviation of it, what that is expected to give.
+        Expected products by each numerical error of the model.
     scatter : ndarray, shape (data,), or float
-        Relative variance of the weights, by which products vary more.
+        Relative variance of the weights, which adds to that of the products.
     """
 
     there: np.ndarray
@@ -96,41 +97,27 @@ class HalfProducts:
     scatter: np.ndarray | float = 0.0
 
     def z(self, where: np.ndarray | None = None) -> float:
-        """The sum beyond what numerical errors give, over its standard deviation without a difference.
+        """Return the sum beyond numerical errors over its standard deviation without a difference, at least 0.
 
-        A numerical error c D with c ~ N(0, 1) gives c^2 times its expected sum, which varies by 2^(1/2) of that.
+        A numerical error c D with c ~ N(0, 1) gives c^2 times its expected sum; c^2 has a variance of 2.
 
         Parameters
         ----------
         where : ndarray of bool, shape (data,), optional
-            What is summed; None: all that count.
-
-        Returns
-        -------
-        float
-            At least 0.
+            Data that are summed; None: all that count.
         """
         chosen = self.there if where is None else self.there & where
-        numerical = np.array([float(one[chosen].sum()) for one in self.numerical])
+        numerical = np.array([float(error[chosen].sum()) for error in self.numerical])
         beyond = float(self.products[chosen].sum()) - numerical.sum()
         noise = float(np.sum(1 + np.broadcast_to(self.scatter, chosen.shape)[chosen]))
         return max(0.0, beyond) / float(np.sqrt(max(1.0, noise) + 2 * (numerical**2).sum()))
 
 
 def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
-    """How far a fit has pulled its alignment off what it knew of it: a difference that residuals no longer show.
+    """Return the largest deviation of nuisance parameters from their priors: residuals do not show it.
 
-    Where the object lies is nobody's physics, and is left out.
-
-    Parameters
-    ----------
-    numerical : collection of str
-        Names of the model's numerical errors, of whose size nothing is known.
-
-    Returns
-    -------
-    list of Location
-        One, or none where nothing was known.
+    The pose of the object and numerical errors, of uncertain size, are omitted. The list is empty if there are no
+    priors.
     """
     z = {name: value for name, value in fit.pulled.items() if name not in numerical and name not in PLACE}
     if not z:
@@ -150,30 +137,25 @@ def noise_places(
     uncertain=None,
     step: int = 1,
 ) -> list[Location]:
-    """Places of difference in the noise: its variance over blocks, its level, and its correlations.
+    """Test the noise: its variance by block, its level, and its correlations.
 
-    Level and correlations are few numbers, known to the fit no better than to the data held out: both errors count.
+    Level and correlations are few numbers, known from the fitted data no better than from the held-out data: both
+    errors count. The list is empty if there is a single repeat.
 
     Parameters
     ----------
     residuals, weights : list of ndarray, shape (data,)
         By part.
     pairs : list of str
-        Neighbours whose correlations there are, in words.
+        Names of the correlated neighbors.
     axes : tuple of 3 str
         Names of the data's axes.
     fitted : Half, optional
-        The data that the model was fitted to, if those are others.
+        Fitted data, if the residuals are of others.
     uncertain : sequence of ndarray, shape (directions, data), optional
-        By part: what the errors of the fit's numbers add (left_by_numbers); None: the fit's errors are those of the
-        data fitted.
+        Changes by errors of the fit's numbers, by part (left_by_numbers); None: errors are those of the fitted data.
     step : int, optional
         As `blocks` takes it.
-
-    Returns
-    -------
-    list of Location
-        Empty where there is a single repeat.
     """
     if data.variance is None:
         return []
@@ -200,20 +182,14 @@ def noise_places(
 
 
 def variance_z(residual: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Normal scores of sample variances.
+    """Return normal scores of sample variances, shape (blocks,).
 
-    The cube root of a chi-square is nearly normal [1]_; its logarithm has a long lower tail, where blocks have few
-    degrees of freedom.
+    The cube root of a chi-square is nearly normal [1]_; its logarithm has a long lower tail for few degrees of freedom.
 
     Parameters
     ----------
     residual, weight : ndarray, shape (blocks,)
-        Of their logarithms, unbiased, and the inverse variances of these.
-
-    Returns
-    -------
-    ndarray, shape (blocks,)
-        0 where there is none.
+        Residuals of the unbiased logarithms, and their inverse variances; 0 where there is no variance.
 
     References
     ----------
@@ -226,24 +202,23 @@ def variance_z(residual: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def corrected(found: list[Location]) -> list[Location]:
-    """The worst first, p corrected over domains (Holm)."""
-    found = sorted(found, key=lambda one: one.p)
-    together = holm(np.array([one.p for one in found]))
-    return [replace(one, p=float(p)) for one, p in zip(found, together, strict=True)]
+    """Return locations with p corrected over domains (Holm), the worst first."""
+    found = sorted(found, key=lambda location: location.p)
+    together = holm(np.array([location.p for location in found]))
+    return [replace(location, p=float(p)) for location, p in zip(found, together, strict=True)]
 
 
 @dataclass(frozen=True)
 class Alike:
-    """What makes sums of weighted rays vary more than their weights say.
+    """Sources of variance in sums of weighted rays beyond their weights.
 
     Attributes
     ----------
     weight : ndarray, shape (views, rows, columns)
     distortions : sequence of ndarray, shape (views, rows, columns)
-        By which all rays of a sum may be off together, one standard deviation.
+        Errors common to all rays of a sum, one standard deviation.
     scatter : ndarray, shape (views, rows, columns), or float
-        Relative variance of the weights, which are unbiased: a weight's square is larger by so much, on average, than
-        the square of its mean.
+        Relative variance of the unbiased weights: their mean square over the square of their mean, less 1.
     """
 
     weight: np.ndarray
@@ -251,27 +226,21 @@ class Alike:
     scatter: np.ndarray | float = 0.0
 
     def __call__(self, total) -> np.ndarray | float:
-        """What they add to the variance of sums of many blocks.
-
-        Parameters
-        ----------
-        total : callable
-            Makes sums of weighted rays, ndarray to ndarray.
-        """
+        """Return the further variance of sums of many blocks; `total` sums weighted rays."""
         return total(self.weight * self.scatter) + self.of_block(total)
 
     def of_block(self, total) -> np.ndarray | float:
-        """The same of rays that share one weight's error, which changes a sum's law but not its variance."""
-        return sum((total(self.weight * one) ** 2 for one in self.distortions), 0.0)
+        """Return that of rays with a common weight, whose error changes the distribution but not the variance."""
+        return sum((total(self.weight * distortion) ** 2 for distortion in self.distortions), 0.0)
 
 
 def _two_sided(z: float, places: int) -> float:
-    """Bonferroni over places."""
+    """Return a two-sided p-value with Bonferroni's correction."""
     return float(bonferroni(2 * stats.norm.sf(abs(z)), places))
 
 
 def _likely(z: np.ndarray) -> float:
-    """Chance of the worst place, or of the sum of squares, whichever is less, times two."""
+    """Return the p-value of the worst location or of the sum of squares, whichever is smaller, times two."""
     tested = z[z != 0]
     if not tested.size:
         return 1.0
@@ -280,22 +249,15 @@ def _likely(z: np.ndarray) -> float:
 
 
 def extreme(domain: str, z: np.ndarray, words) -> Location:
-    """A domain by its worst place.
-
-    Parameters
-    ----------
-    z : ndarray, shape (places,)
-    words : callable
-        Says of an index which place it is.
-    """
+    """Return a domain by its worst location; `words` describes the location of an index."""
     worst = int(np.argmax(np.abs(z)))
     return Location(domain, words(worst), float(z[worst]), _likely(z), z)
 
 
 def normal_scores(z: np.ndarray, weighed: np.ndarray | float) -> np.ndarray:
-    """Values as rare as these, of a normal distribution.
+    """Return normal scores of values.
 
-    Where a variance was measured, these are Student's t; by Wallace's bound [1]_.
+    Values with measured variances are Student's t; by Wallace's bound [1]_.
 
     Parameters
     ----------
@@ -303,11 +265,6 @@ def normal_scores(z: np.ndarray, weighed: np.ndarray | float) -> np.ndarray:
         With a variance of 1, as unbiased weights give it; t has one of n / (n - 2).
     weighed : ndarray or float
         Relative variance of the weights, 2 over the degrees of freedom; 0: known.
-
-    Returns
-    -------
-    ndarray
-        Shaped as `z`.
 
     References
     ----------
@@ -330,7 +287,7 @@ def blocks(
     step: int = 1,
     division: Blocks | None = None,
 ) -> Location:
-    """A domain of blocks of the data.
+    """Return a domain of blocks of the data.
 
     Parameters
     ----------
@@ -338,9 +295,9 @@ def blocks(
     axes : tuple of 3 str
         Names of the data's axes.
     weighed : ndarray, shape (blocks,), or float, optional
-        Relative variance of the weights that z rests on.
+        Relative variance of the weights behind z.
     step : int, optional
-        Of the first axis: one place of so many of the recording's was taken, whose numbers are said.
+        One position of so many along the first axis was used; messages name its number in the recording.
     division : Blocks, optional
         None: the data's blocks.
     """
@@ -356,22 +313,12 @@ def blocks(
 
 
 def by_value(domain: str, words: str, residual, weight, values, inside, alike: Alike | None = None) -> Location:
-    """Sums over tenths of the data, in the order of a value.
-
-    Parameters
-    ----------
-    domain, words : str
-        `words` takes a tenth's bounds.
-    residual, weight, values : ndarray
-        Along the data's three axes.
-    inside : ndarray of bool
-        What the tenths are of.
-    """
+    """Return a domain of tenths of the data `inside`, in the order of a value; `words` takes a tenth's bounds."""
     edges = np.quantile(values[inside], np.linspace(0, 1, BINS + 1)) if inside.any() else np.zeros(BINS + 1)
     index = np.where(inside, np.clip(np.searchsorted(edges, values) - 1, 0, BINS - 1), BINS)
 
-    def by_tenth(one):
-        return np.bincount(index.ravel(), one.ravel(), BINS + 1)[:BINS]
+    def by_tenth(values):
+        return np.bincount(index.ravel(), values.ravel(), BINS + 1)[:BINS]
 
     total, extra = by_tenth(weight), 0.0 if alike is None else alike(by_tenth)
     z = by_tenth(residual * weight) / np.sqrt(np.where(total > 0, total + extra, np.inf))
@@ -379,30 +326,28 @@ def by_value(domain: str, words: str, residual, weight, values, inside, alike: A
 
 
 def steep(weight, slope) -> np.ndarray:
-    """Where a slope is largest, of the data that count."""
+    """Return the data with the steepest slopes, of those that count."""
     return (weight > 0) & (slope >= np.quantile(slope[weight > 0], 1 - EDGE_SHARE))
 
 
 def steepest(
     what: str, residual, weight, slope, numbers: Sequence[np.ndarray] = (), of_weights: float = 0.0
 ) -> Location:
-    """Excess of chi-square where a slope is largest.
+    """Test the excess of chi-square where a slope is steepest.
 
     Parameters
     ----------
     what : str
-        Rays or voxels, for the words.
-    residual, weight, slope : ndarray
-        Along the data's three axes.
+        Rays or voxels, for messages.
     numbers : sequence of ndarray, optional
-        What the errors of a fit's numbers add.
+        Changes by errors of the fit's numbers.
     of_weights : float, optional
-        Variance that errors of the weights add.
+        Variance by errors of the weights.
     """
     chosen = steep(weight, slope)
     count = int(chosen.sum())
     square = float((weight[chosen] * residual[chosen] ** 2).sum())
-    expected = count + sum(float((weight[chosen] * one[chosen] ** 2).sum()) for one in numbers)
+    expected = count + sum(float((weight[chosen] * change[chosen] ** 2).sum()) for change in numbers)
     square *= count / max(1.0, expected)
     z = (square - count) / np.sqrt(2 * count + of_weights)
     freedom = 2 * count**2 / (2 * count + of_weights)  # of the chi-square with this mean and variance, but for a factor

@@ -91,9 +91,9 @@ class _Shared:
     information : ndarray, shape (shared, shared)
         Of its data, and of what is known of its alignment.
     pulls : dict of (str, int or str) to ndarray, shape (shared,)
-        As Pulled.pulls.
+        As ModelErrorInfluence.pulls.
     own : list of ndarray, shape (shared,)
-        As Pulled.own.
+        As ModelErrorInfluence.own.
     excess : float
         Chi-square per ray of its own fit, 1 at least, by which information and pulls are divided.
     """

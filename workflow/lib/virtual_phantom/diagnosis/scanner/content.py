@@ -11,14 +11,14 @@ from ...base.names import label
 from ...physics.effect import OF_PROTOCOL, OF_SCAN, OF_SCANNER, load
 from ...statistics.multiplicity import bonferroni
 from ..fitting.fit import Fit
-from ..fitting.joint_fit import NOT_OF_SCAN, JointFit, JointFitter, those
+from ..fitting.joint_fit import NOT_OF_SCAN, JointFit, JointFitter, parameters_owned_by
 from ..fitting.steps import interval
 from ..residuals.dataset import Prepared
 from ..residuals.residual_tests import ALPHA, aligned
 from ..selection.joint_selection import JointChoice
 from ..uncertainty.intervals import intervals
-from ..verdict.pulls import statements
 from ..verdict.verdict import excess_rms_removed
+from ..verdict.warnings import statements
 from ..wording import misstated
 from .consistency import Alone
 
@@ -89,7 +89,7 @@ def declared_content(
 
     def of(recording: str, owners: Sequence[str]) -> dict[str, dict]:
         known = statements(chosen.fits[recording], together.fitters[recording].model, errors.get(recording))
-        found = {name: those(owners, name, parameters) for name, parameters in known.items()}
+        found = {name: parameters_owned_by(owners, name, parameters) for name, parameters in known.items()}
         return {name: parameters for name, parameters in found.items() if parameters}
 
     several = len(firsts) > 1
@@ -125,7 +125,7 @@ def _parameters(
     """Parameters of an effect that recordings have in common: values, intervals, and what the others say of each."""
     stated, fit = {one.name: one for one in load(name).parameters}, choice.chosen.fits[recordings[0]]
     parameters = {}
-    for key, value in those(owners, name, fit.physics[name]).items():
+    for key, value in parameters_owned_by(owners, name, fit.physics[name]).items():
         low, high = stated[key].low, stated[key].high
         without = {one: choice.left_out[one] for one in recordings}
         parameters[key] = {

@@ -80,7 +80,7 @@ def explain_scanner(
     prepared : mapping of str to Prepared
         By recording.
     accuracy : mapping of str to float
-        As core.attribute.choose takes it.
+        As forward_selection.choose takes it.
     protocols : mapping of str to sequence of str, optional
         As protocols_of takes them.
     objects : mapping of str to str, optional

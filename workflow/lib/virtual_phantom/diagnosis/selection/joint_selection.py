@@ -1,4 +1,4 @@
-"""Which effects explain several recordings of one scanner: chosen by recordings that were not fitted."""
+"""Forward selection of the effects that several recordings of one scanner share, judged by held-out recordings."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from ...physics.effect import offered
 from ...statistics.multiplicity import bonferroni
 from ..fitting.fit import Fit
 from ..fitting.joint_fit import JointFit, JointFitter
-from .forward_selection import ALPHA, LEAST_GAIN, SCREEN
-from .screening import screened
+from .forward_selection import ALPHA, LEAST_GAIN, less
+from .screening import SCREEN, screened
 
-TRIED = 3  # best effects of the fitted data that are held against recordings left out; a choice that bounds the time
-MOST_FOLDS = 12  # times that recordings are left out; a choice that bounds the time
-MOST_MISSED = 0.5  # share of the recordings that an effect may make worse: what one scan has alone is not the scanner's
+TRIED = 3  # best effects of the fitted data that are judged by held-out recordings; a choice that bounds the time
+MOST_FOLDS = 12  # folds of held-out recordings; a choice that bounds the time
+MOST_WORSE = 0.5  # share of the recordings that an effect may make worse: one scan's own effect is not the scanner's
 
 
 @dataclass(frozen=True)
 class JointChoice:
-    """What was chosen.
+    """Effects selected for several recordings.
 
     Attributes
     ----------
     baseline, chosen : JointFit
-        The alignments alone, and with the effects; fitted to all recordings.
+        Nuisance parameters alone, and with the effects; fitted to all recordings.
     before, left_out : dict of str to Fit
-        By recording, its own alignment with what those that were not left out with it say is declared, and with all of
-        their physics.
+        By recording, its own nuisance parameters with declared physics, or with all physics, as fitted to the
+        recordings outside of its fold.
     scores : dict of str to dict of str to float
-        By recording, log score on its data held out: "before", and "after" with the physics of the others.
+        By recording, log score on its held-out data: "before", and "after" with the physics of the others.
     gains : dict of str to float
-        {effect: log score, over all recordings left out, that is lost without it}.
+        {effect: log score lost without it, over all held-out recordings}.
     p : dict of str to float
-        {effect: chance of such a likelihood ratio when it was taken, times the candidates}.
+        {effect: p-value of its likelihood ratio when it was accepted, times the number of candidates}.
     without : dict of str to JointFit
-        {effect: the fit without it, all else refitted}.
+        {effect: fit without it, all else refitted}.
     """
 
     baseline: JointFit
@@ -52,45 +52,145 @@ class JointChoice:
     without: dict[str, JointFit]
 
 
-class _Judge:
-    """Scores of sets of effects on recordings left out, each made once."""
-
-    def __init__(self, together: JointFitter, baseline: JointFit, left_together: Sequence[Collection[str]]):
-        self.together, self.left_together = together, left_together
-        self._fits: dict[tuple[str, ...], dict[str, Fit]] = {}
-        self.before = self.fits((), baseline)
-        self.none = {name: one.score(self.before[name]) for name, one in together.fitters.items()}
-
-    def fits(self, effects: tuple[str, ...], given: JointFit) -> dict[str, Fit]:
-        key = tuple(sorted(effects))
-        if key not in self._fits:
-            found: dict[str, Fit] = {}
-            for names in self.left_together:
-                found |= self.together.left_out(names, effects, given)
-            self._fits[key] = {name: found[name] for name in self.together.fitters}
-        return self._fits[key]
-
-    def scores(self, effects: tuple[str, ...], given: JointFit) -> dict[str, float]:
-        if not effects:
-            return self.none
-        found = self.fits(effects, given)
-        return {name: one.score(found[name]) for name, one in self.together.fitters.items()}
-
-
-def left_together(names: Sequence[str], objects: Mapping[str, str] | None = None) -> list[list[str]]:
-    """Which recordings are left out at a time: those of one object, where there are several; one otherwise.
+def choose_jointly(
+    together: JointFitter,
+    candidates: Sequence[str],
+    accuracy: Mapping[str, float] | None = None,
+    objects: Mapping[str, str] | None = None,
+) -> JointChoice:
+    """Select the effects that recordings share.
 
     Parameters
     ----------
-    names : sequence of str
-        Of the recordings.
+    together : JointFitter
+        Two recordings or more.
+    accuracy : mapping of str to float, optional
+        As `forward_selection.choose` takes it.
     objects : mapping of str to str, optional
-        {recording: what was scanned}; None: each is of an object of its own.
+        As `left_together` takes them.
 
-    Returns
-    -------
-    list of list of str
-        MOST_FOLDS at most: of more objects some are left out together.
+    Raises
+    ------
+    InputError
+        For a single recording.
+    """
+    if len(together.fitters) < 2:
+        raise InputError("a joint diagnosis needs two recordings: each is judged by the physics of the others")
+    accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
+    return JointSelection(together, candidates, accuracy, left_together(list(together.fitters), objects)).run()
+
+
+class JointSelection:
+    """Forward selection by the log score of held-out recordings (`folds`).
+
+    An effect is accepted under three conditions. Over all held-out recordings it gains more than model errors of the
+    earlier ones may account for. It makes no more than half of the recordings worse. It is significant on the fitted
+    data. Effects that later ones have made needless are dropped. There is no limit on their number.
+    """
+
+    def __init__(
+        self,
+        together: JointFitter,
+        candidates: Sequence[str],
+        accuracy: Mapping[str, float],
+        folds: Sequence[Collection[str]],
+    ):
+        self.together, self.candidates, self.accuracy, self.folds = together, list(candidates), accuracy, folds
+        self.baseline = self.current = together.fit(())
+        self.gains: dict[str, float] = {}  # log score gained by each effect when it was accepted
+        self.p: dict[str, float] = {}
+        self._left_out: dict[tuple[str, ...], dict[str, Fit]] = {}
+
+    def run(self) -> JointChoice:
+        """Select effects."""
+        before = self.left_out(self.baseline)
+        left = list(self.candidates)
+        while left and self.add_effect(left):
+            left = [name for name in left if name != self.current.effects[-1]]
+            self.prune()
+        after, chosen = self.scores(self.current), self.current
+        without = {name: self.together.fit(less(chosen.effects, name), chosen) for name in chosen.effects}
+        none = self.scores(self.baseline)
+        return JointChoice(
+            baseline=self.baseline,
+            chosen=chosen,
+            before=before,
+            left_out=self.left_out(chosen),
+            scores={name: {"before": none[name], "after": after[name]} for name in after},
+            gains={name: _gain(after, self.scores(rest)) for name, rest in without.items()},
+            p={name: self.p[name] for name in chosen.effects},
+            without=without,
+        )
+
+    def add_effect(self, candidates: Sequence[str]) -> bool:
+        """Accept the best further effect; return whether there is one."""
+        names = self.screen(offered(candidates, self.together.whole(self.current.effects)))
+        tried = [self.together.fit((*self.current.effects, name), self.current) for name in names]
+        if not tried:
+            return False
+        here = self.scores(self.current)
+        tried.sort(key=lambda fit: fit.chi_square)
+        best = max(tried[:TRIED], key=lambda fit: _gain(self.scores(fit), here))
+        there, p = self.scores(best), _p_value(best, self.current, len(self.candidates))
+        gain, worse = _gain(there, here), sum(there[name] < here[name] for name in there)
+        if gain < self.required_gain() or p > ALPHA or worse > MOST_WORSE * len(there):
+            return False
+        new = best.effects[-1]
+        self.current, self.gains[new], self.p[new] = best, gain, p
+        return True
+
+    def required_gain(self) -> float:
+        """Return the log score that an effect must gain: model errors of the selected effects account for the rest."""
+        share = {name: self.accuracy.get(name, self.accuracy["default"]) for name in self.current.effects}
+        return max(LEAST_GAIN, sum(share[name] ** 2 * self.gains[name] for name in share))
+
+    def prune(self) -> None:
+        """Drop effects that the latest one has made needless."""
+        for name in self.current.effects[:-1]:
+            rest = self.together.fit(less(self.current.effects, name), self.current)
+            if _gain(self.scores(self.current), self.scores(rest)) < LEAST_GAIN:
+                self.current = rest
+
+    def screen(self, names: Sequence[str]) -> list[str]:
+        """Return the effects whose matched filters show more than errors of declared physics may cause."""
+        # Each recording has errors of its own here, which allows for more than one common model does.
+        fitters = self.together.fitters
+        if not names or not any(fitter.model.declared for fitter in fitters.values()):
+            return list(names)
+        filters = [
+            screened(fitter, self.current.fits[recording], names, accuracy=self.accuracy)
+            for recording, fitter in fitters.items()
+        ]
+
+        def shows(name: str) -> bool:
+            found = [fits[name] for fits in filters]
+            gain = sum(filtered.beside_model_error.gain for filtered in found)
+            numbers = sum(max(1, len(fitter.model.unknowns((name,)))) for fitter in fitters.values())
+            p = float(bonferroni(stats.chi2.sf(gain, numbers), len(names)))
+            return any(filtered.blind for filtered in found) or (gain > LEAST_GAIN and p < SCREEN)
+
+        return [name for name in names if shows(name)]
+
+    def left_out(self, fit: JointFit) -> dict[str, Fit]:
+        """Return fits of the held-out recordings with a fit's effects, made once for each set of effects."""
+        key = tuple(sorted(fit.effects))
+        if key not in self._left_out:
+            found: dict[str, Fit] = {}
+            for names in self.folds:
+                found |= self.together.left_out(names, fit.effects, fit)
+            self._left_out[key] = {name: found[name] for name in self.together.fitters}
+        return self._left_out[key]
+
+    def scores(self, fit: JointFit) -> dict[str, float]:
+        """Return each recording's log score on its held-out data with physics of the others."""
+        found = self.left_out(fit)
+        return {name: fitter.score(found[name]) for name, fitter in self.together.fitters.items()}
+
+
+def left_together(names: Sequence[str], objects: Mapping[str, str] | None = None) -> list[list[str]]:
+    """Return the folds of held-out recordings: by scanned object, where there are several, or one by one.
+
+    `objects` is {recording: object}; None: each has its own. More than MOST_FOLDS objects share folds.
     """
     found: dict[str, list[str]] = {}
     several = objects is not None and len(set(objects.values())) > 1
@@ -102,104 +202,10 @@ def left_together(names: Sequence[str], objects: Mapping[str, str] | None = None
     ]
 
 
-def choose_jointly(
-    together: JointFitter,
-    candidates: Sequence[str],
-    accuracy: Mapping[str, float] | None = None,
-    objects: Mapping[str, str] | None = None,
-) -> JointChoice:
-    """Choose effects one at a time while recordings that were not fitted gain by them.
-
-    As many as the data carry. An effect must gain more over all recordings left out than the models' own inexactness
-    may set apart, make no more than half of them worse, and be no chance on the data fitted; those that later ones made
-    needless are dropped. What errors of declared physics may make up is no evidence.
-
-    Parameters
-    ----------
-    together : JointFitter
-        Of two recordings or more.
-    accuracy : mapping of str to float, optional
-        As core.attribute.choose takes it.
-    objects : mapping of str to str, optional
-        As left_together takes them.
-
-    Raises
-    ------
-    InputError
-        For a single recording.
-    """
-    if len(together.fitters) < 2:
-        raise InputError("a joint diagnosis needs two recordings: each is judged by the physics of the others")
-    accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
-    baseline = together.fit(())
-    judge, current = _Judge(together, baseline, left_together(list(together.fitters), objects)), baseline
-    gains: dict[str, float] = {}
-    p: dict[str, float] = {}
-
-    def least(names: Sequence[str]) -> float:
-        return max(LEAST_GAIN, sum(accuracy.get(name, accuracy["default"]) ** 2 * gains[name] for name in names))
-
-    left = list(candidates)
-    while now := offered(left, together.whole(current.effects)):
-        tried = [together.fit((*current.effects, name), current) for name in _sure(together, current, now, accuracy)]
-        if not tried:
-            break
-        tried.sort(key=lambda one: one.chi_square)
-        here = judge.scores(current.effects, current)
-        best = max(tried[:TRIED], key=lambda one: _gain(judge.scores(one.effects, one), here))
-        there, new = judge.scores(best.effects, best), best.effects[-1]
-        chance = _chance(best, current, len(candidates))
-        worse = sum(there[name] < here[name] for name in there)
-        if (gain := _gain(there, here)) < least(current.effects) or chance > ALPHA or worse > MOST_MISSED * len(there):
-            break
-        current, gains[new], p[new] = best, gain, chance
-        left.remove(new)
-        for name in current.effects[:-1]:  # what the new one has made needless
-            rest = together.fit(tuple(other for other in current.effects if other != name), current)
-            if _gain(judge.scores(current.effects, current), judge.scores(rest.effects, rest)) < LEAST_GAIN:
-                current = rest
-    after = judge.scores(current.effects, current)
-    without = {
-        name: together.fit(tuple(other for other in current.effects if other != name), current)
-        for name in current.effects
-    }
-    lost = {name: _gain(after, judge.scores(rest.effects, rest)) for name, rest in without.items()}
-    fits = judge.fits(current.effects, current)
-    scores = {name: {"before": judge.none[name], "after": after[name]} for name in after}
-    chances = {name: p[name] for name in current.effects}
-    return JointChoice(baseline, current, judge.before, fits, scores, lost, chances, without)
-
-
 def _gain(there: Mapping[str, float], here: Mapping[str, float]) -> float:
     return sum(there[name] - here[name] for name in there)
 
 
-def _sure(together: JointFitter, current: JointFit, names: Sequence[str], accuracy: Mapping[str, float]) -> list[str]:
-    """Effects whose matched filters show more than errors of declared physics may make up; all where none is declared.
-
-    Each recording has errors of its own here, which allows them more than one model does.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of effects.
-    accuracy : mapping of str to float
-        As core.attribute.choose takes it.
-    """
-    if not any(one.model.declared for one in together.fitters.values()):
-        return list(names)
-    scans = [(one, screened(one, current.fits[key], names, accuracy=accuracy)) for key, one in together.fitters.items()]
-
-    def sure(name: str) -> bool:
-        found = [filters[name] for _, filters in scans]
-        gain = sum(one.sure.gain for one in found)
-        numbers = sum(max(1, len(one.model.unknowns((name,)))) for one, _ in scans)
-        chance = float(bonferroni(stats.chi2.sf(gain, numbers), len(names)))
-        return any(one.blind for one in found) or (gain > LEAST_GAIN and chance < SCREEN)
-
-    return [name for name in names if sure(name)]
-
-
-def _chance(best: JointFit, current: JointFit, candidates: int) -> float:
+def _p_value(best: JointFit, current: JointFit, candidates: int) -> float:
     lost = max(0.0, current.chi_square - best.chi_square)
     return float(bonferroni(stats.chi2.sf(lost, max(1, best.free - current.free)), candidates))

@@ -1,4 +1,4 @@
-"""Work of one process that several forked ones share out."""
+"""Parallel work in forked processes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ...projectors.threads import limit_threads
 
 Result = TypeVar("Result")
 
-_work: Callable | None = None  # with processes that are forked: too large to be sent with every task
+_work: Callable | None = None  # inherited by forked processes: too large to be sent with every task
 
 
 def side_by_side(
@@ -24,21 +24,16 @@ def side_by_side(
     processes: int = 1,
     done: Callable[[], None] | None = None,
 ) -> list[Result]:
-    """work(*task) of every task, with one thread for linear algebra each; of several, in processes that are forked.
+    """Return work(*task) for all tasks in order, each with one thread for linear algebra; several in forked processes.
 
     Parameters
     ----------
     work : callable
-        What it knows comes along; what it keeps in memory is lost where processes are forked.
+        Its data are shared with the forked processes; what it caches there is lost.
     processes : int, optional
         At most.
     done : callable, optional
         Called in this process whenever a task is done, perhaps by another thread.
-
-    Returns
-    -------
-    list
-        In the order of the tasks.
 
     Raises
     ------
@@ -49,7 +44,7 @@ def side_by_side(
     at_once, before = min(processes, len(tasks)), _work
     _work = work
     try:
-        if at_once <= 1:  # no other process would know what rays this one has traced
+        if at_once <= 1:  # this process has the cache of traced rays
             return [_counted(_one(task), done) for task in tasks]
         forked = multiprocessing.get_context("fork")
         with ProcessPoolExecutor(at_once, forked, limit_threads, (1,)) as pool:
@@ -69,7 +64,7 @@ def _one(task: tuple):
 
 
 def _of_all(futures: list[Future], done: Callable[[], None] | None) -> list:
-    """Results in order; after a failure no other task is begun."""
+    """Return results in order; after a failure no other task is begun."""
 
     def count(future: Future) -> None:
         if not future.cancelled() and future.exception() is None:

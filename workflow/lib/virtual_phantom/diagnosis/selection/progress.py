@@ -1,4 +1,4 @@
-"""How far a diagnosis is, in words, while it runs: nothing depends on it."""
+"""Progress of a diagnosis, in words; no result depends on it."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 from ...base.names import label
 
-# What is counted, as it is said of many.
+# Tasks that are counted.
 RANKED, FITTED = "effects ranked", "fits made"
-# What is there or not.
+# Milestones.
 ALIGNED, JUDGED, COMPARED = "alignment fitted", "verdict found", "images compared"
 
-# Most time that remains after these, over the time since the start: images and the page were 4 to 30 percent of twelve
-# diagnoses (benchmarks/diagnosis_rates.py), and the page alone up to a tenth. Of fits divided by their rounds: where
-# three effects were found, 4 times after the first of nine rounds, 2.3 after the second, 0.9 after the fifth.
+# Upper bound of the time left after these, over the time since the start. Images and the page took 4 to 30 percent of
+# twelve diagnoses (benchmarks/diagnosis_rates.py); the page alone took up to a tenth. The value for fits is divided by
+# their rounds: with three effects, 4 after the first of nine rounds, 2.3 after the second, 0.9 after the fifth.
 LEFT_AFTER = {FITTED: 6.0, JUDGED: 0.4, COMPARED: 0.1}
 
 
@@ -27,11 +27,11 @@ class Count:
     Attributes
     ----------
     of, done : int
-        How many there are as far as is known, and are done.
+        Number known so far, and number done.
     began : float
-        When the last ones were begun, s.
+        Start of the latest ones, s.
     before : int
-        Tasks that were done then.
+        Number done at that time.
     """
 
     of: int = 0
@@ -40,20 +40,20 @@ class Count:
     before: int = 0
 
     def seconds_left(self, now: float) -> float | None:
-        """What the others take if they take as long as those since the last were begun; None where none is done."""
+        """Return the time left at the pace of the latest tasks, s; None if none of them is done."""
         done = self.done - self.before
         return (now - self.began) / done * (self.of - self.done) if done else None
 
 
 class DiagnosisProgress:
-    """What of a diagnosis is done.
+    """Progress of a diagnosis.
 
     Parameters
     ----------
     tell : callable, optional
-        Called with this object whenever more is done, by one thread at a time.
+        Called with this object at every step, by one thread at a time.
     clock : callable, optional
-        Gives seconds.
+        Returns seconds.
     """
 
     def __init__(
@@ -65,36 +65,36 @@ class DiagnosisProgress:
 
     @property
     def words(self) -> str:
-        """All of it in the order in which it was begun: "alignment fitted; 28 effects ranked; 4 of 6 fits made"."""
+        """Progress in order: "alignment fitted; 28 effects ranked; 4 of 6 fits made"."""
         return "; ".join(what if count is None else self._counted(what, count) for what, count in self._parts.items())
 
     @property
     def seconds_left(self) -> float | None:
-        """What fits take that are under way; None where nothing tells. Others may follow."""
+        """Time left for the fits in progress, s; None if unknown. Others may follow."""
         fits = self._parts.get(FITTED)
         return None if fits is None else fits.seconds_left(self._clock())
 
     @property
     def most_left(self) -> float | None:
-        """Most time that remains by the pace of this diagnosis, s; None before fits are made."""
+        """Upper bound of the time left at the pace so far, s; None before fits are made."""
         share = next((LEFT_AFTER[what] for what in (COMPARED, JUDGED) if what in self._parts), None)
         if share is None and self._rounds:
             share = LEFT_AFTER[FITTED] / self._rounds
         return None if share is None else share * (self._clock() - self._began)
 
     def reached(self, what: str) -> None:
-        """ALIGNED, JUDGED or COMPARED is there."""
+        """Note that ALIGNED, JUDGED or COMPARED is reached."""
         with self._lock:
             self._parts[what] = None
             self._say()
 
     def begin(self, what: str, count: int, beside: tuple[str, ...] = ()) -> Callable[[], None]:
-        """Tasks are begun.
+        """Note the start of tasks.
 
         Parameters
         ----------
         what : {RANKED, FITTED}
-            Fits are counted on; a ranking takes the place of the one before.
+            Fits are added up; a ranking replaces the one before.
         beside : tuple of str, optional
             Effects beside which others are ranked.
 
@@ -105,8 +105,8 @@ class DiagnosisProgress:
         """
         with self._lock:
             known = self._parts.get(what) if what == FITTED else None
-            one = self._parts[what] = known or Count()
-            one.of, one.began, one.before = one.of + count, self._clock(), one.done
+            tasks = self._parts[what] = known or Count()
+            tasks.of, tasks.began, tasks.before = tasks.of + count, self._clock(), tasks.done
             self._rounds += what == FITTED
             if what == RANKED:
                 self._beside = " and ".join(map(label, beside))
@@ -114,7 +114,7 @@ class DiagnosisProgress:
 
         def done() -> None:
             with self._lock:
-                one.done += 1
+                tasks.done += 1
                 self._say()
 
         return done

@@ -1,4 +1,4 @@
-"""Files of a diagnosis: fits as JSON, so that they can be kept, and what all of it leaves."""
+"""Files of a diagnosis: fits as JSON, and its results."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RESIDUAL_MAPS = ("residuals before", "residuals after")  # beside the maps of do
 
 
 def content_of(trial: Trial) -> dict:
-    """A fit, its score and its p-value, as JSON holds them."""
+    """Return a trial as JSON content."""
     fit = asdict(trial.fit)
     for name in PATTERNS:
         fit[name] = None if fit[name] is None else fit[name].tolist()
@@ -30,26 +30,24 @@ def content_of(trial: Trial) -> dict:
 
 
 def write_trial(trial: Trial, path: str | Path, made_of: str = "") -> None:
-    """Write a fit, its score and its p-value, and what they were made of."""
+    """Write a trial and the key of its inputs."""
     content = content_of(trial) | {"made_of": made_of}
     write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", path)
 
 
 def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mapping[str, np.ndarray]) -> None:
-    """Write what every diagnosis leaves: diagnosis.json, physics.yaml, the report and the maps by domain.
+    """Write the files of a diagnosis: diagnosis.json, physics.yaml, the report and maps by domain.
 
     Parameters
     ----------
     output : object
         Paths, as attributes diagnosis, physics, report and maps.
     content : dict
-        Of diagnosis.json.
+        Content of diagnosis.json.
     overlay : dict
-        Of physics.yaml: a configuration of the study.
+        Content of physics.yaml, a configuration of the study.
     page : str
         The report.
-    maps : mapping of str to ndarray
-        By domain.
     """
     folder = Path(output.maps)
     folder.mkdir(parents=True, exist_ok=True)
@@ -68,7 +66,7 @@ def read_trial(path: str | Path) -> tuple[Trial, str]:
     Raises
     ------
     InputError
-        If it is missing or something else.
+        If it is missing or invalid.
     """
     kinds = (OSError, ValueError, KeyError, TypeError)
     with refusing(f"{path}: is no fit of a diagnosis", *kinds, advice="make it again"):

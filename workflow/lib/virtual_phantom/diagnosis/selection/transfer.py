@@ -1,7 +1,4 @@
-"""Physics that was found on one recording, held against another.
-
-Only the alignment is fitted there, and parameters that every scan has of its own.
-"""
+"""Validation of physics from one recording on another, where only numbers of one scan are fitted."""
 
 from __future__ import annotations
 
@@ -13,9 +10,9 @@ from pathlib import Path
 from ...base.errors import InputError, refusing
 from ...io.documents import DIAGNOSIS, read_document
 from ...io.schema import defaults_of
-from ...physics.effect import READOUT_UNITS, checked, load, of_one_scan
+from ...physics.effect import READOUT_UNITS, absolute_attenuation, checked, load, of_one_scan
 from ..fitting.fit import Fitter
-from ..fitting.joint_fit import NOT_OF_SCAN, those
+from ..fitting.joint_fit import NOT_OF_SCAN, parameters_owned_by
 from ..fitting.steps import NORMAL_95
 from ..fitting.trial import Trial, trial
 from ..uncertainty.model_error import Errors
@@ -25,22 +22,22 @@ from .forward_selection import Choice
 
 @dataclass(frozen=True)
 class Physics:
-    """What a diagnosis found.
+    """Physics that a diagnosis found.
 
     Attributes
     ----------
     recording : str
-        Where.
+        Its source.
     effects, errors : dict of str to dict of str to float
-        {effect: {parameter: value}}, and their standard errors, inexact models counted.
+        {effect: {parameter: value}}, and standard errors with model errors.
     units : dict of str to dict of str to str
         {effect: {parameter: unit}}.
     scale : tuple of 2 float, or None
-        Value and standard error of all line integrals, where a spectrum makes it the material's density.
+        Density scale and its standard error, where attenuation is absolute.
     not_taken : tuple of str
-        Effects that belong to one scan: patterns of its pixels, which diagnosis.json does not hold.
+        Effects of one scan: patterns of its pixels, which diagnosis.json does not hold.
     noise : dict of str to dict of str to float
-        As `errors`, for noise alone; of a parameter that is not there, these.
+        As `errors`, for noise alone; missing parameters have those.
     """
 
     recording: str
@@ -53,33 +50,36 @@ class Physics:
 
     @classmethod
     def read(cls, path: str | Path, needed: bool = True) -> Physics:
-        """From a diagnosis.json.
+        """Read a diagnosis.json.
 
         Raises
         ------
         InputError
-            If it is missing or broken, or, if `needed`, found no physics to take.
+            If it is missing or broken, or, if `needed`, found no physics.
         """
         kinds = (OSError, ValueError, KeyError, TypeError)
         with refusing(f"{path}: is no diagnosis", *kinds, advice="make it again"):
             content = read_document(path, DIAGNOSIS)
             if "alignment" not in content:  # nothing was fitted
                 raise InputError(f"{path}: {content['sentence']} Physics cannot be taken from it; mend that first")
-            found = {one["name"]: one["parameters"] for one in content["effects"]}
+            found = {effect["name"]: effect["parameters"] for effect in content["effects"]}
             recording, scale = content["recording"], content["alignment"]["scale"]
             taken = {name: values for name, values in found.items() if not load(name).pattern}
             effects = checked({n: {k: v["value"] for k, v in values.items()} for n, values in taken.items()}, str(path))
             errors = {n: {k: _error(v) for k, v in values.items()} for n, values in taken.items()}
             noise = {n: {k: _error(v, "ci95_noise") for k, v in values.items()} for n, values in taken.items()}
             units = {n: {k: v["unit"] for k, v in values.items()} for n, values in taken.items()}
-            density = (scale["value"], _error(scale)) if "spectrum" in effects else None
+            density = (scale["value"], _error(scale)) if absolute_attenuation(effects) else None
         if needed and not effects:
-            raise InputError(f"{path}: found no effect that another recording could be held against; drop physics_from")
+            raise InputError(f"{path}: found no effect to validate on another recording; drop physics_from")
         return cls(recording, effects, errors, units, density, tuple(sorted(set(found) - set(taken))), noise)
 
 
 def with_declared(model: Mapping, path: str | Path | None) -> dict:
-    """A recording's model in which what another one's diagnosis found, or was told and fitted, is declared.
+    """Return a recording's model with physics of another recording's diagnosis as declarations.
+
+    Its settings' baseline gets value and sd of all effects found or declared there, but for effects that it states
+    itself. Parameters of one scan become neutral, within their value there.
 
     Parameters
     ----------
@@ -88,16 +88,10 @@ def with_declared(model: Mapping, path: str | Path | None) -> dict:
     path : str, Path or None
         A diagnosis.json; None: the model as it is.
 
-    Returns
-    -------
-    dict
-        Its settings' baseline has value and sd of these too, where it does not state the effect itself. Parameters of
-        one scan are taken for neutral, to within what they were there.
-
     Raises
     ------
     InputError
-        As `Physics.read` does, and if that diagnosis knows no effect.
+        As `Physics.read`, and if that diagnosis has no effect.
     """
     if path is None:
         return dict(model)
@@ -107,7 +101,7 @@ def with_declared(model: Mapping, path: str | Path | None) -> dict:
         for name, values in found.effects.items()
     }
     for name, values in read_document(path, DIAGNOSIS).get("declared", {}).items():
-        known[name] = {key: {"value": one["value"], "sd": _error(one)} for key, one in values.items()}
+        known[name] = {key: {"value": stated["value"], "sd": _error(stated)} for key, stated in values.items()}
     for name, values in known.items():
         for key, neutral in of_one_scan(name).items():
             if key in values:
@@ -119,24 +113,23 @@ def with_declared(model: Mapping, path: str | Path | None) -> dict:
 
 
 def _error(parameter: dict, interval: str = "ci95") -> float:
-    """The longer side: at a bound of the plausible range the other was cut."""
+    """Return the standard error by the longer side of an interval: the other may be cut at a bound."""
     low, high = parameter.get(interval, parameter["ci95"])
     return max(high - parameter["value"], parameter["value"] - low) / NORMAL_95
 
 
 def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: bool) -> Choice:
-    """Fit the alignment, and parameters of one scan, beside physics found elsewhere.
+    """Fit nuisance parameters and parameters of one scan beside physics from elsewhere.
 
-    An effect's gain is what data that were not fitted lose without it, the others kept and the alignment refitted. As
-    nothing of an effect was fitted here, it has no p-value (None).
+    An effect's gain is the held-out log score lost without it, the others kept and the nuisance parameters refitted. It
+    has no p-value (None), as nothing of it was fitted here.
 
     Parameters
     ----------
     baseline : Trial
-        The simulator with nothing but alignment.
+        Nuisance parameters alone.
     same_material : bool
-        The object is of the material that the other one was of: with a spectrum, the scale is its density and is held
-        where it was found, within its error.
+        Whether the objects are of the same material: with absolute attenuation, the density scale is then a prior.
 
     Raises
     ------
@@ -144,40 +137,45 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
         For a parameter in a unit that this recording does not have.
     """
     for name, units in physics.units.items():
-        counted = {one.name for one in load(name).parameters if READOUT_UNITS in one.unit}
-        for one in fitter.model.parameters(name):
-            if one.name in counted & units.keys() and units[one.name] != one.unit:
+        counted = {parameter.name for parameter in load(name).parameters if READOUT_UNITS in parameter.unit}
+        for parameter in fitter.model.parameters(name):
+            if parameter.name in counted & units.keys() and units[parameter.name] != parameter.unit:
                 raise InputError(
-                    f"{physics.recording}: {one.name} of its {name} is in {units[one.name]}, and this recording's in "
-                    f"{one.unit}; take the physics from a recording of the same kind"
+                    f"{physics.recording}: {parameter.name} of its {name} is in {units[parameter.name]}, and this "
+                    f"recording's in {parameter.unit}; take the physics from a recording of the same kind"
                 )
     model = fitter.model
     density = physics.scale if physics.scale is not None and same_material else model.density
     held = fitter.of(copy.copy(model))  # of projections or of images
-    held.model.fixed = {name: those(NOT_OF_SCAN, name, values) for name, values in physics.effects.items()}
+    held.model.fixed = {
+        name: parameters_owned_by(NOT_OF_SCAN, name, values) for name, values in physics.effects.items()
+    }
     held.model.density = density
     chosen = trial(held, tuple(physics.effects), baseline)
     without = {}
     for name in physics.effects:
         rest = tuple(other for other in physics.effects if other != name)
         without[name] = trial(held, rest, chosen) if rest else baseline
-    gains = {name: chosen.score - one.score for name, one in without.items()}
+    gains = {name: chosen.score - rest.score for name, rest in without.items()}
     whole, noise = (
-        {name: chosen.fit.errors[name] | those(NOT_OF_SCAN, name, values) for name, values in errors.items()}
+        {
+            name: chosen.fit.errors[name] | parameters_owned_by(NOT_OF_SCAN, name, values)
+            for name, values in errors.items()
+        }
         for errors in (physics.errors, physics.errors | physics.noise)
     )
     chosen = replace(chosen, fit=replace(chosen.fit, errors=noise))
     errors = Errors(whole, chosen.fit.nuisance_errors)
-    fits = {name: one.fit for name, one in without.items()}
+    fits = {name: rest.fit for name, rest in without.items()}
     numerical = defaults_of("diagnosis", "model_accuracy")["numerical"]
     p = dict.fromkeys(physics.effects)
     return Choice(baseline, {}, {}, chosen, gains, {}, p, without=fits, numerical=numerical, errors=errors)
 
 
 def stated(content: dict, physics: Physics) -> dict:
-    """What diagnosis.json holds, with where the physics is from."""
+    """Return the content of diagnosis.json with the source of the physics."""
     content = content | {
-        "effects": [one | {"taken_from": physics.recording} for one in content["effects"]],
+        "effects": [effect | {"taken_from": physics.recording} for effect in content["effects"]],
         "not_taken": list(physics.not_taken),
     }
     return content | {"sentence": sentence(content)}

@@ -1,4 +1,4 @@
-"""Trials of several models side by side."""
+"""Trials of several models in parallel."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .fit_cache import FitCache
 from .processes import side_by_side
 from .progress import FITTED, DiagnosisProgress
 
-LOGGER = logging.getLogger("virtual_phantom")  # of the job
+LOGGER = logging.getLogger("virtual_phantom")
 
 
 def trials(
@@ -21,10 +21,7 @@ def trials(
     kept: FitCache | None = None,
     how_far: DiagnosisProgress | None = None,
 ) -> list[Trial]:
-    """Make trials.
-
-    Predictions depend on what is asked alone, so that results are the same whatever the number of processes and their
-    order.
+    """Fit and score several models; results do not depend on the number of processes.
 
     Parameters
     ----------
@@ -33,14 +30,7 @@ def trials(
     processes : int, optional
         At most.
     kept : FitCache, optional
-        Where trials are taken from that were made before, and left for the next time.
-    how_far : DiagnosisProgress, optional
-        What is told of those that are to be made.
-
-    Returns
-    -------
-    list of Trial
-        In the order of the tasks.
+        Cache that trials are read from and written to.
 
     Raises
     ------
@@ -56,7 +46,7 @@ def trials(
         return found
 
     made = [None if kept is None else kept.get(*task) for task in tasks]
-    missing = [task for task, one in zip(tasks, made, strict=True) if one is None]
+    missing = [task for task, found in zip(tasks, made, strict=True) if found is None]
     done = how_far.begin(FITTED, len(missing)) if how_far is not None and missing else None
     fresh = iter(side_by_side(make, missing, processes, done))
-    return [next(fresh) if one is None else one for one in made]
+    return [next(fresh) if found is None else found for found in made]

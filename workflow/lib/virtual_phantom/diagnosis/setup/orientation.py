@@ -17,7 +17,7 @@ from ...base.units import HU_AIR, HU_BODY
 from ...physics.scenes.scene import Pose
 from ...recordings.levels import correlation
 from ..comparison.regions import sampled
-from ..verdict.caveats import ALIKE
+from ..verdict.warnings import ALIKE
 from .finding import AS_STATED, DESCRIPTION, OBJECT
 
 COARSE_MM = 5.0  # sides of the voxels that are compared: organs stay, and noise is averaged

@@ -1,8 +1,8 @@
-"""Intervals of a level where errors are noise's and, beside these, those of inexact models.
+"""Confidence intervals with noise and model errors.
 
-Most models are nearly exact and a few are far off, so that errors by models are no normal ones: most of them are much
-smaller than the largest. By the share that a model may be off, its error is normal, and how far that share itself can
-be trusted makes it Student's t [1]_.
+Most models are nearly exact and a few are far off, so that model errors have heavier tails than a normal distribution.
+For a given relative error of a model they are normal; the uncertainty of that relative error makes them Student's t
+[1]_.
 
 References
 ----------
@@ -17,32 +17,24 @@ from scipy.optimize import brentq
 
 from ..fitting.steps import NORMAL_95, interval
 
-# Of Student's t of errors by models: by [1], their size is off by about half of it. Settled on seeds 74 and 75 of
-# benchmarks/intervals.py.
+# Degrees of freedom of model errors: by [1], their size is uncertain by about half of it. Chosen with seeds 74 and 75
+# of benchmarks/intervals.py.
 DEGREES = 2
-NODES, LARGEST = 1000, 6.0  # of the integral over that size; closed forms are met to 1e-5
+NODES, LARGEST = 1000, 6.0  # of the integral over that size, which agrees with closed forms to 1e-5
 
 
 def half_width(level: float, noise: float, whole: float) -> float:
-    """Half the width of an interval that the error of a number lies in with a given probability.
+    """Return half the width of the interval that contains a number's error with a given probability.
 
-    The error is n + m: n is normal, m is Student's t of which 95 % lie where they would by a normal distribution of the
-    standard error `(whole**2 - noise**2)**0.5`. An interval of 95 % is so as wide as that of a normal distribution of
-    `whole`, to 3 %.
+    The error is n + m: n is normal; m is Student's t with the 95 % quantile of a normal distribution with the standard
+    error `(whole**2 - noise**2)**0.5`. A 95 % interval is as wide as that of a normal distribution of `whole`, to 3 %.
 
     Parameters
     ----------
     level : float
-        From 0 to 1.
-    noise : float
-        Standard error by noise.
-    whole : float
-        With inexact models counted; not below `noise`.
-
-    Returns
-    -------
-    float
-        In the unit of the errors; infinite where they are.
+        Probability.
+    noise, whole : float
+        Standard errors by noise, and with model errors (at least `noise`).
     """
     if not whole or np.isinf(whole):
         return float(whole)
@@ -60,19 +52,19 @@ def half_width(level: float, noise: float, whole: float) -> float:
 
 
 def intervals(value: float, noise: float, whole: float, low: float = -np.inf, high: float = np.inf) -> dict:
-    """Intervals of a fitted number, cut to what is plausible, as diagnoses tell them.
+    """Return intervals of a fitted number, clipped to its plausible range.
 
     Parameters
     ----------
     noise, whole : float
-        Standard errors, as `half_width` takes them.
+        Standard errors, as in `half_width`.
     low, high : float, optional
-        The least and the largest value that the number may have.
+        Plausible range.
 
     Returns
     -------
     dict
-        {"ci50", "ci95": for noise and for inexact models, "ci95_noise": for noise alone}, each [low, high].
+        {"ci50", "ci95": with model errors, "ci95_noise": of noise alone}, each [low, high].
     """
     return {
         "ci50": interval(value, half_width(0.5, noise, whole) / NORMAL_95, low, high),

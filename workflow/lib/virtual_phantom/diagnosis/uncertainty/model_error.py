@@ -1,10 +1,10 @@
-"""By how much a fit's numbers may be off because its models are inexact, beside what noise does.
+"""Standard errors of a fit's numbers with model errors.
 
-A wrong model shifts numbers that seem well known [1]_. Here a model of an effect may be wrong by a share of what it
-explains (`model_accuracy`): as a whole, or rising along an axis of the data or with the attenuation. A kernel or a
-source may have another form than was assumed. Corrections for finite steps may be uneven: along axes, with the
-attenuation, and with the direction from which a grid and an object are seen. The same shares guard the choice of
-effects.
+A wrong model shifts numbers that seem well known [1]_. Here an effect's model may be wrong by a share of what it
+explains (`model_accuracy`): uniformly, or rising along an axis of the data or with the attenuation. A kernel or a
+source may have another form than assumed. Corrections for finite steps may be uneven: along axes, with the
+attenuation, and with the direction from which a grid and an object are seen. The selection of effects uses the same
+shares.
 
 References
 ----------
@@ -18,57 +18,48 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...physics.effect import load
-from ..fitting.fit import Fit, Fitter, Problem
-from ..fitting.joint_fit import JointFit, JointFitter, places_of
+from ...physics.effect import Parameter, load
+from ..fitting.fit import Fit, Fitter
+from ..fitting.joint_fit import JointFit, JointFitter
+from ..fitting.problem import Problem
+from ..fitting.solver import joint_indices
 from ..fitting.steps import Known, standard_errors
 from ..fitting.templates import data_changes, whitened
 
 Distortions = Iterator[tuple[tuple[str, int | str], np.ndarray]]  # (model, shape), and (data,)
-NUMERICAL = "numerical"  # of model_accuracy: how uneven corrections are, over what a twice finer step changes
-# Of a kernel whose form is assumed: a share of it may be narrower by the second, one standard deviation of which is the
-# model's inexactness, but for these. In six scans of off-focal radiation (benchmarks/intervals.py, seeds 71 and 72) 41
-# to 74 % of it were found, which is off by 1.1 of as much again as was found, half as wide, root mean square.
-MIXED, NARROWER = {"off_focal_radiation": 1.0}, 0.5
-HARMONICS = (2, 4)  # of a turn: an object is seen alike from opposite sides, a square grid from four
+NUMERICAL = "numerical"  # key of model_accuracy: unevenness of corrections, over the change by a twice finer step
+# Relative width of the part of a kernel that has another form than assumed (Parameter.kernel_error).
+NARROWER = 0.5
+HARMONICS = (2, 4)  # periods per turn: an object looks equal from opposite sides, a square grid from four
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Standard errors of a fit's numbers, inexact models included.
-
-    Attributes
-    ----------
-    physics : dict of str to dict of str to float
-        {effect: {parameter: standard error}}, as Fit.errors.
-    nuisance : dict of str to float
-        As Fit.nuisance_errors.
-    """
+    """Standard errors of a fit's numbers with model errors, as Fit.errors and Fit.nuisance_errors."""
 
     physics: dict[str, dict[str, float]]
     nuisance: dict[str, float]
 
 
 def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]) -> Errors:
-    """Standard errors of a fit's numbers, inexact models included.
+    """Return standard errors of a fit's numbers with model errors.
 
-    A distortion d of the whitened data shifts the numbers by A^-1 J'd, where J are the changes of the data per number
-    and A = J'J + K their information and what is known of them. Distortions are independent of each other and of noise.
+    A distortion d of the whitened data shifts the numbers by A^-1 J'd. Here J are the changes of the data per number
+    and A = J'J + K their information with priors. Distortions are independent of each other and of noise.
 
     Parameters
     ----------
     without : mapping of str to Fit
-        {effect: the fit without it}, of those whose models may be inexact: what an effect explains is by how much these
-        differ.
+        {effect: fit without it}, for effects with inexact models: the difference is what the effect explains.
     accuracy : mapping of str to float
-        As `attribute.choose` takes it.
+        As `forward_selection.choose` takes it.
     """
     found = (_distortions(fitter, fit, without, accuracy), _of_steps(fitter, fit, accuracy))
-    if all(next(one, None) is None for one in found):  # of images, derivatives take minutes
-        return Errors({name: dict(one) for name, one in fit.errors.items()}, dict(fit.nuisance_errors))
-    problem = Problem(fitter, fit.effects, fit)
+    if all(next(distortions, None) is None for distortions in found):  # derivatives of images take minutes
+        return Errors({name: dict(errors) for name, errors in fit.errors.items()}, dict(fit.nuisance_errors))
+    problem = Problem.at(fitter, fit)
     numbers = _numbers([ModelErrorInfluence.of(problem, fit, without, accuracy, np.arange(len(problem.start)))])
-    names = [one.name for one in problem.aligned]
+    names = [number.name for number in problem.aligned]
     return Errors(
         _named(problem, fit, numbers),
         fit.nuisance_errors | dict(zip(names, map(float, numbers[len(problem.unknowns) :]), strict=True)),
@@ -78,85 +69,59 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
 def errors_of_pulled(
     scans: Mapping[str, ModelErrorInfluence], fits: Mapping[str, Fit] | None = None
 ) -> dict[str, dict[str, dict[str, float]]]:
-    """Standard errors of effects' parameters that are fitted to these recordings together, inexact models included.
+    """Return standard errors of effects' parameters in a joint fit, with model errors, by recording.
 
-    As errors_with_models; one distortion is that of one model and one shape, in all recordings at once: they have the
-    same model, so that more of them do not make its error less. Finite steps err in every recording for itself.
+    As errors_with_models. A distortion by one model and shape acts on all recordings at once: they have the same model,
+    so that more of them do not reduce its error. Finite steps err in each recording independently.
 
     Parameters
     ----------
-    scans : mapping of str to ModelErrorInfluence
-        By recording.
     fits : mapping of str to Fit, optional
-        Whose errors they are, by the slopes of those that were looked at; None: of these themselves.
-
-    Returns
-    -------
-    dict of str to dict of str to dict of str to float
-        {recording: as Fit.errors}.
+        Fits whose errors are returned, with the slopes of those in `scans`; None: the fits in `scans`.
     """
     numbers = _numbers(list(scans.values()))
-    fits = fits or {name: one.fit for name, one in scans.items()}
-    return {name: _named(one.problem, fits[name], numbers[one.places]) for name, one in scans.items()}
+    fits = fits or {name: scan.fit for name, scan in scans.items()}
+    return {name: _named(scan.problem, fits[name], numbers[scan.places]) for name, scan in scans.items()}
 
 
 def pulled_of_recordings(
     together: JointFitter, fit: JointFit, without: Mapping[str, JointFit], accuracy: Mapping[str, float]
 ) -> dict[str, ModelErrorInfluence]:
-    """What each recording knows of the numbers of all, and how inexact models pull them.
-
-    Parameters
-    ----------
-    fit : JointFit
-        Where it ended.
-    without : mapping of str to JointFit
-        As errors_with_models takes them.
-    accuracy : mapping of str to float
-        As errors_with_models takes it.
-
-    Returns
-    -------
-    dict of str to Pulled
-        By recording.
-    """
-    problems = {name: Problem(fitter, fit.effects, fit.fits[name]) for name, fitter in together.fitters.items()}
-    places = places_of(problems, together.protocols)
+    """Return each recording's information on the joint numbers, and the influence of model errors on it."""
+    problems = {name: Problem.at(fitter, fit.fits[name]) for name, fitter in together.fitters.items()}
+    places = joint_indices(problems, together.protocols)
     return {
         name: ModelErrorInfluence.of(
-            one,
+            problem,
             fit.fits[name],
             {key: other.fits[name] for key, other in without.items()},
             accuracy,
             places[name],
         )
-        for name, one in problems.items()
+        for name, problem in problems.items()
     }
 
 
 def distortions_of_physics(
     fitter: Fitter, fit: Fit, columns: np.ndarray, accuracy: Mapping[str, float], names: Sequence[str]
 ) -> np.ndarray:
-    """Changes of the whitened data that inexact models of declared or fitted physics may make.
+    """Return changes of the whitened data by errors of effects' models, shape (data, distortions).
 
-    A declared effect explains what it changes less what the alignment would take up without it, to first order; of a
-    fitted one, all that it changes may be off. Where rays and the object are is no model, so that what moves them has
-    no such error. Beside fitted effects, corrections for finite steps may be uneven.
+    Each is one standard deviation. A declared effect explains what it changes less what the nuisance parameters would
+    absorb without it, to first order; all that a fitted effect changes may be wrong. Positions of rays and the object
+    involve no model, so that effects that move them have no such error. Beside fitted effects, corrections for finite
+    steps may be uneven.
 
     Parameters
     ----------
     columns : ndarray, shape (data, numbers)
         From `data_changes`, of the fit.
     accuracy : mapping of str to float
-        As `attribute.choose` takes it.
+        As `forward_selection.choose` takes it.
     names : sequence of str
-        Of effects, declared or of the fit.
-
-    Returns
-    -------
-    ndarray, shape (data, distortions)
-        One standard deviation of each.
+        Effects, declared or of the fit.
     """
-    problem, here = Problem(fitter, fit.effects, fit), fitter.predicted(fit)
+    problem, here = Problem.at(fitter, fit), fitter.predicted(fit)
     parts, spread = fitter.data.residuals(here), shapes(here.mean)
     after = whitened(parts, fitter.weights)
     found = []
@@ -170,58 +135,38 @@ def distortions_of_physics(
         change = whitened(fitter.data.residuals(there), fitter.weights) - after
         if name not in fit.effects:
             aligned = columns[:, len(problem.unknowns) :]
-            knowledge = Problem(other, fit.effects, fit).knowledge[-len(problem.aligned) :]
+            knowledge = Problem.at(other, fit).knowledge[-len(problem.aligned) :]
             numbers, known = np.vstack([aligned, np.diag(np.sqrt(knowledge))]), np.zeros(len(knowledge))
             change -= aligned @ np.linalg.lstsq(numbers, np.concatenate([change, known]), rcond=None)[0]
         mean, rest = np.split(share * change, [here.mean.size])
         for number, shape in spread.items():  # what else is known of the data changes with the even one
             found.append(np.concatenate([mean * shape.ravel(), rest if number == 0 else np.zeros_like(rest)]))
         if name in fit.effects:
-            found += [one for _, one in _of_kernels(fitter, fit, name, parts, share)]
+            found += [change for _, change in _of_kernels(fitter, fit, name, parts, share)]
     if set(names) & set(fit.effects):
-        found += [one for _, one in _of_steps(fitter, fit, accuracy)]
+        found += [change for _, change in _of_steps(fitter, fit, accuracy)]
     return np.stack(found, axis=1) if found else np.zeros((len(after), 0))
 
 
 def shapes(level: np.ndarray) -> dict[int, np.ndarray]:
-    """How a model's error may be spread over the data: evenly, or along an axis or with their level, straight or bent.
+    """Return the shapes of a model error over data along three axes, by number, with a root mean square of 1.
 
-    Parameters
-    ----------
-    level : ndarray
-        Along three axes.
-
-    Returns
-    -------
-    dict of int to ndarray
-        By number, the even one 0; shaped as `level`, with a root mean square of 1. An axis of length one has none.
+    Shape 0 is uniform; others change linearly or quadratically along an axis or with the level. An axis of length one
+    has none.
     """
     axes = np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in level.shape), indexing="ij", sparse=True)
     rising = [*axes, level, axes[2] ** 2, (level - level.mean()) ** 2]
     found = {0: np.ones(level.shape)}
-    for number, one in enumerate(rising, start=1):
-        one = np.broadcast_to(one - one.mean(), level.shape)
-        spread = one.std()
+    for number, values in enumerate(rising, start=1):
+        shape = np.broadcast_to(values - values.mean(), level.shape)
+        spread = shape.std()
         if spread > 0:
-            found[number] = one / spread
+            found[number] = shape / spread
     return found
 
 
 def harmonics(turned_rad: np.ndarray | None, shape: tuple[int, int, int]) -> dict[str, np.ndarray]:
-    """Waves over a turn, by which errors of a grid may vary with the direction it is seen from.
-
-    Parameters
-    ----------
-    turned_rad : ndarray, shape (views,), or None
-        None: there are no views.
-    shape : tuple of 3 int
-        Of the data.
-
-    Returns
-    -------
-    dict of str to ndarray
-        By name, shaped as the data, with a root mean square of 1.
-    """
+    """Return waves over a turn, by which errors of a grid may vary with the viewing direction, of RMS 1, by name."""
     if turned_rad is None:
         return {}
     waves = {f"{wave.__name__} {times}": wave(times * turned_rad) for times in HARMONICS for wave in (np.cos, np.sin)}
@@ -235,22 +180,22 @@ def harmonics(turned_rad: np.ndarray | None, shape: tuple[int, int, int]) -> dic
 
 @dataclass(frozen=True)
 class ModelErrorInfluence:
-    """What one recording knows of the numbers, and how distortions of its data pull them.
+    """Information of one recording on the numbers, and the influence of model errors on them.
 
     Attributes
     ----------
-    fit : Fit
-        Where it was looked at.
+    problem : Problem
+        At the end of `fit`.
     places : ndarray of int, shape (numbers,)
-        Of its numbers among those of all recordings.
+        Positions of its numbers among those of all recordings.
     information : ndarray, shape (numbers, numbers)
         By its data.
     knowledge : ndarray, shape (numbers,)
-        Information beside the data; of a number that recordings share, their mean counts.
+        By the priors; for numbers that recordings share, their mean counts.
     pulls : dict of (str, int or str) to ndarray, shape (numbers,)
         {(model, shape): J'd}.
     own : list of ndarray, shape (numbers,)
-        J'd of those that no other recording has.
+        J'd of distortions of this recording alone.
     """
 
     problem: Problem
@@ -265,34 +210,35 @@ class ModelErrorInfluence:
     def of(
         cls, problem: Problem, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float], places: np.ndarray
     ) -> ModelErrorInfluence:
-        """Of a problem that begins where the fit ended."""
-        changes = data_changes(problem, fit.pattern)
+        """Compute the influence for a problem at the end of a fit."""
+        changes = data_changes(problem)
         fitter = problem.fitter
-        pulls = {key: changes.T @ one for key, one in _distortions(fitter, fit, without, accuracy)}
-        own = [changes.T @ one for _, one in _of_steps(fitter, fit, accuracy)]
+        pulls = {key: changes.T @ change for key, change in _distortions(fitter, fit, without, accuracy)}
+        own = [changes.T @ change for _, change in _of_steps(fitter, fit, accuracy)]
         return cls(problem, fit, places, changes.T @ changes, problem.knowledge, pulls, own)
 
     @property
     def alone(self) -> ModelErrorInfluence:
-        """The same where it is the only recording."""
+        """The same for the only recording."""
         return replace(self, places=np.arange(len(self.places)))
 
 
 def _numbers(scans: Sequence[ModelErrorInfluence]) -> np.ndarray:
-    """Standard errors of all numbers of several recordings, shape (numbers,)."""
-    count = 1 + max(int(one.places.max()) for one in scans)
+    """Return standard errors of all numbers of several recordings, shape (numbers,)."""
+    count = 1 + max(int(scan.places.max()) for scan in scans)
     information, knowledge = np.zeros((count, count)), np.zeros(count)
-    times = np.bincount(np.concatenate([one.places for one in scans]), minlength=count)
+    times = np.bincount(np.concatenate([scan.places for scan in scans]), minlength=count)
     pulls: dict[tuple[str, int | str], np.ndarray] = {}
     own: list[np.ndarray] = []
-    for one in scans:
-        information[np.ix_(one.places, one.places)] += one.information
-        knowledge[one.places] += one.knowledge / times[one.places]  # what is known of a number is known once
-        for key, pull in one.pulls.items():
-            pulls.setdefault(key, np.zeros(count))[one.places] += pull
-        for pull in one.own:
+    for scan in scans:
+        places = scan.places
+        information[np.ix_(places, places)] += scan.information
+        knowledge[places] += scan.knowledge / times[places]  # the prior of a shared number counts once
+        for key, pull in scan.pulls.items():
+            pulls.setdefault(key, np.zeros(count))[places] += pull
+        for pull in scan.own:
             own.append(np.zeros(count))
-            own[-1][one.places] = pull
+            own[-1][places] = pull
     information += np.diag(knowledge)
     root, squares = Known.of(information).root, standard_errors(information) ** 2
     for pull in (*pulls.values(), *own):
@@ -301,51 +247,57 @@ def _numbers(scans: Sequence[ModelErrorInfluence]) -> np.ndarray:
 
 
 def _named(problem: Problem, fit: Fit, numbers: np.ndarray) -> dict[str, dict[str, float]]:
-    """Standard errors of a fit's parameters by name; those that are no numbers of the problem keep their own."""
-    errors = {name: dict(one) for name, one in fit.errors.items()}
-    for one, error in zip(problem.unknowns, numbers, strict=False):
-        number = one.of(fit.physics[one.effect][one.name])
-        errors[one.effect][one.name] = float(one.value_error(number, error))
+    """Return standard errors of a fit's parameters by name; those that are not numbers of the problem keep theirs."""
+    errors = {name: dict(errors) for name, errors in fit.errors.items()}
+    for unknown, error in zip(problem.unknowns, numbers, strict=False):
+        number = unknown.of(fit.physics[unknown.effect][unknown.name])
+        errors[unknown.effect][unknown.name] = float(unknown.value_error(number, error))
     return errors
 
 
 def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]) -> Distortions:
-    """Changes of the whitened data that inexact models may make, one standard deviation each."""
-    # One at a time: of a large scan not all of them can be held.
+    """Yield changes of the whitened data by model errors, one standard deviation each."""
+    # One at a time: for a large scan they would not fit into memory together.
     data, here = fitter.data, fitter.predicted(fit)
     after, spread = data.residuals(here), shapes(here.mean)
     for name, fitted in without.items():
-        if load(name).pattern or load(name).kinematic:  # their numbers have no model
+        if load(name).pattern or load(name).kinematic:  # they have no model error
             continue
         share, there = accuracy.get(name, accuracy["default"]), fitter.predicted(fitted)
-        rest = [share * (one - other) for one, other in zip(data.residuals(there), after, strict=True)][1:]
+        rest = [share * (part - other) for part, other in zip(data.residuals(there), after, strict=True)][1:]
         change = share * (here.mean - there.mean)
         for number, shape in spread.items():  # what else is known of the data changes with the even one
             yield (name, number), _whole(fitter, change * shape, rest)
-            rest = [np.zeros_like(one) for one in rest]
+            rest = [np.zeros_like(part) for part in rest]
         yield from _of_kernels(fitter, fit, name, after, share)
 
 
 def _of_kernels(fitter: Fitter, fit: Fit, name: str, after: Sequence[np.ndarray], share: float) -> Distortions:
-    """Those that kernels of another form than was assumed may make, of the fit's residuals by part."""
-    share = MIXED.get(name, share)
-    for parameter in load(name).parameters if share else ():
-        if parameter.kernel:
+    """Yield changes by kernels of another form than assumed; `after` are the fit's residuals by part."""
+    for parameter in load(name).parameters:
+        error = kernel_error(parameter, share)
+        if error:
             narrower = {parameter.name: NARROWER * fit.physics[name][parameter.name]}
             physics = fit.physics | {name: fit.physics[name] | narrower}
             there = fitter.model.predict(physics, fit.nuisance, fitter.data, fit.linearisation)
-            parts = [one - other for one, other in zip(fitter.data.residuals(there), after, strict=True)]
-            yield (name, parameter.name), share * whitened(parts, fitter.weights)
+            parts = [part - other for part, other in zip(fitter.data.residuals(there), after, strict=True)]
+            yield (name, parameter.name), error * whitened(parts, fitter.weights)
+
+
+def kernel_error(parameter: Parameter, share: float) -> float:
+    """Return the share of a kernel that may have another form; `share` is the relative error of the effect's model."""
+    own = share if parameter.kernel_error is None else parameter.kernel_error
+    return own if parameter.kernel else 0.0
 
 
 def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distortions:
-    """Those that uneven corrections for finite steps may make; of even ones the numbers are fitted."""
+    """Yield changes by uneven corrections for finite steps; the size of even corrections is fitted."""
     share, data = accuracy.get(NUMERICAL, 0.0), fitter.data
     errors = fitter.model.errors_of_steps(fit.linearisation) if share else {}
     if not errors:
         return
     here = fitter.predicted(fit)
-    none = [np.zeros_like(one) for one in data.residuals(here)[1:]]
+    none = [np.zeros_like(part) for part in data.residuals(here)[1:]]
     spread = {key: shape for key, shape in shapes(here.mean).items() if key != 0}
     spread |= harmonics(fitter.model.turned_rad, here.mean.shape)
     for name, change in errors.items():
@@ -354,6 +306,6 @@ def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distor
 
 
 def _whole(fitter: Fitter, change: np.ndarray, rest: list[np.ndarray]) -> np.ndarray:
-    """A change of the mean and of what else is known of the data, whitened."""
+    """Return a change of the mean and of the other parts of the data, whitened."""
     mean = fitter.data.whitened(np.where(fitter.data.usable, change, 0)).ravel()
     return whitened([mean, *rest], fitter.weights)

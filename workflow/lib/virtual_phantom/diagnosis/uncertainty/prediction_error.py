@@ -1,62 +1,45 @@
-"""What the errors of a fit's own numbers add to residuals of data that it has not seen."""
+"""Uncertainty of predictions for held-out data, by the errors of a fit's numbers."""
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 
 import numpy as np
 
-from ..fitting.fit import Fit, Fitter, Problem
+from ..fitting.fit import Fit, Fitter
+from ..fitting.problem import Problem
 from ..fitting.steps import Known
 from ..fitting.unknown import Unknown
 
 
 def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
-    """Changes of the predictions of the data held out that the errors of a fit's numbers make.
+    """Return changes of held-out predictions by errors of a fit's numbers, by part, (directions, data).
 
-    They are independent, and each is one standard error large. The residuals of data held out vary by the sum of their
-    squares beside their own noise: r = n - J (theta - truth), and theta has the covariance (J'WJ + K)^-1 of the data
-    fitted. Numbers of effects that were found elsewhere have the errors found there, as far as the numbers fitted here
-    do not make up for them.
-
-    Returns
-    -------
-    list of ndarray, shape (directions, data)
-        By part.
+    The directions are independent, each one standard error large. Residuals of held-out data vary by the sum of their
+    squares beside their own noise: r = n - J (theta - truth). Here theta has the covariance (J'WJ + K)^-1 of the
+    fitted data. Parameters from elsewhere have the errors found there, as far as the fitted numbers do not
+    compensate for them.
     """
-    problem = Problem(fitter, fit.effects, fit)
-    fitted, held = of_both_halves(fitter, problem, fit)
+    problem = Problem.at(fitter, fit)
+    fitted, held = of_both_halves(problem)
     information, _ = problem.normal(fitted, problem.start, [np.zeros(rows.shape[1]) for rows in fitted])
     directions = _directions(problem, fit, information)
     return [(directions / problem.steps) @ rows for rows in held]
 
 
-def of_both_halves(fitter: Fitter, problem: Problem, fit: Fit) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Changes of what a fit predicts of the data fitted and of those held out.
-
-    Parameters
-    ----------
-    problem : Problem
-        Of the data fitted, which begins where the fit ended.
-
-    Returns
-    -------
-    fitted, held : list of ndarray, shape (numbers, data)
-        As Problem.jacobian gives them.
-    """
-    fitted = problem.jacobian_at_start(fit.pattern)
-    if fitter.held_out.usable is fitter.data.usable:
+def of_both_halves(problem: Problem) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return the Jacobians of the fitted and of the held-out data at a problem's start, shape (numbers, data)."""
+    fitted = problem.jacobian_at_start()
+    if problem.fitter.held_out.usable is problem.data.usable:
         return fitted, fitted
-    other = copy.copy(fitter)
-    other.data, other.weights = fitter.held_out, fitter.held_weights
-    return fitted, Problem(other, fit.effects, fit).jacobian_at_start(fit.pattern)
+    return fitted, problem.of_held_out().jacobian_at_start()
 
 
 def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarray:
-    """Directions, the sum of whose outer products is the numbers' covariance, shape (directions, numbers)."""
+    """Return rows whose outer products sum up to the numbers' covariance, shape (directions, numbers)."""
     elsewhere = np.zeros(len(problem.start), bool)
-    elsewhere[: len(problem.unknowns)] = [one.name in fit.elsewhere.get(one.effect, ()) for one in problem.unknowns]
+    names = [(number.effect, number.name) for number in problem.unknowns]
+    elsewhere[: len(names)] = [name in fit.elsewhere.get(effect, ()) for effect, name in names]
     known = Known.of(information[np.ix_(~elsewhere, ~elsewhere)])
     fitted = np.zeros((len(known.values), len(elsewhere)))
     fitted[:, ~elsewhere] = known.root.T
@@ -69,13 +52,13 @@ def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarr
 
 
 def _found(numbers: Sequence[Unknown], fit: Fit) -> np.ndarray:
-    """The same of numbers that were found elsewhere, shape (directions, numbers)."""
-    rows = [fit.directions.get(one.effect, {}).get(one.name) for one in numbers]
+    """Return such rows for numbers taken from elsewhere, shape (directions, numbers)."""
+    rows = [fit.directions.get(number.effect, {}).get(number.name) for number in numbers]
     if numbers and None not in rows:  # voltage and filtration, say, are off together or not at all
         return np.linalg.qr(np.transpose(rows), mode="r")  # the same covariance, by no more directions than numbers
     spread = []
-    for one in numbers:
-        value, error = fit.physics[one.effect][one.name], fit.errors[one.effect][one.name]
-        ends = np.clip([value - error, value + error], one.value(one.low), one.value(one.high))
-        spread.append((one.of(float(ends[1])) - one.of(float(ends[0]))) / 2)
+    for number in numbers:
+        value, error = fit.physics[number.effect][number.name], fit.errors[number.effect][number.name]
+        ends = np.clip([value - error, value + error], number.value(number.low), number.value(number.high))
+        spread.append((number.of(float(ends[1])) - number.of(float(ends[0]))) / 2)
     return np.diag(spread) if spread else np.zeros((0, 0))

@@ -13,8 +13,7 @@ import numpy as np
 
 from ..fitting.fit import Fit
 from ..fitting.trial import Trial
-from ..residuals.change import Change
-from ..residuals.dataset import Prepared
+from ..residuals.dataset import Change, Prepared
 from ..residuals.residual_tests import ALPHA
 from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..selection.screening import Screened
@@ -82,7 +81,7 @@ def _count(prepared: Prepared) -> int:
 
 def better_than(piece: Change, choice: Choice) -> bool:
     """Whether a piece explains more than all effects that were chosen do together."""
-    return piece.gain > choice.chosen.score - choice.baseline.score + max(AS_GOOD, choice.blur)
+    return piece.gain > choice.chosen.score - choice.baseline.score + max(AS_GOOD, choice.tolerance)
 
 
 def no_physics(baseline: Trial, piece: Change, numerical: float) -> Choice:
@@ -100,14 +99,14 @@ def no_physics(baseline: Trial, piece: Change, numerical: float) -> Choice:
 
 def beside(prepared: Prepared, choice: Choice, changes: ChangesOfFits) -> Change | None:
     """The piece of the object that explains more than one of the chosen effects, or what all of them leave."""
-    found, least = [], max(AS_GOOD, choice.blur)
+    found, least = [], max(AS_GOOD, choice.tolerance)
     for effect, fit in choice.without.items():
         piece = _piece(changes(prepared, fit, choice.numerical))
         if piece is not None and piece.gain > choice.gains[effect] + least:
             found.append((piece.gain - choice.gains[effect], piece))
     if found:
         return max(found, key=lambda one: one[0])[1]
-    return differing(changes(prepared, choice.chosen.fit, choice.numerical), max(LEAST_GAIN, choice.blur))
+    return differing(changes(prepared, choice.chosen.fit, choice.numerical), max(LEAST_GAIN, choice.tolerance))
 
 
 def _piece(found: Sequence[Change]) -> Change | None:

@@ -14,12 +14,12 @@ import numpy as np
 from scipy import stats
 from scipy.sparse import issparse, sparray
 
-from ..fitting.fit import Fit, Problem
+from ..fitting.fit import Fit
+from ..fitting.problem import Problem
 from ..fitting.steps import Known
 from ..fitting.templates import SMALL, whitened
 from ..noise.condensed import Observed
-from ..residuals.change import Change, PieceOfObject
-from ..residuals.dataset import Prepared
+from ..residuals.dataset import Change, PieceOfObject, Prepared
 from ..residuals.residual_tests import KINDS, Half, Location
 from ..selection.forward_selection import Choice
 from ..uncertainty.prediction_error import of_both_halves
@@ -85,8 +85,8 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
     list of Change
         The most certain first.
     """
-    problem = Problem(prepared.fitter, fit.effects, fit)
-    jacobians = of_both_halves(prepared.fitter, problem, fit)
+    problem = Problem.at(prepared.fitter, fit)
+    jacobians = of_both_halves(problem)
     halves = zip(prepared.halves(fit), jacobians, strict=True)
     fitted, held = (_Side.of(half, jacobian, problem.steps) for half, jacobian in halves)
     # Of a distortion its size is known to one standard deviation.

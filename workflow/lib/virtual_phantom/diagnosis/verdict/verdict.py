@@ -12,18 +12,15 @@ from ...physics.effect import load
 from ..fitting.model import Model
 from ..fitting.steps import interval
 from ..fitting.trial import Trial
-from ..residuals.change import Change
-from ..residuals.dataset import Prepared
+from ..residuals.dataset import Change, Prepared
 from ..residuals.residual_tests import EDGES, KINDS, Location, aligned
 from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..uncertainty.intervals import intervals
 from ..uncertainty.model_error import Errors
 from ..wording import MATCH, UNEXPLAINED, sentence
-from .caveats import caveats
-from .doubts import doubts
 from .object_mismatch import content_of, excess
-from .pulls import statements
 from .unmodelled import ChangesOfFits, better, standing_out
+from .warnings import caveats, doubts, statements
 
 LEFT_SD = 3.0  # by which a sum of products must stand above 0 to count as left: 1 in 740 by chance
 NO_SIGNED_MAP = (EDGES, "both halves", KINDS)  # sums of squares and products
@@ -84,7 +81,7 @@ def diagnose(
         # A place comes before a kind of change, which lies nowhere.
         return sorted(found, key=lambda one: (not one.significant, one.domain == KINDS))
 
-    inexact = max(LEAST_GAIN, choice.blur)
+    inexact = max(LEAST_GAIN, choice.tolerance)
     before, after = places(choice.baseline.fit, LEAST_GAIN), places(choice.chosen.fit, inexact)
     effects, errors = choice.chosen.fit.effects, _errors(choice)
     left = [place for place in after if place.significant]
@@ -96,7 +93,7 @@ def diagnose(
     doubted = doubts(choice, fitter.model, metrics["held_out"])
     known = statements(choice.chosen.fit, fitter.model, errors.physics)
     beside = {name: kinds(fit) for name, fit in choice.without.items()}
-    outside = better(choice, beside, max(AS_GOOD, choice.blur))
+    outside = better(choice, beside, max(AS_GOOD, choice.tolerance))
     off = any(one["off"] for parameters in known.values() for one in parameters.values())
     verdict = VERDICTS[(2 if left or doubted or outside else 1) if effects or off else (0 if not left else 3)]
     ambiguous = {name: choice.ambiguous_with(name) for name in effects}

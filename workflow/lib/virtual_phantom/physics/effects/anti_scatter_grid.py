@@ -1,6 +1,6 @@
 """Anti-scatter grid."""
 
-from ..effect import Effect, Parameter
+from ..effect import DIVERGENT_BEAM, Effect, Parameter
 from ..state import State
 
 
@@ -27,5 +27,6 @@ EFFECT = Effect(
         ),
     ),
     apply=apply,
+    needs=(DIVERGENT_BEAM,),
     beside="scatter",
 )

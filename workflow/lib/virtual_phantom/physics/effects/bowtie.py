@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...base.geometry import orbit_of
-from ..effect import OF_PROTOCOL, Effect, Parameter
+from ..effect import DIVERGENT_BEAM, OF_PROTOCOL, Effect, Parameter
 from ..state import State
 
 REFERENCE_DEG = 20.0  # fan angle at which the thickness is stated; inside the fan of every body scanner
@@ -62,4 +62,5 @@ EFFECT = Effect(
         ),
     ),
     apply=apply,
+    needs=(DIVERGENT_BEAM,),
 )

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...base.geometry import orbit_of
-from ..effect import Effect, Parameter
+from ..effect import HELIX, Effect, Parameter
 from ..state import State
 
 
@@ -29,4 +29,5 @@ EFFECT = Effect(
         Parameter("quadratic_per_mm2", "1/mm2", "b: quadratic coefficient", -0.001, 0.001, 0.0, 0.0),
     ),
     apply=apply,
+    needs=(HELIX,),
 )

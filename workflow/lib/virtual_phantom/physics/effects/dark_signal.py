@@ -2,7 +2,7 @@
 
 import math
 
-from ..effect import OF_AIR, OF_AIR_PER_SCAN, OF_SCAN, Effect, Parameter, Reach
+from ..effect import DARK_DRIFT, DARK_LEVEL, OF_AIR, OF_AIR_PER_SCAN, OF_SCAN, Effect, Parameter, Reach
 from ..state import State
 
 
@@ -32,6 +32,7 @@ EFFECT = Effect(
             0.0,
             500.0,
             reach=Reach(OF_AIR, -0.02, 0.1, 0.001, 0.005),
+            dark=DARK_LEVEL,
         ),
         Parameter(
             "drift_units_per_s",
@@ -43,7 +44,9 @@ EFFECT = Effect(
             100.0,
             reach=Reach(OF_AIR_PER_SCAN, -0.02, 0.02, 0.0005, 0.001),
             belongs_to=OF_SCAN,
+            dark=DARK_DRIFT,
         ),
     ),
     apply=apply,
+    removed_by=("dark",),
 )

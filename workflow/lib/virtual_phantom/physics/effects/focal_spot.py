@@ -3,7 +3,7 @@
 import itertools
 import math
 
-from ..effect import Effect, Parameter
+from ..effect import DIVERGENT_BEAM, Effect, Parameter
 from ..scenes.sampling import points
 from ..state import State
 
@@ -37,4 +37,5 @@ EFFECT = Effect(
         Parameter("length_mm", "mm", "length l along z, as seen from the isocenter", 0.0, 4.0, 1.0, 1.0, power=2),
     ),
     apply=apply,
+    needs=(DIVERGENT_BEAM,),
 )

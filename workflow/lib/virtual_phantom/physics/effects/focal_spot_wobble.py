@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..effect import Effect, Parameter
+from ..effect import DIVERGENT_BEAM, SUCCESSIVE_VIEWS, Effect, Parameter
 from ..state import State
 
 
@@ -35,4 +35,5 @@ EFFECT = Effect(
         Parameter("rows_mm", "mm", "jump along z, as seen from the isocenter", -5.0, 5.0, 0.0, 0.0),
     ),
     apply=apply,
+    needs=(DIVERGENT_BEAM, SUCCESSIVE_VIEWS),
 )

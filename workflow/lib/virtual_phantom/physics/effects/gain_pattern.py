@@ -40,5 +40,7 @@ EFFECT = Effect(
         Parameter("detector", "number", "number of the random pattern", 0.0, 1e6, 0.0, 0.0, None),
     ),
     apply=apply,
+    of_one_scan=True,
+    removed_by=("gain", "flat"),
     pattern=True,
 )

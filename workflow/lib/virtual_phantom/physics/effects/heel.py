@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...base.geometry import orbit_of
-from ..effect import Effect, Parameter
+from ..effect import DIVERGENT_BEAM, Effect, Parameter
 from ..state import State
 
 MATERIALS = {"W": "tungsten", "Mo": "molybdenum", "Rh": "rhodium"}
@@ -43,4 +43,6 @@ EFFECT = Effect(
         ),
     ),
     apply=apply,
+    removed_by=("flat",),
+    needs=(DIVERGENT_BEAM,),
 )

@@ -34,4 +34,5 @@ EFFECT = Effect(
         Parameter("z_mm_per_s", "mm/s", "velocity along z", -FASTEST, FASTEST, 0.0, 0.0, reach=_reach(0.0)),
     ),
     apply=apply,
+    of_one_scan=True,
 )

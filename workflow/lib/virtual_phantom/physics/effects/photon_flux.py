@@ -1,6 +1,6 @@
 """Photon flux that differs from the stated one."""
 
-from ..effect import Effect, Parameter
+from ..effect import NOMINAL_PHOTONS, Effect, Parameter
 from ..state import State
 
 
@@ -20,4 +20,6 @@ EFFECT = Effect(
     settled_by="measure the tube output with a dosimeter",
     parameters=(Parameter("factor", "1", "f: photons relative to the stated number", 0.02, 50.0, 1.0, 0.7, 1.0),),
     apply=apply,
+    needs=(NOMINAL_PHOTONS,),
+    of_one_scan=True,
 )

@@ -56,4 +56,5 @@ EFFECT = Effect(
         ),
     ),
     apply=apply,
+    removed_by=("scatter",),
 )

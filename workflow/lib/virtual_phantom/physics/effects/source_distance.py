@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from ...base.geometry import orbit_of
-from ..effect import Effect, Parameter
+from ..effect import DIVERGENT_BEAM, Effect, Parameter
 from ..state import State
 
 
@@ -30,4 +30,5 @@ EFFECT = Effect(
         Parameter("detector_mm", "mm", "error d of the distance to the detector", -80.0, 80.0, 0.0, 0.0),
     ),
     apply=apply,
+    needs=(DIVERGENT_BEAM,),
 )

@@ -1,6 +1,6 @@
 """Drift of the source during the scan."""
 
-from ..effect import PER_SCAN, Effect, Parameter, Reach
+from ..effect import DIVERGENT_BEAM, PER_SCAN, Effect, Parameter, Reach
 from ..state import State
 
 FASTEST = 20.0  # mm/s
@@ -39,4 +39,5 @@ EFFECT = Effect(
         ),
     ),
     apply=apply,
+    needs=(DIVERGENT_BEAM,),
 )

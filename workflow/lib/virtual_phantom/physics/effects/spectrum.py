@@ -1,7 +1,7 @@
 """Polychromatic spectrum: beam hardening."""
 
 from ..beam.spectra import weighted_spectrum
-from ..effect import LOGARITHM, OF_PROTOCOL, Effect, Parameter
+from ..effect import LOGARITHM, OF_PROTOCOL, SENSOR_THICKNESS, TUBE_VOLTAGE, Effect, Parameter
 from ..state import State
 
 
@@ -25,11 +25,29 @@ EFFECT = Effect(
     signature="line integrals fall below proportionality with path length, equally everywhere, and more behind bone",
     settled_by="scan the object behind a plate of aluminum or copper: hardening shrinks, scatter grows",
     parameters=(
-        Parameter("kvp", "kV", "tube voltage", 30.0, 150.0, 110.0, 120.0, None, belongs_to=OF_PROTOCOL),
+        Parameter(
+            "kvp", "kV", "tube voltage", 30.0, 150.0, 110.0, 120.0, None, belongs_to=OF_PROTOCOL, nominal=TUBE_VOLTAGE
+        ),
         Parameter(
             "filtration_mm", "mm Al", "filtration, as aluminum", 0.2, 40.0, 6.0, 6.0, None, belongs_to=OF_PROTOCOL
         ),
-        Parameter("sensor_mm", "mm", "thickness of the detector sensor", 0.01, 100.0, 0.6, 0.6, None, LOGARITHM),
+        Parameter(
+            "sensor_mm",
+            "mm",
+            "thickness of the detector sensor",
+            0.01,
+            100.0,
+            0.6,
+            0.6,
+            None,
+            LOGARITHM,
+            nominal=SENSOR_THICKNESS,
+            title="sensor thickness",
+        ),
     ),
     apply=apply,
+    removed_by=("beam_hardening",),
+    absolute_attenuation=True,
+    if_absent="The label says a tube of {tube_kvp:g} kV, but no beam hardening is seen: the recording may have been "
+    "corrected for it already.",
 )

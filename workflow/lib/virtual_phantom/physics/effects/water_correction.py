@@ -25,4 +25,5 @@ EFFECT = Effect(
         Parameter("cubic", "1", "b: cubic coefficient", -0.001, 0.005, 0.0, 0.0),
     ),
     apply=apply,
+    correction="beam_hardening",
 )

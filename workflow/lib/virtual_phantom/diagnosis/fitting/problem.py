@@ -1,0 +1,302 @@
+"""Least-squares problem of one recording: unknowns, prior knowledge, residuals and derivatives."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from ...physics.effect import FOCAL_SPOT, GEOMETRY, MOTION, load
+from ..noise import gain_pattern
+from ..noise.condensed import Observed
+from .linearization import LinearisationPoint
+from .nuisance import POSES, SURE, Nuisance
+from .steps import bounded_step
+
+MOST_LINEARISATIONS = 3  # numerical errors are recomputed at most so often in a fit, each time when it has converged
+# Starts tried where a fit has stalled: distances from its end, as shares of the range.
+FARTHER = (-0.5, -0.1, 0.1, 0.5)
+# Finite differences: shares of the plausible range and of a nuisance parameter's standard deviation. Path lengths are
+# in single precision, so that smaller steps would measure rounding.
+STEP, ALIGNMENT_STEP = 2e-3, 4e-3
+# The same by stage, for parameters that displace rays or the object and trade against size, scale and position to one
+# part in ten. With slopes over eight times these steps, 3 to 5 % off, fits of source distances ended 3 to 24 above the
+# minimum of chi-square.
+MOVING_STEPS = {GEOMETRY: 2.5e-4, MOTION: 2.5e-4, FOCAL_SPOT: 2e-3}
+# For these slopes and those of the pose, rays follow others over a distance so many times larger: all derivatives are
+# then of the same rays. A blur has no slope of first order, so its rays keep the usual distance.
+SLOPE_REACH = 2.0
+UNKNOWN_STEP = 1e-3  # of a nuisance parameter without prior knowledge
+SIZE_STEP = 4e-5  # 4 um at 100 mm, as for positions
+MOST_KEPT = 1e8  # bytes: larger Jacobians are not cached
+
+
+class Problem:
+    """Unknowns of one set of effects for one recording, their priors, and their residuals.
+
+    A point is a vector of the effects' numbers (`unknowns`) followed by the nuisance parameters (`aligned`).
+
+    Parameters
+    ----------
+    fitter : Fitter
+        Model, data and weights.
+    given : Fit or None
+        Where the numbers begin.
+    beside : str, optional
+        A further effect that is not fitted but changes what is known of the nuisance parameters.
+
+    Attributes
+    ----------
+    start, low, high : ndarray, shape (numbers,)
+        Starting point and bounds.
+    centre, knowledge : ndarray, shape (numbers,)
+        Means of the Gaussian priors, and their inverse variances (0: no prior).
+    steps : ndarray, shape (numbers,)
+        Steps of finite differences.
+    pattern : ndarray, shape (rows, columns), or None
+        Gain pattern that is subtracted from residuals.
+    """
+
+    def __init__(self, fitter, effects: tuple[str, ...], given=None, beside: str | None = None):
+        self.fitter, self.effects = fitter, tuple(effects)
+        self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
+        self.patterned, self.pattern, self.estimated = any(load(name).pattern for name in effects), None, None
+        self.linearisation, self.linearised = self.model.nominal if given is None else given.linearisation, 0
+        self.whole = self.model.whole(self.effects)
+        self.unknowns = self.model.unknowns(self.whole)
+        self.aligned = self.model.alignment(self.effects if beside is None else (*self.effects, beside))
+        self.fresh = [given is None or unknown.effect not in given.physics for unknown in self.unknowns]
+        values = [
+            unknown.start if fresh else unknown.of(given.physics[unknown.effect][unknown.name])
+            for unknown, fresh in zip(self.unknowns, self.fresh, strict=True)
+        ]
+        aligned = self.aligned
+        nuisance = {number.name: number.expected for number in aligned} if given is None else given.nuisance
+        start = np.array([*values, *(nuisance[number.name] for number in aligned)], float)
+        ends = [(number.expected - SURE * number.sd, number.expected + SURE * number.sd) for number in aligned]
+        self.low, self.high = np.array([*((unknown.low, unknown.high) for unknown in self.unknowns), *ends]).T.copy()
+        self.start = np.clip(start, self.low, self.high)
+        self.count = sum(int((weight > 0).sum()) for weight in self.weights)
+        self.centre = np.array([number.expected for number in (*self.unknowns, *aligned)])
+        width = np.array([number.sd for number in (*self.unknowns, *aligned)])
+        self.knowledge = np.where(np.isfinite(width), 1 / width**2, 0)
+        spans = [
+            (MOVING_STEPS[load(unknown.effect).stage] if unknown.moves else STEP) * (unknown.high - unknown.low)
+            for unknown in self.unknowns
+        ]
+        self.steps = np.array(spans + [nuisance_step(number) for number in aligned])
+        self.moving = [unknown.moves for unknown in self.unknowns] + [number.name in POSES for number in aligned]
+
+    @classmethod
+    def at(cls, fitter, fit, beside: str | None = None) -> Problem:
+        """Return the problem that a fit has solved, beginning where the fit ended."""
+        found = cls(fitter, fit.effects, fit, beside)
+        found.pattern = fit.pattern
+        return found
+
+    def of_held_out(self) -> Problem:
+        """Return the same problem on the held-out data."""
+        found = copy.copy(self)
+        found.data, found.weights = self.fitter.held_out, self.fitter.held_weights
+        return found
+
+    def best_start(self) -> np.ndarray:
+        """Return the best starting point, shape (numbers,).
+
+        All starts of new effects are tried, with the given and with the expected nuisance parameters: a fit from a
+        single start may end in a local minimum.
+        """
+        count = len(self.unknowns)
+        choices = [
+            unknown.starts if fresh else (value,)
+            for unknown, fresh, value in zip(self.unknowns, self.fresh, self.start, strict=False)
+        ]
+        if all(len(choice) == 1 for choice in choices):
+            return self.start
+        faint = any(self._new_strengths())
+        tried = []
+        for nuisance in (self.start[count:], np.array([number.expected for number in self.aligned])):
+            full = [self.solve_scale_and_offset(np.array([*values, *nuisance])) for values in product(*choices)]
+            tried += full
+            if faint:
+                off = self.solve_scale_and_offset(self._switched_off(np.array([*self.start[:count], *nuisance])))
+                tried += [self._between(off, on) for on in full]
+        return min(tried, key=lambda solved: self.chi_square(solved[1], solved[0]))[0]
+
+    def _new_strengths(self) -> list[bool]:
+        """Return for each unknown whether its effect is new and has a value at which it does nothing."""
+        return [fresh and unknown.neutral is not None for unknown, fresh in zip(self.unknowns, self.fresh, strict=True)]
+
+    def _switched_off(self, point: np.ndarray) -> np.ndarray:
+        """Return a point with new effects at their neutral values, where they have any."""
+        point = point.copy()
+        for index, new in enumerate(self._new_strengths()):
+            if new:
+                point[index] = self.unknowns[index].neutral
+        return point
+
+    def _between(
+        self, off: tuple[np.ndarray, list[np.ndarray]], full: tuple[np.ndarray, list[np.ndarray]]
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Return the best point between two, and its residuals, if residuals change linearly from one to the other.
+
+        `off` and `full` have new effects off or at full strength. With a starting strength that is far too high, the
+        shape that does the least harm would look best.
+        """
+        change = [here - there for here, there in zip(off[1], full[1], strict=True)]
+        square = chi_square(self.weights, change)
+        if not square:
+            return full
+        along = sum(float((w * r * c).sum()) for w, r, c in zip(self.weights, off[1], change, strict=True))
+        point = full[0].copy()
+        for index, new in enumerate(self._new_strengths()):
+            if new:
+                point[index] = off[0][index] + along / square * (full[0][index] - off[0][index])
+        return self.solve_scale_and_offset(np.clip(point, self.low, self.high))
+
+    def farther(self, fit) -> list:
+        """Return starts for a fit that has stalled: new geometry parameters are displaced, the others stay as fitted.
+
+        Geometry trades against the pose along narrow valleys, which are rough: errors of finite steps change along
+        them.
+        """
+        found = []
+        for index, new in enumerate(self._new_strengths()):
+            unknown = self.unknowns[index]
+            if not new or load(unknown.effect).stage != GEOMETRY:
+                continue
+            here = unknown.of(fit.physics[unknown.effect][unknown.name])
+            numbers = [here + share * (self.high[index] - self.low[index]) for share in FARTHER]
+            for number in dict.fromkeys(np.clip(numbers, self.low[index], self.high[index])):
+                moved = fit.physics[unknown.effect] | {unknown.name: float(unknown.value(number))}
+                found.append(replace(fit, physics=fit.physics | {unknown.effect: moved}))
+        return found
+
+    def needs_new_corrections(self, point: np.ndarray) -> bool:
+        """Relinearize numerical errors at a point too far from where they were computed; return whether."""
+        if self.linearised == MOST_LINEARISATIONS:
+            return False
+        physics, nuisance = self._named(point)
+        prediction = self.model.predict(physics, nuisance, self.data, self.linearisation)
+        if not self.model.strayed(self.linearisation.errors, nuisance, prediction, self.weights[0]):
+            return False
+        self.linearisation = replace(self.linearisation, errors=LinearisationPoint.of(physics, nuisance))
+        self.linearised += 1
+        return True
+
+    def follow(self, point: np.ndarray) -> bool:
+        """Trace rays at a point if they lie too far from those traced so far; return whether."""
+        physics, nuisance = self._named(point)
+        if self.model.follows(physics, nuisance, self.linearisation.rays):
+            return False
+        self.linearisation = replace(self.linearisation, rays=LinearisationPoint.of(physics, nuisance))
+        return True
+
+    def residuals(self, point: np.ndarray, reach: float = 1.0) -> list[np.ndarray]:
+        """Return observed minus predicted data and gain pattern by part, shape (data,), with whitened noise."""
+        prediction = self.model.predict(*self._named(point), self.data, replace(self.linearisation, reach=reach))
+        return less_pattern(self.data.residuals(prediction), self.pattern, self.data)
+
+    def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
+        """Return a point as parameters by effect, and nuisance parameters by name."""
+        physics = {name: self.model.known(name) for name in self.whole}
+        for unknown, number in zip(self.unknowns, point, strict=False):
+            physics[unknown.effect][unknown.name] = float(unknown.value(number))
+        aligned = zip(self.aligned, point[len(self.unknowns) :], strict=True)
+        return physics, {number.name: float(value) for number, value in aligned}
+
+    def solve_scale_and_offset(self, point: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Return a point with the best density scale and air offset, in closed form, and its residuals by part.
+
+        Predictions are linear in both, and most effects trade against them: otherwise fits creep along narrow, curved
+        valleys.
+        """
+        physics, nuisance = self._named(point)
+        prediction = self.model.predict(physics, nuisance, self.data, self.linearisation)
+        residuals = less_pattern(self.data.residuals(prediction), self.pattern, self.data)
+        first = len(self.unknowns)
+        index = [first + [number.name for number in self.aligned].index(name) for name in ("scale", "offset")]
+        changes = (self.data.whitened(np.where(self.data.usable, column, 0)) for column in prediction.design)
+        design, weight = np.stack([column.ravel() for column in changes]), self.weights[0]
+        information = (design * weight) @ design.T + np.diag(self.knowledge[index])
+        gradient = (design * weight) @ residuals[0] + self.knowledge[index] * (self.centre[index] - point[index])
+        step = bounded_step(information, gradient, point[index], self.low[index], self.high[index])
+        point = point.copy()
+        point[index] = np.clip(point[index] + step, self.low[index], self.high[index])
+        return point, [np.where(weight > 0, residuals[0] - step @ design, 0), *residuals[1:]]
+
+    def recompute_residuals(self, point: np.ndarray) -> list[np.ndarray]:
+        """Estimate the gain pattern at a point if one is fitted, and return the residuals."""
+        self.pattern = None
+        residuals = self.residuals(point)
+        if not self.patterned:
+            return residuals
+        shape, weight = self.data.mean.shape, self.weights[0]
+        self.estimated = gain_pattern.estimate(residuals[0].reshape(shape), weight.reshape(shape), self.data.whitening)
+        self.pattern = self.estimated.values
+        return less_pattern(residuals, self.pattern, self.data)
+
+    def chi_square(self, residuals: list[np.ndarray], point: np.ndarray) -> float:
+        """Return chi-square of residuals plus that of a point's deviation from the priors."""
+        return chi_square(self.weights, residuals) + float((self.knowledge * (point - self.centre) ** 2).sum())
+
+    def jacobian(self, point: np.ndarray, residuals: list[np.ndarray]) -> list[np.ndarray]:
+        """Return the change of predictions per step (`steps`) of every number, by part, shape (numbers, data)."""
+        columns = [self.derivative(index, point, residuals) for index in range(len(point))]
+        return [
+            np.stack([step * column[part] for step, column in zip(self.steps, columns, strict=True)])
+            for part in range(len(residuals))
+        ]
+
+    def jacobian_at_start(self) -> list[np.ndarray]:
+        """Return the Jacobian at the starting point, from the cache unless it is large."""
+
+        def compute() -> list[np.ndarray]:
+            return self.jacobian(self.start, self.residuals(self.start))
+
+        if 8 * len(self.start) * self.data.mean.size > MOST_KEPT:
+            return compute()
+        arrays = (self.start, self.steps, self.high, *(() if self.pattern is None else (self.pattern,)))
+        linearised = self.linearisation.errors.key, self.linearisation.rays.key
+        held = self.data is self.fitter.held_out
+        key = self.effects, held, linearised, tuple(array.tobytes() for array in arrays)
+        return self.fitter.kept.get(key, compute)
+
+    def normal(self, jacobian, point: np.ndarray, residuals: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the information matrix, and the gradient of minus half of chi-square."""
+        information, gradient = np.diag(self.knowledge), self.knowledge * (self.centre - point)
+        for rows, weight, residual in zip(jacobian, self.weights, residuals, strict=True):
+            weighted = rows * weight
+            information = information + (weighted @ rows.T) / np.outer(self.steps, self.steps)
+            gradient = gradient + (weighted @ residual) / self.steps
+        return information, gradient
+
+    def derivative(self, index: int, point: np.ndarray, residuals: list[np.ndarray]) -> list[np.ndarray]:
+        """Return the change of predictions per unit of one number, by part, as a one-sided difference."""
+        step = self.steps[index] if point[index] + self.steps[index] <= self.high[index] else -self.steps[index]
+        moved = point.copy()
+        moved[index] += step
+        there = self.residuals(moved, SLOPE_REACH if self.moving[index] else 1.0)
+        return [(before - after) / step for before, after in zip(residuals, there, strict=True)]
+
+
+def nuisance_step(number: Nuisance) -> float:
+    """Return the finite-difference step of a nuisance parameter."""
+    if number.name == "size":
+        return SIZE_STEP
+    return ALIGNMENT_STEP * number.sd if np.isfinite(number.sd) else UNKNOWN_STEP
+
+
+def chi_square(weights: list[np.ndarray], residuals: list[np.ndarray]) -> float:
+    """Return the weighted sum of squared residuals over all parts."""
+    return sum(float((weight * residual**2).sum()) for weight, residual in zip(weights, residuals, strict=True))
+
+
+def less_pattern(parts: list[np.ndarray], pattern: np.ndarray | None, data: Observed) -> list[np.ndarray]:
+    """Subtract a gain pattern, if there is one, from the mean's residuals."""
+    if pattern is None:
+        return parts
+    mean = parts[0].reshape(data.mean.shape) - data.whitened(np.where(data.usable, pattern, 0))
+    return [mean.ravel(), *parts[1:]]

@@ -1,0 +1,223 @@
+"""Warnings of a diagnosis: limits of the recording, parameters at their bounds, and declared physics that is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import sqrt
+
+import numpy as np
+from scipy import stats
+
+from ...base.names import enumerated, label
+from ...physics.effect import Parameter, load
+from ...statistics.multiplicity import bonferroni
+from ..fitting.fit import Fit
+from ..fitting.model import Model
+from ..fitting.nuisance import SURE, Nuisance
+from ..fitting.steps import interval
+from ..fitting.unknown import Unknown
+from ..residuals.dataset import Prepared
+from ..residuals.residual_tests import ALPHA, EDGES, Location
+from ..selection.forward_selection import Choice
+
+ALIKE = 0.9  # correlation of recording and simulation; less is another object, position or geometry
+# Share of chi-square beyond noise in the steepest tenth of the data, from which a mismatch lies along edges. Cylinders
+# drawn in voxels of 0.25 to 2 mm left 0.32 to 1.1 there once the physics was fitted. Scatter and a spectrum that were
+# not fitted, and were more than what voxels leave, 0.08 to 0.15.
+ALONG_EDGES = 0.25
+ABSENT = 10.0  # log score that an effect implied by the label must lose to be reported as absent
+# Share of a range, or of a nuisance parameter's largest deviation, within which a number counts as at its bound: fits
+# end on the bound itself.
+AT_BOUND = 1e-6
+# Standard errors that must fit into a range for its end to mean anything: else the 95 % interval fills it.
+WELL_KNOWN = 4.0
+# Chi-square per datum of the mean above which the model does not fit: a difference of half the noise's SD in all data.
+MOST_CHI_SQUARE = 1.25
+ADVISED = ("scale", "offset", "x_mm", "y_mm", "z_mm", "turn_deg", "size")  # keys of the configuration's alignment
+# Share of a declared standard deviation: a fit that reduces it by less has not measured the parameter.
+LEAST_TOLD = 0.1
+
+
+def caveats(
+    prepared: Prepared, choice: Choice, tube_kvp: float | None = None, left: Sequence[Location] = ()
+) -> list[str]:
+    """Return sentences for the report on limits of the recording.
+
+    Parameters
+    ----------
+    tube_kvp : float, optional
+        Nominal tube voltage, kV.
+    left : sequence of Location, optional
+        Locations of the remaining mismatch, the worst first.
+    """
+    found = prepared.caveats()
+    if prepared.lacking:
+        found.append(f"In recording.yaml {prepared.lacking}.")
+    alike = likeness(prepared, choice)
+    if alike < ALIKE:
+        found.append(
+            f"Recording and simulation correlate by {alike:.2f} only, whatever the effects: this is another object, at "
+            "another place, or scanned in another geometry. Mend that first."
+        )
+    if tube_kvp is not None:
+        found += [load(name).if_absent.format(tube_kvp=tube_kvp) for name in choice.alone if _is_absent(name, choice)]
+    if prepared.voxels and EDGES in [place.domain for place in left] and _along_edges(prepared, choice):
+        found.append(
+            f"What is left lies along edges, {prepared.voxels} would show whether anything else is left "
+            "(docs/how-to/objects.md)."
+        )
+    return found
+
+
+def likeness(prepared: Prepared, choice: Choice) -> float:
+    """Return the correlation of the recorded data with the selected model's."""
+    recorded = prepared.recorded()
+    modelled = recorded - prepared.difference(choice.chosen.fit, held_out=False)
+    return float(np.corrcoef(recorded, modelled)[0, 1])
+
+
+def _along_edges(prepared: Prepared, choice: Choice) -> bool:
+    share = prepared.share_at_edges(choice.chosen.fit)
+    return share is not None and share >= ALONG_EDGES
+
+
+def _is_absent(name: str, choice: Choice) -> bool:
+    """Return whether the data reject an effect that the label implies, also as an alternative explanation."""
+    chosen = choice.chosen
+    if not load(name).if_absent or name in chosen.fit.effects:
+        return False
+    loses = chosen.score - choice.baseline.score - choice.alone[name] > ABSENT
+    return loses and not any(name in choice.ambiguous_with(effect) for effect in chosen.fit.effects)
+
+
+def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """Return phrases for the verdict on parameters at their bounds and on a model that does not fit.
+
+    Parameters
+    ----------
+    held_out : mapping
+        Metrics before and after, from verdict.metrics_of.
+    """
+    fit = choice.chosen.fit
+    found = []
+    plausible = {(name, one.name): one for name in fit.effects for one in model.parameters(name)}
+    for unknown in model.unknowns(fit.effects):
+        value, error = fit.physics[unknown.effect][unknown.name], fit.errors[unknown.effect].get(unknown.name, 0.0)
+        low, high = unknown.value(unknown.low), unknown.value(unknown.high)
+        if WELL_KNOWN * error > high - low:  # the data do not measure it
+            continue
+        # A lower end of 0 is the absence of the effect.
+        ends = {"upper": high} | ({"lower": low} if low not in (0, unknown.neutral) else {})
+        for end, bound in ends.items():
+            if abs(value - bound) <= AT_BOUND * (high - low):
+                parameter = plausible[unknown.effect, unknown.name]
+                name, amount = _quantity(parameter, value)
+                known = _stated(unknown, model) or f"not stated, the {end} end of its range"
+                found.append(f"{name} of {label(unknown.effect)} is {amount} ({known})")
+    if pulled := _pulled(fit, model):
+        names = enumerated([label(number.name) for number in pulled])
+        moved = "; ".join(
+            f"to {fit.nuisance[number.name]:.3g}, known: {number.expected:.3g} ± {number.sd:.3g}" for number in pulled
+        )
+        found.append(
+            f"{names} of the alignment had to be pulled as far as a fit may ({SURE:g} standard deviations: {moved})"
+        )
+    left = held_out.get("chi_square_mean", {}).get("after", 1.0)
+    if left > MOST_CHI_SQUARE:
+        found.append(f"chi-square per datum is {left:.2f} where noise alone gives 1.00")
+    return found
+
+
+def advice(fit: Fit, model: Model) -> list[str]:
+    """Return sentences on what to state where nuisance parameters reached their bounds.
+
+    Returns
+    -------
+    list of str
+        One for each number that the configuration may give: not for photons and numerical errors.
+    """
+    found = []
+    for number in _pulled(fit, model):
+        if number.name not in ADVISED:
+            continue
+        why = ": it is the density of the object, which is often known to some per cent" * (number.name == "scale")
+        found.append(
+            f"{label(number.name).capitalize()} of the alignment is taken to be known to {number.sd:.3g}{why}. "
+            f"If it may be farther off, give its standard deviation: alignment: {{{number.name}: ...}} under "
+            "diagnosis.recordings (docs/how-to/diagnosis.md)."
+        )
+    return found
+
+
+def _pulled(fit: Fit, model: Model) -> list[Nuisance]:
+    """Return the nuisance parameters at their bounds."""
+    most = SURE * (1 - AT_BOUND)
+    return [number for number in model.alignment(fit.effects) if abs(fit.pulled.get(number.name, 0.0)) > most]
+
+
+def _quantity(parameter: Parameter, value: float) -> tuple[str, str]:
+    """Return a parameter's name without its unit, and its value with it."""
+    begin, _, end = parameter.name.rpartition("_")
+    name = begin if begin and parameter.unit.startswith(end) else parameter.name
+    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    return parameter.title or label(name), f"{value:.3g}{unit}"
+
+
+def _stated(unknown: Unknown, model: Model) -> str:
+    """Return a parameter's prior in words; empty if there is none."""
+    declared = model.declared.get(unknown.effect, {}).get(unknown.name)
+    if declared is not None:
+        return f"stated: {declared.value:g}, known within {declared.sd:g}"
+    nominal = unknown.parameter.nominal
+    return model.labels[nominal].words if nominal else ""
+
+
+def statements(
+    fit: Fit, model: Model, errors: Mapping[str, Mapping[str, float]] | None = None
+) -> dict[str, dict[str, dict]]:
+    """Compare declared physics with a fit.
+
+    The pull of a parameter is the difference of fitted and declared value over the root of the difference of their
+    variances: standard normal if the declaration is right [1]_. Both are of the number that fits vary. Model errors
+    add to the variance.
+
+    Parameters
+    ----------
+    errors : mapping of str to mapping of str to float, optional
+        Standard errors with model errors, as `model_error.Errors` has them; None: those of the fit.
+
+    Returns
+    -------
+    dict
+        {effect: {parameter: {"stated", "sd", "value", "ci95", "unit", "pull", "off"}}}; off: the pull is significant
+        over all declared parameters.
+
+    References
+    ----------
+    .. [1] L. Demortier and L. Lyons, Everything you always wanted to know about pulls, CDF note 5776, 2002.
+    """
+    numbers = {(unknown.effect, unknown.name): unknown for unknown in model.unknowns(tuple(model.declared))}
+    found: dict[str, dict[str, dict]] = {}
+    for name, parameters in model.declared.items():
+        units = {parameter.name: parameter.unit for parameter in load(name).parameters}
+        found[name] = {}
+        for key, stated in parameters.items():
+            value, error = fit.physics[name][key], fit.errors[name].get(key, 0.0)
+            whole = error if errors is None else max(error, errors[name].get(key, error))
+            pull = 0.0
+            if (number := numbers.get((name, key))) is not None:
+                of_noise, of_all = (number.number_error(value, one) for one in (error, whole))
+                # Variance by which the data have reduced that of the declaration; at least a little of it.
+                told = max(number.sd**2 - of_noise**2, (number.sd * LEAST_TOLD) ** 2)
+                pull = (number.of(value) - number.expected) / sqrt(told + of_all**2 - of_noise**2)
+            p = float(bonferroni(2 * stats.norm.sf(abs(pull)), max(len(numbers), 1)))
+            found[name][key] = {
+                "stated": stated.value,
+                "sd": stated.sd,
+                "value": value,
+                "ci95": interval(value, whole),
+                "unit": units[key],
+                "pull": pull,
+                "off": p < ALPHA,
+            }
+    return found
