@@ -5,12 +5,14 @@ from __future__ import annotations
 import importlib
 import math
 import pkgutil
+import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 from ..base.errors import InputError, meant
+from ..base.words import label
 from . import effects
 
 # Stages of what moves rays, the object, and where rays begin.
@@ -48,6 +50,8 @@ OF_A_SPOT = (
     "source_distance",
     "source_drift",
 )
+# Units that end the name of a parameter, such as width_mm and rows_mm_per_s.
+UNIT_AT_END = re.compile(r"(_(mm|um|deg|px|hu|ms|units))?(_per_(s|mm2?|photon))?$")
 LOGARITHM = 0  # as a power: fits vary the logarithm
 # Whose a parameter is: all recordings of a scanner have it in common, those of one of its protocols, or none.
 OF_SCANNER, OF_PROTOCOL, OF_SCAN = "scanner", "protocol", "scan"
@@ -101,6 +105,8 @@ class Parameter:
         Which recordings have it in common.
     kernel : bool
         The width of a kernel or source whose form is assumed: that of a real one may be another.
+    title : str
+        Name in texts; empty: `name` without its unit.
     """
 
     name: str
@@ -116,6 +122,13 @@ class Parameter:
     stated: bool = False
     belongs_to: str = OF_SCANNER
     kernel: bool = False
+    title: str = ""
+
+    @property
+    def display_name(self) -> str:
+        """Name in texts, without the unit."""
+        name = self.title or label(UNIT_AT_END.sub("", self.name))
+        return f"kernel {name}" if self.kernel and not self.title else name
 
     def number(self, value: float) -> float:
         """What fits vary, of a value."""
@@ -171,6 +184,8 @@ class Effect:
     rank : int
         Of image effects, which act in the order of their ranks, and of their names where these are equal: 0 for
         sharpness, 1 for the numbers.
+    title : str
+        Name in texts; empty: `name` with spaces.
     """
 
     name: str
@@ -185,6 +200,12 @@ class Effect:
     pattern: bool = False
     rank: int = 0
     beside: str | None = None
+    title: str = ""
+
+    @property
+    def display_name(self) -> str:
+        """Name in texts."""
+        return self.title or label(self.name)
 
     @property
     def kinematic(self) -> bool:

@@ -11,6 +11,7 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="anti_scatter_grid",
+    title="anti-scatter grid",
     physics="Septa that point at the focal spot stop what comes from the side: there is less scatter, and it comes "
     "from nearer. What they stop of the beam itself is in the photons already.",
     equation="scatter from a place d beside, on the detector, arrives with the share max(0, 1 - r d / L); L: from the "

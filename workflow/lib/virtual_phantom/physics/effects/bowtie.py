@@ -47,6 +47,7 @@ EFFECT = Effect(
             10.0,
             30.0,
             belongs_to=OF_PROTOCOL,  # scanners have several bowties
+            title="thickness at 20 degrees",
         ),
         Parameter("exponent", "1", "n: power of the angle by which it grows", 1.0, 6.0, 2.0, 2.0, None, stated=True),
         Parameter("levels_off_deg", "degrees", "w; 0: it grows on and on", 0.0, 60.0, 0.0, 0.0, None, stated=True),

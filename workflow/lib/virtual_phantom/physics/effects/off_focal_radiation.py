@@ -31,6 +31,7 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="off_focal_radiation",
+    title="off-focal radiation",
     physics="Electrons scattered back strike the anode around the focal spot: a faint, wide source.",
     equation="T = (1 - s) T(spot) + s mean of h T(x) over x from -w/2 to w/2 along the columns, in the air scan "
     "too; h = 1 where the ray from x passes the pre-patient collimator (at c, as wide as the beam), else "

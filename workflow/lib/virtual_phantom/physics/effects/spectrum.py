@@ -24,11 +24,24 @@ EFFECT = Effect(
     signature="line integrals bend down with path length, alike everywhere; more so behind bone",
     settled_by="the same object behind a plate of aluminium or copper: hardening shrinks, scatter grows",
     parameters=(
-        Parameter("kvp", "kV", "tube voltage", 30.0, 150.0, 110.0, 120.0, None, belongs_to=OF_PROTOCOL),
+        Parameter(
+            "kvp", "kV", "tube voltage", 30.0, 150.0, 110.0, 120.0, None, belongs_to=OF_PROTOCOL, title="tube voltage"
+        ),
         Parameter(
             "filtration_mm", "mm Al", "filtration, as aluminium", 0.2, 40.0, 6.0, 6.0, None, belongs_to=OF_PROTOCOL
         ),
-        Parameter("sensor_mm", "mm", "thickness of the detector's sensor", 0.01, 100.0, 0.6, 0.6, None, LOGARITHM),
+        Parameter(
+            "sensor_mm",
+            "mm",
+            "thickness of the detector's sensor",
+            0.01,
+            100.0,
+            0.6,
+            0.6,
+            None,
+            LOGARITHM,
+            title="sensor thickness",
+        ),
     ),
     apply=apply,
 )
