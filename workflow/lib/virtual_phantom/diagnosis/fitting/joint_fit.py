@@ -170,13 +170,15 @@ class JointFitter:
         one = others.fits[(alike or list(rest.fitters))[0]]
         held = fitter.of(copy.copy(fitter.model))
         whole = self.whole(effects)
-        held.model.fixed = {effect: those(known, effect, one.physics[effect]) for effect in whole}
+        held.model.fixed = {effect: parameters_owned_by(known, effect, one.physics[effect]) for effect in whole}
         physics = {
             effect: others.physics[effect] | begun.physics.get(effect, {}) | held.model.fixed[effect]
             for effect in whole
         }
         fit = held.fit(effects, replace(begun, effects=effects, physics=physics))
-        errors = {effect: fit.errors[effect] | those(known, effect, one.errors[effect]) for effect in whole}
+        errors = {
+            effect: fit.errors[effect] | parameters_owned_by(known, effect, one.errors[effect]) for effect in whole
+        }
         return replace(fit, errors=errors, directions=one.directions)
 
     def _protocol(self, name: str, effects: tuple[str, ...]) -> str:
@@ -331,12 +333,12 @@ class JointProblem:
         first = next(iter(fits.values()))
         physics = {name: {**values, **of_one_scan(name)} for name, values in first.physics.items()}
         common = (OF_SCANNER,) if self.several else NOT_OF_SCAN
-        known = {name: those(common, name, values) for name, values in first.errors.items()}
+        known = {name: parameters_owned_by(common, name, values) for name, values in first.errors.items()}
         free = len(self.low) - sum(len(one.aligned) for one in self.problems.values())
         return JointFit(first.effects, physics, known, total, free, fits)
 
 
-def those(owners: Collection[str], name: str, values: Mapping[str, float]) -> dict[str, float]:
+def parameters_owned_by(owners: Collection[str], name: str, values: Mapping[str, float]) -> dict[str, float]:
     """Of an effect's parameters, or of their errors, those that belong to one of these.
 
     Parameters
