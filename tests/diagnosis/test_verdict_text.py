@@ -1,4 +1,4 @@
-"""What a diagnosis says in words: its sentence, its doubts with what to do about them, and the numbers of places."""
+"""Text of a verdict: lines for every outcome, doubts with advice, and the numbers of locations."""
 
 from types import SimpleNamespace
 
@@ -14,7 +14,13 @@ from virtual_phantom.diagnosis.projections.model import ScansModel
 from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.diagnosis.verdict.doubts import advice, doubts
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
-from virtual_phantom.diagnosis.wording import sentence
+from virtual_phantom.diagnosis.verdict_text import (
+    console_text,
+    feature_lines,
+    recording_lines,
+    setup_lines,
+    with_verdict_text,
+)
 from virtual_phantom.physics.beam import sensors
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.scene import DiscScene
@@ -32,6 +38,14 @@ GEOMETRY = circular(
 SCENE = DiscScene(160.0, "water")
 PHOTONS = 2e5
 PLACE = {"domain": "columns", "where": "column 3 of 64", "z": 9.0, "p": 1e-9, "map": "columns.npy"}
+EDGES = {"domain": "edges", "where": "the 10 % steepest rays"}
+THRESHOLDS = {"hu": 1, "contrast_percent": 1, "noise_percent": 1, "resolution_percent": 1, "features_sd": 0.2}
+SCATTER = {"amount": {"value": 0.0531, "unit": "1"}, "width_mm": {"value": 62.4, "unit": "mm"}}
+RMS = {"rms_line_integral": {"before": 0.01696, "after": 0.01133, "floor": 0.011}}
+DECLARED = {"value": 0.02, "ci95": [0.019, 0.021], "unit": "1", "stated": 0.005, "sd": 0.001, "off": True}
+PIECE = {"x_mm": -35.2, "y_mm": -20.0, "z_mm": None, "width_mm": 30.0, "hu": -91.2}
+SETUP = {"of": "line integrals", "share_stated": 0.88, "share": 0.23, "location": {}, "alike": []}
+MOST_WORDS = 26
 
 
 def content(*effects, **changes):
@@ -43,37 +57,218 @@ def content(*effects, **changes):
         "ambiguous_with": {},
         "unexplained": [],
         "doubts": [],
-        "excess_removed": 0.763,
-        "excess_rms_removed": 0.513,
-        "held_out": {"rms_line_integral": {"before": 0.00326, "after": 0.00321, "floor": 0.0021}},
+        "excess_removed": 0.942,
+        "excess_rms_removed": 0.79,
+        "held_out": RMS,
+        "next_measurement": [],
     } | changes
 
 
-def test_many_effects_are_a_list_with_alternatives_in_brackets():
+def practice(small=(), **changes):
+    return {"practice": {"thresholds": THRESHOLDS, "small": list(small), "differing": {}} | changes}
+
+
+def written(lines):
+    """The lines as documents hold them: five at most, each of a label and few words."""
+    found = with_verdict_text({}, lines)
+    assert 1 <= len(found["verdict_lines"]) <= 5 and found["sentence"] == " ".join(found["verdict_lines"])
+    for line in found["verdict_lines"]:
+        assert line.endswith(".") and ": " in line and ".." not in line
+        assert len(line.replace("diagnosis.recordings", "").split()) <= MOST_WORDS, line
+    return found["verdict_lines"]
+
+
+def lines_of(*effects, stated=None, **changes):
+    return written(recording_lines(content(*effects, **changes), stated))
+
+
+def test_missing_physics_is_told_with_its_fit_and_the_remaining_mismatch():
+    found = lines_of(
+        unexplained=[EDGES],
+        effects=[{"name": "scatter", "parameters": SCATTER}, {"name": "anti_scatter_grid"}],
+        ambiguous_with={"anti_scatter_grid": ["dark_signal"]},
+        **practice(["anti_scatter_grid"], remaining={"hu": {"value": -0.31, "error": 0.02}}),
+    )
+    assert found == [
+        "Missing physics: scatter (amount 0.0531, kernel width 62.4 mm).",
+        "Fit on held-out data: excess RMS 0.0129 -> 0.00271 (79 % removed); noise 0.011.",
+        "Remaining mismatch: object edges (the 10 % steepest rays), 0.31 HU in images.",
+        "Also significant, below the relevance thresholds: anti-scatter grid or dark signal.",
+        "Next: to confirm scatter, measure the same scan with the beam collimated to a few rows.",
+    ]
+
+
+def test_alternatives_are_told_beside_each_effect():
     rivals = {"off_focal_radiation": ["veiling_glare", "scatter"], "spectrum": []}
-    said = sentence(content("spectrum", "dark_signal", "source_distance", "off_focal_radiation", ambiguous_with=rivals))
-    assert said.startswith("bench and the simulation differ, most in columns (column 3 of 64); left out were ")
-    assert (
-        "left out were spectrum, dark signal, source distance and off focal radiation (or veiling glare or scatter), "
-        "which together remove 76.3 % of the difference on data not fitted (51.3 % of its root mean square: 0.00326, "
-        "then 0.00321; noise alone 0.0021)." in said
-    )
+    found = lines_of("spectrum", "dark_signal", "source_distance", "off_focal_radiation", ambiguous_with=rivals)
+    assert found[0] == "Missing physics: spectrum, dark signal, source distance and off-focal radiation."
+    assert found[1] == "Indistinguishable alternatives: veiling glare or scatter instead of off-focal radiation."
     outside = {"scatter": {"what": "depends on the view", "better_by": 9.0, "z": 5.0}}
-    assert "left out was scatter (or something outside of the library that depends on the view), which removes" in (
-        sentence(content("scatter", outside=outside))
+    assert lines_of("scatter", outside=outside)[1] == (
+        "Indistinguishable alternatives: an unmodeled change that depends on the view."
     )
 
 
-def test_not_all_is_removed_where_something_is_left():
-    doubted = content("scatter", excess_removed=0.9998, excess_rms_removed=0.982, doubts=["a", "b", "c"])
-    said = sentence(doubted)
-    assert "the best that the library offers is scatter, which removes over 99.9 % of the difference" in said
-    assert "(98.2 % of its root mean square: " in said and "100" not in said
-    assert said.endswith("). But a, b and c: something else was left out as well, or instead.")
-    assert "removes 100.0 %" in sentence(content("scatter", excess_removed=1.0))
-    assert "removes over 99.9 %" in sentence(content("scatter", excess_removed=1.0, unexplained=[PLACE]))
-    # A root that has not become smaller has no share.
-    assert "(root mean square 0.00326, then" in sentence(content("scatter", excess_rms_removed=-0.1))
+def test_a_match_and_a_match_for_practical_purposes():
+    assert lines_of(verdict="match") == [
+        "Missing physics: none; bench and the simulation differ only by noise and alignment."
+    ]
+    found = lines_of("dark_signal", verdict="match for practical purposes", **practice(["dark_signal"]))
+    assert found == [
+        "Missing physics: none of relevance; image differences are below all thresholds.",
+        "Also significant, below the relevance thresholds: dark signal.",
+        "Relevance thresholds: 1 HU, 1 % of contrast, 1 % of noise, 1 % of resolution, 0.2 repeat SDs of a feature.",
+    ]
+
+
+def test_a_difference_that_no_effect_explains():
+    found = lines_of(
+        verdict="unexplained",
+        **practice(differing={"hu": 12.3, "resolution_percent": -1.23}),
+        next_measurement=["repeat the scan"],
+    )
+    assert found == [
+        "Missing physics: unknown; no effect of Virtual Phantom explains the difference.",
+        "Largest mismatch: detector columns (column 3 of 64); in images 12.3 HU, -1.23 % of resolution.",
+        "Next: repeat the scan.",
+    ]
+
+
+def test_doubts_and_remarks_on_the_data_are_cautions():
+    doubted = lines_of("scatter", doubts=["chi-square per datum is 1.41", "b", "c"], excess_rms_removed=0.9999)
+    assert doubted[0] == "Best explanation: scatter."
+    assert "Caution: chi-square per datum is 1.41; 2 more in the report." in doubted
+    assert "Caution: 3 % of the rays have no signal." in lines_of(
+        "scatter", caveats=["3 % of the rays have no signal. They are left out."]
+    )
+
+
+def test_all_is_removed_only_where_nothing_is_left():
+    assert "(100 % removed)" in lines_of("scatter", excess_rms_removed=1.0)[1]
+    assert "(over 99.9 % removed)" in lines_of("scatter", excess_rms_removed=1.0, unexplained=[PLACE])[1]
+    assert "(over 99.9 % removed)" in lines_of("scatter", excess_rms_removed=0.9999)[1]
+    # An RMS that has not become smaller has no share.
+    assert lines_of("scatter", excess_rms_removed=-0.1)[1] == "Fit on held-out data: RMS 0.017 -> 0.0113; noise 0.011."
+
+
+def test_the_object_and_its_location():
+    found = lines_of(
+        verdict="unexplained", object={"mended": False, "removes": 0.97, "pieces": [PIECE]}, next_measurement=["turn"]
+    )
+    assert found == [
+        "Local object mismatch: rod along z of 30 mm at x -35.2, y -20 mm, 91.2 HU less than stated.",
+        "Fit on held-out data: correcting the object removes 97 % of the difference, more than any effect.",
+        "Next: turn.",
+    ]
+    corrected = lines_of(verdict="match", object={"mended": True, "pieces": [PIECE]})
+    assert corrected[1].startswith("Object corrected before the fit: rod along z of 30 mm")
+    moved = {"location": {"x_mm": 12.0, "y_mm": 0.0}}
+    found = lines_of(verdict="match", setup=moved, alignment={"x_mm": {"value": 12.34}, "y_mm": {"value": 0.2}})
+    assert found[1] == (
+        "Object location: 12.3 mm off the isocenter; set diagnosis.recordings.bench.location: {x_mm: 12.3}."
+    )
+
+
+def test_declared_and_transferred_physics():
+    found = lines_of(declared={"scatter": {"amount": DECLARED}})
+    assert found[0] == "Missing physics: none; a declared value does not fit the data."
+    assert found[1] == ("Contradicts declared physics: scatter: amount 0.02 (0.019 to 0.021), declared 0.005 ± 0.001.")
+    taken = lines_of(effects=[{"name": "scatter", "taken_from": "disc"}], not_taken=["gain_pattern"])
+    assert (
+        "Source of the physics: found on disc; only the alignment is fitted here; not transferred: gain pattern."
+        in (taken)
+    )
+    assert not [line for line in taken if line.startswith("Next")]
+
+
+def test_of_many_lines_the_most_important_five_are_shown():
+    found = lines_of(
+        "scatter",
+        doubts=["a"],
+        declared={"scatter": {"amount": DECLARED}},
+        unexplained=[EDGES],
+        ambiguous_with={"scatter": ["veiling_glare"]},
+        next_measurement=["b"],
+    )
+    assert [line.partition(":")[0] for line in found] == [
+        "Best explanation",
+        "Fit on held-out data",
+        "Remaining mismatch",
+        "Caution",
+        "Contradicts declared physics",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("setup", "expected"),
+    [
+        (
+            {"kind": "description", "mistakes": {"direction": "scan.direction: -1"}},
+            [
+                "Scan set-up error: change scan.direction: -1.",
+                "Unexplained variance of line integrals: 88 % as described, 23 % as corrected.",
+                "Effects: none tried; correct the set-up first.",
+            ],
+        ),
+        (
+            {"kind": "object", "of": "HU inside the body"},
+            [
+                "Wrong object: the scan does not show the study's phantom.",
+                "Unexplained variance of HU inside the body: 23 % for every voxel order and location tried.",
+                "Next: name the scanned object in the configuration.",
+                "Effects: none tried; correct the set-up first.",
+            ],
+        ),
+        (
+            {"kind": "empty"},
+            [
+                "Empty beam: line integrals do not follow those of the study's phantom.",
+                "Next: check that the repeats in recording.yaml are scans of the object, not air scans.",
+                "Effects: none tried; correct the set-up first.",
+            ],
+        ),
+    ],
+)
+def test_a_wrong_set_up(setup, expected):
+    assert written(setup_lines(SETUP | setup, "the study's phantom")) == expected
+
+
+def test_features_and_their_properties():
+    place = {"domain": "family", "where": "texture of liver"}
+    given = {
+        "verdict": "unexplained",
+        "locations": [place],
+        "effects": [],
+        "candidates": {"noise_texture": {"held_out": 0.12}},
+        "ambiguous_with": {},
+        "unexplained": [],
+        "next_measurement": ["scan again"],
+    }
+    assert written(feature_lines(given | {"verdict": "match"})) == [
+        "Differing image property: none; features differ by no more than between repeats."
+    ]
+    assert written(feature_lines(given)) == [
+        "Differing image property: unknown; no single property explains the difference.",
+        "Largest mismatch: family (texture of liver).",
+        "Closest property: noise texture comes closest (12 % removed on held-out regions).",
+        "Next: scan again.",
+    ]
+    effect = {"name": "noise_texture", "evidence": {"held_out_gain": 0.8}}
+    found = written(
+        feature_lines(given | {"verdict": "mismatch explained", "effects": [effect], "unexplained": [place]})
+    )
+    assert found[:2] == [
+        "Differing image property: noise texture.",
+        "Fit on held-out regions: 80 % of the difference removed.",
+    ]
+
+
+def test_the_console_names_the_recording():
+    found = with_verdict_text(content(verdict="match"), recording_lines(content(verdict="match")))
+    assert console_text(found).splitlines() == [
+        "bench: match",
+        "  Missing physics: none; bench and the simulation differ only by noise and alignment.",
+    ]
 
 
 def doubted(physics, nuisance=None, sensor=None, pulled=None, **known):
@@ -171,7 +366,7 @@ def test_places_have_the_recording_s_numbers(stepped):
 
 def test_figures_have_the_recording_s_numbers(stepped, monkeypatch):
     """Of 24 views that were taken and of 64 columns, of which two are one of the map's here."""
-    given, found = stepped
+    _, found = stepped
     drawn = {}
     monkeypatch.setattr(report, "PIXELS_ACROSS", 32)
     for name in ("draw_maps", "draw_profiles"):
@@ -179,7 +374,7 @@ def test_figures_have_the_recording_s_numbers(stepped, monkeypatch):
         monkeypatch.setattr(
             report.figures, name, lambda *a, _real=real, _name=name, **k: drawn.setdefault(_name, _real(*a, **k))
         )
-    page = report.page(found, given, 0.01, report.residual_maps(found, given))
+    page = report.diagnosis_page(found, report.residual_maps(found))
     (image,) = drawn["draw_maps"].axes[0].get_images()
     assert image.get_array().shape == (24, 32) and image.get_extent() == [-0.5, 63.5, 47.5, -0.5]
     assert np.abs(image.get_array()).max(axis=1).argmax() == 10
@@ -189,4 +384,3 @@ def test_figures_have_the_recording_s_numbers(stepped, monkeypatch):
     assert found.content["doubts"]
     assert all(f"<li>{doubt}." in page for doubt in found.content["doubts"])
     assert all(f"<li>{line}</li>" in page for line in found.content["caveats"])
-    assert "Caution" not in page

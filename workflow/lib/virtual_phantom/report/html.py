@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Undefined
 from matplotlib.figure import Figure
 
 from ..base.words import enumerated, label
-from ..diagnosis.wording import share
+from ..diagnosis.verdict_text import percent
 from ..figures import style
 
 SMALL = 1e-3  # what is smaller is written with an exponent
@@ -63,7 +63,7 @@ def render_diagnosis(template: str, content: dict, **values) -> str:
         "within": within,
         "chance": _chance,
         "coverage": _coverage,
-        "share": share,
+        "share": percent,
         "feature": style.feature_label,
     }
     colour = COLOURS.get(content["verdict"], OTHER_COLOUR)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +20,11 @@ from ...physics.scenes.labeled import Labelled
 from ...physics.scenes.objects import ShapedObject
 from ...physics.scenes.scene import DiscScene, Pose
 from ...physics.scenes.voxelized import hu_of, mask_of, reach_mm, share_of_each
+from ...recordings.recording import Recording
 from ...statistics.image_quality import LEAST_ROI_VOXELS
 from ...statistics.resolution import signed_distance_mm
-from ..scanned_object import read_mask
+from ..request import DiagnosisRequest, LabelledObject, ShapesObject
+from ..scanned_object import labelled_object, read_mask, shaped_object
 from .agreement import INNER_VOXELS, Regions
 
 MOST_VOXELS, MOST_SLICES = 128, 8  # of images that are made for the comparison; a choice that bounds the time
@@ -33,13 +35,13 @@ SUBDIVIDED = 5  # samples per voxel and direction, of the edge
 
 
 @dataclass(frozen=True)
-class Scanned:
-    """The study's phantom, or an object of shapes, of a label map or of a mask, if that was scanned.
+class ScannedVolume:
+    """The scanned object as voxels, with its regions of interest.
 
     Attributes
     ----------
     fine : Volume
-        HU, what projections were taken of.
+        HU, on the grid that projections were taken of.
     rois : mapping of str to ndarray of bool, shape (z, y, x)
         By name, on `grid`.
     """
@@ -49,57 +51,80 @@ class Scanned:
     grid: Grid
 
     @classmethod
-    def read(cls, fine: str | Path, image: str | Path, rois_csv: str | Path) -> Scanned:
-        """What the study's rule `phantom` wrote.
+    def of(
+        cls,
+        request: DiagnosisRequest,
+        recording: Recording,
+        study_rois: tuple[str, str] | None = None,
+        shape_rois: bool = True,
+    ) -> ScannedVolume | None:
+        """Return the scanned object of a request; None for a disc, which needs no voxels.
+
+        Parameters
+        ----------
+        study_rois : tuple of str, optional
+            The study's image and its table of ROIs. Without it, the study's phantom has no ROIs.
+        shape_rois : bool, optional
+            Whether an object of shapes has its ROIs.
 
         Raises
         ------
         InputError
-            As volumes.read_nifti and phantom.read_masks.
+            If a file is missing or invalid.
         """
+        settings, mu_water_per_mm = request.settings, request.mu_water_per_mm
+        if settings.disc is not None:
+            return None
+        if isinstance(settings.object, ShapesObject):
+            shaped = shaped_object(settings.object)
+            return cls.of_shapes(
+                shaped if shape_rois else replace(shaped, rois=()), recording.geometry, mu_water_per_mm
+            )
+        if isinstance(settings.object, LabelledObject):
+            return cls.of_labels(labelled_object(settings.object), mu_water_per_mm)
+        if settings.object is not None:
+            return cls.of_mask(settings.object.mask)
+        fine = read_nifti(request.phantom)
+        if study_rois is None:
+            return cls(fine, {}, fine.grid)
+        image, rois_csv = study_rois
         grid = read_nifti(image).grid
-        return cls(read_nifti(fine), read_masks(rois_csv, grid)[1], grid)
+        return cls(fine, read_masks(rois_csv, grid)[1], grid)
 
     @classmethod
-    def of_mask(cls, mask: str | Path) -> Scanned:
-        """A homogeneous object: no ROIs but itself.
-
-        Raises
-        ------
-        InputError
-            As scanned.read_mask.
-        """
+    def of_mask(cls, mask: str | Path) -> ScannedVolume:
+        """Return a homogeneous object, without ROIs."""
         volume = read_mask(mask)
         return cls._drawn(attenuation_to_hu(volume.array, 1.0), volume.grid)
 
     @classmethod
-    def of_labels(cls, labelled: Labelled, mu_water_per_mm: float) -> Scanned:
-        """An object of a label map: no ROIs but itself.
+    def of_labels(cls, labelled: Labelled, mu_water_per_mm: float) -> ScannedVolume:
+        """Return the object of a label map, without ROIs.
 
         Parameters
         ----------
         mu_water_per_mm : float
-            At the energy of which materials have their HU, 1/mm.
+            Attenuation of water at the energy at which materials have their HU, 1/mm.
         """
         energy = energy_of("water", mu_water_per_mm)
-        mu = np.array([attenuation_per_mm(one, [energy])[0] for one in labelled.materials], np.float32)
+        mu = np.array([attenuation_per_mm(material, [energy])[0] for material in labelled.materials], np.float32)
         return cls._drawn(attenuation_to_hu(np.tensordot(mu, labelled.shares, 1), mu_water_per_mm), labelled.grid)
 
     @classmethod
-    def _drawn(cls, hu: np.ndarray, grid: Grid) -> Scanned:
-        if grid.shape[0] == 1:  # alike along z: two slices, between whose centres nothing changes
+    def _drawn(cls, hu: np.ndarray, grid: Grid) -> ScannedVolume:
+        if grid.shape[0] == 1:  # constant along z: two slices, between whose centers nothing changes
             hu = np.repeat(hu, 2, axis=0)
             grid = Grid(hu.shape, (PRISM_MM, *grid.spacing[1:]))
         return cls(Volume(hu, grid), {}, grid)
 
     @classmethod
-    def of_shapes(cls, shaped: ShapedObject, geometry: OrbitGeometry, mu_water_per_mm: float) -> Scanned:
-        """An object of shapes as voxels, as far as a scan's beam sees it, and its regions.
+    def of_shapes(cls, shaped: ShapedObject, geometry: OrbitGeometry, mu_water_per_mm: float) -> ScannedVolume:
+        """Return an object of shapes as voxels, within the field of view, with its ROIs.
 
         Parameters
         ----------
         mu_water_per_mm : float
-            At the energy of which shapes have their HU, 1/mm.
+            Attenuation of water at the energy at which shapes have their HU, 1/mm.
         """
         reach = min(reach_mm(shaped), geometry.field_of_view_radius_mm)
         row, column = (pitch / geometry.magnification for pitch in (geometry.row_pitch_mm, geometry.column_pitch_mm))
@@ -170,7 +195,7 @@ def disc_regions(grid: Grid, valid: np.ndarray, disc: DiscScene, pose: Pose) -> 
     return Regions(grid.spacing, _object_and_air(distance, valid, grid), distance, valid)
 
 
-def phantom_regions(grid: Grid, valid: np.ndarray, scanned: Scanned, pose: Pose) -> Regions:
+def phantom_regions(grid: Grid, valid: np.ndarray, scanned: ScannedVolume, pose: Pose) -> Regions:
     """The ROIs of the study's phantom, those parts of them that the images show.
 
     Where the images show fewer than two, the object and the air around it. The edge is that of the body to air.

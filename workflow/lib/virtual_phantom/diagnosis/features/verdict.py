@@ -1,4 +1,4 @@
-"""What a diagnosis of features says: verdict, the property that explains most, what is left, what next."""
+"""Verdict of a diagnosis of features: best image property, remaining mismatch, and the next measurement."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from scipy import stats
 from ...base.streams import generator
 from ...base.words import label
 from ..verdict.verdict import VERDICTS
+from ..verdict_text import feature_lines, with_verdict_text
 from .properties import FOLDS, Property, calibration
 from .residuals import Place, Places, places
 from .responses import Responses, finer, removed
@@ -68,7 +69,6 @@ def diagnose_features(name: str, data: Responses, not_compared: Mapping[str, str
     content = {
         "recording": name,
         "verdict": verdict,
-        "sentence": sentence(name, verdict, best, trial, rivals, before, after),
         "locations": [_place(place) for place in before.significant],
         "effects": [_effect(data, best, trial, mean)] if chosen else [],
         "ambiguous_with": {best.name: rivals} if chosen else {},
@@ -92,7 +92,7 @@ def diagnose_features(name: str, data: Responses, not_compared: Mapping[str, str
         "not_compared": dict(not_compared),
         "axes": {"features": data.features, "regions": data.rois},
     }
-    return FeatureDiagnosis(before, after, found, content)
+    return FeatureDiagnosis(before, after, found, with_verdict_text(content, feature_lines(content)))
 
 
 def overlay(data: Responses, content: dict) -> dict:
@@ -104,26 +104,6 @@ def overlay(data: Responses, content: dict) -> dict:
         if effect["name"] in known
     }
     return {"physics": physics, "noise": {"model": "physical"}} if physics else {"physics": {}}
-
-
-def sentence(name: str, verdict: str, best: Property, trial: Trial, rivals, before: Places, after: Places) -> str:
-    """The verdict in words."""
-    if verdict == "match":
-        return f"{name}: features of recording and simulation differ by no more than their repeats do."
-    text = f"{name}: features of recording and simulation differ, most in {_words(before.places[0])}"
-    share = f"{100 * trial.held_out:.0f} % of the difference on regions not fitted"
-    if verdict == "unexplained":
-        nearest = f"; nearest comes {label(best.name)}, with {share}" if trial.held_out > 0 else ""
-        return f"{text}, and no single property of the images explains it{nearest}."
-    names = " or ".join(label(one) for one in (best.name, *rivals))
-    text += f"; {names} removes {share}."
-    if verdict == "mismatch partly explained":
-        text += f" What remains lies most in {_words(after.places[0])}."
-    return text
-
-
-def _words(place: Place) -> str:
-    return f"the {place.domain}: {place.where}" if place.domain != "mean" else f"means of {place.where}"
 
 
 def _place(place: Place) -> dict:

@@ -29,11 +29,10 @@ from ..workload import rays_of
 from .change_kinds import kinds
 from .discretization import Numerical
 from .local_mismatch import Left, Piece, found, reach_of, refined
+from .lost_rays import lost_rays_remark, truncation_of
 from .model import ScansModel
 from .observed import PARTS, ObservedScans, Scans, mean_squares, observe, with_noise_of_views
 from .residual_maps import excess_at_edges, locate
-from .truncation import beyond
-from .unmeasured import lost_rays
 
 HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
 MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
@@ -220,7 +219,7 @@ class PreparedScans(Prepared):
     def caveats(self) -> list[str]:
         """As Prepared.caveats."""
         chain = self.fitter.model.chain
-        return lost_rays(self.usable) + beyond(chain.scene, chain.geometry).words
+        return lost_rays_remark(self.usable) + truncation_of(chain.scene, chain.geometry).remark
 
 
 def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:

@@ -15,11 +15,11 @@ from ...io.documents import DIAGNOSIS, read_document
 from ...io.schema import defaults_of
 from ...physics.effect import READOUT_UNITS, checked, load, of_one_scan
 from ..fitting.fit import Fitter
-from ..fitting.joint_fit import NOT_OF_SCAN, those
+from ..fitting.joint_fit import NOT_OF_SCAN, parameters_owned_by
 from ..fitting.steps import NORMAL_95
 from ..fitting.trial import Trial, trial
 from ..uncertainty.model_error import Errors
-from ..wording import sentence
+from ..verdict_text import recording_lines, with_verdict_text
 from .forward_selection import Choice
 
 
@@ -154,7 +154,9 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
     model = fitter.model
     density = physics.scale if physics.scale is not None and same_material else model.density
     held = fitter.of(copy.copy(model))  # of projections or of images
-    held.model.fixed = {name: those(NOT_OF_SCAN, name, values) for name, values in physics.effects.items()}
+    held.model.fixed = {
+        name: parameters_owned_by(NOT_OF_SCAN, name, values) for name, values in physics.effects.items()
+    }
     held.model.density = density
     chosen = trial(held, tuple(physics.effects), baseline)
     without = {}
@@ -163,7 +165,10 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
         without[name] = trial(held, rest, chosen) if rest else baseline
     gains = {name: chosen.score - one.score for name, one in without.items()}
     whole, noise = (
-        {name: chosen.fit.errors[name] | those(NOT_OF_SCAN, name, values) for name, values in errors.items()}
+        {
+            name: chosen.fit.errors[name] | parameters_owned_by(NOT_OF_SCAN, name, values)
+            for name, values in errors.items()
+        }
         for errors in (physics.errors, physics.errors | physics.noise)
     )
     chosen = replace(chosen, fit=replace(chosen.fit, errors=noise))
@@ -180,4 +185,4 @@ def stated(content: dict, physics: Physics) -> dict:
         "effects": [one | {"taken_from": physics.recording} for one in content["effects"]],
         "not_taken": list(physics.not_taken),
     }
-    return content | {"sentence": sentence(content)}
+    return with_verdict_text(content, recording_lines(content))

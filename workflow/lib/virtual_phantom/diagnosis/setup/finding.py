@@ -9,6 +9,7 @@ import numpy as np
 
 from ...base.errors import InputError
 from ..fitting.nuisance import LOCATION
+from ..request import LOCATION_DIGITS
 from .descriptions import Description, descriptions
 from .mismatch import GEOMETRY, Comparison, SetupMismatch
 
@@ -29,7 +30,6 @@ EMPTY = 0.02  # scale of the line integrals below which nothing stood in the bea
 ALIKE = 5.0  # log likelihood by which this object must tell two descriptions apart
 NEAR = 2.0  # times as much left: of descriptions for which that is tried with the geometry fitted
 CONTENDERS = 4  # descriptions that are fitted with the geometry
-LOCATION_DIGITS = 1  # of a location that is found, mm: the alignment is fitted from there
 SCALE_WITHIN = 0.2  # logarithm of a factor that line integrals are off by: hardening and scatter change them too
 
 

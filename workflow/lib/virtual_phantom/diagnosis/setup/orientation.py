@@ -80,7 +80,7 @@ CHANGE = "repeats: {}, in the files or in their affine"
 
 @dataclass(frozen=True)
 class OrientationFound:
-    """How images lie, as SetUp says it of projections.
+    """Orientation of images, the counterpart of SetupCheck.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class OrientationFound:
 
     @property
     def content(self) -> dict:
-        """As SetUp.content."""
+        """See SetupCheck.content."""
         return {
             "of": "HU inside the body",
             "kind": self.kind,
@@ -113,7 +113,7 @@ class OrientationFound:
         }
 
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """As SetUp.maps."""
+        """See SetupCheck.maps."""
         return self.stated, self.best
 
 
