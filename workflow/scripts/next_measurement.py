@@ -3,8 +3,12 @@
 import json
 from pathlib import Path
 
-from virtual_phantom.diagnosis.planning.ranking import alikeness, found_in, possible, rank, refitted, refitted_jointly
-from virtual_phantom.diagnosis.planning.tables import alike_table, first_words, recording_to_fill_in, table
+from virtual_phantom.diagnosis.planning.ranking import effect_similarity, found_in, possible, rank, refit, refit_jointly
+from virtual_phantom.diagnosis.planning.tables import (
+    ranking_table,
+    recording_template,
+    similarity_table,
+)
 from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.scanner.scanner import protocols_of
@@ -35,23 +39,23 @@ with job(snakemake) as log:
         known = {effect for model in models.values() for effect in model["settings"].get("baseline", {})}
         effects = [name for name in params.effects if name not in known]
         prepared = {name: data for name, (_, data) in made.items()}
-        alike = alikeness(prepared, {name: data.fitter.fit(()) for name, data in prepared.items()}, effects)
+        alike = effect_similarity(prepared, {name: data.fitter.fit(()) for name, data in prepared.items()}, effects)
         protocols = None
         if len(prepared) == 1:
-            chosen, ambiguities = refitted(*prepared.values(), *prepared, found_in(diagnosis))
+            chosen, ambiguities = refit(*prepared.values(), *prepared, found_in(diagnosis))
         else:
             protocols = protocols_of(prepared, params.protocols)
-            chosen, ambiguities = refitted_jointly(prepared, named, effects, alike, protocols)
+            chosen, ambiguities = refit_jointly(prepared, named, effects, alike, protocols)
         first = next(iter(prepared))
         settings = models[first]["settings"]
         found = rank(prepared, chosen, ambiguities, possible(prepared, settings), protocols)
-        rows = table(found)
+        rows = ranking_table(found)
         write_text(rows.to_csv(index=False), folder / "ranking.csv")
-        write_text(alike_table(alike).to_csv(index=False), folder / "alike.csv")
+        write_text(similarity_table(alike).to_csv(index=False), folder / "alike.csv")
         save(draw_ranking(rows, AS_GOOD), [folder / "ranking.png", folder / "ranking.pdf"])
         document = made[first][0].document.content
-        text = recording_to_fill_in(first, found.ranked[0], document, settings, len(document["repeats"]))
+        text = recording_template(first, found.ranked[0], document, settings, len(document["repeats"]))
         write_text(text, folder / "recording.yaml")
-        result = f"{params.what}: {first_words(found)[0]}"
+        result = f"{params.what}: {best_measurement_text(found)[0]}"
     log.info("%s", result)
     print(result)
