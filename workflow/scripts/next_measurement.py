@@ -5,6 +5,7 @@ from pathlib import Path
 
 from virtual_phantom.diagnosis.planning.ranking import effect_similarity, found_in, possible, rank, refit, refit_jointly
 from virtual_phantom.diagnosis.planning.tables import (
+    best_measurement_text,
     ranking_table,
     recording_template,
     similarity_table,

@@ -82,7 +82,7 @@ class ImagesModel(Model):
         return Prediction(white(scaled(mean, nuisance)), log_variance, statistics.correlation, design)
 
     def strayed(self, errors: LinearisationPoint, nuisance: Mapping[str, float], prediction, weights) -> bool:
-        """As Model.strayed: whether the object has moved by more than a voxel, so that its noise is another's."""
+        """See Model.strayed: whether the object has moved by more than a voxel, so that its noise is another's."""
         here, there = pose_of(nuisance), pose_of(errors.nuisance)
         moved = (here.z_mm - there.z_mm, here.y_mm - there.y_mm, here.x_mm - there.x_mm)
         return bool((np.abs(moved) > self.spacing_mm).any())

@@ -57,15 +57,15 @@ class PreparedImages(Prepared):
     def domains(
         self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
     ) -> list[Location]:
-        """As Prepared.domains."""
+        """See Prepared.domains."""
         return locate(half.residuals, half.weights, half.data, fitted, more)
 
     def recorded(self) -> np.ndarray:
-        """As Prepared.recorded."""
+        """See Prepared.recorded."""
         return self.data.hu[self.data.usable]
 
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
-        """As Prepared.difference."""
+        """See Prepared.difference."""
         data = self.held_out if held_out else self.data
         mean, _ = self.fitter.model.images(fit.physics, fit.nuisance, fit.linearisation)
         return (data.hu - scaled(mean, fit.nuisance))[data.usable]

@@ -83,12 +83,12 @@ class RankedMeasurement:
 
 @dataclass(frozen=True)
 class MeasurementRanking:
-    """What is ambiguous, and what would settle it.
+    """Ambiguities of a diagnosis, and measurements that resolve them.
 
     Attributes
     ----------
     now : RankedMeasurement
-        As the recordings have it that there are; its gain is 0.
+        Values of the existing recordings, with a gain of 0.
     ranked : list of RankedMeasurement
         The best first.
     """
