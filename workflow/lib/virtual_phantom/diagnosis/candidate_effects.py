@@ -1,6 +1,6 @@
-"""What the configuration asks of a diagnosis: which effects are tried, and on which kinds of recordings.
+"""Candidate effects of a diagnosis, and checks of its configuration.
 
-Apart from `ready`, whose imports take two seconds that every start of the workflow would pay.
+A module with few imports, as every start of the workflow needs it.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from ..physics.effect import OF_A_SPOT, acts_on_images, load, names, needs_times
 from ..recordings.scan import timed
 from .fitting.declared import declared
 
-# {kind of a recording: (which effects it does not show, and why)}
+# {kind of a recording: (test for effects that it does not show, reason)}
 HIDDEN = {
     "projections": (acts_on_images, "acts on images, and projections do not show it"),
     "images": (lambda name: load(name).pattern, "has one unknown per detector pixel, which images mix"),
 }
 
-# Effects of one scan, which its scanner's other scans do not share; a gain pattern has no numbers to share.
+# Effects that other scans of the scanner do not share.
 OF_ONE_SCAN = ("gain_pattern", "motion", "photon_flux")
 
 
-# {what a maker corrects before projections are stored: effects that this takes away}
+# {correction by the scanner before projections are stored: effects that it removes}
 CORRECTED = {
     "beam_hardening": ("spectrum",),
     "gain": ("gain_pattern",),
@@ -33,23 +33,12 @@ CORRECTED = {
 }
 
 
-# {effect: the correction that it is}: tried where the maker made it.
+# {effect: the correction that it models}, tried only if the scanner applied it.
 MADE_BY_MAKER = {"water_correction": "beam_hardening"}
 
 
 def shown_by(content: Mapping) -> dict:
-    """What of `candidates` a recording says.
-
-    Parameters
-    ----------
-    content : mapping
-        That of recording.yaml.
-
-    Returns
-    -------
-    dict
-        Its arguments after the settings.
-    """
+    """Return the keyword arguments of `candidates` from the content of recording.yaml."""
     kind = content["kind"]
     # Images are simulated by a protocol of the study, which may be a helix.
     helical = kind == "images" or content.get("scan", {}).get("trajectory") == "helical"
@@ -71,26 +60,26 @@ def candidates(
     helical: bool = False,
     parallel: bool = False,
 ) -> list[str]:
-    """The effects that a recording of a kind is tried against.
+    """Return the candidate effects of a recording.
 
     Parameters
     ----------
     settings : dict
-        Of the diagnosis: `effects`, `nominal_photons`, `view_step` and `baseline`.
+        Section of the recording: `effects`, `nominal_photons`, `view_step` and `baseline`.
     kind : {"projections", "images"}, optional
     timed : bool, optional
-        Whether the times of its views are known.
+        Whether the times of the views are known.
     corrected : collection of str, optional
-        What was corrected before the recording was stored (CORRECTED).
+        Corrections before the recording was stored (CORRECTED).
     helical : bool, optional
         Whether the source moves along the axis.
     parallel : bool, optional
-        Whether rays are parallel.
+        Whether the beam is parallel.
 
     Raises
     ------
     InputError
-        For one that the library does not have, that the kind does not show, or that needs a statement which is missing.
+        For an effect that does not exist, that the recording does not show, or that needs a missing statement.
     """
     hides, why = HIDDEN[kind]
     hidden = {name: why for name in names() if hides(name)}
@@ -123,12 +112,12 @@ def candidates(
 
 
 def check_accuracy(accuracy: Mapping[str, float]) -> None:
-    """Check that the library has every effect under `diagnosis.model_accuracy`.
+    """Check the names of effects under `diagnosis.model_accuracy`.
 
     Raises
     ------
     InputError
-        For one that it does not have.
+        For an unknown effect.
     """
     for name in accuracy:
         if name not in ("default", "numerical", *names()):

@@ -111,7 +111,7 @@ def held_out_repeats(taken: Scans, further: Scans | None) -> Scans:
 
 
 def simulated_repeats(prepared: PreparedScans, fit: Fit, count: int, random: np.random.Generator) -> np.ndarray:
-    """Noisy line integrals of a fitted model with its alignment and gain pattern.
+    """Return noisy line integrals of a fitted model with its alignment and gain pattern.
 
     Returns
     -------
@@ -121,9 +121,12 @@ def simulated_repeats(prepared: PreparedScans, fit: Fit, count: int, random: np.
     air = state.measured_air * state.photons
     pattern = 0.0 if fit.pattern is None else fit.pattern
     transmissions = (np.maximum(state.counts(random) / air, LEAST_TRANSMISSION) for _ in range(count))
-    lines = (fit.nuisance["offset"] + pattern - fit.nuisance["scale"] * np.log(one) for one in transmissions)
+    lines = (
+        fit.nuisance["offset"] + pattern - fit.nuisance["scale"] * np.log(transmission)
+        for transmission in transmissions
+    )
     numerical = prepared.fitter.model.distortion(fit.nuisance, fit.linearisation)
-    return np.stack([(one + numerical).astype(np.float32) for one in lines])
+    return np.stack([(line + numerical).astype(np.float32) for line in lines])
 
 
 class Reconstruction:
@@ -131,10 +134,8 @@ class Reconstruction:
 
     Parameters
     ----------
-    mu_water_per_mm : float
-        1/mm.
     usable : ndarray of bool, shape (views, rows, columns)
-        The other rays take values between their neighbours', in recordings and simulations.
+        Other rays are interpolated, in recordings and simulations.
     """
 
     def __init__(
@@ -144,7 +145,7 @@ class Reconstruction:
         self.usable, self.threads = usable, threads
 
     def __call__(self, line_integrals: np.ndarray) -> np.ndarray:
-        """Images of line integrals.
+        """Reconstruct images from line integrals.
 
         Parameters
         ----------
@@ -154,11 +155,6 @@ class Reconstruction:
         -------
         ndarray, shape (repeats, z, y, x)
             HU.
-
-        Raises
-        ------
-        InputError
-            As fbp.
         """
         lines = filled(line_integrals, self.usable)
         engine = projector("cpu", self.geometry, self.grid, len(lines), self.threads)
@@ -166,7 +162,7 @@ class Reconstruction:
 
 
 def filled(line_integrals: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Line integrals, interpolated linearly along the columns where rays are not usable.
+    """Interpolate line integrals linearly along columns where rays are not usable.
 
     Parameters
     ----------
@@ -176,13 +172,13 @@ def filled(line_integrals: np.ndarray, usable: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, shape (repeats, views, rows, columns)
-        0 where a whole row is not usable.
+        0 in rows without a usable ray.
     """
     if usable.all():
         return line_integrals
     lines = line_integrals.copy()
     for view, row in np.argwhere(~usable.all(axis=2)):
         good, bad = np.flatnonzero(usable[view, row]), np.flatnonzero(~usable[view, row])
-        for one in lines[:, view, row]:
-            one[bad] = np.interp(bad, good, one[good]) if good.size else 0
+        for profile in lines[:, view, row]:
+            profile[bad] = np.interp(bad, good, profile[good]) if good.size else 0
     return lines
