@@ -380,7 +380,7 @@ def test_figures_have_the_recording_s_numbers(stepped, monkeypatch):
     assert np.abs(image.get_array()).max(axis=1).argmax() == 10
     columns, views = (panel.get_lines()[0].get_xdata() for panel in drawn["draw_profiles"].axes[:2])
     assert columns.max() <= 63 and set(views) <= set(range(0, 48, 2)) and views.max() == 46
-    assert "<h2>Doubts</h2>" in page and page.index("<h2>Doubts") < page.index("<h2>Where they differ")
+    assert "<h2>Cautions</h2>" in page and page.index("<h2>Cautions") < page.index("<h2>Residuals")
     assert found.content["doubts"]
     assert all(f"<li>{doubt}." in page for doubt in found.content["doubts"])
     assert all(f"<li>{line}</li>" in page for line in found.content["caveats"])

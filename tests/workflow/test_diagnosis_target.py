@@ -79,9 +79,9 @@ def test_what_was_concealed_is_named_and_the_report_is_there(bench):
     assert found["excess_removed"] > 0.9
     report = (folder / "report.html").read_text()
     assert report.startswith("<!doctype html>") and shown(found, html.unescape(report))
-    assert "intervals for noise alone held the truth in" in report
+    assert "intervals for noise alone covered the true value for" in report
     assert found["modelled"]["effects tried"] == "scatter, electronic noise, detector offset, X-ray crosstalk"
-    assert "plausible" in report and "middle slice of what was scanned" in report
+    assert "plausible" in report and "middle slice of the scanned object" in report
     assert {place["domain"] for place in found["locations"]} <= set(DOMAINS) and set(found["alignment"]) <= set(
         NUISANCES
     )

@@ -63,14 +63,14 @@ class Difference:
 
 @dataclass(frozen=True)
 class Alone:
-    """One recording by itself, beside those that it is compared with.
+    """Fit of one recording alone, and its difference from the others.
 
     Attributes
     ----------
     fit : Fit
-        Of all effects to this recording alone.
+        All effects, fitted to this recording alone.
     errors : dict of str to dict of str to float
-        Of its parameters, inexact models counted, as Fit.errors; by the slopes where all are fitted together.
+        Standard errors with model errors, from derivatives at the joint fit.
     """
 
     fit: Fit
