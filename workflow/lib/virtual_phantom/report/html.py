@@ -1,4 +1,4 @@
-"""What all pages share: templates, one HTML file with its pictures inside, how numbers are written, the verdict."""
+"""Helpers of all pages: templates, figures inside the HTML file, and number formats."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Undefined
 from matplotlib.figure import Figure
 
 from ..base.words import enumerated, label
-from ..diagnosis.wording import share
+from ..diagnosis.verdict_text import percent
 from ..figures import style
 
 SMALL = 1e-3  # what is smaller is written with an exponent
@@ -63,7 +63,7 @@ def render_diagnosis(template: str, content: dict, **values) -> str:
         "within": within,
         "chance": _chance,
         "coverage": _coverage,
-        "share": share,
+        "share": percent,
         "feature": style.feature_label,
     }
     colour = COLOURS.get(content["verdict"], OTHER_COLOUR)
@@ -93,16 +93,16 @@ def _chance(p: float) -> str:
 
 
 def _coverage(held: Mapping) -> str:
-    """How often intervals for noise alone held the truth (proof_record.with_coverage), in a sentence."""
+    """Return the coverage of intervals for noise alone in the blind validation (proof_record.with_coverage)."""
     every = "{count} of {n} of all effects' parameters".format(**held["all"])
     if held["n"]:
         own = enumerated([label(name) for name in held["effects"]])
-        every = f"{held['count']} of {held['n']} of {own}, and in {every}"
+        every = f"{held['count']} of {held['n']} of {own}, and for {every}"
     else:
-        every += "; of this effect none was counted"
+        every += "; none of them for this effect"
     return (
-        "The interval is for noise and for inexact models (model_accuracy). On scans by another simulator "
-        f"(docs/validation/blind-validation.md) intervals for noise alone held the truth in {every}."
+        "The interval includes noise and model errors (model_accuracy). In the blind validation with another simulator "
+        f"(docs/validation/blind-validation.md), intervals for noise alone covered the true value for {every}."
     )
 
 

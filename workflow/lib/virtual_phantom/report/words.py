@@ -1,44 +1,43 @@
-"""Words for readers of a diagnosis: domains in which differences are looked for, and nuisance parameters."""
+"""Descriptions of the domains of residuals and of nuisance parameters, for reports."""
 
 from ..diagnosis.verdict.object_mismatch import MOST_PIECES
 
-# {domain: what is compared there}. Those of ONE_SIDED are tested for too much only.
+# {domain: compared quantity}. Domains of ONE_SIDED are tested for an excess only.
 DOMAINS = {
     "columns": "mean difference of every detector column",
     "rows": "mean difference of every detector row",
     "views": "mean difference of every view",
     "projections": "mean difference of every block of views, rows and columns",
-    "path length": "mean difference of rays in the order of their line integral, in ten parts",
-    "edges": "squares of the differences where line integrals or HU change most",
-    "pixels": "squares of every pixel's mean difference over the views",
-    "both halves": "what the fitted and the other half of the data have in common: the same error in both is no noise",
+    "path length": "mean difference of rays by line integral, in tenths",
+    "edges": "squared differences where line integrals or HU change most",
+    "pixels": "squared mean difference of every pixel over the views",
+    "both halves": "correlation of fitted and held-out residuals, which noise does not cause",
     "noise variance": "variance over repeats in every block",
-    "noise level": "variance over repeats, of everything",
-    "noise correlation": "correlation of the noise of neighbours",
-    "white field": "difference of the recorded white field from the modelled one, by smooth shapes",
-    "alignment": "how far the fit has pulled a nuisance parameter off what was known of it",
-    "kinds of change": "what changes without a cause explain beside the model: with the line integral, from view to "
-    "view, along columns and so on",
+    "noise level": "variance over repeats, all data",
+    "noise correlation": "correlation of the noise of neighbors",
+    "white field": "recorded less modeled white field, by smooth shapes",
+    "alignment": "deviation of a nuisance parameter from its prior",
+    "kinds of change": "unmodeled changes: with the line integral, from view to view, along columns and others",
     "image": "mean difference of every block of voxels",
     "slices": "mean difference of every slice",
-    "distance from the axis": "mean difference of every ring around the isocentre",
-    "tissue": "mean difference of voxels in the order of their HU, in ten parts",
+    "distance from the axis": "mean difference of every ring around the isocenter",
+    "tissue": "mean difference of voxels by HU, in tenths",
 }
 ONE_SIDED = ("edges", "pixels", "both halves", "kinds of change")
 # {nuisance parameter: (words, unit)}
 NUISANCES = {
     "log_photons": ("photons per pixel in air, natural logarithm", ""),
-    "scale": ("factor of all line integrals: the object's density", ""),
-    "offset": ("added to all line integrals: drift of the tube since the air scan", ""),
-    "x_mm": ("place of the object along x", "mm"),
-    "y_mm": ("place of the object along y", "mm"),
-    "z_mm": ("place of the object along z", "mm"),
-    "turn_deg": ("turn of the object about z", "degrees"),
-    "size": ("size of the object over the stated one", ""),
-    "rays": ("error of one ray per pixel, over the expected one", ""),
-    "voxels": ("error of the phantom's voxels, over the expected one", ""),
+    "scale": ("factor of all line integrals, for the density of the object", ""),
+    "offset": ("added to all line integrals, for drift of the tube since the air scan", ""),
+    "x_mm": ("location of the object along x", "mm"),
+    "y_mm": ("location of the object along y", "mm"),
+    "z_mm": ("location of the object along z", "mm"),
+    "turn_deg": ("rotation of the object about z", "degrees"),
+    "size": ("size of the object relative to the stated one", ""),
+    "rays": ("discretization error of rays per pixel, relative to the expected one", ""),
+    "voxels": ("discretization error of voxels, relative to the expected one", ""),
     **{
-        f"piece_{n}": (f"piece {n} of the object that was mended: attenuation over the stated one", "1/mm")
+        f"piece_{n}": (f"corrected piece {n} of the object: attenuation beyond the stated one", "1/mm")
         for n in range(1, MOST_PIECES + 1)
     },
 }
