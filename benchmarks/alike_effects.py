@@ -17,7 +17,7 @@ from pathlib import Path
 import lacking
 
 from virtual_phantom.diagnosis.fitting.trial import trial
-from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.selection.forward_selection import RULED_OUT, choose
 from virtual_phantom.proof.conceal.suite import truths
@@ -75,7 +75,7 @@ def main():
             ((_, truth),) = truths(lacking.asked_of_proof(drawn | {"none": 0, "unknown": 0})).items()
             with tempfile.TemporaryDirectory() as folder:
                 model = lacking.recorded(Path(folder), truth, config, options.seed)
-                _, prepared = ready(DiagnosisRequest.of(model, str(Path(folder) / "image.nii.gz"), 1))
+                _, prepared = prepare_recording(DiagnosisRequest.of(model, str(Path(folder) / "image.nii.gz"), 1))
                 words, false = verdict(prepared.fitter, effect, rival)
             counts[false] += 1
             print(f"{effect} hidden, {rival} offered: {words}{' FALSE' if false else ''}", flush=True)

@@ -23,7 +23,7 @@ import lacking
 
 from virtual_phantom.diagnosis import run
 from virtual_phantom.diagnosis.candidate_effects import candidates
-from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.selection import forward_selection
 from virtual_phantom.diagnosis.verdict import unmodelled
@@ -153,8 +153,8 @@ def said(
     asked: DiagnosisRequest, tried: list[str], accuracy: dict[str, float], remembered: Remembered, made=None
 ) -> dict:
     """Kind of verdict, and effects by name, the first first."""
-    recording, prepared = made or ready(asked)
-    _, found = run.explain(recording.name, prepared, tried, accuracy, kept=remembered)
+    recording, prepared = made or prepare_recording(asked)
+    found = run.find_missing_physics(recording.name, prepared, tried, accuracy, cache=remembered)
     return {"verdict": found.content["verdict"], "effects": [one["name"] for one in found.content["effects"]]}
 
 
@@ -162,7 +162,7 @@ def answers(folder: Path, truth: dict, config: dict, seed: int, of_fits: bool) -
     """{what was changed: what is said then}."""
     model = lacking.recorded(folder, truth, config, seed)
     asked, tried = DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1), list(candidates(model["settings"]))
-    accuracy, made, remembered = config["diagnosis"]["model_accuracy"], ready(asked), Remembered()
+    accuracy, made, remembered = config["diagnosis"]["model_accuracy"], prepare_recording(asked), Remembered()
     found = {}
     with remembered.of_everything():
         found[STATED] = said(asked, tried, accuracy, remembered, made)

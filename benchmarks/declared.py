@@ -17,9 +17,8 @@ import lacking
 
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.diagnosis.candidate_effects import candidates
-from virtual_phantom.diagnosis.preparation import ready
 from virtual_phantom.diagnosis.request import DiagnosisRequest
-from virtual_phantom.diagnosis.run import explain
+from virtual_phantom.diagnosis.run import run_diagnosis
 from virtual_phantom.physics.effect import load
 from virtual_phantom.proof.conceal.catalogue import CATALOGUE
 from virtual_phantom.proof.conceal.objects import OBJECTS
@@ -76,10 +75,10 @@ def drawn(number: int, draws: int, seed: int) -> tuple[dict, dict]:
 def diagnosed(folder: Path, truth: dict, baseline: dict, config: dict, seed: int) -> dict:
     """What is said of a case."""
     model = lacking.recorded(folder, truth, config, seed, baseline)
-    recording, prepared = ready(DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1))
+    request = DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1)
     tried = candidates(model["settings"])
     began = time.process_time()
-    _, found = explain(recording.name, prepared, tried, config["diagnosis"]["model_accuracy"])
+    found = run_diagnosis(request, tried, config["diagnosis"]["model_accuracy"], images=False)
     said = found.content
     return {
         "concealed": truth["concealed"],

@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,15 +31,14 @@ from virtual_phantom.api.simulated import draw_phantom
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.base.streams import Branch
 from virtual_phantom.diagnosis.candidate_effects import candidates
-from virtual_phantom.diagnosis.comparison.regions import Scanned
-from virtual_phantom.diagnosis.preparation import agreement, ready
+from virtual_phantom.diagnosis.comparison.regions import ScannedVolume
+from virtual_phantom.diagnosis.preparation import compare_images, prepare_recording
 from virtual_phantom.diagnosis.projections.model import ScansModel
-from virtual_phantom.diagnosis.request import DiagnosisRequest, ShapesObject
-from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA
-from virtual_phantom.diagnosis.run import explain
-from virtual_phantom.diagnosis.scanned_object import scene_of, shaped_object
+from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.run import find_missing_physics
+from virtual_phantom.diagnosis.scanned_object import scene_of
 from virtual_phantom.diagnosis.selection.progress import FITTED, RANKED, DiagnosisProgress
-from virtual_phantom.diagnosis.setup.recorded import set_up
+from virtual_phantom.diagnosis.setup.check import check_setup
 from virtual_phantom.diagnosis.workload import is_shapes, samples_for
 from virtual_phantom.io.exchange import write_line_integrals
 from virtual_phantom.io.schema import defaults_of, fill_defaults, schema_of
@@ -49,7 +48,7 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, checked, names
 from virtual_phantom.recordings.importers.study import scan_of
 from virtual_phantom.recordings.reading import load
-from virtual_phantom.report.diagnosis import page, residual_maps
+from virtual_phantom.report.diagnosis import diagnosis_page, residual_maps
 from virtual_phantom.study.costs.diagnoses import STAGE, Extent, extent, materials_of
 from virtual_phantom.study.costs.rates import fit_parts, read_rates
 from virtual_phantom.study.progress.status import duration_range
@@ -242,25 +241,20 @@ def one(folder, processes):
     asked = DiagnosisRequest.of(case["model"], given.get("phantom"), processes)
     recording = load(folder)
     marks = [clock()]
-    assert set_up(recording, asked).kind == "as stated", folder
+    assert check_setup(recording, asked).kind == "as stated", folder
     marks.append(clock())
-    _, prepared = ready(asked, recording)
-    prepared, found = explain(
+    _, prepared = prepare_recording(asked, recording)
+    found = find_missing_physics(
         folder.name, prepared, case["effects"], defaults_of("diagnosis", "model_accuracy"), processes, None, timed
     )
-    scanned = None
-    if "phantom" in given:
-        scanned = Scanned.read(given["phantom"], given["image"], given["rois"])
-    elif "mask" in given:
-        scanned = Scanned.of_mask(given["mask"])
-    elif isinstance(asked.settings.object, ShapesObject):
-        shaped = shaped_object(asked.settings.object)
-        scanned = Scanned.of_shapes(shaped, recording.geometry, asked.mu_water_per_mm)
-    found.content["agreement"] = agreement(
-        recording, prepared, found.choice, asked, Branch.AGREEMENT, scanned, practice=True
+    study_rois = (given["image"], given["rois"]) if "phantom" in given else None
+    scanned = ScannedVolume.of(asked, recording, study_rois)
+    found.content["agreement"] = compare_images(
+        recording, found.prepared, found.choice, asked, Branch.AGREEMENT, scanned, with_changes=True
     )
     marks.append(clock())
-    page(found, prepared, ALPHA, residual_maps(found, prepared), scanned and scanned.fine)
+    found = replace(found, scanned=scanned)
+    diagnosis_page(found, residual_maps(found))
     check, rest = np.diff(marks)
     shared = {part: timed.seconds[part] for part in (RANKED, FITTED)}
     parts = {CHECK: check, ALONE: rest - sum(shared.values())} | shared

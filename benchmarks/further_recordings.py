@@ -21,8 +21,8 @@ import numpy as np
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.fitting.trial import trial
-from virtual_phantom.diagnosis.planning.measurement import Scan
-from virtual_phantom.diagnosis.planning.ranking import possible, rank, refitted
+from virtual_phantom.diagnosis.planning.measurement import FurtherScan
+from virtual_phantom.diagnosis.planning.ranking import possible, rank, refit
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.diagnosis.selection.forward_selection import choose
@@ -117,7 +117,7 @@ def one(group, draw):
     truth = effects[draw % len(effects)]
     like = Chain(scanned(group), GEOMETRY, draws.PHOTONS, SAMPLES)
     physics = {truth: drawn(truth, random, like.reads_in_air)}
-    first = Scan("first", "", like.scene, GEOMETRY)
+    first = FurtherScan("first", "", like.scene, GEOMETRY)
     prepared = made_ready(first, like, physics, random)
     found = choose(prepared.fitter, trial(prepared.fitter, ()), list(effects))
     row = {"group": group, "draw": draw, "truth": truth, "alone": "", "ambiguous": ""}
@@ -127,9 +127,9 @@ def one(group, draw):
     alike = found.ambiguous_with(named)
     row |= {"alone": named, "ambiguous": "/".join(alike)}
     if alike:
-        chosen, ambiguities = refitted(prepared, "first", {named: alike})
+        chosen, ambiguities = refit(prepared, "first", {named: alike})
         section = {"disc": {"diameter_mm": DISC_MM, "material": "water"}}
-        scans = [one for one in possible({"first": prepared}, section) if isinstance(one, Scan)]
+        scans = [one for one in possible({"first": prepared}, section) if isinstance(one, FurtherScan)]
         ranked = rank({"first": prepared}, chosen, ambiguities, scans).ranked
         for place, which in ((0, "first"), (-1, "last")):
             scan = ranked[place].measurement

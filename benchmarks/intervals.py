@@ -16,7 +16,7 @@ import lacking
 import numpy as np
 
 from virtual_phantom.diagnosis.fitting.trial import trial
-from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.uncertainty.intervals import half_width
 from virtual_phantom.diagnosis.uncertainty.model_error import errors_with_models
@@ -35,7 +35,7 @@ COUNTED = (("noise", "noise"), ("whole", "whole"), ("noise", "whole"))
 def fitted(folder, truth, config, seed):
     """The parameters of a case's effect, fitted: its numbers, and both standard errors."""
     model = lacking.recorded(folder, truth, config, seed)
-    _, prepared = ready(DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1))
+    _, prepared = prepare_recording(DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1))
     (effect,) = truth["effects"]
     name = effect["name"]
 

@@ -22,7 +22,7 @@ from intervals import LEVELS, held, shares
 
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
-from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA
 from virtual_phantom.diagnosis.scanner.consistency import alone
@@ -49,7 +49,7 @@ def scanned(folder, number, phantom, effects, config, seed):
     inside.mkdir()
     truth = {"case": f"case_{number:02d}", "number": number, "phantom": phantom, "effects": effects}
     model = lacking.recorded(inside, truth, config, seed)
-    return ready(DiagnosisRequest.of(model, str(inside / "image.nii.gz"), 1))[1]
+    return prepare_recording(DiagnosisRequest.of(model, str(inside / "image.nii.gz"), 1))[1]
 
 
 def fitted(made, effects, accuracy):

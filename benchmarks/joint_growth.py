@@ -20,8 +20,8 @@ import numpy as np
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.base.streams import Stream, generator
 from virtual_phantom.diagnosis.projections.prepared import prepare
-from virtual_phantom.diagnosis.run import explain
-from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
+from virtual_phantom.diagnosis.run import find_missing_physics
+from virtual_phantom.diagnosis.scanner.scanner import run_scanner_diagnosis
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.scene import DiscScene, Pose
@@ -60,9 +60,9 @@ def one(count):
     prepared, accuracy = recorded(count), defaults_of("diagnosis", "model_accuracy")
     began = time.process_time()
     if count == 1:
-        _, found = explain("bench", *prepared.values(), list(TRIED), accuracy)
+        found = find_missing_physics("bench", *prepared.values(), list(TRIED), accuracy)
     else:
-        found = explain_scanner("bench", prepared, TRIED, accuracy)
+        found = run_scanner_diagnosis("bench", prepared, TRIED, accuracy)
     seconds = time.process_time() - began
     named = [effect["name"] for effect in found.content["effects"]]
     megabytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

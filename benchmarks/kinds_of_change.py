@@ -20,7 +20,7 @@ import yaml
 
 from virtual_phantom.config.config import complete
 from virtual_phantom.diagnosis.fitting.trial import trial
-from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.request import DiagnosisRequest
@@ -59,7 +59,7 @@ def by_xcist():
         truth = {"case": f"draw_{draw}", "number": draw, "phantom": objects[draw % len(objects)], "effects": []}
         with tempfile.TemporaryDirectory() as folder:
             model = lacking.recorded(Path(folder), truth, config, SEED)
-            return ready(DiagnosisRequest.of(model, str(Path(folder) / "image.nii.gz"), 1))[1]
+            return prepare_recording(DiagnosisRequest.of(model, str(Path(folder) / "image.nii.gz"), 1))[1]
 
     return make
 

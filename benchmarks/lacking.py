@@ -18,9 +18,8 @@ from virtual_phantom.base.streams import Branch, branch
 from virtual_phantom.config.config import complete
 from virtual_phantom.config.dependencies import resource
 from virtual_phantom.diagnosis.candidate_effects import candidates
-from virtual_phantom.diagnosis.preparation import ready
 from virtual_phantom.diagnosis.request import DiagnosisRequest
-from virtual_phantom.diagnosis.run import explain
+from virtual_phantom.diagnosis.run import run_diagnosis
 from virtual_phantom.io.volumes import write_nifti
 from virtual_phantom.proof.conceal.case import Case
 from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_of, write
@@ -80,11 +79,10 @@ def recorded(folder, truth, config, seed, baseline=None):
 def diagnosed(folder, truth, config, seed, left_out):
     """What is said of one case, and how long the diagnosis took of the processor."""
     model = recorded(folder, truth, config, seed)
-    asked = DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1)
+    request = DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1)
     tried = [name for name in candidates(model["settings"]) if name not in left_out]
-    recording, prepared = ready(asked)
     began = sum(os.times()[:4])
-    _, found = explain(recording.name, prepared, tried, config["diagnosis"]["model_accuracy"])
+    found = run_diagnosis(request, tried, config["diagnosis"]["model_accuracy"], images=False)
     return found.content, sum(os.times()[:4]) - began
 
 

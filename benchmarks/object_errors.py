@@ -21,7 +21,7 @@ from diagnosis_draws import INSERTS, ROD, body
 
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
-from virtual_phantom.diagnosis.run import explain
+from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, names
@@ -85,7 +85,7 @@ def one(task):
     scanned = Chain(ShapesScene(shapes), draws.GEOMETRY, draws.PHOTONS, samples=FINER * SAMPLES)
     scans = draws.scans(scanned, physics, random)
     began = time.perf_counter()
-    content = explain("draw", given(scans), LIBRARY, accuracy)[1].content
+    content = find_missing_physics("draw", given(scans), LIBRARY, accuracy).content
     row = {"draw": draw, "kind": kind, "truth": truth, "verdict": content["verdict"]}
     row |= {"ours": "+".join(effect["name"] for effect in content["effects"]) or "none"}
     row["seconds"] = round(time.perf_counter() - began, 1)
@@ -97,7 +97,7 @@ def one(task):
             axes = 2 if piece["z_mm"] is None else 3
             found = np.array([piece["x_mm"], piece["y_mm"], piece["z_mm"] or 0.0])
             row["place_off_mm"] = round(float(np.linalg.norm((found - at)[:axes])), 1)
-        mended = explain("draw", given(scans), LIBRARY, accuracy, object_may_differ=True)[1].content
+        mended = find_missing_physics("draw", given(scans), LIBRARY, accuracy, object_may_differ=True).content
         row |= {"mended_verdict": mended["verdict"]}
         row["mended_effects"] = "+".join(effect["name"] for effect in mended["effects"]) or "none"
     return row

@@ -11,7 +11,7 @@ import argparse
 from pathlib import Path
 
 from virtual_phantom.diagnosis.fitting.trial import Trial, trial
-from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest, Disc, MaskedObject, Settings
 from virtual_phantom.diagnosis.selection.forward_selection import Choice
 from virtual_phantom.diagnosis.selection.transfer import Physics, verified
@@ -34,7 +34,7 @@ def prepared(folder: Path, name: str, view_step: int):
         scanned = {"object": MaskedObject(str(folder / name / "object.nii.gz"), "pmma")}
     settings = Settings(1, view_step, ALIGNMENT, **scanned)
     asked = DiagnosisRequest(folder / name, settings, defaults_of()["mu_water_per_mm"], defaults_of("materials"))
-    return ready(asked)[1]
+    return prepare_recording(asked)[1]
 
 
 def left(one, baseline: Trial, chosen: Trial) -> str:

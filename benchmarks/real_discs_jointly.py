@@ -21,7 +21,7 @@ from real_discs import prepared
 from virtual_phantom.diagnosis.fitting.fit import Fit
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.residuals.dataset import Prepared
-from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
+from virtual_phantom.diagnosis.scanner.scanner import run_scanner_diagnosis
 from virtual_phantom.io.schema import defaults_of
 
 SMOOTH = 0.9  # share of the rays that lie off edges
@@ -104,7 +104,7 @@ def main() -> None:
     names = sorted(one.name for one in options.recordings.iterdir() if one.is_dir())
     discs = {name: prepared(options.recordings, name, options.view_step) for name in names}
     accuracy = defaults_of("diagnosis", "model_accuracy")
-    found = explain_scanner("bench", discs, options.effects, accuracy, judged_on=options.judged_on)
+    found = run_scanner_diagnosis("bench", discs, options.effects, accuracy, judged_on=options.judged_on)
     print(found.content["sentence"], "\n")
     for effect in found.content["effects"]:
         numbers = (f"{key} {one['value']:.4g} {one['ci95']}" for key, one in effect["parameters"].items())

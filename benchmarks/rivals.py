@@ -28,9 +28,9 @@ import numpy as np
 
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.fitting.fit import Fitter
-from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
-from virtual_phantom.diagnosis.run import explain
+from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.selection.screening import screened
 from virtual_phantom.physics.effect import load
 from virtual_phantom.proof.conceal.case import ADMITTED, Case
@@ -120,8 +120,8 @@ def answers(folder, truth, config, seed):
     """{way: (effects named, first the surest; whether something is left)}."""
     model = lacking.recorded(folder, truth, config, seed)
     tried = list(candidates(model["settings"]))
-    recording, prepared = ready(DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1))
-    _, found = explain(recording.name, prepared, tried, config["diagnosis"]["model_accuracy"])
+    recording, prepared = prepare_recording(DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1))
+    found = find_missing_physics(recording.name, prepared, tried, config["diagnosis"]["model_accuracy"])
     said = found.content
     equals = [[one["name"], *said["ambiguous_with"].get(one["name"], [])] for one in said["effects"]]
     fitter = without_halves(prepared)

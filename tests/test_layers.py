@@ -16,8 +16,8 @@ PACKAGES = (
 INSIDE = {
     "diagnosis": (
         *("request", "workload", "scanned_object", "noise", "fitting", "candidate_effects", "residuals", "uncertainty"),
-        *("wording", "projections", "selection", "comparison", "images", "verdict", "features", "preparation", "run"),
-        *("scanner", "planning", "assumptions", "setup"),
+        *("verdict_text", "projections", "selection", "comparison", "images", "verdict", "features", "preparation"),
+        *("assumptions", "setup", "run", "scanner", "planning"),
     ),
 }
 LARGEST_PACKAGE = 12  # modules of a package inside `diagnosis`, so that a reader sees them at once

@@ -9,8 +9,8 @@ from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.comparison.agreement import Features, Regions, agreement, share_within
-from virtual_phantom.diagnosis.comparison.regions import Scanned, complete, image_grid, phantom_regions
-from virtual_phantom.diagnosis.comparison.scans import Reconstruction, agreement_of, compared, filled
+from virtual_phantom.diagnosis.comparison.regions import ScannedVolume, complete, image_grid, phantom_regions
+from virtual_phantom.diagnosis.comparison.scans import Reconstruction, agreement_of_repeats, filled, held_out_repeats
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
@@ -104,7 +104,7 @@ def scanned():
     grid = Grid((12, 96, 96), (4.0, 2.7, 2.7))
     _, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
     volume = body(grid, (105, 80), 20.0, [((50, 10, None), 22, 800.0), ((-40, -20, None), 22, -80.0)])
-    return Scanned(volume, {"bone": np.hypot(x - 50, y - 10) < 13, "fat": np.hypot(x + 40, y + 20) < 13}, grid)
+    return ScannedVolume(volume, {"bone": np.hypot(x - 50, y - 10) < 13, "fat": np.hypot(x + 40, y + 20) < 13}, grid)
 
 
 def diagnosed(scene, geometry, physics, library, repeats=8):
@@ -121,9 +121,9 @@ def test_concealed_blur_is_off_before_and_within_noise_after(scanned):
     scene = VoxelScene.of(scanned.fine, Segmentation(), MU_WATER)
     physics = {"optical_crosstalk": {"column": 0.08, "row": 0.08}}
     taken, given, choice = diagnosed(scene, GEOMETRY, physics, ("optical_crosstalk", "scatter"))
-    repeats = compared(taken, None)
+    repeats = held_out_repeats(taken, None)
     assert len(repeats) == 4 and np.array_equal(repeats.repeats, taken.repeats[1::2])
-    found = agreement_of(repeats, given, choice, MU_WATER, np.random.SeedSequence(1), scanned)
+    found = agreement_of_repeats(repeats, given, choice, MU_WATER, np.random.SeedSequence(1), scanned)
     assert found["left_out"] == {} and found["rois"] == ["bone", "fat"] and found["repeats"] == 4
     metrics = found["metrics"]
     # What is shared with neighbours lowers both the noise and the resolution.
@@ -165,7 +165,7 @@ def test_a_scan_of_less_than_half_a_turn_is_told_in_one_line():
         row_pitch_mm=1.6,
     )
     taken, given, choice = diagnosed(DiscScene(70.0, "pmma"), geometry, {}, ("scatter",), repeats=4)
-    found = agreement_of(compared(taken, None), given, choice, MU_WATER, np.random.SeedSequence(1))
+    found = agreement_of_repeats(held_out_repeats(taken, None), given, choice, MU_WATER, np.random.SeedSequence(1))
     assert found["metrics"] == {} and "do not contain all directions of rays" in found["left_out"]["images"]
     html = agreement_table(found)
     assert "Images were not compared (scan: 40 views over 0.3 turns" in html and "<table>" not in html
@@ -194,7 +194,7 @@ def test_repeats_that_are_compared():
     lines = np.arange(6.0).reshape(6, 1, 1, 1)
     taken = observed.Scans(lines, None, np.ones((1, 1, 1), bool))
     further = observed.Scans(lines[:2] + 10, None, taken.usable)
-    assert compared(taken, further) is further
-    assert compared(taken, None).repeats.ravel().tolist() == [1, 3, 5]
+    assert held_out_repeats(taken, further) is further
+    assert held_out_repeats(taken, None).repeats.ravel().tolist() == [1, 3, 5]
     few = observed.Scans(lines[:3], None, taken.usable)
-    assert compared(few, None) is few
+    assert held_out_repeats(few, None) is few

@@ -7,8 +7,8 @@ from simulated_scans import chosen, noisy_lines
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.projections import observed
+from virtual_phantom.diagnosis.projections.lost_rays import check_scans
 from virtual_phantom.diagnosis.projections.prepared import prepare
-from virtual_phantom.diagnosis.projections.unmeasured import check_scans
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.scene import DiscScene

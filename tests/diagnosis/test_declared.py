@@ -84,7 +84,7 @@ def test_a_statement_that_is_not_so_is_told_with_the_value_that_is(scene):
     # Between the statement and the truth, by how well each is known.
     assert 0.005 < amount["value"] < 0.0205
     assert content["verdict"].startswith("mismatch") and content["effects"] == []
-    assert "Declared otherwise than found: amount of scatter is" in content["sentence"]
+    assert "Contradicts declared physics: scatter: amount" in content["sentence"]
 
 
 def test_what_is_known_exactly_is_not_fitted(scene):

@@ -24,7 +24,7 @@ from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.scene import DiscScene, VoxelScene
 from virtual_phantom.recordings.projections import Projections
-from virtual_phantom.report.diagnosis import page, residual_maps
+from virtual_phantom.report.diagnosis import diagnosis_page, residual_maps
 
 PHOTONS = 1e5
 GEOMETRY = circular(
@@ -249,7 +249,7 @@ def test_fits_come_back_from_files_and_the_report_says_what_was_found(scene, tmp
     checksum_path(tmp_path / "fit.json").unlink()
     with pytest.raises(InputError, match="is no fit of a diagnosis"):
         read_trial(tmp_path / "fit.json")
-    text = page(found, given, ALPHA, residual_maps(found, given))
+    text = diagnosis_page(found, residual_maps(found))
     assert found.content["verdict"] in text and "gain pattern" in text and text.count("data:image/png;base64,") == 3
     assert "http" not in text  # one file, nothing fetched
     json.dumps(found.content, allow_nan=False)
@@ -308,5 +308,5 @@ def test_an_alignment_that_had_to_give_way_changes_what_is_said(scene):
     assert [one["name"] for one in content["effects"]] == ["scatter"]
     assert content["verdict"] == "mismatch partly explained"
     assert any(line.startswith("log photons of the alignment had to be pulled") for line in content["doubts"])
-    assert "the best that the library offers is scatter" in content["sentence"]
-    assert "left out was" not in content["sentence"] and "root mean square" in content["sentence"]
+    assert content["verdict_lines"][0].startswith("Best explanation: scatter")
+    assert "RMS" in content["sentence"]

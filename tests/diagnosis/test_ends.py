@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.projections.truncation import LEAST_MISSING, beyond
+from virtual_phantom.diagnosis.projections.lost_rays import LEAST_MISSING, truncation_of
 from virtual_phantom.physics.scenes.posed import PosedScene
 from virtual_phantom.physics.scenes.scene import DiscScene, VoxelScene
 
@@ -29,20 +29,20 @@ def cylinder(slices, air=0, amount=1.0, noise=0.0):
 
 def test_what_is_missing_is_what_a_longer_volume_has_more():
     cut, whole = cylinder(14), cylinder(60)
-    found = beyond(PosedScene(cut), GEOMETRY)
+    found = truncation_of(PosedScene(cut), GEOMETRY)
     missing = cut.attenuation_per_mm[0] * (whole.path_lengths(GEOMETRY) - cut.path_lengths(GEOMETRY))[0]
     assert found.share == pytest.approx(np.mean(missing > LEAST_MISSING), abs=0.01)
     assert found.most == pytest.approx(missing.max(), rel=0.01)
-    assert "3.8 mm longer on each side" in found.words[0]
+    assert "3.8 mm longer on each side" in found.remark[0]
     # As long as is said, nothing is missing any more.
-    assert not beyond(cylinder(14 + 2 * int(np.ceil(found.height_mm / 2))), GEOMETRY).words
+    assert not truncation_of(cylinder(14 + 2 * int(np.ceil(found.height_mm / 2))), GEOMETRY).remark
 
 
 @pytest.mark.parametrize("scene", [cylinder(60), DiscScene(100.0, "water")], ids=["long", "disc"])
 def test_an_object_longer_than_the_beam_lacks_nothing(scene):
-    assert not beyond(scene, GEOMETRY).words
+    assert not truncation_of(scene, GEOMETRY).remark
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_an_object_that_ends_within_its_volume_is_not_cut(noise):
-    assert not beyond(cylinder(14, air=1, noise=noise), GEOMETRY).words
+    assert not truncation_of(cylinder(14, air=1, noise=noise), GEOMETRY).remark

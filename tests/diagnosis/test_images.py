@@ -16,7 +16,7 @@ from virtual_phantom.diagnosis.images.model import noise_lines
 from virtual_phantom.diagnosis.images.observed import LAGS, Condenser
 from virtual_phantom.diagnosis.images.prepared import prepare
 from virtual_phantom.diagnosis.images.setting import central_slices
-from virtual_phantom.diagnosis.images.whitening import local_variance, whitening
+from virtual_phantom.diagnosis.images.whitening import image_whitening, local_variance
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.beam.materials import Segmentation
@@ -49,7 +49,7 @@ def blurred_noise(random, count, sigma=1.0):
 def test_whitened_noise_is_white():
     random = np.random.default_rng(1)
     used = np.ones(SHAPE, bool)
-    white = whitening(blurred_noise(random, 40, 0.6), used, np.zeros(SHAPE), 2)
+    white = image_whitening(blurred_noise(random, 40, 0.6), used, np.zeros(SHAPE), 2)
     fresh = np.stack([white(one) for one in blurred_noise(random, 40, 0.6)])
     assert fresh.var() == pytest.approx(1, abs=0.05)
     neighbours = (fresh[..., 1:] * fresh[..., :-1]).mean()
@@ -62,7 +62,7 @@ def test_the_floor_counts_like_noise_that_repeats_share():
     random = np.random.default_rng(2)
     used, noise = np.ones(SHAPE, bool), blurred_noise(random, 40, 0.3)
     floor = 10 * random.normal(size=SHAPE)
-    bare, held = (whitening(noise, used, error, 4) for error in (np.zeros(SHAPE), floor))
+    bare, held = (image_whitening(noise, used, error, 4) for error in (np.zeros(SHAPE), floor))
     # Of a mean of 4 repeats the noise is 20 / 2 = 10 HU: the floor is as large, so that the variance halves.
     assert (held(floor) ** 2).mean() / (bare(floor) ** 2).mean() == pytest.approx(0.5, abs=0.1)
 
@@ -71,7 +71,7 @@ def test_noise_statistics_scatter_by_their_errors():
     random = np.random.default_rng(3)
     used = np.ones(SHAPE, bool)
     used[:, :4] = False
-    white = whitening(blurred_noise(random, 60), used, np.zeros(SHAPE), 2)
+    white = image_whitening(blurred_noise(random, 60), used, np.zeros(SHAPE), 2)
     condenser = Condenser(white, blurred_noise(random, 40), 10**9, np.zeros(SHAPE))
     z, pairs = [], []
     for _ in range(60):

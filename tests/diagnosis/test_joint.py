@@ -13,7 +13,7 @@ from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.fitting.priors import declared
 from virtual_phantom.diagnosis.projections import observed
 from virtual_phantom.diagnosis.projections.prepared import prepare
-from virtual_phantom.diagnosis.scanner.scanner import explain_scanner, protocols_of
+from virtual_phantom.diagnosis.scanner.scanner import protocols_of, run_scanner_diagnosis
 from virtual_phantom.diagnosis.selection.joint_selection import MOST_FOLDS, choose_jointly, left_together
 from virtual_phantom.diagnosis.uncertainty import model_error
 from virtual_phantom.diagnosis.uncertainty.model_error import errors_of_pulled, errors_with_models, pulled_of_recordings
@@ -21,7 +21,7 @@ from virtual_phantom.io.documents import SCANNER, schema_of_kind
 from virtual_phantom.io.schema import defaults_of, validate
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.scene import DiscScene, Pose
-from virtual_phantom.report.scanner import page
+from virtual_phantom.report.scanner import scanner_page
 
 PHOTONS = 2e5
 GEOMETRY = circular(
@@ -185,29 +185,32 @@ def test_a_single_recording_cannot_be_judged_by_others(fitters):
 
 def test_a_scanner_is_told_in_a_document_and_a_page():
     made = {name: made_ready(name, SCATTER) for name in DISCS}
-    found = explain_scanner("bench", made, ("scatter", "veiling_glare"), defaults_of("diagnosis", "model_accuracy"))
+    found = run_scanner_diagnosis(
+        "bench", made, ("scatter", "veiling_glare"), defaults_of("diagnosis", "model_accuracy")
+    )
     content = found.content
     validate(content, schema_of_kind(SCANNER), "scanner.json")
     assert content["verdict"] == "mismatch explained", content["sentence"]
     assert [one["name"] for one in content["effects"]] == ["scatter"]
-    assert content["sentence"].startswith(
-        "bench: 3 recordings share what the simulation lacks: scatter. Fitted to the others"
-    )
+    assert content["verdict_lines"][0].startswith("Shared missing physics: scatter (amount 0.0")
+    assert content["verdict_lines"][0].endswith("), in 3 recordings.")
+    assert content["verdict_lines"][1].startswith("Fit on left-out recordings: ")
     assert content["excess_rms_removed"]["worst"] > 0.8
     amount = content["effects"][0]["parameters"]["amount"]
     assert set(amount["without"]) == set(DISCS) and amount["ci95"][0] < 0.03 < amount["ci95"][1] * 1.1
-    written = page(content)
+    written = scanner_page(content)
     for name in DISCS:
         assert f"<strong>{name}</strong>" in written
-    assert content["sentence"] in written and "data:image" in written
+    assert all(line in written for line in content["verdict_lines"]) and "data:image" in written
 
 
 def test_a_scanner_that_lacks_nothing_is_a_match():
     made = {name: made_ready(name, {}, seed=9) for name in DISCS}
-    found = explain_scanner("bench", made, ("scatter",), defaults_of("diagnosis", "model_accuracy")).content
-    assert found["verdict"] == "match" and found["sentence"] == "bench: 3 recordings and the simulation agree."
+    found = run_scanner_diagnosis("bench", made, ("scatter",), defaults_of("diagnosis", "model_accuracy")).content
+    assert found["verdict"] == "match"
+    assert found["verdict_lines"] == ["Shared missing physics: none; 3 recordings agree with the simulation."]
     validate(found, schema_of_kind(SCANNER), "scanner.json")
-    page(found)
+    scanner_page(found)
 
 
 def test_statements_on_a_scanner_that_are_not_so_are_told():
@@ -217,13 +220,13 @@ def test_statements_on_a_scanner_that_are_not_so_are_told():
     def told(amount, protocols=None):
         stated = {"scatter": {"amount": {"value": amount, "sd": 0.002}, "width_mm": {"value": 60.0, "sd": 1.0}}}
         made = {name: made_ready(name, SCATTER, 9, stated) for name in DISCS}
-        content = explain_scanner("bench", made, ("veiling_glare",), accuracy, protocols).content
+        content = run_scanner_diagnosis("bench", made, ("veiling_glare",), accuracy, protocols).content
         validate(content, schema_of_kind(SCANNER), "scanner.json")
         return content
 
     right = told(0.03)
     assert right["verdict"] == "match" and not right["declared"]["scatter"]["amount"]["off"]
-    assert not right["declared_of_protocols"] and "Declared otherwise" not in right["sentence"]
+    assert not right["declared_of_protocols"] and "Contradicts" not in right["sentence"]
     wrong = told(0.015, {"narrow": ["small"]})
     assert set(wrong["declared"]["scatter"]) == {"width_mm"}
     assert {name: set(one["scatter"]) for name, one in wrong["declared_of_protocols"].items()} == {
@@ -233,8 +236,8 @@ def test_statements_on_a_scanner_that_are_not_so_are_told():
     amount = wrong["declared_of_protocols"]["narrow"]["scatter"]["amount"]
     assert amount["off"] and amount["pull"] > 5 and 0.015 < amount["value"] < 0.032
     assert wrong["verdict"].startswith("mismatch") and not wrong["effects"]
-    assert "Declared otherwise than found: amount of scatter" in wrong["sentence"]
-    assert "protocol narrow" in page(wrong) and "0.015 ± 0.002" in page(wrong)
+    assert "Contradicts declared physics: scatter of protocol narrow: amount 0.0" in wrong["sentence"]
+    assert "protocol narrow" in scanner_page(wrong) and "0.015 ± 0.002" in scanner_page(wrong)
 
 
 OWN_DRIFTS = {"large": 3e3, "middle": 0.0, "small": -2e3}  # photons per second
@@ -273,13 +276,13 @@ def test_what_every_scan_has_of_its_own_is_not_shared(drifting):
 
 def test_a_scanner_says_what_each_scan_has_of_its_own(drifting):
     accuracy = defaults_of("diagnosis", "model_accuracy")
-    content = explain_scanner("bench", drifting, ("dark_signal", "scatter"), accuracy).content
+    content = run_scanner_diagnosis("bench", drifting, ("dark_signal", "scatter"), accuracy).content
     validate(content, schema_of_kind(SCANNER), "scanner.json")
     (effect,) = content["effects"]
     assert effect["name"] == "dark_signal" and set(effect["parameters"]) == {"level_units"}
     own = {name: one["own"]["dark_signal"]["drift_units_per_s"] for name, one in content["recordings"].items()}
     assert own["small"] < own["middle"] < own["large"]
-    assert "drift" in page(content)
+    assert "drift" in scanner_page(content)
 
 
 AMOUNTS = {"large": 0.03, "small": 0.03, "middle": 0.07, "further": 0.07}  # of scatter; two collimations
@@ -350,7 +353,7 @@ def test_errors_stand_with_the_numbers_that_they_are_of(collimated):
 
 def test_a_scanner_says_what_each_protocol_has(collimated):
     accuracy = defaults_of("diagnosis", "model_accuracy")
-    content = explain_scanner("bench", collimated, ("scatter", "veiling_glare"), accuracy, PROTOCOLS).content
+    content = run_scanner_diagnosis("bench", collimated, ("scatter", "veiling_glare"), accuracy, PROTOCOLS).content
     validate(content, schema_of_kind(SCANNER), "scanner.json")
     (effect,) = content["effects"]
     assert effect["name"] == "scatter" and set(effect["parameters"]) == {"width_mm"}
@@ -358,7 +361,7 @@ def test_a_scanner_says_what_each_protocol_has(collimated):
     assert amounts == {"narrow": pytest.approx(0.03, rel=0.05), "wide": pytest.approx(0.07, rel=0.05)}
     assert set(effect["protocols"]["wide"]["amount"]["without"]) == set(PROTOCOLS["wide"])
     assert content["recordings"]["further"]["protocol"] == "wide" and not content["recordings"]["further"]["own"]
-    text = page(content)
+    text = scanner_page(content)
     assert "<td>narrow</td>" in text and "<td>all recordings</td>" in text
 
 

@@ -6,8 +6,8 @@ from drawn_objects import CYLINDERS, ENERGY_KEV, GEOMETRY, MATERIALS, MU_WATER_P
 
 import virtual_phantom as vp
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.diagnosis.assumptions import object_of
-from virtual_phantom.diagnosis.comparison.regions import Scanned
+from virtual_phantom.diagnosis.assumptions import object_text
+from virtual_phantom.diagnosis.comparison.regions import ScannedVolume
 from virtual_phantom.diagnosis.request import DiagnosisRequest, LabelledObject, Settings
 from virtual_phantom.diagnosis.scanned_object import scene_of
 from virtual_phantom.physics.beam.materials import attenuation_per_mm
@@ -38,7 +38,7 @@ def test_the_right_description_passes_and_another_object_does_not(tmp_path):
     assert found.content["setup"]["kind"] == "as stated"
     other = vp.diagnose(folder, labels=(path, {1: "polyethylene", 2: "nothing"}), samples=1, effects=["scatter"])
     assert other.content["verdict"] == "another object"
-    assert "not the label map labels.nii.gz, of polyethylene" in other.content["sentence"]
+    assert "the scan does not show the label map labels.nii.gz, of polyethylene" in other.content["sentence"]
 
 
 def test_it_is_said_what_voxels_leave_along_edges(tmp_path):
@@ -77,7 +77,7 @@ def test_it_is_said_what_was_modelled():
     given = {"object": {"labels": "maps/rods.nii.gz", "materials": materials}}
     asked = DiagnosisRequest("nowhere", Settings.of(settings | given), MU_WATER_PER_MM, {})
     assert isinstance(asked.settings.object, LabelledObject)
-    assert object_of(asked) == "the label map rods.nii.gz, of pmma and C2F4 (2.16 g/cm3)"
+    assert object_text(asked) == "the label map rods.nii.gz, of pmma and C2F4 (2.16 g/cm3)"
 
 
 def test_the_beam_before_any_effect_is_the_one_of_shapes(tmp_path):
@@ -93,7 +93,7 @@ def test_the_beam_before_any_effect_is_the_one_of_shapes(tmp_path):
 
 def test_images_are_compared_in_hu_of_its_materials(tmp_path):
     path = drawn(tmp_path / "labels.nii.gz", 0.5)
-    scanned = Scanned.of_labels(read_labelled(path, {"1": "water", "2": "aluminium"}), MU_WATER_PER_MM)
+    scanned = ScannedVolume.of_labels(read_labelled(path, {"1": "water", "2": "aluminium"}), MU_WATER_PER_MM)
     labels = np.unique(scanned.fine.array)
     aluminium = attenuation_per_mm("aluminium", [ENERGY_KEV])[0]
     np.testing.assert_allclose(labels, [-1000, 0, 1000 * (aluminium / MU_WATER_PER_MM - 1)], atol=0.5)

@@ -13,26 +13,31 @@ from virtual_phantom.diagnosis.planning.information import (
     MeasurementInformation,
     correlation,
     expected,
+    expected_log_score_loss,
     information_gain,
-    parted,
-    profiled,
-    summed,
+    normal_equations,
+    profiled_information,
 )
-from virtual_phantom.diagnosis.planning.measurement import Scan
+from virtual_phantom.diagnosis.planning.measurement import FurtherScan
 from virtual_phantom.diagnosis.planning.ranking import (
     Ambiguity,
-    Ranked,
-    alikeness,
+    RankedMeasurement,
     conditions_of,
+    effect_similarity,
     found_in,
     order,
     possible,
     rank,
-    refitted,
-    refitted_jointly,
+    refit,
+    refit_jointly,
     settles,
 )
-from virtual_phantom.diagnosis.planning.tables import alike_table, first_words, recording_to_fill_in, table
+from virtual_phantom.diagnosis.planning.tables import (
+    best_measurement_text,
+    ranking_table,
+    recording_template,
+    similarity_table,
+)
 from virtual_phantom.diagnosis.projections import observed
 from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.figures.next_measurement import draw_ranking
@@ -66,33 +71,38 @@ GROUP = [("effect", "0"), ("effect", "1")]
 
 
 def test_profiled_information_is_the_inverse_of_the_covariance():
-    sums = summed([measurement("a", 1, knowledge=0.3), measurement("b", 2, knowledge=0.3)])
+    sums = normal_equations([measurement("a", 1, knowledge=0.3), measurement("b", 2, knowledge=0.3)])
     assert len(sums.keys) == 8
     inside = [sums.keys.index(key) for key in GROUP]
     covariance = np.linalg.inv(sums.information)[np.ix_(inside, inside)]
-    np.testing.assert_allclose(profiled(sums, GROUP), np.linalg.inv(covariance), rtol=1e-8)
+    np.testing.assert_allclose(profiled_information(sums, GROUP), np.linalg.inv(covariance), rtol=1e-8)
 
 
 def test_knowledge_of_a_shared_number_counts_once():
     one, two = measurement("a", 1, knowledge=5.0), measurement("b", 2, knowledge=5.0)
-    bare = summed([measurement("a", 1), measurement("b", 2)])
-    np.testing.assert_allclose(np.diag(summed([one, two]).information - bare.information), 5.0)
+    bare = normal_equations([measurement("a", 1), measurement("b", 2)])
+    np.testing.assert_allclose(np.diag(normal_equations([one, two]).information - bare.information), 5.0)
 
 
 def test_the_same_measurement_again_gains_half_the_logarithm_of_two_for_each_number():
     """Without anything of its own beside what is shared: the information doubles."""
     one = measurement("a", 3, own=0)
-    assert information_gain(summed([one]), summed([one, one]), GROUP) == pytest.approx(2 * 0.5 * np.log(2))
+    assert information_gain(normal_equations([one]), normal_equations([one, one]), GROUP) == pytest.approx(
+        2 * 0.5 * np.log(2)
+    )
 
 
 def test_what_numbers_do_not_take_up_parts_explanations():
     one, difference = measurement("a", 4), np.random.default_rng(5).normal(size=40)
     left = np.linalg.lstsq(one.changes, difference, rcond=None)[1][0]
-    assert parted(summed([one], [difference])) == pytest.approx(left / 2)
+    assert expected_log_score_loss(normal_equations([one], [difference])) == pytest.approx(left / 2)
     room = np.tile([-0.05, 0.05], (5, 1))
     held = MeasurementInformation(one.keys, one.changes, one.predicted, one.knowledge, room, one.steps)
     bounded = lsq_linear(one.changes, difference, (-0.05, 0.05), method="bvls")
-    assert parted(summed([held], [difference])) == pytest.approx(bounded.cost) and bounded.cost > left / 2 * 1.01
+    assert (
+        expected_log_score_loss(normal_equations([held], [difference])) == pytest.approx(bounded.cost)
+        and bounded.cost > left / 2 * 1.01
+    )
 
 
 def test_numbers_that_change_the_same_have_a_correlation_of_one():
@@ -100,15 +110,15 @@ def test_numbers_that_change_the_same_have_a_correlation_of_one():
     changes = one.changes.copy()
     changes[:, 1] = -3 * changes[:, 0] + changes[:, 2]  # the alignment takes up the rest
     alike = MeasurementInformation(one.keys, changes, one.predicted, one.knowledge, one.room, one.steps)
-    assert correlation(summed([alike]), GROUP[:1], GROUP[1:]) == pytest.approx(1)
-    assert correlation(summed([one]), GROUP[:1], GROUP[1:]) < 0.5
+    assert correlation(normal_equations([alike]), GROUP[:1], GROUP[1:]) == pytest.approx(1)
+    assert correlation(normal_equations([one]), GROUP[:1], GROUP[1:]) < 0.5
 
 
 @pytest.fixture(scope="module")
 def moved():
     """A scan of a disc by a detector that has moved: as well, one whose axis lies beside the ray."""
     prepared = {"disc": made_ready({OFFSET: {"columns_px": 0.15}})}
-    chosen, ambiguities = refitted(prepared["disc"], "disc", {OFFSET: [AXIS]})
+    chosen, ambiguities = refit(prepared["disc"], "disc", {OFFSET: [AXIS]})
     wanted = ("same", "less_magnified", "half_current", "air", "dark_frames")
     some = [one for one in possible(prepared, SECTION) if one.name in wanted]
     assert [one.name for one in some] == ["same", "less_magnified", "half_current", "air", "dark_frames"]
@@ -132,10 +142,10 @@ def test_what_is_expected_of_a_pair_is_what_two_fits_give():
     prepared = made_ready({"veiling_glare": {"share": 0.02, "width_mm": 60.0}}, seed=3)
     fitter = prepared.fitter
     fits = {name: fitter.fit((name,)) for name in ("veiling_glare", "scatter")}
-    scan, model = Scan("disc", "", fitter.model.chain.scene, GEOMETRY), fitter.model
+    scan, model = FurtherScan("disc", "", fitter.model.chain.scene, GEOMETRY), fitter.model
     weighed, conditions = fits["veiling_glare"], conditions_of(prepared)
     parts = {
-        name: [scan.tells(model, (name,), fit, conditions, (), again=True, weighed=weighed)]
+        name: [scan.information(model, (name,), fit, conditions, (), again=True, weighed=weighed)]
         for name, fit in fits.items()
     }
     measured = fitter.score(fits["veiling_glare"]) - fitter.score(fits["scatter"])
@@ -156,19 +166,19 @@ def test_dark_frames_tell_a_dark_signal():
 def test_effects_are_as_alike_as_their_templates(moved):
     prepared, *_ = moved
     baseline = {"disc": prepared["disc"].fitter.fit(())}
-    alike = alikeness(prepared, baseline, (OFFSET, AXIS, "scatter", "gain_pattern"))
+    alike = effect_similarity(prepared, baseline, (OFFSET, AXIS, "scatter", "gain_pattern"))
     assert set(alike) == {(OFFSET, AXIS), (OFFSET, "scatter"), (AXIS, "scatter")}  # a pattern has no numbers
     assert alike[OFFSET, AXIS]["disc"] > 0.95 and alike[OFFSET, "scatter"]["disc"] < 0.2
     assert alike[OFFSET, AXIS][""] == pytest.approx(alike[OFFSET, AXIS]["disc"])
-    rows = alike_table(alike)
+    rows = similarity_table(alike)
     assert list(rows.columns) == ["effect", "other", "disc", "together"] and rows["together"].is_monotonic_decreasing
 
 
 def test_what_a_scanner_leaves_ambiguous_is_found(moved):
     prepared, *_ = moved
     baseline = {"disc": prepared["disc"].fitter.fit(())}
-    alike = alikeness(prepared, baseline, (OFFSET, AXIS, "scatter"))
-    chosen, ambiguities = refitted_jointly(prepared, (OFFSET,), (OFFSET, AXIS, "scatter"), alike)
+    alike = effect_similarity(prepared, baseline, (OFFSET, AXIS, "scatter"))
+    chosen, ambiguities = refit_jointly(prepared, (OFFSET,), (OFFSET, AXIS, "scatter"), alike)
     assert chosen["disc"].effects == (OFFSET,)
     assert [list(one.fits) for one in ambiguities] == [[OFFSET, AXIS]]
 
@@ -191,13 +201,13 @@ def test_patterns_of_pixels_are_left_to_an_air_scan():
 
 def test_table_figure_and_the_recording_to_fill_in(moved):
     *_, found = moved
-    rows = table(found)
+    rows = ranking_table(found)
     assert list(rows["name"][:2]) == ["now", "less_magnified"] and rows["settles"][1]
-    assert first_words(found)[0].startswith("the object nearer to the detector")
+    assert best_measurement_text(found)[0].startswith("the object nearer to the detector")
     assert [axes.get_xlabel() for axes in draw_ranking(rows, 3.0).axes][0].startswith("expected gain")
     content = {"name": "disc", "kind": "projections", "scan": SCAN, "nominal": {"photons": 100.0}, "repeats": ["a.h5"]}
     for one in found.ranked:
-        text = recording_to_fill_in("disc", one, content, SECTION, 4)
+        text = recording_template("disc", one, content, SECTION, 4)
         filled = yaml.safe_load(text)
         validate(filled, read_schema(SCHEMAS / "recording.schema.yaml"), "recording.yaml")
         assert one.measurement.words in text and len(filled["repeats"]) == 4
@@ -243,7 +253,7 @@ def test_recordings_of_several_protocols_share_what_is_the_scanners_alone():
     conditions = conditions_of(prepared)
 
     def numbers(name, protocol=""):
-        told_of = replace(again, name=name).tells(model, effects, fit, conditions, (), protocol=protocol)
+        told_of = replace(again, name=name).information(model, effects, fit, conditions, (), protocol=protocol)
         return {key for key in told_of.keys if "alignment" not in key}
 
     drift = "drift_units_per_s"
@@ -259,8 +269,8 @@ def test_where_nothing_is_in_the_beam_a_displacement_changes_nothing():
     """The step of other numbers is then not as small as that."""
     prepared = made_ready({OFFSET: {"columns_px": 0.15}})
     fit, model = prepared.fitter.fit((OFFSET,)), prepared.fitter.model
-    nothing = Scan("air", "", DiscScene(0.0, "air"), GEOMETRY)
-    told_of = nothing.tells(model, (OFFSET,), fit, conditions_of(prepared), ())
+    nothing = FurtherScan("air", "", DiscScene(0.0, "air"), GEOMETRY)
+    told_of = nothing.information(model, (OFFSET,), fit, conditions_of(prepared), ())
     assert np.isfinite(told_of.changes).all() and (told_of.steps > 0).all()
     offset = told_of.keys.index(("air", "alignment", "offset"))
     assert np.linalg.norm(told_of.changes[:, offset]) > 1e3
@@ -268,9 +278,9 @@ def test_where_nothing_is_in_the_beam_a_displacement_changes_nothing():
 
 def test_what_leaves_a_pair_as_alike_as_it_was_stands_behind_what_parts_all():
     """By the gain alone, the first would be first."""
-    of_some = Ranked(None, 5.8, {("glare", "scatter"): 0.1, ("dark", "scatter"): 900.0}, {})
-    of_all = Ranked(None, 1.2, {("glare", "scatter"): 4.0, ("dark", "scatter"): 5.0}, {})
-    faint = Ranked(None, 0.3, {("glare", "scatter"): 2.0, ("dark", "scatter"): 5.0}, {})
+    of_some = RankedMeasurement(None, 5.8, {("glare", "scatter"): 0.1, ("dark", "scatter"): 900.0}, {})
+    of_all = RankedMeasurement(None, 1.2, {("glare", "scatter"): 4.0, ("dark", "scatter"): 5.0}, {})
+    faint = RankedMeasurement(None, 0.3, {("glare", "scatter"): 2.0, ("dark", "scatter"): 5.0}, {})
     assert sorted([faint, of_some, of_all], key=order) == [of_all, of_some, faint]
-    alone = [Ranked(None, gain, {}, {}) for gain in (0.1, 0.4)]
+    alone = [RankedMeasurement(None, gain, {}, {}) for gain in (0.1, 0.4)]
     assert sorted(alone, key=order) == alone[::-1]

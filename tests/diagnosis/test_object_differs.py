@@ -16,7 +16,7 @@ from virtual_phantom.diagnosis.projections import local_mismatch as piece_module
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.projections.local_mismatch import Left, Piece, found, reach_of
-from virtual_phantom.diagnosis.run import explain
+from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.verdict.object_mismatch import excess, explains_all
 from virtual_phantom.diagnosis.verdict.unmodelled import changes
 from virtual_phantom.figures.diagnosis import draw_pieces
@@ -62,7 +62,7 @@ def ready(scanned, physics=None, stated=(FAT,), seed=1):
 def told(scanned, physics=None, differ=False, stated=(FAT,), seed=1):
     """What is said of it."""
     given, accuracy = ready(scanned, physics, stated, seed), defaults_of("diagnosis", "model_accuracy")
-    content = explain("bench", given, TRIED, accuracy, object_may_differ=differ)[1].content
+    content = find_missing_physics("bench", given, TRIED, accuracy, object_may_differ=differ).content
     jsonschema.validate(content, SCHEMA)
     return content
 
@@ -165,7 +165,7 @@ def test_an_insert_that_is_missing_is_the_object_and_no_physics():
     assert piece["width_mm"] == pytest.approx(30, abs=3)
     fat, muscle, water = (float(attenuation_per_mm(one, [60.0])[0]) for one in ("adipose", "soft_tissue", "water"))
     assert piece["hu"] == pytest.approx(1000 * (muscle - fat) / water, rel=0.15)
-    assert "the object may be another than was stated" in content["sentence"]
+    assert content["verdict_lines"][0].startswith("Local object mismatch: ball of ")
     assert "turned by 90 degrees" in content["next_measurement"][0]
 
 
@@ -189,7 +189,7 @@ def test_a_large_insert_that_is_missing_explains_all(monkeypatch):
 def test_it_is_mended_if_the_user_says_so():
     content = missing(True)
     assert content["verdict"] == "match" and content["object"]["mended"]
-    assert "The object was mended first" in content["sentence"]
+    assert "Object corrected before the fit: ball of " in content["sentence"]
     low, high = content["alignment"]["piece_1"]["ci95"]
     assert 0 < low < high
 

@@ -92,7 +92,7 @@ def test_what_is_left_and_what_beats_an_effect_is_told(chain):
     (beaten,) = content["outside"].items()
     assert beaten[0] == content["effects"][0]["name"]
     assert beaten[1]["what"] == "depends on the line integral alone" and beaten[1]["better_by"] > 4
-    assert "or something outside of the library that depends on the line integral alone" in content["sentence"]
+    assert "an unmodeled change that depends on the line integral alone" in content["sentence"]
 
 
 def test_an_effect_that_is_right_is_not_beaten(chain):

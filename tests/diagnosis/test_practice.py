@@ -5,9 +5,8 @@ import pytest
 from scipy import special
 
 from virtual_phantom.diagnosis.comparison.agreement import Features, Regions
-from virtual_phantom.diagnosis.comparison.relevance import changes
-from virtual_phantom.diagnosis.comparison.relevance_thresholds import in_practice, over
-from virtual_phantom.diagnosis.wording import PRACTICAL
+from virtual_phantom.diagnosis.comparison.relevance import above_thresholds, image_changes, judge_relevance
+from virtual_phantom.diagnosis.verdict_text import PRACTICAL
 
 SPACING = (2.0, 1.0, 1.0)
 THRESHOLDS = {"hu": 1, "contrast_percent": 1, "noise_percent": 1, "resolution_percent": 1, "features_sd": 0.2}
@@ -35,23 +34,28 @@ def test_changes_that_were_put_in_are_told(regions):
         "resolution_percent": (images(regions, 1, blur=1.1), 100 * (1 / 1.1 - 1)),
     }
     for quantity, (twin, truth) in twins.items():
-        found = changes(base, twin, regions, paired=True)[quantity]
+        found = image_changes(base, twin, regions, paired=True)[quantity]
         assert found.value == pytest.approx(truth, rel=0.05), quantity
-    same = changes(base, base, regions, Features(regions), paired=True)
+    same = image_changes(base, base, regions, Features(regions), paired=True)
     assert set(same) == set(THRESHOLDS) and all(one.value == one.error == 0 for one in same.values())
 
 
 def test_noise_alone_is_never_told_as_a_difference(regions):
     """Of 40 pairs of recordings that differ by noise alone none is over a threshold, however low it is."""
     lowest = dict.fromkeys(THRESHOLDS, 0.0)
-    told = [over(as_told(images(regions, 2 * i), images(regions, 2 * i + 1), regions), lowest) for i in range(40)]
+    told = [
+        above_thresholds(as_told(images(regions, 2 * i), images(regions, 2 * i + 1), regions), lowest)
+        for i in range(40)
+    ]
     # Of three relative measures one in 22 exceeds two standard errors; of the largest HU one in 20, twice.
     assert sum(len(one) for one in told) <= 20
     assert not [one for one in told if over_by_margin(one)]
 
 
 def as_told(without, with_it, regions):
-    return {name: {"value": one.value, "error": one.error} for name, one in changes(without, with_it, regions).items()}
+    return {
+        name: {"value": one.value, "error": one.error} for name, one in image_changes(without, with_it, regions).items()
+    }
 
 
 def over_by_margin(found):
@@ -65,7 +69,7 @@ def test_a_local_difference_is_seen_outside_of_all_regions(regions):
     y, x = np.mgrid[:80, :80] - 39.5
     rings[:] = 4.0 * np.sign(np.sin(2 * np.pi * np.hypot(y, x) / 3))
     for more, size in ((lump, 5.0), (rings, 4.0)):
-        found = changes(images(regions, 3), images(regions, 4, more=more), regions)["hu"]
+        found = image_changes(images(regions, 3), images(regions, 4, more=more), regions)["hu"]
         assert abs(found.value) == pytest.approx(size, abs=2 * found.error + 0.3)
         assert abs(found.value) - 2 * found.error > 1
 
@@ -96,34 +100,27 @@ def content(verdict, effects, practice):
 
 def test_what_changes_images_by_less_than_matters_is_no_physics_left_out():
     effects = {"dark_signal": {"hu": 0.03, "contrast_percent": 0.02}, "veiling_glare": {"hu": -0.2}}
-    found = in_practice(content("mismatch explained", effects, told({"hu": 0.4}, effects)), THRESHOLDS)
+    found = judge_relevance(content("mismatch explained", effects, told({"hu": 0.4}, effects)), THRESHOLDS)
     assert found["verdict"] == PRACTICAL and found["practice"]["small"] == list(effects)
-    assert "agree for practical purposes" in found["sentence"] and "dark signal and veiling glare" in found["sentence"]
-    differs = in_practice(
+    differs = judge_relevance(
         content("mismatch explained", effects, told({"resolution_percent": -1.23}, effects)), THRESHOLDS
     )
-    assert differs["verdict"] == "unexplained" and "by -1.23 % of resolution" in differs["sentence"]
-    exact = in_practice(content("mismatch explained", effects, told({}, effects)), dict.fromkeys(THRESHOLDS, 0))
-    assert (
-        exact["verdict"] == "mismatch explained" and "left out were dark signal and veiling glare" in exact["sentence"]
-    )
+    assert differs["verdict"] == "unexplained"
+    assert differs["practice"]["differing"] == {"resolution_percent": -1.23}
+    exact = judge_relevance(content("mismatch explained", effects, told({}, effects)), dict.fromkeys(THRESHOLDS, 0))
+    assert exact["verdict"] == "mismatch explained" and exact["practice"]["small"] == []
 
 
 def test_one_that_matters_is_named_and_the_other_told_beside_it():
     effects = {"scatter": {"hu": -12.0}, "dark_signal": {"hu": 0.03}}
-    found = in_practice(content("mismatch explained", effects, told({"hu": -12.0}, effects)), THRESHOLDS)
+    found = judge_relevance(content("mismatch explained", effects, told({"hu": -12.0}, effects)), THRESHOLDS)
     assert found["verdict"] == "mismatch explained"
-    assert "left out was scatter, which removes 76.3 %" in found["sentence"]
-    assert "(root mean square 0.00326, then 0.00321; noise alone 0.0021)" in found["sentence"]
-    assert found["sentence"].endswith(
-        "less than matters in images (1 HU, 1 % of contrast, 1 % of noise, 1 % of "
-        "resolution, 0.2 repeat SDs of a feature): dark signal."
-    )
+    assert found["practice"]["small"] == ["dark_signal"]
 
 
 def test_effects_that_matter_together_are_all_named():
     effects = {"scatter": {"hu": 0.8}, "bowtie": {"hu": 0.7}}
-    found = in_practice(content("mismatch explained", effects, told({"hu": 1.5}, effects, {"hu": 1.5})), THRESHOLDS)
+    found = judge_relevance(content("mismatch explained", effects, told({"hu": 1.5}, effects, {"hu": 1.5})), THRESHOLDS)
     assert found["practice"]["small"] == [] and found["verdict"] == "mismatch explained"
 
 
@@ -131,12 +128,11 @@ def test_of_a_recording_without_images_nothing_is_judged():
     without = content("mismatch explained", {"scatter": {}}, None) | {
         "agreement": {"metrics": {}, "left_out": {"images": "no"}}
     }
-    assert in_practice(without, THRESHOLDS) == without
+    assert judge_relevance(without, THRESHOLDS) == without
 
 
 def test_a_statement_that_does_not_hold_is_no_match_however_alike_the_images_are():
     off = {"stated": 0.005, "sd": 0.001, "value": 0.02, "ci95": [0.019, 0.021], "unit": "1", "pull": 15.0, "off": True}
     given = content("mismatch explained", {}, told({}, {})) | {"declared": {"scatter": {"amount": off}}}
-    found = in_practice(given, THRESHOLDS)
+    found = judge_relevance(given, THRESHOLDS)
     assert found["verdict"] == "mismatch explained"
-    assert "Declared otherwise than found: amount of scatter is 0.02" in found["sentence"]

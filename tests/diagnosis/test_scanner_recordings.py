@@ -10,12 +10,12 @@ from test_joint import DISCS, SCATTER, made_ready
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.scanner.consistency import alone
-from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
+from virtual_phantom.diagnosis.scanner.scanner import run_scanner_diagnosis
 from virtual_phantom.diagnosis.uncertainty.model_error import pulled_of_recordings
 from virtual_phantom.diagnosis.uncertainty.prediction_error import left_by_numbers
 from virtual_phantom.io.documents import SCANNER, schema_of_kind
 from virtual_phantom.io.schema import defaults_of, validate
-from virtual_phantom.report.scanner import page
+from virtual_phantom.report.scanner import scanner_page
 
 ACCURACY = defaults_of("diagnosis", "model_accuracy")
 EXACT = {"default": 0.0, "numerical": 0.0}
@@ -73,8 +73,8 @@ def test_recordings_that_only_judge_have_no_part_in_choice_and_fit():
     made = {name: made_ready(name, SCATTER) for name in DISCS}
     two = {name: made[name] for name in ("large", "middle")}
     effects = ("scatter", "veiling_glare")
-    plain = explain_scanner("bench", two, effects, ACCURACY).content
-    found = explain_scanner("bench", made, effects, ACCURACY, judged_on=["small"]).content
+    plain = run_scanner_diagnosis("bench", two, effects, ACCURACY).content
+    found = run_scanner_diagnosis("bench", made, effects, ACCURACY, judged_on=["small"]).content
     validate(found, schema_of_kind(SCANNER), "scanner.json")
     assert [name for name, one in found["recordings"].items() if one["judged"]] == ["small"]
     (ours,), (theirs,) = found["effects"], plain["effects"]
@@ -86,17 +86,17 @@ def test_recordings_that_only_judge_have_no_part_in_choice_and_fit():
     judged = found["excess_rms_removed_judged"]
     assert plain["excess_rms_removed_judged"] is None and judged["median"] == judged["worst"] > 0.8
     assert found["recordings"]["small"]["own"] == {} and not found["recordings"]["small"]["agreement"]["disagrees"]
-    assert "2 recordings share" in found["sentence"] and "On small, which had no part in that" in found["sentence"]
-    assert "(judges only)" in page(found) and "(judges only)" not in page(plain)
+    assert "in 2 recordings." in found["sentence"] and "Fit on small (not used for the choice): " in found["sentence"]
+    assert "(judges only)" in scanner_page(found) and "(judges only)" not in scanner_page(plain)
 
 
 def test_a_judge_of_another_setting_is_told():
     strong = {"scatter": {"amount": 0.05, "width_mm": 60.0}}
     made = {name: made_ready(name, strong if name == "small" else SCATTER) for name in DISCS}
-    found = explain_scanner("bench", made, ("scatter",), ACCURACY, judged_on=["small"]).content
+    found = run_scanner_diagnosis("bench", made, ("scatter",), ACCURACY, judged_on=["small"]).content
     assert found["recordings"]["small"]["agreement"]["disagrees"] and found["verdict"] == "mismatch partly explained"
-    assert "small disagrees with large, middle: another day, another setting?" in found["sentence"]
-    assert "<strong>disagrees</strong>" in page(found)
+    assert "Disagreement: small disagrees with large, middle on shared parameters; " in found["sentence"]
+    assert "<strong>disagrees</strong>" in scanner_page(found)
     amount = found["recordings"]["small"]["alone"]["scatter"]["amount"]
     assert amount["ci95"][0] < 0.05 < amount["ci95"][1]
 
@@ -117,8 +117,8 @@ def test_what_is_known_beside_data_hides_no_disagreement():
 def test_of_recordings_that_mostly_disagree_none_is_the_odd_one_out():
     amounts = {"large": 0.03, "small": 0.05}
     made = {name: made_ready(name, {"scatter": {"amount": one, "width_mm": 60.0}}) for name, one in amounts.items()}
-    found = explain_scanner("bench", made, ("scatter",), ACCURACY).content
-    assert "large, small disagree with each other" in found["sentence"] and "another day" not in found["sentence"]
+    found = run_scanner_diagnosis("bench", made, ("scatter",), ACCURACY).content
+    assert "Disagreement: large, small disagree with each other on shared parameters." in found["sentence"]
 
 
 def test_what_is_declared_is_held_as_the_others_have_it():
@@ -162,4 +162,4 @@ def test_numbers_that_are_off_together_move_a_recording_by_less():
 def test_one_recording_beside_those_that_judge_is_too_few():
     made = {name: made_ready(name, SCATTER) for name in ("large", "small")}
     with pytest.raises(InputError, match="needs two recordings"):
-        explain_scanner("bench", made, ("scatter",), ACCURACY, judged_on=["small"])
+        run_scanner_diagnosis("bench", made, ("scatter",), ACCURACY, judged_on=["small"])

@@ -6,10 +6,9 @@ import pytest
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.streams import Stream, generator
+from virtual_phantom.diagnosis.setup.data_checks import copied_repeats, outlying_repeats, wrong_illumination
 from virtual_phantom.diagnosis.setup.finding import MOST, find
 from virtual_phantom.diagnosis.setup.mismatch import Comparison
-from virtual_phantom.diagnosis.setup.repeats import copies, odd_ones
-from virtual_phantom.diagnosis.setup.white_field import wrong_illumination
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
@@ -149,13 +148,13 @@ def test_repeats_that_are_none_are_named(lines):
     usable = np.ones(lines.shape[1:], bool)
     noise = generator(Stream(5)).normal(0, 0.01, (4, *usable.shape)).astype(np.float32)
     repeats = lines.mean(axis=0) + noise
-    assert odd_ones(repeats, usable) == [] and copies(repeats) == []
+    assert outlying_repeats(repeats, usable) == [] and copied_repeats(repeats) == []
     drifted = repeats * np.linspace(0.99, 1.01, 4, dtype=np.float32)[:, None, None, None]
-    assert odd_ones(drifted, usable) == []  # the tube's output drifts
+    assert outlying_repeats(drifted, usable) == []  # the tube's output drifts
     repeats[2] = np.roll(repeats[2], 2, axis=-1)
-    assert [which for which, _ in odd_ones(repeats, usable)] == [2]
+    assert [which for which, _ in outlying_repeats(repeats, usable)] == [2]
     repeats[3] = repeats[0]
-    assert copies(repeats) == [(0, 3)]
+    assert copied_repeats(repeats) == [(0, 3)]
 
 
 @pytest.mark.parametrize(

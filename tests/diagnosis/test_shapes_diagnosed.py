@@ -9,8 +9,8 @@ from simulated_scans import noisy_lines
 import virtual_phantom as vp
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular, parallel_beam
-from virtual_phantom.diagnosis.assumptions import object_of
-from virtual_phantom.diagnosis.comparison.regions import Scanned
+from virtual_phantom.diagnosis.assumptions import object_text
+from virtual_phantom.diagnosis.comparison.regions import ScannedVolume
 from virtual_phantom.diagnosis.projections import discretization
 from virtual_phantom.diagnosis.request import DiagnosisRequest, Settings
 from virtual_phantom.diagnosis.scanned_object import scene_of
@@ -96,11 +96,11 @@ def test_edges_that_few_rays_miss_are_no_physics(enough, tmp_path, monkeypatch):
 
 
 def test_it_is_said_what_was_modelled():
-    assert object_of(ASKED).startswith("shapes (acr464_module1): ACR CT accreditation phantom")
+    assert object_text(ASKED).startswith("shapes (acr464_module1): ACR CT accreditation phantom")
 
 
 def test_images_are_compared_in_its_regions():
-    scanned = Scanned.of_shapes(read_object("acr464_module1"), GEOMETRY, 0.0193)
+    scanned = ScannedVolume.of_shapes(read_object("acr464_module1"), GEOMETRY, 0.0193)
     assert scanned.rois.keys() == {"polyethylene", "bone", "acrylic", "water"}
     assert scanned.fine.array[scanned.rois["acrylic"]].mean() == pytest.approx(117, abs=5)
     assert scanned.radius_mm == pytest.approx(100, abs=4)

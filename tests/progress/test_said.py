@@ -12,7 +12,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.run import explain
+from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.selection.fit_cache import FitCache
 from virtual_phantom.diagnosis.selection.progress import (
     ALIGNED,
@@ -84,7 +84,9 @@ def test_a_small_diagnosis_is_followed_to_its_verdict(processes, tmp_path):
         tell(how_far)
         run.look()
 
-    _, found = explain("bench", ready(), CANDIDATES, {"default": 0.02}, processes, how_far=DiagnosisProgress(told))
+    found = find_missing_physics(
+        "bench", ready(), CANDIDATES, {"default": 0.02}, processes, progress=DiagnosisProgress(told)
+    )
     assert [one["name"] for one in found.content["effects"]] == ["scatter"]
     said = [line.partition("bench: ")[2] for line in run.lines() if "bench: " in line]
     assert said[0] == "alignment fitted"
@@ -102,7 +104,7 @@ def test_fits_that_were_kept_are_not_counted(tmp_path):
     kept, words = FitCache(tmp_path / "fits", "this recording", lambda effect: "as it is"), []
     for _ in range(2):
         how_far = DiagnosisProgress(lambda one: words.append(one.words))
-        explain("bench", ready(), CANDIDATES, {"default": 0.02}, kept=kept, how_far=how_far)
+        find_missing_physics("bench", ready(), CANDIDATES, {"default": 0.02}, cache=kept, progress=how_far)
     assert words[-1] == "alignment fitted; 2 effects ranked beside scatter; verdict found"
     assert "fits made" in words[words.index("alignment fitted", 1) - 1]
 

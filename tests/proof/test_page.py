@@ -22,7 +22,7 @@ from virtual_phantom.proof.conceal.suite import check_recordings
 from virtual_phantom.proof.score.example import example, in_words, residual_maps
 from virtual_phantom.proof.score.real import minutes, row
 from virtual_phantom.proof.score.score import score
-from virtual_phantom.report.proof import page, percent
+from virtual_phantom.report.proof import blind_validation_page, percent
 from virtual_phantom.statistics.proof_record import pooled_counts, read_proof_record
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -87,7 +87,7 @@ def test_the_page_escapes_what_it_is_told(made):
 def test_names_of_concealed_effects_and_cases_are_escaped():
     case = Case(truth("<i>", "unknown", {"!<script>": {}}), diagnosis("<i>", "unexplained"))
     blank = np.zeros((2, 2))
-    text = page(score([case]), {"<i>": (blank, blank)}, {"<i>": '"><script>'})
+    text = blind_validation_page(score([case]), {"<i>": (blank, blank)}, {"<i>": '"><script>'})
     assert "<script>" not in text and "<i>" not in text and "&lt;script&gt;" in text
 
 
@@ -101,7 +101,7 @@ def test_missing_tables_and_untested_domains_are_said(made):
 def test_a_case_without_maps_is_refused(tmp_path):
     cases = collect(**write_suite(tmp_path, TRUTHS[:1], DIAGNOSES[:1]))
     with pytest.raises(InputError, match="case_01: has no maps"):
-        page(score(cases), {}, {})
+        blind_validation_page(score(cases), {}, {})
     with pytest.raises(InputError, match="residuals before.npy: cannot be read"):
         residual_maps(tmp_path)
 
@@ -163,11 +163,11 @@ def test_real_recordings_stand_beside_the_cases_and_are_not_scored(tmp_path):
     assert with_real["targets"] == without["targets"] and with_real["counts"] == without["counts"]
     blank = np.zeros((4, 4))
     maps = {case.name: (blank, blank) for case in cases} | {"disc": (blank, blank)}
-    text = page(with_real, maps, {"disc": "../diagnosis/disc/report.html"})
+    text = blind_validation_page(with_real, maps, {"disc": "../diagnosis/disc/report.html"})
     assert 'id="disc"' in text and "74 %" in text and "one repeat" in text and "../diagnosis/disc/report.html" in text
-    assert "Real recordings" not in page(without, maps, {})
+    assert "Real recordings" not in blind_validation_page(without, maps, {})
     with pytest.raises(InputError, match="disc: has no maps"):
-        page(with_real, {case.name: (blank, blank) for case in cases}, {})
+        blind_validation_page(with_real, {case.name: (blank, blank) for case in cases}, {})
     with pytest.raises(InputError, match=r"proof.recordings: 'dics' is not under diagnosis.recordings \(disc\)"):
         check_recordings(["dics"], {"disc": {}})
     with pytest.raises(InputError, match="'case_01' is the name of a case"):

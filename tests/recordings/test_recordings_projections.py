@@ -18,7 +18,7 @@ from recording_folders import (
 )
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest, Disc, Settings
 from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.recordings.reading import load
@@ -179,7 +179,7 @@ def test_a_stated_sensor_reaches_the_model(tmp_path):
         ({"material": "caesium_iodide", "thickness_mm": 0.4}, ("caesium_iodide", "energy", 0.4, 0.05)),
     ):
         write_yaml(folder, content | {"nominal": {"sensor": said} if said else {}})
-        _, prepared = ready(DiagnosisRequest(folder, settings, 0.0193, {}))
+        _, prepared = prepare_recording(DiagnosisRequest(folder, settings, 0.0193, {}))
         sensor = prepared.fitter.model.chain.sensor
         assert (sensor.material, sensor.reads, sensor.thickness_mm, sensor.thickness_sd) == right
     write_yaml(folder, content | {"nominal": {"sensor": {"thickness_mm": 0.4}}})

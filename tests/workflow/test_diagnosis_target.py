@@ -1,5 +1,6 @@
 """A tiny study with effects switched on, its acquisitions handed back as a recording, and what the diagnosis says."""
 
+import html
 import json
 import re
 import shutil
@@ -58,6 +59,11 @@ def diagnosis(folder, *arguments, target="diagnosis", **settings):
     return tiny(folder / "results", target, *arguments, overlay=overlay, beside=folder / "overlay")
 
 
+def shown(found, where):
+    """Whether a text shows all lines of a verdict."""
+    return all(line in where for line in found["verdict_lines"])
+
+
 def test_what_was_concealed_is_named_and_the_report_is_there(bench):
     folder = bench / "results" / "diagnosis" / "bench"
     found = json.loads((folder / "diagnosis.json").read_text())
@@ -72,10 +78,10 @@ def test_what_was_concealed_is_named_and_the_report_is_there(bench):
     assert effects["electronic_noise"]["photons"]["ci95_held"]["all"]["n"] > 0
     assert found["excess_removed"] > 0.9
     report = (folder / "report.html").read_text()
-    assert report.startswith("<!doctype html>") and found["sentence"] in report
+    assert report.startswith("<!doctype html>") and shown(found, html.unescape(report))
     assert "noise-only intervals covered the true values of" in report
     assert found["modelled"]["effects tried"] == "scatter, electronic noise, detector offset, X-ray crosstalk"
-    assert "plausible" in report and "middle slice of what was scanned" in report
+    assert "plausible" in report and "middle slice of the scanned object" in report
     assert {place["domain"] for place in found["locations"]} <= set(DOMAINS) and set(found["alignment"]) <= set(
         NUISANCES
     )
@@ -208,7 +214,7 @@ def test_what_was_found_is_known_to_the_next_recording(further):
 def test_recordings_of_a_scanner_are_diagnosed_together(further):
     folder = further[0] / "scanners" / "room"
     found = json.loads((folder / "scanner.json").read_text())
-    assert [one["name"] for one in found["effects"]] == ["scatter"] and found["sentence"] in further[1]
+    assert [one["name"] for one in found["effects"]] == ["scatter"] and shown(found, further[1])
     assert [(name, one["judged"]) for name, one in found["recordings"].items()] == [
         *zip(OF_SCANNER, (False, False, True), strict=True)
     ]
@@ -259,12 +265,13 @@ def test_a_scan_described_wrong_ends_in_the_line_to_change(bench):
     found = json.loads((folder / "diagnosis.json").read_text())
     assert (found["verdict"], found["effects"]) == ("description wrong", [])
     assert found["setup"]["mistakes"] == {"direction": f"scan.direction: {-turned}"}
-    assert f"Change: scan.direction: {-turned}." in found["sentence"] and found["sentence"] in process.stdout
+    assert found["verdict_lines"][0] == f"Scan set-up error: change scan.direction: {-turned}."
+    assert shown(found, process.stdout)
     assert "diagnosis of wrong" not in process.stdout  # nothing is going to be fitted
     physics = (folder / "physics.yaml").read_text()
-    assert yaml.safe_load(physics) == {} and found["sentence"] in physics
+    assert yaml.safe_load(physics) == {} and shown(found, physics)
     page = (folder / "report.html").read_text()
-    assert found["sentence"] in page and "check_setup: false" in page
+    assert shown(found, html.unescape(page)) and "check_setup: false" in page
     overlay["diagnosis"]["recordings"]["bench"] = {"samples": 1, "physics_from": "wrong"}
     process = tiny(bench / "results", "diagnosis", overlay=overlay, beside=bench / "wrong_overlay")
     assert process.returncode == 1 and "Physics cannot be taken from it" in process.stdout + process.stderr

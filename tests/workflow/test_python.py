@@ -90,7 +90,9 @@ def test_a_recording_is_diagnosed(tmp_path):
     assert found["setup"]["kind"] == "as stated" and "start angle" in found["setup"]["alike"]
     other = vp.diagnose(folder, disc=(95.0, "Water"))
     assert other.choice is None and other.content["verdict"] == "another object"
-    assert "not a cylinder along z, 95 mm across, of water" in other.content["sentence"]
+    assert other.content["verdict_lines"][0] == (
+        "Wrong object: the scan does not show a cylinder along z, 95 mm across, of water."
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,11 @@
-"""Which property of the images explains features: diagnosis.json, physics.yaml, maps and the report."""
+"""Diagnose features by image properties: diagnosis.json, physics.yaml, maps and the report."""
 
 from virtual_phantom.diagnosis.features.read import read_responses
 from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
 from virtual_phantom.diagnosis.selection.store import write_diagnosis
+from virtual_phantom.diagnosis.verdict_text import console_text
 from virtual_phantom.features.names import MEAN
-from virtual_phantom.report.diagnosis_of_features import page
+from virtual_phantom.report.diagnosis_of_features import feature_diagnosis_page
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
@@ -21,6 +22,8 @@ with job(snakemake) as log:
         rois=params.rois,
     )
     found = diagnose_features(snakemake.wildcards.comparison, data, not_compared, MEAN)
-    write_diagnosis(output, found.content, overlay(data, found.content), page(found), found.before.maps)
-    log.info("%s", found.content["sentence"])
-    print(found.content["sentence"])
+    write_diagnosis(
+        output, found.content, overlay(data, found.content), feature_diagnosis_page(found), found.before.maps
+    )
+    log.info("%s", console_text(found.content))
+    print(console_text(found.content))

@@ -1,16 +1,21 @@
-"""Which recording to make next: a ranking, its figure, how alike effects are, and a recording.yaml to fill in."""
+"""Rank further recordings: table and figure, similarity of the effects, and a recording.yaml to fill in."""
 
 import json
 from pathlib import Path
 
-from virtual_phantom.diagnosis.planning.ranking import alikeness, found_in, possible, rank, refitted, refitted_jointly
-from virtual_phantom.diagnosis.planning.tables import alike_table, first_words, recording_to_fill_in, table
-from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.planning.ranking import effect_similarity, found_in, possible, rank, refit, refit_jointly
+from virtual_phantom.diagnosis.planning.tables import (
+    best_measurement_text,
+    ranking_table,
+    recording_template,
+    similarity_table,
+)
+from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.scanner.scanner import protocols_of
 from virtual_phantom.diagnosis.selection.forward_selection import AS_GOOD
 from virtual_phantom.diagnosis.selection.transfer import with_declared
-from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, read_setup
+from virtual_phantom.diagnosis.setup.check import NOT_CHECKED, read_setup
 from virtual_phantom.figures.next_measurement import draw_ranking
 from virtual_phantom.figures.style import save
 from virtual_phantom.io.files import read_text, write_text
@@ -20,36 +25,38 @@ with job(snakemake) as log:
     params, given, folder = snakemake.params, snakemake.input, Path(snakemake.output[0])
     diagnosis = json.loads(read_text(given.diagnosis))
     folder.mkdir(parents=True, exist_ok=True)
-    named = [one["name"] for one in diagnosis["effects"]]
-    sentence = f"{params.what}: no effect was named, so that there is nothing to tell apart"
+    named = [effect["name"] for effect in diagnosis["effects"]]
+    result = f"{params.what}: no effect is missing, so that no alternatives remain to distinguish"
     if named:
         models = {name: with_declared(model, given.get("declared")) for name, model in params.models.items()}
         paths = given.get("setups")
-        setups = [diagnosis.get("setup", NOT_LOOKED)] if paths is None else [read_setup(path) for path in paths]
+        setups = [diagnosis.get("setup", NOT_CHECKED)] if paths is None else [read_setup(path) for path in paths]
         made = {
-            name: ready(DiagnosisRequest.of(model, given.get("phantom"), snakemake.threads).located(setup["location"]))
+            name: prepare_recording(
+                DiagnosisRequest.of(model, given.get("phantom"), snakemake.threads).located(setup["location"])
+            )
             for (name, model), setup in zip(models.items(), setups, strict=True)
         }
         known = {effect for model in models.values() for effect in model["settings"].get("baseline", {})}
         effects = [name for name in params.effects if name not in known]
-        prepared = {name: one[1] for name, one in made.items()}
-        alike = alikeness(prepared, {name: one.fitter.fit(()) for name, one in prepared.items()}, effects)
+        prepared = {name: data for name, (_, data) in made.items()}
+        alike = effect_similarity(prepared, {name: data.fitter.fit(()) for name, data in prepared.items()}, effects)
         protocols = None
         if len(prepared) == 1:
-            chosen, ambiguities = refitted(*prepared.values(), *prepared, found_in(diagnosis))
+            chosen, ambiguities = refit(*prepared.values(), *prepared, found_in(diagnosis))
         else:
             protocols = protocols_of(prepared, params.protocols)
-            chosen, ambiguities = refitted_jointly(prepared, named, effects, alike, protocols)
+            chosen, ambiguities = refit_jointly(prepared, named, effects, alike, protocols)
         first = next(iter(prepared))
         settings = models[first]["settings"]
         found = rank(prepared, chosen, ambiguities, possible(prepared, settings), protocols)
-        rows = table(found)
+        rows = ranking_table(found)
         write_text(rows.to_csv(index=False), folder / "ranking.csv")
-        write_text(alike_table(alike).to_csv(index=False), folder / "alike.csv")
+        write_text(similarity_table(alike).to_csv(index=False), folder / "alike.csv")
         save(draw_ranking(rows, AS_GOOD), [folder / "ranking.png", folder / "ranking.pdf"])
         document = made[first][0].document.content
-        text = recording_to_fill_in(first, found.ranked[0], document, settings, len(document["repeats"]))
+        text = recording_template(first, found.ranked[0], document, settings, len(document["repeats"]))
         write_text(text, folder / "recording.yaml")
-        sentence = f"{params.what}: {first_words(found)[0]}"
-    log.info("%s", sentence)
-    print(sentence)
+        result = f"{params.what}: {best_measurement_text(found)[0]}"
+    log.info("%s", result)
+    print(result)

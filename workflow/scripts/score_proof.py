@@ -10,7 +10,7 @@ from virtual_phantom.proof.conceal.case import collect
 from virtual_phantom.proof.score.example import example, in_words, residual_maps
 from virtual_phantom.proof.score.real import minutes, row
 from virtual_phantom.proof.score.score import score
-from virtual_phantom.report.proof import page
+from virtual_phantom.report.proof import blind_validation_page
 from virtual_phantom.statistics.proof_record import read_proof_record
 from virtual_phantom.study.job import job
 
@@ -25,7 +25,9 @@ with job(snakemake) as log:
         for path in [*given.diagnoses, *given.real]
     }
     write_document(found, output.score, SCORE)
-    write_text(page(found, maps, {case: path.as_posix() for case, path in reports.items()}), output.page)
+    write_text(
+        blind_validation_page(found, maps, {case: path.as_posix() for case, path in reports.items()}), output.page
+    )
     style.save(confusion.draw(found["confusion"]), [output.confusion_png, output.confusion_pdf])
     shown = example(cases)
     figure = before_after.draw(*maps[shown.name], shown.kind, *in_words(shown))

@@ -1,4 +1,4 @@
-"""End with an error where a diagnosis has a verdict of diagnosis.fail_on."""
+"""Fail if a diagnosis has a verdict of diagnosis.fail_on."""
 
 import json
 

@@ -1,29 +1,20 @@
-"""A recording read and diagnosed as functions, with the configuration's defaults."""
+"""Diagnosis of a recording from Python, with the defaults of the configuration."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
+from ..base.data import RESOURCES
 from ..base.errors import InputError
-from ..base.streams import Branch
 from ..diagnosis.candidate_effects import candidates, shown_by
-from ..diagnosis.comparison.regions import Scanned
-from ..diagnosis.comparison.relevance_thresholds import in_practice
-from ..diagnosis.preparation import agreement, ready
-from ..diagnosis.request import DiagnosisRequest, LabelledObject, Settings, ShapesObject
-from ..diagnosis.run import explain
-from ..diagnosis.scanned_object import labelled_object, shaped_object
-from ..diagnosis.setup.recorded import set_up
-from ..diagnosis.setup.verdict import VERDICTS, verdict, with_location
+from ..diagnosis.request import DiagnosisRequest, Settings
+from ..diagnosis.run import run_diagnosis
 from ..diagnosis.verdict.verdict import Diagnosis
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
-from ..io.volumes import read_nifti
 from ..physics.beam.material_names import named
 from ..recordings.document import read_document
-from ..recordings.reading import load
-from ..recordings.recording import Recording
+from ..statistics.proof_record import read_proof_record
 from .arguments import mapping, pair, path, positive, public, sequence, text, whole
 
 SECTION = schema_of("diagnosis", "recordings")["additionalProperties"]  # of one recording
@@ -43,76 +34,58 @@ def diagnose(
     matters: Mapping[str, float] | None = None,
     **settings,
 ) -> Diagnosis:
-    """Find the physics that a recording of projections has and the plain simulation lacks.
+    """Find the physics that is missing from the plain simulation of a recording of projections.
 
-    One of `disc`, `mask`, `labels`, `shapes` and `phantom` says what was scanned.
+    Exactly one of `disc`, `mask`, `labels`, `shapes` and `phantom` describes the scanned object.
 
     Parameters
     ----------
     recording : str or Path
         Folder with a recording.yaml (docs/how-to/recordings.md).
     disc : tuple of (float, str), optional
-        A homogeneous cylinder along z: diameter, mm, and material.
+        Homogeneous cylinder along z: diameter in mm, and material.
     mask : tuple of (str or Path, str), optional
-        A homogeneous object: NIfTI image of the share of every voxel that it fills, and material.
+        Homogeneous object: NIfTI image of volume fractions (0 to 1), and material.
     labels : tuple of (str or Path, mapping of int to (str or mapping)), optional
-        A label map: NIfTI image of whole numbers, and the material of each label: a name, or a definition
+        Label map: NIfTI image of integers, and for each label the name or definition of its material
         (docs/how-to/objects.md).
     shapes : str, or tuple of (str, mapping), optional
-        An object of shapes: the name of an object of Virtual Phantom, or the path of a file (docs/how-to/objects.md),
-        and values of its parameters.
+        Object of shapes: name of a shipped object or path of a file, with values of its parameters
+        (docs/how-to/objects.md).
     phantom : str or Path, optional
         NIfTI image in HU.
     effects : sequence of str, optional
-        Those to try; None: all that projections show.
+        Candidate effects. Default: all that projections show.
     processes : int, optional
-        That fit effects side by side.
+        Number of processes.
     matters : mapping of str to float, optional
-        Thresholds in the place of those under `diagnosis.matters` in the configuration.
+        Relevance thresholds that replace those of `diagnosis.matters`.
     **settings
-        As under `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`,
+        Settings of `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`,
         `location`, `check_setup`, `object_may_differ`.
 
     Returns
     -------
     Diagnosis
-        `content` is what diagnosis.json holds: `sentence`, `verdict`, `effects`, `excess_removed`, ... Where the scan
-        is described wrong, or another object was scanned, that is the verdict, and nothing was fitted.
+        Its `content` is that of diagnosis.json: `verdict`, `verdict_lines`, `effects`, `excess_removed` and more. If
+        the scan set-up or the object is wrong, the verdict says so and no effect is fitted.
 
     Raises
     ------
     InputError
-        For a recording that cannot be read or is of another kind, for an effect that it does not show, for an unknown
-        setting, and if what was scanned is not said, or more than once.
+        For a recording that cannot be read or holds no projections, for an effect that it does not show, for an
+        unknown setting, and unless exactly one object is given.
     """
-    said = [one for one in (disc, mask, labels, shapes, phantom) if one is not None]
-    if len(said) != 1:
+    given = [scanned for scanned in (disc, mask, labels, shapes, phantom) if scanned is not None]
+    if len(given) != 1:
         raise InputError(
-            f"diagnose: {len(said)} of disc, mask, labels, shapes and phantom are given; give the one scanned"
+            f"diagnose: {len(given)} of disc, mask, labels, shapes and phantom are given; give the one scanned"
         )
     recording, processes = path(recording, "recording"), whole(processes, "processes", 1)
     phantom = None if phantom is None else path(phantom, "phantom")
     if effects is not None:
-        effects = [text(one, "effects") for one in sequence(effects, "effects", "names of effects")]
-    scanned: dict = {}
-    if disc is not None:
-        diameter, material = pair(disc, "disc", "diameter in mm and material")
-        scanned["disc"] = {"diameter_mm": positive(diameter, "disc[0]"), "material": named(text(material, "disc[1]"))}
-    if mask is not None:
-        file, material = pair(mask, "mask", "a NIfTI file and a material")
-        scanned["object"] = {"mask": path(file, "mask[0]"), "material": named(text(material, "mask[1]"))}
-    if labels is not None:
-        file, materials = pair(labels, "labels", "a NIfTI file and the material of each label")
-        materials = mapping(materials, "labels[1]", "{label: material}")
-        scanned["object"] = {
-            "labels": path(file, "labels[0]"),
-            "materials": {str(label): material for label, material in materials.items()},
-        }
-    if shapes is not None:
-        what = "a name or file, or a pair of it and its parameters"
-        kind_of, parameters = (shapes, {}) if isinstance(shapes, str | Path) else pair(shapes, "shapes", what)
-        parameters = mapping(parameters, "shapes[1]", "{parameter: value}")
-        scanned["object"] = {"kind": path(kind_of, "shapes"), "parameters": dict(parameters)}
+        effects = [text(name, "effects") for name in sequence(effects, "effects", "names of effects")]
+    section = settings | _scanned_section(disc, mask, labels, shapes)
     document = read_document(recording)
     if (kind := document.content["kind"]) != "projections":
         raise InputError(
@@ -121,41 +94,45 @@ def diagnose(
         )
     thresholds = mapping({} if matters is None else matters, "matters", "{quantity: threshold}")
     validate(dict(thresholds), schema_of("diagnosis", "matters"), "matters")
-    section, schema = settings | scanned, SECTION | {"$defs": schema_of()["$defs"]}
+    schema = SECTION | {"$defs": schema_of()["$defs"]}
     validate(section, schema, "diagnose")
     fill_defaults(section, schema)
-    tried = candidates(section | {"effects": effects}, **shown_by(document.content))
     study = defaults_of()
-    materials = defaults_of("materials")
-    asked = DiagnosisRequest(
-        recording, Settings.of(section), study["mu_water_per_mm"], materials, phantom, study["seed"]
+    request = DiagnosisRequest(
+        recording,
+        Settings.of(section),
+        study["mu_water_per_mm"],
+        defaults_of("materials"),
+        phantom,
+        study["seed"],
+        threads=processes,
     )
-    setup, read = None, load(recording)
-    if asked.settings.check_setup:
-        setup = set_up(read, asked)
-        if setup.kind in VERDICTS:
-            return Diagnosis(None, [], [], verdict(setup, read, asked))
-    located = asked.located(setup.content["location"] if setup is not None else {})
-    _, prepared = ready(located, read)
-    accuracy, differ = defaults_of("diagnosis", "model_accuracy"), asked.settings.object_may_differ
-    prepared, found = explain(read.name, prepared, tried, accuracy, processes, object_may_differ=differ)
-    table = agreement(read, prepared, found.choice, asked, Branch.AGREEMENT, _regions(asked, read), practice=True)
-    content = in_practice(found.content | {"agreement": table}, defaults_of("diagnosis", "matters") | dict(thresholds))
-    if setup is not None:
-        content = with_location(content, setup.content, asked.settings.location)
-    return replace(found, content=content)
+    return run_diagnosis(
+        request,
+        candidates(section | {"effects": effects}, **shown_by(document.content)),
+        defaults_of("diagnosis", "model_accuracy"),
+        shape_rois=False,
+        thresholds=defaults_of("diagnosis", "matters") | dict(thresholds),
+        coverage=read_proof_record(RESOURCES / "proof_record.yaml"),
+    )
 
 
-def _regions(asked: DiagnosisRequest, recording: Recording) -> Scanned | None:
-    """What the images of a recording show; regions of interest are the study's alone."""
-    if asked.settings.disc is not None:
-        return None
-    if isinstance(asked.settings.object, ShapesObject):
-        shaped = replace(shaped_object(asked.settings.object), rois=())
-        return Scanned.of_shapes(shaped, recording.geometry, asked.mu_water_per_mm)
-    if isinstance(asked.settings.object, LabelledObject):
-        return Scanned.of_labels(labelled_object(asked.settings.object), asked.mu_water_per_mm)
-    if asked.settings.object is not None:
-        return Scanned.of_mask(asked.settings.object.mask)
-    fine = read_nifti(asked.phantom)
-    return Scanned(fine, {}, fine.grid)
+def _scanned_section(disc, mask, labels, shapes) -> dict:
+    """Return the arguments that describe the object as a section of the configuration."""
+    if disc is not None:
+        diameter, material = pair(disc, "disc", "diameter in mm and material")
+        return {"disc": {"diameter_mm": positive(diameter, "disc[0]"), "material": named(text(material, "disc[1]"))}}
+    if mask is not None:
+        file, material = pair(mask, "mask", "a NIfTI file and a material")
+        return {"object": {"mask": path(file, "mask[0]"), "material": named(text(material, "mask[1]"))}}
+    if labels is not None:
+        file, materials = pair(labels, "labels", "a NIfTI file and the material of each label")
+        materials = mapping(materials, "labels[1]", "{label: material}")
+        by_label = {str(label): material for label, material in materials.items()}
+        return {"object": {"labels": path(file, "labels[0]"), "materials": by_label}}
+    if shapes is not None:
+        what = "a name or file, or a pair of it and its parameters"
+        kind, parameters = (shapes, {}) if isinstance(shapes, str | Path) else pair(shapes, "shapes", what)
+        parameters = mapping(parameters, "shapes[1]", "{parameter: value}")
+        return {"object": {"kind": path(kind, "shapes"), "parameters": dict(parameters)}}
+    return {}

@@ -1,4 +1,4 @@
-"""A configured recording, made ready for fits, and what is compared of it in images: by its kind."""
+"""Preparation of a recording for fits, and its comparison in images, by the kind of recording."""
 
 from __future__ import annotations
 
@@ -6,46 +6,88 @@ from ..base.errors import InputError
 from ..base.streams import Branch
 from ..physics.beam.sensors import stated as stated_sensor
 from ..physics.beam.spectra import KVP, TUNGSTEN, Anode
-from ..recordings.reading import load as read
+from ..physics.chain import EVEN, Chain
+from ..physics.state import AIR
+from ..recordings.reading import load as read_recording
 from ..recordings.recording import Recording
-from .comparison.regions import Scanned
+from ..recordings.scan import assumed
+from .comparison.regions import ScannedVolume
 from .comparison.scans import agreement_of_scans
-from .images.setting import agreement_of_images, ready_images
-from .projections.setting import ready_scans
+from .fitting.priors import BASELINE, declared
+from .images.setting import agreement_of_images, prepare_images
+from .projections.discretization import model_and_floor
+from .projections.lost_rays import check_scans
+from .projections.observed import scans
+from .projections.prepared import PreparedScans, prepare
 from .request import DiagnosisRequest, NominalSettings
 from .residuals.dataset import Prepared
+from .scanned_object import coarse_scene, scene_of, whole_voxels
 from .selection.forward_selection import Choice
-
-# {kind of a recording: (how it is made ready, how a model of it is compared in images)}
-KINDS = {"projections": (ready_scans, agreement_of_scans), "images": (ready_images, agreement_of_images)}
+from .workload import fitted
 
 
-def ready(asked: DiagnosisRequest, recording: Recording | None = None) -> tuple[Recording, Prepared]:
-    """Read a recording and prepare it for fits.
-
-    Parameters
-    ----------
-    recording : Recording, optional
-        Where it was read already.
+def prepare_recording(request: DiagnosisRequest, recording: Recording | None = None) -> tuple[Recording, Prepared]:
+    """Read a recording, unless it is given, and prepare it for fits.
 
     Raises
     ------
     InputError
-        For a recording of another kind, and a nominal anode or tube voltage that no spectrum is known of.
+        For a recording of another kind, and for a nominal anode or tube voltage without a known spectrum.
     """
-    recording = recording or read(asked.folder)
+    recording = recording or read_recording(request.folder)
     if recording.kind not in KINDS:
         raise InputError(f"{recording.document.path}: holds {recording.kind}, which are diagnosed by comparison")
-    return recording, KINDS[recording.kind][0](recording, asked, labels_of(recording))
+    return recording, KINDS[recording.kind][0](recording, request, nominal_settings(recording))
 
 
-def labels_of(recording: Recording) -> NominalSettings:
-    """What a recording.yaml states of tube and sensor.
+def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal: NominalSettings) -> PreparedScans:
+    """Prepare the projections of a recording for fits.
 
     Raises
     ------
     InputError
-        For a nominal anode or tube voltage that no spectrum is known of.
+        For too few views, or too few rays with a signal.
+    """
+    settings, taken = request.settings, scans(recording.repeats)
+    detector = {
+        "sensor": nominal.sensor,
+        "illumination": recording.scan.get("illumination", EVEN),
+        "readout": AIR if taken.white is None else float(taken.white.mean()),
+    }
+    scene, shape = scene_of(request), recording.geometry.shape
+    samples, step = fitted(settings.samples, settings.view_step, settings.of_shapes, shape)
+    model, floor = model_and_floor(scene, recording.geometry, samples, **detector)
+    coarse = None
+    if settings.of_phantom:
+        voxels = coarse_scene(request.phantom, request.mu_water_per_mm, request.materials, request.threads)
+        coarse = Chain(voxels, recording.geometry, samples=samples, **detector)
+    further = scans(recording.held_out) if len(recording.held_out) else None
+    check_scans(taken.every(step), str(recording.document.path))
+    return prepare(
+        taken,
+        further,
+        model,
+        anode=nominal.anode,
+        tube_kvp=nominal.tube_kvp,
+        nominal_photons=settings.nominal_photons or recording.nominal.get("photons"),
+        known=settings.alignment,
+        location=settings.location,
+        declared=declared(settings.baseline, BASELINE),
+        floor_chain=floor,
+        coarse_chain=coarse,
+        step=step,
+        lacking=assumed(recording.scan),
+        voxels=whole_voxels(request, scene),
+    )
+
+
+def nominal_settings(recording: Recording) -> NominalSettings:
+    """Return what a recording.yaml states of tube and sensor.
+
+    Raises
+    ------
+    InputError
+        For a nominal anode or tube voltage without a known spectrum.
     """
     nominal = recording.nominal
     anode = Anode(nominal.get("anode", TUNGSTEN.target), nominal.get("anode_angle_deg", TUNGSTEN.angle_deg))
@@ -58,24 +100,31 @@ def labels_of(recording: Recording) -> NominalSettings:
     return NominalSettings(anode, tube_kvp, stated_sensor(**nominal.get("sensor", {})))
 
 
-def agreement(
+def compare_images(
     recording: Recording,
     prepared: Prepared,
     choice: Choice,
-    asked: DiagnosisRequest,
+    request: DiagnosisRequest,
     purpose: Branch,
-    scanned: Scanned | None = None,
-    practice: bool = False,
+    scanned: ScannedVolume | None = None,
+    with_changes: bool = False,
 ) -> dict:
-    """Agreement of a model with the repeats held out, in images (images.agreement.agreement).
+    """Return the agreement of a model with the held-out repeats in images (comparison.agreement.agreement).
 
     Parameters
     ----------
     purpose : Branch
-        What simulated noise of projections is drawn for.
-    scanned : Scanned, optional
+        Branch of the random stream for the noise of simulated projections.
+    scanned : ScannedVolume, optional
         None for a disc.
-    practice : bool, optional
-        Whether it is told what effects change in images.
+    with_changes : bool, optional
+        Whether the changes that effects make in images are part of the result.
     """
-    return KINDS[recording.kind][1](recording, prepared, choice, asked, purpose, scanned, practice)
+    return KINDS[recording.kind][1](recording, prepared, choice, request, purpose, scanned, with_changes)
+
+
+# {kind of a recording: (preparation, agreement in images)}
+KINDS = {
+    "projections": (prepare_projections, agreement_of_scans),
+    "images": (prepare_images, agreement_of_images),
+}

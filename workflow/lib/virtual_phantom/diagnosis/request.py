@@ -1,4 +1,4 @@
-"""What the configuration asks of the diagnosis of one recording, and what the recording's labels say."""
+"""Request for the diagnosis of one recording: its section of the configuration, and the scanner's nominal settings."""
 
 from __future__ import annotations
 
@@ -10,16 +10,12 @@ from ..base.geometry import OrbitGeometry, grid_of, scan_geometry
 from ..physics.beam.sensors import Sensor
 from ..physics.beam.spectra import Anode
 
+LOCATION_DIGITS = 1  # decimals of an object location that is found, mm
+
 
 @dataclass(frozen=True)
 class Disc:
-    """A homogeneous cylinder along z.
-
-    Attributes
-    ----------
-    diameter_mm : float
-        mm.
-    """
+    """A homogeneous cylinder along z."""
 
     diameter_mm: float
     material: str
@@ -32,7 +28,7 @@ class MaskedObject:
     Attributes
     ----------
     mask : str
-        Path of an image, as projections.scanned.mask_scene reads it.
+        Path of an image (scanned_object.mask_scene).
     """
 
     mask: str
@@ -46,9 +42,9 @@ class LabelledObject:
     Attributes
     ----------
     labels : str
-        Path of an image of whole numbers.
+        Path of an image of integers.
     materials : mapping of str to str or mapping
-        The material of every label, as physics.labelled.materials_of takes it.
+        Material by label (physics.scenes.labeled.materials_of).
     """
 
     labels: str
@@ -62,9 +58,7 @@ class ShapesObject:
     Attributes
     ----------
     kind : str
-        Name of one of the library's, or path of a file (physics.objects.read_object).
-    parameters : mapping of str to float or str
-        Of that.
+        Name of a shipped object, or path of a file (physics.scenes.objects.read_object).
     """
 
     kind: str
@@ -73,30 +67,30 @@ class ShapesObject:
 
 @dataclass(frozen=True)
 class Settings:
-    """diagnosis.recordings.<name> of the configuration, as far as fits depend on it.
+    """Section diagnosis.recordings.<name> of the configuration, as far as fits depend on it.
 
     Attributes
     ----------
     samples : int or None
-        Rays per detector pixel and direction; None: as many as extent.samples_for says.
+        Rays per detector pixel and direction; None: see workload.samples_for.
     view_step : int or None
-        One view of so many is used; None: as few as fits can take.
+        Every such view is used; None: see workload.step_for.
     alignment : mapping of str to float
         {nuisance parameter: standard deviation that replaces the default}.
     nominal_photons : float or None
-        Noise-equivalent photons per pixel in air, as stated.
-    object : MaskedObject, LabelledObject, ShapesObject or None
-        What was scanned; without both of them, the study's phantom.
+        Stated noise-equivalent photons per pixel in air.
+    disc, object
+        The scanned object; with neither, the study's phantom was scanned.
     protocol : str or None
         Name of the protocol that simulates a recording of images.
     location : mapping of str to float
-        Where the object lies, by name of alignment.LOCATION, mm from the isocenter; 0 where it is not stated.
+        Object location by axis (fitting.nuisance.LOCATION), mm from the isocenter; 0 if not stated.
     check_setup : bool
-        Whether the description of the scan is doubted first.
+        Whether the set-up of the scan is checked first.
     object_may_differ : bool or float
-        As course.explain takes it.
+        See run.find_missing_physics.
     baseline : mapping
-        {effect: {parameter: {value, sd}}}: physics that is known (core.declared).
+        Declared physics, {effect: {parameter: {value, sd}}} (fitting.priors).
     """
 
     samples: int | None
@@ -113,12 +107,12 @@ class Settings:
 
     @classmethod
     def of(cls, section: Mapping) -> Settings:
-        """From the complete section."""
+        """Read the section, with defaults filled in."""
         scanned: dict = {}
         if "disc" in section:
             scanned["disc"] = Disc(**section["disc"])
         if "object" in section:
-            scanned["object"] = _kind_of(section["object"])(**section["object"])
+            scanned["object"] = _object_class(section["object"])(**section["object"])
         return cls(**{**section, **scanned})
 
     @property
@@ -128,11 +122,11 @@ class Settings:
 
     @property
     def of_shapes(self) -> bool:
-        """Whether a disc or an object of shapes was."""
+        """Whether a disc or an object of shapes was scanned."""
         return self.disc is not None or isinstance(self.object, ShapesObject)
 
 
-def _kind_of(section: Mapping) -> type:
+def _object_class(section: Mapping) -> type:
     if "mask" in section:
         return MaskedObject
     return LabelledObject if "labels" in section else ShapesObject
@@ -145,14 +139,12 @@ class Protocol:
     Attributes
     ----------
     scan, grid : mapping
-        Sections of the configuration, complete.
+        Sections of the configuration, with defaults.
     projections : int
         Number of views.
     algorithm : {"sirt", "fbp"}
     settings : mapping
-        Keywords of the algorithm.
-    engine : str
-        Of the algorithm.
+        Keyword arguments of the algorithm.
     """
 
     scan: Mapping
@@ -164,28 +156,28 @@ class Protocol:
 
     @property
     def geometry(self) -> OrbitGeometry:
-        """Of the scan."""
+        """Geometry of the scan."""
         return scan_geometry(self.scan, self.projections, grid_of(self.grid))
 
 
 @dataclass(frozen=True)
 class DiagnosisRequest:
-    """What the configuration asks.
+    """All that the diagnosis of one recording depends on, besides the candidate effects.
 
     Attributes
     ----------
     folder : str or Path
-        Of the recording.
+        Folder of the recording.
     mu_water_per_mm : float
-        Of the monochromatic beam, 1/mm.
+        Attenuation of water for the monochromatic beam, 1/mm.
     materials : mapping
-        How HU are divided, as the configuration's section.
+        Section `materials` of the configuration: conversion of HU to materials.
     phantom : str, Path or None
-        Image of the study's phantom, HU; None where `settings` has a disc or an object.
+        Image of the study's phantom, HU; None if `settings` has a disc or an object.
     seed : int
-        Of the study, for simulated noise.
+        Seed of the study, for simulated noise.
     protocol : Protocol or None
-        None of projections.
+        None for projections.
     """
 
     folder: str | Path
@@ -198,12 +190,12 @@ class DiagnosisRequest:
     threads: int = 1
 
     def located(self, location: Mapping[str, float]) -> DiagnosisRequest:
-        """The same with the object where its scan shows it; this one for no location."""
+        """Return the request with the object at this location; itself if the location is empty."""
         return replace(self, settings=replace(self.settings, location=dict(location))) if location else self
 
     @classmethod
     def of(cls, model: Mapping, phantom: str | Path | None, threads: int) -> DiagnosisRequest:
-        """From what a job is given (study.diagnosed.Diagnosis.model)."""
+        """Read what a job is given (study.diagnosis_jobs.Diagnosis.model)."""
         protocol = model["protocol"] and Protocol(**model["protocol"])
         given = {**model, "settings": Settings.of(model["settings"]), "protocol": protocol}
         return cls(**given, phantom=phantom, threads=threads)
@@ -211,12 +203,12 @@ class DiagnosisRequest:
 
 @dataclass(frozen=True)
 class NominalSettings:
-    """What is written on the scanner.
+    """Nominal settings of the scanner, from recording.yaml.
 
     Attributes
     ----------
     tube_kvp : float or None
-        kV; None: not known.
+        kV; None: unknown.
     """
 
     anode: Anode

@@ -1,19 +1,33 @@
-"""The course of a diagnosis, from a recording made ready to its verdict: of a user's recordings and in the proof."""
+"""Diagnosis of one recording: for the workflow, Python, the blind validation and benchmarks.
+
+`run_diagnosis` is the whole way from the files of a recording to the verdict. `find_missing_physics` and
+`apply_known_physics` are its central step, for a recording that is prepared already.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
+from ..base.streams import Branch
 from ..physics.effect import offered
+from ..recordings.reading import load as read_recording
+from ..recordings.recording import Recording
+from ..statistics.proof_record import SeedResult, with_coverage
+from .assumptions import model_assumptions
+from .comparison.regions import ScannedVolume
+from .comparison.relevance import judge_relevance
+from .preparation import compare_images, prepare_recording
+from .request import DiagnosisRequest
 from .residuals.dataset import Change, Prepared
 from .selection.fit_cache import FitCache
 from .selection.forward_selection import Choice, choose
-from .selection.progress import ALIGNED, JUDGED, DiagnosisProgress
+from .selection.progress import ALIGNED, COMPARED, JUDGED, DiagnosisProgress
 from .selection.screening import screened
 from .selection.transfer import Physics, stated, verified
 from .selection.trials import trials
+from .setup.check import check_setup, setup_diagnosis
 from .uncertainty.model_error import errors_with_models
 from .verdict.object_mismatch import (
     MOST_PIECES,
@@ -26,126 +40,185 @@ from .verdict.object_mismatch import (
 )
 from .verdict.unmodelled import ChangesOfFits
 from .verdict.verdict import Diagnosis, diagnose
+from .verdict_text import SETUP_VERDICTS, recording_lines, with_verdict_text
+
+# Called once the set-up is checked: gives the fits of an earlier run and the progress of this one.
+StartOfFits = Callable[[DiagnosisRequest, Recording], tuple[FitCache | None, DiagnosisProgress]]
 
 
-def explain(
+def run_diagnosis(
+    request: DiagnosisRequest,
+    effects: Sequence[str],
+    accuracy: Mapping[str, float],
+    *,
+    physics: Physics | None = None,
+    same_material: bool = True,
+    images: bool = True,
+    study_rois: tuple[str, str] | None = None,
+    shape_rois: bool = True,
+    thresholds: Mapping[str, float] | None = None,
+    coverage: Iterable[SeedResult] | None = None,
+    start_of_fits: StartOfFits | None = None,
+) -> Diagnosis:
+    """Diagnose a recording.
+
+    1. Read the recording and check its set-up. A wrong set-up or object ends the diagnosis.
+    2. Prepare the data for fits: data to fit and data held out, noise, and the model of the scan.
+    3. Select the effects that explain the data, or apply physics that was found on another recording.
+    4. Compare recording and models in reconstructed images, and judge the relevance of each effect there.
+    5. Write the verdict.
+
+    Parameters
+    ----------
+    effects : sequence of str
+        Candidates. Effects that the request declares are left out.
+    accuracy : mapping of str to float
+        Relative model error by effect (`diagnosis.model_accuracy`).
+    physics : Physics, optional
+        Physics of another recording: only the alignment is fitted, no effect is selected.
+    same_material : bool, optional
+        Whether the object of `physics` is of the same material.
+    images : bool, optional
+        Whether images are reconstructed and compared.
+    study_rois : tuple of str, optional
+        The study's image and its table of ROIs, for a scan of the study's phantom.
+    shape_rois : bool, optional
+        Whether an object of shapes is compared in its ROIs.
+    thresholds : mapping of str to float, optional
+        Relevance thresholds (`diagnosis.matters`); None: every significant effect is relevant.
+    coverage : iterable of SeedResult, optional
+        Record of the blind validation, for the coverage of confidence intervals.
+    start_of_fits : callable, optional
+        See StartOfFits; without it no fit is reused and no progress reported.
+
+    Raises
+    ------
+    InputError
+        For a recording that cannot be read or diagnosed.
+    """
+    recording = read_recording(request.folder)
+    setup = check_setup(recording, request)
+    if setup is not None and setup.kind in SETUP_VERDICTS:
+        return setup_diagnosis(setup, recording, request)
+    stated_location = request.settings.location
+    if setup is not None:
+        request = request.located(setup.content["location"])
+    cache, progress = start_of_fits(request, recording) if start_of_fits else (None, DiagnosisProgress())
+    _, prepared = prepare_recording(request, recording)
+    if physics is not None:
+        effects = []
+        found = apply_known_physics(recording.name, prepared, physics, same_material, cache)
+    else:
+        effects = [name for name in effects if name not in request.settings.baseline]
+        differ = request.settings.object_may_differ
+        found = find_missing_physics(
+            recording.name, prepared, effects, accuracy, request.threads, cache, progress, differ
+        )
+    content = with_coverage(found.content, coverage) if coverage is not None else dict(found.content)
+    content["modelled"] = model_assumptions(request, recording, found.prepared, effects)
+    scanned = ScannedVolume.of(request, recording, study_rois, shape_rois) if images else None
+    if images:
+        content["agreement"] = compare_images(
+            recording, found.prepared, found.choice, request, Branch.AGREEMENT, scanned, thresholds is not None
+        )
+        progress.reached(COMPARED)
+    if thresholds is not None:
+        content = judge_relevance(content, thresholds)
+    if setup is not None:
+        content["setup"] = dict(setup.content)
+    content = with_verdict_text(content, recording_lines(content, stated_location))
+    return replace(found, content=content, scanned=scanned)
+
+
+def find_missing_physics(
     name: str,
     prepared: Prepared,
     effects: Sequence[str],
     accuracy: Mapping[str, float],
     processes: int = 1,
-    kept: FitCache | None = None,
-    how_far: DiagnosisProgress | None = None,
+    cache: FitCache | None = None,
+    progress: DiagnosisProgress | None = None,
     object_may_differ: bool | float = False,
-) -> tuple[Prepared, Diagnosis]:
-    """Choose the effects that explain a recording, and judge them.
+) -> Diagnosis:
+    """Select the effects that explain a prepared recording, and judge them.
 
     Parameters
     ----------
     name : str
-        Of the recording.
-    effects : sequence of str
-        Candidates.
-    accuracy : mapping of str to float
-        As choose takes it.
-    processes : int, optional
-        As choose takes them.
-    kept : FitCache, optional
-        As choose takes them.
-    how_far : DiagnosisProgress, optional
-        What is told while it goes on.
+        Name of the recording.
     object_may_differ : bool or float, optional
-        Whether pieces of the object that explain more than any effect are mended before effects are chosen; a number:
-        those that are at most so wide, mm.
-
-    Returns
-    -------
-    prepared : Prepared
-        With the noise by which the recording was judged.
+        Whether pieces of the object that explain more than any effect are corrected before effects are selected. A
+        number limits this to pieces of at most that width, mm.
     """
-    how_far, numerical, changes = how_far or DiagnosisProgress(), accuracy.get("numerical", 0.0), ChangesOfFits()
+    progress, numerical, changes = progress or DiagnosisProgress(), accuracy.get("numerical", 0.0), ChangesOfFits()
     widest_mm = math.inf if object_may_differ is True else float(object_may_differ)
     pieces: list[Change] = []
 
-    def may_be_mended(piece: Change) -> bool:
+    def may_be_corrected(piece: Change) -> bool:
         return piece.piece.content["width_mm"] <= widest_mm
 
-    def choice(one: Prepared, kept: FitCache | None) -> Choice:
-        (baseline,) = trials(one.fitter, [((),)], kept=kept)
-        how_far.reached(ALIGNED)
-        piece = differing(changes(one, baseline.fit, numerical)) if len(pieces) < MOST_PIECES else None
-        if piece is not None and pieces and not may_be_mended(piece):
-            piece = None  # effects are chosen beside those that were mended
+    def select(given: Prepared, cache: FitCache | None) -> Choice:
+        (baseline,) = trials(given.fitter, [((),)], kept=cache)
+        progress.reached(ALIGNED)
+        piece = differing(changes(given, baseline.fit, numerical)) if len(pieces) < MOST_PIECES else None
+        if piece is not None and pieces and not may_be_corrected(piece):
+            piece = None  # effects are selected beside the pieces that are corrected
         alone = None
         if piece is not None:
-            first = offered(effects, one.fitter.model.whole(()))
-            alone = screened(one.fitter, baseline.fit, first, processes, how_far, accuracy) if first else {}
-            if beyond_effects(piece, alone) or explains_all(piece, one, baseline):
+            first = offered(effects, given.fitter.model.whole(()))
+            alone = screened(given.fitter, baseline.fit, first, processes, progress, accuracy) if first else {}
+            if beyond_effects(piece, alone) or explains_all(piece, given, baseline):
                 return no_physics(baseline, piece, numerical)
-        found = choose(one.fitter, baseline, effects, processes, accuracy, kept, how_far, alone)
-        better = piece is not None and not pieces and better_than(piece, found)
-        return no_physics(baseline, piece, numerical) if better else found
+        choice = choose(given.fitter, baseline, effects, processes, accuracy, cache, progress, alone)
+        better = piece is not None and not pieces and better_than(piece, choice)
+        return no_physics(baseline, piece, numerical) if better else choice
 
     while True:
-        # Fits that are kept know of no pieces.
-        prepared, chosen = _settled(prepared, choice, None if pieces else kept)
+        # Cached fits know of no corrected piece.
+        prepared, choice = _with_settled_noise(prepared, select, None if pieces else cache)
         piece = None
         if widest_mm and len(pieces) < MOST_PIECES:
-            piece = chosen.piece or beside(prepared, chosen, changes)
-        if piece is None or not may_be_mended(piece):
+            piece = choice.piece or beside(prepared, choice, changes)
+        if piece is None or not may_be_corrected(piece):
             break
-        prepared, pieces = prepared.with_piece(piece.piece, chosen.chosen.fit), [*pieces, piece]
-    told = prepared.pieces(chosen.chosen.fit) if pieces else ()
-    pieces = [replace(piece, words=one.words, piece=one) for piece, one in zip(pieces, told, strict=True)]
-    chosen = replace(chosen, errors=errors_with_models(prepared.fitter, chosen.chosen.fit, chosen.without, accuracy))
-    found = diagnose(name, prepared, chosen, pieces, changes)
-    how_far.reached(JUDGED)
-    return prepared, found
+        prepared, pieces = prepared.with_piece(piece.piece, choice.chosen.fit), [*pieces, piece]
+    fitted = prepared.pieces(choice.chosen.fit) if pieces else ()
+    pieces = [replace(change, words=piece.words, piece=piece) for change, piece in zip(pieces, fitted, strict=True)]
+    errors = errors_with_models(prepared.fitter, choice.chosen.fit, choice.without, accuracy)
+    found = diagnose(name, prepared, replace(choice, errors=errors), pieces, changes)
+    progress.reached(JUDGED)
+    return found
 
 
-def hold_against(
-    name: str, prepared: Prepared, physics: Physics, same_material: bool, kept: FitCache | None = None
-) -> tuple[Prepared, Diagnosis]:
-    """Judge a recording by physics that was found on another: only the alignment is fitted.
+def apply_known_physics(
+    name: str, prepared: Prepared, physics: Physics, same_material: bool, cache: FitCache | None = None
+) -> Diagnosis:
+    """Judge a prepared recording by physics that was found on another one: only the alignment is fitted.
 
     Parameters
     ----------
     name : str
-        Of the recording.
+        Name of the recording.
     same_material : bool
-        As verified takes it.
-    kept : FitCache, optional
-        As explain takes them.
-
-    Returns
-    -------
-    diagnosis : Diagnosis
-        As explain returns them.
+        See `verified`.
     """
 
-    def choice(one: Prepared, kept: FitCache | None) -> Choice:
-        (baseline,) = trials(one.fitter, [((),)], kept=kept)
-        return verified(one.fitter, baseline, physics, same_material)
+    def apply(given: Prepared, cache: FitCache | None) -> Choice:
+        (baseline,) = trials(given.fitter, [((),)], kept=cache)
+        return verified(given.fitter, baseline, physics, same_material)
 
-    prepared, chosen = _settled(prepared, choice, kept)
-    found = diagnose(name, prepared, chosen)
-    return prepared, replace(found, content=stated(found.content, physics))
+    prepared, choice = _with_settled_noise(prepared, apply, cache)
+    found = diagnose(name, prepared, choice)
+    return replace(found, content=stated(found.content, physics))
 
 
-def _settled(
-    prepared: Prepared, choice: Callable[[Prepared, FitCache | None], Choice], kept: FitCache | None
+def _with_settled_noise(
+    prepared: Prepared, select: Callable[[Prepared, FitCache | None], Choice], cache: FitCache | None
 ) -> tuple[Prepared, Choice]:
-    """A choice; a second one where the first says how the noise is correlated and the recording does not.
+    """Return a choice, made again if it tells how the noise is correlated and the recording itself does not.
 
-    For that all models are fitted again by the new likelihood, so that they compare.
-
-    Parameters
-    ----------
-    choice : callable
-        (Prepared, FitCache or None) to Choice.
-    kept : FitCache or None
-        For the first one.
+    All models are then refitted with the new likelihood, so that they compare. The cache serves the first choice only.
     """
-    chosen = choice(prepared, kept)
-    again = prepared.with_noise_of(chosen.chosen.fit)
-    return (prepared, chosen) if again is prepared else (again, choice(again, None))
+    choice = select(prepared, cache)
+    again = prepared.with_noise_of(choice.chosen.fit)
+    return (prepared, choice) if again is prepared else (again, select(again, None))

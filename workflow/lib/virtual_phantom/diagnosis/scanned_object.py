@@ -1,4 +1,4 @@
-"""What was scanned, as a scene: the study's phantom, a disc, or an object of shapes, of a label map or of a mask."""
+"""The scanned object as a scene: the study's phantom, a disc, an object of shapes, a label map or a mask."""
 
 from __future__ import annotations
 
@@ -20,54 +20,49 @@ from ..physics.scenes.scene import DISC_ENERGY_KEV, DiscScene, VoxelScene
 from ..physics.scenes.shapes import ShapesScene
 from .request import DiagnosisRequest, LabelledObject, MaskedObject, ShapesObject
 
-PARTIAL_TOLERANCE = 1e-3  # beyond 0 and 1, of shares: what resampling leaves
+PARTIAL_TOLERANCE = 1e-3  # of volume fractions beyond 0 and 1, from resampling
 
 
-def scene_of(asked: DiagnosisRequest) -> DiscScene | PrismScene | ShapesScene | VoxelScene:
-    """The scene of a diagnosed recording.
+def scene_of(request: DiagnosisRequest) -> DiscScene | PrismScene | ShapesScene | VoxelScene:
+    """Return the scene of a diagnosed recording.
 
     Raises
     ------
     InputError
-        As mask_scene, physics.labelled.read_labelled and physics.objects.read_object.
+        If the file of the object is missing or invalid.
     """
-    disc, other = asked.settings.disc, asked.settings.object
+    disc, other = request.settings.disc, request.settings.object
     if disc is not None:
         return DiscScene(disc.diameter_mm, disc.material)
     if isinstance(other, ShapesObject):
-        return ShapesScene(shaped_object(other).shapes, energy_of("water", asked.mu_water_per_mm), asked.threads)
+        return ShapesScene(shaped_object(other).shapes, energy_of("water", request.mu_water_per_mm), request.threads)
     if isinstance(other, LabelledObject):
-        return labelled_scene(labelled_object(other), energy_of("water", asked.mu_water_per_mm), asked.threads)
+        return labelled_scene(labelled_object(other), energy_of("water", request.mu_water_per_mm), request.threads)
     if other is not None:
-        return mask_scene(other.mask, other.material, asked.threads)
-    volume = volumes.read_nifti(asked.phantom)
-    return VoxelScene.of(volume, Segmentation(**asked.materials), asked.mu_water_per_mm, asked.threads)
+        return mask_scene(other.mask, other.material, request.threads)
+    volume = volumes.read_nifti(request.phantom)
+    return VoxelScene.of(volume, Segmentation(**request.materials), request.mu_water_per_mm, request.threads)
 
 
-def shaped_object(asked: ShapesObject) -> ShapedObject:
-    """As physics.objects.read_object."""
-    return read_object(asked.kind, asked.parameters)
+def shaped_object(given: ShapesObject) -> ShapedObject:
+    """Read an object of shapes."""
+    return read_object(given.kind, given.parameters)
 
 
-def labelled_object(asked: LabelledObject) -> Labelled:
-    """As physics.labelled.read_labelled."""
-    return read_labelled(asked.labels, asked.materials)
+def labelled_object(given: LabelledObject) -> Labelled:
+    """Read an object that is given as a label map."""
+    return read_labelled(given.labels, given.materials)
 
 
-def whole_voxels(asked: DiagnosisRequest, scene: object) -> str | None:
-    """The voxels that an object is drawn in, if none of them is filled in part.
+def whole_voxels(request: DiagnosisRequest, scene: object) -> str | None:
+    """Return a remark on the voxels of an object without partial volume, and a better choice; None for other objects.
 
     Parameters
     ----------
-    scene : VoxelScene
-        Or what has its methods: that of `asked`.
-
-    Returns
-    -------
-    str or None
-        What they are, and what would be nearer to the object's edges, in words; None of any other object.
+    scene : VoxelScene or PrismScene
+        Scene of the request.
     """
-    other = asked.settings.object
+    other = request.settings.object
     if not isinstance(other, MaskedObject | LabelledObject) or not scene.whole_voxels:
         return None
     if isinstance(other, LabelledObject):
@@ -80,18 +75,19 @@ def whole_voxels(asked: DiagnosisRequest, scene: object) -> str | None:
 
 
 def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, threads: int = 1) -> VoxelScene:
-    """The study's phantom with voxels twice as large, each the mean of eight: what voxels do to line integrals.
+    """Return the study's phantom with voxels of twice the size, which shows the effect of voxels on line integrals.
 
-    A side of an odd number of voxels gets a plane of air more, and the grid stays where it was.
+    Each voxel is the mean of eight. A side with an odd number of voxels gets one more plane of air, and the grid keeps
+    its place.
 
     Parameters
     ----------
     phantom : str or Path
-        Image of it, HU.
+        Image in HU.
     mu_water_per_mm : float
-        Of the monochromatic beam, 1/mm.
+        Attenuation of water for the monochromatic beam, 1/mm.
     materials : dict
-        As Asked.materials.
+        See DiagnosisRequest.materials.
     """
     volume = volumes.read_nifti(phantom)
     odd = [n % 2 for n in volume.grid.shape]
@@ -103,14 +99,14 @@ def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, t
 
 
 def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene | PrismScene:
-    """A homogeneous object.
+    """Return the scene of a homogeneous object.
 
-    A single slice stands for an object that is alike along z and longer than the beam is high.
+    A single slice describes an object that is constant along z and longer than the beam height.
 
     Parameters
     ----------
     mask : str or Path
-        Image of the share of every voxel (0 to 1) that the object fills, its centre at the isocentre.
+        Image of volume fractions (0 to 1), with its center at the isocenter.
 
     Raises
     ------
@@ -124,13 +120,12 @@ def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene 
 
 
 def labelled_scene(labelled: Labelled, energy_kev: float, threads: int = 1) -> VoxelScene | PrismScene:
-    """An object of a label map; a single slice stands for what mask_scene says.
+    """Return the scene of a label map; for a single slice see mask_scene.
 
     Parameters
     ----------
     energy_kev : float
-        Of the monochromatic beam, keV. Unlike that of one material, it is no mere scale: how much more one material
-        attenuates than another depends on it.
+        Energy of the monochromatic beam, keV. The ratio of the attenuation of two materials depends on it.
     """
     shares, grid = labelled.shares, labelled.grid
     if grid.shape[0] == 1:
@@ -139,17 +134,12 @@ def labelled_scene(labelled: Labelled, energy_kev: float, threads: int = 1) -> V
 
 
 def read_mask(mask: str | Path) -> Volume:
-    """The shares of mask_scene.
-
-    Returns
-    -------
-    Volume
-        float32.
+    """Read the volume fractions of mask_scene, as float32.
 
     Raises
     ------
     InputError
-        As mask_scene.
+        If the mask is missing, broken, empty, or holds values outside 0 to 1.
     """
     volume = volumes.read_nifti(mask)
     share, grid = volume.array, volume.grid

@@ -1,6 +1,6 @@
-"""How much of a recording is fitted, which tells how long its diagnosis takes before it starts.
+"""Amount of data that is fitted, for the preparation of a recording and for the forecast of its run time.
 
-Apart from `ready`, whose imports take two seconds that every start of the workflow would pay.
+A module with few imports, as every start of the workflow needs it.
 """
 
 from __future__ import annotations
@@ -8,56 +8,46 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-# Rays of one fit, those of a pixel counted one by one, unless `view_step` says otherwise: two processes take some 5 GB
-# with them.
+# Rays of one fit, with all rays of a pixel counted, unless `view_step` is set. Two processes need 5 GB.
 MOST_FITTED = 2.5e6
-FEWEST_VIEWS = 24  # that are left of a large scan, fitted and held out together: what turns with the gantry still shows
-# Rays per pixel and direction of the model. Edges of shapes are as sharp as can be: with 2 per direction, what they
-# miss there passes for 25 of log score of a source distance (4 repeats of 1e5 photons, nothing wrong); with 4 for 3.
+FEWEST_VIEWS = 24  # fitted and held-out views of a large scan, which still show changes over the rotation
+# Rays per pixel and direction of the model. Shapes have sharp edges: in a scan without missing physics (4 repeats with
+# 1e5 photons), the error of 2 rays looks like a source distance with a log score of 25, that of 4 rays with 3.
 SAMPLES, SAMPLES_OF_SHAPES = 2, 4
 
 
 def rays_of(shape: tuple[int, int, int], samples: int) -> int:
-    """Rays of a scan, those of a pixel counted one by one.
+    """Return the number of rays of a scan, with all rays of a pixel counted.
 
     Parameters
     ----------
     shape : tuple of 3 int
-        Of the scan: views, rows, columns.
+        Views, rows, columns.
     samples : int
-        Rays per pixel and direction; those of a fan beam stay in its plane.
+        Rays per pixel and direction; in a fan beam along columns only.
     """
     views, rows, columns = shape
     return views * rows * columns * samples ** (2 if rows > 1 else 1)
 
 
 def is_shapes(section: Mapping) -> bool:
-    """Whether a disc or an object of shapes was scanned.
-
-    Parameters
-    ----------
-    section : mapping
-        Of the recording, in the configuration: disc, object.
-    """
+    """Return whether a recording's section of the configuration names a disc or an object of shapes."""
     return "disc" in section or "kind" in section.get("object", {})
 
 
 def samples_for(stated: int | None, shapes: bool, shape: tuple[int, int, int]) -> int:
-    """Rays per pixel and direction of the model of a recording of projections.
+    """Return the rays per pixel and direction of a model of projections.
+
+    Those stated. Otherwise up to SAMPLES_OF_SHAPES for shapes, if all views can be fitted with them, else SAMPLES.
 
     Parameters
     ----------
     stated : int or None
-        What the configuration says.
+        Value in the configuration.
     shapes : bool
-        Whether path lengths come from shapes, and not from voxels.
+        Whether path lengths come from shapes instead of voxels.
     shape : tuple of 3 int
-        Of the scan: views, rows, columns.
-
-    Returns
-    -------
-    int
-        Those stated. Else of shapes up to SAMPLES_OF_SHAPES, as long as all views can be fitted, and of voxels SAMPLES.
+        Views, rows, columns.
     """
     if stated:
         return stated
@@ -66,40 +56,30 @@ def samples_for(stated: int | None, shapes: bool, shape: tuple[int, int, int]) -
 
 
 def step_for(shape: tuple[int, int, int], samples: int) -> int:
-    """One view of so many is fitted where nothing else is said, so that fits have MOST_FITTED rays at most.
+    """Return the default step between fitted views, with which fits have at most MOST_FITTED rays.
+
+    The step is odd, as every second view would not show a focal spot that alternates between views.
 
     Parameters
     ----------
     shape : tuple of 3 int
-        Of the scan: views, rows, columns.
+        Views, rows, columns.
     samples : int
         Rays per pixel and direction.
-
-    Returns
-    -------
-    int
-        Odd: a focal spot that jumps from view to view would stand still in every second one.
     """
     step = max(1, math.ceil(rays_of(shape, samples) / MOST_FITTED))
     return min(step + (step + 1) % 2, max(1, (shape[0] // FEWEST_VIEWS - 1) | 1))
 
 
 def fitted(samples: int | None, view_step: int | None, shapes: bool, shape: tuple[int, int, int]) -> tuple[int, int]:
-    """What of a recording of projections is fitted.
+    """Return rays per pixel and direction, and the step between views, of a fit of projections.
 
     Parameters
     ----------
     samples, view_step : int or None
-        What the configuration says.
+        Values in the configuration.
     shapes, shape
-        As `samples_for` takes them.
-
-    Returns
-    -------
-    samples : int
-        Rays per pixel and direction.
-    step : int
-        One view of so many.
+        See `samples_for`.
     """
     samples = samples_for(samples, shapes, shape)
     return samples, view_step or step_for(shape, samples)

@@ -1,4 +1,4 @@
-"""A diagnosis in pictures: where recording and model differ, before and after, and how the candidates did."""
+"""Figures of a diagnosis: residuals before and after, and the gain of each candidate."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOST_RANKED = 18
 LINEAR_SD = 5.0  # residuals; the axis is linear below
 LINEAR_GAIN = 1.0  # log score; the axis of gains is linear below
 FIRST_ORDER_ALPHA = 0.4  # of bars of what was not fitted
-LINE_INTEGRALS = "line integrals"  # of draw_setup: what of a recording is drawn
+LINE_INTEGRALS = "line integrals"  # kind of residuals in draw_setup
 
 
 def _plain(axis: Axis) -> None:
@@ -47,7 +47,7 @@ def _residual_ticks(low: float, high: float) -> np.ndarray:
 
 
 def bars(axes: Axes, values: Mapping[str, float], chosen: tuple[str, ...]) -> None:
-    """A horizontal bar for each, in its order, named; those that were chosen are blue."""
+    """Draw a horizontal bar for each candidate in the given order; chosen ones are blue."""
     colours = {True: AFTER, False: "#BBBBBB"}
     named = {
         "x": list(values.values()),
@@ -60,7 +60,7 @@ def bars(axes: Axes, values: Mapping[str, float], chosen: tuple[str, ...]) -> No
 
 @style.styled()
 def draw_setup(stated: np.ndarray, best: np.ndarray, title: str, of: str = LINE_INTEGRALS) -> Figure:
-    """What two descriptions of a recording leave of it, each on a scale of its own.
+    """Draw the residuals of two descriptions of a recording, each on its own scale.
 
     Parameters
     ----------
@@ -72,16 +72,16 @@ def draw_setup(stated: np.ndarray, best: np.ndarray, title: str, of: str = LINE_
     figure = style.figure(style.DOUBLE_COLUMN_MM, 68)
     axes = figure.subplots(1, 2)
     for index, (place, values, name) in enumerate(
-        zip(axes, (stated, best), ("as described", "as it fits best"), strict=True)
+        zip(axes, (stated, best), ("as described", "as corrected"), strict=True)
     ):
         limit = max(float(np.quantile(np.abs(values), 0.995)), 1e-6)
         lines = of == LINE_INTEGRALS
         aspect = "auto" if lines else "equal"
         shown = place.imshow(values, aspect=aspect, cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest")
-        place.set(xlabel="detector column, of those compared" if lines else "x, coarse voxels", title=name)
+        place.set(xlabel="detector column, compared ones" if lines else "x, coarse voxels", title=name)
         figure.colorbar(shown, ax=place, label="line integral" if lines else "HU", extend="both", shrink=0.9)
         style.letter_panel(place, index)
-    axes[0].set_ylabel("view, of those compared" if of == LINE_INTEGRALS else "y, coarse voxels")
+    axes[0].set_ylabel("view, compared ones" if of == LINE_INTEGRALS else "y, coarse voxels")
     figure.suptitle(title)
     return figure
 
@@ -97,7 +97,7 @@ def draw_maps(
     image: bool = False,
     steps: tuple[int, int] = (1, 1),
 ) -> Figure:
-    """Standardised residuals, before and after, on one scale.
+    """Draw standardized residuals, before and after, on one scale.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def draw_maps(
 
 @style.styled(grid=True)
 def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
-    """Residuals along something, before and after.
+    """Draw profiles of residuals, before and after.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) 
 
 @style.styled(grid=True)
 def draw_ranking(gains: Mapping[str, float], chosen: tuple[str, ...], fitted: Container[str]) -> Figure:
-    """Log score that every candidate alone adds on held-out data, the best first.
+    """Draw the held-out gain in log score of every candidate alone, the best first.
 
     Parameters
     ----------
@@ -184,15 +184,13 @@ def draw_ranking(gains: Mapping[str, float], chosen: tuple[str, ...], fitted: Co
         bar.set_alpha(1.0 if name in fitted else FIRST_ORDER_ALPHA)
     axes.set_xscale("symlog", linthresh=LINEAR_GAIN)
     _plain(axes.xaxis)
-    axes.set_xlabel(
-        "gain on data not fitted (log score), each effect alone\nblue: in the verdict; pale: estimated, not fitted"
-    )
+    axes.set_xlabel("held-out gain in log score, each effect alone\nblue: in the verdict; pale: estimated, not fitted")
     return figure
 
 
 @style.styled()
 def draw_pieces(scanned: Volume, pieces: Sequence[Mapping]) -> Figure:
-    """Pieces of the object that differ from what was stated, each in the slice of its middle.
+    """Draw pieces of the object that differ, each in the slice of its center.
 
     Parameters
     ----------
@@ -219,7 +217,7 @@ def draw_pieces(scanned: Volume, pieces: Sequence[Mapping]) -> Figure:
 
 @style.styled(grid=False)
 def draw_object(scanned: Volume) -> Figure:
-    """What was scanned: its middle slice, in HU."""
+    """Draw the middle slice of the scanned object, in HU."""
     figure = style.figure(style.SINGLE_COLUMN_MM, 62)
     axes = figure.subplots()
     image = axial.show(axes, scanned.array[len(scanned.array) // 2], scanned.grid, axial.edges_mm(scanned.grid))

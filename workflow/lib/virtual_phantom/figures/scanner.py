@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from . import style
 
-COLOURS = {"alignment alone": style.VERMILLION, "with the others' physics": style.BLUE, "noise alone": style.GREY}
+COLORS = {"alignment alone": style.VERMILLION, "with the others' physics": style.BLUE, "noise alone": style.GREY}
 ROW_MM, REST_MM = 6.0, 26.0  # height of a recording, and of axis and legend
 
 
@@ -27,18 +27,18 @@ def draw_recordings(recordings: Mapping[str, Mapping]) -> Figure:
     rows = []
     for name, one in recordings.items():
         rms = next(value for key, value in one.items() if key.startswith("rms_"))
-        for kind, key in zip(COLOURS, ("before", "after", "floor"), strict=True):
+        for kind, key in zip(COLORS, ("before", "after", "floor"), strict=True):
             rows.append({"recording": name, "model": kind, "rms": rms[key]})
     figure = style.figure(style.DOUBLE_COLUMN_MM, REST_MM + ROW_MM * len(recordings))
     axes = figure.subplots()
     table = pd.DataFrame(rows)
     seaborn.stripplot(
-        table, x="rms", y="recording", hue="model", palette=COLOURS, jitter=False, size=5, log_scale=True, ax=axes
+        table, x="rms", y="recording", hue="model", palette=COLORS, jitter=False, size=5, log_scale=True, ax=axes
     )
     axes.set(xlabel="root mean square of recorded less modelled, data held out", ylabel="")
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: style.number(value)))
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.grid(axis="y")
-    seaborn.move_legend(axes, "lower left", bbox_to_anchor=(0, 1), ncol=len(COLOURS), title=None)
+    seaborn.move_legend(axes, "lower left", bbox_to_anchor=(0, 1), ncol=len(COLORS), title=None)
     return figure

@@ -5,12 +5,14 @@ from __future__ import annotations
 import importlib
 import math
 import pkgutil
+import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 from ..base.errors import InputError, meant
+from ..base.names import label
 from . import effects
 
 # Stages that move rays, the object, and the origin of rays.
@@ -35,6 +37,8 @@ STAGES = (
 PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN = "view interval", "scan", "air", "air over the scan"
 PER_AIR_PHOTON = "1 over the photons in air"
 READOUT_UNITS = "readout units"  # photons in a study and its recordings; the signal in air for line integrals alone
+# Units that end the name of a parameter, such as width_mm and rows_mm_per_s.
+UNIT_AT_END = re.compile(r"(_(mm|um|deg|px|hu|ms|units))?(_per_(s|mm2?|photon))?$")
 LOGARITHM = 0  # value of Parameter.power: fits use the logarithm
 # Scope of a parameter: shared by all recordings of a scanner, by those of one protocol, or by none.
 OF_SCANNER, OF_PROTOCOL, OF_SCAN = "scanner", "protocol", "scan"
@@ -130,6 +134,12 @@ class Parameter:
     dark: str | None = None
     title: str = ""
 
+    @property
+    def display_name(self) -> str:
+        """Name in texts, without the unit."""
+        name = self.title or label(UNIT_AT_END.sub("", self.name))
+        return f"kernel {name}" if self.kernel and not self.title else name
+
     def number(self, value: float) -> float:
         """Transform a value to the variable of fits."""
         return math.log(value) if self.power == LOGARITHM else value**self.power
@@ -195,6 +205,8 @@ class Effect:
         Whether it determines attenuation absolutely: beside it, the scale of line integrals is the object's density.
     if_absent : str
         Warning if the data reject it although the label states a tube voltage, {tube_kvp} in kV.
+    title : str
+        Name in texts; empty: `name` with spaces.
     """
 
     name: str
@@ -215,6 +227,12 @@ class Effect:
     correction: str = ""
     absolute_attenuation: bool = False
     if_absent: str = ""
+    title: str = ""
+
+    @property
+    def display_name(self) -> str:
+        """Name in texts."""
+        return self.title or label(self.name)
 
     @property
     def kinematic(self) -> bool:

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: one HTML file with its pictures inside."""
+"""Report of a diagnosis: one HTML file with its figures, and all files of a diagnosis."""
 
 from __future__ import annotations
 
@@ -9,70 +9,83 @@ import numpy as np
 from .. import __version__
 from ..diagnosis.fitting.fit import Fit
 from ..diagnosis.residuals.dataset import Prepared
+from ..diagnosis.residuals.residual_tests import ALPHA
+from ..diagnosis.selection.store import RESIDUAL_MAPS, write_diagnosis
 from ..diagnosis.verdict.verdict import Diagnosis
 from ..diagnosis.verdict.warnings import advice
-from ..diagnosis.wording import UNITS
+from ..diagnosis.verdict_text import PRACTICAL, UNITS
 from ..figures import diagnosis as figures
-from ..io.volumes import Volume
 from ..physics.effect import load
 from .agreement_table import agreement_table
 from .html import picture, render_diagnosis
 from .words import DOMAINS, NUISANCES, ONE_SIDED
 
-STEPPED = "views"  # the domain of which one place of so many is taken
-PIXELS_ACROSS = 120  # of the map: more blocks than that hold too few rays to show anything
+STEPPED = "views"  # domain with one location per fitted view
+PIXELS_ACROSS = 120  # of the residual map: with more, a block holds too few rays
 
 
-def page(
-    diagnosis: Diagnosis,
-    prepared: Prepared,
-    alpha: float,
-    maps: tuple[np.ndarray, np.ndarray],
-    scanned: Volume | None = None,
-) -> str:
-    """The report as HTML.
+def write_results(diagnosis: Diagnosis, output) -> None:
+    """Write diagnosis.json, physics.yaml, the report and the maps.
 
     Parameters
     ----------
-    alpha : float
-        Below which a place's p is significant.
-    maps : tuple of 2 ndarray
-        From `residual_maps`.
-    scanned : Volume, optional
-        Image of what was scanned, HU.
+    output : object
+        Paths, as attributes diagnosis, physics, report and maps.
     """
-    content = diagnosis.content
-    after = {place.domain: place for place in diagnosis.after}
-    choice, look = diagnosis.choice, prepared.look
+    content, overlay = diagnosis.content, {}
+    if diagnosis.choice is None:
+        shown, maps = diagnosis.setup.maps(), {}
+        html = setup_page(content, *shown)
+    else:
+        shown = residual_maps(diagnosis)
+        maps = {location.domain: location.map for location in diagnosis.before}
+        html = diagnosis_page(diagnosis, shown)
+        if content["verdict"] != PRACTICAL:
+            overlay = overlay_of(diagnosis)
+    maps |= dict(zip(RESIDUAL_MAPS, shown, strict=True))
+    write_diagnosis(output, content, overlay, html, maps)
+
+
+def overlay_of(diagnosis: Diagnosis) -> dict:
+    """Return the physics found as a configuration of the study."""
+    fit = diagnosis.choice.chosen.fit
+    physics = diagnosis.prepared.fitter.model.of_study(fit.physics, fit.nuisance)
+    return {"physics": physics, "noise": {"model": "physical"}}
+
+
+def diagnosis_page(diagnosis: Diagnosis, maps: tuple[np.ndarray, np.ndarray]) -> str:
+    """Return the report of a diagnosis, with the maps of `residual_maps`, as HTML."""
+    content, choice, prepared = diagnosis.content, diagnosis.choice, diagnosis.prepared
+    after, look = {location.domain: location for location in diagnosis.after}, prepared.look
+    image = diagnosis.scanned and diagnosis.scanned.fine
+    pieces = content.get("object", {}).get("pieces", [])
+    fit = choice.chosen.fit
+    residuals = figures.draw_maps(
+        *maps,
+        f"{content['recording']}: mean over {('slices', 'rows')[look.summed]}",
+        look.across,
+        look.down,
+        image=look.summed == 0,
+        steps=_steps(prepared),
+    )
     return render_diagnosis(
         "diagnosis",
         content,
-        effects={one["name"]: load(one["name"]) for one in content["effects"]},
+        effects={effect["name"]: load(effect["name"]) for effect in content["effects"]},
         doubts=[
             *(f"{doubt}." for doubt in content["doubts"]),
-            *advice(choice.chosen.fit, prepared.fitter.model),
+            *advice(fit, prepared.fitter.model),
             *content["caveats"],
         ],
-        places=[(place, after[place.domain]) for place in diagnosis.before],
-        alpha=alpha,
+        places=[(location, after[location.domain]) for location in diagnosis.before],
+        alpha=ALPHA,
         agreement=agreement_table(content.get("agreement")),
-        maps=picture(
-            figures.draw_maps(
-                *maps,
-                _title(content, prepared),
-                look.across,
-                look.down,
-                image=look.summed == 0,
-                steps=_steps(prepared),
-            )
-        ),
-        profiles=picture(figures.draw_profiles(_profiles(diagnosis, prepared))),
+        maps=picture(residuals),
+        profiles=picture(figures.draw_profiles(_profiles(diagnosis))),
         one_repeat=look.one_repeat,
-        ranking=picture(figures.draw_ranking(choice.alone, choice.chosen.fit.effects, choice.singles))
-        if choice.alone
-        else None,
-        pieces=_pieces(content, scanned),
-        object=None if scanned is None else picture(figures.draw_object(scanned)),
+        ranking=picture(figures.draw_ranking(choice.alone, fit.effects, choice.singles)) if choice.alone else None,
+        pieces=picture(figures.draw_pieces(image, pieces)) if pieces and image is not None else None,
+        object=None if image is None else picture(figures.draw_object(image)),
         domains=DOMAINS,
         quantities=UNITS,
         one_sided=ONE_SIDED,
@@ -82,57 +95,60 @@ def page(
     )
 
 
-def _pieces(content: dict, scanned: Volume | None) -> str | None:
-    """The pieces of the object that differ, drawn in what was stated of it."""
-    found = content.get("object", {}).get("pieces", [])
-    return picture(figures.draw_pieces(scanned, found)) if found and scanned is not None else None
+def setup_page(content: dict, stated: np.ndarray, best: np.ndarray) -> str:
+    """Return the report of a recording with a wrong set-up or object, as HTML.
 
-
-def residual_maps(diagnosis: Diagnosis, prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:
-    """What the report shows: standardised residuals of the data held out, before and after.
-
-    Returns
-    -------
-    before, after : ndarray, shape (down, across)
+    Parameters
+    ----------
+    content : dict
+        Content of diagnosis.json.
+    stated, best : ndarray, shape (down, across)
+        Residuals of the scan as described and as corrected.
     """
-    return tuple(_map(one.fit, prepared) for one in (diagnosis.choice.baseline, diagnosis.choice.chosen))
+    maps = picture(figures.draw_setup(stated, best, content["recording"], content["setup"]["of"]))
+    return render_diagnosis(
+        "diagnosis_of_setup", content, maps=maps, version=__version__, date=date.today().isoformat()
+    )
 
 
-def _map(fit: Fit, prepared: Prepared) -> np.ndarray:
-    """Standardised residual of the data held out: weighted means over one axis and over blocks of rays or voxels."""
+def residual_maps(diagnosis: Diagnosis) -> tuple[np.ndarray, np.ndarray]:
+    """Return maps of the standardized held-out residuals, before and after, shape (down, across)."""
+    choice = diagnosis.choice
+    return tuple(_residual_map(trial.fit, diagnosis.prepared) for trial in (choice.baseline, choice.chosen))
+
+
+def _residual_map(fit: Fit, prepared: Prepared) -> np.ndarray:
+    """Return weighted means of the standardized residual over one axis and over blocks of rays or voxels."""
     fitter = prepared.fitter
     shape = prepared.held_out.mean.shape
     residual, weight = (part[0].reshape(shape) for part in (fitter.residuals(fit), fitter.held_weights))
     summed = prepared.look.summed
     sums, weights = (residual * weight).sum(axis=summed), weight.sum(axis=summed)
     for axis in (0, 1):
-        step = _block(sums.shape[axis])
-        edges = np.arange(0, sums.shape[axis], step)
+        edges = np.arange(0, sums.shape[axis], _block(sums.shape[axis]))
         sums, weights = (np.add.reduceat(part, edges, axis) for part in (sums, weights))
     return sums / np.sqrt(np.where(weights > 0, weights, np.inf))
 
 
 def _block(places: int) -> int:
-    """How many places of an axis are one of the map's."""
+    """Return how many places along an axis one pixel of the map covers."""
     return -(-places // PIXELS_ACROSS)
 
 
 def _steps(prepared: Prepared) -> tuple[int, int]:
-    """How many of the recording's places one of the map's stands for, down and across."""
+    """Return how many places of the recording one pixel of the map covers, down and across."""
     down, across = (n for axis, n in enumerate(prepared.held_out.mean.shape) if axis != prepared.look.summed)
     return prepared.step * _block(down), _block(across)
 
 
-def _profiles(diagnosis: Diagnosis, prepared: Prepared) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
-    panels = []
+def _profiles(diagnosis: Diagnosis) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
+    """Return the panels of profiles: name of the axis, places, residuals before and after."""
+    panels, prepared = [], diagnosis.prepared
     for domain, label, first in prepared.look.profiles:
         step = prepared.step if domain == STEPPED else 1
         before, after = (
-            next(one for one in side if one.domain == domain).map for side in (diagnosis.before, diagnosis.after)
+            next(location for location in side if location.domain == domain).map
+            for side in (diagnosis.before, diagnosis.after)
         )
         panels.append((label, step * np.arange(before.size) + first, before, after))
     return panels
-
-
-def _title(content: dict, prepared: Prepared) -> str:
-    return f"{content['recording']}: mean over {('slices', 'rows')[prepared.look.summed]}"

@@ -1,4 +1,4 @@
-"""The report of a diagnosis of features: one HTML file with its pictures inside."""
+"""Report of a diagnosis of features: one HTML file with its figures."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from .html import picture, render_diagnosis
 MOST_PLACES = 20
 
 
-def page(diagnosis: FeatureDiagnosis) -> str:
-    """The report as HTML."""
+def feature_diagnosis_page(diagnosis: FeatureDiagnosis) -> str:
+    """Return the report as HTML."""
     trials, found = diagnosis.trials, diagnosis.content["effects"]
     return render_diagnosis(
         "diagnosis_of_features",
@@ -26,8 +26,8 @@ def page(diagnosis: FeatureDiagnosis) -> str:
         shifts=picture(figures.draw_shifts(diagnosis.before.cells, diagnosis.after.cells if found else None)),
         shares=picture(
             figures.draw_shares(
-                {one.name: trial.fitted for one, trial in trials.items()},
-                {one.name: trial.held_out for one, trial in trials.items()},
+                {image_property.name: trial.fitted for image_property, trial in trials.items()},
+                {image_property.name: trial.held_out for image_property, trial in trials.items()},
                 tuple(effect["name"] for effect in found),
                 MATERIAL,
             )

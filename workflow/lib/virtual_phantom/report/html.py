@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Undefined
 from matplotlib.figure import Figure
 
 from ..base.names import enumerated, label
-from ..diagnosis.wording import share
+from ..diagnosis.verdict_text import percent
 from ..figures import style
 
 SMALL = 1e-3  # smaller numbers are written with an exponent
@@ -60,7 +60,7 @@ def render_diagnosis(template: str, content: dict, **values) -> str:
         "within": within,
         "chance": _chance,
         "coverage": _coverage,
-        "share": share,
+        "share": percent,
         "feature": style.feature_label,
     }
     colour = COLORS.get(content["verdict"], OTHER_COLOR)

@@ -1,4 +1,4 @@
-"""The page of the blind test: one HTML file with its pictures inside."""
+"""Page of the blind validation: one HTML file with its figures."""
 
 from __future__ import annotations
 
@@ -14,24 +14,26 @@ from .agreement_table import NAMES
 from .html import COLORS, OTHER_COLOR, data_url, number, picture, render
 
 
-def page(score: Mapping, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], reports: Mapping[str, str]) -> str:
-    """The page as HTML.
+def blind_validation_page(
+    score: Mapping, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], reports: Mapping[str, str]
+) -> str:
+    """Return the page as HTML.
 
     Parameters
     ----------
     score : mapping
-        What score.score found.
+        Result of proof.score.score.
     maps : mapping of str to tuple of 2 ndarray, shape (down, across)
-        {case: standardised residuals before and after}.
+        {case: standardized residuals before and after}.
     reports : mapping of str to str
-        {case: its report, relative to the page}.
+        {case: path of its report, relative to the page}.
 
     Raises
     ------
     InputError
         For a case without maps.
     """
-    for name in [*(case["case"] for case in score["cases"]), *(one["recording"] for one in score["recordings"])]:
+    for name in [*(case["case"] for case in score["cases"]), *(real["recording"] for real in score["recordings"])]:
         if name not in maps:
             raise InputError(f"{name}: has no maps; diagnose it again")
     filters = {
@@ -56,7 +58,7 @@ def page(score: Mapping, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], repo
 
 
 def percent(value: float | None) -> str:
-    """A share in percent, to a tenth near its ends; a dash for None."""
+    """Return a share in percent, with one decimal near 0 and 100; a dash for None."""
     if value is None:
         return "–"
     if 0.9995 <= value < 1:
@@ -65,7 +67,7 @@ def percent(value: float | None) -> str:
 
 
 def tally(share: Mapping) -> str:
-    """A share with its count and interval."""
+    """Return a share with its count and interval."""
     if not share["n"]:
         return "no cases"
     low, high = (percent(bound) for bound in share["ci95"])
@@ -74,14 +76,14 @@ def tally(share: Mapping) -> str:
 
 
 def reached(target: Mapping) -> tuple[str, str]:
-    """Class and word."""
+    """Return CSS class and word for a target."""
     return {True: ("reached", "reached"), False: ("missed", "missed"), None: ("open", "not measured")}[
         target["reached"]
     ]
 
 
 def valued(value: float | None, target: Mapping) -> str:
-    """A target's value in its unit."""
+    """Return the value of a target with its unit."""
     if value is None:
         return "–"
     return percent(value) if target["unit"] == "share" else f"{number(value)} {target['unit']}"

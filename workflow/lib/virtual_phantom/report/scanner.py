@@ -1,4 +1,4 @@
-"""The report of a scanner: what its recordings share, and how each is met by the physics of the others."""
+"""Report of the joint diagnosis of a scanner: shared physics, and the fit of each recording by the others."""
 
 from __future__ import annotations
 
@@ -6,18 +6,38 @@ from collections.abc import Iterable, Mapping
 from datetime import date
 
 from .. import __version__
+from ..diagnosis.residuals.dataset import Prepared
+from ..diagnosis.scanner.scanner import ScannerDiagnosis
+from ..diagnosis.selection.store import write_overlay
 from ..figures import scanner as figures
+from ..io.documents import SCANNER, write_document
+from ..io.files import write_text
 from .html import COLORS, OTHER_COLOR, number, picture, render, within
 
 
-def page(content: dict) -> str:
-    """The report as HTML.
+def write_scanner_results(found: ScannerDiagnosis, prepared: Mapping[str, Prepared], output) -> None:
+    """Write scanner.json, physics.yaml and the report.
 
     Parameters
     ----------
-    content : dict
-        Of scanner.json.
+    prepared : mapping of str to Prepared
+        By recording.
+    output : object
+        Paths, as attributes diagnosis, physics and report.
     """
+    content, fit = found.content, found.choice.chosen
+    first = next(iter(fit.fits))
+    physics = prepared[first].fitter.model.of_study(fit.physics, fit.fits[first].nuisance)
+    remarks = []
+    if protocol := content["recordings"][first]["protocol"]:
+        remarks.append(f"Parameters of a protocol are those of protocol {protocol}.")
+    write_overlay(content, {"physics": physics, "noise": {"model": "physical"}}, output.physics, remarks)
+    write_text(scanner_page(content), output.report)
+    write_document(content, output.diagnosis, SCANNER)
+
+
+def scanner_page(content: dict) -> str:
+    """Return the report as HTML, from the content of scanner.json."""
     removed = picture(figures.draw_recordings(content["recordings"]))
     colour = COLORS.get(content["verdict"], OTHER_COLOR)
     filters = {"number": number, "within": within}
@@ -27,7 +47,9 @@ def page(content: dict) -> str:
 
 
 def _parameters(recordings: Iterable[Mapping], kind: str) -> list[tuple[str, str]]:
-    """Every (effect, parameter) that recordings have of this kind."""
+    """Return every (effect, parameter) of recordings under this key of scanner.json."""
     return list(
-        dict.fromkeys((effect, key) for one in recordings for effect, keys in one[kind].items() for key in keys)
+        dict.fromkeys(
+            (effect, key) for recording in recordings for effect, keys in recording[kind].items() for key in keys
+        )
     )

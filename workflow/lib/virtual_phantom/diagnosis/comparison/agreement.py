@@ -1,7 +1,7 @@
-"""How far simulated images agree with recorded ones: contrast, noise magnitude and texture, resolution, features.
+"""Agreement of simulated and recorded images: contrast, noise magnitude and texture, resolution, features.
 
-The terms in which a CT simulator was validated against a scanner [1]_, by differences under 1.4 % in contrast, 0.5 % in
-noise magnitude, 2.6 % in noise texture, 3 % in resolution.
+A CT simulator was validated against a scanner by these measures [1]_, with differences below 1.4 % in contrast, 0.5 %
+in noise magnitude, 2.6 % in noise texture and 3 % in resolution.
 
 References
 ----------
@@ -33,12 +33,12 @@ from ...statistics.image_quality import (
 )
 from ...statistics.resolution import mtf_half
 
-INNER_VOXELS = 2.0  # from the edge inwards: where it no longer matters
+INNER_VOXELS = 2.0  # distance from the edge, beyond which it has no influence
 
 
 @dataclass(frozen=True)
 class Regions:
-    """Where images are measured.
+    """Regions in which images are measured.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Regions:
     distance_mm : ndarray, shape (z, y, x)
         Signed distance from the edge of highest contrast (body to air) in the axial plane, mm, negative within.
     valid : ndarray of bool, shape (z, y, x)
-        Voxels that were reconstructed from complete data.
+        Voxels with complete data.
     """
 
     spacing: tuple[float, float, float]
@@ -59,12 +59,12 @@ class Regions:
 
     @property
     def inner(self) -> np.ndarray:
-        """Valid voxels within the edge, where it no longer matters, bool, shape (z, y, x)."""
+        """Valid voxels inside the object, away from its edge, bool, shape (z, y, x)."""
         return self.valid & (self.distance_mm < -INNER_VOXELS * max(self.spacing[1:]))
 
 
 class Features:
-    """Features of stacks of images, each stack extracted once."""
+    """Features of stacks of images; each stack is extracted once."""
 
     def __init__(self, regions: Regions):
         self.regions = regions
@@ -72,7 +72,7 @@ class Features:
         self._kept: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     def of(self, images: np.ndarray, name: str) -> np.ndarray:
-        """Values of a stack.
+        """Return the features of a stack.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class Features:
         Raises
         ------
         InputError
-            If no ROI is large enough, or there are too few repeats for their SD.
+            If no ROI is large enough, or there are too few repeats for an SD.
         """
         if not self.masks:
             raise InputError(f"features need an ROI of at least {MINIMUM_VOXELS} voxels; there is none")
@@ -109,19 +109,19 @@ def agreement(
     reference: str | None = None,
     features: Features | None = None,
 ) -> dict:
-    """The table: simulated images against recorded ones on one grid.
+    """Return the table of simulated against recorded images on one grid.
 
     Parameters
     ----------
     recorded : ndarray, shape (repeats, z, y, x)
         HU.
     simulated : mapping of str to ndarray
-        Images of the same shape but for the number of repeats, by the name of their column ("before", "after"); the
-        last one's noise counts for the floor.
+        Images by name of their column ("before", "after"), with any number of repeats. The floor uses the noise of the
+        last one.
     reference : str, optional
-        ROI that contrasts are taken against; None: all pairs.
+        Reference ROI of contrasts; None: all pairs.
     features : Features, optional
-        Which takes most of the time; None: they are not compared.
+        None: features are not compared, which saves most of the run time.
 
     Returns
     -------
@@ -166,7 +166,7 @@ def _ratio(unit: str, recorded: np.ndarray, simulated: Mapping, measure: Callabl
 
 
 def _noise_makers(recorded: np.ndarray, simulated: Mapping, regions: Regions) -> dict[str, Callable[[], dict]]:
-    """Metrics of the noise; the spectra that all of them need are computed once."""
+    """Return the metrics of the noise, which share their spectra."""
     kept: dict[int, Spectrum] = {}
 
     def spectrum(images):
@@ -182,7 +182,7 @@ def _noise_makers(recorded: np.ndarray, simulated: Mapping, regions: Regions) ->
         return entry | {"floor": found.error}
 
     def magnitude(images):
-        # Differences of repeats hold no structure: the whole object serves, and small ROIs would be less certain.
+        # Differences of repeats have no structure, so that the whole object is used, with less uncertainty than ROIs.
         return noise_magnitude(images, {"object": regions.inner}, spectrum(images).area)
 
     return {
@@ -204,7 +204,7 @@ def _features(recorded: np.ndarray, simulated: Mapping, features: Features) -> d
 
 
 def share_within(recorded: np.ndarray, simulated: np.ndarray) -> float:
-    """Share of quantities whose simulated mean lies within one recorded SD of the recorded mean.
+    """Return the share of quantities whose simulated mean is within one recorded SD of the recorded mean.
 
     Parameters
     ----------

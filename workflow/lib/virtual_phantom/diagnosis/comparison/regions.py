@@ -1,9 +1,9 @@
-"""Where reconstructed images are compared: their grid, the voxels with complete data, ROIs and the object's edge."""
+"""Regions for the comparison of images: grid, voxels with complete data, ROIs and the edge of the object."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,26 +20,28 @@ from ...physics.scenes.labeled import Labelled
 from ...physics.scenes.objects import ShapedObject
 from ...physics.scenes.scene import DiscScene, Pose
 from ...physics.scenes.voxelized import hu_of, mask_of, reach_mm, share_of_each
+from ...recordings.recording import Recording
 from ...statistics.image_quality import LEAST_ROI_VOXELS
 from ...statistics.resolution import signed_distance_mm
-from ..scanned_object import read_mask
+from ..request import DiagnosisRequest, LabelledObject, ShapesObject
+from ..scanned_object import labelled_object, read_mask, shaped_object
 from .agreement import INNER_VOXELS, Regions
 
-MOST_VOXELS, MOST_SLICES = 128, 8  # of images that are made for the comparison; a choice that bounds the time
-AIR_VOXELS = 8  # around the object: what its edge needs
-SHAPES_FINER, SHAPES_ACROSS = 3, 300  # voxels of shapes to a pixel at the isocentre; and at most so many across
-PRISM_MM = 1000.0  # slice of an object that is alike along z: beyond any beam's height
-SUBDIVIDED = 5  # samples per voxel and direction, of the edge
+MOST_VOXELS, MOST_SLICES = 128, 8  # of reconstructed images; a choice that limits the run time
+AIR_VOXELS = 8  # around the object, for its edge
+SHAPES_FINER, SHAPES_ACROSS = 3, 300  # voxels of shapes per pixel at the isocenter, and most voxels across
+PRISM_MM = 1000.0  # slice thickness of an object that is constant along z, larger than any beam height
+SUBDIVIDED = 5  # samples of the edge per voxel and direction
 
 
 @dataclass(frozen=True)
-class Scanned:
-    """The study's phantom, or an object of shapes, of a label map or of a mask, if that was scanned.
+class ScannedVolume:
+    """The scanned object as voxels, with its regions of interest.
 
     Attributes
     ----------
     fine : Volume
-        HU, what projections were taken of.
+        HU, on the grid that projections were taken of.
     rois : mapping of str to ndarray of bool, shape (z, y, x)
         By name, on `grid`.
     """
@@ -49,57 +51,80 @@ class Scanned:
     grid: Grid
 
     @classmethod
-    def read(cls, fine: str | Path, image: str | Path, rois_csv: str | Path) -> Scanned:
-        """What the study's rule `phantom` wrote.
+    def of(
+        cls,
+        request: DiagnosisRequest,
+        recording: Recording,
+        study_rois: tuple[str, str] | None = None,
+        shape_rois: bool = True,
+    ) -> ScannedVolume | None:
+        """Return the scanned object of a request; None for a disc, which needs no voxels.
+
+        Parameters
+        ----------
+        study_rois : tuple of str, optional
+            The study's image and its table of ROIs. Without it, the study's phantom has no ROIs.
+        shape_rois : bool, optional
+            Whether an object of shapes has its ROIs.
 
         Raises
         ------
         InputError
-            As volumes.read_nifti and phantom.read_masks.
+            If a file is missing or invalid.
         """
+        settings, mu_water_per_mm = request.settings, request.mu_water_per_mm
+        if settings.disc is not None:
+            return None
+        if isinstance(settings.object, ShapesObject):
+            shaped = shaped_object(settings.object)
+            return cls.of_shapes(
+                shaped if shape_rois else replace(shaped, rois=()), recording.geometry, mu_water_per_mm
+            )
+        if isinstance(settings.object, LabelledObject):
+            return cls.of_labels(labelled_object(settings.object), mu_water_per_mm)
+        if settings.object is not None:
+            return cls.of_mask(settings.object.mask)
+        fine = read_nifti(request.phantom)
+        if study_rois is None:
+            return cls(fine, {}, fine.grid)
+        image, rois_csv = study_rois
         grid = read_nifti(image).grid
-        return cls(read_nifti(fine), read_masks(rois_csv, grid)[1], grid)
+        return cls(fine, read_masks(rois_csv, grid)[1], grid)
 
     @classmethod
-    def of_mask(cls, mask: str | Path) -> Scanned:
-        """A homogeneous object: no ROIs but itself.
-
-        Raises
-        ------
-        InputError
-            As scanned.read_mask.
-        """
+    def of_mask(cls, mask: str | Path) -> ScannedVolume:
+        """Return a homogeneous object, without ROIs."""
         volume = read_mask(mask)
         return cls._drawn(attenuation_to_hu(volume.array, 1.0), volume.grid)
 
     @classmethod
-    def of_labels(cls, labelled: Labelled, mu_water_per_mm: float) -> Scanned:
-        """An object of a label map: no ROIs but itself.
+    def of_labels(cls, labelled: Labelled, mu_water_per_mm: float) -> ScannedVolume:
+        """Return the object of a label map, without ROIs.
 
         Parameters
         ----------
         mu_water_per_mm : float
-            At the energy of which materials have their HU, 1/mm.
+            Attenuation of water at the energy at which materials have their HU, 1/mm.
         """
         energy = energy_of("water", mu_water_per_mm)
-        mu = np.array([attenuation_per_mm(one, [energy])[0] for one in labelled.materials], np.float32)
+        mu = np.array([attenuation_per_mm(material, [energy])[0] for material in labelled.materials], np.float32)
         return cls._drawn(attenuation_to_hu(np.tensordot(mu, labelled.shares, 1), mu_water_per_mm), labelled.grid)
 
     @classmethod
-    def _drawn(cls, hu: np.ndarray, grid: Grid) -> Scanned:
-        if grid.shape[0] == 1:  # alike along z: two slices, between whose centres nothing changes
+    def _drawn(cls, hu: np.ndarray, grid: Grid) -> ScannedVolume:
+        if grid.shape[0] == 1:  # constant along z: two slices, between whose centers nothing changes
             hu = np.repeat(hu, 2, axis=0)
             grid = Grid(hu.shape, (PRISM_MM, *grid.spacing[1:]))
         return cls(Volume(hu, grid), {}, grid)
 
     @classmethod
-    def of_shapes(cls, shaped: ShapedObject, geometry: OrbitGeometry, mu_water_per_mm: float) -> Scanned:
-        """An object of shapes as voxels, as far as a scan's beam sees it, and its regions.
+    def of_shapes(cls, shaped: ShapedObject, geometry: OrbitGeometry, mu_water_per_mm: float) -> ScannedVolume:
+        """Return an object of shapes as voxels, within the field of view, with its ROIs.
 
         Parameters
         ----------
         mu_water_per_mm : float
-            At the energy of which shapes have their HU, 1/mm.
+            Attenuation of water at the energy at which shapes have their HU, 1/mm.
         """
         reach = min(reach_mm(shaped), geometry.field_of_view_radius_mm)
         row, column = (pitch / geometry.magnification for pitch in (geometry.row_pitch_mm, geometry.column_pitch_mm))
@@ -113,25 +138,20 @@ class Scanned:
 
     @property
     def radius_mm(self) -> float:
-        """How far from the isocentre's axis the object reaches, mm."""
+        """Radius of the object about the axis, mm."""
         _, y, x = self.fine.grid.axes_mm()
         return float(np.hypot(y[:, None], x)[(self.fine.array > HU_BODY).any(axis=0)].max())
 
 
 def image_grid(geometry: OrbitGeometry, radius_mm: float) -> Grid:
-    """Central slices around an object of a radius.
+    """Return a grid of central slices around an object of this radius.
 
-    Voxels are as large as the detector's pixels at the isocentre, or larger where more than MOST_VOXELS of them would
-    be needed. Slices lie a detector row apart, so that they share little noise, where views all around see them.
-
-    Parameters
-    ----------
-    radius_mm : float
-        mm.
+    Voxels have the size of detector pixels at the isocenter, or are larger to stay below MOST_VOXELS. Slices have the
+    distance of detector rows, so that they share little noise.
     """
     reach = min(radius_mm, geometry.field_of_view_radius_mm)
     voxel = max(geometry.column_pitch_mm / geometry.magnification, 2 * reach / (MOST_VOXELS - 2 * AIR_VOXELS))
-    # The projector asks for a grid within the source's orbit.
+    # The projector needs a grid within the source orbit.
     most = min(MOST_VOXELS, int(np.sqrt(2) * geometry.source_to_isocentre_mm / voxel) - 1)
     across = min(most, int(np.ceil(2 * reach / voxel)) + 2 * AIR_VOXELS)
     height = geometry.row_pitch_mm / geometry.magnification
@@ -143,7 +163,7 @@ def image_grid(geometry: OrbitGeometry, radius_mm: float) -> Grid:
 
 
 def complete(geometry: OrbitGeometry, grid: Grid) -> np.ndarray:
-    """Voxels that rays of every direction pass.
+    """Return the voxels that are seen from every direction.
 
     Returns
     -------
@@ -152,7 +172,7 @@ def complete(geometry: OrbitGeometry, grid: Grid) -> np.ndarray:
     Raises
     ------
     InputError
-        As ParallelRays, or if there is no such voxel.
+        If there is no such voxel.
     """
     rays = ParallelRays(geometry)
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
@@ -164,23 +184,21 @@ def complete(geometry: OrbitGeometry, grid: Grid) -> np.ndarray:
 
 
 def disc_regions(grid: Grid, valid: np.ndarray, disc: DiscScene, pose: Pose) -> Regions:
-    """A disc and the air around it."""
+    """Return a disc and the air around it as regions."""
     _, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
     distance = np.hypot(x - pose.x_mm, y - pose.y_mm) - disc.radius_mm * pose.size
     return Regions(grid.spacing, _object_and_air(distance, valid, grid), distance, valid)
 
 
-def phantom_regions(grid: Grid, valid: np.ndarray, scanned: Scanned, pose: Pose) -> Regions:
-    """The ROIs of the study's phantom, those parts of them that the images show.
+def phantom_regions(grid: Grid, valid: np.ndarray, scanned: ScannedVolume, pose: Pose) -> Regions:
+    """Return the parts of the object's ROIs in the images, or object and air if there are fewer than two.
 
-    Where the images show fewer than two, the object and the air around it. The edge is that of the body to air.
+    The edge is that between body and air.
 
     Parameters
     ----------
     valid : ndarray of bool, shape (z, y, x)
-        As Regions.valid.
-    pose : Pose
-        Of the object.
+        See Regions.valid.
     """
     fine_shape = (grid.shape[0], *(n * SUBDIVIDED for n in grid.shape[1:]))
     fine = Grid(fine_shape, (grid.spacing[0], *(step / SUBDIVIDED for step in grid.spacing[1:])))
@@ -200,23 +218,18 @@ def _object_and_air(distance_mm: np.ndarray, valid: np.ndarray, grid: Grid) -> d
 
 
 def sampled(array: np.ndarray, of: Grid, at: Grid, pose: Pose, order: int, outside: float) -> np.ndarray:
-    """What lies at the voxels of a grid once the object has its pose.
+    """Resample an object in its pose onto a grid.
 
     Parameters
     ----------
     array : ndarray, shape (z, y, x)
         The object.
     of, at : Grid
-        The object's, and the one asked for.
+        Grids of the object and of the result.
     order : int
-        Of the interpolation.
+        Order of the interpolation.
     outside : float
-        What lies there.
-
-    Returns
-    -------
-    ndarray
-        Shaped as `at`.
+        Value outside of the object's grid.
     """
     z, y, x = np.meshgrid(*at.axes_mm(), indexing="ij", sparse=True)
     x, y, z = x - pose.x_mm, y - pose.y_mm, z - pose.z_mm

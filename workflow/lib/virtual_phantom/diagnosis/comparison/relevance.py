@@ -1,7 +1,7 @@
-"""What a difference means in images: in HU, per cent of contrast, noise and resolution, and repeat SDs of features.
+"""Differences in images and their clinical relevance: HU, contrast, noise, resolution and features.
 
-A difference of projections may be significant and yet too small for anybody to see in an image. These are the terms in
-which users of images feel it.
+A difference of projections may be significant and yet too small to show in an image. The verdict is therefore judged by
+thresholds on the quantities that users of images know.
 """
 
 from __future__ import annotations
@@ -19,22 +19,23 @@ from ...statistics.multiplicity import holm
 from ...statistics.resolution import mtf_half
 from ..fitting.fit import Fit
 from ..selection.forward_selection import Choice
+from ..verdict_text import MATCH, PRACTICAL, UNEXPLAINED, UNITS, contradiction
 from .agreement import Features, Regions, agreement
 
-# Side of the squares whose mean HU is compared: that of the smallest which noise spectra are taken of.
+# Side of the squares whose mean HU is compared, as of the smallest squares for noise spectra.
 BLOCK_VOXELS = 8
 
 
 @dataclass(frozen=True)
-class Change:
-    """One quantity's change.
+class ImageChange:
+    """Change of one quantity between two sets of images.
 
     Attributes
     ----------
     value : float
-        In the unit that its name says (core.sentence.UNITS).
+        In the unit of verdict_text.UNITS.
     error : float
-        Standard error that the images' noise leaves it; of the largest of many places it covers their number.
+        Standard error from image noise. For the largest of many areas it includes a correction for their number.
     """
 
     value: float
@@ -42,79 +43,82 @@ class Change:
 
     @property
     def least(self) -> float:
-        """Size that it has for sure: with two standard errors taken off."""
+        """Absolute value less two standard errors, at least 0."""
         return max(0.0, abs(self.value) - 2 * self.error)
 
 
-def changes(
-    without: np.ndarray, images: np.ndarray, regions: Regions, features: Features | None = None, paired: bool = False
-) -> dict[str, Change]:
-    """How far images differ from others.
+def image_changes(
+    reference: np.ndarray, images: np.ndarray, regions: Regions, features: Features | None = None, paired: bool = False
+) -> dict[str, ImageChange]:
+    """Return the change of each quantity from reference images to other images.
 
     Parameters
     ----------
-    without, images : ndarray, shape (repeats, z, y, x)
+    reference, images : ndarray, shape (repeats, z, y, x)
         HU.
     features : Features, optional
-        None: features are left out.
+        None: features are not compared.
     paired : bool, optional
-        The repeats' noise is the same in both, so that only differences of repeats are uncertain.
+        Both sets have the same noise, so that only differences between repeats are uncertain.
 
     Returns
     -------
-    dict of str to Change
-        By core.sentence.UNITS, those that can be measured: noise needs two repeats, contrast two ROIs.
+    dict of str to ImageChange
+        By quantity of verdict_text.UNITS. Quantities that cannot be measured are left out: noise needs two repeats,
+        contrast two ROIs.
     """
-    makers: dict[str, Callable[[], Change]] = {
-        "hu": lambda: _hu(without, images, regions, paired),
-        "contrast_percent": lambda: _percent(without, images, lambda x: contrast(x, regions.rois), paired),
-        "noise_percent": lambda: _percent(without, images, lambda x: _noise(x, regions), paired),
+    measures: dict[str, Callable[[], ImageChange]] = {
+        "hu": lambda: _hu(reference, images, regions, paired),
+        "contrast_percent": lambda: _percent(reference, images, lambda x: contrast(x, regions.rois), paired),
+        "noise_percent": lambda: _percent(reference, images, lambda x: _noise(x, regions), paired),
         "resolution_percent": lambda: _percent(
-            without, images, lambda x: mtf_half(x, regions.distance_mm, regions.spacing, regions.valid), paired
+            reference, images, lambda x: mtf_half(x, regions.distance_mm, regions.spacing, regions.valid), paired
         ),
     }
     if features is not None:
-        makers["features_sd"] = lambda: _shift(features.of(without, "without"), features.of(images, "with"), paired)
+        measures["features_sd"] = lambda: _shift(features.of(reference, "without"), features.of(images, "with"), paired)
     found = {}
-    for name, make in makers.items():
+    for name, measure in measures.items():
         try:
-            found[name] = make()
+            found[name] = measure()
         except InputError:
             continue
     return found
 
 
-def agreement_and_practice(
+def agreement_and_changes(
     recorded: np.ndarray,
     images: Callable[[Fit], np.ndarray],
     choice: Choice,
     regions: Regions,
     features: Features | None,
-    practice: bool,
+    with_changes: bool,
 ) -> dict:
-    """Agreement of a choice's models with recorded images, and what effects change in them.
+    """Return the agreement of fitted models with recorded images, and the change that each effect makes.
 
     Parameters
     ----------
     recorded : ndarray, shape (repeats, z, y, x)
         HU.
     images : callable
-        Images of a fit, all with the same noise.
-    practice : bool
-        Whether it is told what effects change.
+        Simulated images of a fit, all with the same noise.
+    with_changes : bool
+        Whether `practice` is part of the result (`changes_by_effect`).
 
     Returns
     -------
     dict
-        That of agreement.agreement, with rois (names), repeats (number) and, if asked for, practice (`told`).
+        Result of agreement.agreement with rois (names), repeats (number) and `practice`.
     """
     simulated = {"before": images(choice.baseline.fit), "after": images(choice.chosen.fit)}
-    more = {"practice": told(recorded, simulated, images, choice, regions, features)} if practice else {}
+    more = {}
+    if with_changes:
+        more = {"practice": changes_by_effect(recorded, simulated, images, choice, regions, features)}
     found = agreement(recorded, simulated, regions, features=features)
     return found | more | {"rois": list(regions.rois), "repeats": len(recorded)}
 
 
-def told(
+def changes_by_effect(
     recorded: np.ndarray,
     simulated: Mapping[str, np.ndarray],
     images: Callable[[Fit], np.ndarray],
@@ -122,44 +126,95 @@ def told(
     regions: Regions,
     features: Features | None,
 ) -> dict:
-    """What diagnosis.json holds of it.
+    """Return what separates recording and simulation in images, and what each effect changes there.
 
     Parameters
     ----------
     recorded : ndarray, shape (repeats, z, y, x)
         HU.
     simulated : mapping of str to ndarray
-        Those of the alignment alone, "before", and of the chosen effects, "after".
+        Images with alignment alone, "before", and with the chosen effects, "after".
     images : callable
-        Images of a fit, with the noise of `simulated`.
+        Simulated images of a fit, with the noise of `simulated`.
 
     Returns
     -------
     dict
-        {"recorded": what the recording has beside "before"; "effects": {name: what the effect changes, the others and
-        the alignment fitted again without it}; "together": what all of them change}, each {quantity: {"value",
-        "error"}}.
+        Changes as {quantity: {"value", "error"}}: "recorded", recording less "before"; "effects", by effect the change
+        against a refit without it; "together", of all effects; with effects also "remaining", recording less "after".
     """
-    before, after = simulated["before"], simulated["after"]
-    found = {"recorded": _stated(changes(before, recorded, regions, features)), "effects": {}, "together": {}}
-    effects = choice.chosen.fit.effects
-    if effects:
-        found["together"] = _stated(changes(before, after, regions, features, paired=True))
+    before, after, effects = simulated["before"], simulated["after"], choice.chosen.fit.effects
+
+    def compared(reference: np.ndarray, others: np.ndarray, paired: bool) -> dict[str, dict[str, float]]:
+        found = image_changes(reference, others, regions, features, paired)
+        return {name: asdict(change) for name, change in found.items()}
+
+    result = {"recorded": compared(before, recorded, paired=False), "effects": {}, "together": {}}
+    if not effects:
+        return result
+    result["together"] = compared(before, after, paired=True)
     for name in effects:
         alone = len(effects) == 1
-        left = before if alone else images(choice.without[name])
-        found["effects"][name] = (
-            found["together"] if alone else _stated(changes(left, after, regions, features, paired=True))
+        result["effects"][name] = (
+            result["together"] if alone else compared(images(choice.without[name]), after, paired=True)
         )
-    return found
+    return result | {"remaining": compared(after, recorded, paired=False)}
 
 
-def _stated(found: Mapping[str, Change]) -> dict[str, dict[str, float]]:
-    return {name: asdict(one) for name, one in found.items()}
+def judge_relevance(content: Mapping, thresholds: Mapping[str, float]) -> dict:
+    """Apply the relevance thresholds to a diagnosis.
+
+    An effect is named as missing only if it changes images by more than a threshold. If no effect does, and recording
+    and simulation differ by less too, the verdict is a match for practical purposes. A recording without images keeps
+    its verdict.
+
+    Parameters
+    ----------
+    content : mapping
+        Content of diagnosis.json, with `practice` (`changes_by_effect`) in its agreement.
+    thresholds : mapping of str to float
+        By quantity of verdict_text.UNITS. With 0 every effect is relevant.
+
+    Returns
+    -------
+    dict
+        Content with the verdict and `practice`: thresholds, the changes, `small` (effects below the thresholds) and
+        `differing` ({quantity: difference of recording and simulation above its threshold}).
+    """
+    agreed = dict(content.get("agreement") or {})
+    changes = agreed.pop("practice", None)
+    content = {**content, "agreement": agreed}
+    if changes is None:
+        return content
+    names = [effect["name"] for effect in content["effects"]]
+    small = [name for name in names if not above_thresholds(changes["effects"][name], thresholds)]
+    if small == names and above_thresholds(changes["together"], thresholds):
+        small = []  # each effect alone is below the thresholds, all together are not
+    differing = above_thresholds(changes["recorded"], thresholds)
+    content["practice"] = {"thresholds": dict(thresholds), **changes, "small": small, "differing": differing}
+    # A declared value that does not fit is a finding even if images agree.
+    if content["verdict"] != MATCH and small == names and not contradiction(content):
+        content["verdict"] = UNEXPLAINED if differing else PRACTICAL
+    return content
 
 
-def places(regions: Regions) -> list[np.ndarray]:
-    """Where mean HU are compared: the ROIs, and squares all over the inside of the object, through all slices.
+def above_thresholds(changes: Mapping[str, Mapping[str, float]], thresholds: Mapping[str, float]) -> dict[str, float]:
+    """Return the values of quantities that exceed their threshold by more than two standard errors.
+
+    Parameters
+    ----------
+    changes : mapping of str to mapping
+        {quantity: {"value", "error"}}.
+    """
+    return {
+        name: changes[name]["value"]
+        for name in UNITS
+        if name in changes and abs(changes[name]["value"]) - 2 * changes[name]["error"] > thresholds[name]
+    }
+
+
+def measured_areas(regions: Regions) -> list[np.ndarray]:
+    """Return the areas whose mean HU is compared: ROIs, and squares that cover the object, through all slices.
 
     Returns
     -------
@@ -173,54 +228,56 @@ def places(regions: Regions) -> list[np.ndarray]:
             square = np.zeros_like(inner)
             square[:, y : y + BLOCK_VOXELS, x : x + BLOCK_VOXELS] = True
             square &= inner
-            if square.sum() >= inner.shape[0] * BLOCK_VOXELS**2 / 2:  # a few voxels at the rim are only noise
+            if (
+                square.sum() >= inner.shape[0] * BLOCK_VOXELS**2 / 2
+            ):  # squares with few voxels at the rim hold only noise
                 found.append(square)
     return found
 
 
-def _hu(without: np.ndarray, images: np.ndarray, regions: Regions, paired: bool) -> Change:
-    """The largest mean difference of a place, or the root mean square inside the object: what is surer to be large."""
-    found = [_of_places(without, images, regions, paired)]
+def _hu(reference: np.ndarray, images: np.ndarray, regions: Regions, paired: bool) -> ImageChange:
+    """Return the largest mean difference of an area, or the RMS inside the object: whichever is larger at 95 %."""
+    found = [_of_areas(reference, images, regions, paired)]
     if regions.inner.any():
-        found.append(_root_mean_square(without, images, regions, paired))
-    return max(found, key=lambda one: (one.least, abs(one.value)))
+        found.append(_root_mean_square(reference, images, regions, paired))
+    return max(found, key=lambda change: (change.least, abs(change.value)))
 
 
-def _root_mean_square(without: np.ndarray, images: np.ndarray, regions: Regions, paired: bool) -> Change:
-    """Of the mean difference inside, without what noise puts into it: rings and streaks have no mean."""
-    inside = [one[:, regions.inner] for one in (without, images)]
-    difference, error = _paired(*inside) if paired else _apart(*inside)
+def _root_mean_square(reference: np.ndarray, images: np.ndarray, regions: Regions, paired: bool) -> ImageChange:
+    """Return the RMS of the mean difference inside the object, corrected for noise: rings and streaks have mean 0."""
+    inside = [stack[:, regions.inner] for stack in (reference, images)]
+    difference, error = _paired(*inside) if paired else _unpaired(*inside)
     noise = float((error**2).mean())
     if not np.isfinite(noise):
-        return Change(0.0, 0.0)  # single repeats: noise and structure cannot be told apart
+        return ImageChange(0.0, 0.0)  # with single repeats noise and structure cannot be distinguished
     square = max(0.0, float((difference**2).mean()) - noise)
-    independent = regions.inner.sum() / max(_area(one, regions) for one in (without, images))
+    independent = regions.inner.sum() / max(_area(stack, regions) for stack in (reference, images))
     value = np.sqrt(square)
     least = np.sqrt(max(0.0, square - 2 * noise * np.sqrt(2 / independent)))
-    return Change(float(value), float(value - least) / 2)
+    return ImageChange(float(value), float(value - least) / 2)
 
 
-def _of_places(without: np.ndarray, images: np.ndarray, regions: Regions, paired: bool) -> Change:
-    """The largest mean difference, and the error that leaves nothing to chance of the largest of so many."""
-    where = places(regions)
-    if not where:
+def _of_areas(reference: np.ndarray, images: np.ndarray, regions: Regions, paired: bool) -> ImageChange:
+    """Return the largest mean difference of an area, with an error that is corrected for the number of areas."""
+    areas = measured_areas(regions)
+    if not areas:
         raise InputError("mean HU need a region in the image; there is none")
-    means = [np.stack([one[:, mask].mean(axis=1) for mask in where], axis=1) for one in (without, images)]
-    difference, error = _paired(*means) if paired else _apart(*means)
-    # Bonferroni over the places, in the place of the 1 of 20 that two standard errors leave.
-    wider = stats.norm.isf(ALPHA / 2 / len(where)) / 2
+    means = [np.stack([stack[:, mask].mean(axis=1) for mask in areas], axis=1) for stack in (reference, images)]
+    difference, error = _paired(*means) if paired else _unpaired(*means)
+    # Bonferroni correction over the areas, instead of the 5 % that two standard errors leave.
+    wider = stats.norm.isf(ALPHA / 2 / len(areas)) / 2
     sure = np.abs(difference) - 2 * wider * error
     worst = int(np.argmax(sure if np.isfinite(sure).all() else np.abs(difference)))
-    return Change(float(difference[worst]), _known(wider * error[worst]))
+    return ImageChange(float(difference[worst]), _known(wider * error[worst]))
 
 
-def _percent(without: np.ndarray, images: np.ndarray, measure: Callable, paired: bool) -> Change:
-    """Relative difference of a measure, per cent."""
-    first, second = measure(without), measure(images)
+def _percent(reference: np.ndarray, images: np.ndarray, measure: Callable, paired: bool) -> ImageChange:
+    """Return the relative difference of a measure in percent."""
+    first, second = measure(reference), measure(images)
     ratio = second.value / first.value
-    if paired:  # its noise is in both alike
-        return Change(100 * (ratio - 1), 0.0)
-    return Change(
+    if paired:  # same noise in both
+        return ImageChange(100 * (ratio - 1), 0.0)
+    return ImageChange(
         100 * (ratio - 1), 100 * ratio * _known(np.hypot(first.error / first.value, second.error / second.value))
     )
 
@@ -230,44 +287,45 @@ def _noise(images: np.ndarray, regions: Regions) -> Measure:
 
 
 def _area(images: np.ndarray, regions: Regions) -> float:
-    """Voxels that hold one independent value of the noise; 1 where the object is too small for a spectrum."""
+    """Return the voxels per independent noise value; 1 if the object is too small for a noise spectrum."""
     try:
         return noise_spectrum(images, regions.inner, regions.spacing).area
     except InputError:
         return 1.0
 
 
-def _shift(without: np.ndarray, images: np.ndarray, paired: bool) -> Change:
-    """The largest mean shift of a feature that is no chance, in SDs of a repeat; 0 where none is."""
-    sd = spread(without)
-    size = np.maximum(np.abs(without).max(axis=0), np.abs(images).max(axis=0))
-    difference, error = _paired(without, images) if paired else _apart(without, images)
+def _shift(reference: np.ndarray, images: np.ndarray, paired: bool) -> ImageChange:
+    """Return the largest significant mean shift of a feature, in SDs of a repeat; 0 if none is significant."""
+    sd = spread(reference)
+    size = np.maximum(np.abs(reference).max(axis=0), np.abs(images).max(axis=0))
+    difference, error = _paired(reference, images) if paired else _unpaired(reference, images)
     shift = in_sd(difference, sd, size)
     with np.errstate(invalid="ignore", divide="ignore"):
         t = np.where(error > 0, np.abs(difference) / error, np.where(difference == 0, 0.0, np.inf))
-    p = 2 * stats.t.sf(t, len(without) - 1)
+    p = 2 * stats.t.sf(t, len(reference) - 1)
     real = (holm(p) < ALPHA) & np.isfinite(shift)
     if not real.any():
-        return Change(0.0, 0.0)
+        return ImageChange(0.0, 0.0)
     worst = int(np.argmax(np.where(real, np.abs(shift), 0)))
-    return Change(float(shift[worst]), _known(error[worst] / sd[worst] if sd[worst] else 0.0))
+    return ImageChange(float(shift[worst]), _known(error[worst] / sd[worst] if sd[worst] else 0.0))
 
 
 def _paired(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean difference of repeats, and its standard error."""
+    """Return the mean difference of paired repeats and its standard error."""
     difference = second - first
     error = difference.std(axis=0, ddof=1) / np.sqrt(len(first)) if len(first) > 1 else np.zeros(first.shape[1])
     return difference.mean(axis=0), error
 
 
-def _apart(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Difference of means, and its standard error; NaN of single repeats."""
+def _unpaired(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the difference of means and its standard error; NaN for single repeats."""
     parts = [
-        one.var(axis=0, ddof=1) / len(one) if len(one) > 1 else np.full(one.shape[1], np.nan) for one in (first, second)
+        stack.var(axis=0, ddof=1) / len(stack) if len(stack) > 1 else np.full(stack.shape[1], np.nan)
+        for stack in (first, second)
     ]
     return second.mean(axis=0) - first.mean(axis=0), np.sqrt(sum(parts))
 
 
 def _known(error: float) -> float:
-    """A standard error; 0 where single repeats leave none, so that what differs there is told."""
+    """Return a standard error; 0 if single repeats give none, so that their differences are reported."""
     return float(error) if np.isfinite(error) else 0.0

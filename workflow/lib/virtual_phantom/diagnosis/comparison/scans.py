@@ -1,4 +1,4 @@
-"""Agreement of a recording with models of it, in images that are reconstructed alike."""
+"""Agreement of recorded projections with models, in images with the same reconstruction."""
 
 from __future__ import annotations
 
@@ -18,72 +18,64 @@ from ..projections.prepared import HALVES, PreparedScans, split
 from ..request import DiagnosisRequest
 from ..selection.forward_selection import Choice
 from .agreement import Features
-from .regions import Scanned, complete, disc_regions, image_grid, phantom_regions
-from .relevance import agreement_and_practice
+from .regions import ScannedVolume, complete, disc_regions, image_grid, phantom_regions
+from .relevance import agreement_and_changes
 
-NOISE = 0  # branch of the seed that simulated noise is drawn from
+NOISE = 0  # branch of the seed for simulated noise
 
 
 def agreement_of_scans(
     recording: Recording,
     prepared: PreparedScans,
     choice: Choice,
-    asked: DiagnosisRequest,
+    request: DiagnosisRequest,
     purpose: Branch,
-    scanned: Scanned | None = None,
-    practice: bool = False,
+    scanned: ScannedVolume | None = None,
+    with_changes: bool = False,
 ) -> dict:
-    """`agreement_of` the repeats held out, in images made of them.
+    """Return the agreement of the held-out repeats with models, in images (see `agreement_of_repeats`).
 
     Parameters
     ----------
     purpose : Branch
-        What simulated noise is drawn for.
-    scanned : Scanned, optional
-        None for a disc.
-    practice : bool, optional
-        As agreement_of takes it.
+        Branch of the random stream for simulated noise.
     """
     further = scans(recording.held_out) if len(recording.held_out) else None
-    repeats = compared(scans(recording.repeats), further).every(prepared.step)
-    seed = branch(asked.seed, purpose)
-    return agreement_of(repeats, prepared, choice, asked.mu_water_per_mm, seed, scanned, asked.threads, practice)
+    repeats = held_out_repeats(scans(recording.repeats), further).every(prepared.step)
+    seed, mu_water = branch(request.seed, purpose), request.mu_water_per_mm
+    return agreement_of_repeats(repeats, prepared, choice, mu_water, seed, scanned, request.threads, with_changes)
 
 
-def agreement_of(
+def agreement_of_repeats(
     repeats: Scans,
     prepared: PreparedScans,
     choice: Choice,
     mu_water_per_mm: float,
     seed: Stream,
-    scanned: Scanned | None = None,
+    scanned: ScannedVolume | None = None,
     threads: int = 1,
-    practice: bool = False,
+    with_changes: bool = False,
 ) -> dict:
-    """Agreement of repeats of projections, in images (images.agreement.agreement).
+    """Return the agreement of repeats of projections with models, in images.
 
-    "before" is the model with nothing but alignment, "after" the chosen one, each drawn as often as there are repeats,
-    with the same random numbers: what is between them is no chance. All are reconstructed by filtered back-projection.
-    Edge and ROIs lie where the chosen model puts the object; features are those of the study's ROIs.
+    "before" is the model with alignment alone, "after" the chosen model. Each is drawn as often as there are repeats,
+    with the same random numbers, so that noise does not contribute to their difference. All are reconstructed by
+    filtered back-projection. Edge and ROIs follow the object location of the chosen model.
 
     Parameters
     ----------
-    repeats : Scans
-        See `compared`.
     mu_water_per_mm : float
-        1/mm.
-    seed : Stream
-        Of simulated noise.
-    scanned : Scanned, optional
+        Attenuation of water, 1/mm.
+    scanned : ScannedVolume, optional
         None for a disc.
-    practice : bool, optional
-        Whether it is told what effects change in images (images.practice.told), which takes a reconstruction of each.
+    with_changes : bool, optional
+        Whether to compute the change that each effect makes, which takes one reconstruction per effect.
 
     Returns
     -------
     dict
-        That of images.agreement.agreement, with rois (names), repeats (number), algorithm and grid, and, if asked for,
-        practice. Where the scan cannot be reconstructed, there are no metrics but the reason.
+        Result of relevance.agreement_and_changes, with algorithm and grid. If the scan cannot be reconstructed, no
+        metrics but the reason.
     """
     chain = prepared.fitter.model.chain
     pose = pose_of(choice.chosen.fit.nuisance)
@@ -101,25 +93,25 @@ def agreement_of(
         return {"metrics": {}, "left_out": {"images": str(error)}}
 
     def images(fit: Fit) -> np.ndarray:
-        # A stream anew for each: what has been drawn from it counts its branches.
+        # A new stream for each fit, as a used one counts its branches.
         return reconstruct(simulated_repeats(prepared, fit, len(repeats), generator(below(seed, NOISE))))
 
     features = Features(regions) if scanned is not None and scanned.rois else None
-    return agreement_and_practice(recorded, images, choice, regions, features, practice) | {
+    return agreement_and_changes(recorded, images, choice, regions, features, with_changes) | {
         "algorithm": "fbp",
         "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
     }
 
 
-def compared(taken: Scans, further: Scans | None) -> Scans:
-    """The repeats that were held out (prepared.split); all of them where every second view was held out instead."""
+def held_out_repeats(taken: Scans, further: Scans | None) -> Scans:
+    """Return the held-out repeats (prepared.split), or all repeats if every second view was held out instead."""
     if not further and len(taken) < HALVES:
         return taken
     return split(taken, further)[1]
 
 
 def simulated_repeats(prepared: PreparedScans, fit: Fit, count: int, random: np.random.Generator) -> np.ndarray:
-    """Noisy line integrals of a fitted model with its alignment and gain pattern.
+    """Return noisy line integrals of a fitted model with its alignment and gain pattern.
 
     Returns
     -------
@@ -129,9 +121,12 @@ def simulated_repeats(prepared: PreparedScans, fit: Fit, count: int, random: np.
     air = state.measured_air * state.photons
     pattern = 0.0 if fit.pattern is None else fit.pattern
     transmissions = (np.maximum(state.counts(random) / air, LEAST_TRANSMISSION) for _ in range(count))
-    lines = (fit.nuisance["offset"] + pattern - fit.nuisance["scale"] * np.log(one) for one in transmissions)
+    lines = (
+        fit.nuisance["offset"] + pattern - fit.nuisance["scale"] * np.log(transmission)
+        for transmission in transmissions
+    )
     numerical = prepared.fitter.model.distortion(fit.nuisance, fit.linearisation)
-    return np.stack([(one + numerical).astype(np.float32) for one in lines])
+    return np.stack([(line + numerical).astype(np.float32) for line in lines])
 
 
 class Reconstruction:
@@ -139,10 +134,8 @@ class Reconstruction:
 
     Parameters
     ----------
-    mu_water_per_mm : float
-        1/mm.
     usable : ndarray of bool, shape (views, rows, columns)
-        The other rays take values between their neighbours', in recordings and simulations.
+        Other rays are interpolated, in recordings and simulations.
     """
 
     def __init__(
@@ -152,7 +145,7 @@ class Reconstruction:
         self.usable, self.threads = usable, threads
 
     def __call__(self, line_integrals: np.ndarray) -> np.ndarray:
-        """Images of line integrals.
+        """Reconstruct images from line integrals.
 
         Parameters
         ----------
@@ -162,11 +155,6 @@ class Reconstruction:
         -------
         ndarray, shape (repeats, z, y, x)
             HU.
-
-        Raises
-        ------
-        InputError
-            As fbp.
         """
         lines = filled(line_integrals, self.usable)
         engine = projector("cpu", self.geometry, self.grid, len(lines), self.threads)
@@ -174,7 +162,7 @@ class Reconstruction:
 
 
 def filled(line_integrals: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Line integrals, interpolated linearly along the columns where rays are not usable.
+    """Interpolate line integrals linearly along columns where rays are not usable.
 
     Parameters
     ----------
@@ -184,13 +172,13 @@ def filled(line_integrals: np.ndarray, usable: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, shape (repeats, views, rows, columns)
-        0 where a whole row is not usable.
+        0 in rows without a usable ray.
     """
     if usable.all():
         return line_integrals
     lines = line_integrals.copy()
     for view, row in np.argwhere(~usable.all(axis=2)):
         good, bad = np.flatnonzero(usable[view, row]), np.flatnonzero(~usable[view, row])
-        for one in lines[:, view, row]:
-            one[bad] = np.interp(bad, good, one[good]) if good.size else 0
+        for profile in lines[:, view, row]:
+            profile[bad] = np.interp(bad, good, profile[good]) if good.size else 0
     return lines

@@ -1,4 +1,4 @@
-"""What a diagnosis of features says: verdict, the property that explains most, what is left, what next."""
+"""Verdict of a diagnosis of features: best image property, remaining mismatch, and the next measurement."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from scipy import stats
 from ...base.names import label
 from ...base.streams import generator
 from ..verdict.verdict import VERDICTS
+from ..verdict_text import feature_lines, with_verdict_text
 from .properties import FOLDS, Property, calibration
 from .residuals import Place, Places, places
 from .responses import Responses, finer, removed
 from .selection import MATERIAL, Trial, shift, stand_ins, trials
 
-RESAMPLES = 200  # of regions, for intervals: the ends of a 95 % interval are then those of 92 to 98 %
-TAIL = 2.5  # per cent, on either side of an interval
+RESAMPLES = 200  # bootstrap samples; the coverage of a 95 % interval is then 92 to 98 %
+TAIL = 2.5  # percent on either side of an interval
 FINER_DATA = (
-    "images of the same scans: tables of features keep neither places nor spatial frequencies, images show edges and "
-    "the power of the noise",
-    "projections of the same scans: effects before the reconstruction are told apart there",
+    "images of the same scans, which show edges and noise power",
+    "projections of the same scans, which distinguish effects before the reconstruction",
 )
 
 
 @dataclass(frozen=True)
 class FeatureDiagnosis:
-    """Everything that is reported.
+    """Result of a diagnosis of features.
 
     Attributes
     ----------
     before, after : Places
-        On held-out regions.
+        Mismatch on held-out regions, without and with the best property.
     trials : dict of Property to Trial
-        Every one.
+        All properties.
     content : dict
-        What diagnosis.json holds.
+        Content of diagnosis.json.
     """
 
     before: Places
@@ -46,16 +46,16 @@ class FeatureDiagnosis:
 
 
 def diagnose_features(name: str, data: Responses, not_compared: Mapping[str, str], mean: str) -> FeatureDiagnosis:
-    """Locate, attribute and judge.
+    """Find the image property that explains the difference of features.
 
     Parameters
     ----------
     name : str
-        Of the comparison.
+        Name of the comparison.
     not_compared : mapping of str to str
-        {feature: why}.
+        {feature: reason}.
     mean : str
-        The feature that is an ROI's mean HU, for the HU calibration's values.
+        Feature with the mean HU of an ROI, for the HU calibration.
     """
     before, found = places(data, data.baseline), trials(data)
     best, trial = next(iter(found.items()))
@@ -68,7 +68,6 @@ def diagnose_features(name: str, data: Responses, not_compared: Mapping[str, str
     content = {
         "recording": name,
         "verdict": verdict,
-        "sentence": sentence(name, verdict, best, trial, rivals, before, after),
         "locations": [_place(place) for place in before.significant],
         "effects": [_effect(data, best, trial, mean)] if chosen else [],
         "ambiguous_with": {best.name: rivals} if chosen else {},
@@ -92,11 +91,11 @@ def diagnose_features(name: str, data: Responses, not_compared: Mapping[str, str
         "not_compared": dict(not_compared),
         "axes": {"features": data.features, "regions": data.rois},
     }
-    return FeatureDiagnosis(before, after, found, content)
+    return FeatureDiagnosis(before, after, found, with_verdict_text(content, feature_lines(content)))
 
 
 def overlay(data: Responses, content: dict) -> dict:
-    """The effect found as a configuration of the study; empty where the library has no effect for the property."""
+    """Return the effect as a configuration of the study; empty if the property is no effect."""
     known = {one.name for one in data.curves if one.is_effect}
     physics = {
         effect["name"]: {key: one["value"] for key, one in effect["parameters"].items()}
@@ -104,26 +103,6 @@ def overlay(data: Responses, content: dict) -> dict:
         if effect["name"] in known
     }
     return {"physics": physics, "noise": {"model": "physical"}} if physics else {"physics": {}}
-
-
-def sentence(name: str, verdict: str, best: Property, trial: Trial, rivals, before: Places, after: Places) -> str:
-    """The verdict in words."""
-    if verdict == "match":
-        return f"{name}: features of recording and simulation differ by no more than their repeats do."
-    text = f"{name}: features of recording and simulation differ, most in {_words(before.places[0])}"
-    share = f"{100 * trial.held_out:.0f} % of the difference on regions not fitted"
-    if verdict == "unexplained":
-        nearest = f"; nearest comes {label(best.name)}, with {share}" if trial.held_out > 0 else ""
-        return f"{text}, and no single property of the images explains it{nearest}."
-    names = " or ".join(label(one) for one in (best.name, *rivals))
-    text += f"; {names} removes {share}."
-    if verdict == "mismatch partly explained":
-        text += f" What remains lies most in {_words(after.places[0])}."
-    return text
-
-
-def _words(place: Place) -> str:
-    return f"the {place.domain}: {place.where}" if place.domain != "mean" else f"means of {place.where}"
 
 
 def _place(place: Place) -> dict:
@@ -149,7 +128,7 @@ def _effect(data: Responses, one: Property, trial: Trial, mean: str) -> dict:
 
 
 def _parameters(data: Responses, one: Property, mean: str) -> dict:
-    """Strengths fitted on all regions, with 95 % intervals of a bootstrap over regions and repeats."""
+    """Return strengths fitted on all regions, with 95 % bootstrap intervals over regions and repeats."""
     rng = generator(0)
     draws = [_draw(data, rng) for _ in range(RESAMPLES)]
     tried: dict[str, list[float]] = {}
@@ -174,7 +153,7 @@ def _parameters(data: Responses, one: Property, mean: str) -> dict:
 
 
 def _draw(data: Responses, rng):
-    """ROIs, simulated repeats and recorded repeats by ROI, with replacement."""
+    """Draw ROIs, simulated repeats and recorded repeats by ROI, with replacement."""
     rois = rng.integers(len(data.rois), size=len(data.rois))
     ours = rng.integers(len(data.baseline), size=len(data.baseline))
     return rois, ours, [rng.integers(len(one), size=len(one)) for one in data.recorded]
@@ -210,7 +189,7 @@ def _strength(data: Responses, one: Property):
 
 
 def _metrics(data: Responses, trial: Trial | None, held_out: bool) -> dict:
-    """Squared and absolute standardised shifts of the means before, after, and of noise alone."""
+    """Return squared and absolute standardized shifts of the means: before, after, and for noise alone."""
     before = shift(data, data.baseline)
     after = before
     if trial is not None:
@@ -233,8 +212,8 @@ def _metrics(data: Responses, trial: Trial | None, held_out: bool) -> dict:
 def _next(best: Property, rivals: list[str], found: Mapping[Property, Trial], left: bool) -> list[str]:
     by_name = {one.name: one for one in found}
     tests = [
-        f"{label(best.name)} or {label(rival)}: {by_name[one].settled_by}"
+        f"to distinguish {label(best.name)} from {label(rival)}, measure {by_name[tested].settled_by}"
         for rival in rivals
-        for one in (best.name, rival)
+        for tested in (best.name, rival)
     ]
     return list(dict.fromkeys(tests)) + (list(FINER_DATA) if left else [])

@@ -1,4 +1,4 @@
-"""What the chain and a reconstruction predict of images."""
+"""Model of images: predictions of the simulation chain and a reconstruction."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from ..noise.condensed import Prediction
 from .observed import Condenser, ObservedImages
 
 REALISATIONS = 7  # of noise; one more lane holds the mean
-WATER_SD = 0.3  # of the scale beside a spectrum: scanners set HU by scans of water, whatever their energies
-IMAGES_KEPT = 6  # of the last settings: a Jacobian goes back to its point for every number
-EARLIER = 0  # branch of the realisations' stream
+WATER_SD = 0.3  # of the scale with a spectrum, as scanners calibrate HU with water at any energy
+IMAGES_KEPT = 6  # cached settings, as a Jacobian returns to its point for every parameter
+EARLIER = 0  # branch of the random stream of the realizations
 
 
 class ImagesModel(Model):
@@ -34,13 +34,13 @@ class ImagesModel(Model):
     Parameters
     ----------
     chain, aligned, anode, tube_kvp, declared
-        As Model takes them.
+        See Model.
     reconstruct : callable
         Line integrals, shape (lanes, views, rows, columns), to HU, shape (lanes, z, y, x).
     spacing_mm : tuple of 3 float
-        Of the voxels (z, y, x), mm.
+        Voxel size (z, y, x), mm.
     seed : Stream
-        Of the realisations of noise, which all predictions share, so that they change smoothly.
+        Random stream of the noise realizations, which all predictions share, so that they change smoothly.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class ImagesModel(Model):
         data: ObservedImages,
         linearisation: Linearisation = BASE,
     ) -> Prediction:
-        """The prediction for settings of effects and of the alignment: `mean` is whitened."""
+        """Predict the data for effects and alignment; `mean` is whitened."""
         white = self.condenser.white
         mean, noise = self.images(physics, nuisance, linearisation)
         statistics = self.condenser.noise(nuisance["scale"] * noise)
@@ -82,18 +82,18 @@ class ImagesModel(Model):
         return Prediction(white(scaled(mean, nuisance)), log_variance, statistics.correlation, design)
 
     def strayed(self, errors: LinearisationPoint, nuisance: Mapping[str, float], prediction, weights) -> bool:
-        """As Model.strayed: whether the object has moved by more than a voxel, so that its noise is another's."""
+        """Return whether the object has moved by more than a voxel, so that its noise has changed."""
         here, there = pose_of(nuisance), pose_of(errors.nuisance)
         moved = (here.z_mm - there.z_mm, here.y_mm - there.y_mm, here.x_mm - there.x_mm)
         return bool((np.abs(moved) > self.spacing_mm).any())
 
     def repeats(self, physics, nuisance, linearisation: Linearisation, count: int) -> np.ndarray:
-        """Simulated images of a scan that is repeated.
+        """Return simulated images of a repeated scan.
 
         Parameters
         ----------
         physics, nuisance, linearisation
-            As `predict` takes them.
+            See `predict`.
         count : int
             At most REALISATIONS.
 
@@ -106,19 +106,19 @@ class ImagesModel(Model):
         return scaled(mean + noise[:count], nuisance)
 
     def images(self, physics, nuisance, linearisation: Linearisation = BASE) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and noise of images before scale and offset.
+        """Return mean and noise of images before scale and offset.
 
         Parameters
         ----------
         physics, nuisance, linearisation
-            As `predict` takes them.
+            See `predict`.
 
         Returns
         -------
         mean : ndarray, shape (z, y, x)
             HU.
         noise : ndarray, shape (realisations, z, y, x)
-            HU; that of the object where the linearisation's `errors` have it.
+            HU; for the object location in the linearization's `errors`.
         """
         on_images = {name: values for name, values in physics.items() if acts_on_images(name)}
         before, photons = before_images(physics), float(np.exp(nuisance["log_photons"]))
@@ -143,25 +143,25 @@ class ImagesModel(Model):
 
 
 def scaled(hu: np.ndarray, nuisance: Mapping[str, float]) -> np.ndarray:
-    """Images in HU with the scale and offset of an alignment."""
+    """Return images in HU with the scale and offset of an alignment."""
     return nuisance["scale"] * (hu - HU_AIR) + HU_AIR + nuisance["offset"]
 
 
 def noise_lines(state: State, count: int, seed: Stream) -> np.ndarray:
-    """Noise of line integrals, to first order and normal: quantum noise as neighbours share it, and electronic noise.
+    """Return first-order normal noise of line integrals: correlated quantum noise, and electronic noise.
 
     Parameters
     ----------
     count : int
-        Of realisations.
+        Number of realizations.
     seed : Stream
-        The same gives the same underlying draws in every state.
+        The same seed gives the same underlying random numbers for every state.
 
     Returns
     -------
     ndarray of float32, shape (count, views, rows, columns)
     """
-    # What was before the scan is drawn with afterglow alone, and so from a stream of its own.
+    # The signal before the scan is drawn for afterglow only, and has its own stream.
     random = generator(seed)
     earlier = generator(below(seed, EARLIER))
     signal = state.per_line

@@ -1,4 +1,4 @@
-"""What repeats of an image say, condensed as those of projections are (projections.observed)."""
+"""Repeats of an image, condensed to statistics like those of projections (projections.observed)."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..noise.condensed import Blocks, Observed
-from .whitening import Whitening
+from .whitening import ImageWhitening
 
-# Blocks along z, y and x for the noise's variance: of smaller ones few voxels are left that vary on their own.
+# Blocks along z, y and x for the variance of the noise. Smaller blocks have few independent voxels.
 PARTS = (2, 4, 4)
-PRIOR = 8  # realisations that the scatter usual in all blocks counts as
+PRIOR = 8  # realizations that the common scatter of all blocks counts as
 LAGS = ((0, 0, 1), (0, 1, 0), (0, 0, 2), (0, 2, 0), (1, 0, 0))  # z, y, x, voxels
 
 
 @dataclass(frozen=True)
 class ObservedImages(Observed):
-    """As Observed, of images.
+    """Observed images.
 
     `mean` is whitened, `variance` is over `reference` (HU^2), `correlation` by LAGS.
 
@@ -28,7 +28,7 @@ class ObservedImages(Observed):
     hu : ndarray, shape (z, y, x), or None
         Mean over the repeats, HU.
     expected : ndarray, shape (z, y, x), or None
-        HU without noise, of the model with nothing fitted: it tells tissues and edges apart.
+        HU without noise, of the model before fits, to define tissues and edges.
     """
 
     repeats: np.ndarray | None = None
@@ -38,7 +38,7 @@ class ObservedImages(Observed):
 
 @dataclass(frozen=True)
 class NoiseStatistics:
-    """Statistics of noise over the standard deviation of a Whitening.
+    """Statistics of noise over the SD of an ImageWhitening.
 
     Attributes
     ----------
@@ -51,34 +51,34 @@ class NoiseStatistics:
 
 
 class Condenser:
-    """Condenses recorded and simulated images alike.
+    """Condenses recorded and simulated images in the same way.
 
     Parameters
     ----------
-    nulls : ndarray, shape (realisations, z, y, x)
-        Realisations of noise, HU: how much statistics of one realisation scatter.
+    nulls : ndarray, shape (realizations, z, y, x)
+        Noise, HU, for the scatter of the statistics of one realization.
     simulated : int
-        Realisations that every prediction is made from: their scatter adds to the errors.
+        Realizations of each prediction, whose scatter adds to the errors.
     expected : ndarray, shape (z, y, x)
-        HU, for ObservedImages.
+        See ObservedImages.
     """
 
-    def __init__(self, white: Whitening, nulls: np.ndarray, simulated: int, expected: np.ndarray):
+    def __init__(self, white: ImageWhitening, nulls: np.ndarray, simulated: int, expected: np.ndarray):
         self.white, self.simulated, self.expected = white, simulated, expected
         self.blocks = Blocks.of(white.sd.shape, PARTS)
         self._counts = self.blocks.sum(white.used)
         self._pairs = [_shift_pairs(white.used, lag) for lag in LAGS]
-        # Nulls may be louder than the recording: relative scatter is what counts.
+        # Only relative scatter counts, as nulls may have more noise than the recording.
         level = float(np.mean([white.over_sd(one)[white.used].var() for one in nulls]))
         each = [self.noise([one / np.sqrt(level)]) for one in nulls]
         variances = np.var([one.variance for one in each], axis=0, ddof=1)
-        # Few realisations tell little of one block, and all blocks together what is usual.
+        # Few realizations give an uncertain scatter for one block, but a good one for all blocks.
         usual = np.nanmedian(variances * self._counts) / np.maximum(self._counts, 1)
         self._variance_sd = np.sqrt((len(nulls) * variances + PRIOR * usual) / (len(nulls) + PRIOR))
         self._correlation_sd = np.std([one.correlation for one in each], axis=0, ddof=1)
 
     def observe(self, repeats: np.ndarray, usable: np.ndarray) -> ObservedImages:
-        """Condense repeats; the variance only of two or more.
+        """Condense repeats; the variance needs at least two.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class Condenser:
         if n > 1:
             statistics = self.noise([(one - mean) * np.sqrt(n / (n - 1)) for one in repeats])
             free = 1 / (n - 1) + 1 / self.simulated
-            # Logarithms of sample variances lie low by half their relative variance, predicted ones too.
+            # Logarithms of sample variances are low by half their relative variance, predicted ones too.
             unbiased = np.exp(self._variance_sd**2 / 2 * (1 / (n - 1) - 1 / self.simulated))
             variance_error, correlation_error = (sd * np.sqrt(free) for sd in (self._variance_sd, self._correlation_sd))
         return ObservedImages(
@@ -111,13 +111,7 @@ class Condenser:
         )
 
     def noise(self, realisations) -> NoiseStatistics:
-        """Statistics of realisations of noise.
-
-        Parameters
-        ----------
-        realisations : sequence of ndarray, shape (z, y, x)
-            Of mean 0, HU.
-        """
+        """Return the statistics of realizations of noise, HU with mean 0, each of shape (z, y, x)."""
         square, products, total = 0.0, np.zeros(len(LAGS)), 0.0
         for one in realisations:
             over = self.white.over_sd(one)
@@ -133,7 +127,7 @@ class Condenser:
 
 
 def _shift_pairs(used: np.ndarray, lag: tuple[int, int, int]) -> np.ndarray:
-    """Voxels that count and whose partner a lag further on does, without wrapping round."""
+    """Return voxels that count and whose partner at this lag counts too, without wrap-around."""
     partner = np.zeros_like(used)
     inner = tuple(slice(0, n - step) for n, step in zip(used.shape, lag, strict=True))
     moved = tuple(slice(step, None) for step in lag)

@@ -1,4 +1,4 @@
-"""A recording of images made ready for fits."""
+"""Preparation of images for fits: split, noise, and numerical errors."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from ..residuals.residual_tests import Half, Location
 from .model import REALISATIONS, ImagesModel, noise_lines, scaled
 from .observed import Condenser
 from .residual_maps import locate
-from .whitening import local_variance, whitening
+from .whitening import image_whitening, local_variance
 
-OFFSET_SD_HU = 1.0  # of the alignment: zero of the HU scale
-RECORDED_NOISE = 3  # repeats from which the noise is known by itself; with fewer, by simulation
-FINE = 0.5  # of the highest frequency in the plane: noise rules there, not the object
-TRIAL_PHOTONS = 1e5  # of the noise that is scaled to the recording's
-NULLS = 4  # batches of realisations that say how noise scatters
+OFFSET_SD_HU = 1.0  # of the zero of the HU scale
+RECORDED_NOISE = 3  # repeats from which the noise is estimated from the data; with fewer, by simulation
+FINE = 0.5  # of the highest in-plane frequency, above which noise dominates
+TRIAL_PHOTONS = 1e5  # of simulated noise before it is scaled to the recording
+NULLS = 4  # batches of realizations for the scatter of noise statistics
 
 
 LOOK = ResidualMaps(
@@ -49,22 +49,22 @@ LOOK = ResidualMaps(
 
 @dataclass(frozen=True)
 class PreparedImages(Prepared):
-    """A recording of images, made ready."""
+    """Images prepared for fits."""
 
     look: ClassVar[ResidualMaps] = LOOK
 
     def domains(
         self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
     ) -> list[Location]:
-        """As Prepared.domains."""
+        """See Prepared.domains."""
         return locate(half.residuals, half.weights, half.data, fitted, more)
 
     def recorded(self) -> np.ndarray:
-        """As Prepared.recorded."""
+        """See Prepared.recorded."""
         return self.data.hu[self.data.usable]
 
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
-        """As Prepared.difference."""
+        """See Prepared.difference."""
         data = self.held_out if held_out else self.data
         mean, _ = self.fitter.model.images(fit.physics, fit.nuisance, fit.linearisation)
         return (data.hu - scaled(mean, fit.nuisance))[data.usable]
@@ -86,26 +86,26 @@ def prepare(
     known: dict[str, float] | None = None,
     declared: Mapping[str, Mapping[str, Statement]] | None = None,
 ) -> PreparedImages:
-    """Noise, floor and alignment of a recording.
+    """Estimate noise, numerical errors and alignment of a recording.
 
     Parameters
     ----------
     repeats : ndarray, shape (repeats, z, y, x)
         HU.
     further : ndarray, shape (repeats, z, y, x), or None
-        HU; what is held out.
+        HU; held-out repeats.
     chain, floor_chain : Chain
-        As projections.prepared.prepare takes them.
+        See projections.prepared.prepare.
     reconstruct : callable
         Line integrals, shape (lanes, views, rows, columns), to HU on the same voxels, shape (lanes, z, y, x).
     spacing_mm : tuple of 3 float
-        Of the voxels (z, y, x), mm.
+        Voxel size (z, y, x), mm.
     valid : ndarray of bool, shape (z, y, x)
         Voxels that were reconstructed from complete data.
     seed : Stream
-        Of simulated noise.
+        Random stream of simulated noise.
     anode, tube_kvp, nominal_photons, known, declared
-        As projections.prepared.prepare takes them.
+        See projections.prepared.prepare.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def prepare(
     single = len(repeats) == 1
     if len(taken) >= RECORDED_NOISE:
         noise = (taken - taken.mean(axis=0, dtype=np.float64)) * np.sqrt(len(taken) / (len(taken) - 1))
-        # Over voxels, such a ratio varies as an F does, whose median is not 1 where repeats are few.
+        # Over voxels, the ratio has an F distribution, whose median is not 1 for few repeats.
         ratios = (noise**2).mean(axis=0)[valid] / (simulated**2).mean(axis=0)[valid]
         ratio = float(np.median(ratios) / stats.f.median(len(taken) - 1, len(simulated)))
     else:
@@ -138,13 +138,13 @@ def prepare(
     finer = reconstruct(floor_chain.state(physics, anode=anode).line_integrals()[None])[0]
     coarse = reconstruct(chain.state(physics, anode=anode).line_integrals()[None])[0]
     fitted, held, words, usable = _split(repeats, further, valid)
-    white = whitening(noise, valid, finer - coarse, max(len(fitted), 1))
+    white = image_whitening(noise, valid, finer - coarse, max(len(fitted), 1))
     log_photons = np.log(nominal_photons or photons)
-    # Where a single repeat is fitted, its noise is an estimate from elsewhere, and nothing else would hold it.
+    # The noise of a single fitted repeat is no datum, so that its photons need a prior.
     final = model(log_photons, NOMINAL_PHOTONS_SD if nominal_photons or len(fitted) == 1 else np.inf)
     state = chain.state(physics, photons=photons, anode=anode)
     batches = (reconstruct(noise_lines(state, REALISATIONS, branch)) for branch in seed.spawn(NULLS))
-    nulls = np.concatenate([one - HU_AIR for one in batches])
+    nulls = np.concatenate([batch - HU_AIR for batch in batches])
     final.condenser = Condenser(white, nulls, REALISATIONS, expected)
     data, held_out = (final.condenser.observe(part, use) for part, use in zip((fitted, held), usable, strict=True))
     fitter = Fitter(final, data, held_out, local_variance(white, nulls), np.zeros(expected.shape))
@@ -152,7 +152,7 @@ def prepare(
 
 
 def _split(repeats, further, valid):
-    """What is fitted, what is held out, how that is said, and the voxels that count in either."""
+    """Return fitted and held-out repeats, a description of the held-out part, and the voxels that count in each."""
     if further is not None:
         return repeats, further, "repeats kept for it", (valid, valid)
     if len(repeats) > 1:
@@ -163,7 +163,7 @@ def _split(repeats, further, valid):
 
 
 def _fine_power(image: np.ndarray, valid: np.ndarray) -> float:
-    """Mean square of what changes from voxel to voxel in the plane."""
+    """Return the mean power at high in-plane frequencies."""
     spectrum = fft.rfft2(np.where(valid, image, 0), axes=(1, 2))
     ky, kx = np.fft.fftfreq(image.shape[1]), np.fft.rfftfreq(image.shape[2])
     fine = np.hypot(ky[:, None], kx) > FINE / 2

@@ -1,4 +1,4 @@
-"""Where recorded images and a model differ beyond noise."""
+"""Locations where recorded images and a model differ beyond noise."""
 
 from __future__ import annotations
 
@@ -9,21 +9,16 @@ from ..residuals.residual_tests import Location, blocks, by_value, corrected, ex
 from .observed import LAGS, ObservedImages
 
 AXES = ("slices", "rows", "columns")
-RINGS = 16  # of equal width around the isocentre
+RINGS = 16  # of equal width around the isocenter
 
 
 def locate(residuals, weights, data: ObservedImages, fitted=None, more=()) -> list[Location]:
-    """Standardised residuals of every domain, of whitened voxels.
+    """Return the worst location of every domain, from whitened voxels.
 
     Parameters
     ----------
     residuals, weights, data, fitted, more
-        As projections.locate.locate takes them.
-
-    Returns
-    -------
-    list of Location
-        As that one's.
+        See projections.residual_maps.locate.
     """
     shape = data.mean.shape
     residual, weight = residuals[0].reshape(shape), weights[0].reshape(shape)

@@ -1,4 +1,4 @@
-"""A configured recording of images, made ready: by which protocol it is simulated, and which voxels count."""
+"""Preparation of a recording of images: the protocol that simulates it, and the voxels that count."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ...physics.state import AIR
 from ...reconstruction.images import in_hu
 from ...recordings.images import ImagesRecording
 from ..comparison.agreement import Features
-from ..comparison.regions import Scanned, complete, phantom_regions
-from ..comparison.relevance import agreement_and_practice
+from ..comparison.regions import ScannedVolume, complete, phantom_regions
+from ..comparison.relevance import agreement_and_changes
 from ..fitting.fit import Fit
 from ..fitting.nuisance import pose_of
 from ..fitting.priors import BASELINE, declared
@@ -26,27 +26,27 @@ from ..workload import samples_for
 from .model import REALISATIONS
 from .prepared import PreparedImages, prepare
 
-MOST_SLICES = 24  # more would add little but time
-LEAST_SLICES = 4  # fewer do not show noise along z, and cannot be halved where there is one repeat
+MOST_SLICES = 24  # more slices add run time and little information
+LEAST_SLICES = 4  # fewer show no noise along z, and cannot be halved for a single repeat
 
 
-def ready_images(recording: ImagesRecording, asked: DiagnosisRequest, labels: NominalSettings) -> PreparedImages:
-    """The central slices of a recording, prepared for fits. The images' centre is taken for the isocentre.
+def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nominal: NominalSettings) -> PreparedImages:
+    """Prepare the central slices of a recording for fits. The center of the images is taken as the isocenter.
 
     Raises
     ------
     InputError
-        If too few slices are seen from every direction.
+        If too few slices are seen from all directions.
     """
-    protocol, settings = asked.protocol, asked.settings
-    scene = scene_of(asked)
+    protocol, settings = request.protocol, request.settings
+    scene = scene_of(request)
     samples = samples_for(settings.samples, settings.of_shapes, protocol.geometry.shape)
-    chains = model_and_floor(scene, protocol.geometry, samples, sensor=labels.sensor, readout=AIR)
+    chains = model_and_floor(scene, protocol.geometry, samples, sensor=nominal.sensor, readout=AIR)
     whole = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
     valid = complete(protocol.geometry, whole)
     slices = central_slices(valid)
     grid = Grid((slices.stop - slices.start, *whole.shape[1:]), whole.spacing)
-    # Iterative reconstruction needs the object whole; filtered back-projection makes slices one by one.
+    # Iterative reconstruction needs the whole object; filtered back-projection reconstructs slice by slice.
     made, shown = (grid, slice(None)) if protocol.algorithm == "fbp" else (whole, slices)
 
     def reconstruct(lines: np.ndarray) -> np.ndarray:
@@ -57,12 +57,12 @@ def ready_images(recording: ImagesRecording, asked: DiagnosisRequest, labels: No
             protocol.algorithm,
             protocol.settings,
             protocol.engine,
-            asked.mu_water_per_mm,
-            asked.threads,
+            request.mu_water_per_mm,
+            request.threads,
         )[:, shown]
 
     def arrays(repeats):
-        return np.stack([one.array[slices] for one in repeats]).astype(np.float32) if len(repeats) else None
+        return np.stack([repeat.array[slices] for repeat in repeats]).astype(np.float32) if len(repeats) else None
 
     return prepare(
         arrays(recording.repeats),
@@ -71,9 +71,9 @@ def ready_images(recording: ImagesRecording, asked: DiagnosisRequest, labels: No
         reconstruct,
         grid.spacing,
         valid[slices],
-        branch(asked.seed, Branch.SIMULATED_IMAGES),
-        anode=labels.anode,
-        tube_kvp=labels.tube_kvp,
+        branch(request.seed, Branch.SIMULATED_IMAGES),
+        anode=nominal.anode,
+        tube_kvp=nominal.tube_kvp,
         nominal_photons=settings.nominal_photons,
         known=settings.alignment,
         declared=declared(settings.baseline, BASELINE),
@@ -81,7 +81,7 @@ def ready_images(recording: ImagesRecording, asked: DiagnosisRequest, labels: No
 
 
 def central_slices(valid: np.ndarray) -> slice:
-    """The slices, alike above and below the middle, whose voxels were all seen as far out as any are.
+    """Return the slices, symmetric about the middle, with the largest complete field of view.
 
     Parameters
     ----------
@@ -110,27 +110,19 @@ def agreement_of_images(
     recording: ImagesRecording,
     prepared: PreparedImages,
     choice: Choice,
-    asked: DiagnosisRequest,
+    request: DiagnosisRequest,
     purpose: Branch,
-    scanned: Scanned,
-    practice: bool = False,
+    scanned: ScannedVolume,
+    with_changes: bool = False,
 ) -> dict:
-    """Agreement of the repeats held out with as many simulated ones of each model (images.agreement.agreement).
+    """Return the agreement of the held-out repeats with as many simulated images of each model.
 
-    The simulated ones, at most REALISATIONS, are those that predictions were made of, whatever the purpose.
-
-    Parameters
-    ----------
-    purpose : Branch
-        Not used: see above.
-    practice : bool, optional
-        As of projections (projections.reconstructed.agreement_of).
+    The simulated images, at most REALISATIONS, are those of the fit, so that `purpose` has no effect.
 
     Returns
     -------
     dict
-        That of images.agreement.agreement, with rois (names), repeats (number), algorithm and grid, and, if asked for,
-        practice.
+        Result of relevance.agreement_and_changes, with algorithm and grid.
     """
     repeats = prepared.held_out.repeats
     model, count = prepared.fitter.model, min(len(repeats), REALISATIONS)
@@ -142,7 +134,7 @@ def agreement_of_images(
         return model.repeats(fit.physics, fit.nuisance, fit.linearisation, count)
 
     features = Features(regions)
-    return agreement_and_practice(repeats, images, choice, regions, features, practice) | {
-        "algorithm": asked.protocol.algorithm,
+    return agreement_and_changes(repeats, images, choice, regions, features, with_changes) | {
+        "algorithm": request.protocol.algorithm,
         "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
     }

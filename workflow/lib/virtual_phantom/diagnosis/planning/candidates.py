@@ -1,4 +1,4 @@
-"""Further recordings that a laboratory can make: another object, distance, current, speed, height of the beam."""
+"""Candidate measurements: another object, distance, tube current, speed or beam height."""
 
 from __future__ import annotations
 
@@ -10,38 +10,31 @@ import numpy as np
 from ...base.geometry import OrbitGeometry
 from ...physics.scenes.objects import read_object
 from ...physics.scenes.shapes import ShapesScene
-from .measurement import OBJECT_KNOWN, DarkFrames, Scan
+from .measurement import OBJECT_KNOWN, DarkFrames, FurtherScan
 
-FILLED = 0.8  # of the field of view: a large object
-OFF_AXIS = 0.6  # of its radius: where what is small shows the geometry
-MAGNIFIED = 2.0  # or less: by how much the object is brought nearer to one end
-LEAST_MAGNIFIED = 1.2  # by less, nothing is another place
+FILLED = 0.8  # of the field of view, for a large object
+OFF_AXIS = 0.6  # of the radius of the field of view, where small objects show the geometry
+MAGNIFIED = 2.0  # largest factor by which the object moves towards source or detector
+LEAST_MAGNIFIED = 1.2  # smallest factor that counts as another distance
 NEAREST = 0.95  # of the distance to the detector
-FEW_ROWS = 4  # of a scan's rows, one in so many stays in a narrow beam
+FEW_ROWS = 4  # fraction of the rows in a narrow beam is 1 / FEW_ROWS
 SAME = "same"
 
 
-def further(geometry: OrbitGeometry, scene: object, own: Mapping) -> list[Scan | DarkFrames]:
-    """What could be recorded next, beside a recording that there is.
+def candidate_measurements(geometry: OrbitGeometry, scene: object, own: Mapping) -> list[FurtherScan | DarkFrames]:
+    """Return the measurements that the geometry of a recording allows; the first is the same scan again.
 
     Parameters
     ----------
-    geometry : OrbitGeometry
-        Of the recording.
-    scene : VoxelScene
-        Or what has its methods: what was scanned.
+    scene : VoxelScene or another scene
+        Scanned object of the recording.
     own : mapping
-        diagnosis.recordings.<name> of the configuration: what was scanned, in words of the configuration.
-
-    Returns
-    -------
-    list of Scan or DarkFrames
-        Those that this geometry allows; first the same scan again.
+        Section diagnosis.recordings.<name> of the configuration.
     """
     like = {key: own[key] for key in ("disc", "object") if key in own}
-    again = Scan(SAME, "the same scan again", scene, geometry, section=like)
+    again = FurtherScan(SAME, "the same scan again", scene, geometry, section=like)
     radius = scene.radius_mm
-    found: list[Scan | DarkFrames] = [again, *([] if geometry.parallel else _distances(again, radius))]
+    found: list[FurtherScan | DarkFrames] = [again, *([] if geometry.parallel else _distances(again, radius))]
     found.append(replace(again, name="half_current", words="the same scan at half the tube current", photons=0.5))
     if geometry.view_interval_ms is not None:
         found.append(_slower(again))
@@ -73,12 +66,12 @@ def further(geometry: OrbitGeometry, scene: object, own: Mapping) -> list[Scan |
     nothing = {"kind": "ball", "parameters": {"diameter_mm": 1, "material": "air"}}
     section = {"object": nothing, "check_setup": False}
     scene = ShapesScene(read_object(**nothing).shapes)
-    found.append(Scan("air", "nothing in the beam, read as a scan", scene, geometry, section=section))
+    found.append(FurtherScan("air", "nothing in the beam, read as a scan", scene, geometry, section=section))
     found.append(DarkFrames("dark_frames", "dark frames before and after the scan"))
     return found
 
 
-def _distances(again: Scan, radius_mm: float) -> Iterator[Scan]:
+def _distances(again: FurtherScan, radius_mm: float) -> Iterator[FurtherScan]:
     geometry = again.geometry
     source, detector = geometry.source_to_isocentre_mm, geometry.source_to_detector_mm
     nearer = source / MAGNIFIED
@@ -94,7 +87,7 @@ def _distances(again: Scan, radius_mm: float) -> Iterator[Scan]:
             yield replace(again, name=name, words=words.format(factor), geometry=moved, scan=scan)
 
 
-def _slower(again: Scan) -> Scan:
+def _slower(again: FurtherScan) -> FurtherScan:
     geometry = again.geometry
     exposure = None if geometry.exposure_ms is None else 2 * geometry.exposure_ms
     slow = replace(geometry, view_interval_ms=2 * geometry.view_interval_ms, exposure_ms=exposure)
@@ -105,8 +98,8 @@ def _slower(again: Scan) -> Scan:
     return replace(again, name="half_speed", words=words, geometry=slow, scan=scan)
 
 
-def _narrow(again: Scan) -> Scan | None:
-    """The rows in the middle alone: as many that the middle stays where it is. One row would stand for a high beam."""
+def _narrow(again: FurtherScan) -> FurtherScan | None:
+    """Return a scan of the middle rows, with an even or odd number as before. One row would describe a high beam."""
     rows = again.geometry.rows
     left = max(2, rows // FEW_ROWS)
     left += (rows - left) % 2
@@ -117,7 +110,7 @@ def _narrow(again: Scan) -> Scan | None:
     return replace(again, name="narrow_beam", words=words, geometry=narrow, scan={"rows": left})
 
 
-def _objects(again: Scan, geometry: OrbitGeometry, energy_kev: float | None) -> Iterator[Scan]:
+def _objects(again: FurtherScan, geometry: OrbitGeometry, energy_kev: float | None) -> Iterator[FurtherScan]:
     room = geometry.field_of_view_radius_mm
     high = geometry.rows * geometry.row_pitch_mm / geometry.magnification
     pixel = geometry.column_pitch_mm / geometry.magnification
@@ -153,8 +146,8 @@ def _objects(again: Scan, geometry: OrbitGeometry, energy_kev: float | None) -> 
         if scene.radius_mm > room:
             continue
         section = {"object": {"kind": kind, "parameters": parameters}, "alignment": dict(OBJECT_KNOWN)}
-        said = ", ".join(f"{key} {value}" for key, value in parameters.items())
-        words = f"another object: {kind}" + (f" ({said})" if said else "")
+        values = ", ".join(f"{key} {value}" for key, value in parameters.items())
+        words = f"another object: {kind}" + (f" ({values})" if values else "")
         yield replace(again, name=name, words=words, scene=scene, known=dict(OBJECT_KNOWN), section=section)
 
 

@@ -1,9 +1,9 @@
-"""What measurements tell of effects that look alike: expected information, and the log score that parts them.
+"""Expected information of measurements about similar effects, and the log score that distinguishes them.
 
-All is of first order, about fits that stand: the Fisher information of numbers that measurements share, with all that
-is each measurement's own profiled out, and the part of a difference that no numbers of the other explanation take up.
-Designs by these two are called D_s-optimal (A. C. Atkinson and A. N. Donev, Optimum Experimental Designs, Oxford, 1992)
-and T-optimal (A. C. Atkinson and V. V. Fedorov, Biometrika 62, 57, 1975).
+First-order quantities, evaluated at the fitted parameters: the Fisher information of parameters that measurements
+share, with the parameters of each measurement profiled out, and the part of a difference that no parameter of the other
+explanation can describe. Designs by these two criteria are called D_s-optimal (A. C. Atkinson and A. N. Donev, Optimum
+Experimental Designs, Oxford, 1992) and T-optimal (A. C. Atkinson and V. V. Fedorov, Biometrika 62, 57, 1975).
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from scipy.optimize import lsq_linear
 from ..fitting.problem import Problem
 from ..fitting.templates import whitened
 
-# Added to the diagonal of matrices scaled to 1: numbers of which nothing is known and nothing is told stay solvable.
+# Added to the diagonal of matrices scaled to 1, so that undetermined parameters stay solvable.
 RIDGE = 1e-12
 
-Key = tuple[str, ...]  # of a number: (effect, parameter) if measurements share it, or with the measurement's name first
+Key = tuple[str, ...]  # of a parameter: (effect, parameter) if measurements share it, else the measurement's name first
 
 
 @dataclass(frozen=True)
 class MeasurementInformation:
-    """What one measurement tells of its numbers, to first order.
+    """First-order information of one measurement about its parameters.
 
     Attributes
     ----------
     keys : tuple of tuple of str
-        Of the numbers.
-    changes : ndarray, shape (data, numbers)
-        Of the whitened data, per unit of each number.
+        Of the parameters.
+    changes : ndarray, shape (data, parameters)
+        Change of the whitened data per unit of each parameter.
     predicted : ndarray, shape (data,)
-        Whitened, less a constant that is the same for all explanations of the measurement.
-    knowledge : ndarray, shape (numbers,)
-        Inverse variance of what is known of each beforehand.
-    room : ndarray, shape (numbers, 2)
-        How far each may move down and up.
-    steps : ndarray, shape (numbers,)
-        Over which `changes` were taken.
+        Whitened prediction, less a constant that all explanations of the measurement have in common.
+    knowledge : ndarray, shape (parameters,)
+        Inverse prior variance.
+    room : ndarray, shape (parameters, 2)
+        Range of each parameter below and above its start.
+    steps : ndarray, shape (parameters,)
+        Steps of the finite differences in `changes`.
     """
 
     keys: tuple[Key, ...]
@@ -51,7 +51,7 @@ class MeasurementInformation:
     steps: np.ndarray
 
     def of(self, keys: Collection[Key]) -> MeasurementInformation:
-        """Of some of the numbers alone."""
+        """Return the information about some of the parameters."""
         some = [place for place, key in enumerate(self.keys) if key in keys]
         return MeasurementInformation(
             tuple(self.keys[place] for place in some),
@@ -63,18 +63,19 @@ class MeasurementInformation:
         )
 
 
-def told(problem: Problem, name: str, own: Collection[str] = (), protocol: str = "") -> MeasurementInformation:
-    """What a measurement tells of the numbers of one choice of effects, where they begin.
+def measurement_information(
+    problem: Problem, name: str, own: Collection[str] = (), protocol: str = ""
+) -> MeasurementInformation:
+    """Return the information of a measurement about the parameters of its problem, at their start.
 
     Parameters
     ----------
     name : str
-        Of the measurement.
+        Name of the measurement.
     own : collection of str, optional
-        Effects that each measurement has for itself, as it has parameters of one scan.
+        Effects whose parameters each measurement has for itself.
     protocol : str, optional
-        Of the measurement; those of other protocols have other numbers of what belongs to a protocol. Empty: there is
-        one protocol alone.
+        Protocol of the measurement. Parameters of a protocol are shared within it only. Empty: a single protocol.
     """
     problem.follow(problem.start)
     predicted = -whitened(problem.residuals(problem.start), problem.weights)
@@ -85,7 +86,7 @@ def told(problem: Problem, name: str, own: Collection[str] = (), protocol: str =
 
 
 def keys_of(problem: Problem, name: str, own: Collection[str] = (), protocol: str = "") -> tuple[Key, ...]:
-    """The keys of a measurement's numbers, as `told` takes it."""
+    """Return the keys of the parameters of a measurement; see measurement_information."""
     owners = [name if one.effect in own else one.owner(name, protocol) for one in problem.unknowns]
     numbers = ((one.effect, one.name) for one in problem.unknowns)
     keys = [(owner, *number) if owner else number for owner, number in zip(owners, numbers, strict=True)]
@@ -93,20 +94,16 @@ def keys_of(problem: Problem, name: str, own: Collection[str] = (), protocol: st
 
 
 def changes(problem: Problem) -> np.ndarray:
-    """Change of the whitened data per unit of every number, by differences to both sides where both are in range.
+    """Return the change of the whitened data per unit of every parameter, shape (data, parameters).
 
-    To one side alone, two numbers of which one moves an edge to the left and one to the right would see different rays
-    graze it, and not look as alike as they are.
-
-    Returns
-    -------
-    ndarray, shape (data, numbers)
+    Differences are central where the range allows. One-sided differences would make two parameters that move an edge in
+    opposite directions look less similar than they are, as other rays graze the edge.
     """
     return np.stack([slope(problem, index, step) for index, step in enumerate(problem.steps)], axis=1)
 
 
 def slope(problem: Problem, index: int, step: float) -> np.ndarray:
-    """Change of the whitened data per unit of one number, over a step about its start, shape (data,)."""
+    """Return the change of the whitened data per unit of one parameter, over a step about its start, shape (data,)."""
     ends = np.clip(problem.start[index] + np.array([-step, step]) / 2, problem.low[index], problem.high[index])
     sides = []
     for end in ends:
@@ -117,18 +114,18 @@ def slope(problem: Problem, index: int, step: float) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Sums:
+class NormalEquations:
     """Normal equations of several measurements.
 
     Attributes
     ----------
-    information : ndarray, shape (numbers, numbers)
-        With what is known beforehand, of shared numbers once.
-    gradient : ndarray, shape (numbers,)
-        Of minus half of chi-square.
+    information : ndarray, shape (parameters, parameters)
+        With prior information, counted once for shared parameters.
+    gradient : ndarray, shape (parameters,)
+        Gradient of minus half of chi-square.
     square : float
         Chi-square at the start.
-    room : ndarray, shape (numbers, 2)
+    room : ndarray, shape (parameters, 2)
     """
 
     keys: tuple[Key, ...]
@@ -138,13 +135,15 @@ class Sums:
     room: np.ndarray
 
 
-def summed(parts: Sequence[MeasurementInformation], differences: Sequence[np.ndarray] | None = None) -> Sums:
-    """The normal equations of measurements together.
+def normal_equations(
+    parts: Sequence[MeasurementInformation], differences: Sequence[np.ndarray] | None = None
+) -> NormalEquations:
+    """Return the joint normal equations of measurements.
 
     Parameters
     ----------
     differences : sequence of ndarray, optional
-        Of each, shape (data,): what is to be taken up; None: nothing.
+        By measurement, shape (data,): difference that the parameters describe; None: zero.
     """
     keys = tuple(dict.fromkeys(key for part in parts for key in part.keys))
     place = {key: i for i, key in enumerate(keys)}
@@ -160,16 +159,13 @@ def summed(parts: Sequence[MeasurementInformation], differences: Sequence[np.nda
         if differences is not None:
             gradient[index] += part.changes.T @ differences[number]
             square += float(differences[number] @ differences[number])
-    return Sums(keys, information + np.diag(known), gradient, square, room)
+    return NormalEquations(keys, information + np.diag(known), gradient, square, room)
 
 
-def profiled(sums: Sums, group: Sequence[Key]) -> np.ndarray:
-    """The Fisher information of some numbers, all others fitted.
+def profiled_information(sums: NormalEquations, group: Sequence[Key]) -> np.ndarray:
+    """Return the Fisher information of a group of parameters with all others profiled out, shape (group, group).
 
-    Returns
-    -------
-    ndarray, shape (group, group)
-        The Schur complement of the others' block.
+    This is the Schur complement of the block of the others.
     """
     inside = [sums.keys.index(key) for key in group]
     outside = [i for i in range(len(sums.keys)) if i not in inside]
@@ -182,28 +178,25 @@ def profiled(sums: Sums, group: Sequence[Key]) -> np.ndarray:
     return block * np.outer(scale[inside], scale[inside])
 
 
-def information_gain(before: Sums, after: Sums, group: Sequence[Key]) -> float:
-    """Half of the logarithm of the determinant of the group's Fisher information, after less before.
+def information_gain(before: NormalEquations, after: NormalEquations, group: Sequence[Key]) -> float:
+    """Return the gain of information about a group of parameters, in nats.
 
-    Returns
-    -------
-    float
-        In nats: of Gaussian knowledge, how much narrower it becomes.
+    Half the difference of the log determinants of their Fisher information.
     """
-    (_, low), (_, high) = (np.linalg.slogdet(profiled(one, group)) for one in (before, after))
+    (_, low), (_, high) = (np.linalg.slogdet(profiled_information(sums, group)) for sums in (before, after))
     return 0.5 * float(high - low)
 
 
-def parted(sums: Sums) -> float:
-    """Log score by which an explanation is expected to fall behind the right one.
+def expected_log_score_loss(sums: NormalEquations) -> float:
+    """Return the log score by which a wrong explanation is expected to fall behind the right one.
 
-    Half of the least chi-square that its numbers, moved within their ranges, leave of what the right one predicts
-    otherwise.
+    Half of the smallest chi-square of the difference of their predictions, with the parameters of the wrong explanation
+    fitted within their ranges.
 
     Parameters
     ----------
-    sums : Sums
-        Of the wrong explanation's numbers, and differences of the right one's predictions to its own.
+    sums : NormalEquations
+        For the parameters of the wrong explanation and the difference of the predictions.
     """
     scale = np.sqrt(np.maximum(np.diag(sums.information), np.finfo(float).tiny))
     unit = sums.information / np.outer(scale, scale)
@@ -215,36 +208,33 @@ def parted(sums: Sums) -> float:
 
 
 def cosines(matrix: np.ndarray) -> np.ndarray:
-    """|Cosines| between what numbers change, of their Fisher information; NaN of a number that changes nothing."""
+    """Return |cosines| between the changes that parameters make, from their Fisher information; NaN for no change."""
     length = np.sqrt(np.maximum(np.diag(matrix), 0))
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.abs(matrix / np.outer(length, length))
 
 
-def correlation(sums: Sums, one: Sequence[Key], other: Sequence[Key]) -> float:
-    """How alike what two effects change is, beside all other numbers.
+def correlation(sums: NormalEquations, one: Sequence[Key], other: Sequence[Key]) -> float:
+    """Return the similarity of two effects with all other parameters profiled out.
+
+    The largest |cosine| between a parameter of each; NaN if one effect changes nothing.
 
     Parameters
     ----------
     one, other : sequence of tuple of str
-        Numbers of each.
-
-    Returns
-    -------
-    float
-        The largest |cosine| of a number of the one and a number of the other; NaN where one changes nothing.
+        Keys of the parameters of each effect.
     """
-    between = cosines(profiled(sums, [*one, *other]))[: len(one), len(one) :]
+    between = cosines(profiled_information(sums, [*one, *other]))[: len(one), len(one) :]
     return float(np.nanmax(between)) if np.isfinite(between).any() else float("nan")
 
 
 def expected(parts: Mapping[str, Sequence[MeasurementInformation]], right: str, wrong: str) -> float:
-    """`parted` of two explanations of the same measurements.
+    """Return expected_log_score_loss for two explanations of the same measurements.
 
     Parameters
     ----------
     parts : mapping of str to sequence of MeasurementInformation
-        By explanation, measurements in one order.
+        By explanation, with the measurements in the same order.
     """
     differences = [a.predicted - b.predicted for a, b in zip(parts[right], parts[wrong], strict=True)]
-    return parted(summed(parts[wrong], differences))
+    return expected_log_score_loss(normal_equations(parts[wrong], differences))

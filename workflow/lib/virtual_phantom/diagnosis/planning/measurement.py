@@ -1,4 +1,4 @@
-"""A further recording that could be made: what would be scanned how, and what it is expected to tell."""
+"""A candidate measurement: the scan to make, and its expected information."""
 
 from __future__ import annotations
 
@@ -19,37 +19,37 @@ from ..fitting.problem import Problem
 from ..noise.condensed import Blocks
 from ..projections.model import ScansModel
 from ..projections.observed import PARTS, ObservedScans, white_shape
-from .information import MeasurementInformation, keys_of, slope, told
+from .information import MeasurementInformation, keys_of, measurement_information, slope
 
-# Rays and views that expectations are reckoned of; those left out weigh in the others. A choice that bounds the time.
+# Rays and views used for expectations, weighted for those left out. A choice that limits the run time.
 MOST_RAYS, LEAST_VIEWS = 1.5e4, 24
-# Rays per pixel and direction of objects with sharp edges: with few, what a displacement changes depends on those that
-# graze an edge. Of voxels, which have no such edges, as the recording's own model has.
+# Rays per pixel and direction for objects with sharp edges. With few, the change by a displacement depends on rays that
+# graze an edge. Voxels have no such edges, and use the rays of the recording's own model.
 SAMPLES = 4
-# Of derivatives: a displacement of the object in pixels, and at most that share of a number's range. With a tenth of a
-# pixel and more, an offset and an axis beside the ray of a centred disc, which are the same, had a correlation of 0.98.
+# Steps of derivatives: object displacement in pixels, and largest share of a parameter's range. With a tenth of a pixel
+# or more, detector offset and center of rotation of a centered disc, which are equivalent, had a correlation of 0.98.
 MOVED, STEP = 1 / 60, 0.02
-LEAST_STEP = 0.03  # share of a fit's own step: where nothing is in the beam, a displacement changes nothing; a choice
-# Of the signal in air: how well dark frames before and after a scan say what it had; a choice.
+LEAST_STEP = 0.03  # least share of a fit's own step, for an empty beam, where a displacement has no effect; a choice
+# Uncertainty of the dark signal from dark frames before and after a scan, relative to the signal in air; a choice.
 DARK_SD = 1e-5
 ROUNDING = 1 / 12  # variance of a reading in whole units
-MOST_KNOWN = 0.01  # of the logarithm of a variance: how well one of very many readings is known
-# Of an object that one has: how well its density and its size are known (docs/how-to/objects.md).
+MOST_KNOWN = 0.01  # uncertainty of the logarithm of a variance from very many readings
+# Relative uncertainty of density and size of a phantom (docs/how-to/objects.md).
 OBJECT_KNOWN = {"scale": 0.02, "size": 0.002}
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """How often a recording is repeated, and how much of it is fitted.
+    """Repeats of a recording, and the part that is fitted.
 
     Attributes
     ----------
     repeats : int
-        That are fitted, and as many held out.
+        Number of fitted repeats, and of held-out ones.
     share : float
-        Of the views that are fitted.
+        Share of the views that is fitted.
     white : bool
-        Whether it comes with a white field.
+        Whether the recording has a white field.
     """
 
     repeats: int
@@ -58,23 +58,21 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class Scan:
-    """A further scan.
+class FurtherScan:
+    """A candidate scan.
 
     Attributes
     ----------
     words : str
-        What is to be done.
-    scene : VoxelScene
-        Or what has its methods.
+        What to do.
     photons : float
-        Over those of the scan that there is, per pixel and view.
+        Photons per pixel and view, relative to the existing scan.
     known : mapping of str to float
-        Standard deviations of the alignment that differ from those of the scan that there is.
+        Standard deviations of the alignment that differ from those of the existing scan.
     scan, nominal : mapping
-        What recording.yaml has otherwise.
+        Entries that differ in recording.yaml.
     section : mapping or None
-        diagnosis.recordings.<name> of the configuration; None: as that of the recording that there is.
+        Section diagnosis.recordings.<name> of the configuration; None: as for the existing recording.
     """
 
     name: str
@@ -88,21 +86,21 @@ class Scan:
     section: Mapping | None = None
 
     def chain(self, like: Chain) -> Chain:
-        """What simulates it.
+        """Return the chain that simulates the scan.
 
         Parameters
         ----------
         like : Chain
-            Of the recording that there is.
+            Chain of the existing recording.
         """
         readout = like.readout
-        if readout != PHOTONS:  # a reading in air goes with the photons, what is read beside them does not
+        if readout != PHOTONS:  # the reading in air is proportional to the photons
             readout = like.reads_in_air * self.photons
         photons = like.photons * self.photons
         samples = like.samples if hasattr(self.scene, "slopes") else max(like.samples, SAMPLES)
         return Chain(self.scene, self.geometry, photons, samples, like.illumination, like.sensor, readout)
 
-    def tells(
+    def information(
         self,
         model: ScansModel,
         effects: tuple[str, ...],
@@ -114,24 +112,24 @@ class Scan:
         weighed: Fit | None = None,
         protocol: str = "",
     ) -> MeasurementInformation:
-        """What it is expected to tell of the numbers of one explanation.
+        """Return the expected information about the parameters of one explanation.
 
         Parameters
         ----------
         model : ScansModel
-            Of the recording that there is.
+            Model of the existing recording.
         fit : Fit
-            Of that recording, with these effects.
+            Fit of that recording with these effects.
         own : collection of str
-            Effects that each scan has for itself: they are expected to do nothing in this one.
+            Effects that each scan has for itself, which are absent in this one.
         again : bool, optional
-            Whether it is the recording that there is, with the alignment that was fitted and the effects that it has.
+            Whether this is the existing recording, with its fitted alignment and all its effects.
         beside : MeasurementInformation, optional
-            Of another explanation, whose steps of derivatives are taken where it has the same numbers.
+            Information of another explanation. Its steps of derivatives are used if it has the same parameters.
         weighed : Fit, optional
-            Whose noise weighs the data: to be compared, explanations need the same; None: `fit`.
+            Fit whose noise weights the data, the same for all explanations; None: `fit`.
         protocol : str, optional
-            As `information.told` takes it.
+            See information.measurement_information.
         """
         problem = self.problem(model, effects, fit, conditions, () if again else own, again, weighed)
         keys = keys_of(problem, self.name, own, protocol)
@@ -140,7 +138,7 @@ class Scan:
             problem.steps = np.array([known[key] for key in keys])
         else:
             problem.steps = self._steps(problem)
-        return told(problem, self.name, own, protocol)
+        return measurement_information(problem, self.name, own, protocol)
 
     def problem(
         self,
@@ -152,14 +150,14 @@ class Scan:
         again: bool = False,
         weighed: Fit | None = None,
     ) -> Problem:
-        """What its fit would solve, of views and rays that are few enough.
+        """Return the least-squares problem of its fit, for a subset of views and rays.
 
         Parameters
         ----------
         model, effects, fit, conditions, again, weighed
-            As `tells` takes them.
+            See `information`.
         off : collection of str, optional
-            Effects that do nothing in it.
+            Effects that are absent in it.
         """
         chain = self.chain(model.chain)
         step = thinning(chain.geometry)
@@ -184,13 +182,9 @@ class Scan:
         return Problem(fitter, effects, here(fit))
 
     def _steps(self, problem: Problem) -> np.ndarray:
-        """Of derivatives: all numbers change the data by as many standard deviations as a small displacement.
+        """Return steps of derivatives with which all parameters change the data as much as a small displacement.
 
-        Of two that change the same, slopes are then the same even where the data are no straight line, as at edges.
-
-        Returns
-        -------
-        ndarray, shape (numbers,)
+        Two parameters with the same effect then have the same slopes even where data are nonlinear, as at edges.
         """
         place = len(problem.unknowns) + [one.name for one in problem.aligned].index("x_mm")
         steps = problem.steps.copy()
@@ -216,13 +210,7 @@ class Scan:
 
 @dataclass(frozen=True)
 class DarkFrames:
-    """Readings without a beam, before and after a scan.
-
-    Attributes
-    ----------
-    name, words, section, scan, nominal
-        As Scan has them.
-    """
+    """Readings without a beam, before and after a scan; attributes as in FurtherScan."""
 
     name: str
     words: str
@@ -230,7 +218,7 @@ class DarkFrames:
     scan: Mapping = field(default_factory=dict)
     nominal: Mapping = field(default_factory=dict)
 
-    def tells(
+    def information(
         self,
         model: ScansModel,
         effects: tuple[str, ...],
@@ -242,7 +230,7 @@ class DarkFrames:
         weighed: Fit | None = None,
         protocol: str = "",
     ) -> MeasurementInformation:
-        """As Scan.tells: a dark signal, its drift, and the variance of the electronics."""
+        """Return the information about dark signal, its drift and electronic noise; see FurtherScan.information."""
         unknowns = model.unknowns(model.whole(effects))
         geometry = model.chain.geometry
         air = model.chain.reads_in_air
@@ -262,25 +250,27 @@ class DarkFrames:
             DARK_DRIFT: np.array([-half / sd, half / sd, 0]),
             DARK_NOISE: np.array([0, 0, 2 * photons / variance / MOST_KNOWN]),
         }
-        told_of = [one for one in unknowns if one.parameter.dark in slopes]
-        keys = tuple((one.effect, one.name) for one in told_of)
-        changes = np.stack([slopes[one.parameter.dark] for one in told_of], axis=1) if keys else np.zeros((3, 0))
-        now = np.array([one.of(fit.physics[one.effect][one.name]) for one in told_of])
-        room = np.array([[one.low, one.high] for one in told_of]).reshape(-1, 2) - now[:, None]
+        measured = [unknown for unknown in unknowns if unknown.parameter.dark in slopes]
+        keys = tuple((unknown.effect, unknown.name) for unknown in measured)
+        changes = (
+            np.stack([slopes[unknown.parameter.dark] for unknown in measured], axis=1) if keys else np.zeros((3, 0))
+        )
+        now = np.array([unknown.of(fit.physics[unknown.effect][unknown.name]) for unknown in measured])
+        room = np.array([[unknown.low, unknown.high] for unknown in measured]).reshape(-1, 2) - now[:, None]
         return MeasurementInformation(
-            keys, changes, predicted, np.array([1 / one.sd**2 for one in told_of]), room, now * 0
+            keys, changes, predicted, np.array([1 / unknown.sd**2 for unknown in measured]), room, now * 0
         )
 
 
 def thinning(geometry: OrbitGeometry) -> int:
-    """One view of so many is enough for an expectation: an odd number, as a focal spot may jump every second view."""
+    """Return the step between views that are used: an odd number, as a focal spot may alternate between views."""
     rays = geometry.views * geometry.rows * geometry.columns
     step = max(1, min(int(rays / MOST_RAYS), geometry.views // LEAST_VIEWS))
     return step - (step % 2 == 0)
 
 
 def _expecting(model: ScansModel, fit: Fit, conditions: Conditions, step: int) -> Fitter:
-    """What fits of a scan would weigh its data by: the noise that is expected of it."""
+    """Return a fitter with the weights that the expected noise of a scan gives."""
     state = model.chain.state(
         before_images(fit.physics), photons=float(np.exp(fit.nuisance["log_photons"])), anode=model.anode
     )
@@ -301,7 +291,7 @@ def _expecting(model: ScansModel, fit: Fit, conditions: Conditions, step: int) -
         np.zeros(usable.shape), n, usable, blocks, variance, spread, spread_error, alike, alike_error, white=white
     )
     fitter = Fitter(model, data, data, variance, np.zeros(usable.shape))
-    of_views = len(fitter.weights) - conditions.white  # the white field is one, however many views there are
+    of_views = len(fitter.weights) - conditions.white  # the white field does not depend on the number of views
     more = [step * conditions.share if part < of_views else 1.0 for part in range(len(fitter.weights))]
     fitter.weights = [weight * one for weight, one in zip(fitter.weights, more, strict=True)]
     return fitter

@@ -1,4 +1,4 @@
-"""Which recording to make next: what is still ambiguous, and how well each further one is expected to settle it."""
+"""Ranking of candidate measurements by how well they are expected to resolve the ambiguities of a diagnosis."""
 
 from __future__ import annotations
 
@@ -17,12 +17,21 @@ from ..fitting.problem import Problem
 from ..fitting.templates import SMALL, templates, varied
 from ..projections.prepared import BY_VIEW, PreparedScans
 from ..selection.forward_selection import AS_GOOD
-from .candidates import further
-from .information import Key, MeasurementInformation, correlation, cosines, expected, information_gain, profiled, summed
-from .measurement import Conditions, DarkFrames, Scan
+from .candidates import candidate_measurements
+from .information import (
+    Key,
+    MeasurementInformation,
+    correlation,
+    cosines,
+    expected,
+    information_gain,
+    normal_equations,
+    profiled_information,
+)
+from .measurement import Conditions, DarkFrames, FurtherScan
 
-ALIKE = 0.9  # |correlation| from which an effect is tried in the place of another of a scanner; a choice
-# Standard deviations that a number changes the data by over its range, if they tell anything of it; a choice.
+ALIKE = 0.9  # |correlation| from which an effect is tried as an alternative for a scanner; a choice
+# Least change of the data over the range of a parameter that they determine, in standard deviations; a choice.
 UNTOLD_SD = 10.0
 Fits = Mapping[str, Fit]  # by recording
 Pair = tuple[str, str]
@@ -30,86 +39,85 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True)
 class Ambiguity:
-    """Effects of which each explains the recordings as well in the place of the others.
+    """Effects that explain the recordings equally well.
 
     Attributes
     ----------
     fits : dict of str to dict of str to Fit
-        {effect: {recording: the fit with it}}; the first is the one that was chosen.
+        {effect: {recording: the fit with it}}, the chosen effect first.
     """
 
     fits: dict[str, Fits]
 
     @property
     def pairs(self) -> list[Pair]:
-        """Every two of its effects."""
+        """All pairs of its effects."""
         return list(combinations(self.fits, 2))
 
 
 @dataclass(frozen=True)
-class Ranked:
-    """A further recording, and what it is expected to tell.
+class RankedMeasurement:
+    """A measurement with its expected information.
 
     Attributes
     ----------
     gain : float
-        Expected gain of information about the ambiguous effects, nats: half of the logarithm of the determinant of
-        their Fisher information, with all else profiled out, after less before.
+        Expected gain of information about the ambiguous effects, nats (information.information_gain).
     scores : dict of tuple of str to float
-        {two effects: log score on data held out by which the wrong one is expected to fall behind the right one, of
-        the two ways round the lesser}, of all recordings together.
+        {pair of effects: expected difference in held-out log score of all recordings together}; the smaller one of the
+        two cases in which either effect is the right one.
     alike : dict of tuple of str to float
-        {two effects: |correlation|} of all recordings together.
+        {pair of effects: |correlation|} for all recordings together.
     """
 
-    measurement: Scan | DarkFrames
+    measurement: FurtherScan | DarkFrames
     gain: float
     scores: dict[Pair, float]
     alike: dict[Pair, float]
 
     @property
     def least(self) -> float | None:
-        """The least of the scores; None without pairs."""
+        """Smallest score; None without pairs."""
         return min(self.scores.values(), default=None)
 
 
 @dataclass(frozen=True)
-class Next:
-    """What is ambiguous, and what would settle it.
+class MeasurementRanking:
+    """Ambiguities of a diagnosis, and measurements that resolve them.
 
     Attributes
     ----------
-    now : Ranked
-        As the recordings have it that there are; its gain is 0.
-    ranked : list of Ranked
+    now : RankedMeasurement
+        Values of the existing recordings, with a gain of 0.
+    ranked : list of RankedMeasurement
         The best first.
     """
 
     ambiguities: list[Ambiguity]
-    now: Ranked
-    ranked: list[Ranked]
+    now: RankedMeasurement
+    ranked: list[RankedMeasurement]
 
 
 def rank(
     prepared: Mapping[str, PreparedScans],
     chosen: Fits,
     ambiguities: Sequence[Ambiguity],
-    measurements: Sequence[Scan | DarkFrames],
+    measurements: Sequence[FurtherScan | DarkFrames],
     protocols: Mapping[str, str] | None = None,
-) -> Next:
-    """Rank further recordings by the information that they are expected to give of ambiguous effects.
+) -> MeasurementRanking:
+    """Rank measurements by their expected information about ambiguous effects.
 
-    Those that are expected to leave two of the effects as good as each other (AS_GOOD) come last.
-    Without an ambiguity it is that of the effects that were chosen.
+    Measurements that are expected to leave a pair of effects indistinguishable (AS_GOOD) come last. Without an
+    ambiguity, the information is that about the chosen effects.
 
     Parameters
     ----------
     prepared : mapping of str to PreparedScans
-        By recording; further ones are like the first.
+        By recording. Measurements are modeled like the first.
     chosen : mapping of str to Fit
         By recording.
     protocols : mapping of str to str, optional
-        Of every recording; further ones are of the first one's. None: there is one alone.
+        By recording. Measurements have the protocol of the first. None: a single protocol.
     """
     protocols = dict.fromkeys(prepared, "") if protocols is None or len(set(protocols.values())) < 2 else protocols
     names = dict.fromkeys(name for one in ambiguities for name in one.fits)
@@ -117,34 +125,34 @@ def rank(
     explanations: dict[str, Fits] = {"": _all_at_once(prepared, chosen, ambiguities)}
     for number, one in enumerate(ambiguities):
         explanations |= {f"{number} {name}": fits for name, fits in one.fits.items()}
-    there = _told_of(prepared, explanations, chosen, protocols)
+    there = _information_of_recordings(prepared, explanations, chosen, protocols)
     untold = {label: _untold(parts) for label, parts in there.items()}
     if any(untold.values()):
         explanations = {
             label: {name: _without(prepared[name], fit, untold[label]) for name, fit in fits.items()}
             for label, fits in explanations.items()
         }
-        there = _told_of(prepared, explanations, chosen, protocols)
+        there = _information_of_recordings(prepared, explanations, chosen, protocols)
     keys = [key for key in _keys(there[""], group) if key[-2:] not in untold[""]]
     first = next(iter(prepared))
     model, conditions = prepared[first].fitter.model, conditions_of(prepared[first])
 
-    def made(measurement, parts: Mapping[str, list[MeasurementInformation]]) -> Ranked:
-        before, after = summed(there[""]), summed(parts[""])
+    def made(measurement, parts: Mapping[str, list[MeasurementInformation]]) -> RankedMeasurement:
+        before, after = normal_equations(there[""]), normal_equations(parts[""])
         scores, alike = {}, {}
         for number, one in enumerate(ambiguities):
             for pair in one.pairs:
                 ways = permutations(f"{number} {name}" for name in pair)
                 scores[pair] = min(expected(parts, *way) for way in ways)
                 alike[pair] = correlation(after, *([key for key in keys if name in key] for name in pair))
-        return Ranked(measurement, information_gain(before, after, keys) if keys else 0.0, scores, alike)
+        return RankedMeasurement(measurement, information_gain(before, after, keys) if keys else 0.0, scores, alike)
 
     ranked = []
     for measurement in measurements:
         parts, beside = {}, None
         for label, fits in explanations.items():
             fit = fits[first]
-            made_of = measurement.tells(
+            made_of = measurement.information(
                 model,
                 fit.effects,
                 fit,
@@ -158,38 +166,28 @@ def rank(
             parts[label] = [*there[label], made_of]
         ranked.append(made(measurement, parts))
     ranked.sort(key=order)
-    return Next(list(ambiguities), made(None, there), ranked)
+    return MeasurementRanking(list(ambiguities), made(None, there), ranked)
 
 
-def _told_of(
+def _information_of_recordings(
     prepared, explanations: Mapping[str, Fits], chosen: Fits, protocols: Mapping[str, str]
 ) -> dict[str, list[MeasurementInformation]]:
-    """What the recordings that there are tell, by explanation."""
+    """Return the information of the existing recordings, by explanation."""
     there: dict[str, list[MeasurementInformation]] = {}
     for label, fits in explanations.items():
         beside = there.get("", [None] * len(fits))
         parts = zip(fits.items(), beside, strict=True)
         there[label] = [
-            _as_it_is(prepared[name], name, fit, told_of, chosen[name], protocols[name])
+            _information_of_recording(prepared[name], name, fit, told_of, chosen[name], protocols[name])
             for (name, fit), told_of in parts
         ]
     return there
 
 
 def _untold(parts: Sequence[MeasurementInformation]) -> set[Pair]:
-    """Numbers of effects that no recording tells anything of, over the whole of their range.
+    """Return the (effect, parameter) pairs that no recording determines over their range.
 
-    Explanations differ by them as chance had it, and another recording that tells them settles nothing.
-
-    Parameters
-    ----------
-    parts : sequence of MeasurementInformation
-        Of all recordings.
-
-    Returns
-    -------
-    set of tuple of str
-        (effect, parameter).
+    Explanations differ in them by chance, and a measurement that determines them resolves no ambiguity.
     """
     found: dict[Pair, bool] = {}
     for part in parts:
@@ -201,7 +199,7 @@ def _untold(parts: Sequence[MeasurementInformation]) -> set[Pair]:
 
 
 def _without(prepared: PreparedScans, fit: Fit, untold: Collection[Pair]) -> Fit:
-    """A fit with such numbers at nothing, where they have such a value."""
+    """Return a fit with undetermined parameters at their neutral value, if they have one."""
     physics = {name: dict(values) for name, values in fit.physics.items()}
     for effect, parameter in untold:
         for one in varied(prepared.fitter.model.parameters(effect)):
@@ -210,24 +208,24 @@ def _without(prepared: PreparedScans, fit: Fit, untold: Collection[Pair]) -> Fit
     return replace(fit, physics=physics)
 
 
-def _as_it_is(
+def _information_of_recording(
     prepared: PreparedScans, name: str, fit: Fit, beside: MeasurementInformation | None, weighed: Fit, protocol: str
 ) -> MeasurementInformation:
-    """What a recording tells that there is, reckoned as that of a further one is."""
+    """Return the information of an existing recording, computed as for a candidate measurement."""
     model = prepared.fitter.model
-    scan = Scan(name, "", model.chain.scene, model.chain.geometry)
+    scan = FurtherScan(name, "", model.chain.scene, model.chain.geometry)
     conditions = conditions_of(prepared)
-    return scan.tells(model, fit.effects, fit, conditions, scan_effects(), True, beside, weighed, protocol)
+    return scan.information(model, fit.effects, fit, conditions, scan_effects(), True, beside, weighed, protocol)
 
 
 def conditions_of(prepared: PreparedScans) -> Conditions:
-    """How a recording was repeated: a further one is expected to be repeated as often."""
+    """Return the repeats of a recording, which a measurement is expected to have too."""
     share = 0.5 if prepared.held == BY_VIEW else 1.0
     return Conditions(prepared.data.n, share, prepared.data.white is not None)
 
 
 def _all_at_once(prepared, chosen: Fits, ambiguities: Sequence[Ambiguity]) -> Fits:
-    """The chosen fit, and beside it the other effects, switched off as far as they can be."""
+    """Return the chosen fits with the ambiguous effects added at their neutral values, if they have any."""
     found = {}
     for name, fit in chosen.items():
         physics, model = dict(fit.physics), prepared[name].fitter.model
@@ -246,28 +244,28 @@ def _switched_off(model: Model, effect: str, values: Mapping[str, float]) -> dic
 
 
 def _keys(parts: Sequence[MeasurementInformation], group: Sequence[str]) -> list[Key]:
-    """The numbers of effects: shared ones, and those of every recording that there is."""
+    """Return the keys of the parameters of effects: shared ones, and those of each existing recording."""
     keys = dict.fromkeys(key for part in parts for key in part.keys)
     return [key for key in keys if "alignment" not in key and set(group) & set(key[-2:-1])]
 
 
-def alikeness(
+def effect_similarity(
     prepared: Mapping[str, PreparedScans], baseline: Fits, names: Sequence[str]
 ) -> dict[Pair, dict[str, float]]:
-    """How alike every two effects are, in each recording and in all of them together.
+    """Return the similarity of every two effects, in each recording and in all of them together.
 
     Parameters
     ----------
     baseline : mapping of str to Fit
-        By recording, of the alignment alone, which is projected out.
+        By recording: fit of the alignment alone, which is projected out.
     names : sequence of str
-        Effects; patterns of pixels, which have no numbers, are left out.
+        Effects. Patterns of pixels have no parameters and are left out.
 
     Returns
     -------
     dict of tuple of str to dict of str to float
-        {two effects: {recording, or "" for all together: the largest |cosine| of a number of the one and a number of
-        the other}}; NaN where one shows nothing.
+        {pair of effects: {recording, or "" for all: largest |cosine| between their parameters}}; NaN if one has no
+        influence.
     """
     names = [name for name in names if not load(name).pattern]
     parts = {
@@ -277,10 +275,10 @@ def alikeness(
     for recording in [*parts, ""]:
         every = list(parts.values()) if not recording else [parts[recording]]
         keys = [key for key in dict.fromkeys(key for one in every for key in one.keys) if key[0] == "template"]
-        sums = summed(every)
-        matrix = profiled(sums, keys)
+        sums = normal_equations(every)
+        matrix = profiled_information(sums, keys)
         whole = np.array([sums.information[(place := sums.keys.index(key)), place] for key in keys])
-        small = np.diag(matrix) <= SMALL * whole  # all of it is taken up
+        small = np.diag(matrix) <= SMALL * whole  # described by other parameters
         matrix[small], matrix[:, small] = np.nan, np.nan
         alike = cosines(matrix)
         for pair in found:
@@ -291,15 +289,15 @@ def alikeness(
 
 
 def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Sequence[str]) -> MeasurementInformation:
-    """What a recording tells of the alignment and of all effects at nothing; of those never at nothing, as typical."""
+    """Return the information about alignment and effects, at neutral values or else at typical ones."""
     model, conditions = prepared.fitter.model, conditions_of(prepared)
-    scan = Scan(recording, "", model.chain.scene, model.chain.geometry)
+    scan = FurtherScan(recording, "", model.chain.scene, model.chain.geometry)
     weak = [name for name in names if varied(model.parameters(name)) and name not in fit.physics]
     off = {
         name: _switched_off(model, name, {one.name: one.typical for one in model.parameters(name)} | model.known(name))
         for name in weak
     }
-    beside = scan.tells(
+    beside = scan.information(
         model, tuple(weak), replace(fit, effects=tuple(weak), physics=fit.physics | off), conditions, (), again=True
     )
     keys = [("template", *key) if key[0] in weak else key for key in beside.keys]
@@ -328,63 +326,54 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
 
 
 def _named(problem: Problem) -> dict[str, float]:
-    """The alignment where a problem begins, by name."""
+    """Return the alignment at the start of a problem, by name."""
     values = problem.start[len(problem.unknowns) :]
     return {one.name: float(value) for one, value in zip(problem.aligned, values, strict=True)}
 
 
-def settles(one: Ranked) -> bool:
-    """Whether a further recording is expected to leave no ambiguity."""
-    return one.least is not None and one.least >= AS_GOOD
+def settles(ranked: RankedMeasurement) -> bool:
+    """Return whether a measurement is expected to resolve all ambiguities."""
+    return ranked.least is not None and ranked.least >= AS_GOOD
 
 
-def order(one: Ranked) -> tuple[bool, float]:
-    """By what the best come first: those that leave no pair alike, and among them by gain.
+def order(ranked: RankedMeasurement) -> tuple[bool, float]:
+    """Return the sort key: measurements that resolve all ambiguities first, then by gain.
 
-    Of a group of three much may be learnt by what still leaves two of them alike.
-
-    Returns
-    -------
-    tuple of bool and float
-        To be sorted by.
+    For a group of three effects, a measurement with a large gain may leave two of them indistinguishable.
     """
-    return one.least is not None and not settles(one), -one.gain
+    return ranked.least is not None and not settles(ranked), -ranked.gain
 
 
-def possible(prepared: Mapping[str, PreparedScans], section: Mapping = MappingProxyType({})) -> list[Scan | DarkFrames]:
-    """The further recordings of `further`, like the first recording that there is.
+def possible(
+    prepared: Mapping[str, PreparedScans], section: Mapping = MappingProxyType({})
+) -> list[FurtherScan | DarkFrames]:
+    """Return the candidate measurements for the first recording.
 
     Parameters
     ----------
     section : mapping
-        diagnosis.recordings.<name> of that recording.
+        Its section diagnosis.recordings.<name> of the configuration.
     """
     chain = next(iter(prepared.values())).fitter.model.chain
-    return further(chain.geometry, chain.scene, section)
+    return candidate_measurements(chain.geometry, chain.scene, section)
 
 
 def found_in(diagnosis: Mapping) -> dict[str, list[str]]:
-    """{effect that a diagnosis names: effects that explain the recording as well in its place}, without patterns.
-
-    Parameters
-    ----------
-    diagnosis : mapping
-        What diagnosis.json holds.
-    """
+    """Return {missing effect: its indistinguishable alternatives} from diagnosis.json, without patterns."""
     rivals = diagnosis["ambiguous_with"]
-    named = [one["name"] for one in diagnosis["effects"] if not load(one["name"]).pattern]
+    named = [effect["name"] for effect in diagnosis["effects"] if not load(effect["name"]).pattern]
     return {name: [other for other in rivals.get(name, []) if not load(other).pattern] for name in named}
 
 
-def refitted(prepared: PreparedScans, name: str, found: Mapping[str, Sequence[str]]) -> tuple[Fits, list[Ambiguity]]:
-    """The fits of one recording that its diagnosis speaks of.
+def refit(prepared: PreparedScans, name: str, found: Mapping[str, Sequence[str]]) -> tuple[Fits, list[Ambiguity]]:
+    """Refit a recording with its missing effects, and with each alternative.
 
     Parameters
     ----------
     name : str
-        Of the recording.
+        Name of the recording.
     found : mapping of str to sequence of str
-        As `found_in` gives it.
+        Result of `found_in`.
     """
     fitter = prepared.fitter
     chosen = fitter.fit(tuple(found), fitter.fit(()))
@@ -398,31 +387,31 @@ def refitted(prepared: PreparedScans, name: str, found: Mapping[str, Sequence[st
     return {name: chosen}, ambiguities
 
 
-def refitted_jointly(
+def refit_jointly(
     prepared: Mapping[str, PreparedScans],
     effects: Sequence[str],
     others: Sequence[str],
     alike: Mapping[Pair, Mapping],
     protocols: Mapping[str, str] | None = None,
 ) -> tuple[Fits, list[Ambiguity]]:
-    """The fits of a scanner's recordings: its effects, and those alike that explain the recordings as well.
+    """Refit the recordings of a scanner with its missing effects, and with similar ones that explain them as well.
 
     Parameters
     ----------
     effects : sequence of str
-        That the scanner's diagnosis names.
+        Missing effects of the scanner's diagnosis.
     others : sequence of str
-        That may be tried in their place.
+        Candidate alternatives.
     alike : mapping
-        As `alikeness` gives it: what is less alike than ALIKE of all recordings together is not tried.
+        Result of `effect_similarity`. Alternatives with a similarity below ALIKE are not tried.
     protocols : mapping of str to str, optional
-        Of each recording, as JointFitter takes them.
+        By recording.
     """
-    together = JointFitter({name: one.fitter for name, one in prepared.items()}, protocols)
+    together = JointFitter({name: recording.fitter for name, recording in prepared.items()}, protocols)
     chosen, ambiguities = together.fit(tuple(effects)), []
 
     def score(fits: Fits) -> float:
-        return sum(one.score(fits[name]) for name, one in together.fitters.items())
+        return sum(fitter.score(fits[name]) for name, fitter in together.fitters.items())
 
     for effect in effects:
         rest = tuple(other for other in effects if other != effect)

@@ -1,4 +1,4 @@
-"""What a recording can tell apart: where effects show, how much of them alignment takes up, and how alike they are."""
+"""Separability of effects in a recording: where they show, the part that alignment absorbs, and their similarity."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class Template:
     Attributes
     ----------
     parameter : str or None
-        None where the effect has no parameter with a neutral value.
+        None if the effect has no parameter with a neutral value.
     whole : ndarray, shape (data,)
-        Whitened, so that its length counts standard deviations.
-    left : ndarray, shape (data + numbers,)
-        The same less all that the fit takes up to first order; each number's piece of knowledge stands below the data.
+        Whitened, so that its length is in standard deviations.
+    left : ndarray, shape (data + parameters,)
+        The part that the fit does not absorb to first order. Below the data, one entry per prior.
     """
 
     effect: str
@@ -37,21 +37,13 @@ class Template:
 
     @property
     def taken_up(self) -> float:
-        """Share of the squared length that is taken up; NaN of an effect that changes nothing."""
+        """Absorbed share of the squared length; NaN for an effect without a change."""
         square = float(self.whole @ self.whole)
         return 1 - float(self.left @ self.left) / square if square else float("nan")
 
 
 def described(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list[Template]:
-    """The templates of effects beside a fit.
-
-    A gain pattern has that of one draw: it is fitted pixel by pixel.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of effects.
-    """
+    """Return the templates of effects at a fit; a gain pattern has the template of one random realization."""
     basis, found = np.linalg.qr(changes(Problem.at(fitter, fit)))[0], []
     for name in names:
         if load(name).pattern:
@@ -65,7 +57,7 @@ def described(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list[Template]:
 
 
 def _drawn(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
-    """What a gain pattern of typical strength changes: predictions have none, so that it is asked of the chain."""
+    """Return the template of a gain pattern of typical strength, from the chain, as predictions have no pattern."""
     effect, data = load(name), fitter.data
     photons = float(np.exp(fit.nuisance["log_photons"]))
     without, with_it = (
@@ -78,49 +70,28 @@ def _drawn(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
 
 
 def split(fitter: Fitter, row: np.ndarray) -> dict[str, np.ndarray]:
-    """A whitened row by the parts of the data that are there.
-
-    Parameters
-    ----------
-    row : ndarray, shape (data or more,)
-        What stands below the data is left out.
-    """
+    """Split a whitened row by the parts of the data; entries below the data are left out."""
     names = fitter.data.parts
     ends = np.cumsum([weight.size for weight in fitter.weights])
     return {name: row[end - w.size : end] for name, end, w in zip(names, ends, fitter.weights, strict=True)}
 
 
 def shares(fitter: Fitter, row: np.ndarray) -> dict[str, float]:
-    """Share of a whitened row's squared length that lies in every part of the data.
-
-    Parameters
-    ----------
-    row : ndarray
-        As for `split`.
-
-    Returns
-    -------
-    dict of str to float
-        NaN for a row of length 0.
-    """
+    """Return the share of a whitened row's squared length in every part of the data; NaN for a row of length 0."""
     squares = {name: float(part @ part) for name, part in split(fitter, row).items()}
     total = sum(squares.values())
     return {name: square / total if total else float("nan") for name, square in squares.items()}
 
 
 def taken_up_in_range(fitter: Fitter, fit: Fit, rows: np.ndarray) -> np.ndarray:
-    """Share of rows' squared lengths that a fit takes up within its plausible ranges.
+    """Return the share of rows' squared lengths that a fit absorbs within its plausible ranges, shape (rows,).
 
-    Least squares with bounds: unlike a first-order projection this depends on the strength of what is taken up.
+    Bounded least squares, which unlike a first-order projection depends on the strength of the effect.
 
     Parameters
     ----------
     rows : ndarray, shape (rows, data)
         Whitened.
-
-    Returns
-    -------
-    ndarray, shape (rows,)
     """
     problem = Problem.at(fitter, fit)
     basis, triangle = np.linalg.qr(changes(problem))
@@ -135,28 +106,19 @@ def taken_up_in_range(fitter: Fitter, fit: Fit, rows: np.ndarray) -> np.ndarray:
 
 
 def correlations(found: Sequence[Template]) -> np.ndarray:
-    """Cosines between what is left of templates.
+    """Return cosines between the remaining parts of templates, shape (templates, templates).
 
-    Returns
-    -------
-    ndarray, shape (templates, templates)
-        NaN where all of one is taken up.
+    NaN for a template that is fully absorbed.
     """
-    rows = np.stack([one.left for one in found])
+    rows = np.stack([template.left for template in found])
     squares = (rows**2).sum(axis=1)
-    whole = np.array([one.whole @ one.whole for one in found])
+    whole = np.array([template.whole @ template.whole for template in found])
     length = np.sqrt(np.where(squares > SMALL * whole, squares, np.nan))
     return rows @ rows.T / np.outer(length, length)
 
 
 def grouped(correlation: np.ndarray) -> list[int]:
-    """Order of templates in which those alike stand together: average linkage of 1 - |correlation|.
-
-    Parameters
-    ----------
-    correlation : ndarray, shape (templates, templates)
-        From `correlations`.
-    """
+    """Return an order of templates with similar ones adjacent: average linkage of 1 - |correlation|."""
     distance = 1 - np.abs(np.nan_to_num(correlation))
     np.fill_diagonal(distance, 0)
     near = squareform((distance + distance.T) / 2, checks=False)

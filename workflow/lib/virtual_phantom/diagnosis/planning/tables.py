@@ -1,4 +1,4 @@
-"""What is written of a ranking of further recordings: two tables, and a recording.yaml to fill in."""
+"""Output of a ranking of measurements: two tables, and a recording.yaml to fill in."""
 
 from __future__ import annotations
 
@@ -12,52 +12,52 @@ from ...base.data import SCHEMAS
 from ...base.names import label
 from ...io.schema import read_schema, validate
 from .measurement import DarkFrames
-from .ranking import Next, Pair, Ranked, settles
+from .ranking import MeasurementRanking, Pair, RankedMeasurement, settles
 
-KEPT = ("name", "kind", "phantom", "isocentre_mm", "scan", "corrected", "nominal")  # of the recording that there is
-OF_CURRENT = ("photons", "tube_current_ma", "mas", "dose_mgy")  # of nominal: what goes with the tube current
-SETTINGS = ("disc", "object", "alignment", "samples", "view_step")  # of its diagnosis
+KEPT = ("name", "kind", "phantom", "isocentre_mm", "scan", "corrected", "nominal")  # of the existing recording
+OF_CURRENT = ("photons", "tube_current_ma", "mas", "dose_mgy")  # of nominal: proportional to the tube current
+SETTINGS = ("disc", "object", "alignment", "samples", "view_step")  # of the diagnosis of the existing recording
 
 
-def table(found: Next) -> pd.DataFrame:
-    """The ranking, a row for each further recording.
+def ranking_table(found: MeasurementRanking) -> pd.DataFrame:
+    """Return the ranking with one row per measurement.
 
     Returns
     -------
     pandas.DataFrame
-        name, recording (what is to be done), information_gain_nats, least_log_score, settles, and for each ambiguous
-        pair its log score and correlation. The first row, named "now", is what the recordings tell that there are.
+        name, recording (what to do), information_gain_nats, least_log_score, settles, and for each ambiguous pair its
+        log score and correlation. The first row, "now", holds the values of the existing recordings.
     """
-    return pd.DataFrame([_row(one) for one in [found.now, *found.ranked]])
+    return pd.DataFrame([_row(ranked) for ranked in [found.now, *found.ranked]])
 
 
-def _row(one: Ranked) -> dict:
-    made = one.measurement
+def _row(ranked: RankedMeasurement) -> dict:
+    measurement = ranked.measurement
     row = {
-        "name": "now" if made is None else made.name,
-        "recording": "the recordings that there are" if made is None else made.words,
-        "information_gain_nats": one.gain,
-        "least_log_score": one.least,
-        "settles": settles(one),
+        "name": "now" if measurement is None else measurement.name,
+        "recording": "the recordings that there are" if measurement is None else measurement.words,
+        "information_gain_nats": ranked.gain,
+        "least_log_score": ranked.least,
+        "settles": settles(ranked),
     }
-    for pair, score in one.scores.items():
+    for pair, score in ranked.scores.items():
         row[f"log_score: {' or '.join(pair)}"] = score
-        row[f"correlation: {' or '.join(pair)}"] = one.alike[pair]
+        row[f"correlation: {' or '.join(pair)}"] = ranked.alike[pair]
     return row
 
 
-def alike_table(alike: Mapping[Pair, Mapping[str, float]]) -> pd.DataFrame:
-    """|Correlation| of every two effects, in each recording and together, the most alike first.
+def similarity_table(alike: Mapping[Pair, Mapping[str, float]]) -> pd.DataFrame:
+    """Return |correlation| of every two effects, the most similar first.
 
     Parameters
     ----------
     alike : mapping
-        As next_measurement.alikeness gives it.
+        Result of ranking.effect_similarity.
 
     Returns
     -------
     pandas.DataFrame
-        effect, other, a column for each recording, and `together`.
+        effect, other, one column per recording, and `together`.
     """
     rows = [
         {"effect": pair[0], "other": pair[1]} | {name or "together": value for name, value in values.items()}
@@ -66,37 +66,32 @@ def alike_table(alike: Mapping[Pair, Mapping[str, float]]) -> pd.DataFrame:
     return pd.DataFrame(rows).sort_values("together", ascending=False, na_position="last", ignore_index=True)
 
 
-def first_words(found: Next) -> list[str]:
-    """The first of the ranking in sentences."""
+def best_measurement_text(found: MeasurementRanking) -> list[str]:
+    """Return the best measurement in words, as a list; empty without a measurement."""
     if not found.ranked:
         return []
     first = found.ranked[0]
-    about = " and of ".join(" or ".join(label(name) for name in one.fits) for one in found.ambiguities)
-    about = about or "the effects that were named"
+    about = " and about ".join(" or ".join(map(label, ambiguity.fits)) for ambiguity in found.ambiguities)
+    about = about or "the missing effects"
     words = f"{first.measurement.words} (+{first.gain:.1f} nats of information about {about}"
     if first.least is not None:
         words += f"; expected log score between them {first.least:.0f}, now {found.now.least:.0f}"
     return [words + ")"]
 
 
-def recording_to_fill_in(name: str, one: Ranked, content: Mapping, settings: Mapping, repeats: int) -> str:
-    """recording.yaml of a further recording, with what is known of it beforehand.
+def recording_template(name: str, ranked: RankedMeasurement, content: Mapping, settings: Mapping, repeats: int) -> str:
+    """Return the recording.yaml of a measurement, with all that is known beforehand, as commented YAML.
 
     Parameters
     ----------
     name : str
-        Of the recording that it is like.
+        Name of the existing recording.
     content : mapping
-        That of the recording.yaml of that recording.
+        Content of its recording.yaml.
     settings : mapping
-        diagnosis.recordings.<name> of the configuration.
-
-    Returns
-    -------
-    str
-        YAML that the schema of recordings takes, with comments.
+        Section diagnosis.recordings.<name> of the configuration.
     """
-    made, further = one.measurement, f"{name}_{one.measurement.name}"
+    made, further = ranked.measurement, f"{name}_{ranked.measurement.name}"
     new = {key: copy.deepcopy(content[key]) for key in KEPT if key in content}
     new |= {"name": further, "repeats": [f"repeat_{number}.h5" for number in range(repeats)]}
     new["scan"] = {key: value for key, value in (new["scan"] | dict(made.scan)).items() if value is not None}
@@ -107,11 +102,11 @@ def recording_to_fill_in(name: str, one: Ranked, content: Mapping, settings: Map
     if "object" in section or "disc" in section:
         new.pop("phantom", None)
     validate(new, read_schema(SCHEMAS / "recording.schema.yaml"), "recording.yaml")
-    lines = [f"To be recorded: {made.words}.", "Fill in the files of the repeats, and what turns out otherwise."]
+    lines = [f"Measurement: {made.words}.", "Fill in the files of the repeats, and correct all values that differ."]
     if isinstance(made, DarkFrames):
         lines += [
-            "Put the mean of the dark frames into the files of the recording that there is, in the place of the dark",
-            "field that was subtracted (data_dark), and diagnose that recording again.",
+            "In the files of the existing recording, replace the subtracted dark field (data_dark) by the mean of the",
+            "dark frames, and diagnose that recording again.",
         ]
     else:
         configured = {

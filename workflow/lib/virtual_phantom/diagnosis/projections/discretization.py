@@ -1,4 +1,4 @@
-"""Errors of the model's own steps: what more rays per pixel and larger voxels change, of the model as it is fitted."""
+"""Discretization errors of the fitted model, from more rays per pixel and from larger voxels."""
 
 from __future__ import annotations
 
@@ -17,31 +17,30 @@ from ...physics.state import Added
 from ..fitting.linearization import NOMINAL, LinearisationPoint
 from ..fitting.nuisance import pose_of
 
-# Chi-square by which predictions may move until errors are computed again. On a scan of the proof (seed 1), a detector
-# that is 0.19 pixels off moves them by 6 x 10^5. Errors left where they were are then taken for a focal spot, by 81 of
-# log score; errors that follow are not.
+# Change of predictions, as chi-square, from which errors are recomputed. In a scan of the blind validation (seed 1), a
+# detector offset of 0.19 pixels changes them by 6 x 10^5. Without recomputation, the errors look like a focal spot with
+# a log score of 81.
 MOST_STRAY = 500.0
-KEPT = 4  # linearisation points: those that a choice goes back to
-# Times as many rays per pixel and direction as the model has, what these change being its error: of voxels, and of what
-# has path lengths in closed form. Edges of shapes are as sharp as can be: of a body with three inserts, 4 repeats of
-# 1e5 photons and 2 rays, the error has a chi-square of 740,000 in 46,080 rays. Twice as many rays leave 150,000 of it,
-# four times 30,000 (of voxels with sharp edges: 2,400 and 380).
+KEPT = 4  # cached linearization points
+# Factor of the rays per pixel and direction that shows the error of the model: for voxels, and for shapes, whose edges
+# are sharp. For a body with three inserts, 4 repeats of 1e5 photons and 2 rays, the chi-square of the error is 740,000
+# in 46,080 rays. Twice the rays leave 150,000 of it, four times 30,000 (for voxels with sharp edges 2,400 and 380).
 FINER, FINER_OF_SHAPES = 2, 4
-# Of what finer steps change: what is left of it once it is fitted, as errors of higher order are alike in no two rays.
+# Share of an error that remains after its fit, as errors of higher order differ from ray to ray.
 LEFT = {"rays": 1.0, "voxels": 1 / 3}
 
 
 def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tuple[Chain, Chain]:
-    """The chain that fits ask, its rays following those that were traced, and the one of more rays for Numerical.
+    """Return the chain for fits, and a chain with more rays for Numerical.
+
+    In the first chain, rays through voxels follow displacements to first order. Path lengths in closed form need not.
 
     Parameters
     ----------
-    scene : VoxelScene
-        Or what has its methods; path lengths in closed form need not be followed.
     samples : int
-        As Chain takes it, of the first.
+        Rays per pixel and direction of the first chain.
     **more
-        Keywords of Chain.
+        Keyword arguments of Chain.
     """
     voxels = hasattr(scene, "slopes")
     return (
@@ -51,24 +50,22 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
 
 
 def added_of(pieces: Mapping[str, Inclusion], nuisance: Mapping[str, float]) -> Added:
-    """As State.added, of pieces by the number of the alignment that says how much each attenuates; 0 if none does."""
-    return tuple((one, nuisance.get(name, 0.0)) for name, one in pieces.items())
+    """Return State.added for pieces, each with its attenuation from the alignment, or 0."""
+    return tuple((piece, nuisance.get(name, 0.0)) for name, piece in pieces.items())
 
 
 class Numerical:
-    """What finer steps change of the line integrals.
+    """Discretization errors of line integrals.
 
-    Both differences follow the object's edges and lose what a blur takes off them, so that they are wanted of the
-    effects that are fitted, where these let the rays run.
+    Errors follow the edges of the object and are smoothed by blur. They are therefore computed with the fitted effects
+    and geometry.
 
     Parameters
     ----------
-    chain : Chain
-        The simulator.
     finer : Chain or None
-        The same with more rays per pixel, all of them traced.
+        Chain with more rays per pixel, all of them traced.
     coarser : Chain or None
-        The same of voxels twice as large.
+        Chain with voxels of twice the size.
     """
 
     def __init__(self, chain: Chain, finer: Chain | None, coarser: Chain | None, anode: Anode = TUNGSTEN):
@@ -77,33 +74,21 @@ class Numerical:
         self.names = tuple(name for name, one in (("rays", finer), ("voxels", coarser)) if one is not None)
 
     def with_pieces(self, pieces: Mapping[str, Inclusion]) -> Numerical:
-        """Those of an object with pieces more, {number of the alignment: what attenuates by so much per mm}."""
+        """Return the errors for an object with more pieces, by parameter of the alignment."""
         found = copy.copy(self)
         found._kept, found._pieces = LRUCache(KEPT), pieces
         return found
 
     def at(self, linearisation: LinearisationPoint = NOMINAL) -> dict[str, np.ndarray]:
-        """By how much each step falls short of a finer one.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (views, rows, columns)
-            By name.
-        """
+        """Return each error, shape (views, rows, columns), by name."""
         return self._made(linearisation)[0]
 
     def left(self, linearisation: LinearisationPoint = NOMINAL) -> tuple[np.ndarray, ...]:
-        """What is left of each error once it is fitted, in the order of `names`.
-
-        Returns
-        -------
-        tuple of ndarray, shape (views, rows, columns)
-            Standard deviations.
-        """
+        """Return the SD of each error after its fit, shape (views, rows, columns), in the order of `names`."""
         return tuple(LEFT[name] * error for name, error in self.at(linearisation).items())
 
     def strayed(self, linearisation: LinearisationPoint, lines: np.ndarray, weights: np.ndarray) -> bool:
-        """Whether line integrals lie too far off those of a linearisation point.
+        """Return whether line integrals differ too much from those of a linearization point.
 
         Parameters
         ----------
@@ -113,7 +98,7 @@ class Numerical:
         return float((weights * (lines - self._made(linearisation)[1]) ** 2).sum()) > MOST_STRAY
 
     def _made(self, linearisation: LinearisationPoint) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """Errors, and the line integrals themselves."""
+        """Return the errors and the line integrals themselves."""
         return self._kept.get(linearisation.key, lambda: self._make(linearisation))
 
     def _make(self, linearisation: LinearisationPoint) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -125,8 +110,8 @@ class Numerical:
         errors = {}
         if self._finer is None and self._coarser is None:
             return errors, lines(self._chain)
-        # Copies, whose path lengths go when they have served. All are traced: the simulator of a fit may follow rays to
-        # first order, which is no error of its steps.
+        # Copies release their path lengths after use. All rays are traced, since first-order displacements in the chain
+        # for fits are no discretization error.
         traced = self._chain if self._finer is None else self._finer.copy(samples=self._chain.samples)
         here = lines(traced)
         if self._finer is not None:

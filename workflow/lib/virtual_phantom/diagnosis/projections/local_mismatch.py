@@ -1,7 +1,7 @@
-"""A piece of the object that differs from what was stated: the one whose projections explain most of what a fit leaves.
+"""Local object mismatch: the ball or rod whose projections explain most of the residual of a fit.
 
-An insert that is missing, a bubble or something that lies in the object is alike in all views but for where they see
-it. Hardening, scatter and glare change the whole object, so that a piece is small beside it.
+A missing insert or a bubble projects consistently into all views. Hardening, scatter and glare change the whole object,
+so that a piece is limited to a small part of it.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from ...physics.scenes.scene import IN_PLACE, Pose
 from ...physics.scenes.shapes import Shape, ShapesScene, cylinder, ellipsoid
 from ...projectors.cpu import CpuProjector
 
-ACROSS = 64  # voxels of the grid on which a piece is looked for, over the object's width
-RADII = (1.0, 2.0, 4.0, 8.0)  # that are tried there, in voxels: up to a quarter of the object's width
-# Radius over the object's reach: what is larger is no piece of it, and could stand for what hardening and scatter do.
+ACROSS = 64  # voxels across the object in the grid of the first search
+RADII = (1.0, 2.0, 4.0, 8.0)  # voxels, tried in the first search, up to a quarter of the object's width
+# Largest radius over the object's radius. A larger piece could describe hardening and scatter.
 LARGEST = 0.25
-ATTENUATES = 0.02  # of the largest line integral: less is noise or scatter beside the object
-MOST_RAYS, FEWEST_VIEWS = 100_000, 24  # of the views by which place and radius are found
-STEPS = 120  # of the simplex that finds place and radius
-NEAR = 0.1  # of its radius: how far a piece is moved at first that was found already
-FEWEST_VOXELS = 0.5  # radius of the smallest piece: rays of a scan pass by smaller ones
-# Sum of squares of a ray's lengths over the sum of lengths, for radius 1: of a ball, and of a rod seen from its side.
+ATTENUATES = 0.02  # of the largest line integral; less is noise or scatter outside the object
+MOST_RAYS, FEWEST_VIEWS = 100_000, 24  # of the views that determine place and radius
+STEPS = 120  # of the simplex for place and radius
+NEAR = 0.1  # of its radius, first step of a piece that was found before
+FEWEST_VOXELS = 0.5  # radius of the smallest piece, as rays miss smaller ones
+# Sum of squared path lengths over the sum of path lengths for radius 1: ball, and rod seen from the side.
 OF_BALL, OF_ROD = 1.5, 16 / (3 * np.pi)
 
 
@@ -41,9 +41,9 @@ class Piece:
     Attributes
     ----------
     place_mm : tuple of 3 float
-        Of its middle in the object, x, y and z.
+        Center in the object, x, y and z.
     more_per_mm : float
-        By how much it attenuates more than was stated, 1/mm.
+        Attenuation beyond the stated one, 1/mm.
     """
 
     place_mm: tuple[float, float, float]
@@ -53,7 +53,7 @@ class Piece:
 
     @property
     def shape(self) -> Shape:
-        """It as a shape, of any material."""
+        """The piece as a shape; its material has no meaning."""
         if self.rod:
             return cylinder("water", self.place_mm, self.radius_mm)
         return ellipsoid("water", self.place_mm, [self.radius_mm] * 3)
@@ -65,29 +65,29 @@ class Piece:
         samples: int = 1,
         motion_mm: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Path lengths in it, the mean of so many rays per pixel and direction, shape (views, rows, columns)."""
+        """Return path lengths in the piece, mean over the rays of each pixel, shape (views, rows, columns)."""
         scene, total = ShapesScene([self.shape]), np.zeros(geometry.shape)
         for beside, weights in divided(geometry, samples):
             total += averaged(scene.path_lengths(beside, pose, motion_mm)[0].astype(np.float64), weights)
         return total
 
     def more_hu(self, energy_kev: float) -> float:
-        """By how much it attenuates more than was stated, HU."""
+        """Return the attenuation beyond the stated one, HU."""
         return 1000 * self.more_per_mm / float(attenuation_per_mm("water", [energy_kev])[0])
 
     def content(self, energy_kev: float) -> dict:
-        """What diagnosis.json holds of it."""
+        """Return its entry in diagnosis.json."""
         x, y, z = self.place_mm
         place = {"x_mm": x, "y_mm": y, "z_mm": None if self.rod else z}
         return place | {"width_mm": 2 * self.radius_mm, "hu": self.more_hu(energy_kev)}
 
     def words(self, energy_kev: float) -> str:
-        """What it is, after "what is left".
+        """Return the piece in words, as a verb phrase.
 
         Parameters
         ----------
         energy_kev : float
-            At which HU are counted, keV.
+            Energy for HU, keV.
         """
         x, y, z = self.place_mm
         where = f"x {x:.0f}, y {y:.0f}" + ("" if self.rod else f", z {z:.0f}") + " mm"
@@ -100,17 +100,12 @@ class Piece:
 
 
 def reach_of(lines: np.ndarray, geometry: ScanGeometry) -> float:
-    """How far what attenuates reaches from the axis, as far as rays meet it.
+    """Return the radius of the attenuating object about the axis, as far as rays cover it, mm.
 
     Parameters
     ----------
     lines : ndarray, shape (views, rows, columns)
         Line integrals.
-
-    Returns
-    -------
-    float
-        At the isocentre, mm.
     """
     across = np.abs(geometry.column_positions_mm()) / geometry.magnification
     largest = lines.max(axis=(0, 1))
@@ -119,22 +114,20 @@ def reach_of(lines: np.ndarray, geometry: ScanGeometry) -> float:
 
 @dataclass(frozen=True)
 class Left:
-    """What a fit leaves of a scan, in which pieces are looked for.
+    """Residual of a fit, in which pieces are searched.
 
     Attributes
     ----------
     residual, weight : ndarray, shape (views, rows, columns)
-        Of line integrals, and their inverse variances.
+        Residual line integrals, and their inverse variances.
     reach_mm : float
-        How far the object reaches from its axis, mm.
-    pose : Pose
-        Of the object.
+        Radius of the object, mm.
     samples : int
         Rays per pixel and direction.
     seen_from : ScanGeometry or None
-        Where source and detector are by the fit; None: as stated.
+        Fitted geometry; None: as stated.
     motion_mm : ndarray, shape (views, 3), or None
-        Displacement of the object by the fit.
+        Fitted displacement of the object.
     """
 
     residual: np.ndarray
@@ -147,7 +140,7 @@ class Left:
     motion_mm: np.ndarray | None = None
 
     def lengths_mm(self, one: Piece) -> np.ndarray:
-        """Path lengths in a piece, shape (views, rows, columns)."""
+        """Return path lengths in a piece, shape (views, rows, columns)."""
         return one.lengths_mm(self.seen_from or self.geometry, self.pose, self.samples, self.motion_mm)
 
     @property
@@ -157,8 +150,8 @@ class Left:
 
     @property
     def fewer(self) -> Left:
-        """The same of some views: hundreds of trials on all of a large scan would take minutes."""
-        # Of views halved every second one has no weight.
+        """A subset of the views, as hundreds of trials on a large scan would take minutes."""
+        # If every second view is held out, these have no weight.
         views = np.flatnonzero(self.weight.any(axis=(1, 2)))
         rays = self.residual.size * self.samples**2
         views = views[:: max(1, min(rays // MOST_RAYS, len(views) // FEWEST_VIEWS))]
@@ -173,14 +166,11 @@ class Left:
 
 
 def found(left: Left) -> Piece | None:
-    """The ball or rod whose projections explain most of a residual.
+    """Return the ball or rod whose projections explain most of a residual.
 
-    Returns
-    -------
-    Piece or None
-        None where rays do not lie in the order that a back-projection needs, and where nothing is to be explained.
+    None for geometries without back-projection, and if nothing is explained.
     """
-    some = replace(left, samples=1).fewer  # many rays per pixel matter for the last millimetre alone
+    some = replace(left, samples=1).fewer  # several rays per pixel matter for the last millimeter only
     begun = [_moved(start, some, start.radius_mm / 2, 0.3) for start in _looked_for(left)]
     if not begun:
         return None
@@ -188,20 +178,14 @@ def found(left: Left) -> Piece | None:
 
 
 def refined(start: Piece, left: Left) -> Piece | None:
-    """The piece near one that explains most of a residual.
-
-    Returns
-    -------
-    Piece or None
-        None where nothing is explained.
-    """
+    """Return the piece near a given one that explains most of a residual; None if nothing is explained."""
     one = _moved(start, left.fewer, NEAR * start.radius_mm, NEAR)
     explained, more = _explained(one, left)
     return replace(one, more_per_mm=more) if explained > 0 else None
 
 
 def _moved(start: Piece, left: Left, by_mm: float, widened: float) -> Piece:
-    """Where it explains most, by a simplex that begins with so large steps of place and of the radius's logarithm."""
+    """Optimize a piece by a simplex with these first steps of its place and of the logarithm of its radius."""
     free = [0, 1] if start.rod else [0, 1, 2]
 
     def piece(numbers: Sequence[float]) -> Piece:
@@ -223,22 +207,18 @@ def _moved(start: Piece, left: Left, by_mm: float, widened: float) -> Piece:
 
 
 def _explained(one: Piece, left: Left) -> tuple[float, float]:
-    """Chi-square that a piece explains, and by how much it attenuates more then, 1/mm."""
+    """Return the chi-square that a piece explains, and its best attenuation, 1/mm."""
     lengths = left.lengths_mm(one)
     along, square = float((left.weight * left.residual * lengths).sum()), float((left.weight * lengths**2).sum())
     return (along**2 / square, along / square) if square > 0 else (0.0, 0.0)
 
 
 def _looked_for(left: Left) -> list[Piece]:
-    """The best ball and the best rod on a coarse grid, by back-projection.
+    """Return the best ball and the best rod on a coarse grid, by back-projection; empty if that is impossible.
 
-    A ball's projections are the sums of those of its voxels. So its matched filter is the sum over the ball of the
-    back-projected residual, and the square of its projections about that of the weights times its width.
-
-    Returns
-    -------
-    list of Piece
-        Without amounts; none where rays cannot be back-projected.
+    Projections of a ball are sums of projections of its voxels. Its matched filter is therefore the sum of the
+    back-projected residual over the ball, and the squared norm of its projections approximately the sum of the
+    back-projected weights times its width.
     """
     geometry, reach_mm = left.geometry, left.reach_mm
     spacing = 2 * reach_mm / ACROSS
@@ -248,7 +228,7 @@ def _looked_for(left: Left) -> list[Piece]:
     grid = Grid((slices, ACROSS, ACROSS), (spacing, spacing, spacing))
     try:
         projector = CpuProjector(geometry, grid, lanes=2, centre_mm=(0.0, 0.0, middle))
-    except InputError:  # a detector that is turned, or an object that the source does not go round
+    except InputError:  # a tilted detector, or a source that does not go around the object
         return []
     both = np.stack([left.weight * left.residual, left.weight])
     packed = projector.pack_projections(both.astype(np.float32))

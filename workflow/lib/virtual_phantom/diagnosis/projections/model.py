@@ -1,4 +1,4 @@
-"""What the chain predicts of projections."""
+"""Model of projections: predictions of the simulation chain."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from .observed import ObservedScans, white_shape
 
 @dataclass(frozen=True)
 class ScansPrediction(Prediction):
-    """As ObservedScans.
+    """Prediction of ObservedScans.
 
     Attributes
     ----------
     white : ndarray or None
         Coefficients of the white field's shape.
     state : State
-        Of the chain, of which all this is.
+        State of the chain.
     """
 
     white: np.ndarray | None
@@ -45,16 +45,14 @@ class ScansModel(Model):
     Parameters
     ----------
     chain, aligned, anode, tube_kvp, fixed, density, declared
-        As Model takes them.
+        See Model.
     numerical : Numerical, optional
-        Errors of its steps, each a distortion of the line integrals that is fitted within its bounds, since it is alike
-        in many rays and no noise; None: there are none.
+        Discretization errors. Each is fitted as a distortion of the line integrals, as it is no noise.
 
     Attributes
     ----------
     pieces : mapping of str to Inclusion
-        {name of a number of the alignment: what the object has beside what was stated, which attenuates by so much per
-        mm}.
+        {parameter of the alignment: piece of the object with this attenuation per mm}.
     """
 
     def __init__(
@@ -73,7 +71,7 @@ class ScansModel(Model):
         self.pieces: Mapping[str, Inclusion] = {}
 
     def with_piece(self, number: Nuisance, piece: Piece) -> ScansModel:
-        """The same with one piece of the object more, whose attenuation is that number of the alignment."""
+        """Return the model with one more piece of the object, whose attenuation is this parameter of the alignment."""
         found = copy.copy(self)
         found.aligned = (*self.aligned, number)
         found.pieces = {**self.pieces, number.name: Inclusion(piece.shape, piece)}
@@ -83,22 +81,22 @@ class ScansModel(Model):
 
     @property
     def distortions(self) -> tuple[str, ...]:
-        """As Model.distortions."""
+        """See Model.distortions."""
         return () if self.numerical is None else self.numerical.names
 
     def distortion(self, nuisance: Mapping[str, float], linearisation: Linearisation = BASE) -> np.ndarray | float:
-        """As Model.distortion."""
+        """See Model.distortion."""
         if self.numerical is None:
             return 0.0
         return sum(nuisance[name] * change for name, change in self.errors_of_steps(linearisation).items())
 
     def errors_of_steps(self, linearisation: Linearisation = BASE) -> dict[str, np.ndarray]:
-        """As Model.errors_of_steps."""
+        """See Model.errors_of_steps."""
         return {} if self.numerical is None else self.numerical.at(linearisation.errors)
 
     @property
     def turned_rad(self) -> np.ndarray:
-        """As Model.turned_rad."""
+        """See Model.turned_rad."""
         source = self.chain.geometry.by_vectors().source_mm
         return np.arctan2(source[:, 1], source[:, 0])
 
@@ -109,7 +107,7 @@ class ScansModel(Model):
         prediction: ScansPrediction,
         weights: np.ndarray,
     ) -> bool:
-        """As Model.strayed."""
+        """See Model.strayed."""
         lines = prediction.design[0]
         return bool(self.distortions) and self.numerical.strayed(errors, lines, weights.reshape(lines.shape))
 
@@ -120,17 +118,17 @@ class ScansModel(Model):
         data: ObservedScans,
         linearisation: Linearisation = BASE,
     ) -> ScansPrediction:
-        """As Model.predict."""
+        """See Model.predict."""
         photons = float(np.exp(nuisance["log_photons"]))
         chain = self.near(linearisation.rays, linearisation.reach)
         physics, pose = before_images(physics), pose_of(nuisance)
         state = chain.state(physics, pose, photons=photons, anode=self.anode, added=added_of(self.pieces, nuisance))
-        # The logarithm of noisy counts lies above that of their mean.
+        # Minus the mean logarithm of noisy counts lies above minus the logarithm of their mean.
         above, variance = state.log_noise()
         lines = state.line_integrals()
         mean = nuisance["scale"] * lines + nuisance["offset"] + self.distortion(nuisance, linearisation) + above
         ratio = np.where(data.usable, variance / data.reference, 0)
-        correlation = data.correlation  # of a single repeat there is none
+        correlation = data.correlation  # None for a single repeat
         if correlation is not None and np.isfinite(correlation).any():
             correlation = correlations(state, np.where(data.usable, 1 / data.reference, 0))
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -1,11 +1,10 @@
-"""What repeats of a scan say: their mean, how it varies, and how neighbours vary together.
+"""Repeats of a scan, condensed to statistics with known errors.
 
-A recording is condensed to numbers with known errors, so that effects that change only the noise are fitted like those
-that change the mean:
+With these, effects on the noise are fitted like effects on the mean:
 
-* mean: line integrals of every ray, over repeats
-* variance: logarithm of the sample variance over repeats, relative to a first model, over blocks of rays
-* correlation: of the differences of repeats between neighbouring columns, rows and views
+* mean: line integral of every ray, over repeats
+* variance: logarithm of the sample variance over repeats, relative to a first model, by block of rays
+* correlation: of differences of repeats, between neighboring columns, rows and views
 * white: smooth shape of the white field
 """
 
@@ -24,16 +23,16 @@ from ..noise.condensed import Blocks, Observed
 from ..noise.whitening import WHITE, Correlations, Whitening
 
 PARTS = (12, 4, 8)  # blocks along views, rows and columns
-LEAST_TRANSMISSION = 1e-5  # what fewer photons are read as: such rays are left out
-VIEW_PARTS = (12, 1, 1)  # of which a single repeat says how noisy they are, over each other
-NOISE_OF_VIEWS = 0.03  # to which noise is taken to follow the model from view to view where it is taken from one repeat
-MEDIAN_SQUARE = 0.45494  # of a standard normal variable: median of chi-square with one degree of freedom
-OF_MEAN, OF_MEDIAN = 2.0, 5.443  # relative variance of n squares' mean, and of their median, times n
-ENOUGH_FOR_MEDIAN = 500  # rays of a block: the median varies 1.65 times as much as the mean, here by 10 %
-PLATEAU = 0.001  # share of rays that may have one value by chance; integer counts in air repeat
+LEAST_TRANSMISSION = 1e-5  # rays with less are left out
+VIEW_PARTS = (12, 1, 1)  # blocks whose relative noise a single repeat determines
+NOISE_OF_VIEWS = 0.03  # relative error of the model's noise from view to view, for a single repeat
+MEDIAN_SQUARE = 0.45494  # median of chi-square with one degree of freedom
+OF_MEAN, OF_MEDIAN = 2.0, 5.443  # n times the relative variance of mean and median of n squares
+ENOUGH_FOR_MEDIAN = 500  # rays of a block; the median has 1.65 times the SD of the mean, here 10 %
+PLATEAU = 0.001  # share of rays with the same value by chance, as integer counts in air repeat
 WHITE_COLUMNS, WHITE_ROWS = 4, 2  # highest orders of the white field's shape
-FEW_PIXELS = 3  # along an axis, so that a white field's outermost ones are all that tell its bend
-WHITE_TOLERANCE = 0.005  # by which pixels' sensitivities may shape a white field smoothly
+FEW_PIXELS = 3  # along an axis, where only the outermost pixels determine the curvature of a white field
+WHITE_TOLERANCE = 0.005  # of the white field's shape, from sensitivities that vary smoothly
 
 
 @dataclass(frozen=True)
@@ -44,9 +43,9 @@ class Scans:
     ----------
     repeats : ndarray of float32, shape (repeats, views, rows, columns)
     white : ndarray, shape (rows, columns), or None
-        Mean counts without an object; None where line integrals are all there is.
+        Mean counts without an object; None for recordings of line integrals.
     usable : ndarray of bool, shape (views, rows, columns)
-        Rays that measured something in every repeat.
+        Rays with a signal in every repeat.
     """
 
     repeats: np.ndarray
@@ -57,12 +56,12 @@ class Scans:
         return len(self.repeats)
 
     def every(self, step: int) -> Scans:
-        """One view of so many."""
+        """Return every such view."""
         return self if step == 1 else replace(self, repeats=self.repeats[:, ::step], usable=self.usable[::step])
 
 
 def scans(acquisitions) -> Scans:
-    """Repeats of a recording of projections (recordings.projections.Projections)."""
+    """Read the repeats of a recording of projections (recordings.projections.Projections)."""
     arrays, usable, whites = [], None, []
     for acquisition in acquisitions:
         array = acquisition.line_integrals(LEAST_TRANSMISSION)
@@ -77,22 +76,16 @@ def scans(acquisitions) -> Scans:
 
 
 def saturated(signal: np.ndarray) -> np.ndarray:
-    """Rays at the highest signal of a scan, as read out, if more stand there than noise puts on one value.
-
-    Returns
-    -------
-    ndarray of bool
-        Shaped as `signal`.
-    """
+    """Return the rays with the highest signal, if these are more than noise puts on one value."""
     highest = signal == np.nanmax(signal)
     return highest & (highest.mean() > PLATEAU)
 
 
 @dataclass(frozen=True)
 class ObservedScans(Observed):
-    """As Observed, of line integrals, shape (views, rows, columns).
+    """Observed line integrals, shape (views, rows, columns).
 
-    `correlation` is that of neighbouring columns, rows and views, missing (NaN) along axes of one pixel.
+    `correlation` is that of neighboring columns, rows and views; NaN along axes with one pixel.
 
     Attributes
     ----------
@@ -104,15 +97,15 @@ class ObservedScans(Observed):
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """As Observed.parts."""
+        """See Observed.parts."""
         return super().parts + (() if self.white is None else ("white field",))
 
     def residuals(self, prediction) -> list[np.ndarray]:
-        """As Observed.residuals."""
+        """See Observed.residuals."""
         return super().residuals(prediction) + ([] if self.white is None else [self.white - prediction.white])
 
     def weights(self, variance: np.ndarray, floor: np.ndarray) -> list[np.ndarray]:
-        """As Observed.weights."""
+        """See Observed.weights."""
         shape = [] if self.white is None else [np.full(self.white.size, 1 / WHITE_TOLERANCE**2)]
         return super().weights(variance, floor) + shape
 
@@ -129,13 +122,13 @@ def observe(
     Parameters
     ----------
     reference : ndarray, shape (views, rows, columns)
-        Variance of a first model: what variances are divided by, so that what is left varies little within a block.
+        Variance of a first model, by which variances are divided, so that they vary little within a block.
     blocks : Blocks, optional
-        None: PARTS along the axes.
+        Default: PARTS along the axes.
     correlations : Correlations, optional
-        Of the noise.
+        Correlation of the noise.
     whitening : Whitening, optional
-        As Observed has it.
+        See Observed.
 
     Raises
     ------
@@ -158,8 +151,8 @@ def observe(
         half = rays * (n - 1) / 2 / within
         alone = within / together
         with np.errstate(invalid="ignore", divide="ignore"):
-            # Logarithms of sample variances lie below that of the variance on average: by a standard error over all
-            # blocks, were it left so.
+            # The mean logarithm of a sample variance lies below the logarithm of the variance. Uncorrected, this is one
+            # standard error over all blocks.
             variance = blocks.sum(square) / (rays * (n - 1)) * np.exp(np.log(half) - special.digamma(half))
             variance_error = np.sqrt(special.polygamma(1, half) / alone)
         variance[rays == 0] = np.nan
@@ -196,21 +189,14 @@ def observe(
 
 
 def with_noise_of_views(data: ObservedScans, squares: np.ndarray, together: float) -> ObservedScans:
-    """Of a single repeat, how noisy its views are, over each other.
+    """Return the data of a single repeat with the relative noise of blocks of views, and unknown correlations.
 
     Parameters
     ----------
-    data : ObservedScans
-        Of a single repeat.
     squares : ndarray, shape (views, rows, columns)
-        Of differences that have the noise's variance over the reference on average; NaN where there are none.
+        Squared differences, whose mean is the variance of the noise over the reference; NaN without a signal.
     together : float
-        By what the variance of their sum is larger than that of independent ones.
-
-    Returns
-    -------
-    ObservedScans
-        With the noise of blocks of views, and no correlations known.
+        Variance of the sum of squares, relative to independent ones.
     """
     fine, blocks = data.blocks, Blocks.of(data.usable.shape, VIEW_PARTS)
     squares = np.where(data.usable, squares, np.nan)
@@ -227,22 +213,22 @@ def with_noise_of_views(data: ObservedScans, squares: np.ndarray, together: floa
 
 
 def mean_squares(squares: np.ndarray, blocks: Blocks) -> tuple[np.ndarray, np.ndarray]:
-    """Mean square of normal noise in blocks, from its squares.
+    """Return the mean square of normal noise by block.
 
-    Where there are enough, by their median: edges that move from view to view have second differences of their own,
-    which would count as noise in a mean.
+    Blocks with enough squares use their median, as moving edges have second differences that would count as noise in a
+    mean.
 
     Parameters
     ----------
     squares : ndarray, shape (views, rows, columns)
-        NaN where there are none.
+        NaN without a signal.
 
     Returns
     -------
     level : ndarray, shape (blocks,)
-        0 in blocks without any.
+        0 in blocks without squares.
     counts : ndarray, shape (blocks,)
-        How many there are.
+        Number of squares.
     """
     index = blocks.index.ravel()
     order = np.argsort(index, kind="stable")
@@ -258,14 +244,14 @@ def _mean_square(squares: np.ndarray) -> float:
 
 
 def _fewer(correlations: Correlations, blocks: Blocks) -> tuple[float, np.ndarray]:
-    """By what correlated noise makes the variance of sums of squares larger.
+    """Return the factor by which noise correlation increases the variance of sums of squares.
 
     Returns
     -------
     together : float
-        Over all rays.
+        For all rays.
     within : ndarray, shape (blocks,)
-        Over each block.
+        For each block.
     """
     if correlations.white:
         return 1.0, np.ones(blocks.count)
@@ -280,18 +266,14 @@ def _fewer(correlations: Correlations, blocks: Blocks) -> tuple[float, np.ndarra
 
 
 def white_shape(white: np.ndarray) -> np.ndarray:
-    """Coefficients of the logarithm of a white field in Legendre polynomials of columns, then of rows.
+    """Return coefficients of the logarithm of a white field in Legendre polynomials of columns, then of rows.
 
-    The constant and pixels without signal are left out. So are the outermost columns and rows: what they share with
-    neighbours that they lack is lost, or is not, as a detector is built. Of three or fewer there is only the slope.
+    The constant and pixels without signal are left out, and the outermost columns and rows, whose crosstalk depends on
+    the design of the detector. Axes with three or fewer pixels have only a slope.
 
     Parameters
     ----------
     white : ndarray, shape (rows, columns)
-
-    Returns
-    -------
-    ndarray, shape (coefficients,)
     """
     good = (white > 0) & _inner(*white.shape)
     matrix = _shapes(*white.shape)[:, good].T
@@ -300,20 +282,20 @@ def white_shape(white: np.ndarray) -> np.ndarray:
 
 @cache
 def _inner(rows: int, columns: int) -> np.ndarray:
-    """Pixels that are not outermost, along axes of more than a few; shape (rows, columns)."""
+    """Return the pixels without the outermost ones along axes of more than FEW_PIXELS, shape (rows, columns)."""
     inside = np.zeros((rows, columns), bool)
     inside[tuple(slice(1, -1) if length > FEW_PIXELS else slice(None) for length in inside.shape)] = True
     return inside
 
 
 def _most(highest: int, length: int) -> int:
-    """The highest order that so many pixels show."""
+    """Return the highest order that this number of pixels determines."""
     return min(highest, length - 3) if length > FEW_PIXELS else min(1, length - 1)
 
 
 @cache
 def _shapes(rows: int, columns: int) -> np.ndarray:
-    """The constant, then the polynomials of columns and of rows, shape (polynomials, rows, columns)."""
+    """Return the constant and the polynomials of columns and of rows, shape (polynomials, rows, columns)."""
     terms = [(0, order) for order in range(1, _most(WHITE_COLUMNS, columns) + 1)]
     terms += [(order, 0) for order in range(1, _most(WHITE_ROWS, rows) + 1)]
 

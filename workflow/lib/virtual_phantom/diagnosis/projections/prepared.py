@@ -1,4 +1,4 @@
-"""A recording made ready for fits: split into what is fitted and what is held out, with its noise and the floor."""
+"""Preparation of projections for fits: split into fitted and held-out data, noise, and numerical errors."""
 
 from __future__ import annotations
 
@@ -27,26 +27,25 @@ from ..workload import rays_of
 from .change_kinds import kinds
 from .discretization import Numerical
 from .local_mismatch import Left, Piece, found, reach_of, refined
+from .lost_rays import lost_rays_remark, truncation_of
 from .model import ScansModel
 from .observed import PARTS, ObservedScans, Scans, mean_squares, observe, with_noise_of_views
 from .residual_maps import excess_at_edges, locate
-from .truncation import beyond
-from .unmeasured import lost_rays
 
-HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
-MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
-SIZE_SD = 5e-4  # of the object: 0.1 mm in 200 mm; without it, errors of 1 in 20 000 are taken for distances or offsets
+HALVES = 4  # repeats from which every second one is held out; with fewer, every second view
+MOST_PHOTONS = 1e12  # per pixel; more means data without noise
+SIZE_SD = 5e-4  # of the object, 0.1 mm in 200 mm; without it, errors of 1 in 20 000 appear as distances or offsets
 BY_VIEW = "every second view"
-MOST_MOVES = 6  # of a piece of the object, each followed by a fit of the alignment
-SETTLED = 1.0  # of chi-square: what a piece gains less by, when it is moved, is no reason to move it on
-# Rows from which on the noise of a single repeat is taken from differences of rows, too: few objects change from row to
-# row as from view to view, so that those that lie off their place leave nothing in them.
+MOST_MOVES = 6  # of a piece of the object, each with a fit of the alignment
+SETTLED = 1.0  # gain in chi-square below which a piece is no longer moved
+# Least number of rows to estimate the noise of a single repeat from differences of rows, too. Few objects change from
+# row to row as they do from view to view, so that misplaced objects contribute nothing.
 LEAST_ROWS = 4
-# Variance of a sum of squared second differences over that of independent ones: neighbours correlate by -2/3, those
-# after them by 1/6.
+# Variance of a sum of squared second differences relative to independent ones: neighbors have a correlation of -2/3,
+# the next ones of 1/6.
 SECOND_DIFFERENCES_SHARE = 1 + 2 * ((2 / 3) ** 2 + (1 / 6) ** 2)
-# Rays, those of a pixel counted one by one: of a scan of more, noise is looked at in the views that are fitted and in
-# those beside them. 20 million take 2 GB.
+# Rays, with all rays of a pixel counted. In a larger scan, noise is estimated from the fitted views and the views next
+# to them only. 20 million rays take 2 GB.
 MOST_LOOKED_AT = 2e7
 LOOK = ResidualMaps(
     unit="line_integral",
@@ -66,21 +65,19 @@ LOOK = ResidualMaps(
 
 @dataclass(frozen=True)
 class PieceOfScan(PieceOfObject):
-    """As PieceOfObject."""
+    """A piece of the object, with its shape."""
 
     one: Piece
 
 
 @dataclass(frozen=True)
 class PreparedScans(Prepared):
-    """A recording of projections, made ready. `single`: its noise is that of differences of neighbouring views.
+    """Projections prepared for fits. With `single`, the noise is that of differences of neighboring views.
 
     Attributes
     ----------
-    look : ResidualMaps
-        Of projections.
     second_difference : float
-        Variance of their second differences over that of a view, as the noise of a single repeat was taken from them.
+        Variance of second differences over that of a view, for the noise estimate of a single repeat.
     """
 
     look: ClassVar[ResidualMaps] = LOOK
@@ -89,7 +86,7 @@ class PreparedScans(Prepared):
 
     @property
     def usable(self) -> np.ndarray:
-        """Rays that measured something, fitted or held out, shape (views, rows, columns)."""
+        """Fitted or held-out rays with a signal, shape (views, rows, columns)."""
         if self.held == BY_VIEW:  # each half leaves out the other's views
             return self.data.usable | self.held_out.usable
         return super().usable
@@ -97,33 +94,33 @@ class PreparedScans(Prepared):
     def domains(
         self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
     ) -> list[Location]:
-        """As Prepared.domains."""
+        """See Prepared.domains."""
         uncertain = None if fitted is None else left_by_numbers(self.fitter, fit)
         return locate(half.residuals, half.weights, half.data, fit.pattern_variance, fitted, more, uncertain, self.step)
 
     def share_at_edges(self, fit: Fit) -> float | None:
-        """As Prepared.share_at_edges."""
+        """See Prepared.share_at_edges."""
         return excess_at_edges(self.half(fit, held_out=True))
 
     def kinds(self, fit: Fit) -> Iterable[tuple[str, np.ndarray | sparray]]:
-        """As Prepared.kinds."""
+        """See Prepared.kinds."""
         model = self.fitter.model
         lines = self.fitter.predicted(fit).mean
         return kinds(lines, model.turned_rad, self.usable, self.held != BY_VIEW)
 
     def piece(self, fit: Fit) -> PieceOfScan | None:
-        """As Prepared.piece."""
+        """See Prepared.piece."""
         left = self._left(fit)
         one = found(left)
         return None if one is None else self._of_object(one, left)
 
     def with_piece(self, piece: PieceOfScan, fit: Fit) -> PreparedScans:
-        """As Prepared.with_piece."""
+        """See Prepared.with_piece."""
         name, one = f"{PIECE}{len(self.fitter.model.pieces) + 1}", piece.one
         best, least = self, np.inf
         for _ in range(MOST_MOVES):
             mended = self._with(name, one)
-            if name not in fit.nuisance:  # what differed has pulled the alignment off
+            if name not in fit.nuisance:  # the alignment was biased by the mismatch
                 expected = {number.name: number.expected for number in mended.fitter.model.alignment(fit.effects)}
                 fit = replace(fit, nuisance=expected)
             fit = mended.fitter.fit(fit.effects, fit)
@@ -138,7 +135,7 @@ class PreparedScans(Prepared):
         return best
 
     def pieces(self, fit: Fit) -> list[PieceOfScan]:
-        """As Prepared.pieces."""
+        """See Prepared.pieces."""
         left = self._left(fit)
         return [
             self._of_object(replace(inclusion.key, more_per_mm=fit.nuisance[name]), left)
@@ -146,12 +143,12 @@ class PreparedScans(Prepared):
         ]
 
     def _with(self, name: str, one: Piece) -> PreparedScans:
-        """The same with a piece whose attenuation is that number of the alignment."""
+        """Return the recording with a piece whose attenuation is this parameter of the alignment."""
         model = self.fitter.model.with_piece(Nuisance(name, "1/mm", 0.0, np.inf), one)
         return replace(self, fitter=self.fitter.of(model))
 
     def _left(self, fit: Fit) -> Left:
-        """What a fit leaves of the data fitted."""
+        """Return the residuals of the fitted data with their geometry."""
         chain, shape = self.fitter.model.chain, self.data.mean.shape
         half, predicted = self.half(fit, held_out=False), self.fitter.predicted(fit)
         residual, weight = (one[0].reshape(shape) for one in (half.residuals, half.weights))
@@ -163,7 +160,7 @@ class PreparedScans(Prepared):
             reach_of(predicted.design[0], chain.geometry),
             pose_of(fit.nuisance),
             chain.samples,
-            places[len(places) // 2],  # of a focal spot the middle
+            places[len(places) // 2],  # middle of the focal spot
             predicted.state.motion_mm,
         )
 
@@ -173,25 +170,19 @@ class PreparedScans(Prepared):
         return PieceOfScan(one.words(energy_kev), one.content(energy_kev), lengths, one)
 
     def recorded(self) -> np.ndarray:
-        """As Prepared.recorded."""
+        """See Prepared.recorded."""
         return self.data.mean[self.data.usable]
 
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
-        """As Prepared.difference."""
+        """See Prepared.difference."""
         data = self.held_out if held_out else self.data
         whitened = self.fitter.residuals(fit, held_out)[0].reshape(data.mean.shape)
         return data.as_recorded(whitened)[data.usable]
 
     def with_noise_of(self, fit: Fit) -> PreparedScans:
-        """The same with noise that neighbours share as a fit has it.
+        """Return the recording with the noise correlation of a fit; itself if nothing changes.
 
-        That is for the noise of a single repeat, of which nothing is known but what is declared; differences of repeats
-        say it otherwise.
-
-        Returns
-        -------
-        PreparedScans
-            This one, where nothing is to be changed.
+        Only a single repeat needs this: its noise correlation is otherwise known from declared physics alone.
         """
         if not self.single:
             return self
@@ -216,18 +207,18 @@ class PreparedScans(Prepared):
         return replace(self, fitter=fitter, data=data, held_out=held_out, variance=variance, second_difference=now)
 
     def caveats(self) -> list[str]:
-        """As Prepared.caveats."""
+        """See Prepared.caveats."""
         chain = self.fitter.model.chain
-        return lost_rays(self.usable) + beyond(chain.scene, chain.geometry).words
+        return lost_rays_remark(self.usable) + truncation_of(chain.scene, chain.geometry).remark
 
 
 def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:
-    """What is fitted, what is held out, and how that is said.
+    """Return fitted data, held-out data, and a description of the held-out part.
 
     Parameters
     ----------
     further : Scans or None
-        Repeats kept to be held out.
+        Repeats that the recording holds out.
     """
     if further is not None and len(further):
         return taken, further, "repeats kept for it"
@@ -256,33 +247,31 @@ def prepare(
     declared: Mapping[str, Mapping[str, Statement]] | None = None,
     location: Mapping[str, float] | None = None,
 ) -> PreparedScans:
-    """Noise, floor and alignment of a recording.
+    """Estimate noise, numerical errors and alignment of a recording.
 
     Parameters
     ----------
     further : Scans or None
-        As `split` takes them.
-    chain : Chain
-        The simulator.
+        See `split`.
     anode : Anode, optional
-        As the label on the scanner says.
+        Nominal anode.
     tube_kvp : float, optional
-        As the label says, kV.
+        Nominal tube voltage, kV.
     nominal_photons : float, optional
-        Per pixel in air, if it is stated.
+        Stated photons per pixel in air.
     known : dict of str to float, optional
-        Standard deviations of the alignment, by name, where the defaults do not hold.
+        Standard deviations of the alignment that replace the defaults.
     floor_chain, coarse_chain : Chain, optional
-        As Numerical takes them: what they change is fitted as numerical distortions, and what that leaves is the floor.
+        Chains with more rays and coarser voxels (Numerical). Their differences are fitted as numerical distortions.
     step : int, optional
-        Fit and hold out one view of so many. Noise is estimated from all; from these alone, and the views beside them,
-        in scans that are large.
+        Every such view is fitted or held out. Noise is estimated from all views, in large scans from these views and
+        their neighbors.
     lacking, voxels : str, optional
-        As Prepared has them.
+        See Prepared.
     declared : mapping of str to mapping of str to Statement, optional
-        As Model takes it.
+        See Model.
     location : mapping of str to float, optional
-        As alignment.nuisances takes it.
+        See fitting.nuisance.nuisances.
 
     Raises
     ------
@@ -299,7 +288,7 @@ def prepare(
     state = looked.state(stated, place, photons=1.0, anode=anode)
     clean = state.line_integrals()
     unit = np.exp(clean)  # variance of one photon per pixel in air
-    if declared:  # and of as many as a filter leaves of it
+    if declared:  # filters reduce the photons
         unit = unit / state.measured_air
     noise, squares = _noise(taken, clean, residuals)
     single = squares is not None
@@ -349,7 +338,7 @@ def prepare(
         if data.whitening is not None:
             weighed = weighed * data.whitening.amplification
     aligned = nuisances(
-        # A single repeat's noise is an estimate of its own and not among the data, so nothing else would hold it.
+        # The noise of a single repeat is no datum, so that its photons need a prior.
         np.log(nominal_photons or photons),
         NOMINAL_PHOTONS_SD if nominal_photons or single else np.inf,
         {"size": SIZE_SD} | (known or {}),
@@ -374,14 +363,14 @@ def prepare(
 
 
 def every(chain: Chain, step: int) -> Chain:
-    """The chain of one view of so many."""
+    """Return the chain of every such view."""
     return chain.copy(chain.geometry.every(step))
 
 
 def _around(
     taken: Scans, chain: Chain, step: int, stated: Mapping[str, Mapping[str, float]], anode: Anode, place: Pose
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What the baseline leaves of a single repeat in one view of so many, and in those before and after it.
+    """Return residuals of a single repeat in every such view, and in the views before and after it.
 
     Parameters
     ----------
@@ -390,12 +379,12 @@ def _around(
     stated : mapping of str to mapping of str to float
         Physics of the baseline.
     place : Pose
-        Where the object is expected.
+        Expected pose of the object.
 
     Returns
     -------
     before, here, after : ndarray, shape (views, rows, columns)
-        The first and the last view stand for the second and the one before the last.
+        At the ends of the scan, those of the second and the last but one view.
     """
     middles = np.clip(np.arange(0, chain.geometry.views, step), 1, chain.geometry.views - 2)
 
@@ -409,24 +398,23 @@ def _around(
 def _noise(
     taken: Scans, clean: np.ndarray, residuals: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Variance of every ray of one repeat.
+    """Return the variance of every ray of one repeat.
 
-    It is that over repeats, or, of a single one, from second differences over views, and over rows where there are
-    enough, as if they shared no noise.
+    From the spread over repeats. For a single repeat from second differences over views, and over rows if there are
+    enough, with independent noise assumed.
 
     Parameters
     ----------
     clean : ndarray, shape (views, rows, columns)
         Line integrals of the baseline.
     residuals : tuple of 3 ndarray, shape (views, rows, columns), optional
-        Of a single repeat, from `_around`; None: its views follow each other.
+        Of a single repeat, from `_around`; None: the views are consecutive.
 
     Returns
     -------
     variance : ndarray, shape (views, rows, columns)
     squares : ndarray, shape (views, rows, columns), or None
-        Of the second differences, which have that variance on average; NaN where nothing was measured. None where there
-        are repeats.
+        Squared second differences, with that variance on average; NaN without a signal. None for several repeats.
     """
     if len(taken) > 1:
         return taken.repeats.var(axis=0, ddof=1, dtype=np.float64) + 1e-30, None
@@ -444,12 +432,12 @@ def _noise(
 
 
 def _of_rows(usable: np.ndarray) -> bool:
-    """Whether rows are enough for differences of them."""
+    """Return whether there are enough rows for their differences."""
     return usable.shape[1] >= LEAST_ROWS
 
 
 def _second_differences(array: np.ndarray, axis: int) -> np.ndarray:
-    """Along an axis; the first and the last place have their neighbours'."""
+    """Return second differences along an axis; both ends repeat their neighbors."""
     array = np.moveaxis(array, axis, 0)
     found = np.empty_like(array)
     found[1:-1] = array[:-2] - 2 * array[1:-1] + array[2:]
@@ -458,18 +446,18 @@ def _second_differences(array: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _floor(data: ObservedScans) -> np.ndarray:
-    """Numerical error of the predictions, whitened, standard deviation, shape (views, rows, columns)."""
+    """Return the SD of the whitened numerical error of predictions, shape (views, rows, columns)."""
     return np.sqrt(sum((one**2 for one in data.numerical), np.zeros(data.mean.shape)))
 
 
 def _correlations(taken: Scans, clean: np.ndarray, variance: np.ndarray) -> Correlations:
-    """Of the noise of repeats, from their differences."""
+    """Estimate the noise correlation from differences of repeats."""
     mean, sd = taken.repeats.mean(axis=0, dtype=np.float64), np.sqrt(variance)
     return estimated([(one - mean) / sd for one in taken.repeats], clean, taken.usable, len(taken) - 1)
 
 
 def _whitened(data: ObservedScans, correlations: Correlations, clean: np.ndarray, numerical) -> ObservedScans:
-    """The same with what makes its noise white, and with the numerical distortions whitened."""
+    """Return the data with their whitening and with whitened numerical distortions."""
     if correlations.white:
         return replace(data, numerical=tuple(numerical))
     data = replace(data, whitening=Whitening(correlations, clean, data.usable))
@@ -477,16 +465,12 @@ def _whitened(data: ObservedScans, correlations: Correlations, clean: np.ndarray
 
 
 def _weighed(variance: np.ndarray, data: ObservedScans, clean: np.ndarray) -> np.ndarray:
-    """Variance of every ray of a single repeat, whitened.
+    """Return the variance of every whitened ray of a single repeat, shape (views, rows, columns).
 
     Parameters
     ----------
     variance, clean : ndarray, shape (views, rows, columns)
         Variance of one repeat, and line integrals, of the first model.
-
-    Returns
-    -------
-    ndarray, shape (views, rows, columns)
     """
     white = data.whitening
     return variance if white is None else variance * np.exp(-clean) * white.variance(clean) * white.amplification
@@ -495,26 +479,24 @@ def _weighed(variance: np.ndarray, data: ObservedScans, clean: np.ndarray) -> np
 def _of_one_repeat(
     parts: Sequence[Scans], reference: np.ndarray, clean: np.ndarray, correlations: Correlations, blocks: Blocks
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of every ray of one repeat, whitened, over the whitening's amplification.
+    """Return the variance of every whitened ray of one repeat, over the amplification of the whitening.
 
-    That of a first model times what repeats say of blocks. So scaled that its inverse, the weight, is unbiased: 1 /
-    chi-square of n degrees of freedom is 1 / (n - 2) on average.
+    The variance of a first model times a level per block from the repeats. It is scaled so that the inverse, the
+    weight, is unbiased: the mean of 1 / chi-square with n degrees of freedom is 1 / (n - 2).
 
     Parameters
     ----------
     parts : sequence of Scans
-        Of which each says how it varies about its own mean: a variance about the mean of all would depend on by how
-        much the means of those fitted and of those held out differ, and their products would not be 0 on average.
+        Fitted and held-out repeats. Each part is compared with its own mean: with a common mean, the products of fitted
+        and held-out residuals would not be 0 on average.
     reference, clean : ndarray, shape (views, rows, columns)
         Variance and line integrals of the first model.
-    correlations : Correlations
-        Of the noise.
 
     Returns
     -------
     variance : ndarray, shape (views, rows, columns)
     freedom : ndarray, shape (blocks,)
-        By how many degrees of freedom.
+        Degrees of freedom.
     """
     square, freedom = np.zeros(blocks.count), np.zeros(blocks.count)
     shape = reference
@@ -537,5 +519,5 @@ def _of_one_repeat(
 
 
 def _filled(values: np.ndarray) -> np.ndarray:
-    """Blocks without a ray take the median; none of their rays counts."""
+    """Fill blocks without a ray with the median; none of their rays counts."""
     return np.where(np.isfinite(values), values, np.nanmedian(values))

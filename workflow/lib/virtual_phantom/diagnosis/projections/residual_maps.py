@@ -1,4 +1,4 @@
-"""Where recorded projections and a model differ beyond noise."""
+"""Locations where recorded projections and a model differ beyond noise."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ..residuals.residual_tests import (
 from .observed import ObservedScans
 
 AXES = ("views", "rows", "columns")
-THIN = 0.05  # of the largest line integral: rays with less pass beside the object
+THIN = 0.05  # of the largest line integral, below which rays miss the object
 
 
 def locate(
@@ -37,24 +37,24 @@ def locate(
     uncertain: Sequence[np.ndarray] | None = None,
     step: int = 1,
 ) -> list[Location]:
-    """Standardised residuals of every domain.
+    """Return the worst location of every domain of residuals.
 
-    A domain counts by its worst place or by the sum of squares over all places, whichever is less likely, times two.
+    A domain has the p-value of its worst place or of the sum of squares over all places, the smaller one, times two.
 
     Parameters
     ----------
     residuals, weights : list of ndarray, shape (data,)
-        By part, as Fitter gives them: the mean's noise made white.
+        By part, with whitened noise (Fitter).
     constants : ndarray, shape (rows, columns), optional
-        Variance that a fitted gain pattern leaves to every pixel's constant.
+        Variance of each pixel's constant in a fitted gain pattern.
     fitted : Half, optional
-        The data that the model was fitted to, if those are others.
+        The fitted data, if `residuals` are of held-out data.
     more : sequence of Location, optional
-        Domains that residuals do not show.
+        Domains other than residuals.
     uncertain : sequence of ndarray, shape (directions, data), optional
-        By part: what the errors of the fit's numbers add (left_by_numbers).
+        Errors of the fitted parameters, by part (left_by_numbers).
     step : int, optional
-        One view of so many of the recording's was taken; places are called by the recording's numbers.
+        Step between the recording's views that were taken. Places have the numbers of the recording.
 
     Returns
     -------
@@ -63,10 +63,10 @@ def locate(
     """
     shape = data.mean.shape
     residual, weight = residuals[0].reshape(shape), weights[0].reshape(shape)
-    predicted = data.mean - data.as_recorded(residual)  # measured values would sort rays by their own noise
+    predicted = data.mean - data.as_recorded(residual)  # recorded values would sort rays by their noise
     left = np.zeros(shape[1:]) if constants is None else constants
     pixels = weight.sum(axis=0)
-    # A sum over views of one pixel also varies by what its constant is not known to.
+    # The uncertainty of a pixel's constant adds to the variance of a sum over views.
     extra = pixels**2 * left
     of_views = (weight**2 * left).sum((1, 2))
     numbers = () if uncertain is None else uncertain[0].reshape(-1, *shape)
@@ -85,7 +85,7 @@ def locate(
     ]
     if fitted is not None:
         common = Half(residuals, weights, data).in_common(fitted)
-        if common.there.any():  # halves of the views have no ray in common
+        if common.there.any():  # halves of the views share no ray
             found.append(_both_halves(common, steep(weight, _slope(predicted)).ravel()))
     pairs = [f"neighbouring {name}" for name in AXES[::-1]]
     found += noise_places(residuals, weights, data, pairs, AXES, fitted, uncertain, step)
@@ -113,27 +113,21 @@ def _block_z(residual, weight, data, left, alike) -> np.ndarray:
 
 
 def _path_lengths(residual, weight, predicted, alike) -> Location:
-    """By line integral: what depends on the amount of matter alone."""
+    """Return the worst range of line integrals."""
     inside = (weight > 0) & (predicted > THIN * predicted.max())
     return by_value("path length", "line integrals {:.2f} to {:.2f}", residual, weight, predicted, inside, alike)
 
 
 def _edges(residual, weight, predicted, numbers, data: ObservedScans) -> Location:
-    """Where line integrals change most: blur, geometry and motion show there."""
+    """Return the rays where line integrals change most, which show blur, geometry and motion."""
     slope = _slope(predicted)
-    # All rays of a block have their weights from one measured variance.
+    # All rays of a block share one measured variance.
     of_weights = float((data.blocks.sum(steep(weight, slope)) ** 2 * data.weighed).sum())
     return steepest("rays", residual, weight, slope, numbers, of_weights)
 
 
 def excess_at_edges(half: Half) -> float | None:
-    """Share of chi-square beyond noise that the steepest rays hold.
-
-    Returns
-    -------
-    float or None
-        None where nothing is beyond noise.
-    """
+    """Return the share of the chi-square beyond noise in the steepest rays; None if nothing exceeds noise."""
     shape = half.data.mean.shape
     residual, weight = half.residuals[0].reshape(shape), half.weights[0].reshape(shape)
     excess = weight * residual**2 - (weight > 0)
@@ -148,10 +142,10 @@ def _slope(predicted) -> np.ndarray:
 
 
 def _both_halves(common: HalfProducts, steep: np.ndarray) -> Location:
-    """What the data fitted and those held out have in common: of all rays, and of the steepest.
+    """Return the correlation of fitted and held-out residuals, for all rays or for the steepest.
 
-    Unlike a sum of squares this does not ask how large the noise is, and it sees what is spread too thinly over all
-    rays to stand out at any place.
+    Unlike a sum of squares it does not depend on the noise level, and it detects differences that are spread too thinly
+    over all rays to be significant at any location.
 
     Parameters
     ----------
@@ -162,7 +156,7 @@ def _both_halves(common: HalfProducts, steep: np.ndarray) -> Location:
 
 
 def _pixels(z, pixels) -> Location:
-    """Constants of single pixels over all views: rings."""
+    """Return the sum of squares of each pixel's mean over all views, which shows rings."""
     square, count = float((z**2).sum()), int((pixels > 0).sum())
     excess = (square - count) / np.sqrt(2 * max(count, 1))
     return Location("pixels", "all pixels, mean over views", float(excess), float(stats.chi2.sf(square, count)), z)

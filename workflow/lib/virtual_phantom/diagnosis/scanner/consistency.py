@@ -1,9 +1,9 @@
-"""What each recording of a scanner says alone, and which of them disagree with the others.
+"""Consistency of the recordings of a scanner: fits of each recording alone, compared with the others.
 
-Numbers that recordings share are fitted to each alone. One disagrees if its numbers differ from the others' by more
-than noise and inexact models make up [1]_. A model that is inexact alike in all recordings sets none apart. Where a
-recording's own fit leaves more than noise, its errors are wider by the root of chi-square per ray [2]_. The one that
-disagrees most is set aside, and the rest are asked again.
+Shared parameters are fitted to each recording alone. A recording disagrees if its parameters differ from those of the
+others by more than noise and model errors explain [1]_. A model error that all recordings share causes no disagreement.
+If the fit of a recording leaves more than noise, its errors are scaled by the root of chi-square per ray [2]_. The
+recording that disagrees most is removed, and the rest are compared again.
 
 References
 ----------
@@ -26,23 +26,23 @@ from ..fitting.steps import Known
 from ..residuals.residual_tests import ALPHA
 from ..uncertainty.model_error import ModelErrorInfluence, errors_of_pulled
 
-LEAST_KNOWN = 1e-9  # of what one recording knows of a direction, that the others must know: less is rounding
+LEAST_KNOWN = 1e-9  # information of the others about a direction, relative to one recording; less is rounding
 
 
 @dataclass(frozen=True)
 class Difference:
-    """By how much one recording's numbers differ from those of others.
+    """Difference between the parameters of one recording and those of others.
 
     Attributes
     ----------
     against : tuple of str
         The others.
     chi_square : float
-        Over what noise and inexact models make up.
+        Of the difference, relative to noise and model errors.
     numbers : int
-        How many numbers both know.
+        Number of parameters that both determine.
     p : float
-        Chance of such a difference, over all recordings that are compared.
+        p-value, corrected for the number of compared recordings.
     """
 
     against: tuple[str, ...]
@@ -52,25 +52,25 @@ class Difference:
 
     @property
     def surprise(self) -> float:
-        """Minus the logarithm of the chance of one such difference, also where that is too small for a number."""
+        """Minus the logarithm of the uncorrected p-value, also where that underflows."""
         return -float(stats.chi2.logsf(self.chi_square, self.numbers)) if self.numbers else 0.0
 
     @property
     def disagrees(self) -> bool:
-        """Whether that is no chance."""
+        """Whether the difference is significant."""
         return self.p < ALPHA
 
 
 @dataclass(frozen=True)
 class Alone:
-    """One recording by itself, beside those that it is compared with.
+    """Fit of one recording alone, and its difference from the others.
 
     Attributes
     ----------
     fit : Fit
-        Of all effects to this recording alone.
+        All effects, fitted to this recording alone.
     errors : dict of str to dict of str to float
-        Of its parameters, inexact models counted, as Fit.errors; by the slopes where all are fitted together.
+        Standard errors with model errors, from derivatives at the joint fit.
     """
 
     fit: Fit
@@ -80,22 +80,20 @@ class Alone:
 
 @dataclass(frozen=True)
 class _Shared:
-    """What one recording alone knows of the numbers that recordings share.
-
-    Its alignment, and what only it has, are fitted beside them.
+    """Information of one recording about shared parameters, with its other parameters profiled out.
 
     Attributes
     ----------
     score : ndarray, shape (shared,)
-        Information times its numbers, as its data alone have them: what is known beside data is known once, of all.
+        Information times parameters, from the data alone, as priors count once for all recordings.
     information : ndarray, shape (shared, shared)
-        Of its data, and of what is known of its alignment.
+        Of its data, and of the prior of its alignment.
     pulls : dict of (str, int or str) to ndarray, shape (shared,)
-        As ModelErrorInfluence.pulls.
+        See ModelErrorInfluence.pulls.
     own : list of ndarray, shape (shared,)
-        As ModelErrorInfluence.own.
+        See ModelErrorInfluence.own.
     excess : float
-        Chi-square per ray of its own fit, 1 at least, by which information and pulls are divided.
+        Chi-square per ray of its own fit, at least 1, by which information and pulls are divided.
     """
 
     score: np.ndarray
@@ -108,7 +106,7 @@ class _Shared:
 def alone(
     together: JointFitter, chosen: JointFit, scans: Mapping[str, ModelErrorInfluence], judged: Collection[str] = ()
 ) -> dict[str, Alone]:
-    """Fit each recording alone, and compare it with the others.
+    """Fit each recording alone, and compare it with the others; empty if they share no parameter.
 
     Parameters
     ----------
@@ -126,7 +124,7 @@ def alone(
     dict of str to Alone
         By recording; empty where they share no number.
     """
-    shared = np.flatnonzero(np.bincount(np.concatenate([one.places for one in scans.values()])) > 1)
+    shared = np.flatnonzero(np.bincount(np.concatenate([influence.places for influence in scans.values()])) > 1)
     if not len(shared):
         return {}
     fits = {name: together.fitters[name].fit(one.fit.effects, one.fit) for name, one in scans.items()}
@@ -136,7 +134,7 @@ def alone(
 
 
 class _Compared:
-    """Comparisons of recordings with others, by slopes first; only what these find is fitted together."""
+    """Comparisons of recordings with others, to first order; significant differences are then refitted jointly."""
 
     def __init__(
         self,
@@ -152,7 +150,7 @@ class _Compared:
         self._totals: dict[frozenset[str], float] = {}
 
     def sifted(self, rest: list[str]) -> dict[str, Difference]:
-        """Of every recording, its difference from those of `rest` that agree with each other."""
+        """Return the difference of each recording from the consistent ones of `rest`."""
         while True:
             now = {name: self.compared(name, rest) for name in rest}
             worst = max(rest, key=lambda name: now[name].surprise)
@@ -162,7 +160,7 @@ class _Compared:
         return now | {name: self.compared(name, rest) for name in self.known if name not in now}
 
     def compared(self, name: str, rest: Sequence[str]) -> Difference:
-        """By slopes; where these say that a difference is no chance, by fits."""
+        """Return the first-order difference; if it is significant, that of joint fits."""
         found, share = self.by_slopes(name, rest)
         if not found.disagrees:
             return found
@@ -170,12 +168,12 @@ class _Compared:
         return self._difference(found.against, min(found.chi_square, share * lost), found.numbers)
 
     def by_slopes(self, name: str, rest: Sequence[str]) -> tuple[Difference, float]:
-        """A recording's numbers less those of others, over what their errors and inexact models make up.
+        """Return the first-order difference of a recording's parameters from those of others.
 
         Returns
         -------
         share : float
-            Of chi-square without excess, what is left of it with it.
+            Ratio of the chi-square with and without scaling by the excess.
         """
         one, others = self.known[name], [other for other in rest if other != name]
         known = [self.known[other] for other in others]
@@ -207,7 +205,7 @@ class _Compared:
         return Difference(tuple(others), square, numbers, p)
 
     def _total(self, names: Collection[str]) -> float:
-        """Chi-square of some recordings, fitted together, without what is known of effects beside data."""
+        """Return the chi-square of the joint fit of some recordings, without priors of effects."""
         key = frozenset(names)
         if key not in self._totals:
             if len(key) == 1:
@@ -222,7 +220,7 @@ class _Compared:
 
 
 def _both_know(one: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, int]:
-    """Inverse covariance of a difference, and of how many numbers: A - A (A + B)^-1 A, in units of A.
+    """Return the inverse covariance of a difference, A - A (A + B)^-1 A, and its rank.
 
     Parameters
     ----------
@@ -243,7 +241,7 @@ def _both_know(one: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _shared(scan: ModelErrorInfluence, fit: Fit, shared: np.ndarray) -> _Shared:
-    """What a recording's own fit says of shared numbers, all else of it fitted."""
+    """Return the information of a recording's own fit about shared parameters, all others profiled out."""
     size, excess = len(shared), max(1.0, fit.chi_square / scan.problem.count)
     inside = np.isin(scan.places, shared)
     whole = scan.information + np.diag(np.where(inside, 0.0, scan.knowledge))
@@ -262,7 +260,7 @@ def _shared(scan: ModelErrorInfluence, fit: Fit, shared: np.ndarray) -> _Shared:
     for index, place in zip(here, there, strict=True):
         one = scan.problem.unknowns[index]
         values[place] = one.of(fit.physics[one.effect][one.name])
-        # Where the fit ends, data pull as much as what is known beside them pulls back.
+        # At the minimum, the gradient of the data balances that of the prior.
         score[place] = scan.knowledge[index] * (values[place] - scan.problem.centre[index]) / excess
     score += information @ values
     pulls = {key: marginal(pull) for key, pull in scan.pulls.items()}

@@ -1,4 +1,4 @@
-"""A scanner's diagnosis: several recordings, one physics, judged by the recordings that were not fitted."""
+"""Joint diagnosis of several recordings of one scanner, judged on recordings that were not fitted."""
 
 from __future__ import annotations
 
@@ -12,38 +12,28 @@ from ..residuals.dataset import Prepared
 from ..selection.joint_selection import JointChoice, choose_jointly
 from ..uncertainty.model_error import errors_of_pulled, pulled_of_recordings
 from ..verdict.verdict import VERDICTS
+from ..verdict_text import scanner_lines, with_verdict_text
 from .consistency import Alone, alone
-from .content import alone_content, declared_content, effect_content, recording_content, removed, sentence
+from .content import alone_content, declared_content, effect_content, recording_content, removed
 
 
 @dataclass(frozen=True)
 class ScannerDiagnosis:
-    """Everything that is reported.
-
-    Attributes
-    ----------
-    content : dict
-        What scanner.json holds.
-    """
+    """Result of a joint diagnosis; `content` is that of scanner.json."""
 
     choice: JointChoice
     content: dict
 
 
 def protocols_of(prepared: Mapping[str, Prepared], stated: Mapping[str, Sequence[str]] | None = None) -> dict[str, str]:
-    """The protocol of each recording.
+    """Return the protocol of each recording; all "" if there is only one protocol.
 
     Parameters
     ----------
     prepared : mapping of str to Prepared
         By recording.
     stated : mapping of str to sequence of str, optional
-        {protocol: its recordings}. The others are of one protocol for each tube voltage that they state.
-
-    Returns
-    -------
-    dict of str to str
-        {recording: protocol}; all "" where there is but one.
+        {protocol: its recordings}. The other recordings are grouped by their stated tube voltage.
     """
     found = {
         recording: protocol
@@ -51,18 +41,18 @@ def protocols_of(prepared: Mapping[str, Prepared], stated: Mapping[str, Sequence
         for recording in recordings
         if recording in prepared
     }
-    for name, one in prepared.items():
-        kvp = one.fitter.model.tube_kvp
+    for name, recording in prepared.items():
+        kvp = recording.fitter.model.tube_kvp
         found.setdefault(name, "voltage not stated" if kvp is None else f"{kvp:g} kV")
     return found if len(set(found.values())) > 1 else dict.fromkeys(found, "")
 
 
 def scanned_in(settings: Mapping) -> str:
-    """What a recording's settings say was scanned, for comparison with others."""
+    """Return the scanned object of a recording as a string that is equal for equal objects."""
     return json.dumps([settings.get("disc"), settings.get("object")], sort_keys=True)
 
 
-def explain_scanner(
+def run_scanner_diagnosis(
     name: str,
     prepared: Mapping[str, Prepared],
     candidates: Sequence[str],
@@ -71,48 +61,55 @@ def explain_scanner(
     objects: Mapping[str, str] | None = None,
     judged_on: Sequence[str] = (),
 ) -> ScannerDiagnosis:
-    """Choose the effects that explain recordings together, and judge them on each by the physics of the others.
+    """Select the effects that explain recordings together, and judge them on each by the physics of the others.
 
     Parameters
     ----------
     name : str
-        Of the scanner.
+        Name of the scanner.
     prepared : mapping of str to Prepared
         By recording.
     accuracy : mapping of str to float
-        As forward_selection.choose takes it.
+        Relative model error by effect (`diagnosis.model_accuracy`).
     protocols : mapping of str to sequence of str, optional
-        As protocols_of takes them.
+        See protocols_of.
     objects : mapping of str to str, optional
-        What each recording is of: those of one object are left out together.
+        Scanned object of each recording. Recordings of one object are left out together.
     judged_on : sequence of str, optional
-        Recordings by which no effect is chosen, and to which no physics is fitted.
+        Recordings that serve as a test only: no effect is selected by them, and no physics fitted to them.
 
     Raises
     ------
     InputError
-        As choose_jointly.
+        For fewer than two recordings.
     """
-    every = JointFitter({key: one.fitter for key, one in prepared.items()}, protocols_of(prepared, protocols))
+    every = JointFitter({key: data.fitter for key, data in prepared.items()}, protocols_of(prepared, protocols))
     together = every.without(judged_on)
     choice = choose_jointly(together, candidates, accuracy, objects)
     judged, chosen = _Judged.of(every, choice, judged_on), choice.chosen
     errors: Mapping[str, Mapping] = {}
-    apart: Mapping[str, Alone] = {}
+    each_alone: Mapping[str, Alone] = {}
     if together.whole(chosen.effects):
         scans = pulled_of_recordings(every, judged.chosen, judged.without, accuracy)
         errors = errors_of_pulled({key: scans[key] for key in together.fitters})
-        apart = alone(every, chosen, scans, judged_on)
+        each_alone = alone(every, chosen, scans, judged_on)
     known, of_protocols = declared_content(together, chosen, errors)
-    off = any(one["off"] for each in (known, *of_protocols.values()) for keys in each.values() for one in keys.values())
+    off = any(
+        value["off"]
+        for declared in (known, *of_protocols.values())
+        for parameters in declared.values()
+        for value in parameters.values()
+    )
     before, after, scores = choice.before | judged.before, choice.left_out | judged.after, choice.scores | judged.scores
     recordings = {
         key: {"judged": key in judged_on, "protocol": every.protocols[key]}
-        | recording_content(one, before[key], after[key], scores[key], len(prepared))
-        | alone_content(apart.get(key))
-        for key, one in prepared.items()
+        | recording_content(data, before[key], after[key], scores[key], len(prepared))
+        | alone_content(each_alone.get(key))
+        for key, data in prepared.items()
     }
-    left = any(one["unexplained"] or (one["agreement"] or {}).get("disagrees") for one in recordings.values())
+    left = any(
+        recording["unexplained"] or (recording["agreement"] or {}).get("disagrees") for recording in recordings.values()
+    )
     content = {
         "scanner": name,
         "verdict": VERDICTS[(2 if left else 1) if chosen.effects or off else (3 if left else 0)],
@@ -124,21 +121,21 @@ def explain_scanner(
         "excess_rms_removed_judged": removed(recordings, judged=True) if chosen.effects else None,
         "effects_tried": list(candidates),
     }
-    return ScannerDiagnosis(choice, content | {"sentence": sentence(content)})
+    return ScannerDiagnosis(choice, with_verdict_text(content, scanner_lines(content)))
 
 
 @dataclass(frozen=True)
 class _Judged:
-    """Recordings that were not fitted, by the physics of those that were.
+    """Test recordings, judged by the physics of the fitted ones.
 
     Attributes
     ----------
     before, after : dict of str to Fit
         By recording, without the chosen effects and with them.
     scores : dict of str to dict of str to float
-        As JointChoice.scores.
+        See JointChoice.scores.
     chosen : JointFit
-        Of those that were fitted, with these beside them.
+        The joint fit with the test recordings added.
     without : dict of str to JointFit
         {effect: the same without it}.
     """
@@ -151,7 +148,7 @@ class _Judged:
 
     @classmethod
     def of(cls, every: JointFitter, choice: JointChoice, names: Sequence[str]) -> _Judged:
-        """Hold recordings against what was chosen by the others."""
+        """Judge recordings by the effects that were chosen on the others."""
         before = every.held(choice.baseline, {name: every.fitters[name].fit(()) for name in names})
 
         def beside(fit: JointFit) -> JointFit:

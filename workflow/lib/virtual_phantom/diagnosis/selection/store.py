@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -54,10 +54,16 @@ def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mappi
     for domain, values in maps.items():
         with replacing(folder / f"{domain}.npy") as temporary, temporary.open("wb") as file:
             np.save(file, values)
-    text = f"# {content['sentence']}\n# An overlay of the study: snakemake --configfile physics.yaml\n"
-    write_text(text + yaml.safe_dump(overlay, sort_keys=False), output.physics)
+    write_overlay(content, overlay, output.physics)
     write_text(page, output.report)
     write_document(content, output.diagnosis, DIAGNOSIS)
+
+
+def write_overlay(content: Mapping, overlay: dict, path: str | Path, remarks: Sequence[str] = ()) -> None:
+    """Write a configuration of the study below the lines of the verdict and remarks as comments."""
+    usage = "Overlay of the study's configuration: snakemake --configfile physics.yaml"
+    text = "".join(f"# {line}\n" for line in (*content["verdict_lines"], usage, *remarks))
+    write_text(text + yaml.safe_dump(overlay, sort_keys=False), path)
 
 
 def read_trial(path: str | Path) -> tuple[Trial, str]:

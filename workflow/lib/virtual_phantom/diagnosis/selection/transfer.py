@@ -16,7 +16,7 @@ from ..fitting.joint_fit import NOT_OF_SCAN, parameters_owned_by
 from ..fitting.steps import NORMAL_95
 from ..fitting.trial import Trial, trial
 from ..uncertainty.model_error import Errors
-from ..wording import sentence
+from ..verdict_text import recording_lines, with_verdict_text
 from .forward_selection import Choice
 
 
@@ -178,4 +178,4 @@ def stated(content: dict, physics: Physics) -> dict:
         "effects": [effect | {"taken_from": physics.recording} for effect in content["effects"]],
         "not_taken": list(physics.not_taken),
     }
-    return content | {"sentence": sentence(content)}
+    return with_verdict_text(content, recording_lines(content))

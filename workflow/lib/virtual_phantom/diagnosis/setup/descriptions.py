@@ -1,4 +1,4 @@
-"""Mistakes that are made in describing a scan, each with what undoes it and the line that mends it."""
+"""Mistakes in the description of a scan, each with its correction and the line to change."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from ..projections.observed import LEAST_TRANSMISSION
 
 STATED = "as stated"
 LN_10 = math.log(10)
-# Of line integrals: what is larger is no transmission, even of a ray with much noise in air.
+# Line integrals with larger values are no transmissions, even with noise in air.
 LARGEST_TRANSMISSION = 1.5
 
 
 @dataclass(frozen=True)
 class Description:
-    """A scan as recording.yaml has it, or with one mistake undone.
+    """A scan as described in recording.yaml, or with one mistake corrected.
 
     Attributes
     ----------
     name : str
-        Of the mistake; STATED for none.
+        Name of the mistake; STATED for none.
     line : str
         What to change, for users.
     scan : mapping
-        The scan section with that change.
+        Section `scan` with the change.
     axes : callable
-        What undoes the mistake in the order of rays, shape (..., views, rows, columns).
+        Correction of the order of rays, shape (..., views, rows, columns).
     values : callable
-        What undoes it in line integrals.
+        Correction of line integrals.
     oriented : bool
-        Whether start angles are looked for beside it: a mistake of direction or of axes often brings another.
+        Whether start angles are searched too, as mistakes of direction or axes often come with another start angle.
     shifts : bool
-        Whether it only shifts the detector, as effects of the library do too.
+        Whether it only shifts the detector, as effects do too.
     scaled : float or None
-        By what line integrals would have to be multiplied, where nothing else differs.
+        Factor of the line integrals, if nothing else differs.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Description:
 
 
 def descriptions(scan: Mapping, log: bool, largest: float) -> Iterator[Description]:
-    """The scan as it is stated, then with every mistake undone that it could hold.
+    """Yield the scan as stated, then with each possible mistake corrected.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def _views(scan: Mapping) -> Iterator[Description]:
 
 
 def _surface(scan: Mapping) -> Iterator[Description]:
-    """An arc for a flat detector or the reverse, where columns lie elsewhere on it, and spots in another order."""
+    """Yield the other detector surface if it changes column positions, and another order of focal spots."""
     reach = scan["columns"] / 2 * scan["column_pitch_mm"]
     radius = scan.get("arc_radius_mm") or scan["source_to_detector_mm"]
     if abs(math.atan(reach / radius) * radius - reach) > scan["column_pitch_mm"]:

@@ -1,4 +1,4 @@
-"""What a recording says of its own description: right, wrong in this line, or of another object."""
+"""Finding of the set-up check: description correct, wrong in one entry, or another object."""
 
 from __future__ import annotations
 
@@ -9,47 +9,47 @@ import numpy as np
 
 from ...base.errors import InputError
 from ..fitting.nuisance import LOCATION
+from ..request import LOCATION_DIGITS
 from .descriptions import Description, descriptions
 from .mismatch import GEOMETRY, Comparison, SetupMismatch
 
 AS_STATED, DESCRIPTION, OBJECT, EMPTY_BEAM = "as stated", "description", "object", "empty"  # kinds of findings
-MOST = (36, 8, 96)  # views, rows and columns that are compared
-COARSE = (24, 6, 48)  # the same, of start angles
-TURNS_DEG = np.arange(0.0, 360.0, 5.0)  # where the others are looked for
-QUARTERS_DEG = (90.0, 180.0, 270.0)  # start angles that are looked at where the stated one fits
-MOST_TURNS = 3  # minima over turns that are fitted
-# Shares of the variance of line integrals (benchmarks/setup_mistakes.py says what mistakes, physics and other objects
-# leave): below the first no description is doubted; of what the stated one leaves, another must explain so much.
+MOST = (36, 8, 96)  # largest number of compared views, rows and columns
+COARSE = (24, 6, 48)  # the same for the search of start angles
+TURNS_DEG = np.arange(0.0, 360.0, 5.0)  # start angles that are tried
+QUARTERS_DEG = (90.0, 180.0, 270.0)  # start angles that are tried if the stated one fits
+MOST_TURNS = 3  # minima over start angles that are fitted
+# Shares of the variance of line integrals (measured by benchmarks/setup_mistakes.py): below the first, the description
+# is accepted; another one must explain the second share of the remaining variance.
 MISTAKEN, REMOVED = 1e-4, 0.5
-REMOVED_BY_SHIFT = 0.75  # the same of descriptions that shift the detector: effects of the library come near them
-LIKELIER = 100.0  # log likelihood by which it must be ahead, where both have the geometry fitted and leave little
-NAMED = 0.002  # that a description may leave, the geometry fitted, to be named
-ANOTHER = 0.01  # left by every description, whatever the geometry: another object
-EMPTY = 0.02  # scale of the line integrals below which nothing stood in the beam
-ALIKE = 5.0  # log likelihood by which this object must tell two descriptions apart
-NEAR = 2.0  # times as much left: of descriptions for which that is tried with the geometry fitted
-CONTENDERS = 4  # descriptions that are fitted with the geometry
-LOCATION_DIGITS = 1  # of a location that is found, mm: the alignment is fitted from there
-SCALE_WITHIN = 0.2  # logarithm of a factor that line integrals are off by: hardening and scatter change them too
+REMOVED_BY_SHIFT = 0.75  # the same for descriptions that shift the detector, as effects do too
+LIKELIER = 100.0  # least difference in log likelihood
+NAMED = 0.002  # largest remaining share of a named description, with the geometry fitted
+ANOTHER = 0.01  # remaining share of every description from which the object is another one
+EMPTY = 0.02  # scale of the line integrals below which the beam was empty
+ALIKE = 5.0  # difference in log likelihood from which two descriptions are distinguished
+NEAR = 2.0  # ratio of remaining variance up to which this is tested with the geometry fitted
+CONTENDERS = 4  # descriptions that are refitted with the geometry
+SCALE_WITHIN = 0.2  # tolerance of the logarithm of a scale factor, as hardening and scatter change it too
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What was found.
+    """Finding of the set-up check.
 
     Attributes
     ----------
     kind : {"as stated", "description", "object", "empty"}
-    best, stated : Unlike
-        What fits best, and the recording as it is described.
+    best, stated : SetupMismatch
+        Mismatch of the best and of the stated description.
     share : float
-        Of the variance of the line integrals, what the best description leaves where the geometry is fitted too; its
-        own where that is little.
+        Remaining share of the variance of the line integrals for the best description, with the geometry fitted unless
+        the share is small.
     alike : tuple of SetupMismatch
-        Other descriptions that fit as well: this object cannot tell them from the best.
+        Other descriptions that this object cannot distinguish from the best.
     location : dict of str to float
-        Where the object lies, mm by name of LOCATION, if it lies farther off its stated location than the alignment
-        allows and the scan is described right; empty otherwise.
+        Object location, mm by name of LOCATION, if it is farther off the stated location than the alignment allows and
+        the description is correct; else empty.
     """
 
     kind: str
@@ -61,15 +61,15 @@ class Finding:
 
 
 def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Finding:
-    """Compare a recording with every description of it that could be meant, wherever the object lies.
+    """Compare a recording with every plausible description of its scan, for any location of the object.
 
-    First the object is looked for where it is stated, within what the alignment allows, then in the whole field of
-    view: by the centroids of the views, and, before another object is named, on a grid of locations.
+    The object is fitted at its stated location within the tolerance of the alignment, then in the whole field of view:
+    from the centroids of the views, and on a grid of locations before another object is reported.
 
     Parameters
     ----------
     scan : mapping
-        The scan section of recording.yaml.
+        Section `scan` of recording.yaml.
     largest : float
         As descriptions takes them.
     """
@@ -83,9 +83,9 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
         anywhere = comparison.anywhere(by_grid)
         lost = found.kind in (OBJECT, EMPTY_BEAM)
         if by_grid and (not lost or anywhere.begun(stated) == comparison.anywhere().begun(stated)):
-            break  # the grid has nothing better
+            break  # the grid has no better location
         if not lost:
-            first = anywhere.unlike(stated)
+            first = anywhere.mismatch(stated)
             if not (comparison.beyond_reach(first) and _explains(first, found.best)):
                 break
         other = _found(anywhere, scan, log, largest)
@@ -100,8 +100,8 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
 
 
 def _location(anywhere: Comparison, found: SetupMismatch) -> dict[str, float]:
-    """Where the object lies; a shift of the detector, which a scan of half a turn trades against it, is fitted too."""
-    shifted = anywhere.unlike(found.description, also=("columns_px",))
+    """Return the object location, fitted with a column offset, which a half-turn scan confounds with it."""
+    shifted = anywhere.mismatch(found.description, also=("columns_px",))
     place = shifted.place if _explains(shifted, found) else found.place
     return {name: round(place[name], LOCATION_DIGITS) + 0.0 for name in LOCATION}
 
@@ -114,7 +114,7 @@ def _explains(other: SetupMismatch, found: SetupMismatch) -> bool:
 def _found(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Finding:
     """As `find`, at the locations that a comparison allows."""
     stated, *others = descriptions(scan, log, largest)
-    first = comparison.unlike(stated)
+    first = comparison.mismatch(stated)
     tried = list(_in_place(comparison, others, first))
     oriented = [one.description for one in (first, *tried) if one.description.oriented]
     tried += _turned(comparison, oriented, _best(first, *tried))
@@ -175,7 +175,7 @@ def _alike(comparison: Comparison, best: SetupMismatch, others: Sequence[SetupMi
 
 def _bent(comparison: Comparison, found: SetupMismatch) -> SetupMismatch:
     """The same with the geometry fitted too."""
-    again = comparison.unlike(found.description, found.place["turn_deg"] if found.turned else 0.0, also=GEOMETRY)
+    again = comparison.mismatch(found.description, found.place["turn_deg"] if found.turned else 0.0, also=GEOMETRY)
     return _best(found, again)
 
 
@@ -186,7 +186,7 @@ def _best(*found: SetupMismatch) -> SetupMismatch:
 def _in_place(comparison: Comparison, given: Sequence[Description], best: SetupMismatch) -> Iterator[SetupMismatch]:
     for description in given:
         try:
-            found = comparison.unlike(description, best=best)
+            found = comparison.mismatch(description, best=best)
         except InputError:  # lengths that no scanner has
             continue
         yield found
@@ -208,7 +208,7 @@ def _turned(comparison: Comparison, given: Sequence[Description], best: SetupMis
         lowest = (left <= np.roll(left, 1)) & (left <= np.roll(left, -1)) if len(turns) > 4 else left <= 2 * left[0]
         lowest[0] = False  # fitted already
         for turn in turns[lowest][np.argsort(left[lowest])][:MOST_TURNS]:
-            found = comparison.unlike(description, float(turn), best)
+            found = comparison.mismatch(description, float(turn), best)
             yield found
             best = _best(best, found)
 

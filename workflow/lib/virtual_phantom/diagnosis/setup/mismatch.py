@@ -1,8 +1,7 @@
-"""How unlike a recording is to a simulation of a description of it, whatever physics was left out.
+"""Mismatch between a recording and a description of its scan, independent of missing physics.
 
-Physics bends and shifts line integrals: hardening, scatter, a dark signal, glare. What it does depends mostly on the
-line integral itself, so that a cubic polynomial of the simulated one takes it up, while a wrong angle, distance, axis
-or object leaves other rays where there should be none.
+Beam hardening, scatter, dark signal and glare change line integrals mostly as a function of the line integral itself. A
+cubic polynomial of the simulated line integrals describes this, but not a wrong angle, distance, axis or object.
 """
 
 from __future__ import annotations
@@ -21,27 +20,27 @@ from ..fitting.nuisance import LOCATION, PLACE, POSES
 from .descriptions import STATED, Description
 
 ORDER = 3  # of the polynomial
-STEPS = 6  # of Gauss and Newton, at most
-SETTLED = 1e-3  # relative change of the sum of squares that ends them
-# What is fitted of a geometry that effects of the library may change: pixels, size of the object, mm over the scan.
+STEPS = 6  # most Gauss-Newton steps
+SETTLED = 1e-3  # relative change of the sum of squares that ends the fit
+# Parameters of the geometry that effects may change: pixels, size of the object, mm over the scan.
 GEOMETRY = ("columns_px", "rows_px", "size", "drift_x_mm", "drift_y_mm", "drift_z_mm")
-# Differences that slopes are taken from.
+# Steps of finite differences.
 STEP = {"x_mm": 0.5, "y_mm": 0.5, "z_mm": 0.5, "turn_deg": 0.25, "columns_px": 0.25, "rows_px": 0.25, "size": 0.002}
 STEP |= {"drift_x_mm": 0.5, "drift_y_mm": 0.5, "drift_z_mm": 0.5}
-START = {"size": 1.0}  # of the others 0
-# How far off a geometry may be that effects of the library mend; more is another object or another description.
+START = {"size": 1.0}  # all others start at 0
+# Largest errors of the geometry that effects can describe; larger ones mean another object or description.
 REACH = {"columns_px": 6.0, "rows_px": 6.0, "size": 0.08, "drift_x_mm": 20.0, "drift_y_mm": 20.0, "drift_z_mm": 20.0}
-MOST_ATTENUATED = 6.0  # line integral beyond which rays weigh no less: noise of a few photons is no longer exp(-l)
-QUARTER_DEG, ROUNDED_DEG = 90.0, 1.0  # start angles that are off by nearly quarter turns are off by just these
-HALVINGS = 4  # of a step that makes it worse
-CENTROID_UNSEEN = 1e-3  # of the largest slope of centroids: below is what rounding and truncation leave
-UNSEEN = 1e-6  # of the largest slope: of what the object does not show
-SCALED = 0.3  # logarithm of line integrals' scale that hardening, scatter and glare reach
-SAMPLES = 2  # rays of a pixel along its columns and rows
-NUDGE_MM = 5.0  # by which the object is moved to see how the centroids of views follow
-CENTROIDS = 4  # steps by which they are matched: a fan beam magnifies what is nearer to the source
-GRID, FINER = 7, 4  # locations along x and y of a search over the field of view, and times that it is refined
-HOPELESS = 4.0  # times as much left as of the best so far after a first step: no further step makes up for that
+MOST_ATTENUATED = 6.0  # line integral from which the weight is constant, as noise of few photons is not exp(-l)
+QUARTER_DEG, ROUNDED_DEG = 90.0, 1.0  # start angles close to quarter turns are rounded to these
+HALVINGS = 4  # of a step that increases the sum of squares
+CENTROID_UNSEEN = 1e-3  # of the largest slope of centroids; less is rounding and truncation
+UNSEEN = 1e-6  # of the largest slope, for parameters that the object does not show
+SCALED = 0.3  # logarithm of the scale of line integrals that hardening, scatter and glare reach
+SAMPLES = 2  # rays per pixel and direction
+NUDGE_MM = 5.0  # step of the object for the derivative of the centroids of views
+CENTROIDS = 4  # steps to match the centroids, as the magnification of a fan beam depends on the location
+GRID, FINER = 7, 4  # locations along x and y of a search over the field of view, and number of refinements
+HOPELESS = 4.0  # ratio to the best sum of squares so far from which a fit stops after its first step
 
 
 @dataclass(frozen=True)
@@ -51,9 +50,9 @@ class Rays:
     Attributes
     ----------
     geometry : OrbitGeometry
-        With these alone.
+        Geometry of these pixels.
     row_step, column_step : int
-        One of so many of the detector's.
+        Steps between the detector's rows and columns.
     """
 
     geometry: OrbitGeometry
@@ -63,21 +62,20 @@ class Rays:
 
 @dataclass(frozen=True)
 class SetupMismatch:
-    """How unlike a recording is to one description.
+    """Mismatch between a recording and one description.
 
     Attributes
     ----------
     place : dict of str to float
-        Of the object, by name of PLACE, and what of GEOMETRY was fitted, where it fits best.
+        Fitted pose of the object, by name of PLACE, and fitted parameters of GEOMETRY.
     squares, noise, total : float
-        Weighted sums of squares: what is left beside the polynomial, what of it is noise (0: not known), and of the
-        line integrals themselves about their mean.
+        Weighted sums of squares: residual, its noise (0 if unknown), and line integrals about their mean.
     scale : float
-        Recorded over simulated line integrals.
+        Ratio of recorded and simulated line integrals.
     rays : int
-        That were compared.
+        Number of compared rays.
     turned : bool
-        Whether the start angle was looked for.
+        Whether the start angle was fitted.
     """
 
     description: Description
@@ -91,18 +89,18 @@ class SetupMismatch:
 
     @property
     def name(self) -> str:
-        """Of the mistake that is undone."""
+        """Name of the mistake that the description corrects."""
         more = [*(["start angle"] if self.turned else []), *(["detector offset"] if self.shifted else [])]
         return ", ".join([*([self.description.name] if self.description.name != STATED or not more else []), *more])
 
     @property
     def shifted(self) -> bool:
-        """Whether the detector's columns are off by more than effects of the library mend."""
+        """Whether the column offset is larger than effects can describe."""
         return abs(self.place.get("columns_px", 0.0)) > REACH["columns_px"]
 
     @property
     def line(self) -> str:
-        """What to change in recording.yaml or in the data."""
+        """Change of recording.yaml or of the data."""
         lines = [self.description.line]
         if self.turned:
             lines.append(self._start_angle())
@@ -112,7 +110,7 @@ class SetupMismatch:
         return "; ".join(filter(None, lines))
 
     def _start_angle(self) -> str:
-        # An object turned by t and seen at angle b is the object seen at b - t.
+        # A rotation of the object by t is equivalent to view angles that are smaller by t.
         change = -self.place["turn_deg"]
         quarters = QUARTER_DEG * round(change / QUARTER_DEG)
         change = quarters if abs(change - quarters) < ROUNDED_DEG else change
@@ -121,32 +119,30 @@ class SetupMismatch:
 
     @property
     def share(self) -> float:
-        """Of the variance of the line integrals, what is left of it beyond noise."""
+        """Share of the variance of the line integrals that remains beyond noise."""
         return max(self.squares - self.noise, 0.0) / self.total if self.total > 0 else 1.0
 
     def worse_than(self, other: SetupMismatch) -> float:
-        """By how much its log likelihood falls behind, for normal errors whose size is not known."""
+        """Return the difference in log likelihood to a better one, for normal errors of unknown variance."""
         return self.rays / 2 * float(np.log(max(self.squares, 1e-300) / max(other.squares, 1e-300)))
 
 
 class Comparison:
-    """A recording and what was scanned, for any description.
+    """Comparison of a recording with the scanned object, for any description of the scan.
 
     Parameters
     ----------
-    scene : VoxelScene
-        Or what has its methods.
     lines : ndarray, shape (repeats, views, rows, columns)
         Line integrals.
     usable : ndarray of bool, shape (views, rows, columns)
         Rays that count.
     most : sequence of 3 int
-        Views, rows and columns that are compared at most.
+        Largest number of compared views, rows and columns.
     reach : mapping of str to float
-        How far the object may lie off its place, by name of PLACE (mm, degrees), and line integrals off their scale
-        ("scale"). What is not in it may be anything.
+        Tolerances of the pose, by name of PLACE (mm, degrees), and of the scale of line integrals ("scale"). Parameters
+        without a tolerance are free.
     location : mapping of str to float, optional
-        Of the object as stated, by name of LOCATION, mm; 0 where it is not stated.
+        Stated location of the object, by name of LOCATION, mm; 0 if not stated.
     """
 
     def __init__(
@@ -163,38 +159,38 @@ class Comparison:
         self._anywhere, self._by_grid, self._kept = False, False, {}
 
     def coarser(self, most: Sequence[int]) -> Comparison:
-        """The same of fewer rays."""
+        """Return the comparison with fewer rays."""
         found = copy(self)
         found._most, found._kept = tuple(most), {}
         return found
 
     def anywhere(self, by_grid: bool = False) -> Comparison:
-        """The same with the object anywhere in the field of view.
+        """Return the comparison with the object anywhere in the field of view.
 
         Parameters
         ----------
         by_grid : bool, optional
-            Search a grid of locations; False: match the centroids of the views' line integrals, which is exact for a
-            parallel beam that sees the whole object (first-moment condition of Helgason and Ludwig).
+            Whether to search a grid of locations. Otherwise the centroids of the views are matched, which is exact for
+            a parallel beam that covers the whole object (first-moment condition of Helgason and Ludwig).
         """
         found = copy(self)
         found._anywhere, found._by_grid, found._kept = True, by_grid, {}
         return found
 
     def beyond_reach(self, found: SetupMismatch) -> bool:
-        """Whether the object was found farther off its stated location than the alignment allows."""
+        """Return whether the object lies farther off its stated location than the alignment allows."""
         return any(
             abs(found.place[name] - self.location.get(name, 0.0)) > self._reach.get(name, np.inf) for name in LOCATION
         )
 
     def attenuated(self, description: Description) -> float:
-        """Sum of the recorded line integrals over that of the simulated ones, of the rays that count."""
+        """Return the ratio of the sums of recorded and simulated line integrals."""
         mean, _, weight = self.data(description)
         simulated = self._simulated(self.rays(description), self.location)
         return float(mean[weight > 0].sum() / max(simulated[weight > 0].sum(), 1e-300))
 
     def begun(self, description: Description, turn_deg: float = 0.0) -> dict[str, float]:
-        """Where a fit begins: the stated location, or, where the object may lie anywhere, the one found first."""
+        """Return the start of a fit: the stated location, or the result of the search over the field of view."""
         start = {**self.location, "turn_deg": turn_deg}
         if not self._anywhere:
             return start
@@ -204,7 +200,7 @@ class Comparison:
                 self._kept[key] = (
                     self._on_grid(description, start) if self._by_grid else self._centred(description, start)
                 )
-            else:  # the location of an object that is not turned serves as a start
+            else:  # start at the location of the object without rotation
                 other = self.begun(description) | {"turn_deg": turn_deg}
                 self._kept[key] = other if self._by_grid else self._centred(description, other, steps=1)
         return self._kept[key]
@@ -212,10 +208,9 @@ class Comparison:
     def _centred(
         self, description: Description, start: Mapping[str, float], steps: int = CENTROIDS
     ) -> dict[str, float]:
-        """The location at which the centroids of the simulated views are those of the recorded ones.
+        """Return the location that matches the centroids of simulated and recorded views.
 
-        A shift of the detector's columns is fitted too, and kept where it is larger than effects of the library
-        mend.
+        A column offset is fitted too, and kept if it is larger than effects can describe.
         """
         rays = self.rays(description)
         mean, _, weight = self.data(description)
@@ -229,7 +224,7 @@ class Comparison:
         here, key = centroids(place), ("slopes", description.name)
         if key not in self._kept:
             nudged = [{**place, name: place.get(name, 0.0) + NUDGE_MM} for name in LOCATION]
-            # Columns that lie farther along see the object earlier.
+            # A positive column offset moves the centroid to smaller columns.
             of_columns = np.repeat([-1 / rays.column_step, 0.0], wanted.size // 2)
             self._kept[key] = np.stack([*((centroids(one) - here) / NUDGE_MM for one in nudged), of_columns])
         slopes = self._kept[key]
@@ -239,7 +234,7 @@ class Comparison:
             if not seen.any():
                 return dict(start)
             sizes = np.sqrt((slopes[:, seen] ** 2).sum(axis=1))
-            known = sizes > CENTROID_UNSEEN * sizes.max()  # a cylinder shows no z
+            known = sizes > CENTROID_UNSEEN * sizes.max()  # a cylinder does not determine z
             change = np.zeros(len(slopes))
             change[known] = np.linalg.lstsq(slopes[known][:, seen].T, off[seen], rcond=1e-6)[0]
             place |= {name: place.get(name, 0.0) + by for name, by in zip(LOCATION, change, strict=False)}
@@ -252,7 +247,7 @@ class Comparison:
         return place | ({"columns_px": shift} if abs(shift) > REACH["columns_px"] else {})
 
     def _on_grid(self, description: Description, start: Mapping[str, float]) -> dict[str, float]:
-        """The location on a grid over the field of view, refined about the best, that leaves least."""
+        """Return the location with the smallest residual on a grid over the field of view, refined about the best."""
         rays = self.rays(description)
         mean, _, weight = self.data(description)
         radius, best = self._field_radius_mm(rays), self._centred(description, start)
@@ -274,21 +269,21 @@ class Comparison:
 
     @staticmethod
     def _field_radius_mm(rays: Rays) -> float:
-        """Radius of the circle at the isocenter that the detector sees where it is not shifted."""
+        """Return the radius of the field of view of a centered detector, mm."""
         geometry = rays.geometry
         return geometry.columns * geometry.column_pitch_mm / 2 / geometry.magnification
 
     def scaled_right(self, found: SetupMismatch) -> bool:
-        """Whether the scale of line integrals is one that physics and what is known of it allow."""
+        """Return whether physics and the tolerance allow the scale of the line integrals."""
         return abs(np.log(max(found.scale, 1e-9))) < max(SCALED, self._reach.get("scale", 0.0))
 
     def rays(self, description: Description) -> Rays:
-        """Those that are compared.
+        """Return the pixels that are compared.
 
         Raises
         ------
         InputError
-            For lengths that cannot be.
+            For impossible lengths.
         """
         whole = scan_geometry(dict(description.scan), "scan")
         views, rows, columns = self._steps((whole.views, whole.rows, whole.columns))
@@ -304,7 +299,7 @@ class Comparison:
         return Rays(replace(whole.every(views), **thinned), rows, columns)
 
     def data(self, description: Description) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Mean over repeats, variance of that mean (0: not known) and weight of the rays that are compared."""
+        """Return mean over repeats, its variance (0 if unknown) and weights of the compared rays."""
         lines, usable = description.axes(self._lines), description.axes(self._usable)
         views, rows, columns = self._steps(usable.shape)
         chosen = (
@@ -317,28 +312,28 @@ class Comparison:
         variance = lines.var(axis=0, ddof=1) / n if n > 1 else np.zeros_like(mean)
         return mean, variance, np.where(usable, np.exp(-np.clip(mean, 0, MOST_ATTENUATED)), 0.0)
 
-    def unlike(
+    def mismatch(
         self,
         description: Description,
         turn_deg: float = 0.0,
         best: SetupMismatch | None = None,
         also: Sequence[str] = (),
     ) -> SetupMismatch:
-        """Fit the object's place and say what is left.
+        """Fit the pose of the object and return the remaining mismatch.
 
         Parameters
         ----------
         turn_deg : float, optional
-            From where the object's turn is looked for.
+            Start of the object's rotation.
         best : SetupMismatch, optional
-            Of another description: what is hopelessly worse is not fitted to its end.
+            Mismatch of another description. The fit stops early if it is far worse.
         also : sequence of str, optional
-            Of GEOMETRY, fitted too.
+            Parameters of GEOMETRY to fit.
 
         Raises
         ------
         InputError
-            For lengths that cannot be.
+            For impossible lengths.
         """
         rays = self.rays(description)
         mean, variance, weight = self.data(description)
@@ -356,7 +351,7 @@ class Comparison:
                 slopes.append((self._simulated(rays, moved) - found.simulated).ravel() / STEP[name])
             down = found.slope.ravel() * np.array(slopes) * root
             sizes = np.sqrt((down**2).sum(axis=1))
-            seen = sizes > UNSEEN * max(sizes.max(), 1e-30)  # a disc has no turn
+            seen = sizes > UNSEEN * max(sizes.max(), 1e-30)  # a disc does not determine rotation
             basis = np.vstack([down[seen] / sizes[seen, None], _powers(found.simulated) * root])
             solved = np.linalg.lstsq(basis.T, root * found.residual.ravel(), rcond=1e-6)[0][: seen.sum()]
             change = np.zeros(len(names))
@@ -386,7 +381,7 @@ class Comparison:
         )
 
     def residual(self, found: SetupMismatch) -> np.ndarray:
-        """What a description leaves of line integrals, as means over rows, shape (views, columns)."""
+        """Return residual line integrals of a description, as means over rows, shape (views, columns)."""
         rays = self.rays(found.description)
         mean, _, weight = self.data(found.description)
         left = self._left(rays, mean, weight, found.place).residual * weight
@@ -394,17 +389,17 @@ class Comparison:
         return left.sum(axis=1) / np.where(whole > 0, whole, np.inf)
 
     def at_turns(self, description: Description, turns_deg: Sequence[float]) -> np.ndarray:
-        """Share of the squares that is left with the object in its place, turned by each angle."""
+        """Return the remaining share of the squares for each rotation of the object, without a fit."""
         rays = self.rays(description)
         mean, _, weight = self.data(description)
         left = [self._left(rays, mean, weight, self.begun(description, float(turn))) for turn in turns_deg]
-        return np.array([one.squares / one.total for one in left])
+        return np.array([residual.squares / residual.total for residual in left])
 
     def _steps(self, shape: Sequence[int]) -> tuple[int, ...]:
         return tuple(-(-length // most) for length, most in zip(shape, self._most, strict=True))
 
     def _simulated(self, rays: Rays, place: Mapping[str, float]) -> np.ndarray:
-        """Line integrals of pixels, each the mean of the transmissions of its rays."""
+        """Return line integrals of pixels, from the mean transmission of their rays."""
         geometry, parts = rays.geometry, (1 / rays.row_step, 1 / rays.column_step)
         down, across = (part * (np.arange(SAMPLES) - (SAMPLES - 1) / 2) / SAMPLES for part in parts)
         down = down if geometry.rows > 1 else np.zeros(1)
@@ -426,7 +421,7 @@ class Comparison:
         simulated = self._simulated(rays, place)
         total = float((weight * (mean - np.average(mean, weights=weight)) ** 2).sum())
         apart = simulated - np.average(simulated, weights=weight)
-        if not (weight * apart * mean).sum() > 0:  # falls where it should rise
+        if not (weight * apart * mean).sum() > 0:  # negative correlation
             residual = mean - np.average(mean, weights=weight)
             return _Left(simulated, residual, np.zeros_like(mean), total, total, 0.0)
         root = np.sqrt(weight).ravel()
@@ -441,7 +436,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class _Left:
-    """Simulated line integrals, what is left of the recorded ones beside their polynomial, and its slope."""
+    """Simulated line integrals, residual of the polynomial fit, and slope of the polynomial."""
 
     simulated: np.ndarray
     residual: np.ndarray
@@ -452,7 +447,7 @@ class _Left:
 
 
 def _centroids(lines: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Centroids of every view's line integrals along columns, then along rows.
+    """Return the centroids of every view's line integrals along columns, then along rows.
 
     Parameters
     ----------
@@ -463,7 +458,7 @@ def _centroids(lines: np.ndarray, there: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, shape (2 * views,)
-        In pixels compared; NaN where a view attenuates nothing, and along rows where there is one.
+        In compared pixels; NaN for views without attenuation, and along rows for a single row.
     """
     values = np.where(there, lines, 0.0)
     mass = values.sum(axis=(1, 2))
@@ -482,5 +477,5 @@ def _powers(simulated: np.ndarray) -> np.ndarray:
 
 
 def _first(length: int, step: int) -> int:
-    """The first of every so many, so that those taken lie about the middle."""
+    """Return the first index such that indices at this step are centered."""
     return (length - 1) % step // 2

@@ -1,6 +1,6 @@
-"""Whether images lie as the phantom does, or were mirrored, turned or stacked the other way round.
+"""Orientation of images: as the phantom, or mirrored, rotated or with reversed slices.
 
-A mirrored image has the wrong organ at every place: what that leaves would pass for physics.
+In a mirrored image every location shows another organ, and the residual would look like missing physics.
 """
 
 from __future__ import annotations
@@ -20,30 +20,31 @@ from ..comparison.regions import sampled
 from ..verdict.warnings import ALIKE
 from .finding import AS_STATED, DESCRIPTION, OBJECT
 
-COARSE_MM = 5.0  # sides of the voxels that are compared: organs stay, and noise is averaged
-FINE = 8  # by which a shift is found finer than a coarse voxel
-WITHIN_MM = 15.0  # of the isocentre: three times what a fit of the alignment may move the object by default
-INSIDE = 2  # coarse voxels from the surface inwards, where kernels no longer matter
-# An orientation is named if it leaves so little of the variance inside the body, and less than that of the stated one:
-# right ones leave 1 to 22 % in images of the default study, most where views are few, wrong ones 51 to 94 %.
+COARSE_MM = 5.0  # side of compared voxels, which keep organs and average noise
+FINE = 8  # subdivision of a coarse voxel for shifts
+WITHIN_MM = 15.0  # of the isocenter: three times the default tolerance of the alignment
+INSIDE = 2  # coarse voxels below the surface, where kernels have no influence
+# An orientation is reported if the remaining share of the variance inside the body is below the first, and below the
+# second times the share for the stated one. In the default study the share is 1 to 22 % for correct orientations (most
+# for few views) and 51 to 94 % for wrong ones.
 MOST_LEFT, REMOVED = 0.3, 0.5
-TOLD = 20.0  # HU that organs must differ by (SD) for an orientation to be seen
-SHAPES = (0, 1, 2, 3)  # powers of HU: hardening, another energy and a wrong scale bend HU, and move nothing
-SAME_BODY = 0.6  # overlap (Dice) of the bodies below which it is another one
+TOLD = 20.0  # HU, least SD between organs that shows an orientation
+SHAPES = (0, 1, 2, 3)  # powers of HU, for hardening, another energy and a wrong scale
+SAME_BODY = 0.6  # Dice overlap of the bodies below which the object is another one
 
 
 @dataclass(frozen=True)
 class Orientation:
-    """A way in which voxels may be ordered.
+    """An order of voxels.
 
     Attributes
     ----------
     name, line : str
-        What it is called, and what to change.
+        Name, and the change that corrects it.
     ordered : callable
-        An array (z, y, x) to one in the phantom's order.
+        Reorders an array (z, y, x) like the phantom.
     square : bool
-        Whether x and y must be alike.
+        Whether x and y must have the same size and spacing.
     """
 
     name: str
@@ -80,13 +81,13 @@ CHANGE = "repeats: {}, in the files or in their affine"
 
 @dataclass(frozen=True)
 class OrientationFound:
-    """How images lie, as SetUp says it of projections.
+    """Orientation of images, the counterpart of SetupCheck.
 
     Attributes
     ----------
     kind : {"as stated", "description", "object"}
     share_stated, share : float
-        Of the variance inside the body, what the phantom leaves as the images are described, and as they should be.
+        Unexplained share of the variance inside the body, as described and as corrected.
     stated, best : ndarray, shape (y, x)
         Middle slice of images less phantom, HU.
     """
@@ -101,7 +102,7 @@ class OrientationFound:
 
     @property
     def content(self) -> dict:
-        """As SetUp.content."""
+        """See SetupCheck.content."""
         return {
             "of": "HU inside the body",
             "kind": self.kind,
@@ -113,24 +114,24 @@ class OrientationFound:
         }
 
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """As SetUp.maps."""
+        """See SetupCheck.maps."""
         return self.stated, self.best
 
 
 @dataclass(frozen=True)
 class Laid:
-    """Images in one order, beside the phantom.
+    """Images in one order, compared with the phantom.
 
     Attributes
     ----------
     share : float
-        Of the variance inside the body, what the phantom leaves beyond noise; 1 where the bodies hardly overlap.
+        Share of the variance inside the body beyond noise that the phantom does not explain; 1 without enough overlap.
     overlap : float
-        Of the bodies (Dice).
+        Dice overlap of the bodies.
     off_mm : tuple of 3 float
         Offset of the images from the isocenter (z, y, x), mm.
     correlation : float
-        Of images and phantom over all coarse voxels, air among them.
+        Correlation of images and phantom over all coarse voxels with air.
     rest : ndarray, shape (z, y, x)
         Images less phantom, HU.
     """
@@ -143,7 +144,7 @@ class Laid:
 
 
 def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) -> OrientationFound:
-    """Look for the order of voxels in which images resemble the phantom most.
+    """Find the order of voxels in which images agree best with the phantom.
 
     Parameters
     ----------
@@ -152,9 +153,9 @@ def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) 
     phantom : ndarray, shape (z, y, x)
         HU.
     of, grid : Grid
-        The phantom's, and the images', whose centre is taken for the isocentre.
+        Grids of the phantom and of the images, whose center is taken as the isocenter.
     """
-    # Slices stay: few thick ones would hardly show their order. Whole voxels are averaged in the plane.
+    # Voxels are averaged in the plane only, as few thick slices would not show their order.
     size = tuple(max(1, round(COARSE_MM / step)) for step in grid.spacing)
     expected = _coarse(sampled(phantom, of, grid, Pose(), order=1, outside=HU_AIR), size)
     images = np.stack([_coarse(one, size) for one in repeats])
@@ -182,7 +183,7 @@ def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) 
             where = f"{x:g}, {y:g}, {z:g} mm off the isocenter in x, y, z"
             found, kind = far, DESCRIPTION
             mistakes = {"location": f"repeats: crop or pad the images, whose center is the isocenter; they lie {where}"}
-    # Those that leave hardly more than what is taken for right.
+    # Orders with nearly the same remaining share.
     near = (one for one, laid in others.items() if one is not chosen and laid.share * REMOVED < found.share)
     alike = [] if kind == OBJECT else [one.name for one in near]
     middle = mean.shape[0] // 2
@@ -204,14 +205,14 @@ def _inside(image: np.ndarray) -> np.ndarray:
 
 
 def _overlap(images: np.ndarray, expected: np.ndarray) -> float:
-    """Of the bodies (Dice)."""
+    """Return the Dice overlap of the bodies."""
     bodies = images > HU_BODY, expected > HU_BODY
     both, count = (bodies[0] & bodies[1]).sum(), bodies[0].sum() + bodies[1].sum()
     return float(2 * both / count) if count else 0.0
 
 
 def _laid(images: np.ndarray, expected: np.ndarray, spacing: list[float], noise: float, far: bool = False) -> Laid:
-    """Images moved onto the phantom, and what a cubic polynomial of the phantom's HU leaves of them inside."""
+    """Register images to the phantom, and return the residual of a cubic polynomial of its HU inside the body."""
     shift = phase_cross_correlation(expected, images, upsample_factor=FINE, normalization=None)[0]
     moved = ndimage.shift(images, shift, order=1, mode="nearest")
     overlap, off_mm = _overlap(moved, expected), tuple(map(float, -shift * spacing))

@@ -1,8 +1,8 @@
-"""Whether a piece of the object differs from what was stated, where no physics explains the data as well.
+"""Local object mismatch: a piece of the object that differs and explains the data better than physics.
 
-A wrong object is the commonest mismatch of real work. Of a scan of one object it cannot be shown: physics that nobody
-knows might look the same. So it is named, effects are named no more, and whoever made the scan says whether the
-diagnosis is to go on with the object mended.
+A wrong object is the most frequent mismatch in practice. A scan of one object cannot prove it, as unknown physics might
+look the same. The mismatch is therefore reported without any effect, and the user decides whether the diagnosis
+continues with a corrected object (`object_may_differ`).
 """
 
 from __future__ import annotations
@@ -19,47 +19,42 @@ from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..selection.screening import Screened
 from .unmodelled import ChangesOfFits
 
-MOST_PIECES = 3  # that are mended; an object that differs in more is another object
-BEYOND = 2.0  # times what the best effect gains to first order: a fit may gain twice as much
-# Standard deviations of noise, of chi-square, by which a difference is so large that what leaves no more than NOISE of
-# them explains all of it, which physics of the whole object does not by chance.
+MOST_PIECES = 3  # that are corrected; with more mismatches the object is another one
+BEYOND = 2.0  # ratio to the first-order gain of the best effect, as a fit may gain twice as much
+# Standard deviations of the noise of chi-square: of a difference larger than FAR, a piece that leaves less than NOISE
+# explains everything, which physics of the whole object does not by chance.
 FAR, NOISE = 100.0, 3.0
 
 
 def differing(found: Sequence[Change], least: float = LEAST_GAIN) -> Change | None:
-    """The piece of the object, if it is no chance and explains more of the data held out than any other kind of change.
+    """Return the piece of the object if it is significant and explains more held-out data than any other change.
 
     Parameters
     ----------
     found : sequence of Change
-        As outside.changes gives them.
+        Result of unmodelled.changes.
     least : float, optional
-        Log score that it must gain.
-
-    Returns
-    -------
-    Change or None
-        None where there is none.
+        Least gain in log score.
     """
     piece = _piece(found)
     if piece is None or piece.p * len(found) > ALPHA or piece.gain < least:
         return None
-    return piece if piece.gain == max(one.gain for one in found) else None
+    return piece if piece.gain == max(change.gain for change in found) else None
 
 
 def beyond_effects(piece: Change, alone: Mapping[str, Screened]) -> bool:
-    """Whether a piece explains more than any effect could, by the effects' matched filters beside the alignment."""
-    # The gain is of chi-square, twice the log score.
-    return piece.gain > BEYOND * max((one.gain / 2 for one in alone.values()), default=0.0)
+    """Return whether a piece explains more than any effect could, from the matched filters of the effects."""
+    # The gain of an effect is in chi-square, twice the log score.
+    return piece.gain > BEYOND * max((effect.gain / 2 for effect in alone.values()), default=0.0)
 
 
 def explains_all(piece: Change, prepared: Prepared, baseline: Trial) -> bool:
-    """Whether an object with the piece leaves nothing of a large difference: no physics could explain more.
+    """Return whether the corrected object explains all of a large difference, so that no physics could explain more.
 
     Parameters
     ----------
     baseline : Trial
-        Alignment alone.
+        Fit of the alignment alone.
     """
     before, noise = excess(prepared, baseline.fit), np.sqrt(_count(prepared) / 2)
     if before < FAR * noise or piece.gain < before / 2:  # the gain is of first order
@@ -69,43 +64,43 @@ def explains_all(piece: Change, prepared: Prepared, baseline: Trial) -> bool:
 
 
 def excess(prepared: Prepared, fit: Fit) -> float:
-    """Log score of the data held out that what a fit leaves of their mean costs beyond noise."""
+    """Return the held-out log score that the residual of a fit costs beyond noise."""
     half = prepared.half(fit, held_out=True)
     return float((half.weights[0] * half.residuals[0] ** 2).sum() - _count(prepared)) / 2
 
 
 def _count(prepared: Prepared) -> int:
-    """Of the data held out, but for what is known of their noise."""
+    """Return the number of held-out data of the mean."""
     return int((prepared.fitter.held_weights[0] > 0).sum())
 
 
 def better_than(piece: Change, choice: Choice) -> bool:
-    """Whether a piece explains more than all effects that were chosen do together."""
+    """Return whether a piece explains more than all chosen effects together."""
     return piece.gain > choice.chosen.score - choice.baseline.score + max(AS_GOOD, choice.tolerance)
 
 
 def no_physics(baseline: Trial, piece: Change, numerical: float) -> Choice:
-    """The choice of no effect, since a piece of the object explains more.
+    """Return the choice of no effect, as a piece of the object explains more.
 
     Parameters
     ----------
     baseline : Trial
-        Alignment alone.
+        Fit of the alignment alone.
     numerical : float
-        As Choice has it.
+        See Choice.
     """
     return Choice(baseline, {}, {}, baseline, {}, {}, {}, numerical=numerical, piece=piece)
 
 
 def beside(prepared: Prepared, choice: Choice, changes: ChangesOfFits) -> Change | None:
-    """The piece of the object that explains more than one of the chosen effects, or what all of them leave."""
+    """Return the piece of the object that explains more than a chosen effect, or the residual of all effects."""
     found, least = [], max(AS_GOOD, choice.tolerance)
     for effect, fit in choice.without.items():
         piece = _piece(changes(prepared, fit, choice.numerical))
         if piece is not None and piece.gain > choice.gains[effect] + least:
             found.append((piece.gain - choice.gains[effect], piece))
     if found:
-        return max(found, key=lambda one: one[0])[1]
+        return max(found, key=lambda advantage: advantage[0])[1]
     return differing(changes(prepared, choice.chosen.fit, choice.numerical), max(LEAST_GAIN, choice.tolerance))
 
 
@@ -114,14 +109,14 @@ def _piece(found: Sequence[Change]) -> Change | None:
 
 
 def content_of(pieces: Sequence[Change], mended: bool, excess: float | None = None) -> dict:
-    """What diagnosis.json holds of pieces of the object.
+    """Return section `object` of diagnosis.json.
 
     Parameters
     ----------
     mended : bool
-        Whether the diagnosis went on with them.
+        Whether the diagnosis continued with the corrected object.
     excess : float, optional
-        Log score of the data held out that is beyond noise, of which the first piece takes a share.
+        Held-out log score beyond noise, of which the first piece explains a share.
     """
     listed = [{**one.piece.content, "what": one.words, "held_out_gain": one.gain, "z": one.z} for one in pieces]
     removes = {} if excess is None else {"removes": min(1.0, pieces[0].gain / max(excess, pieces[0].gain))}

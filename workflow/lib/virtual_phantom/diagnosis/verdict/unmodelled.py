@@ -1,8 +1,8 @@
-"""What kind of change a fit leaves over, by a basis that knows no physics: what is outside of the library shows there.
+"""Unmodeled changes: tests of a fit's residual against a basis without physics.
 
-A kind of change is a span of directions of the data. The data fitted say which direction of it would serve best, beyond
-what the fit's numbers take up, and the data held out say whether it does: their noise is independent, so that their
-residual along that direction is normal whatever the span.
+A kind of change is a span of directions in data space. The fitted data determine the best direction that no parameter
+of the fit describes. The held-out data test it: their noise is independent, so that their residual along this direction
+is normal for any span.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from ..residuals.residual_tests import KINDS, Half, Location
 from ..selection.forward_selection import Choice
 from ..uncertainty.prediction_error import of_both_halves
 
-ALIKE = 1e-6  # of the largest eigenvalue of a span, each direction of length 1: less is rounding
+ALIKE = 1e-6  # of the largest eigenvalue of a span of unit vectors; less is rounding
 Directions = np.ndarray | sparray
 
 
 @dataclass(frozen=True)
 class _Side:
-    """One half of the data about a fit, whitened, all parts.
+    """Fitted or held-out data at a fit, whitened, all parts.
 
     Attributes
     ----------
     residual : ndarray, shape (data,)
     columns : ndarray, shape (data, numbers)
-        Changes with the fit's numbers and with numerical distortions.
+        Derivatives by the parameters of the fit and by numerical distortions.
     root : ndarray, shape (mean data,)
-        Roots of the mean's weights.
+        Square roots of the weights of the mean.
     scatter : ndarray, shape (mean data,), or float
         Relative variance of these weights.
     """
@@ -51,51 +51,44 @@ class _Side:
 
     @classmethod
     def of(cls, half: Half, jacobian: list[np.ndarray], steps: np.ndarray) -> _Side:
-        """From what a fit leaves of the half, and changes of what it predicts over steps of its numbers."""
+        """Return the half from residuals, and from changes of the prediction over steps of the parameters."""
         changes = [whitened([rows[number] for rows in jacobian], half.weights) for number in range(len(steps))]
         root = np.sqrt(half.weights[0])
         none = np.zeros(len(changes[0]) - root.size)
         changes = [change / step for change, step in zip(changes, steps, strict=True)]
-        changes += [np.concatenate([root * one.ravel(), none]) for one in half.data.numerical]
+        changes += [np.concatenate([root * error.ravel(), none]) for error in half.data.numerical]
         residual = whitened(half.residuals, half.weights)
         return cls(residual, np.stack(changes, axis=1), root, np.ravel(half.data.scatter), half.data)
 
     def weighed(self, directions: Directions) -> Directions:
-        """Directions of the mean's data in standard deviations."""
+        """Return directions of the mean in standard deviations."""
         root = self.root[:, None]
-        if issparse(directions):  # of single views, and as they are: whitening would spread them to others
+        if issparse(directions):  # of single views; whitening would spread them to others
             return directions.multiply(root).tocsr()
-        fields = (one.reshape(self.data.mean.shape) for one in directions.T)
-        white = [self.data.whitened(np.where(self.data.usable, one, 0)).ravel() for one in fields]
+        fields = (direction.reshape(self.data.mean.shape) for direction in directions.T)
+        white = [self.data.whitened(np.where(self.data.usable, field, 0)).ravel() for field in fields]
         return np.stack(white, axis=1) * root
 
 
 def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change]:
-    """What every kind of change does for a fit, beyond what its numbers take up.
+    """Return the improvement by every kind of change beyond the parameters of a fit, the most significant first.
 
     Parameters
     ----------
-    prepared : Prepared
-        Whose kinds are tried.
     numerical : float, optional
-        Share of the corrections for finite steps by which they may be off, in any shape.
-
-    Returns
-    -------
-    list of Change
-        The most certain first.
+        Relative error of the discretization corrections, of any shape.
     """
     problem = Problem.at(prepared.fitter, fit)
     jacobians = of_both_halves(problem)
     halves = zip(prepared.halves(fit), jacobians, strict=True)
     fitted, held = (_Side.of(half, jacobian, problem.steps) for half, jacobian in halves)
-    # Of a distortion its size is known to one standard deviation.
+    # The amplitude of a distortion has a prior SD of 1.
     distortions = np.zeros(len(fitted.data.numerical))
     knowledge = np.concatenate([problem.knowledge, distortions + 1])
     off = np.concatenate([problem.knowledge * (problem.centre - problem.start), distortions])
     information = fitted.columns.T @ fitted.columns + np.diag(knowledge)
     inverse = Known.of(information).covariance
-    # A fit has settled but for its last step, and has not fitted the sizes that numerical distortions are left with.
+    # One more step completes the fit, and fits the remaining amplitudes of numerical distortions.
     step = inverse @ (fitted.columns.T @ fitted.residual + off)
     residuals = fitted.residual - fitted.columns @ step, held.residual - held.columns @ step
     found, of_steps = [], numerical**2 * fit.corrected
@@ -103,13 +96,13 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
         change = _change(fitted, held, residuals, inverse, directions, fit.pattern_variance, of_steps)
         if change is not None:
             found.append(Change(words, *change, piece))
-    return sorted(found, key=lambda one: one.p)
+    return sorted(found, key=lambda change: change.p)
 
 
 class ChangesOfFits:
-    """`changes` of fits, each worked out once: who chooses asks for them, and who judges.
+    """Cache of `changes` for the fits of one recording.
 
-    Of one recording made ready at a time: with other noise or another object it takes the place of the one before.
+    Another recording, or the same with other noise or another object, empties the cache.
     """
 
     def __init__(self):
@@ -117,7 +110,7 @@ class ChangesOfFits:
         self._found: dict[tuple, list[Change]] = {}
 
     def __call__(self, prepared: Prepared, fit: Fit, numerical: float) -> list[Change]:
-        """As `changes`; there is one fit of a set of effects."""
+        """Return `changes`, by the effects of the fit."""
         if prepared is not self._prepared:
             self._prepared, self._found = prepared, {}
         key = fit.effects, numerical
@@ -127,7 +120,7 @@ class ChangesOfFits:
 
 
 def _tried(prepared: Prepared, fit: Fit) -> Iterator[tuple[str, Directions, PieceOfObject | None]]:
-    """All kinds of change one after the other, and the piece of the object as one more."""
+    """Yield all kinds of change, and the piece of the object."""
     for words, directions in prepared.kinds(fit):
         yield words, directions, None
     piece = prepared.piece(fit)
@@ -144,25 +137,20 @@ def _change(
     of_pattern: np.ndarray | None,
     of_steps: float,
 ) -> tuple[float, float, float] | None:
-    """z, p and gain of one kind; None where the fit takes up all of it.
+    """Return z, p and gain of one kind of change; None if the fit describes all of it.
 
-    A gain pattern has a constant of every pixel that is no number of the fit: it has taken what is constant out of the
-    residuals, and is known to the variance `of_pattern`.
+    A gain pattern has one constant per pixel besides the parameters of the fit, with variance `of_pattern`.
 
     Parameters
     ----------
     residuals : tuple of 2 ndarray, shape (data,)
-        Of the data fitted and held out, less what the fit's numbers could still take up of the data fitted.
-    inverse : ndarray, shape (numbers, numbers)
-        Covariance of the numbers.
+        Fitted and held-out residuals after the last step of the fit.
+    inverse : ndarray, shape (parameters, parameters)
+        Covariance of the parameters.
     directions : ndarray or sparse array, shape (mean data, directions)
     of_pattern : ndarray, shape (rows, columns), or None
     of_steps : float
-        Square of what finite steps may leave along any direction, in standard deviations of the data.
-
-    Returns
-    -------
-    tuple of 3 float, or None
+        Variance of discretization errors along any direction, relative to the data.
     """
     count = fitted.root.size
     seen = fitted.weighed(directions)
@@ -183,16 +171,16 @@ def _change(
     explained, freedom = float((inner**2 / values[kept]).sum()), int(kept.sum())
     if not explained:
         return None
-    # What the numbers do about a change is known of the data fitted.
+    # The response of the parameters to the change, from the fitted data.
     answered = inverse @ (crossed @ amounts)
     change = -(held.columns @ answered)
     change[: held.root.size] += held.weighed(directions) @ amounts
-    taken_up = held.columns.T @ change  # what errors of the numbers add along it
+    taken_up = held.columns.T @ change  # for the variance from errors of the parameters
     mean = change[: held.root.size]
     variance = float(
         (1 + of_steps) * (change @ change) + (held.scatter * mean**2).sum() + taken_up @ inverse @ taken_up
     )
-    if of_pattern is not None:  # what errors of its constants add along it
+    if of_pattern is not None:  # variance from errors of its constants
         variance += float((of_pattern.ravel() * (held.root * mean).reshape(-1, of_pattern.size).sum(axis=0) ** 2).sum())
     along = float(change @ residuals[1])
     shrunk = max(0.0, 1 - freedom / explained)
@@ -202,46 +190,36 @@ def _change(
 
 
 def standing_out(found: list[Change], least_gain: float) -> list[Location]:
-    """The kinds of change as one more domain of difference, by the most certain.
+    """Return the most significant kind of change as a domain of residuals, as a list; empty without a kind.
 
     Parameters
     ----------
     found : list of Change
-        As `changes` gives them.
+        Result of `changes`.
     least_gain : float
-        Log score: kinds that gain less may be what inexact models leave, and count for nothing.
-
-    Returns
-    -------
-    list of Location
-        One, or none where there is no kind.
+        Log score. Kinds with a smaller gain may come from model errors and are not significant.
     """
     if not found:
         return []
-    standing = [one for one in found if one.gain > least_gain] or found[:1]
+    standing = [change for change in found if change.gain > least_gain] or found[:1]
     best = standing[0]
     p = min(1.0, best.p * len(found)) if best.gain > least_gain else 1.0
-    return [Location(KINDS, best.words, best.z, p, np.array([one.z for one in found]))]
+    return [Location(KINDS, best.words, best.z, p, np.array([change.z for change in found]))]
 
 
 def better(choice: Choice, found: Mapping[str, list[Change]], least: float) -> dict[str, Change]:
-    """Effects that a kind of change beats in their place: each may be something outside of the library.
+    """Return {effect: the best unmodeled change} for effects that such a change could replace with a larger gain.
 
     Parameters
     ----------
     found : mapping of str to list of Change
-        {effect: the kinds beside the fit without it}.
+        {effect: `changes` of the fit without it}.
     least : float
-        Log score by which a kind must be better.
-
-    Returns
-    -------
-    dict of str to Change
-        {effect: the best of the kinds}.
+        Least difference in log score.
     """
     beaten = {}
     for effect, kinds in found.items():
-        best = max(kinds, key=lambda one: one.gain, default=None)
+        best = max(kinds, key=lambda change: change.gain, default=None)
         if best is not None and best.gain > choice.gains[effect] + least:
             beaten[effect] = best
     return beaten

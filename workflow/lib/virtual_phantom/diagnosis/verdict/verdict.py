@@ -1,13 +1,13 @@
-"""What a diagnosis says: the verdict, the physics with its parameters, what is left, and what to measure next."""
+"""Verdict of a diagnosis: missing physics with its parameters, remaining mismatch, and the next measurement."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ...base.names import label
 from ...physics.effect import load
 from ..fitting.model import Model
 from ..fitting.steps import interval
@@ -17,7 +17,7 @@ from ..residuals.residual_tests import EDGES, KINDS, Location, aligned
 from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..uncertainty.intervals import intervals
 from ..uncertainty.model_error import Errors
-from ..wording import MATCH, UNEXPLAINED, sentence
+from ..verdict_text import MATCH, UNEXPLAINED, effect_name, recording_lines, with_verdict_text
 from .object_mismatch import content_of, excess
 from .unmodelled import ChangesOfFits, better, standing_out
 from .warnings import caveats, doubts, statements
@@ -25,30 +25,39 @@ from .warnings import caveats, doubts, statements
 LEFT_SD = 3.0  # by which a sum of products must stand above 0 to count as left: 1 in 740 by chance
 NO_SIGNED_MAP = (EDGES, "both halves", KINDS)  # sums of squares and products
 OBJECT_TURNED = (
-    "the same scan of the object turned by 90 degrees about z: what belongs to the object turns with it, what belongs "
-    "to the scanner stays"
+    "scan the object again, turned by 90 degrees about z; a mismatch of the object turns with it, one of the scanner "
+    "does not"
 )
 VERDICTS = (MATCH, "mismatch explained", "mismatch partly explained", UNEXPLAINED)
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Everything that is reported.
+    """Result of a diagnosis, with all that its report shows.
 
     Attributes
     ----------
     choice : Choice or None
-        None where nothing was fitted, as the scan is described wrong.
+        None if nothing was fitted, because the set-up is wrong.
     before, after : list of Location
-        Places of difference on held-out data, with alignment alone and with the effects chosen.
+        Locations of mismatch on held-out data, with alignment alone and with the chosen effects.
     content : dict
-        What diagnosis.json holds.
+        Content of diagnosis.json.
+    prepared : Prepared or None
+        The recording with the noise by which it was judged.
+    scanned : ScannedVolume or None
+        The object as images show it (comparison.regions).
+    setup : SetupCheck, OrientationFound or None
+        The check that ended the diagnosis (setup.check).
     """
 
     choice: Choice | None
     before: list[Location]
     after: list[Location]
     content: dict
+    prepared: Prepared | None = None
+    scanned: Any = None
+    setup: Any = None
 
 
 def diagnose(
@@ -58,16 +67,16 @@ def diagnose(
     pieces: Sequence[Change] = (),
     changes: ChangesOfFits | None = None,
 ) -> Diagnosis:
-    """Judge a choice of effects on the data held out.
+    """Judge a choice of effects on held-out data.
 
     Parameters
     ----------
     recording : str
-        Its name.
+        Name of the recording.
     pieces : sequence of Change, optional
-        Of the object, which were mended before.
+        Pieces of the object that were corrected before the fit.
     changes : ChangesOfFits, optional
-        With those that the choice has asked for.
+        With the changes that the selection has computed.
     """
     fitter, changes = prepared.fitter, changes or ChangesOfFits()
 
@@ -78,8 +87,8 @@ def diagnose(
         fitted, held = prepared.halves(fit)
         more = [*aligned(fit, fitter.model.distortions), *standing_out(kinds(fit), least_gain)]
         found = prepared.domains(held, fit, fitted, more)
-        # A place comes before a kind of change, which lies nowhere.
-        return sorted(found, key=lambda one: (not one.significant, one.domain == KINDS))
+        # Locations come before kinds of change, which have no location.
+        return sorted(found, key=lambda place: (not place.significant, place.domain == KINDS))
 
     inexact = max(LEAST_GAIN, choice.tolerance)
     before, after = places(choice.baseline.fit, LEAST_GAIN), places(choice.chosen.fit, inexact)
@@ -131,26 +140,21 @@ def diagnose(
         content["object"] = content_of([choice.piece], False, excess(prepared, choice.baseline.fit))
     elif pieces:
         content["object"] = content_of(pieces, True)
-    return Diagnosis(choice, before, after, content | {"sentence": sentence(content)})
+    return Diagnosis(choice, before, after, with_verdict_text(content, recording_lines(content)), prepared)
 
 
 def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing: list[Location]) -> float | None:
-    """Share of the difference beyond noise, on held-out data, that the effects remove.
+    """Return the share of the held-out chi-square beyond noise that the effects remove; None if they remove nothing.
 
-    Removed is what the log score gains, twice (chi-square). Left is the largest sum of products of fitted and held-out
-    standardised residuals, whose noises are independent, where it stands LEFT_SD standard deviations above 0: over the
-    places of any domain that still stands out, since a sum over all rays alone would drown a difference of a few places
-    in their noise; and over all rays, less what the model's own numerical errors put into both.
+    The removed part is twice the gain in log score. The remaining part is a sum of products of fitted and held-out
+    standardized residuals, whose noise is independent, if it exceeds LEFT_SD standard deviations. It is the largest
+    sum over the locations of a domain that is still significant, as noise of all rays would hide a local difference, or
+    over all rays, less the numerical errors of the model in both halves.
 
     Parameters
     ----------
     standing : list of Location
-        Places that are significant after.
-
-    Returns
-    -------
-    float or None
-        None if there is no difference.
+        Significant locations of the chosen model.
     """
     gained = 2 * (chosen.score - baseline.score)
     if not gained > 0:
@@ -163,21 +167,20 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
         ]
         sums += [(maps[0][domain] * maps[1][domain], 0.0) for domain in domains & maps[0].keys()]
     common = held.in_common(fitted)
-    sums.append((common.products, sum(float(one.sum()) for one in common.numerical)))
-    left = [float(one.sum()) - error for one, error in sums if one.sum() - error > LEFT_SD * np.sqrt((one**2).sum())]
+    sums.append((common.products, sum(float(part.sum()) for part in common.numerical)))
+    left = [
+        float(products.sum()) - error
+        for products, error in sums
+        if products.sum() - error > LEFT_SD * np.sqrt((products**2).sum())
+    ]
     return gained / (gained + max(left, default=0.0))
 
 
 def remainder_sd(prepared: Prepared, chosen: Trial) -> float | None:
-    """What a fit leaves in common on fitted and held-out data, over all rays or voxels.
+    """Return the mismatch common to fitted and held-out data over all rays or voxels, in SDs of noise alone.
 
-    `excess_removed` is a share of what was there: beside a large difference it hides a remainder that this shows.
-
-    Returns
-    -------
-    float or None
-        In standard deviations of what noise alone gives, at least 0; beyond what the model's own numerical errors put
-        into both. None where the halves share no ray.
+    Next to a large difference, a small share that is left (`excess_removed`) can be a large remainder. The numerical
+    errors of the model are subtracted. None if the halves share no ray.
     """
     fitted, held = prepared.halves(chosen.fit)
     common = held.in_common(fitted)
@@ -185,20 +188,14 @@ def remainder_sd(prepared: Prepared, chosen: Trial) -> float | None:
 
 
 def excess_rms_removed(before: float, after: float, floor: float) -> float | None:
-    """Share of the root mean square beyond noise that is removed.
+    """Return 1 - sqrt((after^2 - floor^2) / (before^2 - floor^2)), the removed share of the RMS beyond noise.
 
-    1 - sqrt((after^2 - floor^2) / (before^2 - floor^2)): noise adds in squares, so that what is left after the root is
-    that of the mean difference alone.
+    Noise adds in squares, so that the root is that of the mean difference. None if there is no excess before.
 
     Parameters
     ----------
     before, after, floor : float
-        Root mean squares of the difference, and of noise alone.
-
-    Returns
-    -------
-    float or None
-        None if there is no excess before.
+        RMS of the difference, and of noise alone.
     """
     if before <= floor:
         return None
@@ -206,18 +203,18 @@ def excess_rms_removed(before: float, after: float, floor: float) -> float | Non
 
 
 def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
-    """Numbers before, after, and what noise alone would give.
+    """Return the goodness of fit with alignment alone and with the chosen effects.
 
     Parameters
     ----------
     held_out : bool
-        Of the data held out; False: of those fitted.
+        Whether to use held-out data; else fitted data.
 
     Returns
     -------
     dict of str to dict of str to float
-        {metric: {"before", "after", "floor": value}}: the RMS in the unit of `look`, chi-square per datum by part, and,
-        of the data held out, the log score, which has no floor.
+        {metric: {"before", "after", "floor": value}}, where the floor is the value for noise alone: RMS in the unit of
+        `look`, chi-square per datum by part, and for held-out data the log score, which has no floor.
     """
     fits = {"before": choice.baseline.fit, "after": choice.chosen.fit}
     halves = {key: prepared.half(fit, held_out) for key, fit in fits.items()}
@@ -238,27 +235,31 @@ def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
 
 def _effect(name: str, choice: Choice, model: Model) -> dict:
     effect, fit, errors = load(name), choice.chosen.fit, _errors(choice).physics
-    parameters = {one.name: one for one in (*effect.parameters, *model.parameters(name))}
-    units = {key: one.unit for key, one in parameters.items()}
-    ranges = {key: (one.low, one.high) for key, one in parameters.items()}
+    parameters = {parameter.name: parameter for parameter in (*effect.parameters, *model.parameters(name))}
     return {
         "name": name,
         "physics": effect.physics,
         "parameters": {
             key: {
                 "value": value,
-                **intervals(value, fit.errors[name].get(key, 0.0), errors[name].get(key, 0.0), *ranges[key]),
-                "unit": units[key],
+                **intervals(
+                    value,
+                    fit.errors[name].get(key, 0.0),
+                    errors[name].get(key, 0.0),
+                    parameters[key].low,
+                    parameters[key].high,
+                ),
+                "unit": parameters[key].unit,
             }
             for key, value in fit.physics[name].items()
-            if not parameters[key].stated  # which no fit has found
+            if not parameters[key].stated  # a stated one is not fitted
         },
         "evidence": {"held_out_gain": choice.gains[name], "p": choice.p[name]},
     }
 
 
 def _errors(choice: Choice) -> Errors:
-    """Of the numbers of the chosen fit."""
+    """Return the standard errors of the chosen fit, with model errors if these are known."""
     fit = choice.chosen.fit
     return choice.errors or Errors(fit.errors, fit.nuisance_errors)
 
@@ -268,24 +269,28 @@ def _location(place: Location) -> dict:
 
 
 def next_measurements(choice: Choice, something_left: bool, ranked: bool) -> list[str]:
-    """What would settle the verdict.
+    """Return the measurements that would settle the verdict, as instructions.
 
     Parameters
     ----------
     ranked : bool
-        Whether further recordings of this kind can be ranked (`snakemake next_measurement`); if not, every ambiguous
-        effect has its own and its rivals' tests.
+        Whether further recordings of this kind can be ranked (`snakemake next_measurement`). If not, the tests of each
+        ambiguous effect and of its alternatives are listed.
     """
     found = [OBJECT_TURNED] if choice.piece else []
     for name in choice.chosen.fit.effects:
         rivals = choice.ambiguous_with(name)
         if rivals and ranked:
-            either = " or ".join(label(one) for one in (name, *rivals))
-            found.append(f"{either}: snakemake next_measurement ranks the recordings that would tell them apart")
+            others = " or ".join(map(effect_name, rivals))
+            found.append(
+                f"run snakemake next_measurement to rank recordings that distinguish {effect_name(name)} from {others}"
+            )
         elif rivals:
             found += [
-                f"{label(name)} or {label(rival)}: {load(one).settled_by}" for rival in rivals for one in (name, rival)
+                f"to distinguish {effect_name(name)} from {effect_name(rival)}, measure {load(tested).settled_by}"
+                for rival in rivals
+                for tested in (name, rival)
             ]
     if something_left and not found:
-        found = ["the same scan again after the air and geometry calibrations, to see whether what is left stays"]
+        found = ["repeat the scan after air and geometry calibration, to see whether the mismatch remains"]
     return list(dict.fromkeys(found))

@@ -11,6 +11,7 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="anti_scatter_grid",
+    title="anti-scatter grid",
     physics="Septa focused on the focal spot absorb oblique radiation, which reduces scatter and its range. Their "
     "absorption of the primary beam is part of the stated photons.",
     equation="scatter from a distance d on the detector is transmitted by max(0, 1 - r d / L); L: distance from "

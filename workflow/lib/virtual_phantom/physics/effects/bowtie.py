@@ -47,6 +47,7 @@ EFFECT = Effect(
             10.0,
             30.0,
             belongs_to=OF_PROTOCOL,  # scanners have several bowties
+            title="thickness at 20 degrees",
         ),
         Parameter("exponent", "1", "n: exponent of the fan angle", 1.0, 6.0, 2.0, 2.0, None, stated=True),
         Parameter(

@@ -31,6 +31,7 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="off_focal_radiation",
+    title="off-focal radiation",
     physics="Backscattered electrons strike the anode around the focal spot and form a faint, wide source.",
     equation="T = (1 - s) T(spot) + s mean of h T(x) over x from -w/2 to w/2 along the columns, also in the air scan. "
     "Here h = 1 if the ray from x passes the pre-patient collimator (at distance c, as wide as the beam), else 0",

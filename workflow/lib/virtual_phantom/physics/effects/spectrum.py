@@ -26,7 +26,17 @@ EFFECT = Effect(
     settled_by="scan the object behind a plate of aluminum or copper: hardening shrinks, scatter grows",
     parameters=(
         Parameter(
-            "kvp", "kV", "tube voltage", 30.0, 150.0, 110.0, 120.0, None, belongs_to=OF_PROTOCOL, nominal=TUBE_VOLTAGE
+            "kvp",
+            "kV",
+            "tube voltage",
+            30.0,
+            150.0,
+            110.0,
+            120.0,
+            None,
+            belongs_to=OF_PROTOCOL,
+            nominal=TUBE_VOLTAGE,
+            title="tube voltage",
         ),
         Parameter(
             "filtration_mm", "mm Al", "filtration, as aluminum", 0.2, 40.0, 6.0, 6.0, None, belongs_to=OF_PROTOCOL

@@ -12,7 +12,7 @@ from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearisation,
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
-from virtual_phantom.diagnosis.run import explain
+from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.selection import trials
 from virtual_phantom.diagnosis.selection.fit_cache import FitCache
 from virtual_phantom.physics.beam.materials import Segmentation
@@ -60,7 +60,7 @@ def test_a_verdict_is_the_same_in_several_processes_and_from_fits_that_were_kept
     stopped."""
     physics = {"scatter": {"amount": 0.03, "width_mm": 60.0}, "detector_offset": {"columns_px": 0.05}}
     kept = FitCache(tmp_path, "this recording", lambda effect: "as it is")
-    _, at_once = explain("bench", ready(scene, physics), CANDIDATES, ACCURACY, processes=2, kept=kept)
+    at_once = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY, processes=2, cache=kept)
     assert {one["name"] for one in at_once.content["effects"]} == set(physics)
     files = {path.name for path in tmp_path.glob("*.json")}
     # A focal spot gains nothing to first order, and is not fitted alone.
@@ -68,12 +68,12 @@ def test_a_verdict_is_the_same_in_several_processes_and_from_fits_that_were_kept
     assert any("+" in name for name in files)
     assert set(at_once.choice.alone) == set(CANDIDATES) and set(at_once.choice.singles) == set(physics)
 
-    _, in_turn = explain("bench", ready(scene, physics), CANDIDATES, ACCURACY)
+    in_turn = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY)
     made = []
     monkeypatch.setattr(trials, "trial", lambda fitter, *task: made.append(task[0]) or trial(fitter, *task))
     (tmp_path / "scatter.json").write_text("{")  # as a full disk leaves it
     (tmp_path / "detector_offset.json").unlink()
-    _, gone_on = explain("bench", ready(scene, physics), CANDIDATES, ACCURACY, kept=kept)
+    gone_on = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY, cache=kept)
     assert set(made) == {("detector_offset",), ("scatter",)} and len(made) == 2
     for other in (in_turn, gone_on):
         assert written(other.content) == written(at_once.content)

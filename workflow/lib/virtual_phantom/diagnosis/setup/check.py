@@ -1,0 +1,177 @@
+"""Check of the scan set-up before any effect is fitted: description of the scan, scanned object, and data."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from ...base.errors import refusing
+from ...io.files import read_text, write_text
+from ...io.volumes import read_nifti
+from ...recordings.images import ImagesRecording
+from ...recordings.projections import ProjectionsRecording
+from ...recordings.recording import Recording
+from ..assumptions import object_text, scan_text
+from ..fitting.nuisance import PLACE, SURE, nuisances
+from ..projections.observed import Scans, scans
+from ..request import DiagnosisRequest
+from ..scanned_object import scene_of
+from ..verdict.verdict import Diagnosis
+from ..verdict_text import SETUP_VERDICTS, setup_lines, with_verdict_text
+from .data_checks import copied_repeats, outlying_repeats, wrong_illumination
+from .finding import AS_STATED, DESCRIPTION, MOST, Finding, find
+from .mismatch import Comparison
+from .orientation import OrientationFound, orientation
+
+# Content of a set-up that is not checked.
+NOT_CHECKED = {
+    "of": "line integrals",
+    "kind": AS_STATED,
+    "mistakes": {},
+    "alike": [],
+    "share_stated": 0.0,
+    "share": 0.0,
+    "location": {},
+}
+
+
+@dataclass(frozen=True)
+class SetupCheck:
+    """Result of the check of a recording of projections.
+
+    Attributes
+    ----------
+    kind : {"as stated", "description", "object", "empty"}
+    mistakes : dict of str to str
+        {mistake: what to change}.
+    alike : tuple of str
+        Mistakes that this object cannot show.
+    share_stated, share : float
+        Unexplained share of the variance of line integrals, as described and as corrected.
+    location : dict of str to float
+        As Finding.location.
+    """
+
+    kind: str
+    mistakes: Mapping[str, str]
+    alike: tuple[str, ...]
+    share_stated: float
+    share: float
+    comparison: Comparison = field(repr=False)
+    finding: Finding = field(repr=False)
+    location: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def content(self) -> dict:
+        """Section `setup` of diagnosis.json."""
+        return {
+            "of": "line integrals",
+            "kind": self.kind,
+            "mistakes": dict(self.mistakes),
+            "alike": list(self.alike),
+            "share_stated": self.share_stated,
+            "share": self.share,
+            "location": dict(self.location),
+        }
+
+    def maps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals of the scan as described and as corrected, shape (views, columns)."""
+        return self.comparison.residual(self.finding.stated), self.comparison.residual(self.finding.best)
+
+
+def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupCheck | OrientationFound | None:
+    """Compare a recording with its description; None if the configuration switches the check off."""
+    if not request.settings.check_setup or not isinstance(recording, ProjectionsRecording | ImagesRecording):
+        return None
+    if isinstance(recording, ImagesRecording):
+        phantom = read_nifti(request.phantom)
+        repeats = np.stack([repeat.array for repeat in recording.repeats])
+        # The center of the images is taken as the isocenter.
+        grid = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
+        return orientation(repeats, phantom.array, phantom.grid, grid)
+    taken = scans(recording.repeats)
+    known = {one.name: SURE * one.sd for one in nuisances(0.0, 1.0, request.settings.alignment)}
+    reach = {name: known[name] for name in (*PLACE, "scale")}
+    comparison = Comparison(scene_of(request), taken.repeats, taken.usable, MOST, reach, request.settings.location)
+    scan = recording.document.content["scan"]
+    finding = find(comparison, scan, recording.log, float(taken.repeats[:, taken.usable].max()))
+    mistakes = {}
+    if finding.kind == DESCRIPTION:
+        mistakes[finding.best.name] = finding.best.line
+    if finding.kind in (AS_STATED, DESCRIPTION):
+        mistakes |= _mistakes_of_data(recording, taken)
+    return SetupCheck(
+        DESCRIPTION if mistakes else finding.kind,
+        mistakes,
+        tuple(dict.fromkeys(mismatch.name for mismatch in finding.alike)),
+        finding.stated.share,
+        finding.share,
+        comparison,
+        finding,
+        {} if mistakes else finding.location,
+    )
+
+
+def _mistakes_of_data(recording: ProjectionsRecording, taken: Scans) -> dict[str, str]:
+    """Return the mistakes that the repeats and the white field show."""
+    names = [str(path.name) for path in recording.document.repeats]
+    mistakes = {}
+    for first, second in copied_repeats(taken.repeats):
+        mistakes["copied repeat"] = f"repeats: take out {names[second]}, which holds the same numbers as {names[first]}"
+    if not mistakes:
+        for which, _ in outlying_repeats(taken.repeats, taken.usable):
+            mistakes["a repeat of another scan"] = f"repeats: take out {names[which]}, or compare it with the others"
+    lit = wrong_illumination(taken.white, recording.geometry, recording.scan)
+    if lit is not None:
+        mistakes["illumination"] = f"scan.illumination: {lit[0]} (the white field falls off like that)"
+    return mistakes
+
+
+def setup_diagnosis(found: SetupCheck | OrientationFound, recording: Recording, request: DiagnosisRequest) -> Diagnosis:
+    """Return the diagnosis of a recording whose set-up or object is wrong; no effect is fitted.
+
+    Parameters
+    ----------
+    found : SetupCheck or OrientationFound
+        With a kind of SETUP_VERDICTS.
+    """
+    scanned = "the study's phantom" if request.settings.of_phantom else object_text(request)
+    content = {
+        "recording": recording.name,
+        "verdict": SETUP_VERDICTS[found.kind],
+        "locations": [],
+        "effects": [],
+        "ambiguous_with": {},
+        "ruled_out": {},
+        "fit": {},
+        "held_out": {},
+        "excess_removed": None,
+        "unexplained": [],
+        "next_measurement": [],
+        "held_out_data": "none",
+        "modelled": {"object": object_text(request), "scan": scan_text(request, recording)},
+        "setup": found.content,
+    }
+    return Diagnosis(None, [], [], with_verdict_text(content, setup_lines(found.content, scanned)), setup=found)
+
+
+def write_setup(content: Mapping, path: str | Path) -> None:
+    """Write SetupCheck.content, or NOT_CHECKED."""
+    write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", path)
+
+
+def read_setup(path: str | Path) -> dict:
+    """Read what `write_setup` wrote.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or has other content.
+    """
+    with refusing(f"{path}: holds no check of the scan set-up", OSError, ValueError, KeyError, advice="make it again"):
+        content = json.loads(read_text(path))
+        return {key: content[key] for key in NOT_CHECKED}

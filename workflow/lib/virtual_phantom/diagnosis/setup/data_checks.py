@@ -1,0 +1,107 @@
+"""Checks of the data themselves: copied repeats, repeats of another scan, and the illumination of the white field."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ...base.geometry import OrbitGeometry
+from ...physics.chain import EVEN
+from ..noise.condensed import Blocks
+
+PARTS = (12, 4, 8)  # blocks along views, rows and columns, whose means show what noise hides in single rays
+OTHER_SCAN = 50.0  # mean square of block means over that of noise, from which a repeat is of another scan
+TIMES = 20.0  # ratio to the mean squares of the other repeats among themselves
+LEAST_RAYS = 16  # of a block
+
+SOLID_ANGLE = "solid_angle"
+# Tolerance of the exponent of the solid angle about 0 or 1. Bowties and heel effect give other exponents.
+NEAR = 0.15
+LEAST_SPAN = 0.01  # of the logarithm of the solid angle over the detector: a smaller span shows nothing
+EXPLAINED = 0.5  # least share of the variance of the white field, by the solid angle and a slope along either axis
+
+
+def copied_repeats(lines: np.ndarray) -> list[tuple[int, int]]:
+    """Return pairs of repeats with identical numbers, from an array of shape (repeats, views, rows, columns)."""
+    count = len(lines)
+    return [(a, b) for a in range(count) for b in range(a + 1, count) if np.array_equal(lines[a], lines[b])]
+
+
+def outlying_repeats(lines: np.ndarray, usable: np.ndarray) -> list[tuple[int, float]]:
+    """Return the repeat that differs from the mean of the others by more than noise, a scale and an offset.
+
+    Parameters
+    ----------
+    lines : ndarray, shape (repeats, views, rows, columns)
+    usable : ndarray of bool, shape (views, rows, columns)
+
+    Returns
+    -------
+    list of tuple of int and float
+        Index, and mean square of its block means over that of noise; empty if no repeat differs. Of two repeats, either
+        may be the one.
+    """
+    count = len(lines)
+    if count < 2:
+        return []
+    blocks = Blocks.of(usable.shape, PARTS)
+    squares = [_mean_square(lines, k, usable, blocks) for k in range(count)]
+    worst = int(np.argmax(squares))
+    rest = np.delete(lines, worst, axis=0)
+    # An outlier shifts the mean that all others are compared with, so the others are compared without it.
+    others = [_mean_square(rest, k, usable, blocks) for k in range(count - 1)] if count > 2 else [1.0]
+    outlying = squares[worst] > OTHER_SCAN and squares[worst] > TIMES * max(float(np.median(others)), 1.0)
+    return [(worst, squares[worst])] if outlying else []
+
+
+def _mean_square(lines: np.ndarray, which: int, usable: np.ndarray, blocks: Blocks) -> float:
+    """Return the mean square of block means of a repeat's difference from the others, over that of noise."""
+    mean = np.delete(lines, which, axis=0).mean(axis=0, dtype=np.float64)
+    scale, offset = np.polyfit(mean[usable], lines[which][usable].astype(np.float64), 1)
+    difference = np.where(usable, lines[which] - scale * mean - offset, 0.0)
+    rays = blocks.sum(usable)
+    full = rays >= LEAST_RAYS
+    if not full.any():
+        return 0.0
+    sums, squares, rays = blocks.sum(difference)[full], blocks.sum(difference**2)[full], rays[full]
+    variance = (squares - sums**2 / rays) / (rays - 1)
+    return float(np.mean(sums**2 / rays / np.maximum(variance, 1e-300)))
+
+
+def wrong_illumination(white: np.ndarray | None, geometry: OrbitGeometry, scan: Mapping) -> tuple[str, float] | None:
+    """Return the illumination that the white field shows, if it is not the stated one.
+
+    Parameters
+    ----------
+    white : ndarray, shape (rows, columns), or None
+        Counts without an object.
+    scan : mapping
+        Section `scan` of recording.yaml.
+
+    Returns
+    -------
+    illumination : {"even", "solid_angle"}
+    exponent : float
+        Power of the solid angle that the field follows.
+        None instead of both if the statement may hold or the field shows nothing.
+    """
+    if white is None:
+        return None
+    good = white > 0
+    angle = np.log(np.broadcast_to(geometry.solid_angles()[0], white.shape))
+    if np.ptp(angle) < LEAST_SPAN or good.mean() < 0.5:
+        return None
+    rows, columns = np.meshgrid(*(np.linspace(-1, 1, n) if n > 1 else np.zeros(1) for n in white.shape), indexing="ij")
+    terms = np.stack([np.ones_like(angle), rows, columns, angle])[:, good]
+    field = np.log(white[good])
+    found = np.linalg.lstsq(terms.T, field, rcond=1e-9)[0]
+    explained = 1 - np.var(field - found @ terms) / max(np.var(field), 1e-300)
+    stated = scan.get("illumination", EVEN)
+    exponent = float(found[-1])
+    if stated == EVEN and abs(exponent - 1) < NEAR and explained > EXPLAINED:
+        return SOLID_ANGLE, exponent
+    flat = np.std(field) < NEAR * np.std(angle) or explained > EXPLAINED
+    if stated == SOLID_ANGLE and abs(exponent) < NEAR and flat:
+        return EVEN, exponent
+    return None

@@ -1,0 +1,446 @@
+"""The verdict of a diagnosis as one to five short lines: the same on the console, in the document and on the page.
+
+Each function takes the content of a document and returns its lines. No number is computed here but for display.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from ..base.names import enumerated, label
+from ..physics.effect import load
+from .request import LOCATION_DIGITS
+from .residuals.residual_tests import KINDS
+
+MATCH, UNEXPLAINED = "match", "unexplained"
+PRACTICAL = "match for practical purposes"
+SETUP_VERDICTS = {"description": "description wrong", "object": "another object", "empty": "nothing in the beam"}
+# Units of the quantities that images are compared by.
+UNITS = {
+    "hu": "HU",
+    "contrast_percent": "% of contrast",
+    "noise_percent": "% of noise",
+    "resolution_percent": "% of resolution",
+    "features_sd": "repeat SDs of a feature",
+}
+# Names of domains of residuals that do not read as they are.
+DOMAINS = {
+    "columns": "detector columns",
+    "rows": "detector rows",
+    "edges": "object edges",
+    "pixels": "detector pixels",
+    "projections": "projection blocks",
+    "both halves": "residuals common to both halves",
+    "image": "image blocks",
+}
+MOST_LINES = 5
+MOST_NAMES = 4  # effects that a line lists
+MOST_DETAILED = 2  # effects whose parameters a line gives, and parameters of each
+
+
+@dataclass(frozen=True)
+class VerdictLine:
+    """One line of a verdict.
+
+    Attributes
+    ----------
+    label : str
+        Subject of the line.
+    text : str
+        Statement, without the full stop.
+    rank : int
+        Importance: with more than MOST_LINES, lines of the highest rank are left out.
+    """
+
+    label: str
+    text: str
+    rank: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.label}: {self.text}."
+
+
+def with_verdict_text(content: Mapping, lines: Iterable[VerdictLine | None]) -> dict:
+    """Add the lines to a document, and the same as one string under `sentence`.
+
+    Parameters
+    ----------
+    content : mapping
+        Content of diagnosis.json or scanner.json.
+    lines : iterable of VerdictLine or None
+        In the order of display; None for a line that does not apply.
+    """
+    given = [line for line in lines if line is not None]
+    chosen = sorted(range(len(given)), key=lambda place: given[place].rank)[:MOST_LINES]
+    written = [str(given[place]) for place in sorted(chosen)]
+    return {**content, "verdict_lines": written, "sentence": " ".join(written)}
+
+
+def console_text(content: Mapping) -> str:
+    """Return name and verdict, and the lines of the verdict below."""
+    name = content.get("recording", content.get("scanner"))
+    return "\n  ".join([f"{name}: {content['verdict']}", *content["verdict_lines"]])
+
+
+def recording_lines(content: Mapping, stated: Mapping[str, float] | None = None) -> list[VerdictLine | None]:
+    """Return the lines of the diagnosis of a recording of projections or images.
+
+    Parameters
+    ----------
+    content : mapping
+        Content of diagnosis.json.
+    stated : mapping of str to float, optional
+        Object location in the configuration, mm by axis.
+    """
+    below = content.get("practice", {}).get("small", [])
+    named = [effect for effect in content["effects"] if effect["name"] not in below]
+    return [
+        _conclusion(content, named),
+        _alternatives(content, [effect["name"] for effect in named]),
+        _improvement(content) if named else None,
+        _mismatch(content, named),
+        _caution(content),
+        contradiction(content),
+        _corrected_object(content),
+        _location(content, stated or {}),
+        _source(content),
+        _below_thresholds(content, below),
+        _thresholds(content),
+        _next(content, named),
+    ]
+
+
+def _conclusion(content: Mapping, named: Sequence[Mapping]) -> VerdictLine:
+    recording, verdict = content["recording"], content["verdict"]
+    if named:
+        return VerdictLine("Best explanation" if content["doubts"] else "Missing physics", effects_text(named))
+    if verdict == MATCH:
+        return VerdictLine(
+            "Missing physics", f"none; {recording} and the simulation differ only by noise and alignment"
+        )
+    if verdict == PRACTICAL:
+        return VerdictLine("Missing physics", "none of relevance; image differences are below all thresholds")
+    if "removes" in content.get("object", {}):
+        (piece,) = content["object"]["pieces"]
+        return VerdictLine("Local object mismatch", piece_text(piece))
+    if contradiction(content):
+        return VerdictLine("Missing physics", "none; a declared value does not fit the data")
+    return VerdictLine("Missing physics", "unknown; no effect of Virtual Phantom explains the difference")
+
+
+def _alternatives(content: Mapping, names: Sequence[str]) -> VerdictLine | None:
+    replaced: dict[str, list[str]] = {}
+    for name in names:
+        if rivals := _rivals(content, name):
+            replaced.setdefault(" or ".join(rivals), []).append(effect_name(name))
+    if not replaced:
+        return None
+    found = [rivals + f" instead of {' or '.join(effects)}" * (len(names) > 1) for rivals, effects in replaced.items()]
+    return VerdictLine("Indistinguishable alternatives", "; ".join(found[:MOST_DETAILED]), rank=5)
+
+
+def _rivals(content: Mapping, name: str) -> list[str]:
+    """Names of what explains the data as well as an effect."""
+    rivals = [effect_name(rival) for rival in content["ambiguous_with"].get(name, [])]
+    rivals = _shortened(rivals)
+    if other := content.get("outside", {}).get(name):
+        rivals.append(f"an unmodeled change that {other['what']}")
+    return rivals
+
+
+def _improvement(content: Mapping) -> VerdictLine | None:
+    """RMS beyond noise before and after; the plain RMS where the effects do not reduce it."""
+    name, rms = next(((key, one) for key, one in content["held_out"].items() if key.startswith("rms_")), (None, None))
+    if content["excess_removed"] is None or rms is None:
+        return None
+    unit = " HU" if name == "rms_hu" else ""
+    before, after, noise = rms["before"], rms["after"], rms["floor"]
+    removed, share = content.get("excess_rms_removed"), ""
+    if removed is not None and removed > 0:
+        before, after = (math.sqrt(max(0.0, value**2 - noise**2)) for value in (before, after))
+        share = f" ({percent(removed, content)} removed)"
+    text = f"{'excess ' * bool(share)}RMS {before:.3g} -> {after:.3g}{unit}{share}; noise {noise:.3g}{unit}"
+    return VerdictLine("Fit on held-out data", text, rank=2)
+
+
+def percent(share: float, content: Mapping) -> str:
+    """Return a share in percent; never "100 %" if a mismatch or a doubt remains."""
+    text = f"{100 * share:.3g}"
+    remains = share < 1 or content.get("unexplained") or content.get("doubts")
+    return "over 99.9 %" if text == "100" and remains else f"{text} %"
+
+
+def _mismatch(content: Mapping, named: Sequence[Mapping]) -> VerdictLine | None:
+    """Return the largest difference that no effect explains, and its size in images."""
+    practice = content.get("practice", {})
+    if "removes" in content.get("object", {}):
+        share = percent(content["object"]["removes"], content)
+        text = f"correcting the object removes {share} of the difference, more than any effect"
+        return VerdictLine("Fit on held-out data", text, rank=2)
+    if named and content["unexplained"]:
+        size = practice.get("remaining", {}).get("hu")
+        text = location_text(content["unexplained"][0])
+        if size is not None and abs(size["value"]) > 2 * size["error"]:
+            text += f", {abs(size['value']):.2g} HU in images"
+        return VerdictLine("Remaining mismatch", text, rank=3)
+    if not named and content["verdict"] == UNEXPLAINED:
+        found = [f"{value:.3g} {UNITS[name]}" for name, value in practice.get("differing", {}).items()]
+        text = location_text(content["locations"][0]) + (f"; in images {', '.join(found)}" if found else "")
+        return VerdictLine("Largest mismatch", text, rank=2)
+    return None
+
+
+def location_text(location: Mapping) -> str:
+    """Return where recording and simulation differ, in words."""
+    domain, where = location["domain"], location["where"]
+    return f"a change that {where}" if domain == KINDS else f"{DOMAINS.get(domain, domain)} ({where})"
+
+
+def _caution(content: Mapping) -> VerdictLine | None:
+    """Return the first doubt about the effects, or else the first remark on the data."""
+    doubts, remarks = content.get("doubts", []), content.get("caveats", [])
+    if doubts:
+        more = f"{len(doubts) - 1} more in the report" if len(doubts) > 1 else "other physics may be missing too"
+        return VerdictLine("Caution", f"{doubts[0]}; {more}", rank=1)
+    if remarks:
+        return VerdictLine("Caution", remarks[0].partition(". ")[0].rstrip("."), rank=3)
+    return None
+
+
+def contradiction(content: Mapping, of: str = "") -> VerdictLine | None:
+    """Return the declared values that the data contradict; `of` follows each effect's name."""
+    contradicted = [
+        f"{effect_name(name)}{of}: {parameter_name(name, key)} {found['value']:.3g} "
+        f"({found['ci95'][0]:.3g} to {found['ci95'][1]:.3g}){_unit(found['unit'])}, "
+        f"declared {found['stated']:g} ± {found['sd']:g}"
+        for name, parameters in content.get("declared", {}).items()
+        for key, found in parameters.items()
+        if found["off"]
+    ]
+    return VerdictLine("Contradicts declared physics", "; ".join(contradicted), rank=1) if contradicted else None
+
+
+def _corrected_object(content: Mapping) -> VerdictLine | None:
+    found = content.get("object", {})
+    if not found.get("mended"):
+        return None
+    return VerdictLine("Object corrected before the fit", enumerated([piece_text(one) for one in found["pieces"]]), 2)
+
+
+def piece_text(piece: Mapping) -> str:
+    """Return place, width and contrast of a piece of the object, in words."""
+    kind = "rod along z" if piece["z_mm"] is None else "ball"
+    place = f"x {piece['x_mm']:.3g}, y {piece['y_mm']:.3g}"
+    place += "" if piece["z_mm"] is None else f", z {piece['z_mm']:.3g}"
+    more = "more" if piece["hu"] > 0 else "less"
+    return f"{kind} of {piece['width_mm']:.3g} mm at {place} mm, {abs(piece['hu']):.3g} HU {more} than stated"
+
+
+def _location(content: Mapping, stated: Mapping[str, float]) -> VerdictLine | None:
+    """Return where the object was found if it lies far off its stated location."""
+    location = content.get("setup", {}).get("location")
+    if not location:
+        return None
+    # The location as fitted. A direction that the scan does not show keeps its value.
+    location = {
+        name: round(content["alignment"][name]["value"], LOCATION_DIGITS) if value else value
+        for name, value in location.items()
+    }
+    distance = math.dist(location.values(), [stated.get(name, 0.0) for name in location])
+    where = "its stated location" if any(stated.values()) else "the isocenter"
+    line = ", ".join(f"{name}: {value:g}" for name, value in location.items() if value or stated.get(name))
+    key = f"diagnosis.recordings.{content['recording']}.location"
+    return VerdictLine("Object location", f"{distance:.3g} mm off {where}; set {key}: {{{line}}}", rank=1)
+
+
+def _source(content: Mapping) -> VerdictLine | None:
+    source = next((effect["taken_from"] for effect in content["effects"] if "taken_from" in effect), None)
+    if source is None:
+        return None
+    left = ", ".join(map(effect_name, content["not_taken"]))
+    rest = f"; not transferred: {left}" if left else ""
+    return VerdictLine("Source of the physics", f"found on {source}; only the alignment is fitted here{rest}", rank=1)
+
+
+def _below_thresholds(content: Mapping, names: Sequence[str]) -> VerdictLine | None:
+    if not names:
+        return None
+    listed = _shortened([" or ".join([effect_name(name), *_rivals(content, name)]) for name in names])
+    return VerdictLine("Also significant, below the relevance thresholds", ", ".join(listed), rank=4)
+
+
+def _thresholds(content: Mapping) -> VerdictLine | None:
+    """Return the relevance thresholds if a verdict rests on them."""
+    if content["verdict"] != PRACTICAL:
+        return None
+    limits = [f"{value:g} {UNITS[name]}" for name, value in content["practice"]["thresholds"].items()]
+    return VerdictLine("Relevance thresholds", ", ".join(limits), rank=5)
+
+
+def _next(content: Mapping, named: Sequence[Mapping]) -> VerdictLine | None:
+    """Return the measurement that would settle the verdict, or confirm its first effect."""
+    if content["next_measurement"]:
+        return VerdictLine("Next", content["next_measurement"][0], rank=6)
+    if not named or "taken_from" in named[0]:
+        return None
+    name = named[0]["name"]
+    test = load(name).settled_by.partition(":")[0]
+    return VerdictLine("Next", f"to confirm {effect_name(name)}, measure {test}", rank=6)
+
+
+def setup_lines(setup: Mapping, scanned: str) -> list[VerdictLine | None]:
+    """Return the lines for a scan whose set-up is wrong, or that shows another object.
+
+    Parameters
+    ----------
+    setup : mapping
+        Section `setup` of diagnosis.json.
+    scanned : str
+        The object in the configuration, in words.
+    """
+    described, corrected = (f"{100 * setup[key]:.2g} %" for key in ("share_stated", "share"))
+    variance = f"Unexplained variance of {setup['of']}"
+    tried = VerdictLine("Effects", "none tried; correct the set-up first")
+    if setup["kind"] == "empty":
+        return [
+            VerdictLine("Empty beam", f"line integrals do not follow those of {scanned}"),
+            VerdictLine("Next", "check that the repeats in recording.yaml are scans of the object, not air scans"),
+            tried,
+        ]
+    if setup["kind"] == "object":
+        images = setup["of"] != "line integrals"
+        searched = "voxel order and location" if images else "location, angle, size and geometry"
+        return [
+            VerdictLine("Wrong object", f"the scan does not show {scanned}"),
+            VerdictLine(variance, f"{corrected} for every {searched} tried"),
+            VerdictLine("Next", "name the scanned object in the configuration"),
+            tried,
+        ]
+    changed = None
+    if described != corrected:
+        changed = VerdictLine(variance, f"{described} as described, {corrected} as corrected")
+    return [VerdictLine("Scan set-up error", f"change {'; '.join(setup['mistakes'].values())}"), changed, tried]
+
+
+def scanner_lines(content: Mapping) -> list[VerdictLine | None]:
+    """Return the lines of the joint diagnosis of a scanner's recordings."""
+    recordings = content["recordings"]
+    judges = [name for name, one in recordings.items() if one["judged"]]
+    left = [name for name, one in recordings.items() if one["unexplained"]]
+    disagreement = _disagreement(recordings)
+    count = len(recordings) - len(judges)
+    if content["effects"]:
+        first = VerdictLine("Shared missing physics", f"{effects_text(content['effects'])}, in {count} recordings")
+    elif left or disagreement:
+        first = VerdictLine("Shared missing physics", "unknown; no shared effect explains the differences")
+    else:
+        first = VerdictLine("Shared missing physics", f"none; {len(recordings)} recordings agree with the simulation")
+    return [
+        first,
+        _removed("Fit on left-out recordings", content["excess_rms_removed"]),
+        _removed(f"Fit on {', '.join(judges)} (not used for the choice)", content["excess_rms_removed_judged"]),
+        contradiction(content),
+        *(
+            contradiction({"declared": one}, f" of protocol {key}")
+            for key, one in content["declared_of_protocols"].items()
+        ),
+        disagreement,
+        VerdictLine("Remaining mismatch", f"in {', '.join(left)}", rank=3) if left else None,
+    ]
+
+
+def _removed(subject: str, removed: Mapping[str, float] | None) -> VerdictLine | None:
+    if removed is None:
+        return None
+    median, worst = (round(100 * removed[key]) for key in ("median", "worst"))
+    return VerdictLine(subject, f"{median} % of the excess RMS removed (median; worst {worst} %)", rank=2)
+
+
+def _disagreement(recordings: Mapping[str, Mapping]) -> VerdictLine | None:
+    """Return which recordings disagree with the others on shared parameters."""
+    fitted = [name for name, one in recordings.items() if not one["judged"]]
+    off = [name for name, one in recordings.items() if one["agreement"] and one["agreement"]["disagrees"]]
+    if not off:
+        return None
+    if 2 * len([name for name in off if name in fitted]) > len(fitted):  # no single one stands out
+        text = f"{', '.join(fitted)} disagree with each other on shared parameters"
+        off = [name for name in off if name not in fitted]
+        text += f"; so does {', '.join(off)}" if off else ""
+    else:
+        verb, others = "disagrees" if len(off) == 1 else "disagree", recordings[off[0]]["agreement"]["against"]
+        text = f"{', '.join(off)} {verb} with {', '.join(others)} on shared parameters; compare dates and settings"
+    return VerdictLine("Disagreement", text, rank=1)
+
+
+def feature_lines(content: Mapping) -> list[VerdictLine | None]:
+    """Return the lines of a diagnosis of features."""
+    if content["verdict"] == MATCH:
+        return [VerdictLine("Differing image property", "none; features differ by no more than between repeats")]
+    worst = VerdictLine("Largest mismatch", _feature_location(content["locations"][0]))
+    if not content["effects"]:
+        name, best = next(iter(content["candidates"].items()))
+        nearest = f"{label(name)} comes closest ({100 * best['held_out']:.0f} % removed on held-out regions)"
+        return [
+            VerdictLine("Differing image property", "unknown; no single property explains the difference"),
+            worst,
+            VerdictLine("Closest property", nearest) if best["held_out"] > 0 else None,
+            _next(content, []),
+        ]
+    (effect,) = content["effects"]
+    rivals = [label(name) for name in content["ambiguous_with"].get(effect["name"], [])]
+    removed = f"{100 * effect['evidence']['held_out_gain']:.0f} % of the difference removed"
+    remaining = None
+    if content["unexplained"]:
+        remaining = VerdictLine("Remaining mismatch", _feature_location(content["unexplained"][0]))
+    return [
+        VerdictLine("Differing image property", " or ".join([label(effect["name"]), *rivals])),
+        VerdictLine("Fit on held-out regions", removed),
+        worst,
+        remaining,
+        _next(content, []),
+    ]
+
+
+def _feature_location(place: Mapping) -> str:
+    return f"means of {place['where']}" if place["domain"] == "mean" else f"{place['domain']} ({place['where']})"
+
+
+def effects_text(effects: Sequence[Mapping]) -> str:
+    """Return effects by name, a few of them with their parameters.
+
+    Parameters
+    ----------
+    effects : sequence of mapping
+        As in diagnosis.json: name, parameters with value and unit.
+    """
+    detailed = len(effects) <= MOST_DETAILED
+    return enumerated(_shortened([_effect_text(effect, detailed) for effect in effects]))
+
+
+def _effect_text(effect: Mapping, detailed: bool) -> str:
+    name, parameters = effect["name"], list(effect.get("parameters", {}).items())[:MOST_DETAILED]
+    if not detailed or not parameters:
+        return effect_name(name)
+    values = [f"{parameter_name(name, key)} {one['value']:.3g}{_unit(one['unit'])}" for key, one in parameters]
+    return f"{effect_name(name)} ({', '.join(values)})"
+
+
+def effect_name(name: str) -> str:
+    """Return the name of an effect for texts."""
+    return load(name).display_name
+
+
+def parameter_name(effect: str, key: str) -> str:
+    """Return the name of a parameter of an effect for texts, without its unit."""
+    parameters = {parameter.name: parameter for parameter in load(effect).parameters}
+    return parameters[key].display_name if key in parameters else label(key)
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
+
+
+def _shortened(names: list[str]) -> list[str]:
+    return names if len(names) <= MOST_NAMES else [*names[: MOST_NAMES - 1], f"{len(names) - MOST_NAMES + 1} more"]
