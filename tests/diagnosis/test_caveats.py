@@ -58,7 +58,7 @@ def test_rays_that_measured_nothing_are_said_or_refused():
     usable = np.ones((24, 1, 64), bool)
     usable[:, :, 30] = False
     (line,) = said(scans(chain(), usable=usable), chain())
-    assert line.startswith("1.6 % of the rays measured nothing")
+    assert line.startswith("1.6 % of the rays have no signal")
     usable[:, :, 10:] = False
     with pytest.raises(InputError, match="84 % of the rays measured nothing"):
         check_scans(scans(chain(), usable=usable), "bench")

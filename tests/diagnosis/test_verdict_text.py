@@ -94,7 +94,7 @@ def test_missing_physics_is_told_with_its_fit_and_the_remaining_mismatch():
         "Fit on held-out data: excess RMS 0.0129 -> 0.00271 (79 % removed); noise 0.011.",
         "Remaining mismatch: object edges (the 10 % steepest rays), 0.31 HU in images.",
         "Also significant, below the relevance thresholds: anti-scatter grid or dark signal.",
-        "Next: to confirm scatter, measure the same scan with the beam collimated to a few rows.",
+        "Next: confirm scatter with the same scan with the beam collimated to a few rows.",
     ]
 
 

@@ -35,9 +35,9 @@ DOMAINS = {
     "both halves": "residuals common to both halves",
     "image": "image blocks",
 }
-MOST_LINES = 5
-MOST_NAMES = 4  # effects that a line lists
-MOST_DETAILED = 2  # effects whose parameters a line gives, and parameters of each
+MOST_LINES = 5  # of a verdict; a choice
+MOST_NAMES = 4  # effects in a line; a choice
+MOST_DETAILED = 2  # effects in a line with parameters, and parameters of each; a choice
 
 
 @dataclass(frozen=True)
@@ -287,7 +287,7 @@ def _next(content: Mapping, named: Sequence[Mapping]) -> VerdictLine | None:
         return None
     name = named[0]["name"]
     test = load(name).settled_by.partition(":")[0]
-    return VerdictLine("Next", f"to confirm {effect_name(name)}, measure {test}", rank=6)
+    return VerdictLine("Next", f"confirm {effect_name(name)} with {test}", rank=6)
 
 
 def setup_lines(setup: Mapping, scanned: str) -> list[VerdictLine | None]:
