@@ -94,7 +94,7 @@ def test_missing_physics_is_told_with_its_fit_and_the_remaining_mismatch():
         "Fit on held-out data: excess RMS 0.0129 -> 0.00271 (79 % removed); noise 0.011.",
         "Remaining mismatch: object edges (the 10 % steepest rays), 0.31 HU in images.",
         "Also significant, below the relevance thresholds: anti-scatter grid or dark signal.",
-        "Next: confirm scatter with the same scan with the beam collimated to a few rows.",
+        "Next: to confirm scatter, repeat the scan with the beam collimated to a few rows.",
     ]
 
 
@@ -295,12 +295,12 @@ def spectrum(kvp=60.0, sensor_mm=0.6):
         (
             spectrum(kvp=75.0),
             {"tube_kvp": 80.0},
-            ["kVp of spectrum is 75 kV (stated: 80, known within 1)"],
+            ["tube voltage of spectrum is 75 kV (stated: 80, known within 1)"],
         ),
         (
             spectrum(kvp=150.0),
             {},
-            ["kVp of spectrum is 150 kV (not stated, the upper end of its range)"],
+            ["tube voltage of spectrum is 150 kV (not stated, the upper end of its range)"],
         ),
         (
             spectrum(sensor_mm=0.01),

@@ -287,7 +287,7 @@ def _next(content: Mapping, named: Sequence[Mapping]) -> VerdictLine | None:
         return None
     name = named[0]["name"]
     test = load(name).settled_by.partition(":")[0]
-    return VerdictLine("Next", f"confirm {effect_name(name)} with {test}", rank=6)
+    return VerdictLine("Next", f"to confirm {effect_name(name)}, {test}", rank=6)
 
 
 def setup_lines(setup: Mapping, scanned: str) -> list[VerdictLine | None]:

@@ -212,7 +212,7 @@ def _metrics(data: Responses, trial: Trial | None, held_out: bool) -> dict:
 def _next(best: Property, rivals: list[str], found: Mapping[Property, Trial], left: bool) -> list[str]:
     by_name = {one.name: one for one in found}
     tests = [
-        f"distinguish {label(best.name)} from {label(rival)} with {by_name[tested].settled_by}"
+        f"to distinguish {label(best.name)} from {label(rival)}, {by_name[tested].settled_by}"
         for rival in rivals
         for tested in (best.name, rival)
     ]

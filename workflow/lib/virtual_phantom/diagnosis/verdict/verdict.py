@@ -287,7 +287,7 @@ def next_measurements(choice: Choice, something_left: bool, ranked: bool) -> lis
             )
         elif rivals:
             found += [
-                f"distinguish {effect_name(name)} from {effect_name(rival)} with {load(tested).settled_by}"
+                f"to distinguish {effect_name(name)} from {effect_name(rival)}, {load(tested).settled_by}"
                 for rival in rivals
                 for tested in (name, rival)
             ]
