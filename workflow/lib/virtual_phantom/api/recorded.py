@@ -20,7 +20,7 @@ from ..diagnosis.setup.verdict import VERDICTS, verdict, with_location
 from ..diagnosis.verdict.verdict import Diagnosis
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..io.volumes import read_nifti
-from ..physics.beam.material_names import named
+from ..physics.beam.material_names import library_name
 from ..recordings.document import read_document
 from ..recordings.reading import load
 from ..recordings.recording import Recording
@@ -97,10 +97,13 @@ def diagnose(
     scanned: dict = {}
     if disc is not None:
         diameter, material = pair(disc, "disc", "diameter in mm and material")
-        scanned["disc"] = {"diameter_mm": positive(diameter, "disc[0]"), "material": named(text(material, "disc[1]"))}
+        scanned["disc"] = {
+            "diameter_mm": positive(diameter, "disc[0]"),
+            "material": library_name(text(material, "disc[1]")),
+        }
     if mask is not None:
         file, material = pair(mask, "mask", "a NIfTI file and a material")
-        scanned["object"] = {"mask": path(file, "mask[0]"), "material": named(text(material, "mask[1]"))}
+        scanned["object"] = {"mask": path(file, "mask[0]"), "material": library_name(text(material, "mask[1]"))}
     if labels is not None:
         file, materials = pair(labels, "labels", "a NIfTI file and the material of each label")
         materials = mapping(materials, "labels[1]", "{label: material}")

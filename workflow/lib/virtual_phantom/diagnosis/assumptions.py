@@ -9,7 +9,7 @@ from ..base.geometry import PARALLEL
 from ..base.vectors import FLAT
 from ..base.words import counted, label
 from ..physics.beam.materials import attenuation_per_mm
-from ..physics.scenes.labeled import materials_of
+from ..physics.scenes.labeled import label_materials
 from ..physics.scenes.shapes import NOTHING
 from ..recordings.recording import Recording
 from .preparation import labels_of
@@ -68,7 +68,9 @@ def object_of(asked: DiagnosisRequest) -> str:
         shaped = shaped_object(other)
         return f"shapes ({shaped.name}): {shaped.description.rstrip('.')}"
     if isinstance(other, LabelledObject):
-        of = enumerated([label(one) for one in dict.fromkeys(materials_of(other.materials).values()) if one != NOTHING])
+        of = enumerated(
+            [label(one) for one in dict.fromkeys(label_materials(other.materials).values()) if one != NOTHING]
+        )
         return f"the label map {Path(other.labels).name}, of {of}"
     if other is not None:
         return f"the homogeneous object of {Path(other.mask).name}, of {label(other.material)}"

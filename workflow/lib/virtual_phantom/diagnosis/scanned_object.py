@@ -13,7 +13,7 @@ from ..io import volumes
 from ..io.volumes import Volume
 from ..phantom import block_mean
 from ..physics.beam.materials import Segmentation, energy_of
-from ..physics.scenes.labeled import Labelled, read_labelled
+from ..physics.scenes.labeled import LabelMap, read_label_map
 from ..physics.scenes.objects import ShapedObject, read_object
 from ..physics.scenes.prism import PrismScene
 from ..physics.scenes.scene import DISC_ENERGY_KEV, DiscScene, VoxelScene
@@ -49,9 +49,9 @@ def shaped_object(asked: ShapesObject) -> ShapedObject:
     return read_object(asked.kind, asked.parameters)
 
 
-def labelled_object(asked: LabelledObject) -> Labelled:
+def labelled_object(asked: LabelledObject) -> LabelMap:
     """As physics.labelled.read_labelled."""
-    return read_labelled(asked.labels, asked.materials)
+    return read_label_map(asked.labels, asked.materials)
 
 
 def whole_voxels(asked: DiagnosisRequest, scene: object) -> str | None:
@@ -123,7 +123,7 @@ def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene 
     return VoxelScene(volume.array[None], volume.grid, (material,), DISC_ENERGY_KEV, threads)
 
 
-def labelled_scene(labelled: Labelled, energy_kev: float, threads: int = 1) -> VoxelScene | PrismScene:
+def labelled_scene(labelled: LabelMap, energy_kev: float, threads: int = 1) -> VoxelScene | PrismScene:
     """An object of a label map; a single slice stands for what mask_scene says.
 
     Parameters

@@ -91,7 +91,7 @@ class Model(ABC):
     def known(self, name: str) -> dict[str, float]:
         """Parameters of an effect that are not fitted."""
         exact = {key: one.value for key, one in self.declared.get(name, {}).items() if not one.sd}
-        return self.chain.held(name) | dict(self.fixed.get(name, {})) | exact
+        return self.chain.fixed_parameters(name) | dict(self.fixed.get(name, {})) | exact
 
     def of_study(self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> dict:
         """Settings of effects as a study takes them, whose readout units are photons.

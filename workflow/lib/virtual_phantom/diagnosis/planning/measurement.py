@@ -10,7 +10,7 @@ from scipy import special
 
 from ...base.geometry import OrbitGeometry
 from ...physics.chain import Chain
-from ...physics.state import MOST_NOISE, PHOTONS
+from ...physics.state import MAX_VARIANCE, PHOTONS
 from ..fitting.fit import Fit, Fitter, Problem
 from ..fitting.linearization import before_images
 from ..fitting.nuisance import Nuisance
@@ -95,7 +95,7 @@ class Scan:
         """
         readout = like.readout
         if readout != PHOTONS:  # a reading in air goes with the photons, what is read beside them does not
-            readout = like.reads_in_air * self.photons
+            readout = like.air_reading * self.photons
         photons = like.photons * self.photons
         samples = like.samples if hasattr(self.scene, "slopes") else max(like.samples, SAMPLES)
         return Chain(self.scene, self.geometry, photons, samples, like.illumination, like.sensor, readout)
@@ -243,7 +243,7 @@ class DarkFrames:
         """As Scan.tells: a dark signal, its drift, and the variance of the electronics."""
         unknowns = model.unknowns(model.whole(effects))
         geometry = model.chain.geometry
-        air = model.chain.reads_in_air
+        air = model.chain.air_reading
         half = (geometry.duration_s if geometry.view_interval_ms is not None else 1.0) / 2
         photons = float(fit.physics.get("electronic_noise", {}).get("photons", 0.0))
         values = fit.physics.get("dark_signal", {})
@@ -279,7 +279,7 @@ def _expecting(model: ScansModel, fit: Fit, conditions: Conditions, step: int) -
         before_images(fit.physics), photons=float(np.exp(fit.nuisance["log_photons"])), anode=model.anode
     )
     first = state.variance()
-    usable = first < MOST_NOISE
+    usable = first < MAX_VARIANCE
     variance = np.where(usable, state.log_noise()[1], 1.0)
     blocks, n = Blocks.of(usable.shape, PARTS), conditions.repeats
     spread, spread_error, alike, alike_error = None, None, None, None
