@@ -73,7 +73,7 @@ def test_both_traces_meet_the_same(scene):
     to, rows = rays.bundles, GEOMETRY.rows
     for row in range(rows):
         one = replace(rays, bundles=to._replace(rows_mm=to.rows_mm[row : row + 1]))
-        found = scene._traceable.path_lengths(one)[:, :, 0]
+        found = scene._voxels.path_lengths(one)[:, :, 0]
         expected = scene.path_lengths(GEOMETRY, PLACED, MOTION)[:, :, row]
         np.testing.assert_allclose(found, expected, atol=5e-6 * 50)
 

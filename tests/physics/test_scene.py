@@ -79,7 +79,7 @@ def test_many_rays_are_worked_out_in_parts(scene, monkeypatch):
     ((together, weights),) = supersampled(geometry, 2)
     whole = average_rays(scene.path_lengths(together), weights)
     for most, parts in ((2 * np.prod(geometry.shape), 2), (1, 4)):
-        monkeypatch.setattr("virtual_phantom.physics.scenes.sampling.MOST_RAYS", int(most))
+        monkeypatch.setattr("virtual_phantom.physics.scenes.sampling.MAX_RAYS", int(most))
         made = supersampled(geometry, 2)
         assert len(made) == parts
         found = sum(average_rays(scene.path_lengths(one), share) for one, share in made)

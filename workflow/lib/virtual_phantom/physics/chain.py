@@ -96,30 +96,16 @@ class Chain:
     def near(
         self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, reach: float = 1.0, **extra
     ) -> Chain:
-        """Return a chain whose path lengths are linearized at the given settings.
+        """Return a chain whose path lengths are linearized at the given settings, as PosedScene.near.
 
-        Rays beyond the linear range are traced. The result is this chain if its scene does not support it or is already
-        linearized.
-
-        Parameters
-        ----------
-        physics, pose, **extra
-            As `state` takes them.
-        reach : float, optional
-            As PosedScene.near takes it.
+        Other arguments are those of `state`. Chains with other scenes are returned unchanged.
         """
         if not isinstance(self.scene, PosedScene):
             return self
         return self._copy(self.scene.near(self._scans(physics, pose, extra), reach), self.geometry, self.samples)
 
     def follows(self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, **extra) -> bool:
-        """Whether all rays of the given settings are in the linear range; true also if the scene traces all rays.
-
-        Parameters
-        ----------
-        physics, pose, **extra
-            As `state` takes them.
-        """
+        """Whether all rays of the given settings are in the linear range; true also if the scene traces all rays."""
         scene = self.scene
         return not isinstance(scene, LinearizedScene) or all(map(scene.follows, self._scans(physics, pose, extra)))
 
@@ -266,12 +252,10 @@ class Chain:
 
         Parameters
         ----------
-        pose : Pose
-            Pose of the object.
-        motion_mm : ndarray, shape (views, 3), optional
-            As State.motion_mm.
+        geometry, pose, motion_mm
+            As scenes take them.
         beam : Spectrum, optional
-            With shares of shape (energies,) or (energies, rows, columns); None: the monochromatic beam.
+            None: the monochromatic beam.
         added : tuple of tuple of AddedShape and float, optional
             As State.added.
 

@@ -87,9 +87,9 @@ class State:
         Crosstalk along (columns, rows): share of the signal, including its quantum noise, that goes to the next pixel
         on each side.
     lag : tuple of 3 float
-        Afterglow (share, memory, before): share of the signal of a view that is read in later views, factor by which it
-        decays from one scanner view to the next, and afterglow at the start of the scan relative to a steady beam with
-        the signal of the first view.
+        Afterglow (share, memory, before). `share` of the signal of a view is read in later views, and decays by the
+        factor `memory` from one scanner view to the next. `before` is the afterglow at the start of the scan, relative
+        to a steady beam with the signal of the first view.
     earlier : ndarray, shape (EARLIER_VIEWS, views, rows, columns), or None
         `signal` at EARLIER_VIEWS before each view, for afterglow in a scan that has only some of the scanner's views;
         None: interpolated from the views of the scan.
@@ -176,16 +176,12 @@ class State:
         return quantum + electronic
 
     def log_noise(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bias of the line integrals due to noise, and their variance, both to second order.
+        """Return the bias of the line integrals due to noise, and their variance, both to second order, per pixel.
 
         Let v be the first-order variance and q its quantum part. The moments of -ln(1 + x), to fourth order in x and
         with the third moment of Poisson counts, are v/2 + 3/4 v^2 - q^2/3 and v + 5/2 v^2 - q^2. For counts of mean m
         without other noise: 1/(2m) + 5/(12 m^2) and 1/m + 3/(2 m^2). Above MAX_VARIANCE the series diverges, and the
         second-order terms keep their value at this limit.
-
-        Returns
-        -------
-        mean, variance : ndarray, shape (views, rows, columns)
         """
         # The logarithm of a power of the signal is proportional to the exponent, noise included; the correction
         # polynomial is linearized.
@@ -197,7 +193,7 @@ class State:
         return exponent * bias, exponent**2 * (first + 2.5 * noise**2 - quantum**2)
 
     def counts(self, random: np.random.Generator) -> np.ndarray:
-        """Simulate one noisy scan.
+        """Simulate one noisy scan, in photons, float64, shape (views, rows, columns).
 
         Quantum noise is a Poisson count times the signal per count, both chosen so that mean and variance are those of
         the state. Its third moment is the one that `log_noise` assumes.
@@ -207,11 +203,6 @@ class State:
         random : numpy.random.Generator
             Gives one number per pixel for the counts. Afterglow from before the scan and electronic noise use streams
             spawned from it, so that the counts do not depend on them.
-
-        Returns
-        -------
-        ndarray of float64, shape (views, rows, columns)
-            Photons.
         """
         from .noise.poisson import poisson_counts  # loads numba, which only noisy scans need
 
@@ -247,12 +238,7 @@ class State:
 
     @property
     def signal_per_line_integral(self) -> np.ndarray:
-        """Change of the signal before the response that changes a line integral by 1, to first order.
-
-        Returns
-        -------
-        ndarray, shape (views, rows, columns)
-        """
+        """First-order change of the signal before the response per change of the line integral by 1, per pixel."""
         signal = self.mean_readout
         exponent = self.log_slope(signal) * self._correction_slope
         if self.dark is None:  # gains change signal and noise by the same factor
@@ -267,10 +253,7 @@ class State:
         return quantum * factor, (self.electronic / self.photons) ** 2 * factor
 
     def apply_response(self, signal: np.ndarray) -> np.ndarray:
-        """Return the readings of a signal, N^exponent / (1 + loss N).
-
-        The response is odd, because electronic noise can make a signal negative.
-        """
+        """Return the readings N^exponent / (1 + loss N) of a signal, odd because of negative electronic noise."""
         if self.response == LINEAR:
             return signal
         exponent, loss = self.response
@@ -326,10 +309,6 @@ class State:
             Scanner views from one view to the next; None: as in the geometry.
         earlier : ndarray, shape (EARLIER_VIEWS, views, rows, columns), optional
             As State.earlier.
-
-        Returns
-        -------
-        ndarray, shape (views, rows, columns)
         """
         if before_scan is not None:
             before_scan = with_crosstalk(before_scan[None], self.neighbours, squared)[0]
@@ -348,17 +327,12 @@ class State:
     def sample_earlier_signal(
         self, mean: np.ndarray, variance: np.ndarray, random: np.random.Generator
     ) -> np.ndarray | None:
-        """Sample the noisy mean of the signal before the scan, weighted as in the afterglow.
+        """Sample the noisy mean of the signal before the scan, weighted as in the afterglow; None without afterglow.
 
         Parameters
         ----------
         mean, variance : ndarray, shape (rows, columns)
             Mean and variance of the signal of one view.
-
-        Returns
-        -------
-        ndarray, shape (rows, columns), or None
-            None without afterglow.
         """
         if not (self.lag[0] or self.slow_lag[0]):
             return None
@@ -368,20 +342,7 @@ class State:
 
 
 def correction_polynomial(lines: np.ndarray, correction: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return p + a p^2 + b p^3 and its derivative, extrapolated linearly above CORRECTION_LIMIT.
-
-    Parameters
-    ----------
-    lines : ndarray
-        Line integrals p.
-    correction : tuple of 2 float
-        a and b.
-
-    Returns
-    -------
-    values, slopes : ndarray
-        Same shape as `lines`.
-    """
+    """Return p + a p^2 + b p^3 of line integrals p, and its derivative; it is linear above CORRECTION_LIMIT."""
     square, cube = correction
     inside = np.minimum(lines, CORRECTION_LIMIT)
     slope = 1 + 2 * square * inside + 3 * cube * inside**2
@@ -398,10 +359,6 @@ def with_crosstalk(array: np.ndarray, neighbours: tuple[float, float], squared: 
         c along columns and along rows.
     squared : bool, optional
         Square the weights, for variances of independent values.
-
-    Returns
-    -------
-    ndarray, shape (views, rows, columns)
     """
     for axis, share in zip((2, 1), neighbours, strict=True):
         if share and array.shape[axis] > 1:
@@ -447,10 +404,6 @@ def with_afterglow(
         Scanner views from one view to the next. Views in between are interpolated.
     earlier : ndarray, shape (EARLIER_VIEWS, views, ...), optional
         As `interpolate_views` takes it.
-
-    Returns
-    -------
-    ndarray, shape (views, ...)
     """
     share, memory, before = lag
     if not share:

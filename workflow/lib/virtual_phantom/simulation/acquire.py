@@ -36,8 +36,8 @@ def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, 
     Raises
     ------
     InputError
-        For an unknown model; for a noise level that is infinite or below 1e-9 (counters would overflow); and for line
-        integrals that are not finite or, in the "astra" model, nowhere positive.
+        For an unknown model; for a noise level that is infinite or below 1e-9 (counters would overflow); for line
+        integrals that are not finite, or nowhere positive in the "astra" model.
 
     References
     ----------
@@ -87,8 +87,8 @@ def acquire(
     model : {"physical", "astra"}
         As simulate_counts takes it.
     draws : {"independent", "common"}, optional
-        "independent": the random stream depends on all labels. "common": it depends only on the repeat, so that the
-        same pixel has the same uniform number, and the same quantile of its counts, in all scans of one shape.
+        "independent": the random stream depends on all labels. "common": it depends only on the repeat. The same pixel
+        then has the same uniform number, and the same quantile of its counts, in all scans of one shape.
     state : State, optional
         State of the chain, with `photons` relative to 1/A; None: baseline.
 

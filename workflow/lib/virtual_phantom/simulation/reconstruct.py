@@ -29,11 +29,6 @@ def apply_image_effects(
         Voxel size (z, y, x), mm.
     physics : mapping of str to mapping of str to float
         {effect: {parameter: value}}.
-
-    Returns
-    -------
-    ndarray, shape (z, y, x)
-        HU.
     """
     if not physics:
         return hu

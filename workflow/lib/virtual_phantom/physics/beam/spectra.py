@@ -97,8 +97,6 @@ def filter_transmission(filters: Filters, energies_kev: np.ndarray) -> np.ndarra
     ----------
     filters : tuple of tuple of str and ndarray
         At least one: materials and thicknesses in mm, broadcastable to (rows, columns).
-    energies_kev : ndarray, shape (energies,)
-        keV.
 
     Returns
     -------

@@ -63,8 +63,8 @@ def polychromatic_signal(
     found = np.empty((len(shares), *flat.shape[1:]))
 
     def run(first: int, last: int) -> None:
-        room = np.empty((1 + len(shares), BLOCK), np.float32)
-        _transmit(flat, powers, every, found, room, first, last)
+        workspace = np.empty((1 + len(shares), BLOCK), np.float32)
+        _transmit(flat, powers, every, found, workspace, first, last)
 
     blocks = -(-flat.shape[-1] // BLOCK)
     share_out(run, blocks, threads if views * blocks >= MANY else 1)
@@ -112,38 +112,30 @@ def _add_of_each(values, times, factors):
 
 
 @compiled(**OPTIONS)
-def _transmit(paths, powers, shares, found, room, begin, end):
-    """Write the signal of some blocks of rays.
+def _transmit(paths, powers, shares, found, workspace, begin, end):
+    """Write the signal of the blocks from `begin` to before `end` into `found`.
 
-    Parameters
-    ----------
-    paths : ndarray of float32, shape (materials, views, rays)
-    powers : ndarray of float32, shape (materials, energies)
-        Powers of 2 per mm.
-    shares : ndarray of float32, shape (shares, energies, 1 or rays)
-    found : ndarray of float64, shape (shares, views, rays)
-    room : ndarray of float32, shape (1 + shares, BLOCK)
-    begin, end : int
-        First block, and end of the range of blocks.
+    Shapes: paths (materials, views, rays), powers of 2 per mm (materials, energies), shares (shares, energies, 1 or
+    rays), found (shares, views, rays), and workspace (1 + shares, BLOCK).
     """
     materials, views, rays = paths.shape
     count, energies, each = shares.shape
     for view in range(views):
         for block in range(begin, end):
             first, last = block * BLOCK, min((block + 1) * BLOCK, rays)
-            left = room[0, : last - first]
-            room[1:] = 0
+            left = workspace[0, : last - first]
+            workspace[1:] = 0
             for energy in range(energies):
                 _set(left, paths[0, view, first:last], powers[0, energy])
                 for material in range(1, materials):
                     _add(left, paths[material, view, first:last], powers[material, energy])
                 _powers_of_two(left)
                 for share in range(count):
-                    total = room[1 + share, : last - first]
+                    total = workspace[1 + share, : last - first]
                     if each == 1:
                         _add(total, left, shares[share, energy, 0])
                     else:
                         _add_of_each(total, left, shares[share, energy, first:last])
             for share in range(count):
                 for i in range(last - first):
-                    found[share, view, first + i] = room[1 + share, i]
+                    found[share, view, first + i] = workspace[1 + share, i]

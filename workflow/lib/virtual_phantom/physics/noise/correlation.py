@@ -45,15 +45,7 @@ def correlations(state: State, weight: np.ndarray | None = None) -> np.ndarray:
 
 
 def _covariance(state: State, axis: int) -> np.ndarray | None:
-    """Return the covariance of the quantum noise of the readout signal of neighbors along an axis.
-
-    Electronic noise is independent.
-
-    Returns
-    -------
-    ndarray or None
-        One element less along the axis; None without correlation.
-    """
+    """Return the covariance of neighbors along an axis due to quantum noise; None without correlation."""
     quantum, length = state.noise / state.photons, state.signal.shape[axis]
     if length < 2:
         return None
@@ -83,10 +75,6 @@ def _covariance_of_views(quantum: np.ndarray, lag: tuple[float, float, float], s
         As State.lag.
     step : int
         Scanner views from one view to the next; views in between are interpolated.
-
-    Returns
-    -------
-    ndarray, shape (views - 1, rows, columns)
     """
     share, memory, before = lag
     quantum = interpolate_views(quantum, step)

@@ -37,19 +37,12 @@ NEAR, FAR, ROUNDED = 0.08, 4e-4, 2e-15
 
 
 def poisson_counts(mean: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """Return random counts.
+    """Return random counts, int64, for means from 0 to 2^53.
 
     Parameters
     ----------
-    mean : ndarray
-        From 0 to 2^53.
     random : numpy.random.Generator
         Gives one uniform number per mean, in the order of the array.
-
-    Returns
-    -------
-    ndarray of int64
-        Same shape as `mean`.
 
     Raises
     ------
@@ -66,10 +59,10 @@ def poisson_counts(mean: np.ndarray, random: np.random.Generator) -> np.ndarray:
 
 
 def quantiles(uniform: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """Return the smallest counts n with P(N <= n) >= u; 0 for u = 0.
+    """Return the smallest counts n with P(N <= n) >= u, int64; 0 for u = 0.
 
-    Results are exact unless u is so close to a jump that double precision cannot resolve it: within 1e-13 times the
-    smaller of u and 1 - u at means up to 1e5, and within 1e-11 up to 1e9.
+    Results are exact unless u is so close to a jump that double precision cannot resolve it. This distance, relative to
+    the smaller of u and 1 - u, is 1e-13 at means up to 1e5, and 1e-11 up to 1e9.
 
     Parameters
     ----------
@@ -77,10 +70,6 @@ def quantiles(uniform: np.ndarray, mean: np.ndarray) -> np.ndarray:
         u in [0, 1).
     mean : ndarray, shape (pixels,)
         From 0 to 2^53.
-
-    Returns
-    -------
-    ndarray of int64, shape (pixels,)
 
     Raises
     ------

@@ -35,21 +35,7 @@ class Inclusion:
     def lengths_mm(
         self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return the path lengths in the shape.
-
-        Parameters
-        ----------
-        geometry : ScanGeometry
-            Or a sampling.SupersampledScan.
-        pose : Pose, optional
-            Pose of the object.
-        motion_mm : ndarray, shape (views, 3), optional
-            As State.motion_mm.
-
-        Returns
-        -------
-        ndarray of float32, shape (views, rows, columns)
-        """
+        """Return the path lengths in the shape, float32, shape (views, rows, columns); arguments as of scenes."""
         if self._lengths is None:
             self._lengths = Kept(int(min(MAX_CACHED, max(2, CACHE_BYTES // (4 * math.prod(geometry.shape))))))
         key = scan_key(geometry, pose, motion_mm)
@@ -59,16 +45,6 @@ class Inclusion:
 def inclusion_transmission(
     added: Inclusions, geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None
 ) -> np.ndarray:
-    """Return the transmission exp(-sum of excess attenuation times path length), which is the same at all energies.
-
-    Parameters
-    ----------
-    geometry, pose, motion_mm
-        As Inclusion.lengths_mm takes them.
-
-    Returns
-    -------
-    ndarray, shape (views, rows, columns)
-    """
+    """Return the transmission exp(-sum of excess attenuation times path length), which is the same at all energies."""
     lines = sum(np.float64(excess) * shape.lengths_mm(geometry, pose, motion_mm) for shape, excess in added)
     return np.exp(-np.asarray(lines))

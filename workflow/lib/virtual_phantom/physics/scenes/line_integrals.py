@@ -16,7 +16,7 @@ from ...projectors.cpu import CpuProjector
 def clean_line_integrals(
     phantom: Volume, geometry: ScanGeometry, mu_water_per_mm: float, threads: int = 1, pose: Pose = IN_PLACE
 ) -> np.ndarray:
-    """Return monochromatic line integrals of a phantom on any grid.
+    """Return monochromatic line integrals of a phantom on any grid, float32, shape (views, rows, columns).
 
     A single projection of a fine grid takes seconds, so it always runs on the CPU engine.
 
@@ -28,10 +28,6 @@ def clean_line_integrals(
         Linear attenuation of water, 1/mm.
     pose : Pose, optional
         Pose of the phantom. The scan moves in the opposite direction, so that nothing is interpolated.
-
-    Returns
-    -------
-    ndarray of float32, shape (views, rows, columns)
 
     Raises
     ------
@@ -46,14 +42,7 @@ def clean_line_integrals(
 
 
 def check_scannable(phantom: Volume, geometry: ScanGeometry, pose: Pose = IN_PLACE) -> None:
-    """Check that a phantom can be scanned.
-
-    Parameters
-    ----------
-    phantom : Volume
-        HU.
-    pose : Pose, optional
-        Pose of the phantom.
+    """Check that a phantom in HU can be scanned.
 
     Raises
     ------
@@ -99,8 +88,8 @@ def check_rois_seen(geometry: ScanGeometry, grid: Grid, masks: dict[str, np.ndar
         share = share_seen(rays, hardest_points(grid, mask))
         if share < 1:
             raise InputError(
-                f"scan: ROI {name} is not seen from every direction: {100 * share:.0f} % of half a turn at its worst "
-                "voxel; use more detector rows or columns, more projections, a smaller pitch or more turns"
+                f"scan: ROI {name} is not seen from every direction: {100 * share:.0f} % of half a turn at worst; use "
+                "more detector rows or columns, more projections, a smaller pitch or more turns"
             )
 
 
@@ -115,7 +104,7 @@ def hardest_points(grid: Grid, mask: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, shape (points, 3)
-        (x, y, z), mm from the isocenter.
+        (x, y, z), mm.
     """
     z, y, x = grid.axes_mm()
     columns = np.argwhere(mask.any(axis=0))

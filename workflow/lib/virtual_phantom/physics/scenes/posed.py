@@ -111,7 +111,6 @@ class LinearizedScene:
     ----------
     scene : PosedScene
         Traces the other scans.
-    references : sequence of TracedScan
     reach : float, optional
         Factor of the linear range.
     """

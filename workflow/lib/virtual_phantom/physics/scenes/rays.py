@@ -133,13 +133,7 @@ class Voxels:
         return padded.reshape(flat), (padded != 0).any(axis=3).reshape(flat)
 
     def path_lengths(self, rays: Rays, threads: int = 1) -> np.ndarray:
-        """Return the path lengths of rays.
-
-        Returns
-        -------
-        ndarray of float32, shape (materials, views, rows, bundles)
-            mm.
-        """
+        """Return the path lengths of rays, mm, float32, shape (materials, views, rows, bundles)."""
         count, (views, bundles) = len(self._amounts), rays.bundles.along_x.shape
         if rays.bundles.rows_mm.size > 1:
             sums, _, rows = self._rows(rays, threads, with_slopes=False)
@@ -201,21 +195,14 @@ class Voxels:
 
 
 def extrapolate_path_lengths(paths: np.ndarray, slopes: np.ndarray, traced: Rays, rays: Rays) -> np.ndarray:
-    """Return first-order path lengths of rays near traced rays, with the same main directions.
+    """Return first-order path lengths of rays near traced rays, which have the same main directions.
 
     Parameters
     ----------
     paths : ndarray, shape (materials, views, rows, columns)
-        Path lengths of the traced rays, mm.
+        Path lengths of the traced rays.
     slopes : ndarray, shape (views, bundles, materials, coordinates, rows)
         Voxels.slopes of the traced rays.
-    traced, rays : Rays
-        Traced rays, and the rays near them.
-
-    Returns
-    -------
-    ndarray, shape (materials, views, rows, columns)
-        mm.
     """
     views, bundles, materials, _, rows = slopes.shape
     bundled = paths.reshape(materials, views, rows, bundles)

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from ..state import State
 
 # Points along a side of the focal spot. Shadows of an object at the isocenter are at most one pixel apart, as far as
-# MAX_POINTS allows. The peak of a ball as wide as a pixel then has an error of 6 % compared with 96 points per side,
-# and of 32 % if pixels are a quarter as wide as the blur and there are three points.
+# MAX_POINTS allows. Compared with 96 points per side, the peak of a ball as wide as a pixel then has an error of 6 %.
+# With three points, and pixels a quarter as wide as the blur, the error would be 32 %.
 MIN_POINTS, MAX_POINTS = 3, 7
 MAX_RAYS = 4_000_000  # computed at once, with about 100 bytes each
 # Attributes of a SupersampledScan that are those of its geometry: they do not depend on the rays of a pixel.
@@ -143,16 +143,12 @@ def supersampled(geometry: ScanGeometry, samples: int) -> list[tuple[ScanGeometr
 
 
 def average_rays(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the weighted sum over the rays of each pixel.
+    """Return the weighted sum over the rays of each pixel, shape (..., rows, columns).
 
     Parameters
     ----------
     values : ndarray, shape (..., rows of rays, columns of rays)
     weights : ndarray, shape (rows, columns) of rays per pixel
-
-    Returns
-    -------
-    ndarray, shape (..., rows, columns)
     """
     by_row, by_column = weights.shape
     if weights.size == 1:
@@ -178,7 +174,7 @@ def points(side: float, blurred_px: float) -> list[tuple[float, float]]:
     Returns
     -------
     list of tuple of 2 float
-        (position from the middle relative to the side, weight).
+        (position from the middle / side, weight).
     """
     if not side:
         return [(0.0, 1.0)]
@@ -186,19 +182,9 @@ def points(side: float, blurred_px: float) -> list[tuple[float, float]]:
 
 
 def sources(state: State) -> Iterator[tuple[ScanGeometry, float | np.ndarray]]:
-    """Yield the geometry of every point of the focal spot and every time within a view.
+    """Yield the geometry of every point of the focal spot at every time within a view, and its weight.
 
-    Parameters
-    ----------
-    state : State
-        Its geometry, `mounting`, `turns`, `jump_mm` and `sources`.
-
-    Yields
-    ------
-    geometry : ScanGeometry
-        Scan with its source in that point.
-    weight : float or ndarray
-        Share of the photons that leave for a pixel.
+    The result depends on geometry, `mounting`, `turns`, `jump_mm` and `sources` of the state.
     """
     for turn, share in state.turns:
         geometry = later_geometry(state.geometry, turn) if turn else state.geometry

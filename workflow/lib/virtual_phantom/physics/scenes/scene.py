@@ -17,8 +17,8 @@ from ..beam.materials import Material, Segmentation, attenuation_per_mm, energy_
 from .rays import Rays, Voxels
 
 DISC_ENERGY_KEV = 60.0  # default energy of the monochromatic beam: about the mean of a body scan at 120 kV
-# Extension of a cut object: smallest amount of material in a voxel of the last slice that counts as matter (air of a
-# real scan is not empty), and largest number of slices.
+# Continuation of a cut object: smallest amount of material in the last slice that counts as matter (air of a real scan
+# is not empty), and largest number of slices.
 MIN_CUT_AMOUNT, MAX_EXTENSION = 0.25, 32
 
 

@@ -16,8 +16,8 @@ from ..beam.materials import attenuation_per_mm, energy_of
 from .objects import ShapedObject, ShapedRoi
 from .shapes import NOTHING, Shape
 
-# Points in a voxel at an edge: a lattice (N. M. Korobov) in which no two points have the same coordinate, so that a
-# share has a resolution of 1/64 for planes perpendicular to an axis.
+# Points in a voxel at an edge: a lattice (N. M. Korobov) in which no two points have the same coordinate. Shares behind
+# a plane perpendicular to an axis therefore have a resolution of 1/64.
 SAMPLES, GENERATOR = 64, (1, 27, 25)
 SLAB_VOXELS = 500_000  # voxels at a time, to limit memory
 OUTSIDE = -1  # index of a voxel outside of all shapes
@@ -72,17 +72,7 @@ def shape_shares(shapes: Sequence[Shape], grid: Grid) -> np.ndarray:
 
 
 def contains(shape: Shape, points_mm: np.ndarray) -> np.ndarray:
-    """Return whether points lie in a shape.
-
-    Parameters
-    ----------
-    points_mm : ndarray, shape (..., 3)
-        (x, y, z), mm.
-
-    Returns
-    -------
-    ndarray of bool, shape (...)
-    """
+    """Return whether points (x, y, z), shape (..., 3), lie in a shape."""
     inside = np.ones(points_mm.shape[:-1], bool)
     for *normal, offset in shape.planes:
         inside &= points_mm @ np.array(normal) <= offset
@@ -98,13 +88,6 @@ def shapes_to_hu(shaped: ShapedObject, shares: np.ndarray, mu_water_per_mm: floa
     ----------
     shares : ndarray, shape (shapes, ...)
         As shape_shares returns them; the rest of a voxel has no attenuation.
-    mu_water_per_mm : float
-        1/mm.
-
-    Returns
-    -------
-    ndarray of float32, shape (...)
-        HU.
     """
     energy = energy_of("water", mu_water_per_mm)
     materials = [shape.material for shape in shaped.shapes]
@@ -207,17 +190,7 @@ def _bounds(shaped: ShapedObject) -> list[tuple[float, ...]]:
 
 
 def roi_mask(roi: ShapedRoi, covered: np.ndarray, grid: Grid) -> np.ndarray:
-    """Return the voxels that a region fills by half, eroded by its margin.
-
-    Parameters
-    ----------
-    covered : ndarray, shape (z, y, x)
-        Share of every voxel in which the shape of the region is visible.
-
-    Returns
-    -------
-    ndarray of bool, shape (z, y, x)
-    """
+    """Return the voxels that a region fills by half, eroded by its margin; `covered` is its share of each voxel."""
     # An edge is about half a voxel away from the voxel centers on either side.
     margin = roi.margin_mm and roi.margin_mm + max(grid.spacing[1:]) / 2
     return shrink(covered >= HALF_COVERED, margin, grid)
