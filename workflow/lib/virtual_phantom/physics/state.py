@@ -55,8 +55,8 @@ class State:
         Actual geometry of the scan, except for rotations of the detector (`mounting`).
     photons : float
         Noise-equivalent quanta per pixel in air at fluence 1: the inverse of the relative quantum variance, 1/A. It is
-        the number of photons if all photons have the same weight. Noise that is common to all deposits (the optical
-        part of Swank's factor) only lowers this number.
+        the number of photons if all photons have the same weight. Noise that is the same for all deposits (the optical
+        part of the Swank factor) lowers this number and appears nowhere else.
     motion_mm : ndarray, shape (views, 3), or None
         Displacement of the object (x, y, z), mm.
     added : tuple of tuple of AddedShape and float
@@ -73,8 +73,8 @@ class State:
         Times within a view at which rays are computed, in view intervals from the middle of the view, and their
         weights.
     filters : tuple of tuple of str and ndarray
-        Materials between source and object and their thickness, mm, broadcastable to (rows, columns). Filters that are
-        part of the spectrum count relative to the central ray.
+        Materials between source and object and their thickness, mm, broadcastable to (rows, columns). If the spectrum
+        already includes a filter, its thickness is the excess over the central ray.
     fluence : ndarray
         Relative number of photons emitted toward each pixel, broadcastable to (views, rows, columns).
     signal, air : ndarray, shape (views, rows, columns), or None

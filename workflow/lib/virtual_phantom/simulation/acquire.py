@@ -36,7 +36,7 @@ def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, 
     Raises
     ------
     InputError
-        For an unknown model; for a noise level that is infinite or below 1e-9 (counters would overflow); for line
+        For an unknown model. For a noise level that is infinite or below 1e-9 (counters would overflow). For line
         integrals that are not finite, or nowhere positive in the "astra" model.
 
     References

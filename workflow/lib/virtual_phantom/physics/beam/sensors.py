@@ -102,6 +102,7 @@ def sensor_from_label(material: str | None = None, thickness_mm: float | None = 
 
 @lru_cache(maxsize=32)
 def _response(material: str, thickness_mm: float, energies_kev: tuple[float, ...]) -> tuple[np.ndarray, ...]:
+    """Return `response` for ENERGY, read-only."""
     energies = np.array(energies_kev)
     photo, compton = (np.interp(energies, TABLE_KEV, values) for values in _tables(material)[:2])
     total = photo + compton

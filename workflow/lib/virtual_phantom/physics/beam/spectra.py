@@ -84,7 +84,7 @@ class Spectrum:
         return tuple((array.shape, array.tobytes()) for array in (self.energies_kev, self.signal, self.noise))
 
     def filtered(self, filters: Filters) -> Spectrum:
-        """Return the spectrum behind filters. It uses the finer energies, because bins are wider than K edges."""
+        """Return the spectrum behind filters. Finer energies resolve K edges within bins."""
         energies, *parts = self.finer or (self.energies_kev, np.diag(self.signal), np.diag(self.noise))
         transmission = filter_transmission(filters, energies)
         return Spectrum(self.energies_kev, *(np.tensordot(part, transmission, 1) for part in parts))

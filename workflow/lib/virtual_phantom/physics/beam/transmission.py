@@ -119,23 +119,23 @@ def _transmit(paths, powers, shares, found, workspace, begin, end):
     rays), found (shares, views, rays), and workspace (1 + shares, BLOCK).
     """
     materials, views, rays = paths.shape
-    count, energies, each = shares.shape
+    count, energies, per_share = shares.shape
     for view in range(views):
         for block in range(begin, end):
             first, last = block * BLOCK, min((block + 1) * BLOCK, rays)
-            left = workspace[0, : last - first]
+            transmission = workspace[0, : last - first]
             workspace[1:] = 0
             for energy in range(energies):
-                _set(left, paths[0, view, first:last], powers[0, energy])
+                _set(transmission, paths[0, view, first:last], powers[0, energy])
                 for material in range(1, materials):
-                    _add(left, paths[material, view, first:last], powers[material, energy])
-                _powers_of_two(left)
+                    _add(transmission, paths[material, view, first:last], powers[material, energy])
+                _powers_of_two(transmission)
                 for share in range(count):
                     total = workspace[1 + share, : last - first]
-                    if each == 1:
-                        _add(total, left, shares[share, energy, 0])
+                    if per_share == 1:
+                        _add(total, transmission, shares[share, energy, 0])
                     else:
-                        _add_of_each(total, left, shares[share, energy, first:last])
+                        _add_of_each(total, transmission, shares[share, energy, first:last])
             for share in range(count):
                 for i in range(last - first):
                     found[share, view, first + i] = workspace[1 + share, i]
