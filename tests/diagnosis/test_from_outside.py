@@ -51,7 +51,7 @@ CUPPING = '''"""Images that are darker the nearer to the axis."""
 import numpy as np
 
 from ..effect import Effect, Parameter
-from ..image import ImageState
+from ..image_state import ImageState
 
 
 def apply(state: ImageState, values: dict[str, float]) -> None:
