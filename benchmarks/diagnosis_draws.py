@@ -111,7 +111,9 @@ def strengths(name, wanted, random, given):
     the alignment takes up; or as far as its plausible range reaches."""
     effect = load(name)
     every = given.fitter.model.parameters(name)
-    typical = given.fitter.model.chain.held(name) | {parameter.name: parameter.typical for parameter in every}
+    typical = given.fitter.model.chain.fixed_parameters(name) | {
+        parameter.name: parameter.typical for parameter in every
+    }
     parameters = varied(every)
     if effect.pattern:
         pixels = math.prod(given.data.mean.shape[1:])

@@ -35,7 +35,7 @@ def main():
     def clean():
         clean_line_integrals(phantom, geometry, mu_water)
 
-    def with_effects(chosen):
+    def apply_image_effects(chosen):
         scene = VoxelScene.of(phantom, Segmentation(**config["materials"]), mu_water, 1)
         physics = {name: {one.name: one.typical for one in load(name).parameters} for name in chosen}
         Chain(scene, geometry, photons=1.0).state(physics).line_integrals()
@@ -45,7 +45,7 @@ def main():
     print(f"clean projections of {options.views} views: {alone:.2f} s", flush=True)
     everything = [name for name in names() if not acts_on_images(name)]
     for chosen in (["spectrum"], ["spectrum", "scatter"], ["spectrum", "focal_spot"], ["motion"], everything):
-        both = alone + taken(lambda chosen=chosen: with_effects(chosen))
+        both = alone + taken(lambda chosen=chosen: apply_image_effects(chosen))
         shown = " and ".join(chosen) if len(chosen) < 3 else f"all {len(chosen)} effects"
         print(f"with {shown}: {both:.2f} s, {both / alone:.1f} times", flush=True)
 

@@ -29,7 +29,7 @@ SAMPLES = 2
 
 def drawn(name, wanted, random, given, exact):
     """One effect's row: {candidate: (gain of first order, blind, gain in log score of a full fit)}."""
-    physics = {name: exact.held(name) | strengths(name, wanted, random, given)}
+    physics = {name: exact.fixed_parameters(name) | strengths(name, wanted, random, given)}
     model, floor = model_and_floor(scene(), GEOMETRY, SAMPLES, photons=PHOTONS)
     taken = scans(exact, physics, random)
     ready = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)

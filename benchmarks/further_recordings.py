@@ -116,7 +116,7 @@ def one(group, draw):
     random = np.random.default_rng(np.random.SeedSequence(20261125, spawn_key=(list(GROUPS).index(group), draw)))
     truth = effects[draw % len(effects)]
     like = Chain(scanned(group), GEOMETRY, draws.PHOTONS, SAMPLES)
-    physics = {truth: drawn(truth, random, like.reads_in_air)}
+    physics = {truth: drawn(truth, random, like.air_reading)}
     first = FurtherScan("first", "", like.scene, GEOMETRY)
     prepared = made_ready(first, like, physics, random)
     found = choose(prepared.fitter, trial(prepared.fitter, ()), list(effects))

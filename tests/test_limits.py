@@ -109,10 +109,10 @@ def test_what_was_not_measured_stands_on_something_that_was():
     assert gpu == pytest.approx(adjoint / SAFETY, abs=1)
     physics = sizes({"noise": {"model": "physical"}, "physics": {"spectrum": {"kvp": 120, "filtration_mm": 6}}})
     plain = sizes()
-    (with_effects, without) = (one.projection(one.plan.geometry_of("sirt_450")) for one in (physics, plain))
-    assert with_effects[0] == "project_physics" and without[0] == "project"
+    (apply_image_effects, without) = (one.projection(one.plan.geometry_of("sirt_450")) for one in (physics, plain))
+    assert apply_image_effects[0] == "project_physics" and without[0] == "project"
     assert minutes({"seconds": {}}, *without) == UNKNOWN_MINUTES
-    stage, work = with_effects
+    stage, work = apply_image_effects
     assert minutes(RATES, stage, {unit: 100 * amount for unit, amount in work.items()}) == pytest.approx(
         27 * minutes(RATES, without[0], {unit: 100 * amount for unit, amount in work.items()}), rel=0.05
     )

@@ -31,7 +31,7 @@ from virtual_phantom.recordings.public_scans import fetch
 from virtual_phantom.recordings.public_scans.files import found_scans
 from virtual_phantom.recordings.public_scans.table import chosen
 from virtual_phantom.recordings.reading import load
-from virtual_phantom.simulation.found import read_found
+from virtual_phantom.simulation.project import read_diagnosed_physics
 from virtual_phantom.study.checks.preflight import problems
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -213,7 +213,7 @@ def label_map(array, materials):
 def physics_without_effects():
     Path("bench").mkdir()
     Path("bench/physics.yaml").write_text("# bench and the simulation agree.\n{}\n")
-    read_found("bench/physics.yaml")
+    read_diagnosed_physics("bench/physics.yaml")
 
 
 TANDEM = {"collection": "ct_phantom4radiomics"}

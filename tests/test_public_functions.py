@@ -51,7 +51,7 @@ def test_a_ct_is_read_or_refused(name):
     "name", ["phantom", "projections", "noise_level", "physics", "stream", "columns", "pitch", "beam"]
 )
 def test_a_scan_is_made_or_refused(name, phantom, monkeypatch):
-    monkeypatch.setattr(simulated, "projected", lambda *_, **__: (np.zeros((1, 1, 1)), None))
+    monkeypatch.setattr(simulated, "project_phantom", lambda *_, **__: (np.zeros((1, 1, 1)), None))
     monkeypatch.setattr(
         simulated, "acquire", lambda *_, **__: type("A", (), {"line_integrals": lambda *_: np.zeros(1)})
     )

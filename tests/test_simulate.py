@@ -49,7 +49,7 @@ def test_rois_in_the_beam_pass():
     ids=["circular scan of a high volume", "helix with gaps", "short helix"],
 )
 def test_rois_out_of_the_beam_are_named(geometry):
-    with pytest.raises(InputError, match="ROI high is not seen from every direction: .* more rows"):
+    with pytest.raises(InputError, match="ROI high is not seen from every direction: .* more detector rows"):
         check_rois_seen(geometry, GRID, {"high": roi(slice(0, 12))})
 
 

@@ -67,7 +67,7 @@ def covariance_of(state) -> np.ndarray:
     """[ray, ray] of the line integrals, by what every single photon would do to every ray; without glow before."""
     shape = state.signal.shape
     units = np.eye(state.signal.size).reshape(-1, *shape)
-    read = np.stack([state.read(one, first=np.zeros(shape[1:])).ravel() for one in units], axis=1)
+    read = np.stack([state.read_out(one, before_scan=np.zeros(shape[1:])).ravel() for one in units], axis=1)
     found = read @ np.diag(state.signal.ravel() / state.photons) @ read.T
     found += np.eye(len(found)) * (state.electronic / state.photons) ** 2
     change = 1 / state.measured.ravel()

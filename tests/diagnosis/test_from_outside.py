@@ -25,7 +25,7 @@ from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.scene import VoxelScene
 from virtual_phantom.reconstruction.images import in_hu
-from virtual_phantom.simulation.reconstruct import with_effects
+from virtual_phantom.simulation.reconstruct import apply_image_effects
 
 DRIFT = '''"""Tube output that drifts during the scan."""
 
@@ -199,7 +199,7 @@ def test_an_effect_on_images_is_found(scene, added):
         return in_hu(lines.astype(np.float32), GEOMETRY, grid, "fbp", {}, "cpu", MU)
 
     noisy = reconstruct(noisy_lines(chain.state({}), 4, np.random.default_rng(2)))
-    images = np.stack([with_effects(one, grid.spacing, {"cupping": {"depth_hu": 12.0}}) for one in noisy])
+    images = np.stack([apply_image_effects(one, grid.spacing, {"cupping": {"depth_hu": 12.0}}) for one in noisy])
     seed, valid = np.random.SeedSequence(3), complete(GEOMETRY, grid)
     given = prepare_images(images, None, chain, chain, reconstruct, grid.spacing, valid, seed, nominal_photons=PHOTONS)
     found = diagnose("scanner", given, chosen(given.fitter, ("cupping", "hu_calibration", "scatter"))).content

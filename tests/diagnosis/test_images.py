@@ -24,7 +24,7 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load
 from virtual_phantom.physics.scenes.scene import VoxelScene
 from virtual_phantom.reconstruction.images import in_hu
-from virtual_phantom.simulation.reconstruct import with_effects
+from virtual_phantom.simulation.reconstruct import apply_image_effects
 
 MU, PHOTONS, REPEATS = 0.0193, 1e5, 4
 SHAPE = (6, 40, 40)
@@ -115,7 +115,7 @@ def recorded(scene, physics, seed, repeats=REPEATS):
     after = {name: values for name, values in physics.items() if name not in before}
     state = Chain(scene, GEOMETRY, PHOTONS, samples=2).state(before)
     lines = noisy_lines(state, repeats, np.random.default_rng(seed))
-    return np.stack([with_effects(image, GRID.spacing, after) for image in reconstruct(lines)])
+    return np.stack([apply_image_effects(image, GRID.spacing, after) for image in reconstruct(lines)])
 
 
 def prepared(scene, physics, seed=1, repeats=REPEATS):

@@ -12,7 +12,7 @@ from virtual_phantom.diagnosis.request import DiagnosisRequest, LabelledObject, 
 from virtual_phantom.diagnosis.scanned_object import scene_of
 from virtual_phantom.physics.beam.materials import attenuation_per_mm
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.labeled import read_labelled
+from virtual_phantom.physics.scenes.labeled import read_label_map
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
 
 
@@ -93,7 +93,7 @@ def test_the_beam_before_any_effect_is_the_one_of_shapes(tmp_path):
 
 def test_images_are_compared_in_hu_of_its_materials(tmp_path):
     path = drawn(tmp_path / "labels.nii.gz", 0.5)
-    scanned = ScannedVolume.of_labels(read_labelled(path, {"1": "water", "2": "aluminium"}), MU_WATER_PER_MM)
+    scanned = ScannedVolume.of_labels(read_label_map(path, {"1": "water", "2": "aluminium"}), MU_WATER_PER_MM)
     labels = np.unique(scanned.fine.array)
     aluminium = attenuation_per_mm("aluminium", [ENERGY_KEV])[0]
     np.testing.assert_allclose(labels, [-1000, 0, 1000 * (aluminium / MU_WATER_PER_MM - 1)], atol=0.5)

@@ -273,7 +273,7 @@ def test_the_console_names_the_recording():
 
 def doubted(physics, nuisance=None, sensor=None, pulled=None, **known):
     """Doubts and advice for a fit of these numbers, all of them well known by the data."""
-    chain = Chain(SCENE, GEOMETRY, PHOTONS, sensor=sensor or sensors.stated())
+    chain = Chain(SCENE, GEOMETRY, PHOTONS, sensor=sensor or sensors.sensor_from_label())
     model = ScansModel(chain, nuisances(np.log(PHOTONS), 0.02, {}), **known)
     values = {one.name: one.expected for one in model.aligned} | (nuisance or {})
     errors = {name: dict.fromkeys(numbers, 1e-6) for name, numbers in physics.items()}
@@ -326,7 +326,7 @@ def test_a_number_at_its_bound_is_said_with_what_was_stated(physics, known, expe
 def test_a_stated_sensor_is_called_stated():
     """Five standard deviations of 5 % of the logarithm: a factor of 1.28."""
     thin = 0.6 * np.exp(-5 * sensors.STATED_SD)
-    found, _ = doubted(spectrum(sensor_mm=thin), sensor=sensors.stated("caesium_iodide", 0.6))
+    found, _ = doubted(spectrum(sensor_mm=thin), sensor=sensors.sensor_from_label("caesium_iodide", 0.6))
     assert found == ["sensor thickness of spectrum is 0.467 mm (stated: 0.6, known within 5 %)"]
 
 

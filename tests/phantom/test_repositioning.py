@@ -17,7 +17,7 @@ from virtual_phantom.phantom.repositioning import moved_to_border, random_pose
 from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction.fbp import fbp
-from virtual_phantom.simulation.project import projected
+from virtual_phantom.simulation.project import project_phantom
 
 MU = 0.02
 POSE = Pose(x_mm=3.7, y_mm=-2.2, z_mm=1.9, turn_deg=25.0)
@@ -72,8 +72,8 @@ def test_physics_sees_it_there_too(phantom):
     """Line integrals of a beam of one energy, by the chain: those of the baseline but for the scale of the material."""
     geometry = SCANS["circle"]
     settings = {"mu_water_per_mm": MU, "materials": MATERIALS, "sensor": SENSOR}
-    baseline, _ = projected(phantom, geometry, {}, pose=POSE, **settings)
-    chain, _ = projected(phantom, geometry, {"photon_flux": {"factor": 1.0}}, pose=POSE, **settings)
+    baseline, _ = project_phantom(phantom, geometry, {}, pose=POSE, **settings)
+    chain, _ = project_phantom(phantom, geometry, {"photon_flux": {"factor": 1.0}}, pose=POSE, **settings)
     inside = baseline > 0.05
     assert chain[inside] / baseline[inside] == pytest.approx(np.median(chain[inside] / baseline[inside]), rel=1e-3)
 

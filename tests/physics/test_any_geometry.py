@@ -12,7 +12,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.physics.scenes.posed import PosedScene
 from virtual_phantom.physics.scenes.prism import PrismScene
-from virtual_phantom.physics.scenes.sampling import displaced
+from virtual_phantom.physics.scenes.sampling import displace_source
 from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene
 from virtual_phantom.projectors.cpu import CpuProjector
 
@@ -73,7 +73,7 @@ def test_both_traces_meet_the_same(scene):
     to, rows = rays.bundles, GEOMETRY.rows
     for row in range(rows):
         one = replace(rays, bundles=to._replace(rows_mm=to.rows_mm[row : row + 1]))
-        found = scene._traceable.path_lengths(one)[:, :, 0]
+        found = scene._voxels.path_lengths(one)[:, :, 0]
         expected = scene.path_lengths(GEOMETRY, PLACED, MOTION)[:, :, row]
         np.testing.assert_allclose(found, expected, atol=5e-6 * 50)
 
@@ -128,7 +128,7 @@ def test_the_transpose_holds_for_vectors_too():
 
 def test_a_focal_spot_lies_along_the_axes_of_a_rolled_detector():
     geometry = rolled(GEOMETRY, 0.3, 0.1)
-    moved = displaced(geometry, 2.0, -1.0, 0.5)
+    moved = displace_source(geometry, 2.0, -1.0, 0.5)
     by = moved.source_mm - geometry.source_mm
     for axis, far in ((geometry.column_direction, 2.0), (geometry.row_direction, -1.0), (geometry.normal, -0.5)):
         np.testing.assert_allclose((by * axis).sum(axis=1), far, atol=1e-9)

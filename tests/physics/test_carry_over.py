@@ -22,7 +22,7 @@ from virtual_phantom.physics.effects.afterglow import of_views
 from virtual_phantom.physics.noise.correlation import correlations
 from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV, DiscScene
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
-from virtual_phantom.physics.state import AIR, EARLIER, State, between, lagged
+from virtual_phantom.physics.state import AIR, EARLIER_VIEWS, State, interpolate_views, with_afterglow
 from virtual_phantom.physics.stored_state import read_state, to_store
 from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.simulation.acquire import acquire
@@ -65,7 +65,7 @@ def test_one_glow_is_read_in_views_of_any_length(interval, exposure):
     signal = np.random.default_rng(1).uniform(0.1, 1, 12)
     share, constant = 0.3, 3.0
     lag = (*of_views(share, constant, interval, exposure), 1.0)
-    found = lagged(signal[:, None, None], lag)[:, 0, 0]
+    found = with_afterglow(signal[:, None, None], lag)[:, 0, 0]
     np.testing.assert_allclose(found, fine_glow(signal, share, constant, interval, exposure), rtol=2e-3)
     # no view's own glow would be another reading altogether
     assert (
@@ -90,15 +90,15 @@ def test_the_glow_of_flashes_is_that_of_another_simulator(before, air):
     )
     theirs = [Detection_Lag(np.array([one]), view, 0, cfg)[0] for view, one in enumerate(signal)]
     lag = (*of_views(0.25, 3.0, 5.0, 0.0), before)
-    np.testing.assert_allclose(lagged(signal[:, None, None], lag)[:, 0, 0], theirs, rtol=1e-12)
+    np.testing.assert_allclose(with_afterglow(signal[:, None, None], lag)[:, 0, 0], theirs, rtol=1e-12)
 
 
 def test_views_that_are_left_out_glow_all_the_same():
     """Of a signal that grows evenly, the readings of every third view are those of the whole scan."""
     whole = np.linspace(1, 2, 31)[:, None, None]
     lag = (0.2, 0.6, 1.0)
-    np.testing.assert_allclose(lagged(whole[::3], lag, apart=3), lagged(whole, lag)[::3])
-    np.testing.assert_allclose(between(whole[::3], 3), whole)
+    np.testing.assert_allclose(with_afterglow(whole[::3], lag, step=3), with_afterglow(whole, lag)[::3])
+    np.testing.assert_allclose(interpolate_views(whole[::3], 3), whole)
     state = Chain(DiscScene(160.0, "water"), scanner(view_interval_ms=5.0).every(3)).state(
         {"afterglow": {"share": 0.3, "time_constant_ms": 12.0, "before": 1.0}}
     )
@@ -113,13 +113,13 @@ def test_views_that_are_left_out_glow_all_the_same():
 
 def test_views_just_before_are_taken_where_they_are_known():
     whole = np.random.default_rng(2).normal(size=(1 + 3 * 12, 2, 4))
-    earlier = np.stack([np.concatenate([whole[:1], whole[12 - count :: 12][:3]]) for count in EARLIER])
-    found = between(whole[::12], 12, earlier)
-    for back in (0, *EARLIER):
+    earlier = np.stack([np.concatenate([whole[:1], whole[12 - count :: 12][:3]]) for count in EARLIER_VIEWS])
+    found = interpolate_views(whole[::12], 12, earlier)
+    for back in (0, *EARLIER_VIEWS):
         np.testing.assert_allclose(found[12 - back :: 12], whole[12 - back :: 12][: len(found[12 - back :: 12])])
     np.testing.assert_allclose(found[12 - 4], (found[12 - 3] + found[12 - 5]) / 2)
     # Of views that lie less far apart, what is behind the one before is not asked for.
-    np.testing.assert_allclose(between(whole[::2], 2, earlier[:, :1].repeat(19, 1))[::2], whole[::2])
+    np.testing.assert_allclose(interpolate_views(whole[::2], 2, earlier[:, :1].repeat(19, 1))[::2], whole[::2])
 
 
 @pytest.mark.parametrize("name", ["afterglow", "slow_afterglow"])
@@ -247,7 +247,7 @@ def test_what_goes_by_unknown_times_is_not_looked_for():
         chain.state({"motion": {f"{axis}_mm_per_s": 1.0 for axis in "xyz"}})
     (level,) = chain.parameters("dark_signal")
     assert (level.name, level.unit, level.high) == ("level_units", "of air", 0.1)
-    assert chain.held("dark_signal") == {"drift_units_per_s": 0.0}
+    assert chain.fixed_parameters("dark_signal") == {"drift_units_per_s": 0.0}
     fit = fitted(recorded(scanner(view_interval_ms=5.0), 2e4, level=600.0), scanner(), 2e4, "dark_signal", AIR)
     found, error = fit.physics["dark_signal"], fit.errors["dark_signal"]["level_units"]
     assert found["drift_units_per_s"] == 0 and abs(found["level_units"] - 0.01) < 3.5 * error + 0.02 * 0.01

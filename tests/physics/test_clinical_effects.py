@@ -15,7 +15,7 @@ from virtual_phantom.physics.effects.afterglow import of_views
 from virtual_phantom.physics.scenes.scene import DiscScene
 from virtual_phantom.physics.scenes.shapes import ShapesScene, box
 from virtual_phantom.physics.spread import spread
-from virtual_phantom.physics.state import MOST_CORRECTED, State, polynomial
+from virtual_phantom.physics.state import CORRECTION_LIMIT, State, correction_polynomial
 from virtual_phantom.physics.stored_state import read_state, to_store
 
 SCANNER = {"source_to_isocentre_mm": 500.0, "source_to_detector_mm": 1000.0}
@@ -83,8 +83,10 @@ def test_two_glows_fade_beside_each_other():
         share, memory = of_views(share, constant, 20.0)
         expected[0] -= share
         expected[1:] += share * (1 - memory) * memory ** np.arange(5)
-    np.testing.assert_allclose(state.read(flash, apart=1)[:, 0, 0], expected, rtol=1e-12)
-    np.testing.assert_allclose(state.read(np.ones((3, 1, 1)), first=np.ones((1, 1)), apart=1)[0], 1 - 0.08, atol=0.03)
+    np.testing.assert_allclose(state.read_out(flash, step=1)[:, 0, 0], expected, rtol=1e-12)
+    np.testing.assert_allclose(
+        state.read_out(np.ones((3, 1, 1)), before_scan=np.ones((1, 1)), step=1)[0], 1 - 0.08, atol=0.03
+    )
 
 
 def test_noise_beside_a_slow_glow_is_as_the_draws_have_it():
@@ -99,8 +101,8 @@ def test_noise_beside_a_slow_glow_is_as_the_draws_have_it():
 
 
 def test_the_polynomial_goes_on_as_a_straight_line():
-    lines, (square, cube) = np.array([0.0, 2.0, MOST_CORRECTED, 14.0]), (0.02, 0.001)
-    values, slopes = polynomial(lines, (square, cube))
+    lines, (square, cube) = np.array([0.0, 2.0, CORRECTION_LIMIT, 14.0]), (0.02, 0.001)
+    values, slopes = correction_polynomial(lines, (square, cube))
     np.testing.assert_allclose(values[:3], (lines + square * lines**2 + cube * lines**3)[:3])
     assert values[3] - values[2] == pytest.approx(4 * slopes[3]) and slopes[3] == slopes[2]
 
@@ -161,7 +163,7 @@ def test_a_study_draws_noise_from_what_it_keeps_of_an_effect(name, tmp_path):
 def test_readings_without_a_logarithm_are_corrected_as_the_least_that_have_one():
     one = np.ones((1, 1, 1))
     state = State(GEOMETRY, photons=100.0, signal=one, air=one, correction=(0.02, 0.0))
-    found = state.corrected(np.array([-1.0, 0.0, 1e-6]).reshape(3, 1, 1)).ravel()
+    found = state.apply_correction(np.array([-1.0, 0.0, 1e-6]).reshape(3, 1, 1)).ravel()
     assert (found > 0).all() and found[0] == found[1] == found[2]
 
 

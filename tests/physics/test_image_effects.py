@@ -8,7 +8,7 @@ from generators import effects as effects_page
 
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.physics import effect, effects
-from virtual_phantom.simulation.reconstruct import with_effects
+from virtual_phantom.simulation.reconstruct import apply_image_effects
 
 NEW_EFFECT = """
 from ..effect import Effect, Parameter
@@ -42,8 +42,8 @@ def test_a_new_effect_on_images_is_a_file_and_no_more(tmp_path, monkeypatch):
         (tmp_path / f"{name}.py").write_text(NEW_EFFECT.format(name=name, rank=rank))
     monkeypatch.setattr(effects, "__path__", [str(tmp_path)])
     image, added = np.array([[[0.0, 40.0, 80.0]]]), {"hu_calibration": {"scale": 1.0, "offset_hu": 30.0}}
-    before = with_effects(image, (1.0, 1.0, 1.0), added | {"cut_before": {"ceiling_hu": 50.0}})
-    after = with_effects(image, (1.0, 1.0, 1.0), {"cut_after": {"ceiling_hu": 50.0}} | added)
+    before = apply_image_effects(image, (1.0, 1.0, 1.0), added | {"cut_before": {"ceiling_hu": 50.0}})
+    after = apply_image_effects(image, (1.0, 1.0, 1.0), {"cut_after": {"ceiling_hu": 50.0}} | added)
     np.testing.assert_array_equal([before.ravel(), after.ravel()], [[30, 70, 80], [30, 50, 50]])
     assert set(effect.image_effects()) == known | {"cut_before", "cut_after"}
     assert {"cut_before", "cut_after"} <= set(candidates({"nominal_photons": 1e5}, "images"))

@@ -12,7 +12,7 @@ from virtual_phantom.diagnosis.scanned_object import labelled_scene, mask_scene
 from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.physics.beam.materials import attenuation_per_mm
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.labeled import materials_of, read_labelled
+from virtual_phantom.physics.scenes.labeled import label_materials, read_label_map
 from virtual_phantom.physics.scenes.posed import PosedScene
 from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV, Pose
 
@@ -108,7 +108,7 @@ def test_path_lengths_are_those_of_chords_the_more_so_the_smaller_voxels_are(sli
     exact = dict(zip(("pmma", "aluminium"), chords(geometry, slices), strict=True))
     for voxel_mm in (1.0, 0.25):
         path = written(labels_of(voxel_mm, slices), tmp_path / f"{voxel_mm}.nii.gz")
-        scene = labelled_scene(read_labelled(path, {"1": "pmma", "2": "aluminium"}), DISC_ENERGY_KEV)
+        scene = labelled_scene(read_label_map(path, {"1": "pmma", "2": "aluminium"}), DISC_ENERGY_KEV)
         found = scene.path_lengths(geometry)
         assert scene.materials == ("aluminium", "pmma") and found.shape == (2, *geometry.shape)
         errors[voxel_mm] = [error(one, exact[name]) for name, one in zip(scene.materials, found, strict=True)]
@@ -122,7 +122,7 @@ def test_a_map_of_one_label_is_the_mask(slices, tmp_path):
     volume = labels_of(1.0, slices)
     share = replace(volume, array=(volume.array > 0).astype(np.float32))
     mask = mask_scene(written(share, tmp_path / "mask.nii.gz"), "pmma")
-    one = read_labelled(written(replace(share, array=3 * share.array), tmp_path / "labels.nii.gz"), {"3": "pmma"})
+    one = read_label_map(written(replace(share, array=3 * share.array), tmp_path / "labels.nii.gz"), {"3": "pmma"})
     scene = labelled_scene(one, DISC_ENERGY_KEV)
     pose = Pose(x_mm=1.0, y_mm=-0.5, turn_deg=7.0, size=1.01)
     np.testing.assert_array_equal(scene.path_lengths(GEOMETRY, pose), mask.path_lengths(GEOMETRY, pose))
@@ -137,13 +137,13 @@ def test_numbers_of_labels_mean_nothing(tmp_path):
     volume = labels_of(1.0)
     three = volume.array + np.where((volume.array == 1) & (volume.grid.axes_mm()[2] < -5), 2, 0)
     names = {1: "pmma", 2: "aluminium", 3: "water"}
-    expected = read_labelled(
+    expected = read_label_map(
         written(replace(volume, array=three.astype(np.int16)), tmp_path / "a.nii.gz"),
         {str(label): name for label, name in names.items()},
     )
     other = {0: 0, 1: 300, 2: 7, 3: 1}
     turned = np.vectorize(other.get)(three).astype(np.int16)
-    found = read_labelled(
+    found = read_label_map(
         written(replace(volume, array=turned), tmp_path / "b.nii.gz"),
         {str(other[label]): name for label, name in names.items()},
     )
@@ -158,15 +158,15 @@ def test_labels_of_one_definition_are_one_material(tmp_path):
     water = {"mass_fractions": {"H": 0.112, "O": 0.888}, "density_g_per_cm3": 1}
     turned = {"mass_fractions": {"O": 0.888, "H": 0.112}, "density_g_per_cm3": 1.0, "note": "the same"}
     for one, other in (("pmma", "pmma"), ("PMMA", "Acrylic"), (ACRYLIC, dict(ACRYLIC)), (water, turned)):
-        found, expected = read_labelled(path, {"1": one, "2": other}), read_labelled(whole, {"1": one})
+        found, expected = read_label_map(path, {"1": one, "2": other}), read_label_map(whole, {"1": one})
         assert found.materials == expected.materials and len(found.materials) == 1
         np.testing.assert_array_equal(found.shares, expected.shares)
-    assert len(read_labelled(path, {"1": ACRYLIC, "2": ACRYLIC | {"density_g_per_cm3": 1.18}}).materials) == 2
+    assert len(read_label_map(path, {"1": ACRYLIC, "2": ACRYLIC | {"density_g_per_cm3": 1.18}}).materials) == 2
 
 
 def test_a_defined_material_attenuates_as_published():
     """Polymethyl methacrylate, NIST XCOM (J. H. Hubbell, S. M. Seltzer, NISTIR 5632): 0.1924 cm2/g at 60 keV."""
-    (material,) = materials_of({"1": ACRYLIC}).values()
+    (material,) = label_materials({"1": ACRYLIC}).values()
     assert attenuation_per_mm(material, [60.0])[0] == pytest.approx(0.1924 * 1.19 / 10, rel=0.01)
     assert str(material) == "C5H8O2 (1.19 g/cm3)"
 
@@ -175,19 +175,19 @@ def test_what_has_no_material_is_left_out(tmp_path):
     """Label 0 unless it is named, and labels of nothing; materials that no voxel has are no lanes."""
     path = written(labels_of(1.0), tmp_path / "labels.nii.gz")
     array = labels_of(1.0).array
-    found = read_labelled(path, {"1": "pmma", "2": "nothing", "9": "copper"})
+    found = read_label_map(path, {"1": "pmma", "2": "nothing", "9": "copper"})
     assert found.materials == ("pmma",)
     np.testing.assert_array_equal(found.shares[0], array == 1)
-    found = read_labelled(path, {"0": "water", "1": "pmma", "2": "nothing"})
+    found = read_label_map(path, {"0": "water", "1": "pmma", "2": "nothing"})
     assert found.materials == ("pmma", "water")
     np.testing.assert_array_equal(found.shares, [array == 1, array == 0])
 
 
 def test_labels_stored_as_numbers_with_a_point_are_labels(tmp_path):
     volume = labels_of(1.0)
-    whole = read_labelled(written(volume, tmp_path / "a.nii.gz"), {"1": "pmma", "2": "water"})
+    whole = read_label_map(written(volume, tmp_path / "a.nii.gz"), {"1": "pmma", "2": "water"})
     floats = replace(volume, array=volume.array.astype(np.float32))
-    found = read_labelled(written(floats, tmp_path / "b.nii.gz"), {"1": "pmma", "2": "water"})
+    found = read_label_map(written(floats, tmp_path / "b.nii.gz"), {"1": "pmma", "2": "water"})
     np.testing.assert_array_equal(found.shares, whole.shares)
 
 
@@ -219,7 +219,7 @@ def test_maps_that_are_none_are_refused_in_a_line(change, message, tmp_path):
     image = nibabel.Nifti1Image(array.T.astype(kind), np.eye(4))
     nibabel.save(image, tmp_path / "labels.nii.gz")
     with pytest.raises(InputError) as error:
-        read_labelled(tmp_path / "labels.nii.gz", {"1": "pmma", "2": "water"})
+        read_label_map(tmp_path / "labels.nii.gz", {"1": "pmma", "2": "water"})
     assert message in str(error.value) and "\n" not in str(error.value)
 
 
@@ -230,15 +230,15 @@ def test_maps_that_are_none_are_refused_in_a_line(change, message, tmp_path):
         ({"density_g_per_cm3": 1.0}, "give it either a compound or mass_fractions"),
         (ACRYLIC | {"mass_fractions": {"H": 1.0}}, "give it either a compound or mass_fractions"),
         (ACRYLIC | {"compound": "Acrylglas"}, "'Acrylglas' is no chemical formula, element or compound"),
-        ({"mass_fractions": {"H": 0.5}, "density_g_per_cm3": 1.0}, "mass_fractions add up to 0.5; they must to 1"),
+        ({"mass_fractions": {"H": 0.5}, "density_g_per_cm3": 1.0}, "mass_fractions add up to 0.5; make the sum 1"),
     ],
 )
 def test_materials_that_are_none_are_refused_in_a_line(entry, message):
     with pytest.raises(InputError, match=r"^materials\.2: ") as error:
-        materials_of({"1": "pmma", "2": entry})
+        label_materials({"1": "pmma", "2": entry})
     assert message in str(error.value) and "\n" not in str(error.value)
 
 
 def test_a_map_that_is_not_there_is_said(tmp_path):
     with pytest.raises(InputError, match="none.nii.gz: no such file; give the path of a NIfTI image"):
-        read_labelled(tmp_path / "none.nii.gz", {"1": "pmma"})
+        read_label_map(tmp_path / "none.nii.gz", {"1": "pmma"})

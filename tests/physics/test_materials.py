@@ -2,7 +2,7 @@
 
 import pytest
 
-from virtual_phantom.physics.beam.material_names import COMPOUNDS, ELEMENTS, SYNONYMS, named
+from virtual_phantom.physics.beam.material_names import COMPOUNDS, ELEMENTS, SYNONYMS, library_name
 from virtual_phantom.physics.beam.materials import Mixture, attenuation_per_mm
 
 
@@ -31,12 +31,21 @@ def test_potassium_iodide_has_the_k_edge_of_iodine():
     ],
 )
 def test_a_material_may_be_written_as_people_do(written, meant):
-    assert named(written) == meant
+    assert library_name(written) == meant
     assert attenuation_per_mm(written, [60.0])[0] == attenuation_per_mm(meant, [60.0])[0]
 
 
 def test_a_material_of_one_s_own_or_unknown_keeps_its_name():
     own = Mixture("PMMA", 1.0, "C2H4")
-    assert named(own) is own and named("Delrin") == "Delrin" and named("") == "" and named(7) == 7
+    assert (
+        library_name(own) is own
+        and library_name("Delrin") == "Delrin"
+        and library_name("") == ""
+        and library_name(7) == 7
+    )
     known = {*COMPOUNDS, *ELEMENTS}
-    assert {named(name) for name in known} == known and set(SYNONYMS.values()) <= known and not set(SYNONYMS) & known
+    assert (
+        {library_name(name) for name in known} == known
+        and set(SYNONYMS.values()) <= known
+        and not set(SYNONYMS) & known
+    )

@@ -11,11 +11,11 @@ import yaml
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.physics.beam.materials import Mixture, attenuation_per_mm
-from virtual_phantom.physics.scenes.object_files import path_of, shipped
+from virtual_phantom.physics.scenes.object_files import object_names, object_path
 from virtual_phantom.physics.scenes.objects import ShapedRoi, read_object
 from virtual_phantom.physics.scenes.scene import DiscScene
 from virtual_phantom.physics.scenes.shapes import NOTHING, ShapesScene, box, cone, cylinder, ellipsoid
-from virtual_phantom.physics.scenes.voxelized import build, share_of_each
+from virtual_phantom.physics.scenes.voxelized import shape_shares, voxelize
 from virtual_phantom.study.checks.preflight import problems
 
 MU_WATER = 0.0193
@@ -37,9 +37,9 @@ ACR = {"polyethylene": (-107, -84), "bone": (850, 970), "acrylic": (110, 135), "
 READ_HU = 5  # what a choice of the energy is worth: 70 keV stands for all tube voltages here
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", object_names())
 def test_a_shipped_object_says_where_it_comes_from_and_can_be_scanned(name):
-    content = yaml.safe_load(path_of(name).read_text())
+    content = yaml.safe_load(object_path(name).read_text())
     assert content["sources"] or content["not_known"]
     shaped = read_object(name, GIVEN.get(name))
     geometry = circular(
@@ -127,7 +127,7 @@ def test_the_file_on_the_page_is_an_object(tmp_path):
     shaped = read_object(str(tmp_path / "bottle.yaml"), {"wide_mm": 40})
     assert [one.around[2] for one in shaped.shapes[:2]] == pytest.approx([21, 20], abs=0.01)
     listed = page.split("## An object")[0]
-    assert set(shipped()) == set(re.findall(r"^\| `(\w+)` \| .* \| .* \|$", listed, re.MULTILINE))
+    assert set(object_names()) == set(re.findall(r"^\| `(\w+)` \| .* \| .* \|$", listed, re.MULTILINE))
 
 
 def test_a_shipped_cylinder_is_its_discs():
@@ -155,12 +155,12 @@ def test_a_shipped_cylinder_is_its_discs():
         ({"shapes": [{"kind": "ball", "material": "pmma", "diameter": 4}]}, "did you mean 'diameter_mm'"),
         ({"shapes": [{"kind": "ball", "material": "pma", "diameter_mm": 4}]}, "did you mean 'pmma'"),
         ({"shapes": [{"kind": "ball", "material": "pmma", "diameter_mm": -4}]}, "must be positive"),
-        ({"shapes": [{"kind": "ball", "material": "pmma", "diameter_mm": "two"}]}, "'two' is no number"),
+        ({"shapes": [{"kind": "ball", "material": "pmma", "diameter_mm": "two"}]}, "'two' is not a number"),
         (
             {"shapes": [{"kind": "ball", "material": "pmma", "diameter_mm": "abs(-4)"}]},
-            "is no number",
+            "is not a number",
         ),
-        ({"shapes": [{"kind": "ball", "material": "pmma", "diameter_mm": "9 ** 9"}]}, "is no number"),
+        ({"shapes": [{"kind": "ball", "material": "pmma", "diameter_mm": "9 ** 9"}]}, "is not a number"),
         ({"materials": {"wax": {"compound": "Wxy", "density_g_per_cm3": 1}}}, "no chemical formula"),
         ({"materials": {"wax": {"density_g_per_cm3": 1}}}, "either a compound or mass_fractions"),
         ({"materials": {"wax": {"mass_fractions": {"H": 0.5}, "density_g_per_cm3": 1}}}, "add up to 0.5"),
@@ -204,14 +204,14 @@ GRID = Grid((40, 44, 48), (1.5, 1.2, 1.1))
     ],
 )
 def test_voxels_hold_as_much_as_the_shape(shape, volume):
-    (share,) = share_of_each([shape], GRID)
+    (share,) = shape_shares([shape], GRID)
     assert share.min() >= 0 and share.max() == 1
     assert share.sum() * np.prod(GRID.spacing) == pytest.approx(volume, rel=4e-3)
 
 
 def test_later_shapes_take_their_share_of_earlier_ones():
-    shares = share_of_each([ellipsoid("water", (0, 0, 0), (20, 20, 20)), cylinder(NOTHING, (0, 0, 0), 6.0)], GRID)
-    together = share_of_each([ellipsoid("water", (0, 0, 0), (20, 20, 20))], GRID)[0]
+    shares = shape_shares([ellipsoid("water", (0, 0, 0), (20, 20, 20)), cylinder(NOTHING, (0, 0, 0), 6.0)], GRID)
+    together = shape_shares([ellipsoid("water", (0, 0, 0), (20, 20, 20))], GRID)[0]
     np.testing.assert_allclose(np.minimum(shares.sum(axis=0), 1)[together > 0], shares.sum(axis=0)[together > 0])
     # What is left of a ball that is drilled through: 4/3 pi (R^2 - r^2)^1.5, its height alone.
     left = 4 / 3 * math.pi * (20**2 - 6**2) ** 1.5
@@ -221,7 +221,7 @@ def test_later_shapes_take_their_share_of_earlier_ones():
 def test_a_phantom_of_shapes_has_its_hu_and_regions():
     grid = Grid((6, 60, 60), (4.0, 3.6, 3.6))
     shaped = read_object("acr464_module1")
-    phantom = build(shaped, grid, 2, MU_WATER)
+    phantom = voxelize(shaped, grid, 2, MU_WATER)
     by_name = {roi.name: roi.mask for roi in phantom.rois}
     assert by_name.keys() == {"polyethylene", "bone", "acrylic", "water"}
     assert phantom.image.array[by_name["bone"]].mean() == pytest.approx(955, abs=READ_HU)
@@ -232,7 +232,7 @@ def test_a_phantom_of_shapes_has_its_hu_and_regions():
     assert by_name["bone"].any(axis=(1, 2)).all()  # in every slice: where the grid ends there is no edge
     away = np.hypot(*(np.argwhere(by_name["bone"])[:, :0:-1] * 3.6 - 59 / 2 * 3.6 - 63 * np.sqrt(0.5)).T)
     assert away.max() < 12.5 - 3 + 1.8  # by 3 mm, but for half a voxel
-    (part,) = build(shaped, grid, 1, MU_WATER, [ShapedRoi("all", "all", "body")]).rois
+    (part,) = voxelize(shaped, grid, 1, MU_WATER, [ShapedRoi("all", "all", "body")]).rois
     assert part.mask.sum() > by_name["bone"].sum()
 
 
@@ -250,9 +250,9 @@ def test_check_says_what_of_a_phantom_of_shapes_is_not_seen():
     narrow = config | {"scan": config["scan"] | {"columns": 90}}
     assert any("the phantom reaches 100 mm from the isocentre" in line for line in problems(narrow, scans=True))
     misspelled = config | {"phantom": {"source": "object", "object": {"kind": "acr464_module1", "rois": [ROI]}}}
-    assert problems(misspelled) == ["phantom.object: rois: bone names the shape 'bon', which is not there; " + MEANT]
+    assert problems(misspelled) == ["phantom.object: rois: bone names the shape 'bon', which does not exist; " + MEANT]
 
 
 def test_an_object_that_the_grid_does_not_hold_is_refused():
-    with pytest.raises(InputError, match="reaches 100.0 mm from the isocentre along x, but the grid only 50.0 mm"):
-        build(read_object("acr464_module1"), Grid((4, 50, 50), (2.0, 2.0, 2.0)), 1, MU_WATER)
+    with pytest.raises(InputError, match="reaches 100.0 mm from the isocenter along x, but the grid only 50.0 mm"):
+        voxelize(read_object("acr464_module1"), Grid((4, 50, 50), (2.0, 2.0, 2.0)), 1, MU_WATER)

@@ -16,10 +16,10 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import STAGES, acts_on_images, checked, load, names
 from virtual_phantom.physics.noise.correlation import correlations
 from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
-from virtual_phantom.physics.scenes.sampling import displaced, quadrature
+from virtual_phantom.physics.scenes.sampling import displace_source, pixel_quadrature
 from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene
-from virtual_phantom.physics.state import State, lagged, shared
-from virtual_phantom.simulation.reconstruct import with_effects
+from virtual_phantom.physics.state import State, with_afterglow, with_crosstalk
+from virtual_phantom.simulation.reconstruct import apply_image_effects
 
 MU = 0.0193
 SCANNER = dict(
@@ -173,8 +173,8 @@ def test_rays_of_a_pixel_average_as_the_whole_pixel_does(samples):
 
 
 def test_rays_of_a_fan_beam_stay_in_the_plane():
-    assert {row for (_, row), _ in quadrature(3, of_rows=False)} == {0.0}
-    assert sum(weight for _, weight in quadrature(3, of_rows=False)) == pytest.approx(1.0)
+    assert {row for (_, row), _ in pixel_quadrature(3, of_rows=False)} == {0.0}
+    assert sum(weight for _, weight in pixel_quadrature(3, of_rows=False)) == pytest.approx(1.0)
 
 
 def test_a_focal_spot_blurs_by_its_shadow():
@@ -311,7 +311,7 @@ def test_the_ends_of_a_long_spot_are_not_equally_far_away(angle):
 
 def test_points_of_the_spot_keep_the_detector_where_it_is():
     """Every pixel: rays to the outer columns ended 0.6 mm off where the source was moved by turning the gantry."""
-    moved = displaced(GEOMETRY, 3.0, -2.0, 1.5)
+    moved = displace_source(GEOMETRY, 3.0, -2.0, 1.5)
     for view, row, column in ((0, 0, 0), (7, 3, 40), (23, 5, 47)):
         source, pixel = GEOMETRY.ray(view, row, column)
         other_source, other_pixel = moved.ray(view, row, column)
@@ -324,10 +324,10 @@ def test_points_of_the_spot_keep_the_detector_where_it_is():
 def test_neighbours_share_what_is_there():
     delta = np.zeros((5, 5, 5))
     delta[2, 2, 2] = 1
-    found = lagged(shared(delta, (0.1, 0.05)), (0.2, 0.0, 1.0))
+    found = with_afterglow(with_crosstalk(delta, (0.1, 0.05)), (0.2, 0.0, 1.0))
     assert found.sum() == pytest.approx(1)
     assert found[2, 2, 3] == pytest.approx(0.1 * 0.9 * 0.8) and found[3, 2, 2] == pytest.approx(0.8 * 0.9 * 0.2)
-    assert lagged(shared(np.ones((3, 4, 5)), (0.1, 0.1)), (0.1, 0.3, 1.0)) == pytest.approx(1)
+    assert with_afterglow(with_crosstalk(np.ones((3, 4, 5)), (0.1, 0.1)), (0.1, 0.3, 1.0)) == pytest.approx(1)
 
 
 def test_a_glow_fades_by_its_memory():
@@ -336,16 +336,16 @@ def test_a_glow_fades_by_its_memory():
     bright[1] = 1
     k, d = 0.2, 0.6
     expected = [0, 1 - k, *(k * (1 - d) * d**j for j in range(4))]
-    np.testing.assert_allclose(lagged(bright, (k, d, 0.0))[:, 0, 0], expected)
-    np.testing.assert_allclose(lagged(np.ones((2, 1, 1)), (k, d, 0.0))[:, 0, 0], [1 - k, 1 - k + k * (1 - d)])
-    np.testing.assert_allclose(lagged(bright, (k, d, 0.0), squared=True)[:, 0, 0], np.square(expected))
+    np.testing.assert_allclose(with_afterglow(bright, (k, d, 0.0))[:, 0, 0], expected)
+    np.testing.assert_allclose(with_afterglow(np.ones((2, 1, 1)), (k, d, 0.0))[:, 0, 0], [1 - k, 1 - k + k * (1 - d)])
+    np.testing.assert_allclose(with_afterglow(bright, (k, d, 0.0), squared=True)[:, 0, 0], np.square(expected))
 
 
 def test_a_lasting_glow_has_the_variance_and_correlation_of_its_weights(chain):
     state = chain.state({"afterglow": {"share": 0.3, "time_constant_ms": 30.0, "before": 1.0}})
     share, memory, _ = state.lag
     weights = np.array([1 - share, *(share * (1 - memory) * memory**j for j in range(60))])
-    whole = lagged(np.ones((200, 1, 1)), state.lag, squared=True)[-1, 0, 0]
+    whole = with_afterglow(np.ones((200, 1, 1)), state.lag, squared=True)[-1, 0, 0]
     assert whole == pytest.approx((weights**2).sum())
     signal = np.ones((400, 1, 1))
     lasting = State(GEOMETRY, signal=signal, air=signal[:1], lag=state.lag)
@@ -500,22 +500,22 @@ def test_effects_on_images():
         share = image / image.sum()
         return [(share.sum(axis=tuple({0, 1, 2} - {k})) * axis**2).sum() for k, axis in enumerate(axes)]
 
-    blurred = with_effects(point, spacing, {"reconstruction_kernel": {"sigma_mm": 1.5}})
+    blurred = apply_image_effects(point, spacing, {"reconstruction_kernel": {"sigma_mm": 1.5}})
     assert spreads(blurred) == pytest.approx([0, 1.5**2, 1.5**2], rel=0.01, abs=1e-6)
-    narrow = with_effects(point, spacing, {"reconstruction_kernel": {"sigma_mm": 0.2}})  # under half a voxel
+    narrow = apply_image_effects(point, spacing, {"reconstruction_kernel": {"sigma_mm": 0.2}})  # under half a voxel
     assert spreads(narrow) == pytest.approx([0, 0.2**2, 0.2**2], rel=0.01, abs=1e-6)
-    thick = with_effects(point, spacing, {"slice_thickness": {"thickness_mm": 10.0}})
+    thick = apply_image_effects(point, spacing, {"slice_thickness": {"thickness_mm": 10.0}})
     np.testing.assert_allclose(thick[:, 20, 30][12:19], [0, 200, 200, 200, 200, 200, 0], atol=1e-3)
-    between = with_effects(point, spacing, {"slice_thickness": {"thickness_mm": 4.0}})
+    between = apply_image_effects(point, spacing, {"slice_thickness": {"thickness_mm": 4.0}})
     np.testing.assert_allclose(between[14:17, 20, 30], [250, 500, 250], atol=1e-3)
-    assert with_effects(point, spacing, {}) is point
+    assert apply_image_effects(point, spacing, {}) is point
     both = {"hu_calibration": {"scale": 1.1, "offset_hu": -7.0}, "reconstruction_kernel": {"sigma_mm": 0.0}}
-    np.testing.assert_allclose(with_effects(point, spacing, both), 1.1 * point - 7, rtol=1e-6)
+    np.testing.assert_allclose(apply_image_effects(point, spacing, both), 1.1 * point - 7, rtol=1e-6)
     for name, neutral in (
         ("slice_thickness", {"thickness_mm": 0.0}),
         ("hu_calibration", {"scale": 1.0, "offset_hu": 0.0}),
     ):
-        np.testing.assert_array_equal(with_effects(point, spacing, {name: neutral}), point)
+        np.testing.assert_array_equal(apply_image_effects(point, spacing, {name: neutral}), point)
 
 
 def test_a_dark_signal_is_read_out_without_noise_of_its_own():

@@ -7,8 +7,8 @@ import pytest
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.physics.scenes.posed import PosedScene
-from virtual_phantom.physics.scenes.rays import outline
-from virtual_phantom.physics.scenes.sampling import displaced
+from virtual_phantom.physics.scenes.rays import corner_rays
+from virtual_phantom.physics.scenes.sampling import displace_source
 from virtual_phantom.physics.scenes.scene import Pose, VoxelScene
 
 GEOMETRY = circular(
@@ -58,7 +58,7 @@ PLACES = {
     "pose": (GEOMETRY, NEAR, None),
     "detector offset": (replace(GEOMETRY, column_offset_px=0.0015, row_offset_px=0.001), Pose(), None),
     "distances": (replace(GEOMETRY, source_to_isocentre_mm=500.05, source_to_detector_mm=900.03), Pose(), None),
-    "source": (displaced(GEOMETRY, 0.02, 0.01), Pose(), None),
+    "source": (displace_source(GEOMETRY, 0.02, 0.01), Pose(), None),
     "motion": (GEOMETRY, Pose(turn_deg=0.002), np.linspace(-0.01, 0.01, 36).reshape(12, 3)),
 }
 
@@ -133,4 +133,4 @@ def test_an_outline_says_how_far_any_ray_is_displaced(traced, place):
         )
         return float(np.abs(here - there).sum(axis=0).max())
 
-    assert displacement(lambda geometry: geometry) == pytest.approx(displacement(outline), rel=0.1)
+    assert displacement(lambda geometry: geometry) == pytest.approx(displacement(corner_rays), rel=0.1)

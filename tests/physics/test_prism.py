@@ -65,7 +65,7 @@ def test_a_square_off_the_axis_turns_and_moves_as_the_pose_says():
 
 def test_finer_and_offset_masks_are_cut_to_what_they_hold():
     whole = slice_of(lambda x, y: np.hypot(x + 12, y - 9) < 6)
-    assert whole._part.shape[1] < 70
+    assert whole.grid.shape[1] < 70
     exact = DiscScene(12.0, "pmma").path_lengths(GEOMETRY, Pose(x_mm=-12.0, y_mm=9.0))
     found = whole.path_lengths(GEOMETRY)
     assert np.abs(found - exact).mean() < 0.02 and found.max() == pytest.approx(exact.max(), abs=0.1)

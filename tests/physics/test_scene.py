@@ -8,7 +8,7 @@ from scanner import SCANNER
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical
-from virtual_phantom.physics.scenes.sampling import averaged, divided, quadrature
+from virtual_phantom.physics.scenes.sampling import average_rays, pixel_quadrature, supersampled
 from virtual_phantom.physics.scenes.scene import Pose, VoxelScene
 from virtual_phantom.projectors.cpu import CpuProjector
 
@@ -50,11 +50,11 @@ def test_paths_are_those_of_the_projector(scene, rows, pitch_mm, more):
 @pytest.mark.parametrize("roll", [0.0, 0.3])
 def test_all_rays_of_a_pixel_at_once_are_those_one_by_one(scene, samples, rows, more, roll):
     geometry = rolled(scan(rows, 8.0, column_offset_px=0.2, **more), roll)
-    ((together, weights),) = divided(geometry, samples)
-    found = averaged(np.exp(-0.02 * scene.path_lengths(together, PLACED)), weights)
+    ((together, weights),) = supersampled(geometry, samples)
+    found = average_rays(np.exp(-0.02 * scene.path_lengths(together, PLACED)), weights)
     expected = sum(
         weight * np.exp(-0.02 * scene.path_lengths(beside(geometry, *place), PLACED))
-        for place, weight in quadrature(samples, rows > 1)
+        for place, weight in pixel_quadrature(samples, rows > 1)
     )
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
@@ -76,13 +76,13 @@ def beside(geometry, column, row):
 
 def test_many_rays_are_worked_out_in_parts(scene, monkeypatch):
     geometry = scan(4, 8.0)
-    ((together, weights),) = divided(geometry, 2)
-    whole = averaged(scene.path_lengths(together), weights)
+    ((together, weights),) = supersampled(geometry, 2)
+    whole = average_rays(scene.path_lengths(together), weights)
     for most, parts in ((2 * np.prod(geometry.shape), 2), (1, 4)):
-        monkeypatch.setattr("virtual_phantom.physics.scenes.sampling.MOST_RAYS", int(most))
-        made = divided(geometry, 2)
+        monkeypatch.setattr("virtual_phantom.physics.scenes.sampling.MAX_RAYS", int(most))
+        made = supersampled(geometry, 2)
         assert len(made) == parts
-        found = sum(averaged(scene.path_lengths(one), share) for one, share in made)
+        found = sum(average_rays(scene.path_lengths(one), share) for one, share in made)
         np.testing.assert_allclose(found, whole, rtol=1e-6)
 
 

@@ -10,7 +10,7 @@ from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.projections.model import ScansModel
 from virtual_phantom.io.exchange import write_line_integrals
 from virtual_phantom.physics.beam.materials import attenuation_per_mm
-from virtual_phantom.physics.beam.sensors import COUNTS, ENERGY, SENSORS, Sensor, response, stated
+from virtual_phantom.physics.beam.sensors import COUNTS, ENERGY, SENSORS, Sensor, response, sensor_from_label
 from virtual_phantom.physics.beam.spectra import TUNGSTEN, tube_spectrum, weighted_spectrum
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
@@ -135,17 +135,23 @@ def test_counted_photons_weigh_one_each():
 
 
 def test_what_is_known_of_a_sensor():
-    assert (stated().material, stated().thickness_mm, stated().thickness_sd) == ("caesium_iodide", 0.6, 1.0)
-    assert (stated("gadolinium_oxysulfide").thickness_mm, stated("gadolinium_oxysulfide").thickness_sd) == (1.4, 0.5)
-    assert (stated("caesium_iodide", 0.4).thickness_mm, stated("caesium_iodide", 0.4).thickness_sd) == (0.4, 0.05)
+    unknown, material = sensor_from_label(), sensor_from_label("gadolinium_oxysulfide")
+    stated = sensor_from_label("caesium_iodide", 0.4)
+    assert (unknown.material, unknown.thickness_mm, unknown.thickness_sd) == ("caesium_iodide", 0.6, 1.0)
+    assert (material.thickness_mm, material.thickness_sd) == (1.4, 0.5)
+    assert (stated.thickness_mm, stated.thickness_sd) == (0.4, 0.05)
     with pytest.raises(InputError, match="sensor 'glass' is unknown; use one of caesium_iodide"):
-        stated("glass")
-    with pytest.raises(InputError, match="a sensor that reads 'light' is unknown"):
-        stated("silicon", 30.0, "light")
+        sensor_from_label("glass")
+    with pytest.raises(InputError, match="sensor signal 'light' is unknown"):
+        sensor_from_label("silicon", 30.0, "light")
 
 
 def test_a_fit_holds_the_thickness_by_what_is_known_of_it():
-    for sensor in (stated(), stated("gadolinium_oxysulfide"), stated("caesium_iodide", 0.4)):
+    for sensor in (
+        sensor_from_label(),
+        sensor_from_label("gadolinium_oxysulfide"),
+        sensor_from_label("caesium_iodide", 0.4),
+    ):
         model = ScansModel(Chain(DiscScene(160.0, "water"), GEOMETRY, sensor=sensor), ())
         (one,) = (unknown for unknown in model.unknowns(("spectrum",)) if unknown.name == "sensor_mm")
         assert one.value(one.expected) == pytest.approx(sensor.thickness_mm)

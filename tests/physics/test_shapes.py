@@ -156,9 +156,9 @@ def test_a_slab_between_source_and_detector_alone_counts():
         (lambda: ellipsoid("water", (0, 0, 0), (1, -1, 1)), "ellipsoid: half_axes_mm must be positive"),
         (lambda: box("water", (0, 0, 0), (0, 1, 1)), "box: sides_mm must be positive"),
         (lambda: cylinder("water", (0, 0, 0), 0.0), "cylinder: radius_mm and length_mm must be positive"),
-        (lambda: cone("water", (0, 0, 0), 5.0, 5.0, 1.0), "of equal radii it is a cylinder"),
+        (lambda: cone("water", (0, 0, 0), 5.0, 5.0, 1.0), "use a cylinder for equal radii"),
         (lambda: half_space("water", (0, 0, 0), (0, 0, 0)), "has no length"),
-        (lambda: ShapesScene([cylinder(NOTHING, (0, 0, 0), 1.0)]), "shapes: there is none of a material"),
+        (lambda: ShapesScene([cylinder(NOTHING, (0, 0, 0), 1.0)]), "shapes: no shape has a material"),
     ],
 )
 def test_what_is_no_shape_is_refused(make, message):

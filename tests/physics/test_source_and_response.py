@@ -12,7 +12,7 @@ from virtual_phantom.physics.beam.materials import attenuation_per_mm
 from virtual_phantom.physics.beam.spectra import Anode
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import check_readings, checked, load
-from virtual_phantom.physics.scenes.sampling import later, sources
+from virtual_phantom.physics.scenes.sampling import later_geometry, sources
 from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV, DiscScene, Pose
 from virtual_phantom.physics.state import State
 
@@ -109,7 +109,9 @@ def test_a_view_that_turns_is_a_mean_of_transmissions(geometry):
     where, duty = Pose(x_mm=40.0, y_mm=-25.0), 0.9
     found = chain(70.0, geometry).state({"view_blur": {"duty": duty}}, where).line_integrals()
     moments = duty * ((np.arange(400) + 0.5) / 400 - 0.5)
-    each = np.array([chain(70.0, later(geometry, moment)).state({}, where).line_integrals() for moment in moments])
+    each = np.array(
+        [chain(70.0, later_geometry(geometry, moment)).state({}, where).line_integrals() for moment in moments]
+    )
     right, wrong = -np.log(np.exp(-each).mean(axis=0)), each.mean(axis=0)
     error = np.abs(found - right)
     assert error.max() < 0.15 * right.max() and error.mean() < 0.1 * np.abs(wrong - right).mean() + 2e-3
@@ -216,6 +218,6 @@ def test_a_focal_spot_is_as_wide_beside_off_focal_radiation():
 
 
 def test_the_collimator_is_not_fitted():
-    known = chain().held("off_focal_radiation")
+    known = chain().fixed_parameters("off_focal_radiation")
     assert known == {"collimator_mm": 200.0}
     assert [one.name for one in chain().parameters("off_focal_radiation")] == ["share", "width_mm"]

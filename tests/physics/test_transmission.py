@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from virtual_phantom.physics.beam.transmission import BLOCK, MANY, transmitted
+from virtual_phantom.physics.beam.transmission import BLOCK, MANY, polychromatic_signal
 
 
 def close_to(paths, attenuation_per_mm):
@@ -37,7 +37,7 @@ def test_it_is_the_sum_of_exponentials(seed, materials, energies, views, columns
     """Whether rays fill blocks or not."""
     paths, attenuation, shares = drawn(np.random.default_rng(seed), materials, energies, (views, 2, columns), of_pixels)
     np.testing.assert_allclose(
-        transmitted(paths, attenuation, shares),
+        polychromatic_signal(paths, attenuation, shares),
         directly(paths, attenuation, shares),
         rtol=close_to(paths, attenuation),
         atol=1e-37,
@@ -50,14 +50,16 @@ def test_shares_of_single_rows_and_columns():
     paths, attenuation, shares = drawn(random, 2, 9, (3, 4, 5), of_pixels=True)
     for thin in (shares[..., :1], shares[..., :1, :]):
         whole = np.broadcast_to(thin, shares.shape)
-        assert np.array_equal(transmitted(paths, attenuation, thin), transmitted(paths, attenuation, whole))
+        assert np.array_equal(
+            polychromatic_signal(paths, attenuation, thin), polychromatic_signal(paths, attenuation, whole)
+        )
 
 
 @pytest.mark.parametrize("of_pixels", [False, True])
 def test_threads_change_nothing(of_pixels):
     random = np.random.default_rng(2)
     paths, attenuation, shares = drawn(random, 2, 9, (2, 7, MANY * BLOCK // 7), of_pixels)
-    one, three = (transmitted(paths, attenuation, shares, threads) for threads in (1, 3))
+    one, three = (polychromatic_signal(paths, attenuation, shares, threads) for threads in (1, 3))
     assert np.array_equal(one, three)
 
 
@@ -65,5 +67,5 @@ def test_threads_change_nothing(of_pixels):
 def test_at_the_ends(length_mm):
     """Rays that follow others may be a little shorter than nothing, and nothing may be left of the beam."""
     paths, attenuation = np.full((1, 1, 1, 1), length_mm, np.float32), np.array([[0.1]])
-    found = transmitted(paths, attenuation, np.ones((1, 1)))
+    found = polychromatic_signal(paths, attenuation, np.ones((1, 1)))
     np.testing.assert_allclose(found, np.exp(-0.1 * paths.astype(float)), rtol=close_to(paths, attenuation), atol=2e-38)

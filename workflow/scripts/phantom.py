@@ -5,8 +5,8 @@ from pathlib import Path
 from virtual_phantom.base.geometry import grid_of
 from virtual_phantom.base.streams import Branch, branch
 from virtual_phantom.phantom import ct, layout, synthetic, write_phantom
-from virtual_phantom.physics.scenes import voxelized
 from virtual_phantom.physics.scenes.objects import read_phantom_object
+from virtual_phantom.physics.scenes.voxelized import voxelize
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
@@ -18,7 +18,7 @@ with job(snakemake) as log:
         phantom = synthetic.build(layout.read_layout(settings["layout"]), grid, oversampling, seed)
     elif settings["source"] == "object":
         shaped, rois = read_phantom_object(settings["object"])
-        phantom = voxelized.build(shaped, grid, oversampling, snakemake.params.mu_water_per_mm, rois)
+        phantom = voxelize(shaped, grid, oversampling, snakemake.params.mu_water_per_mm, rois)
     else:
         phantom = ct.load_phantom(settings["ct"], grid, oversampling)
     write_phantom(phantom, Path(snakemake.output.image).parent)

@@ -11,8 +11,7 @@ with job(snakemake) as log:
     from virtual_phantom.phantom.repositioning import random_pose
     from virtual_phantom.physics.scenes.line_integrals import check_rois_seen
     from virtual_phantom.physics.stored_state import to_store
-    from virtual_phantom.simulation.found import read_found
-    from virtual_phantom.simulation.project import projected
+    from virtual_phantom.simulation.project import project_phantom, read_diagnosed_physics
 
     params = snakemake.params
     phantom = read_nifti(snakemake.input.phantom)
@@ -28,10 +27,10 @@ with job(snakemake) as log:
     check_rois_seen(geometry, grid, masks)
     physics = params.geometry["physics"]
     if snakemake.input.physics:
-        physics, _ = read_found(*snakemake.input.physics)
+        physics, _ = read_diagnosed_physics(*snakemake.input.physics)
     pose = random_pose(**params.pose) if params.pose else IN_PLACE
     log.info("%s", pose)
-    line_integrals, state = projected(
+    line_integrals, state = project_phantom(
         phantom,
         geometry,
         physics,

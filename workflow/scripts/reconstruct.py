@@ -12,7 +12,7 @@ with job(snakemake) as log:
     from virtual_phantom.physics.stored_state import read_state
     from virtual_phantom.reconstruction.boxes import boxes_around, voxels_over
     from virtual_phantom.simulation.acquire import acquire
-    from virtual_phantom.simulation.found import read_found
+    from virtual_phantom.simulation.project import read_diagnosed_physics
     from virtual_phantom.simulation.reconstruct import reconstruct, reconstruct_in_boxes
     from virtual_phantom.study.matched_noise import resolve
 
@@ -21,7 +21,7 @@ with job(snakemake) as log:
     paths = list(snakemake.input.clean)
     physics = params.physics
     if snakemake.input.physics:
-        _, physics = read_found(*snakemake.input.physics)
+        _, physics = read_diagnosed_physics(*snakemake.input.physics)
     if physics and params.voxels is not None:
         raise InputError(
             f"{snakemake.input.physics[0]}: {min(physics)} acts on whole images, and those of protocol "

@@ -12,7 +12,7 @@ from ..diagnosis.request import DiagnosisRequest, Settings
 from ..diagnosis.run import run_diagnosis
 from ..diagnosis.verdict.verdict import Diagnosis
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
-from ..physics.beam.material_names import named
+from ..physics.beam.material_names import library_name
 from ..recordings.document import read_document
 from ..statistics.proof_record import read_proof_record
 from .arguments import mapping, pair, path, positive, public, sequence, text, whole
@@ -121,10 +121,12 @@ def _scanned_section(disc, mask, labels, shapes) -> dict:
     """Return the arguments that describe the object as a section of the configuration."""
     if disc is not None:
         diameter, material = pair(disc, "disc", "diameter in mm and material")
-        return {"disc": {"diameter_mm": positive(diameter, "disc[0]"), "material": named(text(material, "disc[1]"))}}
+        return {
+            "disc": {"diameter_mm": positive(diameter, "disc[0]"), "material": library_name(text(material, "disc[1]"))}
+        }
     if mask is not None:
         file, material = pair(mask, "mask", "a NIfTI file and a material")
-        return {"object": {"mask": path(file, "mask[0]"), "material": named(text(material, "mask[1]"))}}
+        return {"object": {"mask": path(file, "mask[0]"), "material": library_name(text(material, "mask[1]"))}}
     if labels is not None:
         file, materials = pair(labels, "labels", "a NIfTI file and the material of each label")
         materials = mapping(materials, "labels[1]", "{label: material}")

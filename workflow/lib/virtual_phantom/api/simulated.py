@@ -23,7 +23,7 @@ from ..physics.scenes.line_integrals import check_rois_seen
 from ..projectors import astra_projects, choose_engine
 from ..simulation import reconstruct as images_of
 from ..simulation.acquire import acquire
-from ..simulation.project import projected
+from ..simulation.project import project_phantom
 from .arguments import made_by, mapping, pair, path, positive, public, sequence, text, three, whole
 
 STUDY = default_study()
@@ -211,7 +211,7 @@ def scan(
     check_rois_seen(geometry, phantom.image.grid, {roi.name: roi.mask for roi in phantom.rois})
     before = {name: values for name, values in effects.items() if not acts_on_images(name)}
     mu_water_per_mm = defaults_of()["mu_water_per_mm"]
-    clean, state = projected(
+    clean, state = project_phantom(
         phantom.fine,
         geometry,
         before,

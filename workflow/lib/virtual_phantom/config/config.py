@@ -10,7 +10,7 @@ from ..base.geometry import PARALLEL, with_beam
 from ..base.home import expand_home
 from ..base.vectors import FLAT
 from ..io.schema import SCHEMA, check_nesting, fill_defaults, mistakes, read_schema
-from ..physics.beam.material_names import named
+from ..physics.beam.material_names import library_name
 from ..physics.effect import acts_on_images, checked
 from .config_rules import Names, Rules
 from .outputs import Files
@@ -111,7 +111,7 @@ def _name_materials(config: dict) -> None:
     for one in _section(config, "diagnosis", "recordings").values():
         places += [(_section(one, key), ("material",)) for key in ("disc", "object")]
     for place, keys in places:
-        place |= {key: named(place[key]) for key in keys if key in place}
+        place |= {key: library_name(place[key]) for key in keys if key in place}
 
 
 def inspected(settings: Mapping) -> tuple[list[str], dict]:

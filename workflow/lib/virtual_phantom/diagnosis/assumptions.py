@@ -9,7 +9,7 @@ from ..base.geometry import PARALLEL
 from ..base.names import counted, enumerated, label
 from ..base.vectors import FLAT
 from ..physics.beam.materials import attenuation_per_mm
-from ..physics.scenes.labeled import materials_of
+from ..physics.scenes.labeled import label_materials
 from ..physics.scenes.shapes import NOTHING
 from ..recordings.recording import Recording
 from .preparation import nominal_settings
@@ -56,7 +56,7 @@ def object_text(request: DiagnosisRequest) -> str:
         shaped = shaped_object(other)
         return f"shapes ({shaped.name}): {shaped.description.rstrip('.')}"
     if isinstance(other, LabelledObject):
-        materials = dict.fromkeys(materials_of(other.materials).values())
+        materials = dict.fromkeys(label_materials(other.materials).values())
         of = enumerated([label(material) for material in materials if material != NOTHING])
         return f"the label map {Path(other.labels).name}, of {of}"
     if other is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..base.errors import InputError
 from ..base.streams import Branch
-from ..physics.beam.sensors import stated as stated_sensor
+from ..physics.beam.sensors import sensor_from_label
 from ..physics.beam.spectra import KVP, TUNGSTEN, Anode
 from ..physics.chain import EVEN, Chain
 from ..physics.state import AIR
@@ -97,7 +97,7 @@ def nominal_settings(recording: Recording) -> NominalSettings:
         raise InputError(
             f"{recording.document.path}: no spectrum is known of nominal.anode {target} at {tube_kvp} kV, only {ranges}"
         )
-    return NominalSettings(anode, tube_kvp, stated_sensor(**nominal.get("sensor", {})))
+    return NominalSettings(anode, tube_kvp, sensor_from_label(**nominal.get("sensor", {})))
 
 
 def compare_images(

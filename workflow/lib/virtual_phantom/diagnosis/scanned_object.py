@@ -13,7 +13,7 @@ from ..io import volumes
 from ..io.volumes import Volume
 from ..phantom import block_mean
 from ..physics.beam.materials import Segmentation, energy_of
-from ..physics.scenes.labeled import Labelled, read_labelled
+from ..physics.scenes.labeled import LabelMap, read_label_map
 from ..physics.scenes.objects import ShapedObject, read_object
 from ..physics.scenes.prism import PrismScene
 from ..physics.scenes.scene import DISC_ENERGY_KEV, DiscScene, VoxelScene
@@ -49,9 +49,9 @@ def shaped_object(given: ShapesObject) -> ShapedObject:
     return read_object(given.kind, given.parameters)
 
 
-def labelled_object(given: LabelledObject) -> Labelled:
+def labelled_object(given: LabelledObject) -> LabelMap:
     """Read an object that is given as a label map."""
-    return read_labelled(given.labels, given.materials)
+    return read_label_map(given.labels, given.materials)
 
 
 def whole_voxels(request: DiagnosisRequest, scene: object) -> str | None:
@@ -119,7 +119,7 @@ def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene 
     return VoxelScene(volume.array[None], volume.grid, (material,), DISC_ENERGY_KEV, threads)
 
 
-def labelled_scene(labelled: Labelled, energy_kev: float, threads: int = 1) -> VoxelScene | PrismScene:
+def labelled_scene(labelled: LabelMap, energy_kev: float, threads: int = 1) -> VoxelScene | PrismScene:
     """Return the scene of a label map; for a single slice see mask_scene.
 
     Parameters

@@ -1,1 +1,1 @@
-"""The acquisition chain: what happens to the line integrals between the phantom and the reconstruction."""
+"""Acquisition chain: scenes, beam, effects and noise, from the object to line integrals."""

@@ -1,7 +1,7 @@
-"""The acquisition chain: the baseline and whatever effects are switched on, from path lengths to the mean signal.
+"""Acquisition chain: the mean signal of a scan, with any set of effects.
 
-Baseline [1]_: one energy, a point source, an ideal detector, Poisson noise, the logarithm. Effects act in the order of
-`effect.STAGES`, those of one stage in that of their names; with none the chain gives the baseline.
+The baseline [1]_ has one energy, a point source, an ideal detector, Poisson noise and the logarithm. Effects act in the
+order of `effect.STAGES`, and within a stage in the order of their names. Without effects the chain is the baseline.
 
 References
 ----------
@@ -21,8 +21,8 @@ from ..base.lru_cache import LRUCache
 from ..base.mounting import AS_STATED
 from .beam.materials import attenuation_per_mm
 from .beam.sensors import Sensor
-from .beam.spectra import SENSOR, Spectrum, passing
-from .beam.transmission import transmitted
+from .beam.spectra import SENSOR, Spectrum, filter_transmission
+from .beam.transmission import polychromatic_signal
 from .effect import (
     OF_AIR,
     OF_AIR_PER_SCAN,
@@ -35,33 +35,35 @@ from .effect import (
     load,
     needs_times,
 )
-from .scenes.inclusion import thinned
-from .scenes.posed import NearScene, PosedScene, Scan
-from .scenes.sampling import averaged, divided, later, sources
-from .scenes.scene import IN_PLACE, Pose, VoxelScene
-from .state import AIR, EARLIER, PHOTONS, Added, State
+from .scenes.inclusion import inclusion_transmission
+from .scenes.posed import LinearizedScene, PosedScan, PosedScene
+from .scenes.sampling import average_rays, later_geometry, sources, supersampled
+from .scenes.scene import IN_PLACE, Pose, VoxelScene, scan_key
+from .state import AIR, EARLIER_VIEWS, PHOTONS, Inclusions, State
 
-# A fit varies one parameter at a time, and most leave earlier steps alone. A focal spot takes nine.
-PATHS_KEPT, TRANSMISSIONS_KEPT = 20, 24
-KEPT_BYTES, LEAST_KEPT = 2e8, 3  # of either: large scans keep fewer, and work some out again
+# Cached results. A fit varies one parameter at a time, and most parameters leave the results of earlier stages as they
+# are. A focal spot has nine points, each with path lengths of its own.
+MAX_PATHS, MAX_TRANSMISSIONS = 20, 24
+CACHE_BYTES, MIN_CACHED = 2e8, 3  # for each of the two caches
 EVEN, SOLID_ANGLE = "even", "solid_angle"
 
 
 class Chain:
-    """The mean signal of a scene in a geometry, for any settings of effects.
+    """Mean signal of a scene in a geometry, for any settings of effects.
 
     Parameters
     ----------
     scene : VoxelScene
-        Or what has its methods.
+        Or another class of `scenes` with the same methods.
     photons : float, optional
         As State.photons.
     samples : int, optional
-        Rays per pixel and direction, whose signals are averaged (`quadrature`); 1 is the baseline's ray to its centre.
+        Rays per pixel and direction, whose signals are averaged; 1: one ray to the center, as in the baseline.
     illumination : {"even", "solid_angle"}, optional
-        EVEN: all pixels get the same photons in air; SOLID_ANGLE: as the source sees them.
+        EVEN: all pixels receive the same number of photons in air; SOLID_ANGLE: a number proportional to the solid
+        angle of the pixel.
     sensor : Sensor, optional
-        Of the detector, which a spectrum is weighed by.
+        Detector sensor, which weights a spectrum.
     readout : float or {"photons", "air"}, optional
         As State.readout.
     """
@@ -78,150 +80,134 @@ class Chain:
     ):
         self.scene, self.geometry, self.photons, self.samples = scene, geometry, photons, samples
         self.illumination, self.sensor, self.readout = illumination, sensor, readout
-        parts, pixels = len(divided(geometry, samples)), math.prod(geometry.shape)
+        parts, pixels = len(supersampled(geometry, samples)), math.prod(geometry.shape)
         rays = pixels * samples ** (2 if geometry.rows > 1 else 1)
-        self._paths = LRUCache(_kept(8 * rays, PATHS_KEPT) * parts)
-        self._transmissions = LRUCache(_kept(8 * pixels, TRANSMISSIONS_KEPT))
-        self._before: list[Chain] | None = None  # of the views before those that are there
+        self._paths = LRUCache(_cache_length(8 * rays, MAX_PATHS) * parts)
+        self._transmissions = LRUCache(_cache_length(8 * pixels, MAX_TRANSMISSIONS))
+        self._earlier_chains: list[Chain] | None = None
 
     def copy(self, geometry: ScanGeometry | None = None, samples: int | None = None) -> Chain:
-        """The same, of another geometry or number of rays if one is given, with nothing kept."""
-        return self._of(self.scene, geometry or self.geometry, samples or self.samples)
+        """Return a chain with empty caches, for another geometry or number of rays if given."""
+        return self._copy(self.scene, geometry or self.geometry, samples or self.samples)
 
-    def _of(self, scene: VoxelScene, geometry: ScanGeometry, samples: int) -> Chain:
+    def _copy(self, scene: VoxelScene, geometry: ScanGeometry, samples: int) -> Chain:
         return Chain(scene, geometry, self.photons, samples, self.illumination, self.sensor, self.readout)
 
     def near(
         self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, reach: float = 1.0, **extra
     ) -> Chain:
-        """The same, whose rays follow to first order those that given settings send, where they lie near enough.
+        """Return a chain whose path lengths are linearized at the given settings, as PosedScene.near.
 
-        Parameters
-        ----------
-        physics, pose, **extra
-            As `state` takes them.
-        reach : float, optional
-            As PosedScene.near takes it.
-
-        Returns
-        -------
-        Chain
-            This one, where the scene traces all rays or follows others already.
+        Other arguments are those of `state`. Chains with other scenes are returned unchanged.
         """
         if not isinstance(self.scene, PosedScene):
             return self
-        return self._of(self.scene.near(self._scans(physics, pose, extra), reach), self.geometry, self.samples)
+        return self._copy(self.scene.near(self._scans(physics, pose, extra), reach), self.geometry, self.samples)
 
     def follows(self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, **extra) -> bool:
-        """Whether all rays that given settings send lie near enough to those that they may follow.
+        """Whether all rays of the given settings are in the linear range; true also if the scene traces all rays."""
+        scene = self.scene
+        return not isinstance(scene, LinearizedScene) or all(map(scene.follows, self._scans(physics, pose, extra)))
 
-        Parameters
-        ----------
-        physics, pose, **extra
-            As `state` takes them.
-
-        Returns
-        -------
-        bool
-            True also where the scene traces all rays.
-        """
-        return not isinstance(self.scene, NearScene) or all(map(self.scene.follows, self._scans(physics, pose, extra)))
-
-    def _scans(self, physics: Mapping[str, Mapping[str, float]], pose: Pose, extra: Mapping) -> list[Scan]:
-        """What these settings ask of the scene."""
-        state, _ = self._before_the_object(physics, **extra)
+    def _scans(self, physics: Mapping[str, Mapping[str, float]], pose: Pose, extra: Mapping) -> list[PosedScan]:
+        """Return the scans for which these settings need path lengths."""
+        state, _ = self._until_object(physics, **extra)
         return [
-            (beside, pose, state.motion_mm)
+            (rays, pose, state.motion_mm)
             for source, _ in sources(state)
-            for beside, _ in divided(source, self.samples)
+            for rays, _ in supersampled(source, self.samples)
         ]
 
     @property
-    def reads_in_air(self) -> float:
-        """What the detector reads of the photons in air, in readout units."""
+    def air_reading(self) -> float:
+        """Reading of the detector in air, readout units."""
         return {PHOTONS: self.photons, AIR: 1.0}.get(self.readout, self.readout)
 
     def parameters(self, name: str) -> tuple[Parameter, ...]:
-        """An effect's parameters with range, start, typical strength and unit as this scan shows them.
-
-        Those that are not fitted (`held`) are left out.
+        """Return the fitted parameters of an effect with range, start, typical strength and unit for this scan.
 
         Raises
         ------
         InputError
-            For an effect that needs the scan's times where they are not known.
+            If the effect needs the times of the scan and they are unknown.
         """
-        air = self.reads_in_air
+        air = self.air_reading
         unit = {PHOTONS: "photons", AIR: "of air"}.get(self.readout, READOUT_UNITS)
         scan, geometry = {OF_AIR: air, PER_AIR_PHOTON: 1 / self.photons}, self.geometry
         if geometry.view_interval_ms is not None:
             scan |= {PER_VIEW: geometry.view_interval_ms, PER_SCAN: 1 / geometry.duration_s}
             scan[OF_AIR_PER_SCAN] = air / geometry.duration_s
         return tuple(
-            replace(one.within(scan), unit=one.unit.replace(READOUT_UNITS, unit))
-            for one in load(name).parameters
-            if one.name not in self.held(name)
+            replace(parameter.within(scan), unit=parameter.unit.replace(READOUT_UNITS, unit))
+            for parameter in load(name).parameters
+            if parameter.name not in self.fixed_parameters(name)
         )
 
-    def held(self, name: str) -> dict[str, float]:
-        """Parameters of an effect that are not fitted, at the values that are taken for them.
+    def fixed_parameters(self, name: str) -> dict[str, float]:
+        """Return the parameters of an effect that are not fitted, and their values.
 
-        Those of the scanner's design are typical. Those that a scan without known times cannot show do nothing.
+        Parameters of the scanner design have their typical value. Parameters that need unknown times of the scan have
+        their neutral value.
 
         Raises
         ------
         InputError
-            For an effect that is nothing without its times.
+            If the effect needs the times of the scan and they are unknown.
         """
-        every = load(name).parameters
-        found = {one.name: one.typical for one in every if one.stated}
-        timed = [one for one in every if one.timed]
+        parameters = load(name).parameters
+        fixed = {parameter.name: parameter.typical for parameter in parameters if parameter.stated}
+        timed = [parameter for parameter in parameters if parameter.timed]
         if self.geometry.view_interval_ms is None and timed:
             if needs_times(name):
                 self.geometry.known_interval_ms  # noqa: B018  raises
-            found |= {one.name: one.neutral for one in timed}
-        return found
+            fixed |= {parameter.name: parameter.neutral for parameter in timed}
+        return fixed
 
     def state(
         self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, photons: float | None = None, **extra
     ) -> State:
-        """The chain run through, means and what noise needs.
+        """Run the chain.
 
         Parameters
         ----------
         physics : mapping of str to mapping of str to float
-            {effect: {parameter: value}}; none gives the baseline.
+            {effect: {parameter: value}}; empty: the baseline.
         pose : Pose, optional
-            Of the object.
+            Pose of the object.
         photons : float, optional
-            As State.photons; None: the chain's.
+            As State.photons; None: the number of the chain.
         **extra
-            Fields of the State to begin with.
+            Initial values of fields of the State.
+
+        Returns
+        -------
+        State
+            Means, and everything that noise depends on.
         """
-        state = self._run_through(physics, pose, photons, extra)
+        state = self._run(physics, pose, photons, extra)
         glows = state.lag[0] or state.slow_lag[0]
         if glows and self.geometry.views_apart > 1 and isinstance(self.geometry, OrbitGeometry):
-            state.earlier = self._earlier(physics, pose, photons, extra)
+            state.earlier = self._earlier_signal(physics, pose, photons, extra)
         return state
 
-    def _run_through(self, physics, pose: Pose, photons: float | None, extra: Mapping) -> State:
-        """As `state`, of the views that are there alone."""
-        state, behind = self._before_the_object(physics, photons, **extra)
+    def _run(self, physics, pose: Pose, photons: float | None, extra: Mapping) -> State:
+        """Run the chain, without State.earlier."""
+        state, later_effects = self._until_object(physics, photons, **extra)
         self._transmit(state, pose)
-        for effect in behind:
+        for effect in later_effects:
             effect.apply(state, physics[effect.name])
         return state
 
-    def _earlier(self, physics, pose: Pose, photons: float | None, extra: Mapping) -> np.ndarray:
-        """As State.earlier: between views that lie far apart nothing tells what has just been seen."""
-        if self._before is None:
-            self._before = [self.copy(later(self.geometry, -count)) for count in EARLIER]
-            for one in self._before:  # of one pose: of large scans more of them would take gigabytes
-                one._paths = LRUCache(len(divided(one.geometry, one.samples)))
-        return np.stack([one._run_through(physics, pose, photons, extra).signal for one in self._before])
+    def _earlier_signal(self, physics, pose: Pose, photons: float | None, extra: Mapping) -> np.ndarray:
+        """Return State.earlier: views that are far apart do not determine the signal between them."""
+        if self._earlier_chains is None:
+            self._earlier_chains = [self.copy(later_geometry(self.geometry, -count)) for count in EARLIER_VIEWS]
+            for chain in self._earlier_chains:  # cache one pose only: of large scans more would take gigabytes
+                chain._paths = LRUCache(len(supersampled(chain.geometry, chain.samples)))
+        return np.stack([chain._run(physics, pose, photons, extra).signal for chain in self._earlier_chains])
 
-    def _before_the_object(self, physics, photons: float | None = None, **extra) -> tuple[State, list]:
-        """The state of the beam that meets the object, and the effects that come behind it."""
+    def _until_object(self, physics, photons: float | None = None, **extra) -> tuple[State, list]:
+        """Return the state of the beam before the object, and the effects that act later."""
         state = State(self.geometry, photons or self.photons, sensor=self.sensor, readout=self.readout, **extra)
         if self.illumination == SOLID_ANGLE:
             state.fluence = self.geometry.solid_angles()
@@ -234,86 +220,77 @@ class Chain:
         return state, effects[len(before) :]
 
     def _transmit(self, state: State, pose: Pose) -> None:
-        beam, thinned = self._beam(state)
-        air = thinned
-        total, seen = 0.0, 0.0
+        """Set signal, noise and air: sums over the points of the focal spot."""
+        beam, filtered_air = self._beam(state)
+        total, visible = 0.0, 0.0
         for geometry, weight in sources(state):
             total = total + weight * self.transmission(geometry, pose, state.motion_mm, beam, state.added)
-            seen = seen + weight
+            visible = visible + weight
+        air = filtered_air
         if any(np.ndim(weight) for *_, weight in state.sources):  # a collimator hides points of the source
-            air = air * seen
-        if beam is None:  # one energy: filters thin the beam and no more
-            total = total * thinned
+            air = air * visible
+        if beam is None:  # at a single energy, filters change signal and air by the same factor
+            total = total * filtered_air
         state.air = np.broadcast_to(air * state.fluence, (state.fluence.shape[0], *total.shape[2:])).copy()
         state.signal = state.noise = total[0] * state.fluence
         if len(total) > 1:
             state.noise = total[1] * state.fluence
 
     def _beam(self, state: State) -> tuple[Spectrum | None, np.ndarray]:
-        """The spectrum behind the filters, if there is one, and the beam's signal without an object.
-
-        Returns
-        -------
-        air : ndarray
-            Signal, broadcastable to (rows, columns).
-        """
+        """Return the filtered spectrum, if there is one, and its signal in air, broadcastable to (rows, columns)."""
         if not state.filters:
             return state.spectrum, np.ones((1, 1))
         if state.spectrum is None:
-            return None, passing(state.filters, [self.scene.energy_kev])[0]
-        beam = state.spectrum.behind(state.filters)
+            return None, filter_transmission(state.filters, [self.scene.energy_kev])[0]
+        beam = state.spectrum.filtered(state.filters)
         return beam, beam.signal.sum(axis=0)
 
     def transmission(
-        self, geometry: ScanGeometry, pose: Pose, motion_mm=None, beam: Spectrum | None = None, added: Added = ()
+        self, geometry: ScanGeometry, pose: Pose, motion_mm=None, beam: Spectrum | None = None, added: Inclusions = ()
     ) -> np.ndarray:
-        """Signal, and its quantum variance where these are other shares, over those in air without filters.
+        """Return the signal, and its quantum variance if it differs, relative to air without filters.
 
         Parameters
         ----------
-        pose : Pose
-            Of the object.
-        motion_mm : ndarray, shape (views, 3), optional
-            As State.motion_mm.
+        geometry, pose, motion_mm
+            As scenes take them.
         beam : Spectrum, optional
-            Its shares may be of every row and column, shape (energies, rows, columns); None: the monochromatic beam.
-        added : tuple of tuple of InObject and float, optional
+            None: the monochromatic beam.
+        added : tuple of tuple of AddedShape and float, optional
             As State.added.
 
         Returns
         -------
         ndarray of float64, shape (1 or 2, views, rows, columns)
         """
-        rays = (geometry.key, pose, None if motion_mm is None else motion_mm.tobytes())
-        key = None if beam is None else beam.key, *((one.key, more) for one, more in added)
-        return self._transmissions.get(
-            (rays, key), lambda: self._transmission(rays, geometry, pose, motion_mm, beam, added)
-        )
+        scan = scan_key(geometry, pose, motion_mm)
+        key = scan, None if beam is None else beam.key, *((shape.key, excess) for shape, excess in added)
+        return self._transmissions.get(key, lambda: self._transmission(geometry, pose, motion_mm, beam, added))
 
-    def _transmission(self, rays, geometry, pose, motion_mm, beam, added) -> np.ndarray:
+    def _transmission(self, geometry, pose, motion_mm, beam, added) -> np.ndarray:
         total = 0.0
-        for beside, weights in divided(geometry, self.samples):
+        for rays, weights in supersampled(geometry, self.samples):
             paths = self._paths.get(
-                (rays, beside.key), lambda beside=beside: self.scene.path_lengths(beside, pose, motion_mm)
+                scan_key(rays, pose, motion_mm), lambda rays=rays: self.scene.path_lengths(rays, pose, motion_mm)
             )
-            signal = self._through(paths, beam, weights.shape)
+            signal = self._ray_signal(paths, beam, weights.shape)
             if added:
-                signal = signal * thinned(added, beside, pose, motion_mm)
-            total = total + averaged(signal, weights)
+                signal = signal * inclusion_transmission(added, rays, pose, motion_mm)
+            total = total + average_rays(signal, weights)
         return total
 
-    def _through(self, paths: np.ndarray, beam: Spectrum | None, rays: tuple[int, int]) -> np.ndarray:
-        """Of so many rows and columns of rays per pixel."""
+    def _ray_signal(self, paths: np.ndarray, beam: Spectrum | None, rays: tuple[int, int]) -> np.ndarray:
+        """Return the signal of every ray by the Beer-Lambert law; `rays` are the (rows, columns) of rays per pixel."""
         if beam is None:
             return np.exp(-np.tensordot(self.scene.attenuation_per_mm, paths.astype(np.float64), 1))[None]
         table = np.stack([attenuation_per_mm(material, beam.energies_kev) for material in self.scene.materials])
         shares = np.stack([beam.signal, beam.noise])
-        if shares.ndim > 2:  # where a filter is alike along rows or columns, there is one for all of them
+        if shares.ndim > 2:  # shares of pixels become shares of rays, except along axes on which a filter is constant
             for axis, count in zip((-2, -1), rays, strict=True):
                 shares = shares.repeat(count if shares.shape[axis] > 1 else 1, axis)
-        return transmitted(paths, table, shares, self.scene.threads)
+        return polychromatic_signal(paths, table, shares, self.scene.threads)
 
 
-def _kept(size: float, most: int) -> int:
-    """How many results of so many bytes a chain keeps."""
-    return int(min(most, max(LEAST_KEPT, KEPT_BYTES // size)))
+def _cache_length(size: float, most: int) -> int:
+    """Return how many results of this many bytes a cache holds."""
+    return int(min(most, max(MIN_CACHED, CACHE_BYTES // size)))

@@ -1,4 +1,4 @@
-"""What effects on images change. Apart from `image`: every start of the workflow reads the effects."""
+"""State of a reconstructed image, which effects of stage "image" change."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 
 @dataclass
 class ImageState:
-    """What effects change.
+    """A reconstructed image.
 
     Attributes
     ----------
     hu : ndarray of float, shape (z, y, x)
         HU.
     spacing_mm : tuple of 3 float
-        Voxels (z, y, x), mm, that effects go by.
+        Voxel size (z, y, x), mm.
     """
 
     hu: np.ndarray

@@ -1,4 +1,4 @@
-"""Wide Gaussian spreads of signal on the detector."""
+"""Wide Gaussian blur on the detector, for scatter and veiling glare."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import scipy
 
 from ..base.geometry import ScanGeometry
 
-TRUNCATED = 3.0  # standard deviations: beyond them a kernel is 0
+TRUNCATED = 3.0  # standard deviations beyond which a kernel is 0
 
 
 def spread(
     array: np.ndarray, geometry: ScanGeometry, width_mm: float, reach_mm: tuple[float, float] = (np.inf, np.inf)
 ) -> np.ndarray:
-    """Each view under a Gaussian on the detector.
+    """Return views blurred by a Gaussian on the detector.
 
-    A single row stands for a beam that is high enough to look alike from row to row. Beyond the detector there is
-    nothing, as scipy.ndimage.gaussian_filter's mode "constant". Kernels as wide as the detector are quicker as matrices
-    than tap by tap.
+    A detector of one row stands for a beam that is constant along z. Outside of the detector the signal is 0, as with
+    mode "constant" of scipy.ndimage.gaussian_filter. Matrix products are faster than filters for kernels as wide as the
+    detector.
 
     Parameters
     ----------
@@ -25,13 +25,12 @@ def spread(
     width_mm : float
         Standard deviation, mm.
     reach_mm : tuple of 2 float, optional
-        Along columns and rows, mm: of what comes from so far nothing arrives, of what comes from nearer a share that
-        falls linearly.
+        Along columns and rows, mm: distance at which a factor of the kernel falls linearly from 1 to 0.
 
     Returns
     -------
     ndarray
-        Shaped as `array`.
+        Same shape as `array`.
     """
     columns, rows = (
         _kernel(width_mm / pitch, reach / pitch)
@@ -44,15 +43,15 @@ def spread(
 
 
 def _kernel(sigma: float, reach: float) -> np.ndarray:
-    """Half of the kernel sampled at pixels, that of the middle first: all of it would sum up to 1 if all arrived."""
-    place = np.arange(int(TRUNCATED * sigma + 0.5) + 1)
-    kernel = np.exp(-0.5 * (place / sigma) ** 2)
+    """Return half of the kernel, starting at its center. Its sum is 1 before the factor of `reach`."""
+    distance = np.arange(int(TRUNCATED * sigma + 0.5) + 1)
+    kernel = np.exp(-0.5 * (distance / sigma) ** 2)
     kernel /= 2 * kernel.sum() - kernel[0]
-    return kernel if np.isinf(reach) else kernel * np.maximum(1 - place / reach, 0)
+    return kernel if np.isinf(reach) else kernel * np.maximum(1 - distance / reach, 0)
 
 
 def _matrix(length: int, kernel: np.ndarray) -> np.ndarray:
-    """Symmetric matrix of half a kernel."""
+    """Return the symmetric convolution matrix of half a kernel."""
     column = np.zeros(length)
     column[: len(kernel)] = kernel[:length]
     return scipy.linalg.toeplitz(column)

@@ -1,4 +1,4 @@
-"""What a file of line integrals keeps of the acquisition chain: noise is drawn from it."""
+"""Part of a State that files of line integrals store, so that noise can be simulated from them."""
 
 from __future__ import annotations
 
@@ -12,28 +12,20 @@ NUMBERS = ("photons", "electronic", "neighbours", "lag", "slow_lag", "response",
 
 
 def to_store(state: State) -> Physics:
-    """What `read_state` makes the state of."""
-    arrays = {name: getattr(state, name) for name in ARRAYS}
-    kept = {
-        name: array
-        for name, array in arrays.items()
-        if array is not None and (name != "noise" or array is not state.signal)
-    }
-    return Physics(kept, {name: getattr(state, name) for name in NUMBERS})
+    """Return the content of a file, which `read_state` reads."""
+    arrays = {name: array for name in ARRAYS if (array := getattr(state, name)) is not None}
+    if state.noise is state.signal:
+        arrays.pop("noise", None)
+    return Physics(arrays, {name: getattr(state, name) for name in NUMBERS})
 
 
 def read_state(path: str | Path) -> State | None:
-    """The state in a file of line integrals.
-
-    Returns
-    -------
-    State or None
-        None of the baseline.
+    """Return the State in a file of line integrals; None for the baseline.
 
     Raises
     ------
     InputError
-        For a file that is no such one.
+        If it is not a file of line integrals.
     """
     found = read_physics(path)
     if found is None:

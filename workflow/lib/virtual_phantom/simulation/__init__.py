@@ -1,1 +1,1 @@
-"""The main path of a study: project, acquire, reconstruct."""
+"""Main path of a study: project, acquire, reconstruct."""

@@ -1,4 +1,4 @@
-"""Quantum noise: Poisson counts per detector pixel, and the logarithm that turns them back into line integrals."""
+"""Noisy acquisitions: Poisson counts per detector pixel, or the noise of the chain."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ INDEPENDENT, COMMON = "independent", "common"
 
 
 def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, stream: Stream) -> Counts:
-    """One noisy acquisition of clean line integrals.
+    """Simulate one noisy acquisition of noise-free line integrals.
 
     Parameters
     ----------
@@ -30,14 +30,14 @@ def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, 
         A = 1 / I0, where I0 is the mean number of photons per pixel without an object.
     model : {"physical", "astra"}
         "physical": counts ~ Poisson(I0 exp(-p)) [1]_.
-        "astra": counts ~ Poisson(I0 exp(-p / p_max)), p_max the largest line integral of the scan: what ASTRA's
-        add_noise_to_sino does, which that paper names as its implementation.
+        "astra": counts ~ Poisson(I0 exp(-p / p_max)) with the largest line integral p_max of the scan. This is ASTRA's
+        add_noise_to_sino, which the paper names as its implementation.
 
     Raises
     ------
     InputError
-        For an unknown model, a noise level that is not finite or under 1e-9 (more photons than the counters hold), and
-        line integrals that are not finite or, in the "astra" model, nowhere over 0.
+        For an unknown model. For a noise level that is infinite or below 1e-9 (counters would overflow). For line
+        integrals that are not finite, or nowhere positive in the "astra" model.
 
     References
     ----------
@@ -54,7 +54,7 @@ def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, 
         raise InputError("the projections are empty: the phantom attenuates no ray; check the phantom and the grid")
     white, random = 1 / noise_level, generator(stream)
     counts = np.empty(line_integrals.shape, np.uint32)
-    for view, lines in enumerate(line_integrals):  # one by one: double precision of a whole scan takes gigabytes
+    for view, lines in enumerate(line_integrals):  # a whole scan in double precision would take gigabytes
         counts[view] = poisson_counts(white * np.exp(-lines.astype(np.float64) / scale), random)
     kind = np.uint16 if counts.max(initial=0) < 2**16 else np.uint32
     return Counts(counts.astype(kind, copy=False), white, scale)
@@ -72,7 +72,7 @@ def acquire(
     draws: str = INDEPENDENT,
     state: State | None = None,
 ) -> Counts:
-    """The noisy acquisition of a study that these labels name: `simulate_counts` with its own random stream.
+    """Simulate one noisy acquisition of a study, with a random stream of its own.
 
     Parameters
     ----------
@@ -83,14 +83,14 @@ def acquire(
     noise_level : float
         A = 1 / I0.
     seed : int
-        Of the repeat.
+        Number of the repeat.
     model : {"physical", "astra"}
         As simulate_counts takes it.
     draws : {"independent", "common"}, optional
-        "independent": its stream is that of the labels; "common": that of the seed alone, so that pixels of one place
-        in scans of one shape have the same uniform number, and counts of the same quantile.
+        "independent": the random stream depends on all labels. "common": it depends only on the repeat. The same pixel
+        then has the same uniform number, and the same quantile of its counts, in all scans of one shape.
     state : State, optional
-        What the acquisition chain made of the scene, its photons being those per pixel over 1/A; None: baseline.
+        State of the chain, with `photons` relative to 1/A; None: baseline.
 
     Raises
     ------
@@ -101,15 +101,13 @@ def acquire(
     """
     if draws not in (INDEPENDENT, COMMON):
         raise ValueError(f"draws '{draws}': use {INDEPENDENT} or {COMMON}")
-    if draws == COMMON:
-        stream = common_acquisition(study_seed, seed)
-    else:
-        stream = acquisition(study_seed, geometry, noise, seed)
+    common = draws == COMMON
+    stream = common_acquisition(study_seed, seed) if common else acquisition(study_seed, geometry, noise, seed)
     if state is None:
         return simulate_counts(line_integrals, noise_level, model, stream)
-    lit = replace(state, photons=state.photons / noise_level)
-    air = lit.measured_air
+    state = replace(state, photons=state.photons / noise_level)
+    air = state.measured_air
     white = air.mean(axis=0)
-    # Where the tube current is modulated, a monitor corrects every view for it.
-    data = lit.counts(generator(stream)) * (white / air)
-    return Counts(data.astype(np.float32), (white * lit.photons).astype(np.float32), 1.0)
+    # With tube current modulation, scanners normalize every view by the reading of a monitor.
+    data = state.counts(generator(stream)) * (white / air)
+    return Counts(data.astype(np.float32), (white * state.photons).astype(np.float32), 1.0)

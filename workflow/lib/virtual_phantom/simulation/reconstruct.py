@@ -1,4 +1,4 @@
-"""The last stage of the chain: reconstructed images, and effects that act on them."""
+"""Reconstructed images, with the effects that act on them."""
 
 from __future__ import annotations
 
@@ -16,22 +16,19 @@ from ..reconstruction.boxes import Box, fbp_in_boxes
 from ..reconstruction.images import in_hu, read_kernel
 
 
-def with_effects(hu: np.ndarray, spacing_mm: tuple[float, float, float], physics: Mapping[str, Mapping[str, float]]):
-    """An image after effects of stage "image"; without any, itself.
+def apply_image_effects(
+    hu: np.ndarray, spacing_mm: tuple[float, float, float], physics: Mapping[str, Mapping[str, float]]
+) -> np.ndarray:
+    """Apply effects of stage "image" in their order. Without effects the image itself is returned.
 
     Parameters
     ----------
     hu : ndarray, shape (z, y, x)
         HU.
     spacing_mm : tuple of 3 float
-        Voxels (z, y, x), mm.
+        Voxel size (z, y, x), mm.
     physics : mapping of str to mapping of str to float
         {effect: {parameter: value}}.
-
-    Returns
-    -------
-    ndarray, shape (z, y, x)
-        HU.
     """
     if not physics:
         return hu
@@ -53,7 +50,7 @@ def reconstruct(
     physics: dict | None = None,
     threads: int = 1,
 ) -> list[Volume]:
-    """One image per acquisition.
+    """Reconstruct one image per acquisition.
 
     Parameters
     ----------
@@ -74,8 +71,7 @@ def reconstruct(
         For an unknown algorithm or a scan that it cannot use.
     """
     hu = in_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads)
-    hu = [with_effects(image, grid.spacing, physics or {}) for image in hu]
-    return [Volume(_stored(image), grid) for image in hu]
+    return [Volume(_to_int16(apply_image_effects(image, grid.spacing, physics or {})), grid) for image in hu]
 
 
 def reconstruct_in_boxes(
@@ -89,7 +85,7 @@ def reconstruct_in_boxes(
     mu_water_per_mm: float,
     threads: int = 1,
 ) -> list[Volume]:
-    """One image per acquisition by filtered back-projection, air outside of the boxes.
+    """Reconstruct one image per acquisition by filtered back-projection, with air outside of the boxes.
 
     Parameters
     ----------
@@ -108,7 +104,7 @@ def reconstruct_in_boxes(
     Raises
     ------
     InputError
-        For a scan that cannot be used.
+        For a scan that filtered back-projection cannot use.
     """
     hu = fbp_in_boxes(
         line_integrals,
@@ -120,18 +116,18 @@ def reconstruct_in_boxes(
         kernel=read_kernel(settings),
         threads=threads,
     )
-    return [Volume(_stored(image), grid) for image in hu]
+    return [Volume(_to_int16(image), grid) for image in hu]
 
 
-def _stored(image: np.ndarray) -> np.ndarray:
-    """HU as int16. InputError for what is no number; a warning of what int16 cannot hold."""
+def _to_int16(image: np.ndarray) -> np.ndarray:
+    """Return HU as int16, with a warning about values out of range. Raises InputError for NaN and infinite voxels."""
     whole, beyond = whole_hu(
         image, "reconstruction: holds voxels that are NaN or infinite; are the projections finite?"
     )
     if beyond:
         limits = np.iinfo(np.int16)
         warnings.warn(
-            f"reconstruction: {beyond} voxels are beyond {limits.min} to {limits.max} HU and are set to that",
+            f"reconstruction: {beyond} voxels are beyond {limits.min} to {limits.max} HU and are set to these limits",
             stacklevel=3,
         )
     return whole

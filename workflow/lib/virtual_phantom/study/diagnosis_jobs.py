@@ -15,7 +15,7 @@ from ..diagnosis.candidate_effects import candidates, check_accuracy, check_kind
 from ..diagnosis.fitting.priors import declared
 from ..diagnosis.workload import fitted, is_shapes
 from ..physics.effect import OF_SCANNER, image_effects, load, require
-from ..physics.scenes.object_files import path_of
+from ..physics.scenes.object_files import object_path
 from ..recordings.scan import missing_for_geometry
 from .costs import diagnoses
 from .costs.limits import UNKNOWN_MINUTES, diagnosis_minutes
@@ -31,7 +31,7 @@ NOT_MODELLED = ("effects", "physics_from", "baseline_from")
 def _object_file(settings: Mapping) -> dict[str, str]:
     """The file of an object, by what it is."""
     drawn = {key: settings[key] for key in ("mask", "labels") if key in settings}
-    return drawn or {"shapes": shipped(path_of(settings["kind"]))}
+    return drawn or {"shapes": shipped(object_path(settings["kind"]))}
 
 
 @dataclass(frozen=True)

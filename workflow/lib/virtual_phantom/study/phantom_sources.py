@@ -12,7 +12,7 @@ from ..config.outputs import Files
 from ..config.plan import Plan
 from ..io.files import files_of
 from ..io.published import PublishedFile, check_listed, named_by, reachable, read_published
-from ..physics.scenes.object_files import path_of
+from ..physics.scenes.object_files import object_path
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class PhantomSources:
         if settings["source"] == "synthetic":
             return self.layout
         if settings["source"] == "object":
-            return [shipped(path_of(settings["object"]["kind"]))]
+            return [shipped(object_path(settings["object"]["kind"]))]
         ct = settings["ct"]
         regions = [ct.get("labels"), *(roi.get("file") for roi in ct["rois"])]
         return [ct["image"], *dict.fromkeys(filter(None, regions))]

@@ -16,10 +16,10 @@ from ...base.units import HU_AIR, HU_BODY, attenuation_to_hu
 from ...io.volumes import Volume, read_nifti
 from ...phantom import read_masks
 from ...physics.beam.materials import attenuation_per_mm, energy_of
-from ...physics.scenes.labeled import Labelled
+from ...physics.scenes.labeled import LabelMap
 from ...physics.scenes.objects import ShapedObject
 from ...physics.scenes.scene import DiscScene, Pose
-from ...physics.scenes.voxelized import hu_of, mask_of, reach_mm, share_of_each
+from ...physics.scenes.voxelized import reach_mm, roi_mask, shape_shares, shapes_to_hu
 from ...recordings.recording import Recording
 from ...statistics.image_quality import LEAST_ROI_VOXELS
 from ...statistics.resolution import signed_distance_mm
@@ -98,7 +98,7 @@ class ScannedVolume:
         return cls._drawn(attenuation_to_hu(volume.array, 1.0), volume.grid)
 
     @classmethod
-    def of_labels(cls, labelled: Labelled, mu_water_per_mm: float) -> ScannedVolume:
+    def of_labels(cls, labelled: LabelMap, mu_water_per_mm: float) -> ScannedVolume:
         """Return the object of a label map, without ROIs.
 
         Parameters
@@ -131,10 +131,10 @@ class ScannedVolume:
         voxel = max(column / SHAPES_FINER, 2 * reach / SHAPES_ACROSS)
         across = 2 * (int(np.ceil(reach / voxel)) + SHAPES_FINER)
         grid = Grid((max(geometry.rows, 2), across, across), (row, voxel, voxel))
-        shares = share_of_each(shaped.shapes, grid)
-        masks = {roi.name: mask_of(roi, shares[shaped.names.index(roi.shape)], grid) for roi in shaped.rois}
+        shares = shape_shares(shaped.shapes, grid)
+        masks = {roi.name: roi_mask(roi, shares[shaped.names.index(roi.shape)], grid) for roi in shaped.rois}
         rois = {name: mask for name, mask in masks.items() if mask.any()}
-        return cls(Volume(hu_of(shaped, shares, mu_water_per_mm), grid), rois, grid)
+        return cls(Volume(shapes_to_hu(shaped, shares, mu_water_per_mm), grid), rois, grid)
 
     @property
     def radius_mm(self) -> float:

@@ -18,7 +18,7 @@ from ...features.parameters import DEFAULT, Parameters
 from ...io.volumes import Volume
 from ...phantom import HALF_COVERED
 from ...phantom.ct import resample
-from ...simulation.reconstruct import with_effects
+from ...simulation.reconstruct import apply_image_effects
 from ...statistics.attribution import BASELINE
 from .properties import EVERY_FOLD, FOLDS, calibration
 
@@ -67,7 +67,7 @@ def property_tables(
         return pd.concat([front, found], axis=1).reset_index(drop=True)
 
     def effect(name, **values):
-        return np.stack([with_effects(image, grid.spacing, {name: values}) for image in images])
+        return np.stack([apply_image_effects(image, grid.spacing, {name: values}) for image in images])
 
     mean, noise = variants.split(images)
     within = np.any(list(masks.values()), axis=0)

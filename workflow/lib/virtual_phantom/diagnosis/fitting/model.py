@@ -98,7 +98,7 @@ class Model(ABC):
     def known(self, name: str) -> dict[str, float]:
         """Return the parameters of an effect that are not fitted."""
         exact = {key: stated.value for key, stated in self.declared.get(name, {}).items() if not stated.sd}
-        return self.chain.held(name) | dict(self.fixed.get(name, {})) | exact
+        return self.chain.fixed_parameters(name) | dict(self.fixed.get(name, {})) | exact
 
     def of_study(self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> dict:
         """Return settings of effects in units of a study, whose readout units are photons.

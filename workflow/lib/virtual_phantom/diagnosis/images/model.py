@@ -14,7 +14,7 @@ from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
 from ...physics.effect import absolute_attenuation, acts_on_images
 from ...physics.state import State
-from ...simulation.reconstruct import with_effects
+from ...simulation.reconstruct import apply_image_effects
 from ..fitting.linearization import BASE, Linearisation, LinearisationPoint, before_images
 from ..fitting.model import Model
 from ..fitting.nuisance import Nuisance, pose_of
@@ -137,9 +137,9 @@ class ImagesModel(Model):
         realisations = self._noises.get((settings, errors.key), noise)
         if not on_images:
             return image, realisations
-        zero = with_effects(np.zeros_like(image), self.spacing_mm, on_images)
-        changed = np.stack([with_effects(one, self.spacing_mm, on_images) - zero for one in realisations])
-        return with_effects(image, self.spacing_mm, on_images), changed
+        zero = apply_image_effects(np.zeros_like(image), self.spacing_mm, on_images)
+        changed = np.stack([apply_image_effects(one, self.spacing_mm, on_images) - zero for one in realisations])
+        return apply_image_effects(image, self.spacing_mm, on_images), changed
 
 
 def scaled(hu: np.ndarray, nuisance: Mapping[str, float]) -> np.ndarray:
@@ -164,12 +164,12 @@ def noise_lines(state: State, count: int, seed: Stream) -> np.ndarray:
     # The signal before the scan is drawn for afterglow only, and has its own stream.
     random = generator(seed)
     earlier = generator(below(seed, EARLIER))
-    signal = state.per_line
+    signal = state.signal_per_line_integral
     lines = np.empty((count, *signal.shape), np.float32)
     for one in lines:
         variance = state.noise / state.photons
-        before = state.drawn_before(np.zeros(signal.shape[1:]), variance[0], earlier)
-        read = state.read(random.standard_normal(signal.shape) * np.sqrt(variance), first=before)
+        before = state.sample_earlier_signal(np.zeros(signal.shape[1:]), variance[0], earlier)
+        read = state.read_out(random.standard_normal(signal.shape) * np.sqrt(variance), before_scan=before)
         read += random.standard_normal(signal.shape) * (state.electronic / state.photons)
         one[...] = -read / signal
     return lines

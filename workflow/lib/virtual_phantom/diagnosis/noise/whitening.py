@@ -178,7 +178,9 @@ def of_state(state: State, apart: int | None = None) -> Correlations:
     if not (any(state.neighbours) or share):
         return WHITE
     variance = state.variance()
-    electronic = (state.electronic / state.photons) ** 2 / state.per_line**2 if state.electronic else 0.0
+    electronic = (
+        (state.electronic / state.photons) ** 2 / state.signal_per_line_integral**2 if state.electronic else 0.0
+    )
     coloured = 1 - float(np.mean(electronic / variance))
     pixels = []
     for share, length in zip(state.neighbours, variance.shape[:0:-1], strict=True):

@@ -11,7 +11,7 @@ from scipy import special
 from ...base.geometry import OrbitGeometry
 from ...physics.chain import Chain
 from ...physics.effect import DARK_DRIFT, DARK_LEVEL, DARK_NOISE, load
-from ...physics.state import MOST_NOISE, PHOTONS
+from ...physics.state import MAX_VARIANCE, PHOTONS
 from ..fitting.fit import Fit, Fitter
 from ..fitting.linearization import before_images
 from ..fitting.nuisance import Nuisance
@@ -95,7 +95,7 @@ class FurtherScan:
         """
         readout = like.readout
         if readout != PHOTONS:  # the reading in air is proportional to the photons
-            readout = like.reads_in_air * self.photons
+            readout = like.air_reading * self.photons
         photons = like.photons * self.photons
         samples = like.samples if hasattr(self.scene, "slopes") else max(like.samples, SAMPLES)
         return Chain(self.scene, self.geometry, photons, samples, like.illumination, like.sensor, readout)
@@ -233,7 +233,7 @@ class DarkFrames:
         """Return the information about dark signal, its drift and electronic noise; see FurtherScan.information."""
         unknowns = model.unknowns(model.whole(effects))
         geometry = model.chain.geometry
-        air = model.chain.reads_in_air
+        air = model.chain.air_reading
         half = (geometry.duration_s if geometry.view_interval_ms is not None else 1.0) / 2
         shown = {
             parameter.dark: values.get(parameter.name, 0.0)
@@ -275,7 +275,7 @@ def _expecting(model: ScansModel, fit: Fit, conditions: Conditions, step: int) -
         before_images(fit.physics), photons=float(np.exp(fit.nuisance["log_photons"])), anode=model.anode
     )
     first = state.variance()
-    usable = first < MOST_NOISE
+    usable = first < MAX_VARIANCE
     variance = np.where(usable, state.log_noise()[1], 1.0)
     blocks, n = Blocks.of(usable.shape, PARTS), conditions.repeats
     spread, spread_error, alike, alike_error = None, None, None, None

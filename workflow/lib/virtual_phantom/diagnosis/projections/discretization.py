@@ -13,7 +13,7 @@ from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
 from ...physics.scenes.inclusion import Inclusion
 from ...physics.scenes.posed import PosedScene
-from ...physics.state import Added
+from ...physics.state import Inclusions
 from ..fitting.linearization import NOMINAL, LinearisationPoint
 from ..fitting.nuisance import pose_of
 
@@ -49,7 +49,7 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
     )
 
 
-def added_of(pieces: Mapping[str, Inclusion], nuisance: Mapping[str, float]) -> Added:
+def added_of(pieces: Mapping[str, Inclusion], nuisance: Mapping[str, float]) -> Inclusions:
     """Return State.added for pieces, each with its attenuation from the alignment, or 0."""
     return tuple((piece, nuisance.get(name, 0.0)) for name, piece in pieces.items())
 

@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 from ...base.errors import InputError
 from ...base.geometry import Grid, ScanGeometry
 from ...physics.beam.materials import attenuation_per_mm
-from ...physics.scenes.sampling import averaged, divided
+from ...physics.scenes.sampling import average_rays, supersampled
 from ...physics.scenes.scene import IN_PLACE, Pose
 from ...physics.scenes.shapes import Shape, ShapesScene, cylinder, ellipsoid
 from ...projectors.cpu import CpuProjector
@@ -67,8 +67,8 @@ class Piece:
     ) -> np.ndarray:
         """Return path lengths in the piece, mean over the rays of each pixel, shape (views, rows, columns)."""
         scene, total = ShapesScene([self.shape]), np.zeros(geometry.shape)
-        for beside, weights in divided(geometry, samples):
-            total += averaged(scene.path_lengths(beside, pose, motion_mm)[0].astype(np.float64), weights)
+        for beside, weights in supersampled(geometry, samples):
+            total += average_rays(scene.path_lengths(beside, pose, motion_mm)[0].astype(np.float64), weights)
         return total
 
     def more_hu(self, energy_kev: float) -> float:

@@ -1,8 +1,8 @@
-"""Names of the library's materials, and what people write for them. Loads nothing: every configuration needs it."""
+"""Names of the library's materials and their synonyms. It imports nothing, because every configuration needs it."""
 
 from __future__ import annotations
 
-# Name: compound of xraylib's NIST list, and density in g/cm^3 where it is not the listed one.
+# Name: compound of xraylib's NIST list, and density in g/cm^3 if it differs from the listed one.
 COMPOUNDS = {
     "water": ("Water, Liquid", None),
     "soft_tissue": ("Tissue, Soft (ICRU four-component)", None),
@@ -11,11 +11,11 @@ COMPOUNDS = {
     "bone": ("Bone, Cortical (ICRP)", None),
     "pmma": ("Polymethyl Methacralate (Lucite, Perspex)", None),
     "polyethylene": ("Polyethylene", None),
-    "cellulose": ("Cellulose Acetate, Cellophane", None),  # by its elements C6H10O5, cellulose
+    "cellulose": ("Cellulose Acetate, Cellophane", None),  # its elements, C6H10O5, are those of cellulose
     "potassium_iodide": ("Potassium Iodide", None),
     "air": ("Air, Dry (near sea level)", None),
 }
-# Name: atomic number, and density in g/cm^3 at room temperature (CRC Handbook of Chemistry and Physics).
+# Name: atomic number, and density in g/cm^3 at ambient temperature (CRC Handbook of Chemistry and Physics).
 ELEMENTS = {
     "aluminium": (13, 2.699),
     "copper": (29, 8.96),
@@ -24,7 +24,7 @@ ELEMENTS = {
     "molybdenum": (42, 10.22),
     "rhodium": (45, 12.41),
 }
-# What people write for them, beside capitals and spaces: trade names of PMMA, and American spelling.
+# Trade names of PMMA, and American spelling.
 SYNONYMS = {
     "acrylic": "pmma",
     "lucite": "pmma",
@@ -35,18 +35,18 @@ SYNONYMS = {
 }
 
 
-def named(material: object) -> object:
-    """The library's name of a material that somebody wrote in capitals, with spaces, or as one of SYNONYMS.
+def library_name(material: object) -> object:
+    """Return the library's name of a material written with capitals, spaces or a synonym.
 
     Parameters
     ----------
     material : object
-        As it stands in a configuration, where it may be anything.
+        Entry of a configuration.
 
     Returns
     -------
     object
-        A name of COMPOUNDS or ELEMENTS; what is none of the library's stays as it is.
+        Name in COMPOUNDS or ELEMENTS; any other entry is returned unchanged.
     """
     if not isinstance(material, str):
         return material

@@ -1,7 +1,7 @@
-"""Linear attenuation of materials, and how a voxel in HU is divided among them.
+"""Linear attenuation of materials, and the decomposition of HU into materials.
 
-Cross-sections: xraylib [1]_, total with coherent scattering. Compositions and densities: NIST's compounds as xraylib
-lists them, those of tissues by ICRP and ICRU, or of a Mixture.
+Cross-sections: xraylib [1]_, total with coherent scattering. Compositions and densities: the NIST compounds in xraylib,
+with tissues of ICRP and ICRU, or a Mixture.
 
 References
 ----------
@@ -19,23 +19,23 @@ import xraylib
 
 from ...base.errors import InputError
 from ...base.units import hu_to_attenuation
-from .material_names import COMPOUNDS, ELEMENTS, named
+from .material_names import COMPOUNDS, ELEMENTS, library_name
 
-SOME_KEV = 60.0  # at which a composition is tried
-SHARES_OFF = 0.01  # of mass fractions from 1: published ones are rounded
-ENERGIES_KEV = (10.0, 160.0)  # between which the energy of a monochromatic beam is looked for
+TEST_KEV = 60.0  # energy at which a composition is checked
+FRACTION_TOLERANCE = 0.01  # of the sum of mass fractions: published values are rounded
+ENERGIES_KEV = (10.0, 160.0)  # range of the energy of a monochromatic beam
 
 
 @dataclass(frozen=True)
 class Mixture:
-    """A material that is none of the library's.
+    """A material that is not in the library.
 
     Attributes
     ----------
     compound : str or None
-        A chemical formula (C2H4), or the name of a compound of xraylib's NIST list.
+        Chemical formula (C2H4), or name of a compound of xraylib's NIST list.
     mass_fractions : tuple of tuple of (str, float)
-        Of elements by their symbols, adding up to 1; where there is no compound.
+        (element symbol, mass fraction) with a sum of 1, if there is no compound.
 
     Raises
     ------
@@ -54,7 +54,7 @@ class Mixture:
         if (self.compound is None) == (not self.mass_fractions):
             raise InputError(f"material '{self.name}': give it either a compound or mass_fractions")
         try:
-            self.mass_attenuation(SOME_KEV)
+            self.mass_attenuation(TEST_KEV)
         except ValueError:
             what = self.compound or ", ".join(symbol for symbol, _ in self.mass_fractions)
             raise InputError(
@@ -62,14 +62,14 @@ class Mixture:
                 "give a formula such as C5H8O2, or mass_fractions of elements by their symbols"
             ) from None
         total = sum(share for _, share in self.mass_fractions)
-        if self.mass_fractions and abs(total - 1) > SHARES_OFF:
-            raise InputError(f"material '{self.name}': mass_fractions add up to {total:g}; they must to 1")
+        if self.mass_fractions and abs(total - 1) > FRACTION_TOLERANCE:
+            raise InputError(f"material '{self.name}': mass_fractions add up to {total:g}; make the sum 1")
 
     def __str__(self) -> str:
         return self.name
 
     def mass_attenuation(self, energy_kev: float) -> float:
-        """Total cross-section, cm2/g, at an energy, keV."""
+        """Return the total cross-section, cm2/g."""
         if self.compound is not None:
             return xraylib.CS_Total_CP(self.compound, energy_kev)
         return sum(
@@ -78,30 +78,30 @@ class Mixture:
         )
 
 
-Material = str | Mixture  # a name of COMPOUNDS or ELEMENTS, or one of its own
+Material = str | Mixture  # name in COMPOUNDS or ELEMENTS, or another material
 
 
 def attenuation_per_mm(material: Material, energies_kev: np.ndarray) -> np.ndarray:
-    """Linear attenuation of a material.
+    """Return the linear attenuation of a material.
 
     Parameters
     ----------
     material : str or Mixture
-        Of COMPOUNDS or ELEMENTS, as `named` takes it, or one of its own.
+        Name, as `library_name` takes it, or another material.
     energies_kev : array_like, shape (energies,)
         keV.
 
     Returns
     -------
     ndarray, shape (energies,)
-        1/mm; not to be written to.
+        1/mm; read-only.
 
     Raises
     ------
     InputError
         For an unknown material.
     """
-    return _attenuation(named(material), tuple(np.asarray(energies_kev, float).tolist()))
+    return _attenuation(library_name(material), tuple(np.asarray(energies_kev, float).tolist()))
 
 
 @cache
@@ -125,24 +125,12 @@ def _attenuation(material: Material, energies_kev: tuple[float, ...]) -> np.ndar
 
 @cache
 def energy_of(material: str, mu_per_mm: float) -> float:
-    """The energy at which a material attenuates like this: that of the monochromatic beam.
-
-    Parameters
-    ----------
-    material : str
-        Of COMPOUNDS or ELEMENTS.
-    mu_per_mm : float
-        Linear attenuation, 1/mm.
-
-    Returns
-    -------
-    float
-        keV.
+    """Return the energy, keV, at which a material has the given linear attenuation, 1/mm.
 
     Raises
     ------
     InputError
-        If there is none between ENERGIES_KEV.
+        If it is not within ENERGIES_KEV.
     """
 
     def excess(energy):
@@ -158,14 +146,14 @@ def energy_of(material: str, mu_per_mm: float) -> float:
 
 @dataclass(frozen=True)
 class Segmentation:
-    """How HU are divided among two materials.
+    """Decomposition of HU into two materials.
 
     Attributes
     ----------
     soft : str
-        Material of every voxel up to dense_from_hu, its density following the HU.
+        Material of voxels up to dense_from_hu, with a density in proportion to their attenuation.
     dense : str or None
-        Material that is mixed in above, by volume, until a voxel is all of it; None: everything is `soft`.
+        Material whose volume fraction increases above dense_from_hu, up to 1; None: all voxels are `soft`.
     dense_from_hu : float
         HU.
     """
@@ -176,19 +164,17 @@ class Segmentation:
 
     @property
     def materials(self) -> tuple[str, ...]:
-        """Their names."""
+        """Names of the materials."""
         return (self.soft,) if self.dense is None else (self.soft, self.dense)
 
     def fractions(self, hu: np.ndarray, mu_water_per_mm: float) -> np.ndarray:
-        """The amount of each material relative to its listed density.
+        """Return the amount of each material relative to its listed density.
 
-        At the monochromatic energy, where water attenuates mu_water_per_mm, the amounts times the materials'
-        attenuation add up to that of the HU exactly, so that a single energy gives the baseline's line integrals.
+        At the energy at which water has the attenuation mu_water_per_mm, sum of amounts times attenuation is exactly
+        the attenuation of the HU. Line integrals at this energy are therefore those of the baseline.
 
         Parameters
         ----------
-        hu : ndarray
-            HU.
         mu_water_per_mm : float
             Linear attenuation of water, 1/mm.
 
@@ -199,7 +185,7 @@ class Segmentation:
         Raises
         ------
         InputError
-            If the dense material attenuates less than dense_from_hu.
+            If the attenuation of the dense material is below dense_from_hu.
         """
         energy = energy_of("water", mu_water_per_mm)
         mu = hu_to_attenuation(np.asarray(hu, np.float32), mu_water_per_mm)
@@ -212,7 +198,7 @@ class Segmentation:
             raise InputError(
                 f"materials: {self.dense} attenuates less than {self.dense_from_hu:g} HU; lower dense_from_hu"
             )
-        share = np.clip((mu - limit) / (dense_mu - limit), 0, 1)  # of the volume between
-        dense = np.where(mu > dense_mu, mu / dense_mu, share)
+        volume_fraction = np.clip((mu - limit) / (dense_mu - limit), 0, 1)
+        dense = np.where(mu > dense_mu, mu / dense_mu, volume_fraction)
         soft = (mu - dense * dense_mu) / soft_mu
         return np.stack([soft, dense]).astype(np.float32)

@@ -1,7 +1,7 @@
-"""Tube spectra as the detector weighs them.
+"""Tube spectra weighted by the detector response.
 
-SpekPy [1]_ makes the tube's spectrum; filters attenuate it by xraylib's cross-sections, so that their thickness can be
-varied continuously; `sensors` says what is detected of it.
+SpekPy [1]_ computes the spectrum of the tube, `sensors` the detected part. Filters use the cross-sections of xraylib,
+so that their thickness can vary continuously.
 
 References
 ----------
@@ -25,22 +25,22 @@ from ...io.files import check_unchanged, replacing
 from .materials import attenuation_per_mm
 from .sensors import Sensor, response
 
-BINS = 24  # energies that a spectrum is reduced to
-STEP_KEV = 0.5  # of tube spectra as SpekPy makes them: its own default
-KVP = {"W": (30.0, 150.0), "Mo": (20.0, 50.0), "Rh": (20.0, 50.0)}  # what SpekPy's tables cover
+BINS = 24  # energies of a reduced spectrum
+STEP_KEV = 0.5  # energy step of tube spectra, SpekPy's default
+KVP = {"W": (30.0, 150.0), "Mo": (20.0, 50.0), "Rh": (20.0, 50.0)}  # range of SpekPy's tables
 
 
 @dataclass(frozen=True)
 class Anode:
-    """Of the tube.
+    """Anode of an X-ray tube.
 
     Attributes
     ----------
     target : str
-        Its element.
+        Element.
     angle_deg : float
-        By which its surface is inclined to the plane through source and detector's columns, degrees; negative if the
-        end of the focal spot at +z lies farther from the isocentre than that at -z.
+        Angle of its surface to the plane through source and detector columns, degrees. It is negative if the +z end of
+        the focal spot is farther from the isocenter than the -z end.
     """
 
     target: str = "W"
@@ -48,28 +48,25 @@ class Anode:
 
 
 TUNGSTEN, SENSOR = Anode(), Sensor()
-
-
-Filters = tuple[tuple[str, np.ndarray], ...]
+Filters = tuple[tuple[str, np.ndarray], ...]  # materials, and thicknesses in mm
 
 
 @dataclass(frozen=True)
 class Spectrum:
-    """What is read out of a beam without an object, energy by energy.
+    """Detected spectrum without an object.
 
     Attributes
     ----------
     energies_kev : ndarray, shape (energies,)
-        Of the photons, keV.
+        Photon energies, keV.
     signal : ndarray, shape (energies,) or (energies, rows, columns)
-        Share of each in the mean signal; before filters their sum is 1. Behind filters as far as rows and columns
-        differ.
-    noise : ndarray, shaped as `signal`
-        Share of each in the signal's quantum variance; before filters their sum is 1. Photons whose deposits have the
-        mean e1 and the mean square e2 have signals in proportion to e1 and variances to e2 [1]_.
+        Share of each energy in the mean signal, with a sum of 1 before additional filters. Rows and columns have length
+        1 where a filter is constant.
+    noise : ndarray, same shape as `signal`
+        Share of each energy in the quantum variance of the signal, with a sum of 1 before additional filters. For
+        deposits of mean e1 and mean square e2, signal is proportional to e1 and variance to e2 [1]_.
     finer : tuple of 3 ndarray, or None
-        More energies in keV, (finer,), and what of signal and noise each of them has, (energies, finer); None: there
-        are none.
+        Original energies in keV, (finer,), and their parts of signal and noise in each bin, (energies, finer).
 
     References
     ----------
@@ -83,25 +80,23 @@ class Spectrum:
 
     @property
     def key(self) -> tuple:
-        """Equal for equal spectra, and hashable."""
-        return tuple((one.shape, one.tobytes()) for one in (self.energies_kev, self.signal, self.noise))
+        """Hashable content."""
+        return tuple((array.shape, array.tobytes()) for array in (self.energies_kev, self.signal, self.noise))
 
-    def behind(self, filters: Filters) -> Spectrum:
-        """What filters leave of it, by its finer energies where there are any: edges of absorption lie within few."""
+    def filtered(self, filters: Filters) -> Spectrum:
+        """Return the spectrum behind filters. Finer energies resolve K edges within bins."""
         energies, *parts = self.finer or (self.energies_kev, np.diag(self.signal), np.diag(self.noise))
-        left = passing(filters, energies)
-        return Spectrum(self.energies_kev, *(np.tensordot(one, left, 1) for one in parts))
+        transmission = filter_transmission(filters, energies)
+        return Spectrum(self.energies_kev, *(np.tensordot(part, transmission, 1) for part in parts))
 
 
-def passing(filters: Filters, energies_kev: np.ndarray) -> np.ndarray:
-    """Share of the photons of each energy that pass filters.
+def filter_transmission(filters: Filters, energies_kev: np.ndarray) -> np.ndarray:
+    """Return the transmission of filters at each energy.
 
     Parameters
     ----------
     filters : tuple of tuple of str and ndarray
         At least one: materials and thicknesses in mm, broadcastable to (rows, columns).
-    energies_kev : ndarray, shape (energies,)
-        keV.
 
     Returns
     -------
@@ -112,14 +107,9 @@ def passing(filters: Filters, energies_kev: np.ndarray) -> np.ndarray:
 
 
 def cache_folder() -> Path | None:
-    """Where spectra are kept from one process to the next.
+    """Return the cache folder of spectra; None if there is neither a home nor a temporary folder.
 
-    Fits of a voltage need dozens, and each takes SpekPy half a second.
-
-    Returns
-    -------
-    Path or None
-        None if there is neither a home folder nor one for temporary files.
+    Fits of a voltage need dozens of spectra, and SpekPy takes half a second for each.
     """
     base = user_cache() or temporary_cache()
     return base and base / f"spekpy-{version('spekpy')}"
@@ -128,24 +118,24 @@ def cache_folder() -> Path | None:
 @lru_cache(maxsize=64)
 def _tube(kvp: float, anode: Anode) -> tuple[np.ndarray, np.ndarray]:
     angle = abs(anode.angle_deg)
-    folder = cache_folder() or Path(os.devnull)  # below which there is no file, and none can be made
-    kept = folder / f"{anode.target}_{kvp:g}kV_{angle:g}deg_{STEP_KEV:g}keV.npy"
-    with contextlib.suppress(Exception):  # missing, or broken by another program: made again
-        check_unchanged(kept)
-        energies, fluence = np.load(kept, allow_pickle=False)
+    folder = cache_folder() or Path(os.devnull)  # in which no file can exist
+    cached = folder / f"{anode.target}_{kvp:g}kV_{angle:g}deg_{STEP_KEV:g}keV.npy"
+    with contextlib.suppress(Exception):  # a missing or broken file is computed again
+        check_unchanged(cached)
+        energies, fluence = np.load(cached, allow_pickle=False)
         return energies, fluence
     import spekpy  # takes a second to load, and most jobs need no spectrum
 
     spectrum = spekpy.Spek(kvp=kvp, th=angle, dk=STEP_KEV, targ=anode.target)
     energies, fluence = spectrum.get_spectrum(edges=False)
-    # A home that cannot be written to costs time only.
-    with contextlib.suppress(OSError, InputError), replacing(kept) as temporary:
+    # Without write access the cache is skipped.
+    with contextlib.suppress(OSError, InputError), replacing(cached) as temporary:
         np.save(temporary, np.stack([energies, fluence]))
     return energies, fluence
 
 
 def tube_spectrum(kvp: float, anode: Anode = TUNGSTEN) -> tuple[np.ndarray, np.ndarray]:
-    """The spectrum of an unfiltered tube, linear between whole kilovolts.
+    """Return the spectrum of an unfiltered tube, interpolated linearly between whole kilovolts.
 
     Parameters
     ----------
@@ -162,7 +152,7 @@ def tube_spectrum(kvp: float, anode: Anode = TUNGSTEN) -> tuple[np.ndarray, np.n
     Raises
     ------
     InputError
-        For an anode or voltage that SpekPy has no tables for.
+        If SpekPy has no tables for the anode or voltage.
     """
     if anode.target not in KVP:
         raise InputError(f"anode '{anode.target}' is unknown; use one of {', '.join(KVP)}")
@@ -186,9 +176,9 @@ def weighted_spectrum(
     sensor_mm: float = SENSOR.thickness_mm,
     filter_material: str = "aluminium",
 ) -> Spectrum:
-    """What a sensor of this thickness reads of a filtered tube, in BINS energies.
+    """Return the detected spectrum of a filtered tube in BINS energies.
 
-    Bins hold equal shares of the signal, at their mean energies.
+    Bins have equal shares of the signal, and their mean energies.
 
     Parameters
     ----------
@@ -197,11 +187,11 @@ def weighted_spectrum(
     filtration_mm : float
         Thickness of the filter, mm.
     sensor : Sensor, optional
-        Its own thickness is not looked at.
+        Its own thickness is ignored.
     sensor_mm : float, optional
         Thickness of the sensor, mm.
     filter_material : str, optional
-        Of materials.COMPOUNDS or ELEMENTS.
+        Name in materials.COMPOUNDS or ELEMENTS.
 
     Raises
     ------
@@ -212,10 +202,10 @@ def weighted_spectrum(
     detected, first, second = response(sensor.material, sensor_mm, energies, sensor.reads)
     photons = fluence * np.exp(-attenuation_per_mm(filter_material, energies) * filtration_mm) * detected
     signal, noise = (photons * moment / (photons * moment).sum() for moment in (first, second))
-    # Equal shares: edges in the cumulative signal, so that few bins follow a spectrum of any shape smoothly.
+    # Bin edges are quantiles of the signal. An energy at an edge is divided, so that bins change smoothly with kvp.
     edges, ends = np.linspace(0, 1, BINS + 1)[:, None], np.cumsum(signal)
     within = np.clip(np.minimum(ends, edges[1:]) - np.maximum(ends - signal, edges[:-1]), 0, None)
     within = np.divide(within, signal, out=np.zeros_like(within), where=signal > 0)  # share of each energy in each bin
     finer = energies, within * signal, within * noise
-    shares, noises = (one.sum(axis=1) for one in finer[1:])
-    return Spectrum(finer[1] @ energies / shares, shares, noises, finer)
+    signals, noises = (part.sum(axis=1) for part in finer[1:])
+    return Spectrum(finer[1] @ energies / signals, signals, noises, finer)

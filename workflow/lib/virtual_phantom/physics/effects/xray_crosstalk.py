@@ -1,15 +1,15 @@
 """X-ray crosstalk between detector pixels."""
 
 from ..effect import Effect, Parameter
-from ..state import State, shared
+from ..state import State, with_crosstalk
 
 
 def apply(state: State, values: dict[str, float]) -> None:
     """Share signal and noise among neighboring pixels, also in the air scan."""
     neighbours = (values["column"], values["row"])
     alike = state.noise is state.signal
-    state.signal, state.air = shared(state.signal, neighbours), shared(state.air, neighbours)
-    state.noise = state.signal if alike else shared(state.noise, neighbours)
+    state.signal, state.air = with_crosstalk(state.signal, neighbours), with_crosstalk(state.air, neighbours)
+    state.noise = state.signal if alike else with_crosstalk(state.noise, neighbours)
 
 
 EFFECT = Effect(

@@ -1,13 +1,13 @@
-"""Poisson counts by the inverse of their distribution: one uniform number per pixel makes one count.
+"""Poisson counts by inversion of the distribution function: one uniform number per pixel gives one count.
 
-A count is the smallest n with P(N <= n) >= u. So it moves by one where mean or u pass a jump of the distribution and
-nowhere else: means that differ in their last digit, as on another processor, leave nearly all counts as they are, and
-the same uniform numbers give two scans the same noise. Drawing by rejection, as NumPy does, has neither property.
+A count is the smallest n with P(N <= n) >= u. It changes by one when mean or u pass a jump of the distribution, and is
+constant elsewhere. Rounding errors of the mean, as on another processor, therefore leave nearly all counts unchanged,
+and two scans with the same uniform numbers have the same noise. Rejection sampling, as in NumPy, has neither property.
 
-With w the normal deviate of u, P(N < x) = u, continued to real x by the incomplete gamma function, has the solution
-x = mean + w sqrt(mean) + p1(w) + p2(w) / sqrt(mean) + ... (Cornish and Fisher's expansion, used for this by [1]_). The
-count is the whole part of x. Where x is nearer to a whole number than the expansion may be off, the distribution itself
-decides; small means are summed up term by term.
+Let w be the normal quantile of u. The equation P(N < x) = u, extended to real x by the incomplete gamma function, has
+the solution x = mean + w sqrt(mean) + p1(w) + p2(w) / sqrt(mean) + ... (Cornish-Fisher expansion, as in [1]_). The
+count is floor(x). If x is closer to a whole number than the error of the expansion, the distribution function itself is
+evaluated. For small means the probabilities are summed.
 
 References
 ----------
@@ -23,33 +23,26 @@ from scipy.special import gammainc, gammaincc, ndtri
 
 from ...base.compiled import compiled
 
-PIXELS_AT_ONCE = 1 << 14  # whose arrays stay in a core's cache
-SMALL_MEAN = 10.0  # below it terms are summed up, at most some thirty
-# Sums of terms are off by some 1e-16: too much for the upper tail, where the distribution itself decides.
+PIXELS_AT_ONCE = 1 << 14  # so that arrays fit into the cache
+SMALL_MEAN = 10.0  # below this mean about thirty probabilities are summed
+# The sum has an error of about 1e-16, too much for the upper tail, where the distribution function is evaluated.
 SUMMED_UP_TO = 1 - 1e-6
 LARGEST_MEAN = 2.0**53  # whole numbers in double precision
-# From here on the expansion is off by no more than double precision itself, and SciPy's incomplete gamma functions, in
-# the tails beyond 4.5 standard deviations, by more.
+# Above this mean the expansion is exact to double precision, and more accurate than SciPy's incomplete gamma functions,
+# which lose digits beyond 4.5 standard deviations.
 LARGE_MEAN = 1e5
-# What the expansion leaves out, from the sixth term on, and rounding are less than (NEAR + FAR w^8) / mean^2.5 +
-# ROUNDED mean: twice the largest error found at whole x, where the incomplete gamma function gives w.
+# Upper limit of the error of the expansion (terms from the sixth on, and rounding): (NEAR + FAR w^8) / mean^2.5 +
+# ROUNDED mean. This is twice the largest error at whole x, where the incomplete gamma function gives w.
 NEAR, FAR, ROUNDED = 0.08, 4e-4, 2e-15
 
 
 def poisson_counts(mean: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """One draw of counts.
+    """Return random counts, int64, for means from 0 to 2^53.
 
     Parameters
     ----------
-    mean : ndarray
-        From 0 to 2^53.
     random : numpy.random.Generator
-        One uniform number per mean is taken, in the order of the array, and nothing else.
-
-    Returns
-    -------
-    ndarray of int64
-        Shaped as `mean`.
+        Gives one uniform number per mean, in the order of the array.
 
     Raises
     ------
@@ -66,21 +59,17 @@ def poisson_counts(mean: np.ndarray, random: np.random.Generator) -> np.ndarray:
 
 
 def quantiles(uniform: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """The smallest counts n with P(N <= n) >= u; 0 for u = 0.
+    """Return the smallest counts n with P(N <= n) >= u, int64; 0 for u = 0.
 
-    Exact but for u so near to a jump that double precision does not tell: within 1e-13 of the smaller of u and 1 - u at
-    means up to 1e5, within 1e-11 up to 1e9.
+    Results are exact unless u is so close to a jump that double precision cannot resolve it. This distance, relative to
+    the smaller of u and 1 - u, is 1e-13 at means up to 1e5, and 1e-11 up to 1e9.
 
     Parameters
     ----------
     uniform : ndarray, shape (pixels,)
         u in [0, 1).
     mean : ndarray, shape (pixels,)
-        Of the Poisson distribution, from 0 to 2^53.
-
-    Returns
-    -------
-    ndarray of int64, shape (pixels,)
+        From 0 to 2^53.
 
     Raises
     ------
@@ -100,7 +89,7 @@ def quantiles(uniform: np.ndarray, mean: np.ndarray) -> np.ndarray:
 
 @compiled(nogil=True, error_model="numpy")  # no fastmath: the same operations on every processor
 def _expand(uniform, deviate, mean, counts, unsure):
-    """Write counts, and the places of those that the distribution itself must decide; their number."""
+    """Write counts, and the indices of uncertain ones; return the number of uncertain counts."""
     count = 0
     for i in range(mean.size):
         u, w, m = uniform[i], deviate[i], mean[i]
@@ -138,22 +127,21 @@ def _expand(uniform, deviate, mean, counts, unsure):
 
 
 def _search(uniform: np.ndarray, mean: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """The quantiles, from guesses on, by the incomplete gamma function."""
+    """Return the quantiles by evaluation of the distribution function, starting from approximate counts."""
     counts = counts.copy()
-    late = np.flatnonzero(~_reached(uniform, mean, counts))
-    while late.size:
-        counts[late] += 1
-        late = late[~_reached(uniform[late], mean[late], counts[late])]
-    early = np.flatnonzero(counts > 0)
-    while early.size:
-        early = early[_reached(uniform[early], mean[early], counts[early] - 1)]
-        counts[early] -= 1
-        early = early[counts[early] > 0]
+    low = np.flatnonzero(~_reached(uniform, mean, counts))
+    while low.size:
+        counts[low] += 1
+        low = low[~_reached(uniform[low], mean[low], counts[low])]
+    high = np.flatnonzero(counts > 0)
+    while high.size:
+        high = high[_reached(uniform[high], mean[high], counts[high] - 1)]
+        counts[high] -= 1
+        high = high[counts[high] > 0]
     return counts
 
 
 def _reached(uniform, mean, counts):
-    """Whether P(N <= n) >= u, from that end of the distribution which is the nearer."""
-    low = uniform < 0.5
-    at, upper = counts + 1.0, 1 - uniform
-    return np.where(low, gammaincc(at, mean) >= uniform, gammainc(at, mean) <= upper)
+    """Return whether P(N <= n) >= u, computed from the nearer tail to keep precision."""
+    shape, upper = counts + 1.0, 1 - uniform
+    return np.where(uniform < 0.5, gammaincc(shape, mean) >= uniform, gammainc(shape, mean) <= upper)

@@ -1,1 +1,1 @@
-"""Objects that are scanned, as path lengths per material."""
+"""Scanned objects, which return path lengths per material."""

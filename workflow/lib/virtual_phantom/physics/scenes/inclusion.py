@@ -1,4 +1,4 @@
-"""What lies in an object beside what its scene has: a shape that attenuates more or less by a known amount."""
+"""Inclusions: shapes inside an object that its scene lacks, with a given excess attenuation."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ import numpy as np
 
 from ...base.geometry import ScanGeometry
 from ...base.lru_cache import LRUCache
-from ..state import Added
-from .scene import IN_PLACE, Pose
+from ...base.pose import IN_PLACE, Pose
+from ..state import Inclusions
+from .scene import scan_key
 from .shapes import Shape, ShapesScene
 
-KEPT_BYTES, MOST_KEPT = 1e8, 32  # of path lengths; a slope asks for those of two places of the object
+CACHE_BYTES, MAX_CACHED = 1e8, 32  # of path lengths; a finite difference needs two poses
 
 
 class Inclusion:
-    """A shape in an object, moving with it.
+    """A shape that moves with the object.
 
     Parameters
     ----------
     shape : Shape
-        Its material does not count.
+        Its material is ignored.
     key : hashable
         Equal for inclusions of the same shape.
     """
@@ -34,38 +35,16 @@ class Inclusion:
     def lengths_mm(
         self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None
     ) -> np.ndarray:
-        """Path lengths of rays in it.
-
-        Parameters
-        ----------
-        geometry : ScanGeometry
-            Or the rays of its pixels, as `sampling.divided` gives them.
-        pose : Pose, optional
-            Of the object.
-        motion_mm : ndarray, shape (views, 3), optional
-            As State.motion_mm.
-
-        Returns
-        -------
-        ndarray of float32, shape (views, rows, columns)
-        """
+        """Return the path lengths in the shape, float32, shape (views, rows, columns); arguments as of scenes."""
         if self._lengths is None:
-            self._lengths = LRUCache(int(min(MOST_KEPT, max(2, KEPT_BYTES // (4 * math.prod(geometry.shape))))))
-        rays = (geometry.key, pose, None if motion_mm is None else motion_mm.tobytes())
-        return self._lengths.get(rays, lambda: self._scene.path_lengths(geometry, pose, motion_mm)[0])
+            self._lengths = LRUCache(int(min(MAX_CACHED, max(2, CACHE_BYTES // (4 * math.prod(geometry.shape))))))
+        key = scan_key(geometry, pose, motion_mm)
+        return self._lengths.get(key, lambda: self._scene.path_lengths(geometry, pose, motion_mm)[0])
 
 
-def thinned(added: Added, geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> np.ndarray:
-    """What inclusions leave of the signal of each ray, at all energies alike.
-
-    Parameters
-    ----------
-    geometry, pose, motion_mm
-        As Inclusion.lengths_mm takes them.
-
-    Returns
-    -------
-    ndarray, shape (views, rows, columns)
-    """
-    lines = sum(np.float64(more) * one.lengths_mm(geometry, pose, motion_mm) for one, more in added)
+def inclusion_transmission(
+    added: Inclusions, geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None
+) -> np.ndarray:
+    """Return the transmission exp(-sum of excess attenuation times path length), which is the same at all energies."""
+    lines = sum(np.float64(excess) * shape.lengths_mm(geometry, pose, motion_mm) for shape, excess in added)
     return np.exp(-np.asarray(lines))

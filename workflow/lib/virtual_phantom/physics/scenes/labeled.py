@@ -1,4 +1,4 @@
-"""Objects of labels: a map of whole numbers, and the material that each of them stands for."""
+"""Objects from label maps: images of whole numbers, each of which is a material."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import numpy as np
 from ...base.errors import InputError, meant
 from ...base.geometry import Grid
 from ...io.volumes import Volume, read_nifti
-from ..beam.material_names import COMPOUNDS, ELEMENTS, named
+from ..beam.material_names import COMPOUNDS, ELEMENTS, library_name
 from ..beam.materials import Material, Mixture
 from .shapes import NOTHING
 
-BACKGROUND = 0  # the label of what is left out, unless a material is named for it
-MOST_NAMED = 10  # labels in a message: an image of grey values has thousands
+BACKGROUND = 0  # label without material, unless the configuration names one
+MAX_LISTED = 10  # labels in a message: an image of gray values has thousands
 
 
 @dataclass(frozen=True)
-class Labelled:
-    """An object of voxels that are each of one material, or of nothing.
+class LabelMap:
+    """An object of voxels with one material or none each.
 
     Attributes
     ----------
     shares : ndarray of float32, shape (materials, z, y, x)
-        1 where a voxel is of the material, else 0.
+        1 if a voxel has the material, else 0.
     """
 
     shares: np.ndarray
@@ -34,89 +34,83 @@ class Labelled:
     materials: tuple[Material, ...]
 
 
-def materials_of(entries: Mapping[str, str | Mapping]) -> dict[int, Material]:
-    """The material of every label.
+def label_materials(entries: Mapping[str, str | Mapping]) -> dict[int, Material]:
+    """Return the material of every label. Materials with the same definition are equal.
 
     Parameters
     ----------
     entries : mapping of str to str or mapping
-        {label in digits: name of one of the library's, "nothing", or a definition: density_g_per_cm3, and compound or
+        {label in digits: name of a library material, "nothing", or a definition: density_g_per_cm3, and compound or
         mass_fractions}.
-
-    Returns
-    -------
-    dict of int to (str or Mixture)
-        Those that are defined alike are equal.
 
     Raises
     ------
     InputError
-        For an unknown name, and a definition that Mixture refuses.
+        For an unknown name, or an invalid definition.
     """
     found = {}
     for label, entry in entries.items():
         try:
-            found[int(label)] = _named(entry) if isinstance(entry, str) else _defined(entry)
+            found[int(label)] = _library_material(entry) if isinstance(entry, str) else _mixture(entry)
         except InputError as error:
             raise InputError(f"materials.{label}: {error}") from None
     return found
 
 
-def _named(name: str) -> str:
+def _library_material(name: str) -> str:
     known = [*COMPOUNDS, *ELEMENTS, NOTHING]
-    if named(name) not in known:
+    if library_name(name) not in known:
         raise InputError(f"material '{name}' is unknown; {meant(name, known)}")
-    return named(name)
+    return library_name(name)
 
 
-def _defined(entry: Mapping) -> Mixture:
+def _mixture(entry: Mapping) -> Mixture:
     density, compound = float(entry["density_g_per_cm3"]), entry.get("compound")
     fractions = tuple(sorted(entry.get("mass_fractions", {}).items()))
-    # Named by what it is, not by its label: labels of one definition are one material.
+    # The name is the composition, not the label, so that labels with the same definition are one material.
     parts = [compound] if compound else [f"{symbol} {share:g}" for symbol, share in fractions]
     return Mixture(f"{', '.join(parts)} ({density:g} g/cm3)".lstrip(), density, compound, fractions)
 
 
-def read_labelled(path: str | Path, entries: Mapping[str, str | Mapping]) -> Labelled:
-    """The object of a label map.
+def read_label_map(path: str | Path, entries: Mapping[str, str | Mapping]) -> LabelMap:
+    """Read the object of a label map.
 
     Parameters
     ----------
     path : str or Path
-        NIfTI image of whole numbers from 0 on.
+        NIfTI image of whole numbers of at least 0.
     entries : mapping of str to str or mapping
-        As materials_of takes it. Label 0 is nothing where it has no entry.
+        As label_materials takes it. Label 0 is empty if it has no entry.
 
     Returns
     -------
-    Labelled
-        Materials in the order of their names, whatever their labels: sums over them do not depend on these.
+    LabelMap
+        Materials are sorted by name, so that sums over them do not depend on the labels.
 
     Raises
     ------
     InputError
-        As materials_of; if the map is missing or broken, is none of labels, has a label without a material, or holds
-        nothing.
+        As label_materials; if the map is missing, broken, not of labels or empty; or if a label has no material.
     """
-    materials = materials_of(entries)
-    labels, there = _read(path)
-    _check_all_named(path, there, materials)
-    of: dict[Material, list[int]] = {}
-    for label in there:
+    materials = label_materials(entries)
+    volume, labels = _read_labels(path)
+    _check_all_named(path, labels, materials)
+    labels_of: dict[Material, list[int]] = {}
+    for label in labels:
         material = materials.get(label, NOTHING)
         if material != NOTHING:
-            of.setdefault(material, []).append(label)
-    if not of:
+            labels_of.setdefault(material, []).append(label)
+    if not labels_of:
         raise InputError(f"{path}: holds no label of a material; name one under materials that is not '{NOTHING}'")
-    ordered = sorted(of, key=str)
-    shares = np.empty((len(ordered), *labels.grid.shape), np.float32)
-    for place, material in enumerate(ordered):
-        shares[place] = np.isin(labels.array, of[material])
-    return Labelled(shares, labels.grid, tuple(ordered))
+    ordered = sorted(labels_of, key=str)
+    shares = np.empty((len(ordered), *volume.grid.shape), np.float32)
+    for share, material in zip(shares, ordered, strict=True):
+        share[...] = np.isin(volume.array, labels_of[material])
+    return LabelMap(shares, volume.grid, tuple(ordered))
 
 
-def _read(path: str | Path) -> tuple[Volume, list[int]]:
-    """A label map, and the labels that it holds."""
+def _read_labels(path: str | Path) -> tuple[Volume, list[int]]:
+    """Return a label map and its labels."""
     volume = read_nifti(path, dtype=None)
     values = np.unique(volume.array)
     if not np.isfinite(values).all():
@@ -127,14 +121,14 @@ def _read(path: str | Path) -> tuple[Volume, list[int]]:
         )
     if values[0] < 0:
         raise InputError(f"{path}: holds the label {int(values[0])}; give whole numbers from 0 on")
-    return Volume(volume.array.astype(np.int64, copy=False), volume.grid), [int(one) for one in values]
+    return Volume(volume.array.astype(np.int64, copy=False), volume.grid), [int(value) for value in values]
 
 
-def _check_all_named(path: str | Path, there: Sequence[int], materials: Mapping[int, Material]) -> None:
-    missing = [str(label) for label in there if label not in materials and label != BACKGROUND]
+def _check_all_named(path: str | Path, labels: Sequence[int], materials: Mapping[int, Material]) -> None:
+    missing = [str(label) for label in labels if label not in materials and label != BACKGROUND]
     if not missing:
         return
-    some = missing[:MOST_NAMED]
-    rest = f" ... ({len(missing)} labels)" if len(missing) > len(some) else ""
-    what = f"label {some[0]} has" if len(missing) == 1 else f"labels {', '.join(some)}{rest} have"
-    raise InputError(f"{path}: its {what} no material; name one for each under materials ('{NOTHING}': it is left out)")
+    listed = missing[:MAX_LISTED]
+    rest = f" ... ({len(missing)} labels)" if len(missing) > len(listed) else ""
+    what = f"label {listed[0]} has" if len(missing) == 1 else f"labels {', '.join(listed)}{rest} have"
+    raise InputError(f"{path}: its {what} no material; name one for each under materials ('{NOTHING}' for empty space)")

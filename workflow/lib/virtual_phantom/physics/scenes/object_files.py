@@ -1,7 +1,4 @@
-"""Where the files of objects of shapes lie.
-
-Apart from `objects`, whose imports every start of the workflow would pay.
-"""
+"""Paths of object files. Separate from `objects`, whose imports are slow and not needed at every start."""
 
 from __future__ import annotations
 
@@ -13,29 +10,29 @@ from ...base.errors import InputError, meant
 FOLDER = RESOURCES / "objects"
 
 
-def shipped() -> list[str]:
-    """Names of the objects that come with the library."""
+def object_names() -> list[str]:
+    """Return the names of the objects in the library."""
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 
-def path_of(kind: str) -> Path:
-    """The file of an object.
+def object_path(kind: str) -> Path:
+    """Return the file of an object.
 
     Parameters
     ----------
     kind : str
-        Name of one that comes with the library, or the path of a YAML file.
+        Name of an object in the library, or path of a YAML file.
 
     Raises
     ------
     InputError
-        If there is none.
+        If it does not exist.
     """
     path = Path(kind)
     if path.suffix in (".yaml", ".yml"):
         if not path.is_file():
             raise InputError(f"{kind}: no such file; give the path of the object's shapes (YAML)")
         return path
-    if kind not in shipped():
-        raise InputError(f"there is no object '{kind}'; {meant(kind, shipped())} (a file of yours ends in .yaml)")
+    if kind not in object_names():
+        raise InputError(f"there is no object '{kind}'; {meant(kind, object_names())} (a file of yours ends in .yaml)")
     return FOLDER / f"{kind}.yaml"

@@ -1,8 +1,7 @@
-"""A voxel scene for fits, whose path lengths follow small displacements without being traced again.
+"""Voxel scenes for fits: path lengths that are linearized for small displacements of rays.
 
-They follow changes of pose, motion and geometry to first order.
-What is followed from where is said, not remembered: path lengths depend on what is asked and on the scans that they may
-follow, and on nothing that was asked before. What is kept makes them faster, never different.
+Path lengths are linear in changes of pose, motion and geometry around reference scans, which the caller gives. They
+depend only on the scan and on these references, never on earlier calls: caches change the speed, not the result.
 """
 
 from __future__ import annotations
@@ -14,35 +13,34 @@ import numpy as np
 
 from ...base.geometry import ScanGeometry
 from ...base.lru_cache import LRUCache
-from .rays import Rays, followed, outline
-from .sampling import Divided
-from .scene import IN_PLACE, Pose, VoxelScene
+from ...base.pose import IN_PLACE, Pose
+from .rays import Rays, corner_rays, extrapolate_path_lengths
+from .sampling import SupersampledScan
+from .scene import VoxelScene, scan_key
 
-# Square of how far any ray may lie from the one that was traced, over the voxel's size, mm: the error grows with the
-# square of the one and falls with the other. Here it is under 1 % of the noise of 1e5 photons per pixel.
+# Linear range: (largest displacement of a ray)^2 / voxel size, mm. The error grows with the square of the displacement
+# and falls with the voxel size. At this limit it is below 1 % of the noise of 1e5 photons per pixel.
 TOLERANCE_MM = 3e-4
-# Of scans that were traced, all rays of a pixel; a focal spot takes nine.
-MEMORY_BYTES, LEAST_KEPT, MOST_KEPT = 4e8, 10, 32
+# Cache of traced scans, counted with all rays of a pixel; a focal spot takes nine scans.
+CACHE_BYTES, MIN_CACHED, MAX_CACHED = 4e8, 10, 32
 
-Scan = tuple[ScanGeometry | Divided, Pose, np.ndarray | None]  # geometry, pose, motion_mm
+PosedScan = tuple[ScanGeometry | SupersampledScan, Pose, np.ndarray | None]  # geometry, pose, motion_mm
 
 
-class Traced:
-    """Path lengths of one scan, and what a displacement of its rays changes.
+class TracedScan:
+    """Path lengths of one scan and their derivatives with respect to displacements of its rays.
 
     Parameters
     ----------
     scene : VoxelScene
-        Or what has its methods.
-    pose : Pose
-        Of the object.
-    motion_mm : ndarray, shape (views, 3), or None
-        As VoxelScene.path_lengths takes it.
+        Or another GridScene.
+    geometry, pose, motion_mm
+        As GridScene.path_lengths takes them.
     """
 
     def __init__(self, scene: VoxelScene, geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None):
         self.scene, self.shape, self._scan = scene, geometry.shape, (geometry, pose, motion_mm)
-        self.edge = scene.rays(outline(geometry), pose, motion_mm)
+        self.edge = scene.rays(corner_rays(geometry), pose, motion_mm)
         self.edge_mm = self.edge.extremes_mm()
         self.paths = scene.path_lengths(geometry, pose, motion_mm)
 
@@ -54,29 +52,29 @@ class Traced:
     def _slopes(self) -> np.ndarray:
         return self.scene.slopes(self._rays)
 
-    def followed(self, geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> np.ndarray:
-        """Path lengths of rays nearby, as VoxelScene.path_lengths gives them."""
+    def extrapolate(self, geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> np.ndarray:
+        """Return the linearized path lengths of a nearby scan, as GridScene.path_lengths."""
         rays = self.scene.rays(geometry, pose, motion_mm, self._rays.bundles.along_x)
-        return followed(self.paths, self._slopes, self._rays, rays)
+        return extrapolate_path_lengths(self.paths, self._slopes, self._rays, rays)
 
 
 class PosedScene:
-    """A VoxelScene that keeps the scans that were traced last.
+    """A scene on a grid that caches traced scans.
 
     Parameters
     ----------
     scene : VoxelScene
-        Or what has its methods.
+        Or another GridScene.
     samples : int, optional
-        Rays per pixel and direction of the chain that asks: each is a scan of its own.
+        Rays per pixel and direction of the chain, each of which is a scan of its own.
     """
 
     def __init__(self, scene: VoxelScene, samples: int = 1):
         self.scene, self._samples = scene, samples
         self.materials, self.energy_kev, self.threads = scene.materials, scene.energy_kev, scene.threads
         self.attenuation_per_mm = scene.attenuation_per_mm
-        self.allowed_mm = float(np.sqrt(TOLERANCE_MM * min(scene.grid.spacing)))
-        self._kept: LRUCache | None = None
+        self.range_mm = float(np.sqrt(TOLERANCE_MM * min(scene.grid.spacing)))
+        self._traced: LRUCache | None = None
 
     @property
     def radius_mm(self) -> float:
@@ -84,65 +82,63 @@ class PosedScene:
         return self.scene.radius_mm
 
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):
-        """As VoxelScene.path_lengths."""
-        return self.traced(geometry, pose, motion_mm).paths
+        """As GridScene.path_lengths."""
+        return self.trace(geometry, pose, motion_mm).paths
 
-    def traced(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None) -> Traced:
-        """A scan, traced now or lately."""
-        if self._kept is None:
-            self._kept = LRUCache(self._most(geometry))
-        key = geometry.key, pose, None if motion_mm is None else motion_mm.tobytes()
-        return self._kept.get(key, lambda: Traced(self.scene, geometry, pose, motion_mm))
+    def trace(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None) -> TracedScan:
+        """Return a traced scan, from the cache if it is there."""
+        if self._traced is None:
+            self._traced = LRUCache(self._cache_length(geometry))
+        key = scan_key(geometry, pose, motion_mm)
+        return self._traced.get(key, lambda: TracedScan(self.scene, geometry, pose, motion_mm))
 
-    def near(self, scans: Sequence[Scan], reach: float = 1.0) -> NearScene:
-        """The scene whose scans follow the nearest of these, where it is near enough: `reach` times as far as usual."""
-        return NearScene(self, [self.traced(*scan) for scan in scans], reach)
+    def near(self, scans: Sequence[PosedScan], reach: float = 1.0) -> LinearizedScene:
+        """Return a scene that is linearized around the given scans, with a linear range multiplied by `reach`."""
+        return LinearizedScene(self, [self.trace(*scan) for scan in scans], reach)
 
-    def _most(self, geometry: ScanGeometry | Divided) -> int:
-        """How many scans are kept, each of as many rays as are asked for at once."""
-        pixels = geometry.whole if isinstance(geometry, Divided) else geometry
+    def _cache_length(self, geometry: ScanGeometry | SupersampledScan) -> int:
+        """Return how many scans are cached; a scan of `geometry` may hold only some of the rays of each pixel."""
+        pixels = geometry.whole if isinstance(geometry, SupersampledScan) else geometry
         rays = np.prod(pixels.shape) * self._samples ** (2 if pixels.rows > 1 else 1)
-        size = 4 * len(self.materials) * rays * 5  # path lengths, four slopes
-        return int(np.clip(MEMORY_BYTES / size, LEAST_KEPT, MOST_KEPT) * -(-rays // np.prod(geometry.shape)))
+        size = 4 * len(self.materials) * rays * 5  # float32 path lengths, and four slopes
+        return int(np.clip(CACHE_BYTES / size, MIN_CACHED, MAX_CACHED) * -(-rays // np.prod(geometry.shape)))
 
 
-class NearScene:
-    """As VoxelScene: scans near one of those given take its path lengths and slopes, others are traced.
+class LinearizedScene:
+    """A scene whose path lengths are linearized around reference scans; scans out of the linear range are traced.
 
     Parameters
     ----------
     scene : PosedScene
-        Which traces the others.
-    given : sequence of Traced
-        Those that may be followed.
+        Traces the other scans.
     reach : float, optional
-        Times as far as usual that they may be followed.
+        Factor of the linear range.
     """
 
-    def __init__(self, scene: PosedScene, given: Sequence[Traced], reach: float = 1.0):
-        self._scene, self._given = scene, tuple(given)
-        self._allowed_mm = reach * scene.allowed_mm
+    def __init__(self, scene: PosedScene, references: Sequence[TracedScan], reach: float = 1.0):
+        self._scene, self._references = scene, tuple(references)
+        self._range_mm = reach * scene.range_mm
         self.materials, self.energy_kev, self.threads = scene.materials, scene.energy_kev, scene.threads
         self.attenuation_per_mm = scene.attenuation_per_mm
 
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):
-        """As VoxelScene.path_lengths."""
-        edge = self._scene.scene.rays(outline(geometry), pose, motion_mm)
-        nearest, displaced_mm = self._nearest(geometry, edge)
+        """As GridScene.path_lengths."""
+        edge = self._scene.scene.rays(corner_rays(geometry), pose, motion_mm)
+        nearest, displacement_mm = self._nearest(geometry, edge)
         if nearest is None:
             return self._scene.path_lengths(geometry, pose, motion_mm)
-        if displaced_mm == 0 and np.array_equal(nearest.edge.rises_mm, edge.rises_mm):
+        if displacement_mm == 0 and np.array_equal(nearest.edge.rises_mm, edge.rises_mm):
             return nearest.paths
-        return nearest.followed(geometry, pose, motion_mm)
+        return nearest.extrapolate(geometry, pose, motion_mm)
 
-    def follows(self, scan: Scan) -> bool:
-        """Whether a scan is near enough to one of those given."""
-        return self._nearest(scan[0], self._scene.scene.rays(outline(scan[0]), *scan[1:]))[0] is not None
+    def follows(self, scan: PosedScan) -> bool:
+        """Whether a scan is in the linear range of a reference scan."""
+        return self._nearest(scan[0], self._scene.scene.rays(corner_rays(scan[0]), *scan[1:]))[0] is not None
 
-    def _nearest(self, geometry: ScanGeometry, edge: Rays) -> tuple[Traced | None, float]:
-        """The scan that is near enough, the first of the nearest, and how far any ray is displaced from it."""
+    def _nearest(self, geometry: ScanGeometry, edge: Rays) -> tuple[TracedScan | None, float]:
+        """Return the nearest reference in range (the first of equally near ones), and its largest ray displacement."""
         edge_mm = edge.extremes_mm()
-        same = [one for one in self._given if one.shape == geometry.shape]
-        displaced = [float(np.abs(edge_mm - one.edge_mm).sum(axis=0).max()) for one in same]
-        least = min(displaced, default=np.inf)
-        return (same[displaced.index(least)], least) if least <= self._allowed_mm else (None, least)
+        same = [reference for reference in self._references if reference.shape == geometry.shape]
+        displacements = [float(np.abs(edge_mm - reference.edge_mm).sum(axis=0).max()) for reference in same]
+        least = min(displacements, default=np.inf)
+        return (same[displacements.index(least)], least) if least <= self._range_mm else (None, least)

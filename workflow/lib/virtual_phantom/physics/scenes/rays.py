@@ -1,4 +1,4 @@
-"""Rays in the coordinates of a voxel grid, and how sums along them change with these."""
+"""Rays in the coordinates of a voxel grid: path lengths (Joseph's method) and their derivatives."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from ...projectors.any_rays import follow, path_lengths, trace_slopes, trace_sum
 from ...projectors.joseph import COORDINATES, Bundles
 from ...projectors.rows import empty_lines, in_registers, packed, tile_width, trace_rows
 from ...projectors.threads import share_out
-from .sampling import Divided
+from .sampling import SupersampledScan
 
 
 @dataclass(frozen=True)
 class Rays:
-    """Where every ray of a scan crosses a grid.
+    """Rays of a scan in the coordinates of a grid.
 
     Attributes
     ----------
     bundles : Bundles
-        In the coordinates that the kernels take.
+        Coordinates, as the kernels take them.
     spacing_mm : tuple of 3 float
-        Of voxels, (z, y, x), mm.
+        Voxel size (z, y, x), mm.
     planes : tuple of 2 int
-        Number of planes across x and across y.
+        Number of voxel planes perpendicular to x and to y.
     columns : int
-        Of the detector.
+        Columns of the detector.
     """
 
     bundles: Bundles
@@ -38,14 +38,14 @@ class Rays:
 
     @classmethod
     def of(cls, geometry: ScanGeometry, grid: Grid, centre_mm: np.ndarray, along_x: np.ndarray | None = None) -> Rays:
-        """Rays of a scan of a grid.
+        """Return the rays of a scan in the coordinates of a grid.
 
         Parameters
         ----------
         centre_mm : ndarray, shape (3,) or (views, 3)
-            Of the grid from the isocentre, (x, y, z), mm.
+            Center of the grid relative to the isocenter, (x, y, z), mm.
         along_x : ndarray of bool, shape (views, bundles), optional
-            The main directions to use; None: of each ray the larger component.
+            Whether the main direction of a ray is x; None: if its x component is the larger one.
         """
         source_x, source_y, source_z = (geometry.source_mm - centre_mm).T[..., None]
         (to_x, to_y, lift_mm), rows_mm = geometry.bundles()
@@ -55,7 +55,8 @@ class Rays:
         dz, dy, dx = grid.spacing
         main, other = np.where(along_x, to_x, to_y), np.where(along_x, to_y, to_x)
         spacing, spacing_other = np.where(along_x, dx, dy), np.where(along_x, dy, dx)
-        middle, step = -np.where(along_x, source_x, source_y) / main, spacing / main  # shares of the way
+        # Fractions of the ray from source to detector: at the grid's middle plane, and from plane to plane.
+        middle, step = -np.where(along_x, source_x, source_y) / main, spacing / main
         at_middle = np.where(along_x, source_y, source_x) + middle * other
         index = at_middle / spacing_other + (np.where(along_x, ny, nx) - 1) / 2 + 1
         bundles = Bundles(
@@ -71,19 +72,19 @@ class Rays:
 
     @property
     def rises_mm(self) -> np.ndarray:
-        """How much higher than the source each ray meets the detector, mm, shape (views, rows, bundles)."""
+        """Height of the detector end of each ray above the source, mm, shape (views, rows, bundles)."""
         return self.bundles.lift_mm[:, None] + self.bundles.rows_mm[:, None]
 
     @property
     def lengths_mm(self) -> np.ndarray:
-        """Of every ray between two planes, mm, shape (views, rows, bundles)."""
+        """Length of each ray between two planes, mm, shape (views, rows, bundles)."""
         share, square = np.moveaxis(self.bundles.between, 2, 0)[:, :, None]
         return share * np.sqrt(square + self.rises_mm**2)
 
     def extremes_mm(self) -> np.ndarray:
-        """Coordinates in the middle of the grid, and what is added at its edge.
+        """Return the coordinates of each ray in the middle of the grid, and their change up to its edge.
 
-        The sum of their changes is how far a ray is displaced anywhere in the grid, at most.
+        The sum of absolute changes of the four numbers is an upper limit of the displacement of a ray within the grid.
 
         Returns
         -------
@@ -97,15 +98,15 @@ class Rays:
         height = bundles.climb[:, :, None] * self.rises_mm.swapaxes(1, 2)[..., None] * dz
         height[..., 0] += bundles.level[:, None, None] * dz
         across, height = (
-            np.concatenate([one[..., :1], one[..., 1:] * edge], axis=-1)
-            for one, edge in ((across, half), (height, half[..., None]))
+            np.concatenate([coordinate[..., :1], coordinate[..., 1:] * edge], axis=-1)
+            for coordinate, edge in ((across, half), (height, half[..., None]))
         )
         across = np.broadcast_to(across[:, :, None], height.shape)
         return np.concatenate([across, height], axis=-1).reshape(-1, 4).T
 
 
 class Voxels:
-    """Amounts of materials on a grid, and how sums along rays change with the rays.
+    """Amounts of materials on a grid, with path lengths of rays and their derivatives.
 
     Parameters
     ----------
@@ -117,7 +118,7 @@ class Voxels:
 
     @cached_property
     def whole(self) -> bool:
-        """Whether every amount is 0 or 1: edges of the object then run along those of voxels."""
+        """Whether every amount is 0 or 1, so that edges of the object coincide with edges of voxels."""
         return bool(((self._amounts == 0) | (self._amounts == 1)).all())
 
     @cached_property
@@ -127,58 +128,52 @@ class Voxels:
 
     @cached_property
     def _volumes(self) -> tuple[np.ndarray, np.ndarray]:
-        """As trace_sums takes them, and whether any voxel of a column is not zero."""
-        around = np.pad(self._amounts.transpose(0, 2, 3, 1), ((0, 0), (1, 1), (1, 1), (1, 1))).astype(np.float32)
-        flat = (len(around), -1)
-        return around.reshape(flat), (around != 0).any(axis=3).reshape(flat)
+        """Amounts with a margin of zeros, and whether a column along z is not empty, as trace_sums takes them."""
+        padded = np.pad(self._amounts.transpose(0, 2, 3, 1), ((0, 0), (1, 1), (1, 1), (1, 1))).astype(np.float32)
+        flat = (len(padded), -1)
+        return padded.reshape(flat), (padded != 0).any(axis=3).reshape(flat)
 
     def path_lengths(self, rays: Rays, threads: int = 1) -> np.ndarray:
-        """Path lengths of rays.
-
-        Returns
-        -------
-        ndarray of float32, shape (materials, views, rows, bundles)
-            mm.
-        """
+        """Return the path lengths of rays, mm, float32, shape (materials, views, rows, bundles)."""
         count, (views, bundles) = len(self._amounts), rays.bundles.along_x.shape
         if rays.bundles.rows_mm.size > 1:
-            sums, _, place = self._rows(rays, threads, with_slopes=False)
-            found = np.empty((count, views, place.size, bundles), np.float32)
-            path_lengths(sums, place, rays.bundles, found)
-            return found
+            sums, _, rows = self._rows(rays, threads, with_slopes=False)
+            lengths = np.empty((count, views, rows.size, bundles), np.float32)
+            path_lengths(sums, rows, rays.bundles, lengths)
+            return lengths
         sums = np.zeros((count, views, bundles))
-        apart = rays.columns if bundles > rays.columns else 1
+        stride = rays.columns if bundles > rays.columns else 1
 
         def run(first, last):
-            trace_sums(*self._volumes, sums[:, first:last], first, self._shape, rays.bundles, apart)
+            trace_sums(*self._volumes, sums[:, first:last], first, self._shape, rays.bundles, stride)
 
         share_out(run, views, threads)
         return (sums[:, :, None] * rays.lengths_mm).astype(np.float32)
 
     def slopes(self, rays: Rays, threads: int = 1) -> np.ndarray:
-        """What the sums over planes change per change of the rays' coordinates.
+        """Return the derivatives of sums over planes with respect to the coordinates of the rays.
 
         A path length is the sum times the length between two planes.
 
         Returns
         -------
         ndarray of float32, shape (views, bundles, materials, coordinates, rows)
-            Coordinates as projectors/joseph.py has them.
+            Coordinates in the order of projectors/any_rays.py.
         """
         if rays.bundles.rows_mm.size > 1:
-            _, slopes, place = self._rows(rays, threads, with_slopes=True)
-            return slopes[..., place]
-        found = np.zeros((*rays.bundles.along_x.shape, len(self._amounts), COORDINATES, 1), np.float32)
+            _, slopes, rows = self._rows(rays, threads, with_slopes=True)
+            return slopes[..., rows]
+        slopes = np.zeros((*rays.bundles.along_x.shape, len(self._amounts), COORDINATES, 1), np.float32)
 
         def run(first, last):
-            trace_slopes(*self._volumes, found[first:last], first, self._shape, rays.bundles)
+            trace_slopes(*self._volumes, slopes[first:last], first, self._shape, rays.bundles)
 
-        share_out(run, len(found), threads)
-        return found
+        share_out(run, len(slopes), threads)
+        return slopes
 
     def _rows(self, rays: Rays, threads: int, with_slopes: bool) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
-        """Of bundles of several rows, what `trace_rows` writes: sums, slopes, and where rows are among padded ones."""
-        heights, place = in_registers(rays.bundles, self._shape)
+        """Trace bundles of several rows: sums, slopes, and the indices of the rows among the padded ones."""
+        heights, rows = in_registers(rays.bundles, self._shape)
         shape = (*rays.bundles.along_x.shape, len(self._amounts))
         sums = np.zeros((*shape, heights.size), np.float32)
         slopes = np.zeros((*shape, COORDINATES, heights.size), np.float32) if with_slopes else None
@@ -197,49 +192,42 @@ class Voxels:
             )
 
         share_out(run, len(sums), threads)
-        return sums, slopes, place
+        return sums, slopes, rows
 
 
-def followed(paths: np.ndarray, slopes: np.ndarray, traced: Rays, rays: Rays) -> np.ndarray:
-    """Path lengths of rays beside those that were traced, with the same main directions, to first order.
+def extrapolate_path_lengths(paths: np.ndarray, slopes: np.ndarray, traced: Rays, rays: Rays) -> np.ndarray:
+    """Return first-order path lengths of rays near traced rays, which have the same main directions.
 
     Parameters
     ----------
     paths : ndarray, shape (materials, views, rows, columns)
-        Of the rays traced, mm.
+        Path lengths of the traced rays.
     slopes : ndarray, shape (views, bundles, materials, coordinates, rows)
-        Of the rays traced, as Voxels.slopes gives them.
-    traced, rays : Rays
-        The rays traced, and those beside them.
-
-    Returns
-    -------
-    ndarray, shape (materials, views, rows, columns)
-        mm.
+        Voxels.slopes of the traced rays.
     """
-    views, bundles, lanes, _, rows = slopes.shape
-    bundled = paths.reshape(lanes, views, rows, bundles)
+    views, bundles, materials, _, rows = slopes.shape
+    bundled = paths.reshape(materials, views, rows, bundles)
     result = np.empty_like(bundled)
     follow(bundled, slopes, traced.bundles, rays.bundles, result)
     return result.reshape(paths.shape)
 
 
-def outline(geometry: ScanGeometry | Divided) -> ScanGeometry:
-    """The rays to the detector's corners and the middles of its upper and lower edges, one of each pixel.
+def corner_rays(geometry: ScanGeometry | SupersampledScan) -> ScanGeometry:
+    """Return the scan of the detector's corner pixels and the middle pixels of its upper and lower edges.
 
-    How rays are displaced changes little in between.
+    Displacements of rays vary little between them.
     """
-    if isinstance(geometry, Divided):
+    if isinstance(geometry, SupersampledScan):
         geometry = geometry.whole
     columns, rows = min(geometry.columns, 3), min(geometry.rows, 2)
-    wider = max(geometry.columns - 1, 1) / max(columns - 1, 1)
-    taller = max(geometry.rows - 1, 1) / max(rows - 1, 1)
+    column_step = max(geometry.columns - 1, 1) / max(columns - 1, 1)
+    row_step = max(geometry.rows - 1, 1) / max(rows - 1, 1)
     return replace(
         geometry,
         columns=columns,
-        column_pitch_mm=geometry.column_pitch_mm * wider,
-        column_offset_px=geometry.column_offset_px / wider,
+        column_pitch_mm=geometry.column_pitch_mm * column_step,
+        column_offset_px=geometry.column_offset_px / column_step,
         rows=rows,
-        row_pitch_mm=geometry.row_pitch_mm * taller,
-        row_offset_px=geometry.row_offset_px / taller,
+        row_pitch_mm=geometry.row_pitch_mm * row_step,
+        row_offset_px=geometry.row_offset_px / row_step,
     )

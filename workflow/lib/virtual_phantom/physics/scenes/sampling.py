@@ -1,4 +1,4 @@
-"""Where rays begin and end: points of the focal spot, and points of a pixel."""
+"""End points of rays: points of the focal spot, and points within a detector pixel."""
 
 from __future__ import annotations
 
@@ -15,23 +15,31 @@ from ...base.geometry import OrbitGeometry, ScanGeometry, orbit_of
 if TYPE_CHECKING:
     from ..state import State
 
-# Points along a side: the shadows that they cast, of what lies at the isocentre, are no farther apart than a pixel is
-# wide, as far as MOST points reach. Of a focal spot, against 96 points per side, the peak of a ball as wide as a pixel
-# is then right to 6 % (three points of pixels a quarter as wide as the blur: to 32 %).
-LEAST, MOST = 3, 7
-MOST_RAYS = 4_000_000  # that are worked out at once: some 100 bytes each
-# Where source and detector are, whatever rays meet the pixels.
-OF_THE_WHOLE = (
+# Points along a side of the focal spot. Shadows of an object at the isocenter are at most one pixel apart, as far as
+# MAX_POINTS allows. Compared with 96 points per side, the peak of a ball as wide as a pixel then has an error of 6 %.
+# With three points, and pixels a quarter as wide as the blur, the error would be 32 %.
+MIN_POINTS, MAX_POINTS = 3, 7
+MAX_RAYS = 4_000_000  # computed at once, with about 100 bytes each
+# Attributes of a SupersampledScan that are those of its geometry: they do not depend on the rays of a pixel.
+DELEGATED = (
     *("views", "source_mm", "detector_mm", "toward_mm", "column_direction", "row_direction", "normal"),
     *("surface", "on_surface_mm", "is_upright"),
 )
 
 
 @cache
-def quadrature(samples: int, of_rows: bool = True) -> tuple[tuple[tuple[float, float], float], ...]:
-    """Where rays meet a pixel: Gauss and Legendre's nodes, so that two per direction blur as the whole pixel does.
+def _gauss_legendre(count: int) -> list[tuple[float, float]]:
+    """Return nodes in [-1/2, 1/2] and weights of sum 1 of Gauss-Legendre quadrature."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return [(float(node) / 2, float(weight) / 2) for node, weight in zip(nodes, weights, strict=True)]
 
-    Rays evenly spaced would blur by 1 - 1 / samples^2 of that.
+
+@cache
+def pixel_quadrature(samples: int, of_rows: bool = True) -> tuple[tuple[tuple[float, float], float], ...]:
+    """Return points within a pixel and their weights.
+
+    With Gauss-Legendre nodes, two rays per direction blur as the whole pixel does (equal second moments). Equidistant
+    rays would have 1 - 1 / samples^2 of its variance.
 
     Parameters
     ----------
@@ -43,24 +51,25 @@ def quadrature(samples: int, of_rows: bool = True) -> tuple[tuple[tuple[float, f
     Returns
     -------
     tuple of tuple
-        ((column, row) from the pixel's centre in pixels, weight).
+        ((column, row) from the pixel's center in pixels, weight).
     """
-    nodes, weights = np.polynomial.legendre.leggauss(samples)
-    columns = [(float(node) / 2, float(weight) / 2) for node, weight in zip(nodes, weights, strict=True)]
+    columns = _gauss_legendre(samples)
     rows = columns if of_rows else [(0.0, 1.0)]
-    return tuple(((column, row), one * other) for row, other in rows for column, one in columns)
+    return tuple(((column, row), weight * other) for row, other in rows for column, weight in columns)
 
 
 @dataclass(frozen=True)
-class Divided:
-    """A scan whose pixels meet several rays each: what scenes take rays from, in the place of its geometry.
+class SupersampledScan:
+    """A scan with several rays per pixel. Scenes accept it in place of a geometry.
 
-    All rays of a scan at once cost a fraction of what they cost one by one.
+    Tracing all rays of a scan at once takes a fraction of the time of separate scans.
 
     Attributes
     ----------
+    whole : ScanGeometry
+        The scan with one ray per pixel.
     columns_px, rows_px : tuple of float
-        Where rays meet a pixel, from its centre, in pixels, in rising order.
+        Positions of the rays from the pixel's center, pixels, ascending.
     """
 
     whole: ScanGeometry
@@ -68,14 +77,14 @@ class Divided:
     rows_px: tuple[float, ...]
 
     def __getattr__(self, name: str):
-        """What is that of the whole: `OF_THE_WHOLE` of ScanGeometry."""
-        if name not in OF_THE_WHOLE:
-            raise AttributeError(f"a divided scan has no {name}")
+        """Return a DELEGATED attribute of the geometry."""
+        if name not in DELEGATED:
+            raise AttributeError(f"a supersampled scan has no {name}")
         return getattr(self.whole, name)
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Of its projections: views, rows of rays and columns of rays, those of a pixel side by side."""
+        """Shape of its projections: views, rows of rays, columns of rays. Rays of a pixel are neighbors."""
         views, rows, columns = self.whole.shape
         return views, rows * len(self.rows_px), columns * len(self.columns_px)
 
@@ -85,15 +94,15 @@ class Divided:
         return self.whole.key, self.columns_px, self.rows_px
 
     def column_positions_mm(self) -> np.ndarray:
-        """As ScanGeometry.column_positions_mm, of every column of rays."""
-        beside = np.multiply(self.columns_px, self.whole.column_pitch_mm)
-        return np.add.outer(self.whole.column_positions_mm(), beside).ravel()
+        """As ScanGeometry.column_positions_mm, for every column of rays."""
+        offsets = np.multiply(self.columns_px, self.whole.column_pitch_mm)
+        return np.add.outer(self.whole.column_positions_mm(), offsets).ravel()
 
     def row_positions_mm(self) -> np.ndarray:
-        """As ScanGeometry.row_positions_mm, of every row of rays."""
+        """As ScanGeometry.row_positions_mm, for every row of rays."""
         return np.add.outer(self.whole.row_positions_mm(), np.multiply(self.rows_px, self.whole.row_pitch_mm)).ravel()
 
-    def turned(self, angle_rad: float) -> Divided:
+    def turned(self, angle_rad: float) -> SupersampledScan:
         """As ScanGeometry.turned."""
         return replace(self, whole=self.whole.turned(angle_rad))
 
@@ -102,8 +111,8 @@ class Divided:
         return ScanGeometry.bundles(self)
 
 
-def divided(geometry: ScanGeometry, samples: int) -> list[tuple[ScanGeometry | Divided, np.ndarray]]:
-    """Scans of the rays of every pixel by `quadrature`, as many together as fit into memory.
+def supersampled(geometry: ScanGeometry, samples: int) -> list[tuple[ScanGeometry | SupersampledScan, np.ndarray]]:
+    """Return scans with the rays of `pixel_quadrature`, each with as many rays as fit into memory.
 
     Parameters
     ----------
@@ -113,19 +122,19 @@ def divided(geometry: ScanGeometry, samples: int) -> list[tuple[ScanGeometry | D
     Returns
     -------
     list of tuple
-        (scan, weights of its rays, shape (rows, columns) of a pixel).
+        (scan, weights of its rays, shape (rows, columns) of rays per pixel).
     """
-    places = quadrature(samples, geometry.rows > 1)
-    if len(places) == 1:
+    quadrature = pixel_quadrature(samples, geometry.rows > 1)
+    if len(quadrature) == 1:
         return [(geometry, np.ones((1, 1)))]
-    columns, rows = (sorted({place[axis] for place, _ in places}) for axis in (0, 1))
-    weights = np.array([weight for _, weight in places]).reshape(len(rows), len(columns))
-    together = max(1, MOST_RAYS // int(np.prod(geometry.shape)))
-    by_column = max(1, min(len(columns), together // len(rows)))
-    by_row = min(len(rows), together)
+    columns, rows = (sorted({point[axis] for point, _ in quadrature}) for axis in (0, 1))
+    weights = np.array([weight for _, weight in quadrature]).reshape(len(rows), len(columns))
+    at_once = max(1, MAX_RAYS // int(np.prod(geometry.shape)))
+    by_column = max(1, min(len(columns), at_once // len(rows)))
+    by_row = min(len(rows), at_once)
     return [
         (
-            Divided(geometry, tuple(columns[column : column + by_column]), tuple(rows[row : row + by_row])),
+            SupersampledScan(geometry, tuple(columns[column : column + by_column]), tuple(rows[row : row + by_row])),
             weights[row : row + by_row, column : column + by_column],
         )
         for row in range(0, len(rows), by_row)
@@ -133,23 +142,18 @@ def divided(geometry: ScanGeometry, samples: int) -> list[tuple[ScanGeometry | D
     ]
 
 
-def averaged(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Of what the rays of a pixel have, the weighted sum.
+def average_rays(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the weighted sum over the rays of each pixel, shape (..., rows, columns).
 
     Parameters
     ----------
     values : ndarray, shape (..., rows of rays, columns of rays)
-    weights : ndarray, shape (rows, columns)
-        Of the rays of a pixel.
-
-    Returns
-    -------
-    ndarray, shape (..., rows, columns)
+    weights : ndarray, shape (rows, columns) of rays per pixel
     """
     by_row, by_column = weights.shape
     if weights.size == 1:
         return values * weights[0, 0]
-    # One ray of every pixel after another: sums over short axes of an array take three times as long.
+    # Sums over short axes of an array would take three times as long as this loop over the rays of a pixel.
     return sum(
         weights[row, column] * values[..., row::by_row, column::by_column]
         for row in range(by_row)
@@ -158,56 +162,45 @@ def averaged(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def points(side: float, blurred_px: float) -> list[tuple[float, float]]:
-    """Places along a side of 1 from its middle, and their weights: Gauss and Legendre's, none of which is negative.
+    """Return points along a side of the focal spot and their weights, by Gauss-Legendre quadrature.
 
     Parameters
     ----------
     side : float
-        0: a point.
+        Length of the side; 0: one point.
     blurred_px : float
-        Width of the blur that the side makes of what lies at the isocentre, pixels.
+        Width of the blur of an object at the isocenter, pixels.
 
     Returns
     -------
     list of tuple of 2 float
-        (place, weight).
+        (position from the middle / side, weight).
     """
     if not side:
         return [(0.0, 1.0)]
-    nodes, weights = np.polynomial.legendre.leggauss(min(max(LEAST, math.ceil(blurred_px) + 1), MOST))
-    return [(float(node) / 2, float(weight) / 2) for node, weight in zip(nodes, weights, strict=True)]
+    return list(_gauss_legendre(min(max(MIN_POINTS, math.ceil(blurred_px) + 1), MAX_POINTS)))
 
 
 def sources(state: State) -> Iterator[tuple[ScanGeometry, float | np.ndarray]]:
-    """Where the rays of a scan come from, one point after the other.
+    """Yield the geometry of every point of the focal spot at every time within a view, and its weight.
 
-    Parameters
-    ----------
-    state : State
-        Its geometry, `mounting`, `turns`, `jump_mm` and `sources`.
-
-    Yields
-    ------
-    geometry : ScanGeometry
-        With its source in that point.
-    weight : float or ndarray
-        Of the photons that leave for a pixel.
+    The result depends on geometry, `mounting`, `turns`, `jump_mm` and `sources` of the state.
     """
     for turn, share in state.turns:
-        geometry = later(state.geometry, turn) if turn else state.geometry
-        for *place_mm, weight in state.sources:
-            yield state.mounting.of(displaced(geometry, *place_mm, jump_mm=state.jump_mm)), share * weight
+        geometry = later_geometry(state.geometry, turn) if turn else state.geometry
+        for *position_mm, weight in state.sources:
+            yield state.mounting.of(displace_source(geometry, *position_mm, jump_mm=state.jump_mm)), share * weight
 
 
-def later(geometry: ScanGeometry, intervals: float) -> OrbitGeometry:
-    """Where source and detector are, some part of the time from view to view later.
+def later_geometry(geometry: ScanGeometry, intervals: float) -> OrbitGeometry:
+    """Return the positions of source and detector some view intervals later.
 
     Parameters
     ----------
     geometry : ScanGeometry
-        A circle or helix.
+        A circular or helical scan.
     intervals : float
-        Of the scanner's views, of which some may be left out.
+        Time in view intervals of the scanner, which may be shorter than from view to view of the scan.
 
     Raises
     ------
@@ -215,32 +208,28 @@ def later(geometry: ScanGeometry, intervals: float) -> OrbitGeometry:
         As `orbit_of`.
     """
     orbit = orbit_of(geometry, "rotation during a view")
-    of_one = intervals / orbit.views_apart
-    angle, rise = (np.gradient(one) if orbit.views > 1 else 0.0 for one in (orbit.angles_rad, orbit.source_z_mm))
-    return replace(
-        orbit,
-        angles_rad=orbit.angles_rad + of_one * angle,
-        source_z_mm=orbit.source_z_mm + of_one * rise,
-    )
+    views = intervals / orbit.views_apart
+    angle, rise = (np.gradient(values) if orbit.views > 1 else 0.0 for values in (orbit.angles_rad, orbit.source_z_mm))
+    return replace(orbit, angles_rad=orbit.angles_rad + views * angle, source_z_mm=orbit.source_z_mm + views * rise)
 
 
-def displaced(
+def displace_source(
     geometry: ScanGeometry,
     column_mm: float,
     row_mm: float,
     away_mm: float = 0.0,
     jump_mm: np.ndarray | None = None,
 ) -> ScanGeometry:
-    """The geometry of a point of the source beside its centre: the source moves, the detector stays.
+    """Return the geometry with a displaced source; the detector stays.
 
     Parameters
     ----------
     column_mm, row_mm : float
         Displacement along the detector's columns and rows, mm.
     away_mm : float, optional
-        Displacement across the detector, away from it, mm.
+        Displacement along the detector's normal, away from it, mm.
     jump_mm : ndarray, shape (views, 3), optional
-        A further displacement of every view, of the same three.
+        Additional displacement of every view, in the same three directions.
     """
     if jump_mm is None and not column_mm and not row_mm and not away_mm:
         return geometry

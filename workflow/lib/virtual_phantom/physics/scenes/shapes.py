@@ -1,6 +1,6 @@
-"""Objects of geometric shapes with a material each: path lengths in closed form.
+"""Objects of geometric shapes with one material each, with path lengths in closed form.
 
-There are no voxels whose size could matter, and edges are as sharp as they were machined.
+There is no voxel size, and edges are ideally sharp.
 """
 
 from __future__ import annotations
@@ -12,30 +12,30 @@ import numpy as np
 
 from ...base.errors import InputError
 from ...base.geometry import ScanGeometry
-from ...base.pose import turned_axes
+from ...base.pose import IN_PLACE, Pose, turned_axes, turned_back
 from ...projectors.chords import Room, Shapes, chords
 from ...projectors.threads import share_out
-from ..beam.materials import Material, attenuation_per_mm
-from .scene import DISC_ENERGY_KEV, IN_PLACE, Pose, turned_back
+from ..beam.materials import Material
+from .scene import DISC_ENERGY_KEV, Scene
 
-NOTHING = "nothing"  # the material of a hole: no attenuation, as the air around
-MARGIN_MM = 1e-3  # by which what lies around a shape is wider than it: more than rounding where the source is far away
+NOTHING = "nothing"  # material of a hole: no attenuation, like the air around the object
+MARGIN_MM = 1e-3  # margin of Shape.around: more than rounding errors for a distant source
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A convex shape of one material, in mm from the isocentre.
+    """A convex shape of one material, in mm from the isocenter.
 
     Attributes
     ----------
     material : str or Mixture
-        Of materials.COMPOUNDS or ELEMENTS, or NOTHING, or one of its own.
+        Name in materials.COMPOUNDS or ELEMENTS, NOTHING, or another material.
     planes : ndarray, shape (planes, 4)
-        Unit normals and offsets: it lies behind all of them, normal . x <= offset.
+        Unit normals n and offsets d: points x in the shape have n . x <= d for all planes.
     quadric : ndarray, shape (4, 4), or None
-        It lies where (x, y, z, 1) M (x, y, z, 1)' <= 0.
+        Points in the shape have (x, y, z, 1) M (x, y, z, 1)' <= 0.
     around : tuple of 5 float
-        An upright cylinder around it: x, y and radius, from z to z, mm.
+        Bounding cylinder along z: x, y, radius, lowest and highest z, mm.
     """
 
     material: Material
@@ -45,38 +45,38 @@ class Shape:
 
 
 def half_space(material: Material, point_mm: Sequence[float], outwards: Sequence[float]) -> Shape:
-    """All that lies behind a plane.
+    """Return a half-space.
 
     Parameters
     ----------
     point_mm : sequence of 3 float
-        Of the plane, mm.
+        A point of its plane, mm.
     outwards : sequence of 3 float
-        Direction across it, out of the half-space.
+        Outward normal, of any length.
 
     Raises
     ------
     InputError
-        For a direction of no length.
+        If the normal is zero.
     """
     normal = _unit(outwards, "half_space")
     return Shape(material, np.array([[*normal, normal @ np.asarray(point_mm, float)]]))
 
 
 def box(material: Material, centre_mm: Sequence[float], sides_mm: Sequence[float], turn_deg: float = 0.0) -> Shape:
-    """A box.
+    """Return a box.
 
     Parameters
     ----------
     centre_mm, sides_mm : sequence of 3 float
-        Middle and lengths of the edges along its own x, y and z, mm.
+        Center, and side lengths along its own x, y and z, mm.
     turn_deg : float, optional
-        About z, from +x to +y, degrees.
+        Rotation about z, from +x to +y, degrees.
 
     Raises
     ------
     InputError
-        For a side that is not positive.
+        If a side is not positive.
     """
     _positive(sides_mm, "box", "sides_mm")
     centre = np.asarray(centre_mm, float)
@@ -91,19 +91,19 @@ def box(material: Material, centre_mm: Sequence[float], sides_mm: Sequence[float
 def ellipsoid(
     material: Material, centre_mm: Sequence[float], half_axes_mm: Sequence[float], turn_deg: float = 0.0
 ) -> Shape:
-    """An ellipsoid; a ball where the half-axes are equal.
+    """Return an ellipsoid.
 
     Parameters
     ----------
     centre_mm, half_axes_mm : sequence of 3 float
-        Middle, and half-axes along its own x, y and z, mm.
+        Center, and semi-axes along its own x, y and z, mm.
     turn_deg : float, optional
-        About z, from +x to +y, degrees.
+        Rotation about z, from +x to +y, degrees.
 
     Raises
     ------
     InputError
-        For a half-axis that is not positive.
+        If a semi-axis is not positive.
     """
     _positive(half_axes_mm, "ellipsoid", "half_axes_mm")
     over = turned_axes(turn_deg) / np.asarray(half_axes_mm, float)[:, None]
@@ -118,21 +118,21 @@ def cylinder(
     length_mm: float | None = None,
     axis: Sequence[float] = (0.0, 0.0, 1.0),
 ) -> Shape:
-    """A round cylinder.
+    """Return a circular cylinder.
 
     Parameters
     ----------
     centre_mm : sequence of 3 float
-        Middle, mm.
+        Center, mm.
     length_mm : float, optional
-        Along its axis, mm; None: without ends.
+        Length along the axis, mm; None: infinite.
     axis : sequence of 3 float, optional
-        Its direction.
+        Direction of the axis.
 
     Raises
     ------
     InputError
-        For a radius or length that is not positive, or an axis of no length.
+        If the radius or the length is not positive, or the axis is zero.
     """
     _positive([radius_mm, *([] if length_mm is None else [length_mm])], "cylinder", "radius_mm and length_mm")
     along = _unit(axis, "cylinder")
@@ -150,29 +150,29 @@ def cone(
     height_mm: float,
     axis: Sequence[float] = (0.0, 0.0, 1.0),
 ) -> Shape:
-    """A round cone, cut off where it has the radius of its top.
+    """Return a circular cone or truncated cone.
 
     Parameters
     ----------
     base_mm : sequence of 3 float
-        Middle of its base, mm.
+        Center of the base, mm.
     base_radius_mm, top_radius_mm : float
-        Radii, mm; the top's is smaller, and 0 where it ends in a point.
+        Radii, mm; the top is smaller than the base, and 0 for a full cone.
     height_mm : float
-        From base to top, mm.
+        Height from base to top, mm.
     axis : sequence of 3 float, optional
         Direction from base to top.
 
     Raises
     ------
     InputError
-        For radii or a height that make no cone, or an axis of no length.
+        If radii and height are not those of a cone, or the axis is zero.
     """
     _positive([base_radius_mm, height_mm], "cone", "base_radius_mm and height_mm")
     if not 0 <= top_radius_mm < base_radius_mm:
         raise InputError(
-            f"cone: top_radius_mm {top_radius_mm:g} must be from 0 to less than base_radius_mm {base_radius_mm:g}; of "
-            "equal radii it is a cylinder"
+            f"cone: top_radius_mm {top_radius_mm:g} must be from 0 to less than base_radius_mm {base_radius_mm:g}; use "
+            "a cylinder for equal radii"
         )
     along, slope = _unit(axis, "cone"), (base_radius_mm - top_radius_mm) / height_mm
     apex = np.asarray(base_mm, float) + along * base_radius_mm / slope
@@ -182,60 +182,55 @@ def cone(
     return Shape(material, _ends(along, base_mm, 0.0, height_mm), _quadric(matrix, apex, 0.0), around)
 
 
-class ShapesScene:
-    """What VoxelScene is, of shapes.
+class ShapesScene(Scene):
+    """A scene of geometric shapes.
 
     Parameters
     ----------
     shapes : sequence of Shape
         Later ones replace earlier ones where both are.
     energy_kev : float, optional
-        Of the monochromatic beam, keV.
+        Energy of the monochromatic beam, keV.
 
     Raises
     ------
     InputError
-        If there is no shape, or none of a material.
+        If no shape has a material.
     """
 
     def __init__(self, shapes: Sequence[Shape], energy_kev: float = DISC_ENERGY_KEV, threads: int = 1):
-        self.materials = tuple(dict.fromkeys(one.material for one in shapes if one.material != NOTHING))
+        self.materials = tuple(dict.fromkeys(shape.material for shape in shapes if shape.material != NOTHING))
         if not self.materials:
-            raise InputError(f"shapes: there is none of a material; give one that is not '{NOTHING}'")
+            raise InputError(f"shapes: no shape has a material; give at least one a material other than '{NOTHING}'")
         self.energy_kev, self.threads = energy_kev, threads
-        index = {name: place for place, name in enumerate(self.materials)} | {NOTHING: -1}
-        none = np.zeros((4, 4))
+        index = {material: number for number, material in enumerate(self.materials)} | {NOTHING: -1}
+        no_quadric = np.zeros((4, 4))
         self._shapes = Shapes(
-            planes=np.concatenate([one.planes for one in shapes]),
-            first_plane=np.cumsum([0, *(len(one.planes) for one in shapes)]),
-            quadrics=np.stack([_packed(none if one.quadric is None else one.quadric) for one in shapes]),
-            curved=np.array([one.quadric is not None for one in shapes]),
-            material=np.array([index[one.material] for one in shapes]),
-            around=np.array([one.around for one in shapes], float),
+            planes=np.concatenate([shape.planes for shape in shapes]),
+            first_plane=np.cumsum([0, *(len(shape.planes) for shape in shapes)]),
+            quadrics=np.stack([_packed(no_quadric if shape.quadric is None else shape.quadric) for shape in shapes]),
+            curved=np.array([shape.quadric is not None for shape in shapes]),
+            material=np.array([index[shape.material] for shape in shapes]),
+            around=np.array([shape.around for shape in shapes], float),
         )
 
     @property
     def radius_mm(self) -> float:
-        """How far it reaches from the z axis at most, mm."""
+        """Largest distance from the z axis, mm."""
         x, y, radius = self._shapes.around.T[:3]
         return float((np.hypot(x, y) + radius).max())
 
-    @property
-    def attenuation_per_mm(self) -> np.ndarray:
-        """Of each material at the monochromatic energy, 1/mm, shape (materials,)."""
-        return np.array([attenuation_per_mm(material, [self.energy_kev])[0] for material in self.materials])
-
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):
-        """As VoxelScene.path_lengths."""
+        """As GridScene.path_lengths, in any orbit."""
         geometry, shift = turned_back(geometry, pose, motion_mm)
-        # In the object's own size and place.
+        # Scale the rays instead of the object; lengths are scaled back by the kernel.
         sources = np.ascontiguousarray((geometry.source_mm - shift) / pose.size)
         to, rises = geometry.bundles()
-        ways, rises = np.ascontiguousarray(np.moveaxis(to, 0, -1)) / pose.size, rises / pose.size
-        lengths = np.zeros((len(self.materials), len(sources), len(rises), ways.shape[1]), np.float32)
+        rays, rises = np.ascontiguousarray(np.moveaxis(to, 0, -1)) / pose.size, rises / pose.size
+        lengths = np.zeros((len(self.materials), len(sources), len(rises), rays.shape[1]), np.float32)
 
         def run(first, last):
-            part = sources[first:last], ways[first:last], rises, float(pose.size), lengths[:, first:last]
+            part = sources[first:last], rays[first:last], rises, float(pose.size), lengths[:, first:last]
             chords(self._shapes, *part, Room.of(self._shapes))
 
         share_out(run, len(sources), self.threads)
@@ -243,48 +238,48 @@ class ShapesScene:
 
 
 def _quadric(matrix: np.ndarray, centre_mm: Sequence[float], constant: float) -> np.ndarray:
-    """(x - centre) . matrix (x - centre) + constant, as a (4, 4) matrix of (x, y, z, 1)."""
-    centre = np.asarray(centre_mm, float)
-    whole = np.empty((4, 4))
-    whole[:3, :3] = matrix
-    whole[:3, 3] = whole[3, :3] = -matrix @ centre
-    whole[3, 3] = centre @ matrix @ centre + constant
-    return whole
+    """Return the (4, 4) matrix of (x - c) . matrix (x - c) + constant in homogeneous coordinates (x, y, z, 1)."""
+    center = np.asarray(centre_mm, float)
+    quadric = np.empty((4, 4))
+    quadric[:3, :3] = matrix
+    quadric[:3, 3] = quadric[3, :3] = -matrix @ center
+    quadric[3, 3] = center @ matrix @ center + constant
+    return quadric
 
 
 def _packed(quadric: np.ndarray) -> np.ndarray:
-    """As Shapes.quadrics has it."""
+    """Return the 10 numbers of a quadric as in Shapes.quadrics."""
     return np.array(
         [*np.diag(quadric)[:3], quadric[0, 1], quadric[0, 2], quadric[1, 2], *quadric[:3, 3], quadric[3, 3]]
     )
 
 
 def _ends(along: np.ndarray, point_mm: Sequence[float], low_mm: float, high_mm: float) -> np.ndarray:
-    """Planes across an axis, so far from a point along it."""
-    at = float(along @ np.asarray(point_mm, float))
-    return np.array([[*along, at + high_mm], [*-along, -(at + low_mm)]])
+    """Return two planes perpendicular to an axis, at the given distances from a point along it."""
+    offset = float(along @ np.asarray(point_mm, float))
+    return np.array([[*along, offset + high_mm], [*-along, -(offset + low_mm)]])
 
 
 def _around(centre_mm: Sequence[float], radius_mm: float, half_height_mm: float) -> tuple[float, ...]:
-    """As Shape.around."""
+    """Return Shape.around."""
     x, y, z = map(float, centre_mm)
     half = half_height_mm + MARGIN_MM
     return x, y, float(radius_mm) + MARGIN_MM, z - half, z + half
 
 
 def _around_axis(along: np.ndarray, middle_mm: Sequence[float], half_mm: float, radius_mm: float) -> tuple[float, ...]:
-    """As Shape.around, of what lies within a radius of an axis, to so far from its middle."""
-    level, up = float(np.hypot(*along[:2])), abs(float(along[2]))
-    # An axis without end, where its part is 0, adds nothing.
-    reach, height = (half_mm * part if part > 0 else 0.0 for part in (level, up))
-    return _around(middle_mm, reach + radius_mm, height + radius_mm * level)
+    """Return Shape.around of a cylinder of any direction."""
+    horizontal, vertical = float(np.hypot(*along[:2])), abs(float(along[2]))
+    # Infinite length times 0 must be 0.
+    reach, height = (half_mm * part if part > 0 else 0.0 for part in (horizontal, vertical))
+    return _around(middle_mm, reach + radius_mm, height + radius_mm * horizontal)
 
 
 def _unit(direction: Sequence[float], where: str) -> np.ndarray:
     direction = np.asarray(direction, float)
     length = np.linalg.norm(direction)
     if not length > 0:
-        raise InputError(f"{where}: the direction {direction.tolist()} has no length; give another")
+        raise InputError(f"{where}: the direction {direction.tolist()} has no length; give a nonzero vector")
     return direction / length
 
 

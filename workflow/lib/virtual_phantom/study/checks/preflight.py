@@ -91,9 +91,9 @@ def _shapes(config: dict) -> Iterator[str]:
     """Of a phantom of shapes."""
     phantom = config.get("phantom", {})
     if phantom.get("source") == "object" and "object" in phantom:
-        from ...physics.scenes.objects import make_rois  # loads numba, for those who get here
+        from ...physics.scenes.objects import read_phantom_rois  # loads numba, for those who get here
 
-        yield from (f"phantom.object: {line}" for line in _said(make_rois, phantom["object"]))
+        yield from (f"phantom.object: {line}" for line in _said(read_phantom_rois, phantom["object"]))
 
 
 def _seen_shapes(config: dict) -> Iterator[str]:
@@ -101,12 +101,12 @@ def _seen_shapes(config: dict) -> Iterator[str]:
     if "grid" not in config or "object" not in config["phantom"] or list(_shapes(config)):
         return
     from ...physics.scenes.objects import read_phantom_object
-    from ...physics.scenes.voxelized import outlined, reach_mm  # heavy, for those who get here
+    from ...physics.scenes.voxelized import reach_mm, voxelize_rois  # heavy, for those who get here
     from .preflight_scan import blind_spots, grid_here
 
     grid, (shaped, rois) = grid_here(config), read_phantom_object(config["phantom"]["object"])
     try:
-        masks = {roi.name: roi.mask for roi in outlined(shaped, grid, rois)}
+        masks = {roi.name: roi.mask for roi in voxelize_rois(shaped, grid, rois)}
     except InputError as error:
         yield str(error)
         return
@@ -266,9 +266,9 @@ def _object(settings: Mapping, where: str, keep: bool) -> Iterator[str]:
 
 
 def _labels(settings: Mapping) -> list[str]:
-    from ...physics.scenes.labeled import read_labelled  # loads numba, for those who get here
+    from ...physics.scenes.labeled import read_label_map  # loads numba, for those who get here
 
-    return _said(read_labelled, settings["labels"], settings["materials"])
+    return _said(read_label_map, settings["labels"], settings["materials"])
 
 
 def _proof(config: dict) -> Iterator[str]:

@@ -76,9 +76,9 @@ def _classes_of_phantom(phantom: Mapping) -> dict[str, str]:
             entries = read_roi_entries(ct["rois"], ct.get("labels"))
             return {name: entry.tissue_class for entry in entries for name in entry.names}
         if phantom["source"] == "object":
-            from ...physics.scenes.objects import make_rois  # loads numba, for those who get here
+            from ...physics.scenes.objects import read_phantom_rois  # loads numba, for those who get here
 
-            return {roi.name: roi.tissue_class for roi in make_rois(phantom["object"])}
+            return {roi.name: roi.tissue_class for roi in read_phantom_rois(phantom["object"])}
         from ...phantom.layout import read_layout  # heavy, for those who get here
 
         return {str(one["name"]): str(one["tissue_class"]) for one in read_layout(phantom["layout"])["rois"]}

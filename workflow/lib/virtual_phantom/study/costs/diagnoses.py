@@ -27,8 +27,8 @@ import yaml
 
 from ...base.errors import refusing
 from ...diagnosis.workload import fitted, is_shapes, rays_of
-from ...physics.scenes.object_files import path_of
-from ...physics.scenes.sampling import LEAST
+from ...physics.scenes.object_files import object_path
+from ...physics.scenes.sampling import MIN_POINTS
 
 STAGE = "diagnose"
 UNITS = ("job", "compiled", "plane", "point", "filter_point", "filter_step", "evaluation", "evaluation_point")
@@ -172,9 +172,9 @@ def source_points(declared: Collection[str]) -> int:
     declared : collection of str
         Effects that are known of the scanner.
     """
-    spot = LEAST**2 if "focal_spot" in declared else 1
-    beside = LEAST if "off_focal_radiation" in declared else 0
-    return (spot + beside) * (LEAST if "view_blur" in declared else 1)
+    spot = MIN_POINTS**2 if "focal_spot" in declared else 1
+    beside = MIN_POINTS if "off_focal_radiation" in declared else 0
+    return (spot + beside) * (MIN_POINTS if "view_blur" in declared else 1)
 
 
 def materials_of(section: Mapping) -> int:
@@ -204,7 +204,7 @@ def _planes(settings: Mapping, phantom: tuple[Sequence[int], int]) -> int:
 
 def _shapes(kind: str) -> int:
     """How many an object has."""
-    path = path_of(kind)
+    path = object_path(kind)
     with refusing(
         f"{path}: holds no shapes", OSError, yaml.YAMLError, KeyError, TypeError, advice="see docs/how-to/objects.md"
     ):

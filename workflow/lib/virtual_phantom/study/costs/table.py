@@ -34,9 +34,9 @@ def roi_count(phantom: dict) -> int:
     if phantom["source"] == "synthetic":
         return len(read_layout(phantom["layout"])["rois"])
     if phantom["source"] == "object":
-        from ...physics.scenes.objects import make_rois  # loads numba, for those who get here
+        from ...physics.scenes.objects import read_phantom_rois  # loads numba, for those who get here
 
-        return len(make_rois(phantom["object"]))
+        return len(read_phantom_rois(phantom["object"]))
     return sum(roi["parts"] for roi in phantom["ct"]["rois"])
 
 
