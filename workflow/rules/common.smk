@@ -1,4 +1,4 @@
-"""The one object that all rules share, `context`, and the wildcards."""
+"""Names that all rules share: `context`, `results`, `reported`, `code` and `resource`; and the wildcards."""
 
 import json
 import os
@@ -7,6 +7,7 @@ from pathlib import Path
 
 from virtual_phantom.base.console import check_names, printed_notes
 from virtual_phantom.base.errors import InputError, printed
+from virtual_phantom.config.dependencies import code_version, resource
 from virtual_phantom.study.context import read_context
 
 WORKFLOW = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parent
@@ -23,6 +24,21 @@ try:
         )
 except InputError as error:
     sys.exit(printed(error))
+
+
+def results(path):
+    """Return the path of a file below results_dir; wildcards stay in braces."""
+    return f"{context.results_folder}/{path}"
+
+
+def reported(path):
+    """Return the same as an output that Snakemake's report shows, with caption and section."""
+    return report(results(path), **context.reported(path))
+
+
+def code(script, effects=(), hooks=False):
+    """Return a hash of the code of a script: a job runs again if it changes."""
+    return code_version(WORKFLOW / "scripts" / script, effects, hooks)
 
 
 wildcard_constraints:

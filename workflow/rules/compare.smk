@@ -4,17 +4,17 @@ rule recording_features:
     input:
         unpack(lambda wildcards: context.recordings.inputs(wildcards.recording)),
         parameters=context.parameter_files,
-        code=context.code("recording_features.py"),
     output:
-        context.file("recorded_features"),
+        results("recordings/{recording}/features.csv"),
     log:
-        context.log("recording_features/{recording}"),
+        results("logs/recording_features/{recording}.log"),
     resources:
         mem_mb=lambda wildcards: context.recordings.megabytes(wildcards.recording),
         runtime=120,
     params:
         parameters=context.parameters,
         folder=lambda wildcards: context.recordings.folder(wildcards.recording),
+        code=code("recording_features.py"),
     script:
         "../scripts/recording_features.py"
 
@@ -24,16 +24,16 @@ rule match_noise:
     input:
         calibration=rules.noise_calibration.output[0],
         recorded=lambda wildcards: context.comparisons.met_features(wildcards.noise),
-        code=context.code("match_noise.py"),
     output:
-        context.file("matched_level"),
+        results("noise/{noise}.json"),
     log:
-        context.log("match_noise/{noise}"),
+        results("logs/match_noise/{noise}.log"),
     resources:
         mem_mb=1000,
         runtime=10,
     params:
         meets=lambda wildcards: context.comparisons.met(wildcards.noise),
+        code=code("match_noise.py"),
     script:
         "../scripts/match_noise.py"
 
@@ -43,14 +43,15 @@ rule matched_noise:
     input:
         levels=context.acquisitions.level_files(context.acquisitions.matched()),
         features=rules.merge_features.output[0],
-        code=context.code("matched_noise.py"),
     output:
-        report(context.file("matched_noise"), **context.reported("matched_noise")),
+        reported("tables/matched_noise.csv"),
     log:
-        context.log("matched_noise"),
+        results("logs/matched_noise.log"),
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        code=code("matched_noise.py"),
     script:
         "../scripts/matched_noise.py"
 
@@ -61,13 +62,12 @@ rule compare:
         features=rules.merge_features.output[0],
         recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
         parameters=context.parameter_files,
-        code=context.code("compare.py"),
     output:
-        cells=context.file("comparison"),
-        features=context.file("comparison_features"),
-        families=context.file("comparison_families"),
+        cells=results("tables/comparison_{comparison}.csv"),
+        features=results("tables/comparison_{comparison}_features.csv"),
+        families=results("tables/comparison_{comparison}_families.csv"),
     log:
-        context.log("compare/{comparison}"),
+        results("logs/compare/{comparison}.log"),
     wildcard_constraints:
         comparison="|".join(context.comparisons.settings) or "none",
     resources:
@@ -86,6 +86,7 @@ rule compare:
         margin_sd=lambda wildcards: context.comparisons.asked(
             wildcards.comparison, "margin_sd"
         ),
+        code=code("compare.py"),
     script:
         "../scripts/compare.py"
 
@@ -95,21 +96,18 @@ rule figure_comparison:
     input:
         cells=rules.compare.output.cells,
         features=rules.compare.output.features,
-        code=context.code("figures/comparison.py"),
     output:
-        png=report(
-            context.file("figure_comparison", ".png"),
-            **context.reported("figure_comparison"),
-        ),
-        pdf=context.file("figure_comparison", ".pdf"),
+        png=reported("figures/comparison_{comparison}.png"),
+        pdf=results("figures/comparison_{comparison}.pdf"),
     log:
-        context.log("figure_comparison/{comparison}"),
+        results("logs/figure_comparison/{comparison}.log"),
     resources:
         mem_mb=2000,
         runtime=10,
     params:
         title=lambda wildcards: context.comparisons.title(wildcards.comparison),
         trial=bool(context.config["trial"]),
+        code=code("figures/comparison.py"),
     script:
         "../scripts/figures/comparison.py"
 
@@ -121,13 +119,11 @@ rule change_properties:
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
         recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
-        effects=context.effect_code(*context.diagnosis.properties),
         parameters=context.parameter_files,
-        code=context.code("change_properties.py"),
     output:
-        context.file("properties"),
+        results("diagnosis/{comparison}/properties.csv"),
     log:
-        context.log("change_properties/{comparison}"),
+        results("logs/change_properties/{comparison}.log"),
     wildcard_constraints:
         comparison="|".join(context.comparisons.settings) or "none",
     resources:
@@ -139,6 +135,7 @@ rule change_properties:
         where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
         rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
         voxel_mm=lambda wildcards: context.comparisons.voxel_mm(wildcards.comparison),
+        code=code("change_properties.py", context.diagnosis.properties),
     script:
         "../scripts/change_properties.py"
 
@@ -150,12 +147,11 @@ rule attribute:
         recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
         image=lambda wildcards: context.comparisons.images(wildcards.comparison)[0],
         parameters=context.parameter_files,
-        code=context.code("attribute.py"),
     output:
-        properties=context.file("attribution"),
-        cells=context.file("attribution_cells"),
+        properties=results("tables/attribution_{comparison}.csv"),
+        cells=results("tables/attribution_{comparison}_cells.csv"),
     log:
-        context.log("attribute/{comparison}"),
+        results("logs/attribute/{comparison}.log"),
     wildcard_constraints:
         comparison="|".join(context.comparisons.settings) or "none",
     resources:
@@ -175,6 +171,7 @@ rule attribute:
         stored_offset_hu=lambda wildcards: context.comparisons.stored_offset_hu(
             wildcards.comparison
         ),
+        code=code("attribute.py"),
     script:
         "../scripts/attribute.py"
 
@@ -183,21 +180,18 @@ rule figure_attribution:
     """What each property explains, by family of features."""
     input:
         table=rules.attribute.output.properties,
-        code=context.code("figures/attribution.py"),
     output:
-        png=report(
-            context.file("figure_attribution", ".png"),
-            **context.reported("figure_attribution"),
-        ),
-        pdf=context.file("figure_attribution", ".pdf"),
+        png=reported("figures/attribution_{comparison}.png"),
+        pdf=results("figures/attribution_{comparison}.pdf"),
     log:
-        context.log("figure_attribution/{comparison}"),
+        results("logs/figure_attribution/{comparison}.log"),
     resources:
         mem_mb=2000,
         runtime=10,
     params:
         title=lambda wildcards: context.comparisons.title(wildcards.comparison),
         trial=bool(context.config["trial"]),
+        code=code("figures/attribution.py"),
     script:
         "../scripts/figures/attribution.py"
 
@@ -207,11 +201,10 @@ rule recording_scores:
     input:
         files=lambda wildcards: context.recordings.sources(wildcards.recording),
         parameters=context.parameter_files,
-        code=context.code("recording_scores.py"),
     output:
-        context.file("scores"),
+        results("recordings/{recording}/scores.csv"),
     log:
-        context.log("recording_scores/{recording}"),
+        results("logs/recording_scores/{recording}.log"),
     resources:
         mem_mb=2000,
         runtime=15,
@@ -221,6 +214,7 @@ rule recording_scores:
         where=lambda wildcards: context.selections.scored(wildcards.recording),
         repeats=context.selections.grouped["seeds"],
         statistics=context.config["statistics"],
+        code=code("recording_scores.py"),
     script:
         "../scripts/recording_scores.py"
 
@@ -230,14 +224,15 @@ rule stability_beside:
     input:
         stability=rules.stability.output[0],
         scores=rules.recording_scores.output[0],
-        code=context.code("stability_beside.py"),
     output:
-        report(context.file("stability_beside"), **context.reported("stability_beside")),
+        reported("tables/scores_{recording}.csv"),
     log:
-        context.log("stability_beside/{recording}"),
+        results("logs/stability_beside/{recording}.log"),
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        code=code("stability_beside.py"),
     script:
         "../scripts/stability_beside.py"
 
@@ -246,26 +241,22 @@ use rule overlap as overlap_recording with:
     input:
         features=rules.merge_features.output[0],
         scores=rules.recording_scores.output[0],
-        code=context.code("overlap.py"),
     output:
-        context.file("overlap_recording"),
+        results("tables/overlap_{recording}.csv"),
     log:
-        context.log("overlap/{recording}"),
+        results("logs/overlap/{recording}.log"),
     params:
         **context.selections.grouped,
         statistics=context.config["statistics"],
         recording=lambda wildcards: wildcards.recording,
+        code=code("overlap.py"),
 
 
 use rule figure_overlap as figure_overlap_recording with:
     input:
         table=rules.overlap_recording.output[0],
-        code=context.code("figures/overlap.py"),
     output:
-        png=report(
-            context.file("figure_overlap_recording", ".png"),
-            **context.reported("figure_overlap_recording"),
-        ),
-        pdf=context.file("figure_overlap_recording", ".pdf"),
+        png=reported("figures/overlap_{recording}.png"),
+        pdf=results("figures/overlap_{recording}.pdf"),
     log:
-        context.log("figure_overlap/{recording}"),
+        results("logs/figure_overlap/{recording}.log"),

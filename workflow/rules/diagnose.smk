@@ -8,22 +8,16 @@ rule diagnose:
         unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
         unpack(lambda wildcards: context.diagnosis.regions(wildcards.recording)),
         unpack(lambda wildcards: context.diagnosis.physics(wildcards.recording)),
-        effects=lambda wildcards: context.effect_code(
-            *context.diagnosis.in_fits(wildcards.recording)
-        ),
         # How often the intervals that a diagnosis states held the truth in the proof.
-        record=context.resource("proof_record.yaml"),
-        code=context.code("diagnose.py"),
+        record=resource("proof_record.yaml"),
     output:
-        diagnosis=context.file("diagnosis"),
-        physics=context.file("found_physics"),
-        report=report(
-            context.file("diagnosis_report"), **context.reported("diagnosis_report")
-        ),
-        maps=directory(context.file("diagnosis_maps")),
-        setup=context.file("setup"),
+        diagnosis=results("diagnosis/{recording}/diagnosis.json"),
+        physics=results("diagnosis/{recording}/physics.yaml"),
+        report=reported("diagnosis/{recording}/report.html"),
+        maps=directory(results("diagnosis/{recording}/maps")),
+        setup=results("diagnosis/{recording}/setup.json"),
     log:
-        context.log("diagnosis/{recording}/diagnose"),
+        results("logs/diagnosis/{recording}/diagnose.log"),
     wildcard_constraints:
         recording="|".join(context.diagnosis.settings) or "none",
     threads: lambda made: context.diagnosis.processes(made.recording, AT_MOST)
@@ -44,6 +38,9 @@ rule diagnose:
         ),
         accuracy=context.diagnosis.accuracy,
         matters=context.diagnosis.matters,
+        code=lambda wildcards: code(
+            "diagnose.py", context.diagnosis.in_fits(wildcards.recording)
+        ),
     script:
         "../scripts/diagnose.py"
 
@@ -52,20 +49,12 @@ rule diagnose_scanner:
     """What the recordings of a scanner share, judged by those that were not fitted."""
     input:
         unpack(lambda wildcards: context.diagnosis.scanner_inputs(wildcards.scanner)),
-        effects=lambda wildcards: context.effect_code(
-            *context.diagnosis.in_fits(
-                *context.diagnosis.scanners[wildcards.scanner]["recordings"]
-            )
-        ),
-        code=context.code("diagnose_scanner.py"),
     output:
-        diagnosis=context.file("scanner_diagnosis"),
-        physics=context.file("scanner_physics"),
-        report=report(
-            context.file("scanner_report"), **context.reported("scanner_report")
-        ),
+        diagnosis=results("diagnosis/scanners/{scanner}/scanner.json"),
+        physics=results("diagnosis/scanners/{scanner}/physics.yaml"),
+        report=reported("diagnosis/scanners/{scanner}/report.html"),
     log:
-        context.log("diagnosis/scanners/{scanner}/diagnose"),
+        results("logs/diagnosis/scanners/{scanner}/diagnose.log"),
     wildcard_constraints:
         scanner="|".join(context.diagnosis.scanners) or "none",
     threads: 2
@@ -85,6 +74,12 @@ rule diagnose_scanner:
         judged_on=lambda wildcards: context.diagnosis.scanners[wildcards.scanner][
             "judged_on"
         ],
+        code=lambda wildcards: code(
+            "diagnose_scanner.py",
+            context.diagnosis.in_fits(
+                *context.diagnosis.scanners[wildcards.scanner]["recordings"]
+            ),
+        ),
     script:
         "../scripts/diagnose_scanner.py"
 
@@ -96,7 +91,7 @@ if context.diagnosis.fail_on:
         input:
             context.diagnosis.all(),
         log:
-            context.log("diagnosis/verdicts"),
+            results("logs/diagnosis/verdicts.log"),
         localrule: True
         params:
             fail_on=context.diagnosis.fail_on,

@@ -6,16 +6,13 @@ rule diagnose_features:
         recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
         image=lambda wildcards: context.comparisons.images(wildcards.comparison)[0],
         parameters=context.parameter_files,
-        code=context.code("diagnose_features.py"),
     output:
-        diagnosis=context.file("feature_diagnosis"),
-        physics=context.file("feature_physics"),
-        report=report(
-            context.file("feature_report"), **context.reported("feature_report")
-        ),
-        maps=directory(context.file("feature_maps")),
+        diagnosis=results("diagnosis/{comparison}/diagnosis.json"),
+        physics=results("diagnosis/{comparison}/physics.yaml"),
+        report=reported("diagnosis/{comparison}/report.html"),
+        maps=directory(results("diagnosis/{comparison}/maps")),
     log:
-        context.log("diagnosis/{comparison}/diagnose"),
+        results("logs/diagnosis/{comparison}/diagnose.log"),
     wildcard_constraints:
         comparison="|".join(context.diagnosis.comparisons) or "none",
     resources:
@@ -32,5 +29,6 @@ rule diagnose_features:
         stored_offset_hu=lambda wildcards: context.comparisons.stored_offset_hu(
             wildcards.comparison
         ),
+        code=code("diagnose_features.py"),
     script:
         "../scripts/diagnose_features.py"

@@ -17,9 +17,9 @@ rule download_htc2022:
             )
         ),
     output:
-        directory(context.file("sinogram")),
+        directory(results("downloads/htc2022_{disc}")),
     log:
-        context.log("download_htc2022/{disc}"),
+        results("logs/download_htc2022/{disc}.log"),
     wildcard_constraints:
         disc="solid_disc|t[a-d]",
     resources:
@@ -41,16 +41,16 @@ if context.phantom.absent:
                 ]
             ),
             table=context.phantom.table,
-            code=context.code("download.py"),
         output:
             [file.path for file in context.phantom.absent],
         log:
-            context.log("download_abdomen_ct"),
+            results("logs/download_abdomen_ct.log"),
         resources:
             mem_mb=1000,
             runtime=30,
         params:
             sha256=[file.sha256 for file in context.phantom.absent],
             key="downloads.abdomen_ct",
+            code=code("download.py"),
         script:
             "../scripts/download.py"

@@ -20,7 +20,7 @@ if context.scans.absent and context.scans.own is None:
                 else temp(directory(context.scans.place))
             ),
         log:
-            context.log("fetch/{scan}"),
+            results("logs/fetch/{scan}.log"),
         wildcard_constraints:
             scan="|".join(scan.name for scan in context.scans.absent),
         resources:
@@ -43,7 +43,7 @@ elif context.scans.absent:
         output:
             [directory(folder) for folder in context.scans.absent_folders()],
         log:
-            context.log("link_scans"),
+            results("logs/link_scans.log"),
         resources:
             mem_mb=1000,
             runtime=120,
@@ -66,12 +66,11 @@ rule scan_features:
     input:
         scan=context.scans.place,
         parameters=context.parameter_files,
-        code=context.code("scan_features.py"),
     output:
-        context.file("scan_features"),
-        context.file("scan_features_2d"),
+        results("public_scans/features/{scan}.csv"),
+        results("public_scans/features_2d/{scan}.csv"),
     log:
-        context.log("scan_features/{scan}"),
+        results("logs/scan_features/{scan}.log"),
     wildcard_constraints:
         scan="|".join(scan.name for scan in context.scans.scans) or "none",
     # Before further scans are fetched: those that are not kept are deleted after it.
@@ -84,6 +83,7 @@ rule scan_features:
         rois=context.scans.rois,
         regions=context.scans.regions,
         parameters=context.parameters,
+        code=code("scan_features.py"),
     script:
         "../scripts/scan_features.py"
 
@@ -93,19 +93,19 @@ rule compared_features:
     input:
         tables=context.scans.feature_tables("scan_features"),
         tables_2d=context.scans.feature_tables("scan_features_2d"),
-        code=context.code("compared_features.py"),
     output:
-        features=context.file("compared_features"),
-        document=context.file("compared_document"),
-        features_2d=context.file("compared_features_2d"),
-        document_2d=context.file("compared_document_2d"),
+        features=results("public_scans/compared/features.csv"),
+        document=results("public_scans/compared/recording.yaml"),
+        features_2d=results("public_scans/compared_2d/features.csv"),
+        document_2d=results("public_scans/compared_2d/recording.yaml"),
     log:
-        context.log("compared_features"),
+        results("logs/compared_features.log"),
     resources:
         mem_mb=1000,
         runtime=10,
     params:
         scans=context.scans.compared,
+        code=code("compared_features.py"),
     script:
         "../scripts/compared_features.py"
 

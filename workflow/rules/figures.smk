@@ -3,19 +3,18 @@ rule figure_rois:
         image=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=context.code("figures/rois.py"),
     output:
-        png=report(
-            context.file("figure_rois", ".png"), **context.reported("figure_rois")
-        ),
-        pdf=context.file("figure_rois", ".pdf"),
+        png=reported("figures/rois.png"),
+        pdf=results("figures/rois.pdf"),
     log:
-        context.log("figure_rois"),
+        results("logs/figure_rois.log"),
     group:
         "analyses"
     resources:
         mem_mb=2000,
         runtime=10,
+    params:
+        code=code("figures/rois.py"),
     script:
         "../scripts/figures/rois.py"
 
@@ -29,14 +28,11 @@ rule figure_scans:
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=context.code("figures/scans.py"),
     output:
-        png=report(
-            context.file("figure_scans", ".png"), **context.reported("figure_scans")
-        ),
-        pdf=context.file("figure_scans", ".pdf"),
+        png=reported("figures/scans.png"),
+        pdf=results("figures/scans.pdf"),
     log:
-        context.log("figure_scans"),
+        results("logs/figure_scans.log"),
     group:
         "analyses"
     resources:
@@ -45,6 +41,7 @@ rule figure_scans:
     params:
         titles=context.selections.scan_titles(),
         noise=context.selections.scan_noise(),
+        code=code("figures/scans.py"),
     script:
         "../scripts/figures/scans.py"
 
@@ -52,15 +49,11 @@ rule figure_scans:
 rule figure_noise_calibration:
     input:
         table=rules.noise_calibration.output[0],
-        code=context.code("figures/noise_calibration.py"),
     output:
-        png=report(
-            context.file("figure_noise_calibration", ".png"),
-            **context.reported("figure_noise_calibration"),
-        ),
-        pdf=context.file("figure_noise_calibration", ".pdf"),
+        png=reported("figures/noise_calibration.png"),
+        pdf=results("figures/noise_calibration.pdf"),
     log:
-        context.log("figure_noise_calibration"),
+        results("logs/figure_noise_calibration.log"),
     group:
         "calibration"
     resources:
@@ -70,6 +63,7 @@ rule figure_noise_calibration:
         study_levels=context.selections.study_levels(),
         measured=lambda wildcards: context.selections.measured_noise,
         trial=bool(context.config["trial"]),
+        code=code("figures/noise_calibration.py"),
     script:
         "../scripts/figures/noise_calibration.py"
 
@@ -79,16 +73,12 @@ rule figure_stability_discrimination:
         table=rules.stability.output[0],
         trust=rules.trust.output[0],
         scores=context.selections.measured_scores(),
-        seeds=context.resource("default_study_seeds.csv"),
-        code=context.code("figures/stability_discrimination.py"),
+        seeds=resource("default_study_seeds.csv"),
     output:
-        png=report(
-            context.file("figure_stability_discrimination", ".png"),
-            **context.reported("figure_stability_discrimination"),
-        ),
-        pdf=context.file("figure_stability_discrimination", ".pdf"),
+        png=reported("figures/stability_discrimination.png"),
+        pdf=results("figures/stability_discrimination.pdf"),
     log:
-        context.log("figure_stability_discrimination"),
+        results("logs/figure_stability_discrimination.log"),
     group:
         "analyses"
     resources:
@@ -102,6 +92,7 @@ rule figure_stability_discrimination:
         settings=context.plan.scored_settings(),
         noise=context.selections.compared_noise(),
         trial=bool(context.config["trial"]),
+        code=code("figures/stability_discrimination.py"),
     script:
         "../scripts/figures/stability_discrimination.py"
 
@@ -109,15 +100,11 @@ rule figure_stability_discrimination:
 rule figure_physics_change:
     input:
         table=rules.physics_change.output[0],
-        code=context.code("figures/physics_change.py"),
     output:
-        png=report(
-            context.file("figure_physics_change", ".png"),
-            **context.reported("figure_physics_change"),
-        ),
-        pdf=context.file("figure_physics_change", ".pdf"),
+        png=reported("figures/physics_change.png"),
+        pdf=results("figures/physics_change.pdf"),
     log:
-        context.log("figure_physics_change"),
+        results("logs/figure_physics_change.log"),
     group:
         "analyses"
     resources:
@@ -127,6 +114,7 @@ rule figure_physics_change:
         threshold=context.config["statistics"]["threshold"],
         noise=context.selections.compared_noise(),
         trial=bool(context.config["trial"]),
+        code=code("figures/physics_change.py"),
     script:
         "../scripts/figures/physics_change.py"
 
@@ -134,15 +122,11 @@ rule figure_physics_change:
 rule figure_overlap:
     input:
         table=rules.overlap.output[0],
-        code=context.code("figures/overlap.py"),
     output:
-        png=report(
-            context.file("figure_overlap", ".png"),
-            **context.reported("figure_overlap"),
-        ),
-        pdf=context.file("figure_overlap", ".pdf"),
+        png=reported("figures/overlap.png"),
+        pdf=results("figures/overlap.pdf"),
     log:
-        context.log("figure_overlap"),
+        results("logs/figure_overlap.log"),
     group:
         "analyses"
     resources:
@@ -150,6 +134,7 @@ rule figure_overlap:
         runtime=10,
     params:
         trial=bool(context.config["trial"]),
+        code=code("figures/overlap.py"),
     script:
         "../scripts/figures/overlap.py"
 
@@ -160,16 +145,12 @@ for name in context.selections.shown_components:
         name:
             f"figure_pca_{name}"
         input:
-            table=context.file("pca", pca=name),
-            code=context.code("figures/pca.py"),
+            table=results(f"tables/pca_{name}.csv"),
         output:
-            png=report(
-                context.file(f"figure_pca_{name}", ".png"),
-                **context.reported(f"figure_pca_{name}"),
-            ),
-            pdf=context.file(f"figure_pca_{name}", ".pdf"),
+            png=reported(f"figures/pca_{name}.png"),
+            pdf=results(f"figures/pca_{name}.pdf"),
         log:
-            context.log(f"figure_pca_{name}"),
+            results(f"logs/figure_pca_{name}.log"),
         group:
             "analyses"
         resources:
@@ -178,5 +159,6 @@ for name in context.selections.shown_components:
         params:
             title=context.title(f"figure_pca_{name}"),
             trial=bool(context.config["trial"]),
+            code=code("figures/pca.py"),
         script:
             "../scripts/figures/pca.py"

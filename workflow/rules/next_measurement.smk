@@ -3,15 +3,11 @@ rule next_of_recording:
     """Further recordings, ranked by what they would tell of what one recording leaves ambiguous."""
     input:
         unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
-        diagnosis=context.file("diagnosis"),
-        effects=lambda wildcards: context.effect_code(
-            *context.diagnosis.in_fits(wildcards.recording)
-        ),
-        code=context.code("next_measurement.py"),
+        diagnosis=results("diagnosis/{recording}/diagnosis.json"),
     output:
-        directory(context.file("next_measurement")),
+        directory(results("diagnosis/{recording}/next_measurement")),
     log:
-        context.log("diagnosis/{recording}/next_measurement"),
+        results("logs/diagnosis/{recording}/next_measurement.log"),
     wildcard_constraints:
         recording="|".join(context.diagnosis.settings) or "none",
     resources:
@@ -23,6 +19,9 @@ rule next_of_recording:
             wildcards.recording: context.diagnosis.model(wildcards.recording)
         },
         effects=lambda wildcards: context.diagnosis.candidates[wildcards.recording],
+        code=lambda wildcards: code(
+            "next_measurement.py", context.diagnosis.in_fits(wildcards.recording)
+        ),
     script:
         "../scripts/next_measurement.py"
 
@@ -30,17 +29,11 @@ rule next_of_recording:
 use rule next_of_recording as next_of_scanner with:
     input:
         unpack(lambda wildcards: context.diagnosis.scanner_inputs(wildcards.scanner)),
-        diagnosis=context.file("scanner_diagnosis"),
-        effects=lambda wildcards: context.effect_code(
-            *context.diagnosis.in_fits(
-                *context.diagnosis.scanners[wildcards.scanner]["recordings"]
-            )
-        ),
-        code=context.code("next_measurement.py"),
+        diagnosis=results("diagnosis/scanners/{scanner}/scanner.json"),
     output:
-        directory(context.file("scanner_next_measurement")),
+        directory(results("diagnosis/scanners/{scanner}/next_measurement")),
     log:
-        context.log("diagnosis/scanners/{scanner}/next_measurement"),
+        results("logs/diagnosis/scanners/{scanner}/next_measurement.log"),
     wildcard_constraints:
         scanner="|".join(context.diagnosis.scanners) or "none",
     resources:
@@ -58,6 +51,12 @@ use rule next_of_recording as next_of_scanner with:
         protocols=lambda wildcards: context.diagnosis.scanners[wildcards.scanner][
             "protocols"
         ],
+        code=lambda wildcards: code(
+            "next_measurement.py",
+            context.diagnosis.in_fits(
+                *context.diagnosis.scanners[wildcards.scanner]["recordings"]
+            ),
+        ),
 
 
 rule next_measurement:

@@ -13,17 +13,17 @@ rule viewer_page:
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=context.code("viewer.py"),
     output:
-        context.file("viewer"),
+        results("viewer.html"),
     log:
-        context.log("viewer"),
+        results("logs/viewer.log"),
     resources:
         mem_mb=context.megabytes(volumes=60),
         runtime=15,
     params:
         titles=context.selections.scan_titles(),
         subtitle=lambda wildcards: context.pages.viewer_subtitle(),
+        code=code("viewer.py"),
     script:
         "../scripts/viewer.py"
 
@@ -40,11 +40,10 @@ rule study_report:
         figures=context.pages.pictures(),
         captions=context.pages.caption_files(),
         tables=context.pages.tables(),
-        code=context.code("report_page.py"),
     output:
-        context.file("report"),
+        results("report.html"),
     log:
-        context.log("report_page"),
+        results("logs/report_page.log"),
     resources:
         mem_mb=2000,
         runtime=15,
@@ -54,6 +53,7 @@ rule study_report:
         diagnoses=context.pages.diagnoses(),
         links=context.pages.links(),
         config=context.config,
+        code=code("report_page.py"),
     script:
         "../scripts/report_page.py"
 
@@ -71,11 +71,10 @@ rule index_page:
         figures=context.pages.pictures(),
         captions=context.pages.caption_files(),
         tables=context.pages.tables(),
-        code=context.code("index_page.py"),
     output:
-        context.file("index"),
+        results("index.html"),
     log:
-        context.log("index_page"),
+        results("logs/index_page.log"),
     resources:
         mem_mb=2000,
         runtime=15,
@@ -87,6 +86,7 @@ rule index_page:
         commands=context.pages.commands(),
         beside=context.pages.others,
         config=context.config,
+        code=code("index_page.py"),
     script:
         "../scripts/index_page.py"
 

@@ -2,15 +2,14 @@
 rule plan_files:
     """Jobs, core-hours and bytes of the study that is configured, from measured rates; how long diagnoses take."""
     input:
-        rates=context.resource("rates.yaml"),
+        rates=resource("rates.yaml"),
         layout=context.phantom.layout_here(),
-        code=context.code("plan.py"),
     output:
-        table=context.file("plan_table"),
-        totals=context.file("plan_totals"),
-        text=context.file("plan_text"),
+        table=results("plan.csv"),
+        totals=results("plan.json"),
+        text=results("plan.txt"),
     log:
-        context.log("plan"),
+        results("logs/plan.log"),
     localrule: True
     params:
         config=context.config,
@@ -19,6 +18,7 @@ rule plan_files:
         diagnoses=lambda wildcards: context.diagnosis.forecasts(
             workflow.resource_settings.cores
         ),
+        code=code("plan.py"),
     script:
         "../scripts/plan.py"
 
@@ -28,7 +28,7 @@ rule plan:
     input:
         text=rules.plan_files.output.text,
     log:
-        context.log("plan_printed"),
+        results("logs/plan_printed.log"),
     localrule: True
     script:
         "../scripts/show.py"

@@ -3,36 +3,35 @@ rule proof_phantom:
     """What is scanned, and, on voxels twice as large, what the diagnosis is told of it."""
     input:
         layout=lambda wildcards: context.proof.layout(wildcards.phantom),
-        code=context.code("proof_phantom.py"),
     output:
-        image=context.file("proof_image"),
-        fine=context.file("proof_fine"),
-        table=context.file("proof_table"),
-        rois=directory(context.file("proof_rois")),
+        image=results("proof/phantoms/{phantom}/image.nii.gz"),
+        fine=results("proof/phantoms/{phantom}/fine.nii.gz"),
+        table=results("proof/phantoms/{phantom}/rois.csv"),
+        rois=directory(results("proof/phantoms/{phantom}/rois")),
     log:
-        context.log("proof/phantom_{phantom}"),
+        results("logs/proof/phantom_{phantom}.log"),
     resources:
         mem_mb=2000,
         runtime=30,
     params:
         scan=context.proof.settings["scan"],
         seed=context.config["seed"],
+        code=code("proof_phantom.py"),
     script:
         "../scripts/proof_phantom.py"
 
 
 rule proof_seal:
     """What is concealed in every case, drawn and sealed; the seals are published before anything is scanned."""
-    input:
-        code=context.code("seal_proof.py"),
     output:
         sealed=context.proof.all("sealed"),
-        seals=context.file("seals"),
+        seals=results("proof/seals.json"),
     log:
-        context.log("proof/seal"),
+        results("logs/proof/seal.log"),
     localrule: True
     params:
         settings=context.proof.drawn,
+        code=code("seal_proof.py"),
     script:
         "../scripts/seal_proof.py"
 
@@ -40,24 +39,23 @@ rule proof_seal:
 rule proof_scan:
     """The recordings of one case."""
     input:
-        sealed=context.file("sealed"),
+        sealed=results("proof/sealed/{case}.json"),
         seals=rules.proof_seal.output.seals,
         fine=lambda wildcards: context.proof.fine_phantom(wildcards.case),
-        code=context.code("conceal.py"),
-        hooks=context.hook_code(),
     output:
-        recording=directory(context.file("proof_recording")),
-        other=directory(context.file("proof_held_out")),
+        recording=directory(results("proof/recordings/{case}")),
+        other=directory(results("proof/held_out_protocol/{case}")),
     log:
-        context.log("proof/scan_{case}"),
+        results("logs/proof/scan_{case}.log"),
     benchmark:
-        context.benchmark("proof/scan_{case}")
+        results("logs/proof/scan_{case}.benchmark.tsv")
     resources:
         mem_mb=2500,
         runtime=60,
     params:
         settings=lambda wildcards: context.proof.scanned(wildcards.case),
         mu_water_per_mm=context.config["mu_water_per_mm"],
+        code=code("conceal.py", hooks=True),
     script:
         "../scripts/conceal.py"
 
@@ -67,19 +65,15 @@ rule proof_diagnosis:
     input:
         unpack(lambda wildcards: context.proof.known_phantom(wildcards.case)),
         recording=rules.proof_scan.output.recording,
-        effects=lambda wildcards: context.effect_code(
-            *context.proof.tried_on(wildcards.case)
-        ),
-        code=context.code("diagnose.py"),
     output:
-        diagnosis=context.file("proof_diagnosis"),
-        physics=context.file("proof_physics"),
-        report=context.file("proof_report"),
-        maps=directory(context.file("proof_maps")),
+        diagnosis=results("proof/diagnosis/{case}/diagnosis.json"),
+        physics=results("proof/diagnosis/{case}/physics.yaml"),
+        report=results("proof/diagnosis/{case}/report.html"),
+        maps=directory(results("proof/diagnosis/{case}/maps")),
     log:
-        context.log("proof/diagnosis_{case}"),
+        results("logs/proof/diagnosis_{case}.log"),
     benchmark:
-        context.benchmark("proof/diagnosis_{case}")
+        results("logs/proof/diagnosis_{case}.benchmark.tsv")
     resources:
         mem_mb=2500,
         runtime=60,
@@ -90,6 +84,9 @@ rule proof_diagnosis:
         accuracy=context.diagnosis.accuracy,
         # The proof asks for every effect that is there, however little it changes in images.
         matters=None,
+        code=lambda wildcards: code(
+            "diagnose.py", context.proof.tried_on(wildcards.case)
+        ),
     script:
         "../scripts/diagnose.py"
 
@@ -100,21 +97,20 @@ rule proof_elsewhere:
         unpack(lambda wildcards: context.proof.known_phantom(wildcards.case)),
         recording=rules.proof_scan.output.other,
         physics=rules.proof_diagnosis.output.diagnosis,
-        effects=lambda wildcards: context.effect_code(
-            *context.proof.tried_on(wildcards.case)
-        ),
-        code=context.code("agreement_elsewhere.py"),
     output:
-        context.file("proof_elsewhere"),
+        results("proof/diagnosis/{case}/held_out_protocol.json"),
     log:
-        context.log("proof/elsewhere_{case}"),
+        results("logs/proof/elsewhere_{case}.log"),
     benchmark:
-        context.benchmark("proof/elsewhere_{case}")
+        results("logs/proof/elsewhere_{case}.benchmark.tsv")
     resources:
         mem_mb=2500,
         runtime=30,
     params:
         model=lambda wildcards: context.proof.held_out_model(wildcards.case),
+        code=lambda wildcards: code(
+            "agreement_elsewhere.py", context.proof.tried_on(wildcards.case)
+        ),
     script:
         "../scripts/agreement_elsewhere.py"
 
@@ -124,12 +120,13 @@ rule proof_verdicts:
     input:
         diagnoses=context.proof.all("proof_diagnosis"),
         others=context.proof.all("proof_elsewhere"),
-        code=context.code("proof_verdicts.py"),
     output:
         context.proof.all("verdict"),
     log:
-        context.log("proof/verdicts"),
+        results("logs/proof/verdicts.log"),
     localrule: True
+    params:
+        code=code("proof_verdicts.py"),
     script:
         "../scripts/proof_verdicts.py"
 
@@ -146,22 +143,22 @@ rule proof_score:
         times=context.proof.times(),
         real=context.proof.real("diagnosis"),
         real_maps=context.proof.real("diagnosis_maps"),
-        record=context.resource("proof_record.yaml"),
-        code=context.code("score_proof.py"),
+        record=resource("proof_record.yaml"),
     output:
-        score=context.file("score"),
-        page=report(context.file("score_page"), **context.reported("score_page")),
-        confusion_png=context.file("confusion", ".png"),
-        confusion_pdf=context.file("confusion", ".pdf"),
-        example_png=context.file("before_after", ".png"),
-        example_pdf=context.file("before_after", ".pdf"),
+        score=results("proof/score.json"),
+        page=reported("proof/score.html"),
+        confusion_png=results("proof/figures/confusion.png"),
+        confusion_pdf=results("proof/figures/confusion.pdf"),
+        example_png=results("proof/figures/before_after.png"),
+        example_pdf=results("proof/figures/before_after.pdf"),
     log:
-        context.log("proof/score"),
+        results("logs/proof/score.log"),
     resources:
         mem_mb=2000,
         runtime=20,
     params:
         suite=context.proof.settings,
+        code=code("score_proof.py"),
     script:
         "../scripts/score_proof.py"
 

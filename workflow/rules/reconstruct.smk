@@ -19,27 +19,25 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
             masks=lambda wildcards, bundle=bundle: context.acquisitions.boxed(
                 wildcards.protocol, bundle
             )[1],
-            kernels=context.file("kernels", lanes=len(bundle)),
-            effects=lambda wildcards: context.effect_code(
-                *context.acquisitions.image_physics(wildcards.protocol)
-            ),
+            kernels=results(f"logs/kernels/{len(bundle)}.txt"),
             physics=lambda wildcards: context.diagnosis.found(
                 context.acquisitions.found_in(wildcards.protocol)
             ),
-            code=context.code("reconstruct.py"),
         output:
             [
                 (
-                    context.file("image", noise=noise, seed=seed)
+                    results(f"images/{{protocol}}/{noise}/seed{seed}.nii.gz")
                     if context.config["keep_images"]
-                    else temp(context.file("image", noise=noise, seed=seed))
+                    else temp(
+                        results(f"images/{{protocol}}/{noise}/seed{seed}.nii.gz")
+                    )
                 )
                 for noise, seed in bundle
             ],
         log:
-            context.log(f"reconstruct/{{protocol}}_{number}"),
+            results(f"logs/reconstruct/{{protocol}}_{number}.log"),
         benchmark:
-            context.benchmark(f"reconstruct/{{protocol}}_{number}")
+            results(f"logs/reconstruct/{{protocol}}_{number}.benchmark.tsv")
         wildcard_constraints:
             protocol="|".join(protocols),
         group:
@@ -77,5 +75,9 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
             engine=context.engine,
             mu_water_per_mm=context.config["mu_water_per_mm"],
             zero_counts_as=context.config["noise"]["zero_counts_as"],
+            code=lambda wildcards: code(
+                "reconstruct.py",
+                context.acquisitions.image_physics(wildcards.protocol),
+            ),
         script:
             "../scripts/reconstruct.py"

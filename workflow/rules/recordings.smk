@@ -5,11 +5,10 @@ rule recording_summary:
         files=lambda wildcards: context.recordings.sources(wildcards.recording),
         schema=context.schema("recording.schema.yaml"),
         parameters=context.parameter_files,
-        code=context.code("recording_summary.py"),
     output:
-        context.file("summary"),
+        results("recordings/{recording}/summary.json"),
     log:
-        context.log("recording_summary/{recording}"),
+        results("logs/recording_summary/{recording}.log"),
     resources:
         mem_mb=lambda wildcards: context.recordings.megabytes(wildcards.recording),
         runtime=30,
@@ -17,6 +16,7 @@ rule recording_summary:
         parameters=context.parameters,
         folder=lambda wildcards: context.recordings.folder(wildcards.recording),
         voxel_mm=context.config["grid"]["spacing_mm"],
+        code=code("recording_summary.py"),
     script:
         "../scripts/recording_summary.py"
 
@@ -25,20 +25,17 @@ rule figure_recording:
     """What a recording of projections or images looks like."""
     input:
         files=lambda wildcards: context.recordings.sources(wildcards.recording),
-        code=context.code("figures/recording.py"),
     output:
-        png=report(
-            context.file("figure_recording", ".png"),
-            **context.reported("figure_recording"),
-        ),
-        pdf=context.file("figure_recording", ".pdf"),
+        png=reported("figures/recording_{recording}.png"),
+        pdf=results("figures/recording_{recording}.pdf"),
     log:
-        context.log("figure_recording/{recording}"),
+        results("logs/figure_recording/{recording}.log"),
     resources:
         mem_mb=lambda wildcards: context.recordings.megabytes(wildcards.recording),
         runtime=30,
     params:
         folder=lambda wildcards: context.recordings.folder(wildcards.recording),
+        code=code("figures/recording.py"),
     script:
         "../scripts/figures/recording.py"
 
@@ -48,17 +45,17 @@ rule recordings:
     input:
         summaries=context.recordings.summaries(),
         figures=context.recordings.pictures(),
-        code=context.code("recordings.py"),
     output:
-        context.file("recordings"),
+        results("recordings/recordings.csv"),
     log:
-        context.log("recordings"),
+        results("logs/recordings.log"),
     localrule: True
     resources:
         mem_mb=500,
         runtime=5,
     params:
         names=context.recordings.names,
+        code=code("recordings.py"),
     script:
         "../scripts/recordings.py"
 
@@ -70,20 +67,20 @@ rule align_recording:
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=context.code("align_recording.py"),
     output:
-        alignment=context.file("alignment"),
-        image=context.file("recorded_image"),
-        table=context.file("recorded_table"),
-        rois=directory(context.file("recorded_rois")),
+        alignment=results("recordings/{recording}/alignment.json"),
+        image=results("recordings/{recording}/image.nii.gz"),
+        table=results("recordings/{recording}/rois.csv"),
+        rois=directory(results("recordings/{recording}/rois")),
     log:
-        context.log("align_recording/{recording}"),
+        results("logs/align_recording/{recording}.log"),
     resources:
         mem_mb=lambda wildcards: context.aligned_megabytes(wildcards.recording),
         runtime=120,
     params:
         folder=lambda wildcards: context.recordings.folder(wildcards.recording),
         phantom=context.config["phantom"],
+        code=code("align_recording.py"),
     script:
         "../scripts/align_recording.py"
 
@@ -96,18 +93,16 @@ rule figure_alignment:
         rois=rules.align_recording.output.table,
         masks=rules.align_recording.output.rois,
         phantom=rules.phantom.output.image,
-        code=context.code("figures/alignment.py"),
     output:
-        png=report(
-            context.file("figure_alignment", ".png"),
-            **context.reported("figure_alignment"),
-        ),
-        pdf=context.file("figure_alignment", ".pdf"),
+        png=reported("figures/alignment_{recording}.png"),
+        pdf=results("figures/alignment_{recording}.pdf"),
     log:
-        context.log("figure_alignment/{recording}"),
+        results("logs/figure_alignment/{recording}.log"),
     resources:
         mem_mb=2000,
         runtime=10,
+    params:
+        code=code("figures/alignment.py"),
     script:
         "../scripts/figures/alignment.py"
 

@@ -2,11 +2,10 @@ rule stability:
     """W over pairs of groups and pairs of classes, for every feature."""
     input:
         features=rules.merge_features.output[0],
-        code=context.code("stability.py"),
     output:
-        context.file("stability"),
+        results("tables/stability.csv"),
     log:
-        context.log("stability"),
+        results("logs/stability.log"),
     group:
         "analyses"
     resources:
@@ -15,6 +14,7 @@ rule stability:
     params:
         **context.selections.grouped,
         statistics=context.config["statistics"],
+        code=code("stability.py"),
     script:
         "../scripts/stability.py"
 
@@ -23,11 +23,10 @@ rule trust:
     """The stability of every feature with its interval, and what more repeats would give."""
     input:
         features=rules.merge_features.output[0],
-        code=context.code("trust.py"),
     output:
-        report(context.file("trust"), **context.reported("trust")),
+        reported("tables/trust.csv"),
     log:
-        context.log("trust"),
+        results("logs/trust.log"),
     group:
         "analyses"
     resources:
@@ -38,6 +37,7 @@ rule trust:
         statistics=context.config["statistics"],
         cut_offs=context.selections.cut_offs,
         sharing=context.selections.sharing(),
+        code=code("trust.py"),
     script:
         "../scripts/trust.py"
 
@@ -47,11 +47,10 @@ rule physics_change:
     input:
         features=rules.merge_features.output[0],
         trust=rules.trust.output[0],
-        code=context.code("physics_change.py"),
     output:
-        report(context.file("physics_change"), **context.reported("physics_change")),
+        reported("tables/physics_change.csv"),
     log:
-        context.log("physics_change"),
+        results("logs/physics_change.log"),
     group:
         "analyses"
     resources:
@@ -64,6 +63,7 @@ rule physics_change:
         statistics=context.config["statistics"],
         cut_offs=context.selections.cut_offs,
         sharing=context.selections.sharing(context.plan.groups_without_physics()),
+        code=code("physics_change.py"),
     script:
         "../scripts/physics_change.py"
 
@@ -73,17 +73,11 @@ rule stability_measures:
     input:
         features=rules.merge_features.output[0],
         trust=rules.trust.output[0],
-        code=context.code("stability_measures.py"),
     output:
-        measures=report(
-            context.file("stability_measures"),
-            **context.reported("stability_measures"),
-        ),
-        features=report(
-            context.file("stable_features"), **context.reported("stable_features")
-        ),
+        measures=reported("tables/stability_measures.csv"),
+        features=reported("tables/stable_features.csv"),
     log:
-        context.log("stability_measures"),
+        results("logs/stability_measures.log"),
     group:
         "analyses"
     resources:
@@ -92,6 +86,7 @@ rule stability_measures:
     params:
         **context.selections.grouped,
         cut_offs=context.selections.cut_offs,
+        code=code("stability_measures.py"),
     script:
         "../scripts/stability_measures.py"
 
@@ -100,13 +95,12 @@ rule top_features:
     """The ten best features beside the paper's."""
     input:
         stability=rules.stability.output[0],
-        published=context.resource("published_top_features.csv"),
-        scores=context.resource("ct_phantom4radiomics_draws.csv"),
-        code=context.code("top_features.py"),
+        published=resource("published_top_features.csv"),
+        scores=resource("ct_phantom4radiomics_draws.csv"),
     output:
-        report(context.file("top_features"), **context.reported("top_features")),
+        reported("tables/top_features.csv"),
     log:
-        context.log("top_features"),
+        results("logs/top_features.log"),
     group:
         "analyses"
     resources:
@@ -115,6 +109,7 @@ rule top_features:
     params:
         seeds=context.selections.grouped["seeds"],
         with_measured=context.config["measured"]["overlay"],
+        code=code("top_features.py"),
     script:
         "../scripts/top_features.py"
 
@@ -123,12 +118,11 @@ rule overlap:
     """How many of the best features are also the measured phantom's best."""
     input:
         features=rules.merge_features.output[0],
-        scores=context.resource("ct_phantom4radiomics_draws.csv"),
-        code=context.code("overlap.py"),
+        scores=resource("ct_phantom4radiomics_draws.csv"),
     output:
-        context.file("overlap"),
+        results("tables/overlap.csv"),
     log:
-        context.log("overlap"),
+        results("logs/overlap.log"),
     group:
         "analyses"
     resources:
@@ -138,6 +132,7 @@ rule overlap:
         **context.selections.grouped,
         statistics=context.config["statistics"],
         recording=None,
+        code=code("overlap.py"),
     script:
         "../scripts/overlap.py"
 
@@ -148,12 +143,11 @@ rule pca:
         features=rules.merge_features.output[0],
         measured=lambda wildcards: context.selections.reference_tables(wildcards.pca),
         parameters=context.parameter_files,
-        code=context.code("pca.py"),
     output:
-        table=context.file("pca"),
-        separability=context.file("separability"),
+        table=results("tables/pca_{pca}.csv"),
+        separability=results("tables/separability_{pca}.csv"),
     log:
-        context.log("pca_{pca}"),
+        results("logs/pca_{pca}.log"),
     group:
         "analyses"
     resources:
@@ -170,6 +164,7 @@ rule pca:
             name: context.recordings.conditions(name)
             for name in context.selections.references(wildcards.pca)
         },
+        code=code("pca.py"),
     script:
         "../scripts/pca.py"
 
@@ -180,11 +175,10 @@ rule noise_calibration:
         images=context.selections.calibration_images(),
         rois=context.selections.calibration_rois()[0],
         masks=context.selections.calibration_rois()[1],
-        code=context.code("noise_calibration.py"),
     output:
-        context.file("noise_calibration"),
+        results("tables/noise_calibration.csv"),
     log:
-        context.log("noise_calibration"),
+        results("logs/noise_calibration.log"),
     group:
         "calibration"
     resources:
@@ -197,6 +191,7 @@ rule noise_calibration:
     params:
         protocols=context.selections.calibrated,
         acquisitions=context.selections.calibration_acquisitions(),
+        code=code("noise_calibration.py"),
     script:
         "../scripts/noise_calibration.py"
 
@@ -205,13 +200,14 @@ rule parquet:
     """Every table as Parquet too."""
     input:
         tables=context.tables(),
-        code=context.code("parquet.py"),
     output:
         context.parquet_tables(),
     log:
-        context.log("parquet"),
+        results("logs/parquet.log"),
     resources:
         mem_mb=2000,
         runtime=15,
+    params:
+        code=code("parquet.py"),
     script:
         "../scripts/parquet.py"

@@ -1,6 +1,7 @@
-"""Every file that the workflow makes: one table, which rules, targets, the plan and the report read.
+"""Table of all files that the workflow makes, which targets, the plan, the report and the reference page read.
 
-Logs and benchmarks are not in it: `Files` names them after their jobs.
+Rules state the same paths, so that their files show what they make; tests/workflow/test_outputs.py compares both. Logs
+and benchmarks are not in the table: they lie in `logs` and are named after their jobs.
 """
 
 from __future__ import annotations
@@ -626,6 +627,29 @@ BY_NAME = {output.name: output for output in OUTPUTS}
 NAMES = tuple(BY_NAME)
 
 
+def by_path(path: str) -> Output:
+    """Return the row of the table for a path.
+
+    Parameters
+    ----------
+    path : str
+        Path below results_dir, with wildcards in braces.
+
+    Returns
+    -------
+    Output
+
+    Raises
+    ------
+    KeyError
+        If no row has this path.
+    """
+    for output in OUTPUTS:
+        if path in output.paths():
+            return output
+    raise KeyError(f"{path}: no row of the table of outputs")
+
+
 @dataclass(frozen=True)
 class Files:
     """Paths of one study's files, as Snakemake takes them: wildcards that are not given stay in braces.
@@ -662,10 +686,6 @@ class Files:
             raise KeyError(f"{name}: '{suffix}' is none of {output.suffixes}")
         return f"{self.results}/{filled(output.pattern, **known)}{suffix}"
 
-    def log(self, job: str, **known: str) -> str:
-        """Where a job's script writes what it does."""
-        return f"{self.results}/logs/{filled(job, **known)}.log"
-
     def benchmark(self, job: str, **known: str) -> str:
-        """Where Snakemake writes what a job took."""
+        """Return the file to which Snakemake writes the duration and memory of a job."""
         return f"{self.results}/logs/{filled(job, **known)}.benchmark.tsv"

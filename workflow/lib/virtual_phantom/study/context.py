@@ -12,8 +12,8 @@ from typing import ParamSpec, TypeVar
 from ..base.data import RESOURCES, SCHEMAS
 from ..base.errors import InputError, InputErrors, printed
 from ..config.config import complete, flat_detectors
-from ..config.dependencies import effect_code, files_behind, hook_code, resource, shipped
-from ..config.outputs import BY_NAME, Files
+from ..config.dependencies import shipped
+from ..config.outputs import BY_NAME, Files, by_path
 from ..config.plan import Plan
 from ..config.public_scans import PublicScans
 from ..config.read_config import doubtful_entries, note_idle_nulls
@@ -86,43 +86,10 @@ class Context:
 
     # Files
 
-    def file(self, name: str, suffix: str = "", **known: str) -> str:
-        """An output by its name in study.outputs; what is not known of it stays a wildcard."""
-        return self.files(name, suffix, **known)
-
-    def log(self, job: str, **known: str) -> str:
-        """The log of a job."""
-        return self.files.log(job, **known)
-
     @property
     def results_folder(self) -> str:
-        """Where results are written."""
+        """The folder of all results."""
         return self.files.results
-
-    @property
-    def log_folder(self) -> str:
-        """Where all logs lie."""
-        return f"{self.files.results}/logs"
-
-    def benchmark(self, job: str, **known: str) -> str:
-        """What a job took, as Snakemake writes it."""
-        return self.files.benchmark(job, **known)
-
-    def code(self, script: str) -> list[str]:
-        """A script and the library files behind it, as inputs of its rule."""
-        return [shipped(path) for path in files_behind(self.folder / "scripts" / script)]
-
-    def effect_code(self, *effects: str) -> list[str]:
-        """The files of effects and what is behind them: they are imported by name, so that `code` does not see them."""
-        return effect_code(*effects)
-
-    def hook_code(self) -> list[str]:
-        """The proof's callbacks, which the other simulator imports by name."""
-        return hook_code()
-
-    def resource(self, name: str) -> str:
-        """A table or a layout that comes with the library, as an input."""
-        return resource(name)
 
     def schema(self, name: str) -> str:
         """A JSON schema of the library, as an input."""
@@ -143,9 +110,19 @@ class Context:
         """What a report calls an output."""
         return BY_NAME[name].title
 
-    def reported(self, name: str) -> dict:
-        """How Snakemake's report shows an output: arguments of its `report`, for a rule of workflow/rules."""
-        output = BY_NAME[name]
+    def reported(self, path: str) -> dict:
+        """Return how Snakemake's report shows an output: arguments of `report` for a rule of workflow/rules.
+
+        Parameters
+        ----------
+        path : str
+            Path below results_dir, with wildcards in braces.
+
+        Returns
+        -------
+        dict
+        """
+        output = by_path(path)
         kind = LABELS[output.pattern.partition("/")[0]]
         return {
             "caption": f"../report/{output.caption_file()}",
