@@ -140,62 +140,6 @@ rule change_properties:
         "../scripts/change_properties.py"
 
 
-rule attribute:
-    """Which property of the images explains that features miss a recording's."""
-    input:
-        properties=rules.change_properties.output[0],
-        recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
-        image=lambda wildcards: context.comparisons.images(wildcards.comparison)[0],
-        parameters=context.parameter_files,
-    output:
-        properties=results("tables/attribution_{comparison}.csv"),
-        cells=results("tables/attribution_{comparison}_cells.csv"),
-    log:
-        results("logs/attribute/{comparison}.log"),
-    wildcard_constraints:
-        comparison="|".join(context.comparisons.settings) or "none",
-    resources:
-        mem_mb=1500,
-        runtime=30,
-    params:
-        parameters=context.parameters,
-        recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
-        rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
-        margin_sd=lambda wildcards: context.comparisons.asked(
-            wildcards.comparison, "margin_sd"
-        ),
-        dimensions=lambda wildcards: context.comparisons.dimensions(
-            wildcards.comparison
-        ),
-        stored_offset_hu=lambda wildcards: context.comparisons.stored_offset_hu(
-            wildcards.comparison
-        ),
-        code=code("attribute.py"),
-    script:
-        "../scripts/attribute.py"
-
-
-rule figure_attribution:
-    """What each property explains, by family of features."""
-    input:
-        table=rules.attribute.output.properties,
-    output:
-        png=reported("figures/attribution_{comparison}.png"),
-        pdf=results("figures/attribution_{comparison}.pdf"),
-    log:
-        results("logs/figure_attribution/{comparison}.log"),
-    resources:
-        mem_mb=2000,
-        runtime=10,
-    params:
-        title=lambda wildcards: context.comparisons.title(wildcards.comparison),
-        trial=bool(context.config["trial"]),
-        code=code("figures/attribution.py"),
-    script:
-        "../scripts/figures/attribution.py"
-
-
 rule recording_scores:
     """Stability and discriminative power of a recording's features."""
     input:

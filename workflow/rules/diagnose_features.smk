@@ -23,6 +23,9 @@ rule diagnose_features:
         recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
         where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
         rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
+        margin_sd=lambda wildcards: context.comparisons.asked(
+            wildcards.comparison, "margin_sd"
+        ),
         dimensions=lambda wildcards: context.comparisons.dimensions(
             wildcards.comparison
         ),

@@ -1,4 +1,4 @@
-"""Features of the simulated images with one property changed at a time, for attribution and diagnosis."""
+"""Features of the simulated images with one property changed at a time, for the diagnosis of features."""
 
 import pandas as pd
 
@@ -19,7 +19,7 @@ with job(snakemake) as log:
     parameters = read_parameters(**params.parameters)
     if MEAN not in parameters.features:
         raise InputError(
-            f"{parameters.source}: does not ask for {MEAN}, which attribution and diagnosis of features need; add "
+            f"{parameters.source}: does not ask for {MEAN}, which the diagnosis of features needs; add "
             "firstorder to featureClass and Original to imageType"
         )
     images, grid = volumes.read_repeats(snakemake.input.images)

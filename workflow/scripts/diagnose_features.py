@@ -9,7 +9,7 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
-    data, _, not_compared = read_responses(
+    data, not_compared = read_responses(
         given.properties,
         given.recorded,
         given.image,
@@ -20,7 +20,7 @@ with job(snakemake) as log:
         parameters=params.parameters["path"],
         rois=params.rois,
     )
-    found = diagnose_features(snakemake.wildcards.comparison, data, not_compared, MEAN)
+    found = diagnose_features(snakemake.wildcards.comparison, data, not_compared, MEAN, params.margin_sd)
     write_diagnosis(output, found.content, overlay(data, found.content), page(found), found.before.maps)
     log.info("%s", found.content["sentence"])
     print(found.content["sentence"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Mapping
 
+from ..base.console import note
 from ..base.errors import InputError, InputErrors
 from ..base.geometry import PARALLEL, with_beam
 from ..base.home import expand_home
@@ -118,6 +119,20 @@ def _name_materials(config: dict) -> None:
         place |= {key: named(place[key]) for key in keys if key in place}
 
 
+def _replace_attribute(config: dict) -> None:
+    """Replace the deprecated key `analyses.comparison.*.attribute` by `diagnosis.comparisons`."""
+    for name, comparison in _section(config, "analyses", "comparison").items():
+        if not isinstance(comparison, dict) or type(comparison.get("attribute")) is not bool:
+            continue
+        diagnosis = config.setdefault("diagnosis", {})
+        if comparison.pop("attribute") and isinstance(diagnosis, dict):
+            where = f"config: analyses.comparison.{name}.attribute is deprecated"
+            note(f"{where}; name {name} in diagnosis.comparisons and run `snakemake diagnosis`")
+            named = diagnosis.setdefault("comparisons", [])
+            if isinstance(named, list) and name not in named:
+                diagnosis["comparisons"] = [*named, name]
+
+
 def inspected(settings: Mapping) -> tuple[list[str], dict]:
     """All that is wrong with a configuration, and what is left of it without that.
 
@@ -142,6 +157,7 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
     whole, schema = _without_nulls(settings), read_schema(SCHEMA)
     _name_labels(whole)
     _name_materials(whole)
+    _replace_attribute(whole)
     found, rest = mistakes(whole, schema, "config", NAMED)
     # The named scans replace keys of the default one: their own defaults would undo it.
     scans = rest.pop("scans", {})

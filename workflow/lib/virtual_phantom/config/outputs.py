@@ -236,15 +236,6 @@ OUTPUTS = (
         caption="comparison",
         stage="recordings",
     ),
-    *_figure(
-        "attribution_{comparison}",
-        "Recordings",
-        "Attribution {comparison}",
-        "what each property of the images explains of the differences",
-        name="attribution",
-        caption="attribution",
-        stage="recordings",
-    ),
     # The study's tables.
     *_made_by(
         "trust",
@@ -465,17 +456,6 @@ OUTPUTS = (
     *_made_by(
         "change_properties",
         Output("properties", "diagnosis/{comparison}/properties.csv", "features with one property of images changed"),
-        stage="recordings",
-        counted="tables",
-    ),
-    *_made_by(
-        "attribute",
-        Output("attribution", "tables/attribution_{comparison}.csv", "what each property of the images explains"),
-        Output(
-            "attribution_cells",
-            "tables/attribution_{comparison}_cells.csv",
-            "what each property explains, by feature and ROI",
-        ),
         stage="recordings",
         counted="tables",
     ),

@@ -10,7 +10,9 @@ from scipy import stats
 
 from ...base.streams import generator
 from ...base.words import label
+from ...statistics.comparison import MARGIN_SD
 from ..verdict.verdict import VERDICTS
+from .misses import misses
 from .properties import FOLDS, Property, calibration
 from .residuals import Place, Places, places
 from .responses import Responses, finer, removed
@@ -45,8 +47,10 @@ class FeatureDiagnosis:
     content: dict
 
 
-def diagnose_features(name: str, data: Responses, not_compared: Mapping[str, str], mean: str) -> FeatureDiagnosis:
-    """Locate, attribute and judge.
+def diagnose_features(
+    name: str, data: Responses, not_compared: Mapping[str, str], mean: str, margin_sd: float = MARGIN_SD
+) -> FeatureDiagnosis:
+    """Find which property of the images explains that features differ.
 
     Parameters
     ----------
@@ -57,6 +61,8 @@ def diagnose_features(name: str, data: Responses, not_compared: Mapping[str, str
         {feature: why}.
     mean : str
         The feature that is an ROI's mean HU, for the HU calibration's values.
+    margin_sd : float, optional
+        Standard deviations over repeats of the recording by which means may differ and still agree.
 
     Returns
     -------
@@ -91,6 +97,7 @@ def diagnose_features(name: str, data: Responses, not_compared: Mapping[str, str
                 "p": each.p,
                 "strengths": {str(fold): value for fold, value in each.strengths.items()},
                 "regions": dict(zip(data.rois, each.regions.tolist(), strict=True)),
+                "families": misses(data, each.after, margin_sd),
             }
             for one, each in found.items()
         },
