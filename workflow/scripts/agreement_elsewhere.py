@@ -1,6 +1,7 @@
 """Agreement of a diagnosed model with a scan by another protocol, of which nothing but the alignment is fitted."""
 
 import json
+from collections.abc import Mapping
 
 from virtual_phantom.base.streams import Branch
 from virtual_phantom.diagnosis.comparison.regions import Scanned
@@ -12,16 +13,40 @@ from virtual_phantom.diagnosis.selection.transfer import Physics, verified
 from virtual_phantom.io.files import write_text
 from virtual_phantom.study.job import job
 
-with job(snakemake) as log:
-    params, given = snakemake.params, snakemake.input
-    asked = DiagnosisRequest.of(params.model, given.phantom, snakemake.threads)
+
+def main(
+    *,
+    recording: str,
+    phantom_file: str,
+    image_file: str,
+    rois_file: str,
+    physics_file: str,
+    output: str,
+    model: Mapping,
+    threads: int,
+) -> None:
+    asked = DiagnosisRequest.of(model, phantom_file, threads)
     recording, prepared = ready(asked)
-    physics = Physics.read(given.physics, needed=False)
+    physics = Physics.read(physics_file, needed=False)
     baseline = trial(prepared.fitter, ())
     if physics.effects:
         choice = verified(prepared.fitter, baseline, physics, same_material=True)
     else:
         choice = choose(prepared.fitter, baseline, ())
-    scanned = Scanned.read(given.phantom, given.image, given.rois)
+    scanned = Scanned.read(phantom_file, image_file, rois_file)
     table = agreement(recording, prepared, choice, asked, Branch.AGREEMENT_ELSEWHERE, scanned)
-    write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", snakemake.output[0])
+    write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", output)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            recording=snakemake.input.recording,
+            phantom_file=snakemake.input.phantom,
+            image_file=snakemake.input.image,
+            rois_file=snakemake.input.rois,
+            physics_file=snakemake.input.physics,
+            output=snakemake.output[0],
+            model=snakemake.params.model,
+            threads=snakemake.threads,
+        )

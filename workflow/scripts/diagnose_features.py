@@ -1,26 +1,60 @@
 """Which property of the images explains features: diagnosis.json, physics.yaml, maps and the report."""
 
+from collections.abc import Mapping, Sequence
+
 from virtual_phantom.diagnosis.features.read import read_responses
 from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
-from virtual_phantom.diagnosis.selection.store import write_diagnosis
+from virtual_phantom.diagnosis.selection.store import DiagnosisFiles, write_diagnosis
 from virtual_phantom.features.names import MEAN
 from virtual_phantom.report.diagnosis_of_features import page
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    params, given, output = snakemake.params, snakemake.input, snakemake.output
+
+def main(
+    *,
+    properties: str,
+    recorded: str,
+    image: str,
+    output: DiagnosisFiles,
+    name: str,
+    recording: str,
+    conditions: Mapping,
+    rois: Sequence[str] | None,
+    margin_sd: float,
+    dimensions: int,
+    stored_offset_hu: float,
+    extraction: Mapping,
+) -> None:
     data, not_compared = read_responses(
-        given.properties,
-        given.recorded,
-        given.image,
-        recording=params.recording,
-        conditions=params.where,
-        dimensions=params.dimensions,
-        stored_offset_hu=params.stored_offset_hu,
-        parameters=params.parameters["path"],
-        rois=params.rois,
+        properties,
+        recorded,
+        image,
+        recording=recording,
+        conditions=conditions,
+        dimensions=dimensions,
+        stored_offset_hu=stored_offset_hu,
+        parameters=extraction["path"],
+        rois=rois,
     )
-    found = diagnose_features(snakemake.wildcards.comparison, data, not_compared, MEAN, params.margin_sd)
+    found = diagnose_features(name, data, not_compared, MEAN, margin_sd)
     write_diagnosis(output, found.content, overlay(data, found.content), page(found), found.before.maps)
     log.info("%s", found.content["sentence"])
     print(found.content["sentence"])
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            properties=snakemake.input.properties,
+            recorded=snakemake.input.recorded,
+            image=snakemake.input.image,
+            output=snakemake.output,
+            name=snakemake.wildcards.comparison,
+            recording=snakemake.params.recording,
+            conditions=snakemake.params.where,
+            rois=snakemake.params.rois,
+            margin_sd=snakemake.params.margin_sd,
+            dimensions=snakemake.params.dimensions,
+            stored_offset_hu=snakemake.params.stored_offset_hu,
+            extraction=snakemake.params.parameters,
+        )

@@ -1,6 +1,7 @@
 """Which recording to make next: a ranking, its figure, how alike effects are, and a recording.yaml to fill in."""
 
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from virtual_phantom.diagnosis.planning.ranking import alikeness, found_in, possible, rank, refitted, refitted_jointly
@@ -14,31 +15,44 @@ from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, read_setup
 from virtual_phantom.figures.next_measurement import draw_ranking
 from virtual_phantom.figures.style import save
 from virtual_phantom.io.files import read_text, write_text
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    params, given, folder = snakemake.params, snakemake.input, Path(snakemake.output[0])
-    diagnosis = json.loads(read_text(given.diagnosis))
+
+def main(
+    *,
+    diagnosis_file: str,
+    phantom_file: str | None,
+    declared_file: str | None,
+    setup_files: Sequence[str] | None,
+    output: str,
+    name: str,
+    models: Mapping[str, Mapping],
+    effect_names: Sequence[str],
+    protocol_names: Mapping | None,
+    threads: int,
+) -> None:
+    folder = Path(output)
+    diagnosis = json.loads(read_text(diagnosis_file))
     folder.mkdir(parents=True, exist_ok=True)
-    named = [one["name"] for one in diagnosis["effects"]]
-    sentence = f"{params.what}: no effect was named, so that there is nothing to tell apart"
+    named = [effect["name"] for effect in diagnosis["effects"]]
+    sentence = f"{name}: no effect was named, so that there is nothing to distinguish"
     if named:
-        models = {name: with_declared(model, given.get("declared")) for name, model in params.models.items()}
-        paths = given.get("setups")
-        setups = [diagnosis.get("setup", NOT_LOOKED)] if paths is None else [read_setup(path) for path in paths]
+        models = {name: with_declared(model, declared_file) for name, model in models.items()}
+        setups = [diagnosis.get("setup", NOT_LOOKED)] if setup_files is None else list(map(read_setup, setup_files))
         made = {
-            name: ready(DiagnosisRequest.of(model, given.get("phantom"), snakemake.threads).located(setup["location"]))
+            name: ready(DiagnosisRequest.of(model, phantom_file, threads).located(setup["location"]))
             for (name, model), setup in zip(models.items(), setups, strict=True)
         }
         known = {effect for model in models.values() for effect in model["settings"].get("baseline", {})}
-        effects = [name for name in params.effects if name not in known]
-        prepared = {name: one[1] for name, one in made.items()}
-        alike = alikeness(prepared, {name: one.fitter.fit(()) for name, one in prepared.items()}, effects)
+        effects = [name for name in effect_names if name not in known]
+        prepared = {recording: dataset for recording, (_, dataset) in made.items()}
+        baselines = {recording: dataset.fitter.fit(()) for recording, dataset in prepared.items()}
+        alike = alikeness(prepared, baselines, effects)
         protocols = None
         if len(prepared) == 1:
             chosen, ambiguities = refitted(*prepared.values(), *prepared, found_in(diagnosis))
         else:
-            protocols = protocols_of(prepared, params.protocols)
+            protocols = protocols_of(prepared, protocol_names)
             chosen, ambiguities = refitted_jointly(prepared, named, effects, alike, protocols)
         first = next(iter(prepared))
         settings = models[first]["settings"]
@@ -50,6 +64,22 @@ with job(snakemake) as log:
         document = made[first][0].document.content
         text = recording_to_fill_in(first, found.ranked[0], document, settings, len(document["repeats"]))
         write_text(text, folder / "recording.yaml")
-        sentence = f"{params.what}: {first_words(found)[0]}"
+        sentence = f"{name}: {first_words(found)[0]}"
     log.info("%s", sentence)
     print(sentence)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            diagnosis_file=snakemake.input.diagnosis,
+            phantom_file=snakemake.input.get("phantom"),
+            declared_file=snakemake.input.get("declared"),
+            setup_files=snakemake.input.get("setups"),
+            output=snakemake.output[0],
+            name=snakemake.params.what,
+            models=snakemake.params.models,
+            effect_names=snakemake.params.effects,
+            protocol_names=snakemake.params.get("protocols"),
+            threads=snakemake.threads,
+        )
