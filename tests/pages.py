@@ -24,7 +24,7 @@ MARKED = re.compile(
     re.MULTILINE | re.DOTALL,
 )
 TIMEOUT_S = 900
-PARTS = ("config", "docs", "pyproject.toml", "tests", "workflow")
+PARTS = ("Snakefile", "config", "docs", "profiles", "pyproject.toml", "tests", "workflow")
 BEING_WRITTEN = shutil.ignore_patterns("*.tmp.*", "*.pyc.*")  # by other tests; compiled kernels come along
 
 

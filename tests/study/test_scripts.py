@@ -53,6 +53,9 @@ def test_a_script_maps_every_argument_of_its_main(path):
         def __getitem__(self, key):
             return self
 
+        def __int__(self):
+            return 1
+
         def __call__(self, *arguments):
             return self
 

@@ -9,7 +9,7 @@ from workflow_runs import ROOT
 
 REAL = ROOT / "../shared/real"
 GIVEN = {  # real measurements that a tutorial begins with, where its reader has them
-    "clinical-ct": ("abdomen_ct", "downloads/abdomen_ct"),
+    "clinical-ct": ("abdomen_ct", "resources/abdomen_ct"),
     "own-sinogram": ("htc2022/htc2022_solid_disc_full.mat", "htc2022_solid_disc_full.mat"),
 }
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))

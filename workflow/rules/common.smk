@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from virtual_phantom.base.console import check_names, printed_notes
+from virtual_phantom.base.console import check_names, collected_notes, printed_notes
 from virtual_phantom.base.errors import InputError, printed
 from virtual_phantom.config.dependencies import code_version, resource
 from virtual_phantom.study.context import read_context
@@ -18,7 +18,7 @@ try:
         *map(str, workflow.configfiles),
         json.dumps(config, ensure_ascii=False, default=str),
     )
-    with printed_notes():
+    with printed_notes() if workflow.is_main_process else collected_notes():
         context = read_context(
             config, WORKFLOW, workflow.configfiles, here=workflow.is_main_process
         )

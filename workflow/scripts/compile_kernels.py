@@ -13,4 +13,4 @@ def main(*, lanes: int, output: str) -> None:
 
 if "snakemake" in globals():
     with job(snakemake):
-        main(lanes=snakemake.wildcards.lanes, output=snakemake.output[0])
+        main(lanes=int(snakemake.wildcards.lanes), output=snakemake.output[0])

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 from ..base.console import note
 from ..base.errors import InputError, InputErrors
 from ..base.geometry import PARALLEL, with_beam
 from ..base.home import expand_home
 from ..base.vectors import FLAT
+from ..io.published import FOLDER, OLD_FOLDER, resources_folder
 from ..io.schema import SCHEMA, check_nesting, fill_defaults, mistakes, read_schema
 from ..physics.beam.material_names import named
 from ..physics.effect import acts_on_images, checked
@@ -133,6 +135,23 @@ def _replace_attribute(config: dict) -> None:
                 diagnosis["comparisons"] = [*named, name]
 
 
+def _find_resources(config: dict) -> None:
+    """Read paths of the CT below `resources`, or below its former name `downloads`, in the folder that is there."""
+    if (folder := resources_folder()) == OLD_FOLDER:
+        note(f"{OLD_FOLDER}: this folder is named {FOLDER} now; rename it, as the next release does not look into it")
+    ct = _section(config, "phantom", "ct")
+    rois = [roi for roi in ct.get("rois") or () if isinstance(roi, dict)] if isinstance(ct.get("rois"), list) else []
+    for where, section, key in (("", ct, "image"), ("", ct, "labels"), *(("rois.", roi, "file") for roi in rois)):
+        path = section.get(key)
+        if not isinstance(path, str) or Path(path).exists():
+            continue
+        first, _, rest = path.partition("/")
+        if rest and first in {FOLDER, OLD_FOLDER} - {folder}:
+            section[key] = f"{folder}/{rest}"
+            if first == OLD_FOLDER:
+                note(f"config: phantom.ct.{where}{key} is deprecated below {OLD_FOLDER}; write {section[key]}")
+
+
 def inspected(settings: Mapping) -> tuple[list[str], dict]:
     """All that is wrong with a configuration, and what is left of it without that.
 
@@ -158,6 +177,7 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
     _name_labels(whole)
     _name_materials(whole)
     _replace_attribute(whole)
+    _find_resources(whole)
     found, rest = mistakes(whole, schema, "config", NAMED)
     # The named scans replace keys of the default one: their own defaults would undo it.
     scans = rest.pop("scans", {})
