@@ -1,4 +1,7 @@
 # Simulation and recordings side by side: matched noise, features, overlap.
+comparisons = context.comparisons
+
+
 rule recording_features:
     """Features of a recording in HU, one row per image and ROI."""
     input:
@@ -23,7 +26,7 @@ rule match_noise:
     """The A of a noise level that is to meet a recording."""
     input:
         calibration=rules.noise_calibration.output[0],
-        recorded=lambda wildcards: context.comparisons.met_features(wildcards.noise),
+        recorded=lambda wildcards: comparisons.met_features(wildcards.noise),
     output:
         results("noise/{noise}.json"),
     log:
@@ -32,7 +35,7 @@ rule match_noise:
         mem_mb=1000,
         runtime=10,
     params:
-        meets=lambda wildcards: context.comparisons.met(wildcards.noise),
+        meets=lambda wildcards: comparisons.met(wildcards.noise),
         code=code("match_noise.py"),
     script:
         "../scripts/match_noise.py"
@@ -60,7 +63,7 @@ rule compare:
     """Every feature and ROI of one protocol and noise level against a recording."""
     input:
         features=rules.merge_features.output[0],
-        recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
+        recorded=lambda wildcards: comparisons.features(wildcards.comparison),
         parameters=context.parameter_files,
     output:
         cells=results("tables/comparison_{comparison}.csv"),
@@ -69,23 +72,19 @@ rule compare:
     log:
         results("logs/compare/{comparison}.log"),
     wildcard_constraints:
-        comparison="|".join(context.comparisons.settings) or "none",
+        comparison="|".join(comparisons.settings) or "none",
     resources:
         mem_mb=1500,
         runtime=15,
     params:
         parameters=context.parameters,
-        recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
-        protocol=lambda wildcards: context.comparisons.asked(
-            wildcards.comparison, "protocol"
-        ),
-        noise=lambda wildcards: context.comparisons.asked(wildcards.comparison, "noise"),
-        seeds=lambda wildcards: context.comparisons.repeats(wildcards.comparison),
-        rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
-        margin_sd=lambda wildcards: context.comparisons.asked(
-            wildcards.comparison, "margin_sd"
-        ),
+        recording=lambda wildcards: comparisons.recording(wildcards.comparison),
+        where=lambda wildcards: comparisons.asked(wildcards.comparison, "where"),
+        protocol=lambda wildcards: comparisons.asked(wildcards.comparison, "protocol"),
+        noise=lambda wildcards: comparisons.asked(wildcards.comparison, "noise"),
+        seeds=lambda wildcards: comparisons.repeats(wildcards.comparison),
+        rois=lambda wildcards: comparisons.asked(wildcards.comparison, "rois"),
+        margin_sd=lambda wildcards: comparisons.asked(wildcards.comparison, "margin_sd"),
         code=code("compare.py"),
     script:
         "../scripts/compare.py"
@@ -105,7 +104,7 @@ rule figure_comparison:
         mem_mb=2000,
         runtime=10,
     params:
-        title=lambda wildcards: context.comparisons.title(wildcards.comparison),
+        title=lambda wildcards: comparisons.title(wildcards.comparison),
         trial=bool(context.config["trial"]),
         code=code("figures/comparison.py"),
     script:
@@ -115,26 +114,26 @@ rule figure_comparison:
 rule change_properties:
     """Features of the simulated images with one property changed at a time."""
     input:
-        images=lambda wildcards: context.comparisons.images(wildcards.comparison),
+        images=lambda wildcards: comparisons.images(wildcards.comparison),
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
+        recorded=lambda wildcards: comparisons.features(wildcards.comparison),
         parameters=context.parameter_files,
     output:
         results("diagnosis/{comparison}/properties.csv"),
     log:
         results("logs/change_properties/{comparison}.log"),
     wildcard_constraints:
-        comparison="|".join(context.comparisons.settings) or "none",
+        comparison="|".join(comparisons.settings) or "none",
     resources:
         mem_mb=context.megabytes(volumes=60),
         runtime=60,
     params:
         parameters=context.parameters,
-        recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
-        rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
-        voxel_mm=lambda wildcards: context.comparisons.voxel_mm(wildcards.comparison),
+        recording=lambda wildcards: comparisons.recording(wildcards.comparison),
+        where=lambda wildcards: comparisons.asked(wildcards.comparison, "where"),
+        rois=lambda wildcards: comparisons.asked(wildcards.comparison, "rois"),
+        voxel_mm=lambda wildcards: comparisons.voxel_mm(wildcards.comparison),
         code=code("change_properties.py", context.diagnosis.properties),
     script:
         "../scripts/change_properties.py"

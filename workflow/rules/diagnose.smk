@@ -1,13 +1,14 @@
 # Where recordings and the simulator differ, and which physics explains it: one job per recording.
+diagnosis = context.diagnosis
 AT_MOST = workflow.resource_settings.cores  # None on a cluster that sets no --cores
 
 
 rule diagnose:
     """Verdict, physics and report of one recording."""
     input:
-        unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
-        unpack(lambda wildcards: context.diagnosis.regions(wildcards.recording)),
-        unpack(lambda wildcards: context.diagnosis.physics(wildcards.recording)),
+        unpack(lambda wildcards: diagnosis.inputs(wildcards.recording)),
+        unpack(lambda wildcards: diagnosis.regions(wildcards.recording)),
+        unpack(lambda wildcards: diagnosis.physics(wildcards.recording)),
         # How often the intervals that a diagnosis states held the truth in the proof.
         record=resource("proof_record.yaml"),
     output:
@@ -19,27 +20,25 @@ rule diagnose:
     log:
         results("logs/diagnosis/{recording}/diagnose.log"),
     wildcard_constraints:
-        recording="|".join(context.diagnosis.settings) or "none",
-    threads: lambda made: context.diagnosis.processes(made.recording, AT_MOST)
+        recording="|".join(diagnosis.settings) or "none",
+    threads: lambda made: diagnosis.processes(made.recording, AT_MOST)
     resources:
-        mem_mb=lambda wildcards, threads: context.diagnosis.megabytes(
+        mem_mb=lambda wildcards, threads: diagnosis.megabytes(
             wildcards.recording, threads
         ),
         runtime=lambda wildcards, threads, attempt: attempt
-        * context.diagnosis.minutes(wildcards.recording, threads),
-        gpu=lambda wildcards: context.diagnosis.gpus(wildcards.recording),
+        * diagnosis.minutes(wildcards.recording, threads),
+        gpu=lambda wildcards: diagnosis.gpus(wildcards.recording),
     params:
-        model=lambda wildcards: context.diagnosis.model(wildcards.recording),
+        model=lambda wildcards: diagnosis.model(wildcards.recording),
         # No output: Snakemake would delete what a job that was stopped goes on from.
-        kept=lambda wildcards: context.diagnosis.kept(wildcards.recording),
-        effects=lambda wildcards: context.diagnosis.candidates[wildcards.recording],
-        same_material=lambda wildcards: context.diagnosis.same_material(
-            wildcards.recording
-        ),
-        accuracy=context.diagnosis.accuracy,
-        matters=context.diagnosis.matters,
+        kept=lambda wildcards: diagnosis.kept(wildcards.recording),
+        effects=lambda wildcards: diagnosis.candidates[wildcards.recording],
+        same_material=lambda wildcards: diagnosis.same_material(wildcards.recording),
+        accuracy=diagnosis.accuracy,
+        matters=diagnosis.matters,
         code=lambda wildcards: code(
-            "diagnose.py", context.diagnosis.in_fits(wildcards.recording)
+            "diagnose.py", diagnosis.in_fits(wildcards.recording)
         ),
     script:
         "../scripts/diagnose.py"
@@ -48,7 +47,7 @@ rule diagnose:
 rule diagnose_scanner:
     """What the recordings of a scanner share, judged by those that were not fitted."""
     input:
-        unpack(lambda wildcards: context.diagnosis.scanner_inputs(wildcards.scanner)),
+        unpack(lambda wildcards: diagnosis.scanner_inputs(wildcards.scanner)),
     output:
         diagnosis=results("diagnosis/scanners/{scanner}/scanner.json"),
         physics=results("diagnosis/scanners/{scanner}/physics.yaml"),
@@ -56,45 +55,39 @@ rule diagnose_scanner:
     log:
         results("logs/diagnosis/scanners/{scanner}/diagnose.log"),
     wildcard_constraints:
-        scanner="|".join(context.diagnosis.scanners) or "none",
+        scanner="|".join(diagnosis.scanners) or "none",
     threads: 2
     resources:
         mem_mb=lambda wildcards: sum(
-            context.diagnosis.megabytes(name)
-            for name in context.diagnosis.scanners[wildcards.scanner]["recordings"]
+            diagnosis.megabytes(name)
+            for name in diagnosis.scanners[wildcards.scanner]["recordings"]
         ),
         runtime=600,
     params:
-        models=lambda wildcards: context.diagnosis.models(wildcards.scanner),
-        effects=lambda wildcards: context.diagnosis.shared(wildcards.scanner),
-        accuracy=context.diagnosis.accuracy,
-        protocols=lambda wildcards: context.diagnosis.scanners[wildcards.scanner][
-            "protocols"
-        ],
-        judged_on=lambda wildcards: context.diagnosis.scanners[wildcards.scanner][
-            "judged_on"
-        ],
+        models=lambda wildcards: diagnosis.models(wildcards.scanner),
+        effects=lambda wildcards: diagnosis.shared(wildcards.scanner),
+        accuracy=diagnosis.accuracy,
+        protocols=lambda wildcards: diagnosis.scanners[wildcards.scanner]["protocols"],
+        judged_on=lambda wildcards: diagnosis.scanners[wildcards.scanner]["judged_on"],
         code=lambda wildcards: code(
             "diagnose_scanner.py",
-            context.diagnosis.in_fits(
-                *context.diagnosis.scanners[wildcards.scanner]["recordings"]
-            ),
+            diagnosis.in_fits(*diagnosis.scanners[wildcards.scanner]["recordings"]),
         ),
     script:
         "../scripts/diagnose_scanner.py"
 
 
-if context.diagnosis.fail_on:
+if diagnosis.fail_on:
 
     rule diagnosis:
         """Every recording and comparison under diagnosis; exit code 1 for a verdict of diagnosis.fail_on."""
         input:
-            context.diagnosis.all(),
+            diagnosis.all(),
         log:
             results("logs/diagnosis/verdicts.log"),
         localrule: True
         params:
-            fail_on=context.diagnosis.fail_on,
+            fail_on=diagnosis.fail_on,
         script:
             "../scripts/verdicts.py"
 
@@ -103,5 +96,5 @@ else:
     rule diagnosis:
         """Every recording and comparison under diagnosis."""
         input:
-            context.diagnosis.all(),
+            diagnosis.all(),
         localrule: True

@@ -1,10 +1,13 @@
 # Where features of a recording and of the simulation differ, and which property of the images explains it: its verdict.
+comparisons = context.comparisons
+
+
 rule diagnose_features:
     """Verdict and report of one comparison with a recording's features."""
     input:
         properties=rules.change_properties.output[0],
-        recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
-        image=lambda wildcards: context.comparisons.images(wildcards.comparison)[0],
+        recorded=lambda wildcards: comparisons.features(wildcards.comparison),
+        image=lambda wildcards: comparisons.images(wildcards.comparison)[0],
         parameters=context.parameter_files,
     output:
         diagnosis=results("diagnosis/{comparison}/diagnosis.json"),
@@ -20,16 +23,12 @@ rule diagnose_features:
         runtime=30,
     params:
         parameters=context.parameters,
-        recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
-        rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
-        margin_sd=lambda wildcards: context.comparisons.asked(
-            wildcards.comparison, "margin_sd"
-        ),
-        dimensions=lambda wildcards: context.comparisons.dimensions(
-            wildcards.comparison
-        ),
-        stored_offset_hu=lambda wildcards: context.comparisons.stored_offset_hu(
+        recording=lambda wildcards: comparisons.recording(wildcards.comparison),
+        where=lambda wildcards: comparisons.asked(wildcards.comparison, "where"),
+        rois=lambda wildcards: comparisons.asked(wildcards.comparison, "rois"),
+        margin_sd=lambda wildcards: comparisons.asked(wildcards.comparison, "margin_sd"),
+        dimensions=lambda wildcards: comparisons.dimensions(wildcards.comparison),
+        stored_offset_hu=lambda wildcards: comparisons.stored_offset_hu(
             wildcards.comparison
         ),
         code=code("diagnose_features.py"),

@@ -1,3 +1,6 @@
+selections = context.selections
+
+
 rule figure_rois:
     input:
         image=rules.phantom.output.image,
@@ -23,7 +26,7 @@ rule figure_scans:
     input:
         **{
             algorithm: paths[0]
-            for algorithm, paths in context.selections.optimal_images().items()
+            for algorithm, paths in selections.optimal_images().items()
         },
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
@@ -39,8 +42,8 @@ rule figure_scans:
         mem_mb=2000,
         runtime=10,
     params:
-        titles=context.selections.scan_titles(),
-        noise=context.selections.scan_noise(),
+        titles=selections.scan_titles(),
+        noise=selections.scan_noise(),
         code=code("figures/scans.py"),
     script:
         "../scripts/figures/scans.py"
@@ -60,8 +63,8 @@ rule figure_noise_calibration:
         mem_mb=2000,
         runtime=10,
     params:
-        study_levels=context.selections.study_levels(),
-        measured=lambda wildcards: context.selections.measured_noise,
+        study_levels=selections.study_levels(),
+        measured=lambda wildcards: selections.measured_noise,
         trial=bool(context.config["trial"]),
         code=code("figures/noise_calibration.py"),
     script:
@@ -72,7 +75,7 @@ rule figure_stability_discrimination:
     input:
         table=rules.stability.output[0],
         trust=rules.trust.output[0],
-        scores=context.selections.measured_scores(),
+        scores=selections.measured_scores(),
         seeds=resource("default_study_seeds.csv"),
     output:
         png=reported("figures/stability_discrimination.png"),
@@ -87,10 +90,10 @@ rule figure_stability_discrimination:
     params:
         threshold=context.config["statistics"]["threshold"],
         with_measured=context.config["measured"]["overlay"],
-        recording=context.selections.own_reference,
-        seeds=context.selections.grouped["seeds"],
+        recording=selections.own_reference,
+        seeds=selections.grouped["seeds"],
         settings=context.plan.scored_settings(),
-        noise=context.selections.compared_noise(),
+        noise=selections.compared_noise(),
         trial=bool(context.config["trial"]),
         code=code("figures/stability_discrimination.py"),
     script:
@@ -112,7 +115,7 @@ rule figure_physics_change:
         runtime=10,
     params:
         threshold=context.config["statistics"]["threshold"],
-        noise=context.selections.compared_noise(),
+        noise=selections.compared_noise(),
         trial=bool(context.config["trial"]),
         code=code("figures/physics_change.py"),
     script:
@@ -139,7 +142,7 @@ rule figure_overlap:
         "../scripts/figures/overlap.py"
 
 
-for name in context.selections.shown_components:
+for name in selections.shown_components:
 
     rule:
         name:

@@ -5,11 +5,13 @@ from virtual_phantom.base.errors import InputError, printed
 from virtual_phantom.study.context import or_exit
 from virtual_phantom.study.index_page import renew
 
+pages = context.pages
+
 
 rule viewer_page:
     """Slices of the input, FBP, SIRT and what they differ by, to flip through."""
     input:
-        unpack(or_exit(lambda wildcards: context.pages.viewed())),
+        unpack(or_exit(lambda wildcards: pages.viewed())),
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
@@ -22,7 +24,7 @@ rule viewer_page:
         runtime=15,
     params:
         titles=context.selections.scan_titles(),
-        subtitle=lambda wildcards: context.pages.viewer_subtitle(),
+        subtitle=lambda wildcards: pages.viewer_subtitle(),
         code=code("viewer.py"),
     script:
         "../scripts/viewer.py"
@@ -37,9 +39,9 @@ rule viewer:
 rule study_report:
     """Figures, tables that sort and filter, diagnoses and provenance in one page."""
     input:
-        figures=context.pages.pictures(),
-        captions=context.pages.caption_files(),
-        tables=context.pages.tables(),
+        figures=pages.pictures(),
+        captions=pages.caption_files(),
+        tables=pages.tables(),
     output:
         results("report.html"),
     log:
@@ -48,10 +50,10 @@ rule study_report:
         mem_mb=2000,
         runtime=15,
     params:
-        figures=lambda wildcards: context.pages.shown(),
-        tables=context.pages.table_titles(),
-        diagnoses=context.pages.diagnoses(),
-        links=context.pages.links(),
+        figures=lambda wildcards: pages.shown(),
+        tables=pages.table_titles(),
+        diagnoses=pages.diagnoses(),
+        links=pages.links(),
         config=context.config,
         code=code("report_page.py"),
     script:
@@ -68,9 +70,9 @@ rule report_page:
 rule index_page:
     """The answer, warnings, every figure and table, and what to do next: the page to start with."""
     input:
-        figures=context.pages.pictures(),
-        captions=context.pages.caption_files(),
-        tables=context.pages.tables(),
+        figures=pages.pictures(),
+        captions=pages.caption_files(),
+        tables=pages.tables(),
     output:
         results("index.html"),
     log:
@@ -79,12 +81,12 @@ rule index_page:
         mem_mb=2000,
         runtime=15,
     params:
-        figures=lambda wildcards: context.pages.shown(),
-        tables=context.pages.table_titles(),
+        figures=lambda wildcards: pages.shown(),
+        tables=pages.table_titles(),
         # All that may be there: the script takes what is, so that nothing is run again for it.
         diagnoses=context.diagnosis.reports(),
-        commands=context.pages.commands(),
-        beside=context.pages.others,
+        commands=pages.commands(),
+        beside=pages.others,
         config=context.config,
         code=code("index_page.py"),
     script:
@@ -94,7 +96,7 @@ rule index_page:
 onsuccess:
     # As a job it would be done before what it shows, or ask every study for it.
     try:
-        if page := renew(context.pages, context.config):
+        if page := renew(pages, context.config):
             print(f"Start with {page}", file=sys.stderr)
     except InputError as error:
         print(printed(error), file=sys.stderr)

@@ -1,8 +1,11 @@
 # The blind test: an independent simulator conceals physics, the diagnosis works, and only then are the seals opened.
+proof = context.proof
+
+
 rule proof_phantom:
     """What is scanned, and, on voxels twice as large, what the diagnosis is told of it."""
     input:
-        layout=lambda wildcards: context.proof.layout(wildcards.phantom),
+        layout=lambda wildcards: proof.layout(wildcards.phantom),
     output:
         image=results("proof/phantoms/{phantom}/image.nii.gz"),
         fine=results("proof/phantoms/{phantom}/fine.nii.gz"),
@@ -14,7 +17,7 @@ rule proof_phantom:
         mem_mb=2000,
         runtime=30,
     params:
-        scan=context.proof.settings["scan"],
+        scan=proof.settings["scan"],
         seed=context.config["seed"],
         code=code("proof_phantom.py"),
     script:
@@ -24,13 +27,13 @@ rule proof_phantom:
 rule proof_seal:
     """What is concealed in every case, drawn and sealed; the seals are published before anything is scanned."""
     output:
-        sealed=context.proof.all("sealed"),
+        sealed=proof.all("sealed"),
         seals=results("proof/seals.json"),
     log:
         results("logs/proof/seal.log"),
     localrule: True
     params:
-        settings=context.proof.drawn,
+        settings=proof.drawn,
         code=code("seal_proof.py"),
     script:
         "../scripts/seal_proof.py"
@@ -41,7 +44,7 @@ rule proof_scan:
     input:
         sealed=results("proof/sealed/{case}.json"),
         seals=rules.proof_seal.output.seals,
-        fine=lambda wildcards: context.proof.fine_phantom(wildcards.case),
+        fine=lambda wildcards: proof.fine_phantom(wildcards.case),
     output:
         recording=directory(results("proof/recordings/{case}")),
         other=directory(results("proof/held_out_protocol/{case}")),
@@ -53,7 +56,7 @@ rule proof_scan:
         mem_mb=2500,
         runtime=60,
     params:
-        settings=lambda wildcards: context.proof.scanned(wildcards.case),
+        settings=lambda wildcards: proof.scanned(wildcards.case),
         mu_water_per_mm=context.config["mu_water_per_mm"],
         code=code("conceal.py", hooks=True),
     script:
@@ -63,7 +66,7 @@ rule proof_scan:
 rule proof_diagnosis:
     """As the rules of diagnose.smk, in one job: it sees the recording and the known phantom, nothing else."""
     input:
-        unpack(lambda wildcards: context.proof.known_phantom(wildcards.case)),
+        unpack(lambda wildcards: proof.known_phantom(wildcards.case)),
         recording=rules.proof_scan.output.recording,
     output:
         diagnosis=results("proof/diagnosis/{case}/diagnosis.json"),
@@ -78,15 +81,13 @@ rule proof_diagnosis:
         mem_mb=2500,
         runtime=60,
     params:
-        model=lambda wildcards: context.proof.model(wildcards.case),
-        effects=lambda wildcards: context.proof.tried_on(wildcards.case),
+        model=lambda wildcards: proof.model(wildcards.case),
+        effects=lambda wildcards: proof.tried_on(wildcards.case),
         same_material=True,
         accuracy=context.diagnosis.accuracy,
         # The proof asks for every effect that is there, however little it changes in images.
         matters=None,
-        code=lambda wildcards: code(
-            "diagnose.py", context.proof.tried_on(wildcards.case)
-        ),
+        code=lambda wildcards: code("diagnose.py", proof.tried_on(wildcards.case)),
     script:
         "../scripts/diagnose.py"
 
@@ -94,7 +95,7 @@ rule proof_diagnosis:
 rule proof_elsewhere:
     """The physics found, held against the case's scan by another protocol."""
     input:
-        unpack(lambda wildcards: context.proof.known_phantom(wildcards.case)),
+        unpack(lambda wildcards: proof.known_phantom(wildcards.case)),
         recording=rules.proof_scan.output.other,
         physics=rules.proof_diagnosis.output.diagnosis,
     output:
@@ -107,9 +108,9 @@ rule proof_elsewhere:
         mem_mb=2500,
         runtime=30,
     params:
-        model=lambda wildcards: context.proof.held_out_model(wildcards.case),
+        model=lambda wildcards: proof.held_out_model(wildcards.case),
         code=lambda wildcards: code(
-            "agreement_elsewhere.py", context.proof.tried_on(wildcards.case)
+            "agreement_elsewhere.py", proof.tried_on(wildcards.case)
         ),
     script:
         "../scripts/agreement_elsewhere.py"
@@ -118,10 +119,10 @@ rule proof_elsewhere:
 rule proof_verdicts:
     """Every diagnosis, and how it did by another protocol, bound by hashes before any seal is opened."""
     input:
-        diagnoses=context.proof.all("proof_diagnosis"),
-        others=context.proof.all("proof_elsewhere"),
+        diagnoses=proof.all("proof_diagnosis"),
+        others=proof.all("proof_elsewhere"),
     output:
-        context.proof.all("verdict"),
+        proof.all("verdict"),
     log:
         results("logs/proof/verdicts.log"),
     localrule: True
@@ -137,12 +138,12 @@ rule proof_score:
         sealed=rules.proof_seal.output.sealed,
         seals=rules.proof_seal.output.seals,
         verdicts=rules.proof_verdicts.output,
-        diagnoses=context.proof.all("proof_diagnosis"),
-        others=context.proof.all("proof_elsewhere"),
-        maps=context.proof.all("proof_maps"),
-        times=context.proof.times(),
-        real=context.proof.real("diagnosis"),
-        real_maps=context.proof.real("diagnosis_maps"),
+        diagnoses=proof.all("proof_diagnosis"),
+        others=proof.all("proof_elsewhere"),
+        maps=proof.all("proof_maps"),
+        times=proof.times(),
+        real=proof.real("diagnosis"),
+        real_maps=proof.real("diagnosis_maps"),
         record=resource("proof_record.yaml"),
     output:
         score=results("proof/score.json"),
@@ -157,7 +158,7 @@ rule proof_score:
         mem_mb=2000,
         runtime=20,
     params:
-        suite=context.proof.settings,
+        suite=proof.settings,
         code=code("score_proof.py"),
     script:
         "../scripts/score_proof.py"

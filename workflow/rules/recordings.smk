@@ -1,8 +1,11 @@
 # What others have measured: read, drawn, and aligned with the phantom.
+recordings = context.recordings
+
+
 rule recording_summary:
     """Read and check one recording; what was found, what is known of the scan, what is missing."""
     input:
-        files=lambda wildcards: context.recordings.sources(wildcards.recording),
+        files=lambda wildcards: recordings.sources(wildcards.recording),
         schema=context.schema("recording.schema.yaml"),
         parameters=context.parameter_files,
     output:
@@ -10,11 +13,11 @@ rule recording_summary:
     log:
         results("logs/recording_summary/{recording}.log"),
     resources:
-        mem_mb=lambda wildcards: context.recordings.megabytes(wildcards.recording),
+        mem_mb=lambda wildcards: recordings.megabytes(wildcards.recording),
         runtime=30,
     params:
         parameters=context.parameters,
-        folder=lambda wildcards: context.recordings.folder(wildcards.recording),
+        folder=lambda wildcards: recordings.folder(wildcards.recording),
         voxel_mm=context.config["grid"]["spacing_mm"],
         code=code("recording_summary.py"),
     script:
@@ -24,17 +27,17 @@ rule recording_summary:
 rule figure_recording:
     """What a recording of projections or images looks like."""
     input:
-        files=lambda wildcards: context.recordings.sources(wildcards.recording),
+        files=lambda wildcards: recordings.sources(wildcards.recording),
     output:
         png=reported("figures/recording_{recording}.png"),
         pdf=results("figures/recording_{recording}.pdf"),
     log:
         results("logs/figure_recording/{recording}.log"),
     resources:
-        mem_mb=lambda wildcards: context.recordings.megabytes(wildcards.recording),
+        mem_mb=lambda wildcards: recordings.megabytes(wildcards.recording),
         runtime=30,
     params:
-        folder=lambda wildcards: context.recordings.folder(wildcards.recording),
+        folder=lambda wildcards: recordings.folder(wildcards.recording),
         code=code("figures/recording.py"),
     script:
         "../scripts/figures/recording.py"
@@ -43,8 +46,8 @@ rule figure_recording:
 rule recordings:
     """All configured recordings in one table, printed."""
     input:
-        summaries=context.recordings.summaries(),
-        figures=context.recordings.pictures(),
+        summaries=recordings.summaries(),
+        figures=recordings.pictures(),
     output:
         results("recordings/recordings.csv"),
     log:
@@ -54,7 +57,7 @@ rule recordings:
         mem_mb=500,
         runtime=5,
     params:
-        names=context.recordings.names,
+        names=recordings.names,
         code=code("recordings.py"),
     script:
         "../scripts/recordings.py"
@@ -63,7 +66,7 @@ rule recordings:
 rule align_recording:
     """Where the phantom lies in a recording of images, and its ROIs on the recording's own grid."""
     input:
-        files=lambda wildcards: context.recordings.sources(wildcards.recording),
+        files=lambda wildcards: recordings.sources(wildcards.recording),
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
@@ -78,7 +81,7 @@ rule align_recording:
         mem_mb=lambda wildcards: context.aligned_megabytes(wildcards.recording),
         runtime=120,
     params:
-        folder=lambda wildcards: context.recordings.folder(wildcards.recording),
+        folder=lambda wildcards: recordings.folder(wildcards.recording),
         phantom=context.config["phantom"],
         code=code("align_recording.py"),
     script:
@@ -110,5 +113,5 @@ rule figure_alignment:
 rule alignment:
     """All configured recordings of images, aligned."""
     input:
-        context.recordings.alignments(),
+        recordings.alignments(),
     localrule: True

@@ -1,3 +1,6 @@
+selections = context.selections
+
+
 rule stability:
     """W over pairs of groups and pairs of classes, for every feature."""
     input:
@@ -12,7 +15,7 @@ rule stability:
         mem_mb=2000,
         runtime=15,
     params:
-        **context.selections.grouped,
+        **selections.grouped,
         statistics=context.config["statistics"],
         code=code("stability.py"),
     script:
@@ -33,10 +36,10 @@ rule trust:
         mem_mb=2000,
         runtime=30,
     params:
-        **context.selections.grouped,
+        **selections.grouped,
         statistics=context.config["statistics"],
-        cut_offs=context.selections.cut_offs,
-        sharing=context.selections.sharing(),
+        cut_offs=selections.cut_offs,
+        sharing=selections.sharing(),
         code=code("trust.py"),
     script:
         "../scripts/trust.py"
@@ -58,11 +61,11 @@ rule physics_change:
         runtime=30,
     params:
         groups=context.plan.groups_without_physics(),
-        noise=context.selections.grouped["noise"],
-        seeds=context.selections.grouped["seeds"],
+        noise=selections.grouped["noise"],
+        seeds=selections.grouped["seeds"],
         statistics=context.config["statistics"],
-        cut_offs=context.selections.cut_offs,
-        sharing=context.selections.sharing(context.plan.groups_without_physics()),
+        cut_offs=selections.cut_offs,
+        sharing=selections.sharing(context.plan.groups_without_physics()),
         code=code("physics_change.py"),
     script:
         "../scripts/physics_change.py"
@@ -84,8 +87,8 @@ rule stability_measures:
         mem_mb=2000,
         runtime=15,
     params:
-        **context.selections.grouped,
-        cut_offs=context.selections.cut_offs,
+        **selections.grouped,
+        cut_offs=selections.cut_offs,
         code=code("stability_measures.py"),
     script:
         "../scripts/stability_measures.py"
@@ -107,7 +110,7 @@ rule top_features:
         mem_mb=1000,
         runtime=10,
     params:
-        seeds=context.selections.grouped["seeds"],
+        seeds=selections.grouped["seeds"],
         with_measured=context.config["measured"]["overlay"],
         code=code("top_features.py"),
     script:
@@ -129,7 +132,7 @@ rule overlap:
         mem_mb=2000,
         runtime=15,
     params:
-        **context.selections.grouped,
+        **selections.grouped,
         statistics=context.config["statistics"],
         recording=None,
         code=code("overlap.py"),
@@ -141,7 +144,7 @@ rule pca:
     """The first two principal components of all images and ROIs of a selection of protocols."""
     input:
         features=rules.merge_features.output[0],
-        measured=lambda wildcards: context.selections.reference_tables(wildcards.pca),
+        measured=lambda wildcards: selections.reference_tables(wildcards.pca),
         parameters=context.parameter_files,
     output:
         table=results("tables/pca_{pca}.csv"),
@@ -155,14 +158,14 @@ rule pca:
         runtime=15,
     params:
         parameters=context.parameters,
-        selection=lambda wildcards: context.selections.components(wildcards.pca),
-        pca=lambda wildcards: context.selections.fitted(wildcards.pca),
+        selection=lambda wildcards: selections.components(wildcards.pca),
+        pca=lambda wildcards: selections.fitted(wildcards.pca),
         measured=context.config["measured"],
-        recordings=lambda wildcards: context.selections.references(wildcards.pca),
-        by=lambda wildcards: context.selections.markers(wildcards.pca),
+        recordings=lambda wildcards: selections.references(wildcards.pca),
+        by=lambda wildcards: selections.markers(wildcards.pca),
         conditions=lambda wildcards: {
             name: context.recordings.conditions(name)
-            for name in context.selections.references(wildcards.pca)
+            for name in selections.references(wildcards.pca)
         },
         code=code("pca.py"),
     script:
@@ -172,9 +175,9 @@ rule pca:
 rule noise_calibration:
     """Variance over repeats, averaged over voxels, against the noise level."""
     input:
-        images=context.selections.calibration_images(),
-        rois=context.selections.calibration_rois()[0],
-        masks=context.selections.calibration_rois()[1],
+        images=selections.calibration_images(),
+        rois=selections.calibration_rois()[0],
+        masks=selections.calibration_rois()[1],
     output:
         results("tables/noise_calibration.csv"),
     log:
@@ -186,11 +189,11 @@ rule noise_calibration:
         runtime=lambda wildcards, attempt: attempt
         * context.minutes(
             "noise_calibration",
-            context.sizes.images(len(context.selections.calibration)),
+            context.sizes.images(len(selections.calibration)),
         ),
     params:
-        protocols=context.selections.calibrated,
-        acquisitions=context.selections.calibration_acquisitions(),
+        protocols=selections.calibrated,
+        acquisitions=selections.calibration_acquisitions(),
         code=code("noise_calibration.py"),
     script:
         "../scripts/noise_calibration.py"
