@@ -2,10 +2,10 @@
 
     python benchmarks/alike_effects.py --seed 120
 
-Each pair of effects whose templates correlate by 0.9 or more (docs/theory.md, section 3) is tried in both directions: a
-small scan by the simulator of the blind validation hides one effect, and both are offered to the diagnosis. Where the
-other one is ruled out, it is fitted again from START_FACTORS times its fitted parameters. "Ruled out" is false if one
-of these fits loses less than RULED_OUT of log score.
+Each pair of effects whose templates correlate by 0.9 or more (docs/explanation/theory.md, section 3) is tried in both
+directions: a small scan by the simulator of the blind validation hides one effect, and both are offered to the
+diagnosis. Where the other one is ruled out, it is fitted again from START_FACTORS times its fitted parameters. "Ruled
+out" is false if one of these fits loses less than RULED_OUT of log score.
 """
 
 import argparse

@@ -5,8 +5,8 @@
 
 Takes the line integrals and every setting of config/as_scanned.yaml, and of each acquisition makes the largest section
 of one region alone, of the views that it needs. All groups reconstruct the same acquisitions, as the printed ones do.
-Prints the table of docs/as-scanned.md, and the A at which group 2 has the variance that was measured; draws
-docs/images/as_scanned.png. Some 20 s of one core and 2 GB an acquisition.
+Prints the table of docs/validation/printed-phantom.md, and the A at which group 2 has the measured variance.
+Draws docs/images/as_scanned.png. Takes about 20 s of one core and 2 GB an acquisition.
 """
 
 from __future__ import annotations

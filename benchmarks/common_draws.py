@@ -33,7 +33,7 @@ from virtual_phantom.simulation.acquire import acquire  # noqa: E402
 from virtual_phantom.simulation.reconstruct import reconstruct  # noqa: E402
 
 VIEWS, LEVEL = 150, 6e-6
-# The first two: what another processor's last digits come to (docs/promises.md).
+# The first two: what another processor's last digits come to (docs/reference/stability.md).
 CHANGES = {
     "line integrals times 1 + 1e-6": {"times": 1 + 1e-6},
     "line integrals times 1 + 1e-7": {"times": 1 + 1e-7},

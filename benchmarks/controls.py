@@ -3,10 +3,9 @@
     python benchmarks/controls.py [--cores 2] [--keep] [--table FEATURES_2D_CSV]
 
 Runs the stability analysis of the default study, of five further values of `seed`, and of studies that are wrong on
-purpose, into results-controls; what is there already stays, and with --keep nothing is run. Prints docs/controls.md's
-table, and writes default_study_seeds.csv of the library's resources. --table, the full table of CT-Phantom4Radiomics,
-adds the phantom against itself.
-About 6 minutes of one core for each of the eight studies.
+purpose, into results-controls; what is there already stays, and with --keep nothing is run. Prints the table of
+docs/validation/controls.md, and writes default_study_seeds.csv of the library's resources. --table, the full table of
+CT-Phantom4Radiomics, adds the phantom against itself. About 6 minutes of one core for each of the eight studies.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ def drawn(name, wanted, random, given, exact):
 
 
 def summary(rows):
-    """What the table of docs/diagnosis-own-scans.md has."""
+    """What the table of docs/validation/simulated-scans.md has."""
     count = lost = close = close_lost = fitted = 0
     for row in rows:
         found = {one: Screened(p, gain, blind) for one, (gain, blind, _, p) in row["candidates"].items()}

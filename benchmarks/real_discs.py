@@ -1,10 +1,10 @@
-"""What other sets of effects leave on the three discs of docs/htc2022.md, fitted on one and held against the others.
+"""Compare sets of effects on the three discs of docs/validation/real-discs.md: fit to one, test on the others.
 
     python benchmarks/real_discs.py recordings
 
-`recordings` holds solid_disc, ta and tb, imported as docs/htc2022.md says. A diagnosis chooses effects; here sets are
-given, so that the chosen one stands beside others. Prints a table in Markdown: rms of the line integrals on views that
-were not fitted, and the share of the excess over noise that is removed.
+`recordings` holds solid_disc, ta and tb, imported as docs/validation/real-discs.md says. A diagnosis chooses effects;
+here sets are given, so that the chosen one stands beside others. Prints a table in Markdown: rms of the line integrals
+on views that were not fitted, and the share of the excess over noise that is removed.
 """
 
 import argparse

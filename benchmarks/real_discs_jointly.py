@@ -3,10 +3,11 @@
     python benchmarks/real_discs_jointly.py recordings --view-step 45
     python benchmarks/real_discs_jointly.py recordings --view-step 45 --judged-on 01b 01c 02b 02c 03b 03c
 
-`recordings` holds sinograms of the Helsinki Tomography Challenge 2022, each imported as docs/htc2022.md says. Prints
-tables in Markdown: every disc before, and with the physics of all others, and whether it agrees with theirs; the shared
-numbers of two disjoint halves of the discs; and what is left where lines are smooth: of it the constants of columns,
-and how alike these are from disc to disc. With --judged-on, nothing is fitted to those discs or chosen by them.
+`recordings` holds sinograms of the Helsinki Tomography Challenge 2022, each imported as docs/validation/real-discs.md
+says. Prints tables in Markdown: every disc before, and with the physics of all others, and whether it agrees with
+theirs; the shared numbers of two disjoint halves of the discs; and what is left where lines are smooth: of it the
+constants of columns, and how alike these are from disc to disc. With --judged-on, nothing is fitted to those discs or
+chosen by them.
 """
 
 import argparse

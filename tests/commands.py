@@ -3,7 +3,14 @@
 import re
 from pathlib import Path
 
-PAGES = ("README.md", "CONTRIBUTING.md", "config/README.md", "workflow/**/*.md", "docs/**/*.md")
+PAGES = (
+    "README.md",
+    "CONTRIBUTING.md",
+    "config/README.md",
+    "workflow/**/*.md",
+    "docs/**/*.md",
+    "docs/generators/*.yaml",
+)
 NAMES = "snakemake|virtual-phantom-import|virtual-phantom|python|make|pytest|pip|ruff|snakefmt|git|mkdir|source"
 PROGRAMS = rf"(?:{NAMES}|\S+/bin/\S+|EXAMPLES=\S+)"
 FENCED = re.compile(r"^(<!-- run(?: first| on slurm)? -->\n+)?```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -11,8 +18,8 @@ INLINE = re.compile(rf"`({PROGRAMS} [^`]+)`")
 
 
 def commands(root: Path) -> dict[str, list[str]]:
-    """Every command and the pages that name it. Blocks of a tutorial that are marked to be run are left out:
-    tests/workflow/test_tutorials.py runs them, and tests/cluster/run.py those that want a SLURM."""
+    """Every command and the pages that name it. Blocks that are marked to be run are not among them:
+    tests/workflow/test_marked_pages.py runs them, and tests/cluster/run.py those that want a SLURM."""
     found: dict[str, list[str]] = {}
     for page in sorted({path for pattern in PAGES for path in root.glob(pattern)}):
         text = page.read_text(encoding="utf-8")

@@ -23,7 +23,7 @@ LONGEST = (
     "workflow/test_diagnosis_target.py",
     "workflow/test_proof_target.py",
     "recordings/test_recordings_alignment.py",
-    "workflow/test_tutorials.py",
+    "workflow/test_marked_pages.py",
     "workflow/test_comparison.py",
     "workflow/test_printed_phantom.py",
     "projectors/test_processors.py",

@@ -1,12 +1,16 @@
-"""Pages of the documentation as tests run them: code blocks, and comments before them that say what they are.
+"""Follow the marked code blocks of documentation pages. A comment before a block says what to do with it.
 
-<!-- write FILE -->   the block is the content of a file
-<!-- run -->          the block is run by bash
-<!-- run first -->    the block is run before all others: what stands at the end for readers without data of their own
-<!-- prints -->       each line of the block stands, in this order, in what the last one run printed; ... is any text
-<!-- makes -->        each line of the block is a file that is there
+<!-- write FILE -->   Write the block to a file.
 
-With "on slurm" at its end (<!-- run on slurm -->) a comment holds where there is a SLURM: tests/cluster/run.py does it.
+<!-- run -->          Run the block with bash.
+
+<!-- run first -->    Run the block before all others: it makes example data for readers without data.
+
+<!-- prints -->       The last run printed each line of the block, in this order. ... is any text.
+
+<!-- makes -->        Each line of the block is an existing file.
+
+With "on slurm" at its end (<!-- run on slurm -->), a comment applies where SLURM is installed (tests/cluster/run.py).
 """
 
 import os
@@ -23,6 +27,7 @@ MARKED = re.compile(
     r"^<!-- (write|run first|run|prints|makes)(?: (?!on )(\S+))?( on slurm)? -->\n+```\w*\n(.*?)^```$",
     re.MULTILINE | re.DOTALL,
 )
+COMMENT = r"^<!-- (?:write|run|prints|makes)\b.*-->"
 TIMEOUT_S = 900
 PARTS = ("Snakefile", "config", "docs", "profiles", "pyproject.toml", "tests", "workflow")
 BEING_WRITTEN = shutil.ignore_patterns("*.tmp.*", "*.pyc.*")  # by other tests; compiled kernels come along
@@ -39,18 +44,24 @@ class Block:
 
 
 def blocks(page: Path) -> list[Block]:
-    """The marked blocks in their order. Fails on a comment of this kind that no block follows."""
+    """Return the marked blocks in their order. Fail if a comment is not followed by a block."""
     text = page.read_text(encoding="utf-8")
     found = [Block(kind, file, bool(slurm), content) for kind, file, slurm, content in MARKED.findall(text)]
-    comments = re.findall(r"^<!-- (?:write|run|prints|makes)\b.*-->", text, re.MULTILINE)
+    comments = re.findall(COMMENT, text, re.MULTILINE)
     assert found and len(found) == len(comments), f"{page}: {len(comments)} comments, {len(found)} blocks after them"
     return found
 
 
-def follow(page: Path, folder: Path, slurm: bool = False) -> None:
-    """Do in `folder` what the page says, and fail at the first thing that does not come out as it says.
+def marked(folder: Path) -> list[Path]:
+    """Return the pages in a folder that have marked blocks."""
+    pages = sorted(folder.rglob("*.md"))
+    return [page for page in pages if re.search(COMMENT, page.read_text(encoding="utf-8"), re.MULTILINE)]
 
-    slurm   what needs a SLURM is done too, and left out otherwise
+
+def follow(page: Path, folder: Path, slurm: bool = False) -> None:
+    """Follow a page in `folder`. Fail at the first block that does not give the stated result.
+
+    With `slurm`, include the blocks that need SLURM.
     """
     printed = None
     for block in sorted(blocks(page), key=lambda block: block.kind != "run first"):
@@ -73,7 +84,7 @@ def follow(page: Path, folder: Path, slurm: bool = False) -> None:
 
 
 def copy_project(root: Path, folder: Path) -> None:
-    """What the workflow and its pages need of the project, into a new folder."""
+    """Copy the parts of the project that the workflow and its pages need to a new folder."""
     folder.mkdir()
     for name in PARTS:
         if (root / name).is_dir():
@@ -83,8 +94,10 @@ def copy_project(root: Path, folder: Path) -> None:
 
 
 def run(commands: str, folder: Path) -> str:
-    """What commands print in `folder`, a copy of the project, run by bash with this interpreter's programs and the
-    copy's library, as if `make setup` had been run there. Fails where one of them does."""
+    """Run commands with bash in `folder`, a copy of the project, and return their output. Fail if a command fails.
+
+    The commands use the programs of this environment and the library of the copy, as after `make setup`.
+    """
     programs = os.pathsep.join([str(warm.programs()), str(Path(sys.executable).parent), os.environ["PATH"]])
     process = subprocess.run(
         ["bash", "-e", "-o", "pipefail", "-c", commands],

@@ -453,16 +453,6 @@ def test_bundles_stay_when_an_analysis_asks_for_more():
     assert not gone
 
 
-def test_reference_page_is_up_to_date():
-    import importlib.util
-
-    spec = importlib.util.spec_from_file_location("config_reference", ROOT / "docs" / "config_reference.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert module.page() == (ROOT / "config" / "README.md").read_text(), "run python docs/config_reference.py"
-    assert "|  | object" not in module.page() and "|  | array" not in module.page()
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

@@ -1,4 +1,4 @@
-"""Every mistake of docs/mistakes.md, made: its message is the one on the page, with what is at fault and what to do."""
+"""Every mistake of tests/mistakes.yaml gives the message stated there, which says what is wrong and what to do."""
 
 import copy
 import re
@@ -36,9 +36,10 @@ from virtual_phantom.study.checks.preflight import problems
 
 ROOT = Path(__file__).resolve().parents[1]
 
-PAGE = (ROOT / "docs" / "mistakes.md").read_text(encoding="utf-8")
-SECTION = re.compile(r"^### (.+?)\n(?:(?!^##).)*?^<!-- message -->\n```\n(.+?)\n```$", re.MULTILINE | re.DOTALL)
-MESSAGES = dict(SECTION.findall(PAGE))
+PAGE = (ROOT / "docs" / "how-to" / "mistakes.md").read_text(encoding="utf-8")
+SECTION = re.compile(r"^## (.+?)\n(?:(?!^##).)*?^<!-- message -->\n```\n(.+?)\n```$", re.MULTILINE | re.DOTALL)
+EXPLAINED = dict(SECTION.findall(PAGE))
+MESSAGES = yaml.safe_load((ROOT / "tests" / "mistakes.yaml").read_text(encoding="utf-8"))
 DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
 GRID = Grid((14, 40, 48), (3.0, 2.0, 2.0))
 MU_WATER_PER_MM = 0.0193
@@ -389,10 +390,20 @@ def desk(tmp_path, monkeypatch):
     written((phantom_files.ball("bright") + 2 * phantom_files.ball("dark")).astype(np.uint8), "labels.nii.gz")
 
 
-def test_the_page_has_these_mistakes_and_no_others():
-    assert len(MISTAKES) >= 15
+def matches(message, expected):
+    """Return whether a message is as expected, where `...` is any text."""
+    return re.fullmatch(".*".join(map(re.escape, expected.split("..."))), message) is not None
+
+
+def test_every_message_has_a_test():
+    assert len(MISTAKES) >= 55
     assert set(MESSAGES) == {*MISTAKES, "A target after the configuration"}
-    assert PAGE.count("<!-- message -->") == len(MESSAGES)
+
+
+def test_the_page_quotes_these_messages():
+    assert len(EXPLAINED) >= 8 and PAGE.count("<!-- message -->") == len(EXPLAINED)
+    for title, quoted in EXPLAINED.items():
+        assert matches(MESSAGES[title], quoted), title
 
 
 def test_without_a_mistake_there_is_no_message(desk):
@@ -404,13 +415,12 @@ def test_without_a_mistake_there_is_no_message(desk):
 
 
 @pytest.mark.parametrize("title", MISTAKES)
-def test_a_mistake_gives_the_message_on_the_page(title, desk):
+def test_a_mistake_gives_its_message(title, desk):
     make, named = MISTAKES[title]
     with pytest.raises(InputError) as error:
         make()
     message = str(error.value)
-    expected = ".*".join(map(re.escape, MESSAGES[title].removeprefix("Error: ").split("...")))
-    assert re.fullmatch(expected, message), message
+    assert matches(message, MESSAGES[title].removeprefix("Error: ")), message
     what, _, fix = message.partition("; ")
     assert named in message and what and fix
 

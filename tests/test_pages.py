@@ -1,7 +1,7 @@
 """Following a page: what comes out as it says passes, and nothing else does."""
 
 import pytest
-from pages import blocks, follow
+from pages import blocks, follow, marked
 
 PAGE = """# A page
 
@@ -91,3 +91,10 @@ def test_what_needs_a_cluster_is_done_where_there_is_one(tmp_path):
     (tmp_path / "page.md").write_text(text.replace("notes/a.txt\nb.txt\n", "d.txt\n"))
     with pytest.raises(AssertionError, match="d.txt is not there"):
         follow(tmp_path / "page.md", tmp_path, slurm=True)
+
+
+def test_pages_with_marked_blocks_are_found_in_every_folder(tmp_path):
+    for name, text in (("a/one.md", PAGE), ("two.md", PAGE), ("a/three.md", "# A page\n\n```\nls\n```\n")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert [page.name for page in marked(tmp_path)] == ["one.md", "two.md"]

@@ -18,17 +18,15 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 QUOTE = re.compile(r"(?:^ *> .*\n)+", re.MULTILINE)
 FENCED = re.compile(r"(?P<mark><!-- .* -->\n)?^ *```text\n(?P<text>.*?)^ *```$", re.MULTILINE | re.DOTALL)
-# Pages without outputs: formulas, and what tests/test_notebooks.py compares with docstrings.
-WITHOUT = {"theory.md", "statistics.md", "python.md"}
+# Pages whose blocks are formulas.
+WITHOUT = {"theory.md", "statistics.md"}
 # First words of what a page quotes: the test that compares it, or why none does.
 UNCHECKED = {
-    "GLDM SmallDependenceLowGrayLevelEmphasis": "takes the default study, 10 minutes; looked at before a release",
     "14:25:46 Jobs to do": "times of one run; the form is that of tests/progress/test_console.py",
-    "diagnosis (snakemake diagnosis)": "of a recording that readers have themselves; the form is costs.table.listed",
     "phantom -> project": "a drawing",
 }
 CHECKED = {
-    "solid_disc and the simulation differ": "test_the_readme_quotes_what_the_tutorial_prints",
+    "solid_disc and the simulation differ": "test_the_readme_quotes_what_the_guide_prints",
     "Failed: phantom of": "test_the_line_of_a_killed_script_is_quoted_as_it_is_printed",
     "1760 acquisitions": "test_the_plan_of_a_large_study_is_quoted_as_it_is_printed",
 }
@@ -48,10 +46,10 @@ def quotations(path):
     return [words(re.sub(r"^ *> ?", "", one, flags=re.MULTILINE)) for one in QUOTE.findall(path.read_text())]
 
 
-def test_the_readme_quotes_what_the_tutorial_prints():
-    """The tutorial's own output is compared with its command by tests/workflow/test_tutorials.py."""
+def test_the_readme_quotes_what_the_guide_prints():
+    """The output of the guide is compared with its command by tests/workflow/test_marked_pages.py."""
     (quote,) = [one for one in quotations(ROOT / "README.md") if one.startswith("solid_disc")]
-    printed = [block.text for block in blocks(DOCS / "tutorials" / "own-sinogram.md") if block.kind == "prints"]
+    printed = [block.text for block in blocks(DOCS / "getting-started" / "own-sinogram.md") if block.kind == "prints"]
     assert any(quoted(quote, one) for one in printed), quote
 
 
@@ -60,7 +58,8 @@ def test_the_plan_of_a_large_study_is_quoted_as_it_is_printed(monkeypatch):
     lines, settings = read_configs(["config/large.yaml"])
     assert not lines
     printed = readable(*summary(Plan(complete(settings)), "cpu", read_rates(RESOURCES / "rates.yaml")))
-    (text,) = [one["text"] for one in FENCED.finditer((DOCS / "cluster.md").read_text()) if "1760" in one["text"]]
+    page = (DOCS / "how-to" / "cluster.md").read_text()
+    (text,) = [one["text"] for one in FENCED.finditer(page) if "1760" in one["text"]]
     assert quoted(text, printed), printed
 
 
@@ -68,11 +67,12 @@ def test_the_line_of_a_killed_script_is_quoted_as_it_is_printed():
     files = [f"results/phantom/{name}" for name in ("image.nii.gz", "labels.nii.gz", "rois.csv", "rois.npz")]
     job = {"rule_name": "phantom", "jobid": 1, "output": files, "log": ["results/logs/phantom.log"]}
     (line,) = without_reason([job], said="died with <Signals.SIGKILL: 9>.").values()
-    (text,) = [one["text"] for one in FENCED.finditer((DOCS / "how-it-works.md").read_text()) if "SIGKILL" in one[0]]
+    page = (DOCS / "explanation" / "how-it-works.md").read_text()
+    (text,) = [one["text"] for one in FENCED.finditer(page) if "SIGKILL" in one[0]]
     assert words(text) == line
 
 
-@pytest.mark.parametrize("path", [ROOT / "README.md", *sorted(DOCS.glob("*.md"))], ids=lambda path: path.name)
+@pytest.mark.parametrize("path", [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))], ids=lambda path: path.name)
 def test_every_quoted_output_is_compared_or_has_a_reason(path):
     text = path.read_text(encoding="utf-8")
     found = quotations(path)

@@ -243,10 +243,10 @@ def _print_of_job(environment, number, keys):
 
 
 def tutorial(environment, folder):
-    """docs/tutorials/run-on-a-cluster.md to the letter, in a copy of the project."""
+    """docs/how-to/cluster.md to the letter, in a copy of the project."""
     project, before, began = folder / "tutorial", len(jobs(environment)), time.monotonic()
     PAGES["copy_project"](ROOT, project)
-    PAGES["follow"](project / "docs" / "tutorials" / "run-on-a-cluster.md", project, slurm=True)
+    PAGES["follow"](project / "docs" / "how-to" / "cluster.md", project, slurm=True)
     told("the tutorial", time.monotonic() - began, submitted := jobs(environment)[before:])
     expect(submitted and {job["state"] for job in submitted} == {"COMPLETED"}, "SLURM completed all of its jobs")
 

@@ -25,7 +25,7 @@ pytestmark = [
     pytest.mark.real,
     pytest.mark.skipif(not REAL.exists(), reason="the real measurements are not beside this checkout"),
 ]
-# docs/htc2022.md
+# docs/validation/real-discs.md
 PHOTONS = 36000.0  # per pixel in air, from differences of neighbouring views
 EVERY = 36  # of the views; of those half are held out
 FOUND = {

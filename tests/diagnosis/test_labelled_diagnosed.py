@@ -47,7 +47,7 @@ def test_it_is_said_what_voxels_leave_along_edges(tmp_path):
     found = vp.diagnose(folder, labels=(path, MATERIALS), samples=2, effects=["scatter"], check_setup=False)
     assert of_voxels(found) == [
         "What is left lies along edges, as the voxels of labels.nii.gz (1 mm) leave it: finer voxels or an object of "
-        "shapes would show whether anything else is left (docs/objects.md)."
+        "shapes would show whether anything else is left (docs/how-to/objects.md)."
     ]
 
 

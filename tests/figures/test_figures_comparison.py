@@ -11,7 +11,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.figures import comparison as figures
 from virtual_phantom.figures import style
-from virtual_phantom.statistics import comparison
+from virtual_phantom.statistics import comparison, comparison_summary
 from virtual_phantom.statistics.measured import TISSUE_CLASSES
 
 
@@ -50,7 +50,7 @@ def cells(axes):
 def test_every_cell_has_the_colour_of_its_step(table):
     shuffled = table.sample(frac=1, random_state=1)
     rois = list(dict.fromkeys(shuffled["roi"]))
-    figure = figures.draw(shuffled, comparison.ranks(table))
+    figure = figures.draw(shuffled, comparison_summary.ranks(table))
     colours = cells(figure.axes[0])
     assert colours.shape == (86, 6, 4)
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
@@ -75,7 +75,7 @@ def test_every_cell_has_the_colour_of_its_step(table):
 
 
 def test_constant_cells_and_marks(table):
-    figure = figures.draw(table, comparison.summary(table), "title")
+    figure = figures.draw(table, comparison_summary.summary(table), "title")
     ratio = cells(figure.axes[1])
     grey = np.all(np.isclose(ratio, matplotlib.colors.to_rgba(figures.MISSING)), axis=-1)
     assert grey.sum() == 6 and grey[0].all()  # both constant
@@ -88,7 +88,7 @@ def test_constant_cells_and_marks(table):
         black, white, rings = (len(c.get_offsets()) for c in axes.collections if isinstance(c, PathCollection))
         assert black + white == (table[q] < 0.05).sum() and rings == table[equivalent].sum()
         assert white > 0 or q == "q_sd"
-    tau = comparison.ranks(table)["kendall_tau"]
+    tau = comparison_summary.ranks(table)["kendall_tau"]
     said = texts(figure)
     assert said.count("–") == tau.isna().sum() > 0
     assert {"title", "cyst 1", "−30", "30", "1/8", "1/2", "8", "shown to agree"} <= set(said)
@@ -96,22 +96,22 @@ def test_constant_cells_and_marks(table):
 
 
 def test_another_margin_moves_the_steps(table):
-    said = texts(figures.draw(table.assign(margin_sd=0.5, sd_factor=1.5), comparison.ranks(table)))
+    said = texts(figures.draw(table.assign(margin_sd=0.5, sd_factor=1.5), comparison_summary.ranks(table)))
     assert {"−0.5", "0.5", "15", "1.5", "1/1.5"} <= set(said)
 
 
 def test_pages_hold_their_text(table):
-    summary = comparison.summary(table)
+    summary = comparison_summary.summary(table)
     page = figures.draw(table, summary)
     one = table[(table["roi"] == "cyst_1") & table["feature"].isin(FEATURES[:2])]
-    little = comparison.summary(one)
+    little = comparison_summary.summary(one)
     for figure in (page, figures.draw(one, little)):
         assert_text_fits(figure)
     assert page.get_figheight() * 25.4 < 260  # A4 has 297 mm
 
 
 def test_refusals(table):
-    ranking = comparison.ranks(table)
+    ranking = comparison_summary.ranks(table)
     for wrong, ranks, message in (
         (table.iloc[:0], ranking, "has no rows"),
         (table.iloc[1:], ranking, "not one row for every ROI and feature"),
@@ -125,13 +125,13 @@ def test_refusals(table):
 
 def test_without_an_order_of_rois_there_is_no_column_of_it(table):
     few = table[table["roi"].isin(list(dict.fromkeys(table["roi"]))[:2])]
-    said = texts(figures.draw(few, comparison.summary(few)))
+    said = texts(figures.draw(few, comparison_summary.summary(few)))
     assert not [text for text in said if "τ" in text] and "shown to agree" in said
-    assert {"order,\nτ", "τ ≥ 0.7: ROIs in order"} <= set(texts(figures.draw(table, comparison.summary(table))))
+    assert {"order,\nτ", "τ ≥ 0.7: ROIs in order"} <= set(texts(figures.draw(table, comparison_summary.summary(table))))
 
 
 def test_features_that_cannot_be_compared_are_marked(table):
-    summary = comparison.summary(table).assign(other_settings="", other_sizes="")
+    summary = comparison_summary.summary(table).assign(other_settings="", other_sizes="")
     summary.loc[summary["feature"] == FEATURES[2], "other_settings"] = "binWidth is 10, the study's 25"
     size = "512 voxels of 1 mm³, the study's 216 voxels of 1 mm³"
     summary.loc[summary["feature"].isin(FEATURES[2:4]), "other_sizes"] = size
@@ -150,7 +150,7 @@ def test_features_that_cannot_be_compared_are_marked(table):
 @pytest.mark.parametrize("count", [1, 2, 6])
 def test_texts_lie_apart_however_few_the_rois(table, count):
     few = table[table["roi"].isin(list(dict.fromkeys(table["roi"]))[:count])]
-    figure = figures.draw(few, comparison.ranks(table))
+    figure = figures.draw(few, comparison_summary.ranks(table))
     assert_text_fits(figure)
     figure.draw_without_rendering()
     scales = [axes.xaxis.label.get_window_extent() for axes in figure.axes if axes.xaxis.label.get_text()]

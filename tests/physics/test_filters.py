@@ -158,7 +158,7 @@ def test_another_detector_and_collimation_has_the_same_parameters(physics, spect
 
 def test_a_parabola_misses_as_much_of_xcists_bowties_as_model_accuracy_allows_them():
     """Root mean square over that of the thickness, of the best parabola within fans of 13, 20 and 27.6 degrees."""
-    profiles = ((31.8, 3.54, 14.9), (32.7, 3.27, 13.0), (32.7, 2.82, 10.8))  # docs/physics.md
+    profiles = ((31.8, 3.54, 14.9), (32.7, 3.27, 13.0), (32.7, 2.82, 10.8))  # bowtie in the effects reference
     missed = []
     for half_fan in (13.0, 20.0, 27.6):
         fan = np.linspace(-half_fan, half_fan, 889)

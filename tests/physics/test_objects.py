@@ -121,7 +121,7 @@ def test_a_file_of_ones_own(tmp_path):
 
 
 def test_the_file_on_the_page_is_an_object(tmp_path):
-    page = (Path(__file__).resolve().parents[2] / "docs" / "objects.md").read_text(encoding="utf-8")
+    page = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "objects.md").read_text(encoding="utf-8")
     (block,) = [one for one in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL) if one.startswith("description:")]
     (tmp_path / "bottle.yaml").write_text(block)
     shaped = read_object(str(tmp_path / "bottle.yaml"), {"wide_mm": 40})

@@ -1,9 +1,7 @@
 """Every effect against a closed form, and the chain against the baseline."""
 
-import importlib.util
 import itertools
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +21,6 @@ from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene
 from virtual_phantom.physics.state import State, lagged, shared
 from virtual_phantom.simulation.reconstruct import with_effects
 
-ROOT = Path(__file__).resolve().parents[2]
 MU = 0.0193
 SCANNER = dict(
     views=24,
@@ -519,13 +516,6 @@ def test_effects_on_images():
         ("hu_calibration", {"scale": 1.0, "offset_hu": 0.0}),
     ):
         np.testing.assert_array_equal(with_effects(point, spacing, {name: neutral}), point)
-
-
-def test_the_catalogue_is_up_to_date():
-    spec = importlib.util.spec_from_file_location("effects_catalogue", ROOT / "docs" / "effects_catalogue.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert module.page() == (ROOT / "docs" / "physics.md").read_text(), "run python docs/effects_catalogue.py"
 
 
 def test_a_dark_signal_is_read_out_without_noise_of_its_own():

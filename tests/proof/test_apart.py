@@ -45,7 +45,7 @@ def test_what_makes_recordings_loads_no_physics_of_the_library():
 def test_what_diagnoses_loads_nothing_of_the_proof():
     scripts = [*SCRIPTS.glob("diagnose*.py"), SCRIPTS / "agreement_elsewhere.py"]
     found = loaded(*scripts, named=[*modules("diagnosis"), *modules("physics/effects")])
-    assert {"diagnosis.core.verdict", "physics.chain", "physics.effects.scatter"} <= found
+    assert {"diagnosis.verdict.verdict", "physics.chain", "physics.effects.scatter"} <= found
     assert of_the_proof(found) == set()
 
 

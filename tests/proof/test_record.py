@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from generators import validation_tables
 from proof_suite import diagnosis, write_suite
 
 from virtual_phantom.base.data import RESOURCES
@@ -170,27 +171,50 @@ def test_a_broken_record_is_one_line(record, entries, message):
         read(record(*entries))
 
 
-def test_readme_and_docs_have_the_pooled_counts():
-    """Of the shipped record: after a seed is added, both follow."""
-    readme, page = ((ROOT / name).read_text() for name in ("README.md", "docs/proof.md"))
+def test_readme_has_the_pooled_counts():
+    readme = (ROOT / "README.md").read_text()
+    for name, share in summary(read(RECORD))["pooled"].items():
+        assert name == "exact" or f"{share['count']} of {share['n']} ({percent(share['share'])}; " in readme, name
+    assert f"{len(names()) - len(never_concealed())} of the {len(names())} effects" in " ".join(readme.split())
+
+
+def test_docs_have_the_pooled_counts():
+    """After a seed is added to the record, the page follows."""
+    page = " ".join((ROOT / "docs/validation/blind-validation.md").read_text().split())
     shown = summary(read(RECORD))
     for name, share in shown["pooled"].items():
-        line = f"{share['count']} of {share['n']} "
-        assert f"| {line}({percent(share['share'])}; " in page, name
-        assert name == "exact" or f"| {line}| " in readme, name
-    for one in shown["seeds"]:
-        assert f"seed {one['seed']}" in page
+        assert f"| {share['count']} of {share['n']} ({percent(share['share'])}; " in page, name
+    assert all(f"seed {one['seed']}" in page or f"seeds {one['seed']}" in page for one in shown["seeds"])
     known, all_ = len(names()) - len(never_concealed()), len(names())
-    assert f"{known} of the {all_} effects" in " ".join(readme.split())
-    told = (
-        " ".join(page.split()).split(f"{known} of the library's {all_} effects. Never are ")[1].split(". All draws")[0]
-    )
-    assert all(part in told for name in never_concealed() for part in label(name).split()), told
+    never = page.split(f"{known} of the library's {all_} effects. Never hidden are ")[1].split(". ###")[0]
+    assert all(part in never for name in never_concealed() for part in label(name).split()), never
+
+
+def test_docs_count_the_seed_that_was_scored_last_and_the_worst():
+    page = (ROOT / "docs/validation/blind-validation.md").read_text()
+    entries = [one for one in read(RECORD) if one.unseen and one.counts]
+    for name, (count, n) in pooled(entries).items():
+        (row,) = [line for line in page.splitlines() if f"| {count} of {n} (" in line]
+        pairs = [one.counts[name] for one in entries]
+        worst = (max if name == "false_alarms" else min)(pairs, key=lambda pair: pair[0] / pair[1])
+        assert row.endswith("".join(f"| {one} of {of} " for one, of in (pairs[-1], worst)) + "|"), row
 
 
 def test_docs_say_whose_equations_they_are():
-    text = (ROOT / "docs/proof.md").read_text()
+    page = validation_tables.page()
     for model, made in MODELS.items():
-        ours, lacking = ([label(one) for one in made if (one in names()) == known] for known in (True, False))
-        row = ", ".join(ours) + (f"; of those that the library lacks: {', '.join(lacking)}" if lacking else "")
-        assert f"| {model} | {row} |" in text
+        known, lacking = (", ".join(label(one) for one in made if (one in names()) == kind) for kind in (True, False))
+        assert f"| {model} | {known} | {lacking} |" in page
+
+
+def test_the_generated_page_has_every_seed_and_every_table():
+    page = validation_tables.page()
+    for name, share in summary(read(RECORD))["pooled"].items():
+        assert f"| {share['count']} of {share['n']} ({percent(share['share'])}; " in page, name
+    for entry in read(RECORD):
+        assert f"Seed {entry.seed}" in page and all(f"| {a} of {b} |" in page for a, b in entry.counts.values())
+    results = yaml.safe_load(validation_tables.RESULTS.read_text())
+    titles = [table["name"] for section in results for table in section["tables"]]
+    assert len(set(titles)) == len(titles) and all(f"\n### {title}\n" in page for title in titles)
+    with pytest.raises(ValueError, match="has 1 cells; the header has 2"):
+        validation_tables.table(["a", "b"], [["c"]])

@@ -12,7 +12,7 @@ from virtual_phantom.features.table_files import read_table
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.summary import readable, summary
 from virtual_phantom.recordings.summary import table as listed
-from virtual_phantom.statistics.comparison import SIZED
+from virtual_phantom.statistics.comparability import SIZED
 
 
 @pytest.fixture

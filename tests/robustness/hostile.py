@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from virtual_phantom.base.errors import InputError
 
-EXAMPLES = int(os.environ.get("EXAMPLES", "40"))  # of each fuzzed thing; docs/promises.md
+EXAMPLES = int(os.environ.get("EXAMPLES", "40"))  # of each fuzzed thing; docs/reference/stability.md
 FUZZ = settings(
     max_examples=EXAMPLES,
     deadline=None,

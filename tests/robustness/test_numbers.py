@@ -1,6 +1,6 @@
 """Numbers at the edge of what a scan can give: the result is defined, or the study stops and says why.
 
-docs/promises.md lists what is defined.
+docs/reference/stability.md lists what is defined.
 """
 
 import ast

@@ -1,6 +1,6 @@
 """What a processor without the newest instructions makes of a scan, from line integrals to features.
 
-docs/promises.md says what holds.
+docs/reference/stability.md says what holds.
 """
 
 import os

@@ -14,7 +14,7 @@ from virtual_phantom.base.geometry import Grid
 from virtual_phantom.features import extraction
 from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.io.volumes import Volume
-from virtual_phantom.statistics import comparison, measured, multiplicity
+from virtual_phantom.statistics import comparability, comparison, comparison_summary, measured, multiplicity
 from virtual_phantom.statistics.measured import TISSUE_CLASSES
 
 MEAN = "original_firstorder_Mean"
@@ -185,7 +185,7 @@ def test_two_repeats_test_no_sd():
         (lambda a, b: (a, b.drop(columns=FEATURES[1])), {}, f"recorded features: lack {FEATURES[1]}; compare only"),
         (lambda a, b: (a, b.drop_duplicates("roi")), {}, "recorded features: 1 image of ROI normal_1"),
         (lambda a, b: (a.assign(**{FEATURES[0]: np.nan}), b), {}, f"simulated features: {FEATURES[0]} is nan"),
-        (lambda a, b: (a.assign(tissue_class="x"), b), {}, "normal_1 is of tissue class normal_liver and x"),
+        (lambda a, b: (a.assign(tissue_class="x"), b), {}, "normal_1 has tissue class normal_liver and x"),
         (lambda a, b: (a, b), {"margin_sd": 0}, "margin_sd 0 must be positive"),
         (lambda a, b: (a, b), {"sd_factor": 1}, "sd_factor 1 larger than one"),
     ],
@@ -200,8 +200,8 @@ def test_a_subset_of_rois_is_enough_if_asked_for():
     result = comparison.compare(drawn(0, 3), drawn(1, 3, rois=["cyst_2", "cyst_1"]), FEATURES[:2], rois=["cyst_1"])
     assert list(result["roi"].unique()) == ["cyst_1"]
     with pytest.raises(InputError, match="1 ROIs; an order"):
-        comparison.ranks(result)
-    assert comparison.summary(result)["kendall_tau"].isna().all()
+        comparison_summary.ranks(result)
+    assert comparison_summary.summary(result)["kendall_tau"].isna().all()
 
 
 def test_order_of_rois_by_hand():
@@ -209,15 +209,15 @@ def test_order_of_rois_by_hand():
     places = {"cyst_1": 0, "cyst_2": 10, "normal_1": 20, "normal_2": 30}
     swapped = places | {"cyst_1": 10, "cyst_2": 0}
     ours, theirs = (table(**{roi: [v, v + 1, v + 2] for roi, v in p.items()}) for p in (swapped, places))
-    row = only(comparison.ranks(comparison.compare(ours, theirs, [MEAN])))
+    row = only(comparison_summary.ranks(comparison.compare(ours, theirs, [MEAN])))
     assert row[["kendall_tau", "spearman", "rois"]].tolist() == pytest.approx([4 / 6, 0.8, 4])
     same = comparison.compare(theirs.assign(**{MEAN: theirs.groupby("roi").cumcount() * 1.0}), theirs, [MEAN])
-    assert only(comparison.ranks(same))[["kendall_tau", "spearman"]].isna().all()
+    assert only(comparison_summary.ranks(same))[["kendall_tau", "spearman"]].isna().all()
 
 
 def test_two_swaps_of_six_are_still_in_order_and_chance_gives_as_many_in_3_percent():
     taus = [stats.kendalltau(range(6), order).statistic for order in permutations(range(6))]
-    assert np.mean(np.array(taus) >= comparison.RANK_RIGHT) == pytest.approx(20 / 720)
+    assert np.mean(np.array(taus) >= comparison_summary.RANK_RIGHT) == pytest.approx(20 / 720)
 
 
 def test_summary_by_hand():
@@ -232,14 +232,14 @@ def test_summary_by_hand():
     ours[features[1]] = centre[features[1]] + 3 * (theirs[features[1]] - centre[features[1]])
     ours[features[2]] = -theirs[features[2]]
     result = comparison.compare(ours, theirs, features)
-    summary = comparison.summary(result).set_index("feature")
+    summary = comparison_summary.summary(result).set_index("feature")
     assert summary["verdict"].tolist() == ["mean, SD and rank right", "mean and rank right", "SD right"]
     first, second, third = (summary.loc[feature] for feature in features)
     assert first[["rois", "share_within_margin", "median_sd_ratio"]].tolist() == pytest.approx([6, 5 / 6, 1])
     assert first["median_abs_shift_sd"] == pytest.approx(0, abs=1e-9) and first["share_mean_differs"] == 1 / 6
     assert second[["median_sd_ratio", "share_sd_within"]].tolist() == pytest.approx([3, 0])
     assert third[["kendall_tau", "spearman"]].tolist() == pytest.approx([-1, -1])
-    families = comparison.family_summary(result)
+    families = comparison_summary.family_summary(result)
     assert families["family"].tolist() == ["first order", "all"] and families["features"].tolist() == [3, 3]
     assert families.loc[1, ["share_all_right", "share_mean_right", "share_sd_right"]].tolist() == pytest.approx(
         [1 / 3, 2 / 3, 2 / 3]
@@ -250,7 +250,7 @@ def test_summary_by_hand():
 
 
 def test_verdicts_read_as_english():
-    said = [comparison._verdict(right) for right in ((1, 1, 1), (1, 0, 1), (0, 0, 1), (0, 0, 0))]
+    said = [comparison_summary._verdict(right) for right in ((1, 1, 1), (1, 0, 1), (0, 0, 1), (0, 0, 0))]
     assert said == ["mean, SD and rank right", "mean and rank right", "rank right", "none right"]
 
 
@@ -275,7 +275,7 @@ def test_flags_are_what_a_larger_roi_and_a_finer_grid_change():
     rng = np.random.default_rng(5)
     small = np.mean([features_of(white_noise(rng, 8)) for _ in range(4)], axis=0)
     large = np.mean([features_of(white_noise(rng, 16)) for _ in range(2)], axis=0)
-    flags = comparison.comparable(FEATURES, 3, 0).set_index("feature")
+    flags = comparability.comparable(FEATURES, 3, 0).set_index("feature")
     # In white noise these are 0 but for chance, which is smaller in more voxels.
     chance = {f"original_glcm_{name}" for name in ("Correlation", "Imc1", "Imc2")}
     grown = pd.Series(large / small, index=FEATURES).drop(list(chance))
@@ -297,18 +297,18 @@ def test_offsets_move_values_or_bin_edges():
     hu = rng.normal(60, 30, (10, 10, 10)).round()
     plain = features_of(hu)
     for offset in (1000, 1024):
-        flags = comparison.comparable(FEATURES, 3, offset).set_index("feature")
+        flags = comparability.comparable(FEATURES, 3, offset).set_index("feature")
         change = (features_of(hu + offset) / plain - 1).abs()
         assert (change[flags["needs_hu"]] > 0.5).all()
         still = ~flags["needs_hu"] & ~flags["depends_on_bin_edges"]
         assert np.allclose(change[still], 0, atol=1e-5)
         assert flags["depends_on_bin_edges"].any() == (offset == 1024)
-    assert not comparison.comparable(FEATURES, 3, 0)[["needs_hu", "depends_on_bin_edges"]].any().any()
+    assert not comparability.comparable(FEATURES, 3, 0)[["needs_hu", "depends_on_bin_edges"]].any().any()
 
 
 def test_what_must_not_be_compared():
     verdict = {
-        (dimensions, same): comparison.comparable(FEATURES, dimensions, 1024, same_voxels=same).set_index("feature")
+        (dimensions, same): comparability.comparable(FEATURES, dimensions, 1024, same_voxels=same).set_index("feature")
         for dimensions in (2, 3)
         for same in (False, True)
     }
@@ -316,25 +316,25 @@ def test_what_must_not_be_compared():
     assert "no" not in set(solid) and solid["original_glcm_Idn"] == "with care" and solid[MEAN] == "yes"
     assert verdict[3, True].loc[MEAN, "reason"] == "after conversion to HU"
     other = verdict[3, False]["comparable"]
-    assert set(other.index[other == "no"]) == set(comparison.SIZED)
+    assert set(other.index[other == "no"]) == set(comparability.SIZED)
     for same in (False, True):  # a slice never has the voxels of a volume
         flat = verdict[2, same]["comparable"]
-        assert set(comparison.SIZED) < set(flat.index[flat == "no"])
+        assert set(comparability.SIZED) < set(flat.index[flat == "no"])
         assert flat["original_gldm_DependenceVariance"] == flat["original_glszm_ZoneEntropy"] == "no"
         assert flat["original_gldm_GrayLevelVariance"] == flat["original_glcm_Contrast"] == "with care"
-    assert set(solid) | set(flat) == set(comparison.COMPARABLE)
+    assert set(solid) | set(flat) == set(comparability.COMPARABLE)
     for arguments, message in (((FEATURES, 4, 0), "dimensions is 4"), ((["x"], 3, 0), "unknown feature x")):
         with pytest.raises(InputError, match=message):
-            comparison.comparable(*arguments)
+            comparability.comparable(*arguments)
 
 
 def test_size_of_an_roi_from_its_features():
     rng = np.random.default_rng(7)
     rows = pd.DataFrame([features_of(rng.normal(50, 20, (6, 6, 6)), 2.0) for _ in range(2)]).assign(roi="cyst_1")
-    assert comparison.roi_sizes(rows).iloc[0].tolist() == ["cyst_1", pytest.approx(216), pytest.approx(8)]
-    assert np.isnan(comparison.roi_sizes(rows.drop(columns="original_firstorder_TotalEnergy"))["voxel_mm3"][0])
+    assert comparability.roi_sizes(rows).iloc[0].tolist() == ["cyst_1", pytest.approx(216), pytest.approx(8)]
+    assert np.isnan(comparability.roi_sizes(rows.drop(columns="original_firstorder_TotalEnergy"))["voxel_mm3"][0])
     with pytest.raises(InputError, match="Energy is missing"):
-        comparison.roi_sizes(rows.drop(columns="original_firstorder_Energy"))
+        comparability.roi_sizes(rows.drop(columns="original_firstorder_Energy"))
 
 
 def test_features_that_grow_with_the_roi_are_named_where_its_voxels_are_others():
@@ -345,18 +345,18 @@ def test_features_that_grow_with_the_roi_are_named_where_its_voxels_are_others()
         return pd.DataFrame([features_of(rng.normal(50, 20, (edge,) * 3), spacing) for _ in range(2)]).assign(roi="a")
 
     ours = rows(6)
-    assert comparison.other_sizes(ours, rows(6), FEATURES, ["a"]) == {}
-    larger = comparison.other_sizes(ours, rows(8), FEATURES, ["a"])
-    assert set(larger) == set(comparison.SIZED)
+    assert comparability.other_sizes(ours, rows(6), FEATURES, ["a"]) == {}
+    larger = comparability.other_sizes(ours, rows(8), FEATURES, ["a"])
+    assert set(larger) == set(comparability.SIZED)
     assert set(larger.values()) == {"512 voxels of 1 mm³, the study's 216 voxels of 1 mm³"}
-    coarser = comparison.other_sizes(ours, rows(6, 2.0), FEATURES, ["a"])
+    coarser = comparability.other_sizes(ours, rows(6, 2.0), FEATURES, ["a"])
     assert set(coarser.values()) == {"216 voxels of 8 mm³, the study's 216 voxels of 1 mm³"}
     # Another ROI, which is not compared, says nothing; a table without Energy tells by pyradiomics' own column.
     beside = pd.concat([rows(6), rows(8).assign(roi="b")])
-    assert comparison.other_sizes(ours, beside, FEATURES, ["a"]) == {}
+    assert comparability.other_sizes(ours, beside, FEATURES, ["a"]) == {}
     some = rows(8).drop(columns="original_firstorder_Energy")
-    assert comparison.other_sizes(ours, some, FEATURES, ["a"]) == {}
-    counted = comparison.other_sizes(ours, some.assign(**{comparison.COUNTS[2]: 512}), FEATURES, ["a"])
+    assert comparability.other_sizes(ours, some, FEATURES, ["a"]) == {}
+    counted = comparability.other_sizes(ours, some.assign(**{comparability.COUNTS[2]: 512}), FEATURES, ["a"])
     assert set(counted.values()) == {"512 voxels, the study's 216 voxels of 1 mm³"}
 
 
@@ -374,7 +374,7 @@ def test_two_halves_of_one_real_scan_series_differ_in_nothing():
         result = comparison.compare(scans[odd], scans[~odd], measured.STUDY_FEATURES)
         assert not (result[["q_mean", "q_sd", "holm_mean", "holm_sd"]] < 0.05).any().any()
         assert "no" not in set(result["mean_agrees"]) | set(result["sd_agrees"])
-        overall = comparison.family_summary(result).iloc[-1]
+        overall = comparison_summary.family_summary(result).iloc[-1]
         assert overall["share_within_margin"] > 0.9 and overall["median_abs_shift_sd"] < 0.4
         assert 0.2 < overall["share_equivalent"] < 0.5  # ten scans show less than half of what is so
 
@@ -384,6 +384,6 @@ def test_two_halves_of_one_real_scan_series_differ_in_nothing():
 def test_two_reconstructions_of_the_same_real_scans_differ_but_order_the_rois_alike():
     series = measured.load_full_dose_series(REAL / "edge_dose_series" / "features_3d.csv").query("dose_mgy == 10")
     sides = (series[series["reconstruction"] == name] for name in ("iterative", "fbp"))
-    overall = comparison.family_summary(comparison.compare(*sides, FEATURES)).iloc[-1]
+    overall = comparison_summary.family_summary(comparison.compare(*sides, FEATURES)).iloc[-1]
     assert overall["median_abs_shift_sd"] == pytest.approx(5.1, abs=0.1) and overall["share_mean_differs"] > 0.8
     assert overall["share_rank_right"] > 0.9 and overall["median_sd_ratio"] == pytest.approx(1.02, abs=0.02)

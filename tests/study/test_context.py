@@ -249,7 +249,7 @@ def test_recordings_of_a_scanner_declare_the_same_of_it(tmp_path):
 
 
 def test_a_large_scan_asks_for_memory_by_what_is_fitted_of_it(tmp_path):
-    """A clinical turn took 6.1 GB with two processes (docs/speed.md); all of its views would take ten times that."""
+    """A clinical turn took 6.1 GB with two processes (docs/explanation/performance.md); all views take ten times."""
     scan = SCAN | {"views": 984, "views_per_rotation": 984, "rows": 64, "columns": 888}
     folder = recorded(tmp_path, "turn", "projections", scan=scan)
 

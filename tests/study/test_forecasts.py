@@ -144,7 +144,7 @@ def test_a_forecast_is_from_few_scans_and_rounds_to_many():
 
 
 # What was diagnosed, and CPU seconds that it took (one process or two, kernels compiled before or not), beside other
-# work: a real disc (docs/htc2022.md), and discs that skimage's Radon transform has scanned.
+# work: a real disc (docs/validation/real-discs.md), and discs that skimage's Radon transform has scanned.
 DISC = {"disc": {"diameter_mm": 70, "material": "pmma"}}
 TAKEN = [
     ((721, 1, 560), DISC | {"samples": 1, "view_step": 15}, 6, (39.8, 46.5)),

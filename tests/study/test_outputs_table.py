@@ -1,6 +1,5 @@
-"""The table of outputs: paths, and the page that is made of it. tests/workflow/test_outputs.py holds rules to it."""
+"""The table of outputs. tests/workflow/test_outputs.py compares the rules with it."""
 
-import importlib.util
 from pathlib import Path
 
 import pytest
@@ -37,10 +36,3 @@ def test_a_caption_is_called_as_its_file_or_as_the_table_says():
     for output in BY_NAME.values():
         if output.section:
             assert (ROOT / "workflow" / "report" / output.caption_file()).exists(), output.name
-
-
-def test_the_page_is_up_to_date():
-    spec = importlib.util.spec_from_file_location("files_table", ROOT / "docs" / "files_table.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert module.page() == (ROOT / "docs" / "files.md").read_text(), "run python docs/files_table.py"

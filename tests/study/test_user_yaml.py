@@ -198,7 +198,7 @@ def test_an_entry_that_is_refused_is_the_only_mistake(entry, capsys):
 
 
 def test_removing_a_protocol_as_the_docs_say_works(capsys):
-    text = (ROOT / "docs" / "protocols.md").read_text()
+    text = (ROOT / "docs" / "how-to" / "protocols.md").read_text()
     (block,) = [one for one in text.split("```yaml\n")[1:] if "sirt_300: null" in one]
     assert checked(block.partition("```")[0], capsys) == (0, [])
 

@@ -39,7 +39,7 @@ def snakemake(folder, *words, cwd=None, python=sys.executable):
 
 
 def jobs_of(process):
-    """{rule: [wildcards], sorted} of a dry run. The Snakefile at the root calls its target `default`, the other `all`."""
+    """{rule: [wildcards], sorted} of a dry run; `all` is called `default` in the Snakefile at the root."""
     return {re.sub(r"(?<![a-z])default$", "all", rule): sorted(jobs) for rule, jobs in planned(process).items()}
 
 

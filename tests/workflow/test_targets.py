@@ -46,7 +46,7 @@ def test_targets_of_the_helsinki_recordings_plan(tmp_path):
     not all(path.exists() for path in TABLES.values()), reason="the published tables are not beside this checkout"
 )
 def test_published_tables_are_imported_by_the_commands_of_the_page(tmp_path, monkeypatch, capsys):
-    text = (ROOT / "docs" / "recordings.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "how-to" / "recordings.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     for name, table in TABLES.items():
         command = f"virtual-phantom-import features {table.name} recordings/{name}\n"

@@ -1,4 +1,4 @@
-# Published measurements, fetched where there is a network. docs/recordings.md and docs/your-own-phantom.md say what they
+# Published measurements, fetched where there is a network. docs/how-to/recordings.md and docs/how-to/phantoms.md say what they
 # are.
 from virtual_phantom.study.context import or_exit
 

@@ -1,4 +1,4 @@
-# Public scans of the printed phantom. docs/printed-phantom.md says what they are. Nothing after these rules knows whether
+# Public scans of the printed phantom. docs/how-to/printed-phantom.md says what they are. Nothing after these rules knows whether
 # a scan was fetched or is somebody's own.
 import sys
 

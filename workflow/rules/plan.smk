@@ -1,4 +1,4 @@
-# What the study would cost, before anyone pays. docs/cluster.md says what it rests on.
+# What the study would cost, before anyone pays. docs/how-to/cluster.md says what it rests on.
 rule plan_files:
     """Jobs, core-hours and bytes of the study that is configured, from measured rates; how long diagnoses take."""
     input:

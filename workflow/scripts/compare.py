@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from virtual_phantom.features import settings, tables
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reference import where
-from virtual_phantom.statistics import comparison
+from virtual_phantom.statistics import comparability, comparison, comparison_summary
 from virtual_phantom.study.job import job, log
 
 
@@ -35,15 +35,15 @@ def main(
     other = settings.other_settings(features, recorded, settings.of_parameters(extraction["path"]), source)
     for line in dict.fromkeys(other.values()):
         log.warning("%s: features were extracted with other settings: %s", source, line)
-    sizes = comparison.other_sizes(simulated, recorded, features, list(cells["roi"].unique()))
+    sizes = comparability.other_sizes(simulated, recorded, features, list(cells["roi"].unique()))
     for line in dict.fromkeys(sizes.values()):
         log.warning("%s: %d features grow with the ROI, which has %s", source, len(sizes), line)
-    summary = comparison.summary(cells).assign(
+    summary = comparison_summary.summary(cells).assign(
         other_settings=[other.get(feature, "") for feature in features],
         other_sizes=[sizes.get(feature, "") for feature in features],
     )
     files.write_csv(summary, features_file)
-    families = comparison.family_summary(cells)
+    families = comparison_summary.family_summary(cells)
     files.write_csv(families, families_file)
     log.info("\n%s", families.to_string(index=False))
 

@@ -1,8 +1,8 @@
-"""The record of the blind test, proof_record.yaml of the library's resources (docs/proof.md). Run it by hand:
+"""Record of the blind validation (docs/validation/blind-validation.md), proof_record.yaml. Run it by hand:
 
 python workflow/scripts/proof_record.py add results/proof/score.json --state COMMIT --note "what differs" [--seen]
 python workflow/scripts/proof_record.py coverage FIRST/score.json SECOND/score.json   95 % intervals side by side
-python workflow/scripts/proof_record.py rows results/proof/score.json    one run as the table of docs/proof.md
+python workflow/scripts/proof_record.py rows results/proof/score.json    one run as the table of the page
 python workflow/scripts/proof_record.py pooled                           all unseen seeds, with intervals
 """
 

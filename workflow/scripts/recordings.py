@@ -12,7 +12,7 @@ def main(*, paths: Sequence[str], output: str, names: Sequence[str]) -> None:
     found = {name: json.loads(files.read_text(path)) for name, path in zip(names, paths, strict=True)}
     rows = table(found)
     files.write_csv(rows, output)
-    print(readable(rows) or "The configuration names no recordings; docs/recordings.md says how.")
+    print(readable(rows) or "The configuration names no recordings; docs/how-to/recordings.md says how.")
 
 
 if "snakemake" in globals():

@@ -26,16 +26,7 @@ class UnexpectedError(RuntimeError):
 
 
 def public(function: Callable[P, T]) -> Callable[P, T]:
-    """The function, which raises InputError for arguments that it does not take, and UnexpectedError for a fault.
-
-    Parameters
-    ----------
-    function : callable
-
-    Returns
-    -------
-    callable
-    """
+    """The function, which raises InputError for arguments that it does not take, and UnexpectedError for a fault."""
     signature = inspect.signature(function)
     names = [name for name, one in signature.parameters.items() if one.kind is not one.VAR_KEYWORD]
 

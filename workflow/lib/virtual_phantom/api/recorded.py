@@ -50,16 +50,17 @@ def diagnose(
     Parameters
     ----------
     recording : str or Path
-        Folder with a recording.yaml (docs/recordings.md).
+        Folder with a recording.yaml (docs/how-to/recordings.md).
     disc : tuple of (float, str), optional
         A homogeneous cylinder along z: diameter, mm, and material.
     mask : tuple of (str or Path, str), optional
         A homogeneous object: NIfTI image of the share of every voxel that it fills, and material.
     labels : tuple of (str or Path, mapping of int to (str or mapping)), optional
-        A label map: NIfTI image of whole numbers, and the material of each: a name, or a definition (docs/objects.md).
+        A label map: NIfTI image of whole numbers, and the material of each label: a name, or a definition
+        (docs/how-to/objects.md).
     shapes : str, or tuple of (str, mapping), optional
-        An object of shapes: the name of one that comes with the library, or the path of a file (docs/objects.md); with
-        values of its parameters.
+        An object of shapes: the name of an object of Virtual Phantom, or the path of a file (docs/how-to/objects.md),
+        and values of its parameters.
     phantom : str or Path, optional
         NIfTI image in HU.
     effects : sequence of str, optional
@@ -116,7 +117,7 @@ def diagnose(
     if (kind := document.content["kind"]) != "projections":
         raise InputError(
             f"{document.path}: holds {kind}, which are compared with a study: name the recording in the study's "
-            "configuration (docs/diagnosis.md) and run snakemake diagnosis"
+            "configuration (docs/how-to/diagnosis.md) and run snakemake diagnosis"
         )
     thresholds = mapping({} if matters is None else matters, "matters", "{quantity: threshold}")
     validate(dict(thresholds), schema_of("diagnosis", "matters"), "matters")

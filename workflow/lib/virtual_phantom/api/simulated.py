@@ -41,7 +41,6 @@ class Scan:
 
     Attributes
     ----------
-    geometry : OrbitGeometry
     grid : Grid
         Of the phantom, on which images are made.
     line_integrals : ndarray of float32, shape (repeats, views, rows, columns)
@@ -80,7 +79,7 @@ def draw_phantom(
     spacing_mm : tuple of 3 float, optional
         Their size (z, y, x), mm.
     layout_file : str or Path, optional
-        Shapes and tissues, as docs/your-own-phantom.md says; None: the abdomen.
+        Shapes and tissues, as docs/how-to/phantoms.md says; None: the abdomen.
     oversampling : int, optional
         How many times finer what is scanned is drawn.
     seed : int, optional
@@ -128,10 +127,6 @@ def read_phantom(
     **places
         `centre_mm`, `keep_mm`, `not_checked`: as in the configuration.
 
-    Returns
-    -------
-    Phantom
-
     Raises
     ------
     InputError
@@ -176,7 +171,6 @@ def scan(
 
     Parameters
     ----------
-    phantom : Phantom
     projections : int, optional
         Views of the whole scan.
     noise_level : float, optional
@@ -184,21 +178,16 @@ def scan(
     repeats : int, optional
         Acquisitions, each with noise of its own.
     physics : mapping of str to mapping of str to float, optional
-        {effect: {parameter: value}}; parameters left out are typical (docs/physics.md). Noise is then that of a
-        detector that weighs photons by their energy.
+        {effect: {parameter: value}}; omitted parameters have their typical values. The noise is then that of a
+        detector that weights photons by their energy.
     seed : int, optional
         Of the noise.
     stream : tuple of (str, str), optional
         Labels of geometry and noise level that pick the noise's random stream, as a study has them; None: of the
         number of projections and "dose10", those of the default study.
-    threads : int, optional
     **scanner
         Keys of the configuration's section `scan` that differ from the default study's: `trajectory`, `pitch`,
         `columns`, `rows`, `source_to_isocentre_mm`, ...
-
-    Returns
-    -------
-    Scan
 
     Raises
     ------
@@ -258,11 +247,9 @@ def reconstruct(
 
     Parameters
     ----------
-    scan : Scan
     algorithm : {"fbp", "sirt"}, optional
     engine : {"auto", "cpu", "astra_cuda"}, optional
         Of SIRT.
-    threads : int, optional
     **settings
         Of the algorithm, as under `reconstruction` in the configuration: `iterations`, `solver`, `normalise`, ...
 
@@ -308,7 +295,6 @@ def extract(images: Volume | Sequence[Volume], phantom: Phantom) -> pd.DataFrame
     ----------
     images : Volume or sequence of Volume
         HU.
-    phantom : Phantom
 
     Returns
     -------

@@ -157,10 +157,6 @@ def _folders(for_writing: bool = False) -> Iterator[Path]:
 
     NUMBA_CACHE_DIR is the first if it is set, and the only one that is read if it can be used. Then follow the package,
     where code in a container image or of whoever installed it is found, the user's caches and temporary files.
-
-    Yields
-    ------
-    Path
     """
     if (stated := _stated()) is not None:
         yield stated

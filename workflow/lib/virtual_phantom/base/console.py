@@ -151,13 +151,8 @@ def unexpected(error: BaseException, beside: str = f"what the same command print
 
     Parameters
     ----------
-    error : BaseException
     beside : str, optional
         What a report of the fault needs beside this line.
-
-    Returns
-    -------
-    str
     """
     if isinstance(error, UnicodeEncodeError):
         return _unencodable(error)

@@ -81,7 +81,6 @@ def refusing(what: str, *kinds: type[Exception], advice: str = "", quoted: bool 
         Beginning of the message: the file or key, and what is wrong with it.
     *kinds : type of Exception
         Which exceptions to turn.
-    advice : str, optional
     quoted : bool, optional
         True: the reason is what the exception says; False: its type alone.
 

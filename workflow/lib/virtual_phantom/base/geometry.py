@@ -354,10 +354,6 @@ def orbit_of(geometry: ScanGeometry, who: str) -> OrbitGeometry:
     who : str
         What needs a circle or helix, for the message.
 
-    Returns
-    -------
-    OrbitGeometry
-
     Raises
     ------
     InputError
@@ -375,7 +371,6 @@ def circular(
 
     Parameters
     ----------
-    views : int
     turns : float, optional
         How many turns they are spread over.
     start_angle_rad : float, optional
@@ -384,10 +379,6 @@ def circular(
         Way of the turn: 1 from +x to +y.
     **detector
         OrbitGeometry's other fields.
-
-    Returns
-    -------
-    OrbitGeometry
     """
     views_per_rotation = views / turns
     angles = start_angle_rad + direction * 2 * np.pi * np.arange(views) / views_per_rotation
@@ -410,7 +401,6 @@ def helical(
 
     Parameters
     ----------
-    views : int
     volume_height_mm : float
         Height that the helix is to carry the beam over, mm.
     pitch : float, optional
@@ -423,10 +413,6 @@ def helical(
         Way of the turn: 1 from +x to +y.
     **detector
         OrbitGeometry's other fields.
-
-    Returns
-    -------
-    OrbitGeometry
     """
     beam = (
         detector["rows"]
@@ -462,10 +448,6 @@ def with_beam(scan: Mapping) -> dict:
     ----------
     scan : mapping
         With `beam: parallel` it has none of its own that count.
-
-    Returns
-    -------
-    dict
     """
     return dict(scan) | (parallel_beam() if scan.get("beam") == PARALLEL else {})
 
@@ -479,10 +461,6 @@ def grid_of(settings: dict) -> Grid:
     ----------
     settings : dict
         The section: `shape`, voxels (z, y, x), and `spacing_mm`, mm (z, y, x).
-
-    Returns
-    -------
-    Grid
     """
     return Grid(tuple(settings["shape"]), tuple(settings["spacing_mm"]))
 
@@ -494,13 +472,8 @@ def scan_geometry(scan: dict, projections: int, grid: Grid) -> OrbitGeometry:
     ----------
     scan : dict
         The section, with its defaults filled in.
-    projections : int
     grid : Grid
         What a helix has to cover along z.
-
-    Returns
-    -------
-    OrbitGeometry
     """
     scan = with_beam(scan)
     detector = {

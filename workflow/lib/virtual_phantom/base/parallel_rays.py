@@ -54,7 +54,6 @@ class ParallelRays:
 
     Attributes
     ----------
-    geometry : OrbitGeometry
     half_turn : int
         How many angles there are per pi.
     angles_rad : ndarray, shape (angles,)
@@ -183,10 +182,6 @@ class ParallelRays:
         ----------
         stack : ndarray, shape (views, rows, columns)
             Projections of the fan.
-
-        Returns
-        -------
-        ndarray
         """
         geometry = self.geometry
         along, ahead = geometry.from_spots_mm(geometry.column_positions_mm())

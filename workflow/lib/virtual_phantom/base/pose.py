@@ -46,14 +46,11 @@ def turned_back(geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None
 
     Parameters
     ----------
-    geometry : ScanGeometry
-    pose : Pose
     motion_mm : ndarray, shape (views, 3), or None
         As VoxelScene.path_lengths takes it.
 
     Returns
     -------
-    geometry : ScanGeometry
     shift_mm : ndarray, shape (3,) or (views, 3)
     """
     geometry, back = geometry.turned(-np.deg2rad(pose.turn_deg)), turned_axes(pose.turn_deg)

@@ -49,10 +49,6 @@ def branch(seed: int, purpose: int, *keys: int) -> Stream:
         One of Branch; of a seed that is not the study's, a number of the caller's own.
     *keys : int
         Branches below, each of the one before.
-
-    Returns
-    -------
-    Stream
     """
     return Stream(seed, spawn_key=(int(purpose), *keys))
 

@@ -289,10 +289,6 @@ class ScanGeometry:
         who : str
             What needs an upright detector, for the message.
 
-        Returns
-        -------
-        Upright
-
         Raises
         ------
         InputError

@@ -34,10 +34,6 @@ def same_but_for_case(names: Iterable[str]) -> tuple[str, str] | None:
 
     Files named after them would be one file on a file system that ignores case, such as that of macOS.
 
-    Parameters
-    ----------
-    names : iterable of str
-
     Returns
     -------
     tuple of str or None

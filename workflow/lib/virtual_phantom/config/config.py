@@ -59,10 +59,6 @@ def complete(settings: Mapping) -> dict:
     settings : mapping
         As `check` takes them; they stay as they are.
 
-    Returns
-    -------
-    dict
-
     Raises
     ------
     InputErrors

@@ -27,7 +27,6 @@ class Entries(Collection):
     ----------
     path : str
         Of the section: keys, joined by dots.
-    names : tuple of str
     removed : frozenset of str
         Entries that null removes.
     """
@@ -57,12 +56,7 @@ class Entries(Collection):
 
 @dataclass(frozen=True)
 class Names:
-    """Names of what a configuration has, also of what is left out as something in it is wrong.
-
-    Attributes
-    ----------
-    protocols, levels, scans, recordings, diagnosed, scanners, comparisons, phantom : Entries
-    """
+    """Names of what a configuration has, also of what is left out as something in it is wrong."""
 
     protocols: Entries
     levels: Entries

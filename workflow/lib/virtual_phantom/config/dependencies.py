@@ -90,10 +90,6 @@ def _relative(path: Path) -> str:
 def files_behind(script: str | Path) -> tuple[Path, ...]:
     """Return the script and every file of the library that it imports, in functions and indirectly, too.
 
-    Parameters
-    ----------
-    script : str or Path
-
     Returns
     -------
     tuple of Path

@@ -647,14 +647,8 @@ class Files:
 
         Parameters
         ----------
-        name : str
-        suffix : str, optional
         **known : str
             Wildcards.
-
-        Returns
-        -------
-        str
 
         Raises
         ------

@@ -42,10 +42,6 @@ class PublicScans:
     def scans(self) -> tuple[PublicScan, ...]:
         """All that the study takes.
 
-        Returns
-        -------
-        tuple of PublicScan
-
         Raises
         ------
         InputError
@@ -108,14 +104,6 @@ class PublicScans:
     def document(self, folder: str) -> Document:
         """What recording.yaml in a folder says, which may be that of the scans that are compared.
 
-        Parameters
-        ----------
-        folder : str
-
-        Returns
-        -------
-        Document
-
         Raises
         ------
         InputError
@@ -161,10 +149,6 @@ class PublicScans:
     def fetched(self) -> list[str]:
         """What `snakemake fetch` brings.
 
-        Returns
-        -------
-        list of str
-
         Raises
         ------
         InputError
@@ -206,20 +190,12 @@ class PublicScans:
         Parameters
         ----------
         output : {"scan_features", "scan_features_2d"}
-
-        Returns
-        -------
-        list of str
         """
         made = Files(self.plan.config["results_dir"].rstrip("/"))
         return [made(output, scan=scan.name) for scan in self.compared]
 
     def recordings(self) -> list[str]:
         """The tables of all scans that are compared.
-
-        Returns
-        -------
-        list of str
 
         Raises
         ------

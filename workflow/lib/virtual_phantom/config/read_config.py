@@ -28,7 +28,7 @@ REMOVABLE = (
     ("diagnosis", "recordings"),
     ("diagnosis", "scanners"),
 )
-ADVICE = "give the path of a configuration (config/README.md has the keys)"
+ADVICE = "give the path of a configuration (see config/README.md)"
 
 
 def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
@@ -96,10 +96,6 @@ def doubtful_entries(path: str | Path) -> list[str]:
 
     These are keys that a section has twice, of which YAML takes the last, and numbers such as 010, which YAML reads
     as 8.
-
-    Returns
-    -------
-    list of str
     """
     try:
         return parse_yaml(path, ADVICE)[1]

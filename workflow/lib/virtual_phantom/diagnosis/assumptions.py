@@ -26,9 +26,6 @@ def described(
 
     Parameters
     ----------
-    asked : DiagnosisRequest
-    recording : Recording
-    prepared : Prepared
     effects : sequence of str
         That were tried.
 

@@ -87,10 +87,6 @@ def candidates(
     parallel : bool, optional
         Whether rays are parallel.
 
-    Returns
-    -------
-    list of str
-
     Raises
     ------
     InputError

@@ -25,14 +25,8 @@ def ready(asked: DiagnosisRequest, recording: Recording | None = None) -> tuple[
 
     Parameters
     ----------
-    asked : DiagnosisRequest
     recording : Recording, optional
         Where it was read already.
-
-    Returns
-    -------
-    recording : Recording
-    prepared : Prepared
 
     Raises
     ------
@@ -47,14 +41,6 @@ def ready(asked: DiagnosisRequest, recording: Recording | None = None) -> tuple[
 
 def labels_of(recording: Recording) -> NominalSettings:
     """What a recording.yaml states of tube and sensor.
-
-    Parameters
-    ----------
-    recording : Recording
-
-    Returns
-    -------
-    NominalSettings
 
     Raises
     ------
@@ -85,19 +71,11 @@ def agreement(
 
     Parameters
     ----------
-    recording : Recording
-    prepared : Prepared
-    choice : Choice
-    asked : DiagnosisRequest
     purpose : Branch
         What simulated noise of projections is drawn for.
     scanned : Scanned, optional
         None for a disc.
     practice : bool, optional
         Whether it is told what effects change in images.
-
-    Returns
-    -------
-    dict
     """
     return KINDS[recording.kind][1](recording, prepared, choice, asked, purpose, scanned, practice)

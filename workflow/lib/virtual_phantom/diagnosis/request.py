@@ -19,7 +19,6 @@ class Disc:
     ----------
     diameter_mm : float
         mm.
-    material : str
     """
 
     diameter_mm: float
@@ -34,7 +33,6 @@ class MaskedObject:
     ----------
     mask : str
         Path of an image, as projections.scanned.mask_scene reads it.
-    material : str
     """
 
     mask: str
@@ -87,7 +85,6 @@ class Settings:
         {nuisance parameter: standard deviation that replaces the default}.
     nominal_photons : float or None
         Noise-equivalent photons per pixel in air, as stated.
-    disc : Disc or None
     object : MaskedObject, LabelledObject, ShapesObject or None
         What was scanned; without both of them, the study's phantom.
     protocol : str or None
@@ -179,7 +176,6 @@ class DiagnosisRequest:
     ----------
     folder : str or Path
         Of the recording.
-    settings : Settings
     mu_water_per_mm : float
         Of the monochromatic beam, 1/mm.
     materials : mapping
@@ -190,7 +186,6 @@ class DiagnosisRequest:
         Of the study, for simulated noise.
     protocol : Protocol or None
         None of projections.
-    threads : int
     """
 
     folder: str | Path
@@ -220,10 +215,8 @@ class NominalSettings:
 
     Attributes
     ----------
-    anode : Anode
     tube_kvp : float or None
         kV; None: not known.
-    sensor : Sensor
     """
 
     anode: Anode

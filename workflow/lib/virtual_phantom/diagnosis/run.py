@@ -45,7 +45,6 @@ def explain(
     ----------
     name : str
         Of the recording.
-    prepared : Prepared
     effects : sequence of str
         Candidates.
     accuracy : mapping of str to float
@@ -64,7 +63,6 @@ def explain(
     -------
     prepared : Prepared
         With the noise by which the recording was judged.
-    diagnosis : Diagnosis
     """
     how_far, numerical, changes = how_far or DiagnosisProgress(), accuracy.get("numerical", 0.0), ChangesOfFits()
     widest_mm = math.inf if object_may_differ is True else float(object_may_differ)
@@ -115,8 +113,6 @@ def hold_against(
     ----------
     name : str
         Of the recording.
-    prepared : Prepared
-    physics : Physics
     same_material : bool
         As verified takes it.
     kept : FitCache, optional
@@ -124,7 +120,6 @@ def hold_against(
 
     Returns
     -------
-    prepared : Prepared
     diagnosis : Diagnosis
         As explain returns them.
     """
@@ -147,16 +142,10 @@ def _settled(
 
     Parameters
     ----------
-    prepared : Prepared
     choice : callable
         (Prepared, KeptFits or None) to Choice.
     kept : FitCache or None
         For the first one.
-
-    Returns
-    -------
-    prepared : Prepared
-    choice : Choice
     """
     chosen = choice(prepared, kept)
     again = prepared.with_noise_of(chosen.chosen.fit)

@@ -26,14 +26,6 @@ PARTIAL_TOLERANCE = 1e-3  # beyond 0 and 1, of shares: what resampling leaves
 def scene_of(asked: DiagnosisRequest) -> DiscScene | PrismScene | ShapesScene | VoxelScene:
     """The scene of a diagnosed recording.
 
-    Parameters
-    ----------
-    asked : DiagnosisRequest
-
-    Returns
-    -------
-    DiscScene, PrismScene, ShapesScene or VoxelScene
-
     Raises
     ------
     InputError
@@ -67,7 +59,6 @@ def whole_voxels(asked: DiagnosisRequest, scene: object) -> str | None:
 
     Parameters
     ----------
-    asked : DiagnosisRequest
     scene : VoxelScene
         Or what has its methods: that of `asked`.
 
@@ -101,11 +92,6 @@ def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, t
         Of the monochromatic beam, 1/mm.
     materials : dict
         As Asked.materials.
-    threads : int, optional
-
-    Returns
-    -------
-    VoxelScene
     """
     volume = volumes.read_nifti(phantom)
     odd = [n % 2 for n in volume.grid.shape]
@@ -125,12 +111,6 @@ def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene 
     ----------
     mask : str or Path
         Image of the share of every voxel (0 to 1) that the object fills, its centre at the isocentre.
-    material : str
-    threads : int, optional
-
-    Returns
-    -------
-    PrismScene or VoxelScene
 
     Raises
     ------
@@ -148,15 +128,9 @@ def labelled_scene(labelled: Labelled, energy_kev: float, threads: int = 1) -> V
 
     Parameters
     ----------
-    labelled : Labelled
     energy_kev : float
         Of the monochromatic beam, keV. Unlike that of one material, it is no mere scale: how much more one material
         attenuates than another depends on it.
-    threads : int, optional
-
-    Returns
-    -------
-    PrismScene or VoxelScene
     """
     shares, grid = labelled.shares, labelled.grid
     if grid.shape[0] == 1:
@@ -166,10 +140,6 @@ def labelled_scene(labelled: Labelled, energy_kev: float, threads: int = 1) -> V
 
 def read_mask(mask: str | Path) -> Volume:
     """The shares of mask_scene.
-
-    Parameters
-    ----------
-    mask : str or Path
 
     Returns
     -------

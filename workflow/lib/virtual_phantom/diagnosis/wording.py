@@ -27,10 +27,6 @@ def sentence(content: Mapping) -> str:
     ----------
     content : mapping
         What diagnosis.json holds, but for the sentence itself.
-
-    Returns
-    -------
-    str
     """
     recording, verdict = content["recording"], content["verdict"]
     if verdict == MATCH:

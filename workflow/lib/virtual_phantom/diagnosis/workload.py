@@ -26,10 +26,6 @@ def rays_of(shape: tuple[int, int, int], samples: int) -> int:
         Of the scan: views, rows, columns.
     samples : int
         Rays per pixel and direction; those of a fan beam stay in its plane.
-
-    Returns
-    -------
-    int
     """
     views, rows, columns = shape
     return views * rows * columns * samples ** (2 if rows > 1 else 1)
@@ -42,10 +38,6 @@ def is_shapes(section: Mapping) -> bool:
     ----------
     section : mapping
         Of the recording, in the configuration: disc, object.
-
-    Returns
-    -------
-    bool
     """
     return "disc" in section or "kind" in section.get("object", {})
 

@@ -80,10 +80,6 @@ def idle(content: Mapping) -> Iterator[str]:
     ----------
     content : mapping
         As pyradiomics' schema accepts it.
-
-    Yields
-    ------
-    str
     """
     settings, types = content.get("setting") or {}, content.get("imageType") or {"Original": {}}
     stated = dict(settings) | {key: value for own in types.values() for key, value in (own or {}).items()}

@@ -154,10 +154,6 @@ def rounding(values: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     values : ndarray, shape (rows, features)
-
-    Returns
-    -------
-    ndarray
     """
     finite = np.isfinite(values)
     size = np.where(finite & (values != 0), abs(values), 1.0)
@@ -183,10 +179,6 @@ def relations(own: Mapping[str, Terms], shift: np.ndarray | float, voxels: Terms
         The voxelArrayShift of every row, NaN where it is not known.
     voxels : Terms, optional
         Number of voxels of every region.
-
-    Yields
-    ------
-    Relation
     """
     for text, low, high, equal, usual in _all(_Features(own, shift, voxels)):
         yield Relation(text, _terms(low), _terms(high), equal, usual)

@@ -67,7 +67,6 @@ def extract(
         On the image's grid, by ROI.
     name : str, optional
         What messages call the image.
-    parameters : Parameters, optional
 
     Returns
     -------
@@ -173,10 +172,6 @@ def _images(volume: Volume, mask: np.ndarray, parameters: Parameters) -> tuple[s
     Features of the original image depend on nothing outside the ROI. Looking at the box alone saves most of the time.
     The rim keeps a background in the label, which pyradiomics asks for. Filters, resampling and normalisation look
     beyond it.
-
-    Returns
-    -------
-    image, label : SimpleITK.Image
     """
     arrays, spacing = (volume.array, mask.astype(np.uint8)), volume.grid.spacing
     if parameters.section == LARGEST:

@@ -144,10 +144,6 @@ def read_parameters(path: str | None, section: str = WHOLE, stored_offset_hu: fl
     section, stored_offset_hu : optional
         As Parameters has them.
 
-    Returns
-    -------
-    found : Parameters
-
     Raises
     ------
     InputError

@@ -176,7 +176,6 @@ class Difference:
 
     Attributes
     ----------
-    setting : str
     study, table : object
         Its values; None also where it has none.
     of : str or None
@@ -209,10 +208,6 @@ STUDY = Extraction(SETTINGS)
 def differences(study: Extraction, table: Extraction) -> list[Difference]:
     """Settings that make other values of features, of all images or of a filtered one that both have.
 
-    Parameters
-    ----------
-    study, table : Extraction
-
     Returns
     -------
     list of Difference
@@ -241,7 +236,6 @@ def of_table(table: pd.DataFrame, source: str, rows: Iterable[int] | None = None
 
     Parameters
     ----------
-    table : DataFrame
     source : str
         What the message begins with.
     rows : iterable of int, optional
@@ -286,14 +280,8 @@ def said(study: Extraction, tables: Sequence[Extraction], features: Sequence[str
 
     Parameters
     ----------
-    study : Extraction
-    tables : sequence of Extraction
     features : sequence of str, optional
         Of which to count those that the setting changes.
-
-    Returns
-    -------
-    list of str
     """
     lines: dict[str, None] = {}
     for table in tables:
@@ -310,10 +298,8 @@ def other_settings(
 
     Parameters
     ----------
-    features : sequence of str
     table : DataFrame
         With pyradiomics' columns about its settings; without them nothing is known and nothing is said.
-    study : Extraction, optional
     source : str, optional
         What messages about those columns begin with.
 

@@ -25,10 +25,6 @@ def to_hu(table: pd.DataFrame, offset_hu: float = STORED_OFFSET_HU) -> pd.DataFr
     offset_hu : float, optional
         Stored values are HU + this; by default those of `load_full_table`.
 
-    Returns
-    -------
-    DataFrame
-
     Raises
     ------
     InputError

@@ -87,7 +87,6 @@ def read_table(
 
     Parameters
     ----------
-    path : str or Path
     text : iterable of str, optional
         Columns of names besides KEYS and `io.files.NAMES`.
     keep : iterable of str, optional

@@ -43,10 +43,6 @@ def complete(extracted: pd.DataFrame, tissue_classes: dict[str, str], acquisitio
 def read(path: str | Path) -> pd.DataFrame:
     """Read a table of features; numbers come back bit for bit.
 
-    Returns
-    -------
-    DataFrame
-
     Raises
     ------
     InputError
@@ -115,10 +111,6 @@ def _file(row: pd.Series) -> str:
 def select(table: pd.DataFrame, *, protocols: Sequence[str], noise: Sequence[str], seeds: int) -> pd.DataFrame:
     """Rows of these protocols and noise labels, and of the first `seeds` seeds of each.
 
-    Returns
-    -------
-    DataFrame
-
     Raises
     ------
     InputError
@@ -141,7 +133,6 @@ def grouped(table: pd.DataFrame, groups: Mapping[str, int], *, noise: str, seeds
 
     Parameters
     ----------
-    table : DataFrame
     groups : mapping of str to int
         Number of each protocol's group.
     noise : str
@@ -193,7 +184,6 @@ def finite_values(table: pd.DataFrame, features: Sequence[str], source: str) -> 
 
     Parameters
     ----------
-    table : DataFrame
     features : sequence of str
         Which columns.
     source : str

@@ -63,7 +63,6 @@ def scale_noise(mean: np.ndarray, noise: np.ndarray, factor: float) -> np.ndarra
     ----------
     mean, noise : ndarray
         From `split`, HU.
-    factor : float
 
     Returns
     -------

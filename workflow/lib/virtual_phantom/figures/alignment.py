@@ -43,10 +43,6 @@ def draw(
     tissue_class : mapping of str to str
         By ROI.
 
-    Returns
-    -------
-    Figure
-
     Raises
     ------
     InputError

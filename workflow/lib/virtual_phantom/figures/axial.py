@@ -30,10 +30,6 @@ def choose_slices(masks: Mapping[str, np.ndarray]) -> list[int]:
     masks : mapping of str to ndarray, shape (z, y, x)
         By ROI, non-zero inside.
 
-    Returns
-    -------
-    list of int
-
     Raises
     ------
     InputError
@@ -99,7 +95,6 @@ def body_box_mm(volume: Volume, slices: list[int], margin: float = 0.04) -> tupl
     ----------
     volume : Volume
         HU.
-    slices : list of int
     margin : float, optional
         By how much it is wider on each side, as a share of the larger side of the body.
 
@@ -146,18 +141,11 @@ def show(
 
     Parameters
     ----------
-    axes : Axes
     slice_array : ndarray, shape (y, x)
-    grid : Grid
     box_mm : tuple of float
         What is shown of it, mm, as body_box_mm gives it.
     window : tuple of float, optional
         Values at both ends of the colours.
-    cmap : str, optional
-
-    Returns
-    -------
-    AxesImage
     """
     image = axes.imshow(slice_array, cmap=cmap, vmin=window[0], vmax=window[1], origin="lower", extent=edges_mm(grid))
     axes.set(xlim=(box_mm[1], box_mm[0]), ylim=(box_mm[2], box_mm[3]), aspect="equal", xticks=[], yticks=[])

@@ -24,10 +24,6 @@ def draw(before: np.ndarray, after: np.ndarray, kind: str, concealed: str, named
     kind : {"projections", "images"}
     concealed, named : str
         In words, for the title.
-
-    Returns
-    -------
-    Figure
     """
     title = f"concealed: {concealed}   –   named: {named}"
     return draw_maps(before, after, title, *AXES[kind], image=kind == "images")

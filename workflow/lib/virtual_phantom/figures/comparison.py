@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..base.errors import InputError
-from ..statistics.comparison import ALPHA, RANK_RIGHT
+from ..statistics.comparison import ALPHA
+from ..statistics.comparison_summary import RANK_RIGHT
 from . import style, tables
 
 ROW_MM = 2.35  # the least for lines of 7 point type; so 86 of them and the rest fit a page of A4
@@ -43,14 +44,9 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
     table : DataFrame
         From `statistics.comparison.compare`; ROIs are columns, in the table's order.
     ranking : DataFrame
-        From `statistics.comparison.ranks`, or `summary`: feature, kendall_tau, which is not drawn where no feature has
-        one. Its columns other_settings (features.settings) and other_sizes (`statistics.comparison.other_sizes`), if
-        they are there, mark features, and what they say stands above.
-    title : str, optional
-
-    Returns
-    -------
-    Figure
+        From `statistics.comparison_summary.ranks` or `summary`: feature, kendall_tau (not drawn if all are missing).
+        Optional columns other_settings (features.settings) and other_sizes (`statistics.comparability.other_sizes`)
+        mark features; their text is shown above.
 
     Raises
     ------

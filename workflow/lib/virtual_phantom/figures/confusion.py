@@ -34,10 +34,6 @@ def draw(matrix: Mapping) -> Figure:
     ----------
     matrix : mapping
         rows, columns, and cells {row, column, strength, count, outcomes {right, stand-in, wrong}}.
-
-    Returns
-    -------
-    Figure
     """
     rows, columns = list(matrix["rows"]), list(matrix["columns"])
     width = max(style.DOUBLE_COLUMN_MM, LABELS_MM + CELL_MM * len(columns))

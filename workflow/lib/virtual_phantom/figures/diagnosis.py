@@ -66,13 +66,8 @@ def draw_setup(stated: np.ndarray, best: np.ndarray, title: str, of: str = LINE_
     ----------
     stated, best : ndarray, shape (views, columns)
         Recorded less simulated.
-    title : str
     of : str, optional
         What: LINE_INTEGRALS, or HU of a slice.
-
-    Returns
-    -------
-    Figure
     """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 68)
     axes = figure.subplots(1, 2)
@@ -108,7 +103,6 @@ def draw_maps(
     ----------
     before, after : ndarray, shape (down, across)
         Standard deviations.
-    title : str
     across, down : str
         Labels of the axes.
     image : bool, optional
@@ -116,10 +110,6 @@ def draw_maps(
     steps : tuple of 2 int, optional
         How many of the recording's places a place of the maps stands for, down and across: axes have the recording's
         numbers.
-
-    Returns
-    -------
-    Figure
     """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 68)
     axes = figure.subplots(1, 2, sharey=True)
@@ -153,10 +143,6 @@ def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) 
     panels : list of tuple
         (label of x, x, before, after) of each: a str and three ndarrays of shape (points,), the residuals in standard
         deviations. Points where both are 0 are left out.
-
-    Returns
-    -------
-    Figure
     """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 58)
     for index, (axes, (label, x, before, after)) in enumerate(
@@ -188,10 +174,6 @@ def draw_ranking(gains: Mapping[str, float], chosen: tuple[str, ...], fitted: Co
         Those in the verdict: blue.
     fitted : container of str
         Candidates that were fitted; what others gain is of first order: pale.
-
-    Returns
-    -------
-    Figure
     """
     names = sorted(gains, key=lambda name: -gains[name])[:MOST_RANKED]
     figure = style.figure(style.DOUBLE_COLUMN_MM, 18 + 4.6 * len(names))
@@ -218,10 +200,6 @@ def draw_pieces(scanned: Volume, pieces: Sequence[Mapping]) -> Figure:
         What was stated, HU.
     pieces : sequence of mapping
         As diagnosis.json has them: x_mm, y_mm, z_mm, width_mm and hu.
-
-    Returns
-    -------
-    Figure
     """
     down, across = (len(pieces) + 1) // 2, min(len(pieces), 2)
     figure = style.figure(style.SINGLE_COLUMN_MM * across, 66 * down)

@@ -21,10 +21,6 @@ def draw_shifts(before: pandas.DataFrame, after: pandas.DataFrame | None = None)
     before, after : DataFrame
         From `statistics.comparison.compare`. Without `after` there is one map.
 
-    Returns
-    -------
-    Figure
-
     Raises
     ------
     InputError
@@ -65,10 +61,6 @@ def draw_shares(
         Those of the verdict.
     material : float
         Share from which a property counts.
-
-    Returns
-    -------
-    Figure
     """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 20 + ROW_MM * len(held_out))
     axes = figure.subplots()

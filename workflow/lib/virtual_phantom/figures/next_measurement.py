@@ -25,10 +25,6 @@ def draw_ranking(table: pd.DataFrame, enough: float) -> Figure:
         As diagnosis.next_written.table gives it.
     enough : float
         Log score from which effects are told apart.
-
-    Returns
-    -------
-    Figure
     """
     ranked = table[table["name"] != "now"]
     words = [text if len(text) <= LONGEST else text[: LONGEST - 1] + "…" for text in ranked["recording"]]

@@ -47,10 +47,6 @@ def draw(
     roi : str, optional
         Whose rows are drawn.
 
-    Returns
-    -------
-    Figure
-
     Raises
     ------
     InputError

@@ -19,10 +19,6 @@ def draw(table: pandas.DataFrame) -> Figure:
         Columns n_top, percent, and for stability and discrimination overlap_{kind}_percent, overlap_{kind}_sd (drawn
         where it is known), expected_{kind}_percent, lower_{kind}_percent, upper_{kind}_percent (the 95 % band).
 
-    Returns
-    -------
-    Figure
-
     Raises
     ------
     InputError

@@ -32,11 +32,6 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     table : DataFrame
         Columns source (simulated | measured), projections, noise_level, seed, roi, pc1, pc2, explained_pc1_percent,
         explained_pc2_percent; where there is a column condition, such as the scanner, measured rows are coloured by it.
-    title : str, optional
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------

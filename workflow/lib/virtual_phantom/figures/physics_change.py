@@ -33,10 +33,6 @@ def draw(table: pandas.DataFrame, threshold: float, noise: Mapping[str, float | 
     noise : mapping of str to float or None, optional
         A of the noise level, by name; to be said.
 
-    Returns
-    -------
-    Figure
-
     Raises
     ------
     InputError

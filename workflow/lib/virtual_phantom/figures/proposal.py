@@ -38,10 +38,6 @@ def draw(
         Of the former.
     box_mm : sequence
         What is scanned, [[x, x], [y, y]], NIfTI world mm: a dashed box.
-
-    Returns
-    -------
-    Figure
     """
     colours = style.assign(tissue_class.values(), style.ON_GREY_IMAGE)
     box = _around(box_mm, image)

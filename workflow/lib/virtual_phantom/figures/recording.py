@@ -25,13 +25,8 @@ def draw_projections(line_integrals: np.ndarray, geometry: OrbitGeometry, title:
     ----------
     line_integrals : ndarray, shape (views, rows, columns)
         Pixels that are not finite are shown, and reconstructed, as 0.
-    geometry : OrbitGeometry
     title : str
         Of the sinogram, before what it is.
-
-    Returns
-    -------
-    Figure
     """
     known = np.where(np.isfinite(line_integrals), line_integrals, 0).astype(np.float32)
     figure = style.figure(style.DOUBLE_COLUMN_MM, 82)
@@ -77,10 +72,6 @@ def draw_images(image: Volume, title: str, window: tuple[float, float] = (-160.0
         Of both, before the names of the planes.
     window : tuple of float, optional
         HU at both ends of the grey scale.
-
-    Returns
-    -------
-    Figure
     """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 92)
     axes = figure.subplots(1, 2)

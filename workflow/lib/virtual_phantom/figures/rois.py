@@ -28,10 +28,6 @@ def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping
     tissue_class : mapping of str to str
         By ROI.
 
-    Returns
-    -------
-    Figure
-
     Raises
     ------
     InputError

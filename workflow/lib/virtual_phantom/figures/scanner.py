@@ -23,10 +23,6 @@ def draw_recordings(recordings: Mapping[str, Mapping]) -> Figure:
     ----------
     recordings : mapping of str to mapping
         As in scanner.json.
-
-    Returns
-    -------
-    Figure
     """
     rows = []
     for name, one in recordings.items():

@@ -29,13 +29,8 @@ def draw(
         HU.
     reconstructions : mapping of str to Volume
         By title of the panel; HU, on the phantom's grid.
-    z : int
     noise : mapping of str to float or None, optional
         A of their noise level, by name; to be said.
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------

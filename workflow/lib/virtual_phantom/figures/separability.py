@@ -23,7 +23,6 @@ class Panel:
 
     Attributes
     ----------
-    title : str
     values : ndarray, shape (views, x) or (x,)
         Standard deviations: a map, or bars with `names`.
     across : str
@@ -80,11 +79,6 @@ def draw_correlations(correlation: np.ndarray, labels: Sequence[str]) -> Figure:
     Parameters
     ----------
     correlation : ndarray, shape (templates, templates)
-    labels : sequence of str
-
-    Returns
-    -------
-    Figure
     """
     values = pandas.DataFrame(correlation, labels, labels)
     words = values.fillna(0).map(lambda value: style.number(round(100 * value)) if abs(value) >= WRITTEN else "")

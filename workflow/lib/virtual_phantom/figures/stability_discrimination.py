@@ -61,10 +61,6 @@ def draw(
     noise : mapping of str to float or None, optional
         A of the noise level of `table`, by name; to be said.
 
-    Returns
-    -------
-    Figure
-
     Raises
     ------
     InputError

@@ -114,7 +114,6 @@ def save(figure: Figure, paths: Iterable[str | Path], *, trial: bool = False) ->
 
     Parameters
     ----------
-    figure : Figure
     paths : iterable of str or Path
         Ending in .png (200 dpi) or .pdf.
     trial : bool, optional
@@ -189,8 +188,6 @@ def heat_map(axes: Axes, values: pandas.DataFrame, words: ArrayLike, **options) 
 
     Parameters
     ----------
-    axes : Axes
-    values : DataFrame
     words : array_like, shape of values
     **options
         Of seaborn.heatmap.
@@ -215,10 +212,6 @@ def heat_map(axes: Axes, values: pandas.DataFrame, words: ArrayLike, **options) 
 
 def power_of_ten(values) -> tuple[float, str]:
     """The factor that small values are shown in, and how it is written.
-
-    Parameters
-    ----------
-    values : array_like of float
 
     Returns
     -------

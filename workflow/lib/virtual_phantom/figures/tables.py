@@ -13,7 +13,6 @@ def check_table(table: pandas.DataFrame, name: str, *, text: Iterable[str] = (),
 
     Parameters
     ----------
-    table : DataFrame
     name : str
         What the messages call it.
     text, numbers : iterable of str, optional

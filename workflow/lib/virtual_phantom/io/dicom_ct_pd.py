@@ -114,11 +114,6 @@ def views_of(lines: np.ndarray, geometry: OrbitGeometry) -> list[Dataset]:
     ----------
     lines : ndarray, shape (views, rows, columns)
         Line integrals.
-    geometry : OrbitGeometry
-
-    Returns
-    -------
-    list of Dataset
 
     Raises
     ------

@@ -35,7 +35,6 @@ class Scan:
 
     Attributes
     ----------
-    protocol : str
     label : str
         Protocol, noise level and seed.
     description : str
@@ -60,11 +59,6 @@ def series(image: Volume, phantom: Volume, scan: Scan) -> list[Dataset]:
         HU on the phantom's grid; fractions are rounded.
     phantom : Volume
         What was scanned: its series make one study, in one frame of reference.
-    scan : Scan
-
-    Returns
-    -------
-    list of Dataset
 
     Raises
     ------
@@ -108,10 +102,6 @@ def segmentation(slices: Sequence[Dataset], masks: Mapping[str, np.ndarray]) -> 
         The image's, as `series` makes them.
     masks : mapping of str to ndarray of bool, shape (z, y, x)
         ROIs by name, on the grid of the image.
-
-    Returns
-    -------
-    Dataset
     """
     import highdicom  # a third of a second, for those who export
     from pydicom.sr.codedict import codes

@@ -28,10 +28,6 @@ def write_document(content: dict, path: str | Path, kind: str) -> None:
 def read_document(path: str | Path, kind: str) -> dict:
     """Read a document of this kind, one of DIAGNOSIS, SCORE and SCANNER.
 
-    Returns
-    -------
-    dict
-
     Raises
     ------
     InputError

@@ -59,7 +59,6 @@ def write_line_integrals(
 
     Parameters
     ----------
-    path : str or Path
     line_integrals : ndarray, shape (views, rows, columns)
         Dimensionless, stored as float32.
     geometry : ScanGeometry
@@ -109,8 +108,6 @@ def write_counts(path: str | Path, counts: Counts, geometry: ScanGeometry) -> No
 
     Parameters
     ----------
-    path : str or Path
-    counts : Counts
     geometry : ScanGeometry
         As stated: what a reconstruction goes by.
 
@@ -136,7 +133,6 @@ def read_line_integrals(path: str | Path) -> tuple[np.ndarray, OrbitGeometry]:
     -------
     line_integrals : ndarray of float32, shape (views, rows, columns)
         Dimensionless.
-    geometry : OrbitGeometry
 
     Raises
     ------
@@ -157,7 +153,6 @@ def read_counts(path: str | Path) -> tuple[Counts, OrbitGeometry]:
     -------
     counts : Counts
         What the detector read.
-    geometry : OrbitGeometry
 
     Raises
     ------
@@ -201,11 +196,6 @@ def _geometry(file):
 
 class opened:  # noqa: N801  used like a function, as contextlib.closing is
     """h5py.File for reading, whose failures are InputErrors that name the file.
-
-    Parameters
-    ----------
-    path : str or Path
-    advice : str, optional
 
     Raises
     ------

@@ -152,7 +152,6 @@ def read_csv(path: str | Path, advice: str = "delete it and run again", numbers:
 
     Parameters
     ----------
-    path : str or Path
     advice : str, optional
         End of the message if the file cannot be read.
     numbers : sequence of str, optional
@@ -208,10 +207,6 @@ def write_text(text: str, path: str | Path) -> None:
 
 def read_text(path: str | Path, advice: str = "delete it and run again") -> str:
     """Read a UTF-8 text file.
-
-    Returns
-    -------
-    str
 
     Raises
     ------

@@ -64,12 +64,10 @@ def check_listed(path: str | Path, digest: str, table: str | Path, advice: str) 
 
     Parameters
     ----------
-    path : str or Path
     digest : str
         SHA-256 in the table, hexadecimal.
     table : str or Path
         The table, for the message.
-    advice : str
 
     Raises
     ------
@@ -87,10 +85,6 @@ def reachable(url: str, advice: str) -> str:
     ----------
     url, advice : str
         The address, and what to do where there is no network.
-
-    Returns
-    -------
-    str
 
     Raises
     ------

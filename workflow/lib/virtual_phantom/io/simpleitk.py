@@ -21,7 +21,6 @@ def itk_resample(image: sitk.Image, grid: Grid, transform: sitk.Transform, outsi
 
     Parameters
     ----------
-    image : SimpleITK.Image
     grid : Grid
         Where to.
     transform : SimpleITK.Transform

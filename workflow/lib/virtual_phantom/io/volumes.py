@@ -80,10 +80,6 @@ def read_image(path: str | Path, dtype=np.float32, noted: bool = True) -> Volume
     noted : bool, optional
         Report headers that have no orientation, two orientations, or a small tilt.
 
-    Returns
-    -------
-    Volume
-
     Raises
     ------
     InputError
@@ -197,13 +193,8 @@ def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
 
     Parameters
     ----------
-    path : str or Path
     dtype : dtype or None, optional
         Data type of the result; None: the data type of the file.
-
-    Returns
-    -------
-    Volume
 
     Raises
     ------
@@ -239,10 +230,6 @@ def length_unit(path: str | Path) -> str:
 def shape_of(path: str | Path) -> tuple[int, ...]:
     """Voxels of an image along z, y and x as they are stored, without reading them.
 
-    Returns
-    -------
-    tuple of int
-
     Raises
     ------
     InputError
@@ -258,7 +245,6 @@ def _opened(path: Path, whole: bool = True) -> Iterator[nibabel.Nifti1Image]:
 
     Parameters
     ----------
-    path : Path
     whole : bool, optional
         Check that the file is as it was written, and read it to its end: gzip's own checksum stands there, and nibabel
         stops at the last voxel.
@@ -405,10 +391,6 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
     noted : bool, optional
         Report a small tilt.
 
-    Returns
-    -------
-    Volume
-
     Raises
     ------
     InputError
@@ -457,10 +439,6 @@ def is_small_rotation(axes: np.ndarray) -> bool:
     ----------
     axes : ndarray, shape (3, 3)
         Unit vectors in columns, in the order of the frame's axes.
-
-    Returns
-    -------
-    bool
     """
     angle = math.degrees(math.acos(np.clip((np.trace(axes) - 1) / 2, -1.0, 1.0)))
     return bool(np.abs(axes.T @ axes - np.eye(3)).max() <= ORTHOGONAL) and angle <= LARGEST_ROTATION
@@ -475,7 +453,6 @@ def write_nifti(volume: Volume, path: str | Path) -> None:
     ----------
     volume : Volume
         Of float32, or any integer type.
-    path : str or Path
     """
     affine = volume.grid.drawn_affine
     image = nibabel.Nifti1Image(volume.array.T, affine)

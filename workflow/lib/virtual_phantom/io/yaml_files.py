@@ -40,10 +40,6 @@ def read_yaml(path: str | Path, advice: str, *, restore: str = "make it again") 
     restore : str, optional
         What to do where the file differs from its checksum.
 
-    Returns
-    -------
-    dict
-
     Raises
     ------
     InputErrors
@@ -70,7 +66,6 @@ def parse_yaml(
 
     Returns
     -------
-    content : dict
     lines : list of str
         For what `read_yaml` refuses in a mapping.
 

@@ -28,7 +28,6 @@ class Roi:
 
     Attributes
     ----------
-    name, tissue_class : str
     mask : ndarray of bool, shape (z, y, x)
         On the phantom's grid.
     label_in_file : int, str or None
@@ -99,10 +98,8 @@ def save_rois(rois: Sequence[Roi], image: Volume, folder: str | Path) -> None:
 
     Parameters
     ----------
-    rois : sequence of Roi
     image : Volume
         HU, on the grid of the ROIs.
-    folder : str or Path
     """
     folder = Path(folder)
     rows = []
@@ -164,13 +161,8 @@ def read_rois(rois_csv: str | Path, grid: Grid) -> tuple[Roi, ...]:
 
     Parameters
     ----------
-    rois_csv : str or Path
     grid : Grid
         Where the masks must be.
-
-    Returns
-    -------
-    tuple of Roi
 
     Raises
     ------

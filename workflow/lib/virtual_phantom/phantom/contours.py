@@ -48,9 +48,6 @@ class Structure:
 
     Attributes
     ----------
-    number : int or None
-    name : str
-    contours : list of Dataset
     problem : str
         Why its contours cannot be assigned; empty if they can.
     """
@@ -346,7 +343,6 @@ def _combine(contours: Sequence[Contour], plane: np.ndarray, first: np.ndarray) 
 
     Parameters
     ----------
-    contours : sequence of Contour
     plane : ndarray of bool, shape (y, x)
         Part of the slice, empty; it is changed.
     first : ndarray
@@ -392,7 +388,6 @@ def _rasterized(points: np.ndarray, shape: tuple[int, int]) -> tuple[tuple[slice
     Returns
     -------
     box : tuple of 2 slice
-    within, on : ndarray of bool
     """
     low = np.clip(np.ceil(points.min(axis=0)), 0, shape).astype(int)
     high = np.clip(np.floor(points.max(axis=0)) + 1, low, shape).astype(int)

@@ -54,10 +54,6 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     oversampling : int
         By how much the phantom's own grid is finer.
 
-    Returns
-    -------
-    Phantom
-
     Raises
     ------
     InputError
@@ -95,10 +91,6 @@ def rois(settings: dict, grid: Grid, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
     pose : Pose, optional
         Where the phantom lies.
 
-    Returns
-    -------
-    tuple of Roi
-
     Raises
     ------
     InputError
@@ -117,7 +109,6 @@ def read_hu(path: Path, not_checked: Collection[str] = ()) -> Volume:
 
     Parameters
     ----------
-    path : Path
     not_checked : collection of str, optional
         Members of plausible.CHECKS that are skipped.
 
@@ -156,7 +147,6 @@ def check_hu(image: Volume, path: Path, not_checked: Collection[str] = ()) -> No
 
     Parameters
     ----------
-    image : Volume
     path : Path
         Its file, or the folder of its series.
     not_checked : collection of str, optional
@@ -185,10 +175,6 @@ def trimmed(image: Volume, keep_mm: list) -> Volume:
         HU.
     keep_mm : list
         The box, [[x, x], [y, y]] in NIfTI world mm.
-
-    Returns
-    -------
-    Volume
 
     Raises
     ------
@@ -271,7 +257,6 @@ def draw(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
 
     Parameters
     ----------
-    entry : RoiEntry
     grid : Grid
         The CT's.
     opened : dict
@@ -303,7 +288,6 @@ def rois_of(
 
     Parameters
     ----------
-    entry : RoiEntry
     ct_grid : Grid
         The CT's.
     grid : Grid
@@ -400,7 +384,6 @@ def resample(volume: Volume, grid: Grid, outside: float, transform: sitk.Transfo
 
     Parameters
     ----------
-    volume : Volume
     grid : Grid
         Of the result.
     outside : float

@@ -72,7 +72,6 @@ class Slice:
 
     Attributes
     ----------
-    path : Path
     values : dict of str to tuple of str
         By keyword. Attributes that are missing or empty are left out.
     """
@@ -96,13 +95,8 @@ class Slice:
 
         Parameters
         ----------
-        keyword : str
         count : int, optional
             How many there are.
-
-        Returns
-        -------
-        tuple of float
 
         Raises
         ------
@@ -181,7 +175,6 @@ def folders_under(root: Path, unused: Unused) -> Iterator[Path]:
 
     Parameters
     ----------
-    root : Path
     unused : Unused
         Folders that are reached a second time, and hidden ones, are added.
 
@@ -235,7 +228,6 @@ def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
 
     Parameters
     ----------
-    paths : iterable of Path
     unused : Unused
         All other files are added, each with a reason.
 
@@ -268,13 +260,11 @@ def dicom_among(paths: Iterable[Path], unused: Unused) -> tuple[list[Path], list
 
     Parameters
     ----------
-    paths : iterable of Path
     unused : Unused
         Hidden files are added.
 
     Returns
     -------
-    candidates : list of Path
     others : list of (Path, str)
         Each with its reason, for `add_others`.
     """
@@ -298,7 +288,6 @@ def add_others(others: Iterable[tuple[Path, str]], used: Iterable[Path], unused:
         Each with its reason.
     used : iterable of Path
         The files that are read.
-    unused : Unused
 
     Raises
     ------
@@ -319,10 +308,6 @@ def not_dicom(path: Path) -> str:
 
     DICOM has a mark after a preamble of 128 bytes (PS3.10, 7.1). Files without the preamble start with an element of
     group 2 or 8.
-
-    Returns
-    -------
-    str
 
     Raises
     ------

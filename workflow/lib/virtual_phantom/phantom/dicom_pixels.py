@@ -41,7 +41,6 @@ def check_pixels(slices: Sequence[Slice], name: object) -> None:
 
     Parameters
     ----------
-    slices : sequence of Slice
     name : object
         What messages about the whole series begin with.
 

@@ -42,7 +42,6 @@ class Series:
     ----------
     name : str
         What messages begin with: its folder, and its number where the folder has several.
-    slices : tuple of Slice
     """
 
     name: str
@@ -72,14 +71,6 @@ def read_series(folder: str | Path) -> Volume:
 
 def find_series(folder: str | Path) -> Series:
     """The one axial CT series in a folder.
-
-    Parameters
-    ----------
-    folder : str or Path
-
-    Returns
-    -------
-    Series
 
     Raises
     ------
@@ -271,10 +262,6 @@ def _axes(cosines: np.ndarray) -> np.ndarray | None:
 
 def read_slices(series: Series) -> Volume:
     """Read the slices of one series as HU on an upright grid.
-
-    Parameters
-    ----------
-    series : Series
 
     Returns
     -------

@@ -28,7 +28,6 @@ class Paint:
 
     Attributes
     ----------
-    shape : Ellipsoid or Tube
     hu : float
         Mean, HU.
     texture : Texture
@@ -60,10 +59,6 @@ def read_layout(path: str | Path | None = None) -> dict:
     path : str or Path, optional
         None is the library's own.
 
-    Returns
-    -------
-    dict
-
     Raises
     ------
     InputError
@@ -82,11 +77,6 @@ def parse(layout: dict, seed: Stream) -> tuple[list[Paint], list[RoiSpec]]:
         As `read_layout` gives it.
     seed : Stream
         Of the textures.
-
-    Returns
-    -------
-    paints : list of Paint
-    rois : list of RoiSpec
 
     Raises
     ------

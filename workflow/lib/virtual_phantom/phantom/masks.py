@@ -51,10 +51,6 @@ def open_regions(path: str | Path, grid: Grid) -> Regions:
     grid : Grid
         The CT's.
 
-    Returns
-    -------
-    LabelRegions, SegRegions or StructRegions
-
     Raises
     ------
     InputError

@@ -36,7 +36,6 @@ class ScanFiles:
 
     Attributes
     ----------
-    name : str
     ct : Path
         Folder of its CT.
     regions : Path
@@ -89,10 +88,6 @@ def mean_of(scans: Sequence[ScanFiles], regions: Sequence[int | str], height_mm:
         Numbers or names of the regions in each scan's file.
     height_mm : float
         Of the part to keep, along z around the regions' middle.
-
-    Returns
-    -------
-    MeanScan
 
     Raises
     ------

@@ -128,7 +128,6 @@ def without_own_blur(image: Volume, blur_mm: Sequence[float], measured: Spectra)
         HU.
     blur_mm : sequence of 3 float
         SD of the Gaussian along (z, y, x).
-    measured : Spectra
 
     Returns
     -------

@@ -71,7 +71,6 @@ class _Values:
         Of the whole image.
     values : ndarray, shape (n,)
         Without padding.
-    noise_free : bool
     """
 
     array: np.ndarray
@@ -92,7 +91,6 @@ def require_plausible(array: np.ndarray, grid: Grid, source: object, not_checked
     ----------
     array : ndarray, shape (z, y, x)
         Finite values.
-    grid : Grid
     source : object
         The file, which lines begin with.
     not_checked : collection of str, optional

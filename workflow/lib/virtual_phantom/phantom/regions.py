@@ -51,7 +51,6 @@ class Drawn:
         Part of the CT, (z, y, x).
     mask : ndarray of bool
         Within the box.
-    remarks : tuple of Remark
     """
 
     box: Box
@@ -197,7 +196,6 @@ def boxed(mask: np.ndarray, offset: Sequence[int] = (0, 0, 0), remarks: Sequence
     mask : ndarray of bool, shape (z, y, x)
     offset : sequence of int, optional
         Voxel of the CT that is the mask's first.
-    remarks : sequence of Remark, optional
 
     Returns
     -------

@@ -16,17 +16,12 @@ def drawn_pose(study_seed: int, seed: int, shift_mm: float, turn_deg: float) -> 
 
     Parameters
     ----------
-    study_seed : int
     seed : int
         Of the repeat.
     shift_mm : float
         The shift is drawn evenly from this far down to this far up, along x, y and z each.
     turn_deg : float
         The turn about z likewise.
-
-    Returns
-    -------
-    Pose
     """
     draws = generator(branch(study_seed, Branch.REPOSITIONING, seed)).uniform(-1, 1, 4)
     x, y, z, turn = (float(one) for one in draws * [shift_mm, shift_mm, shift_mm, turn_deg])

@@ -21,7 +21,6 @@ class RoiEntry:
 
     Attributes
     ----------
-    name, tissue_class : str
     file : str
         File of the region; by default the common one.
     label : int, str or None
@@ -53,15 +52,10 @@ def read_entries(entries: list[dict], default_file: str | None, source: str = "p
 
     Parameters
     ----------
-    entries : list of dict
     default_file : str or None
         File of the regions whose entry names none.
     source : str, optional
         What messages begin with.
-
-    Returns
-    -------
-    tuple of RoiEntry
 
     Raises
     ------
@@ -93,7 +87,6 @@ def shrink(mask: np.ndarray, margin_mm: float, grid: Grid) -> np.ndarray:
     ----------
     mask : ndarray of bool, shape (z, y, x)
         The region.
-    margin_mm : float
     grid : Grid
         Of the mask.
 

@@ -135,7 +135,6 @@ def window(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...]) -> t
 
     Parameters
     ----------
-    shape : Ellipsoid or Tube
     axes : tuple of 3 ndarray
         Voxel centres along z, y and x, mm.
     spacing : tuple of 3 float
@@ -157,7 +156,6 @@ def coverage(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...], su
 
     Parameters
     ----------
-    shape : Ellipsoid or Tube
     axes : tuple of 3 ndarray
         Voxel centres along z, y and x, mm.
     spacing : tuple of 3 float
@@ -202,7 +200,6 @@ def fade(shape, axes: tuple[np.ndarray, ...], width_mm: float) -> np.ndarray:
 
     Parameters
     ----------
-    shape : Ellipsoid or Tube
     axes : tuple of 3 ndarray
         Voxel centres along z, y and x, mm.
     width_mm : float

@@ -42,10 +42,6 @@ def build(layout: dict, grid: Grid, oversampling: int, seed: Stream) -> Phantom:
     seed : Stream
         Of the textures.
 
-    Returns
-    -------
-    Phantom
-
     Raises
     ------
     InputError
@@ -97,15 +93,10 @@ def rois(layout: dict, grid: Grid, seed: Stream, pose: Pose = IN_PLACE) -> tuple
     ----------
     layout : dict
         As layout.read_layout gives it.
-    grid : Grid
     seed : Stream
         Of the textures.
     pose : Pose, optional
         Where the phantom lies.
-
-    Returns
-    -------
-    tuple of Roi
 
     Raises
     ------
@@ -136,7 +127,6 @@ def outlined(layout: dict, grid: Grid, seed: Stream) -> tuple[float, tuple[Roi, 
     -------
     reach_mm : float
         How far the body reaches from the isocentre's axis.
-    rois : tuple of Roi
 
     Raises
     ------

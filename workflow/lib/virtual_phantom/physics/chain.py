@@ -54,7 +54,6 @@ class Chain:
     ----------
     scene : VoxelScene
         Or what has its methods.
-    geometry : ScanGeometry
     photons : float, optional
         As State.photons.
     samples : int, optional
@@ -147,10 +146,6 @@ class Chain:
 
         Those that are not fitted (`held`) are left out.
 
-        Returns
-        -------
-        tuple of Parameter
-
         Raises
         ------
         InputError
@@ -172,10 +167,6 @@ class Chain:
         """Parameters of an effect that are not fitted, at the values that are taken for them.
 
         Those of the scanner's design are typical. Those that a scan without known times cannot show do nothing.
-
-        Returns
-        -------
-        dict of str to float
 
         Raises
         ------
@@ -206,10 +197,6 @@ class Chain:
             As State.photons; None: the chain's.
         **extra
             Fields of the State to begin with.
-
-        Returns
-        -------
-        State
         """
         state = self._run_through(physics, pose, photons, extra)
         glows = state.lag[0] or state.slow_lag[0]
@@ -267,7 +254,6 @@ class Chain:
 
         Returns
         -------
-        spectrum : Spectrum or None
         air : ndarray
             Signal, broadcastable to (rows, columns).
         """
@@ -285,7 +271,6 @@ class Chain:
 
         Parameters
         ----------
-        geometry : ScanGeometry
         pose : Pose
             Of the object.
         motion_mm : ndarray, shape (views, 3), optional

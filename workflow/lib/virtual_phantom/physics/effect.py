@@ -1,4 +1,4 @@
-"""What an effect is: a piece of physics that the baseline leaves out, one file each in `effects`."""
+"""Effects: physics that the baseline lacks, one file each in `effects`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from ..base.errors import InputError, meant
 from . import effects
 
-# Stages of what moves rays, the object, and where rays begin.
+# Stages that move rays, the object, and the origin of rays.
 GEOMETRY, MOTION, FOCAL_SPOT = MOVING = ("geometry", "motion", "focal_spot")
 # In the order in which they act.
 STAGES = (
@@ -30,14 +30,12 @@ STAGES = (
 )
 
 
-# What a parameter is counted in where one scan is asked about: the time from view to view, that of the whole scan, what
-# the detector reads in air, that over the scan's time, and 1 over the photons of a pixel in air.
+# Units of a parameter relative to one scan: view interval, scan time, reading in air, reading in air per scan time, and
+# 1 / photons per pixel in air.
 PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN = "view interval", "scan", "air", "air over the scan"
 PER_AIR_PHOTON = "1 over the photons in air"
-READOUT_UNITS = (
-    "readout units"  # in a study and of its own recordings photons, of line integrals alone the signal in air
-)
-# Effects that go by the place or size of the focal spot, or by angles and distances from it: parallel rays know none.
+READOUT_UNITS = "readout units"  # photons in a study and its recordings; the signal in air for line integrals alone
+# Effects that depend on the position or size of the focal spot; parallel beams have none.
 OF_A_SPOT = (
     "anti_scatter_grid",
     "bowtie",
@@ -48,25 +46,25 @@ OF_A_SPOT = (
     "source_distance",
     "source_drift",
 )
-LOGARITHM = 0  # as a power: fits vary the logarithm
-# Whose a parameter is: all recordings of a scanner have it in common, those of one of its protocols, or none.
+LOGARITHM = 0  # value of Parameter.power: fits use the logarithm
+# Scope of a parameter: shared by all recordings of a scanner, by those of one protocol, or by none.
 OF_SCANNER, OF_PROTOCOL, OF_SCAN = "scanner", "protocol", "scan"
 
 
 @dataclass(frozen=True)
 class Reach:
-    """What one scan shows of a parameter whose unit carries over to others.
+    """Range of a parameter relative to one scan, if its unit is independent of the scan.
 
-    A motion in mm/s, say, is told by the mm that it amounts to over the scan.
+    A motion in mm/s, for example, is detected by its length in mm over the scan.
 
     Attributes
     ----------
     of : str
-        What it is counted in: PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN or PER_AIR_PHOTON.
+        Relative unit: PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN or PER_AIR_PHOTON.
     low, high, start : float
-        A fit's range and start.
+        Range and start of a fit.
     typical : float
-        A typical strength.
+        Typical strength.
     """
 
     of: str
@@ -78,30 +76,29 @@ class Reach:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number that an effect has, in a unit that carries over to the scanner's other scans.
+    """Parameter of an effect, in a unit that is valid for all scans of the scanner.
 
     Attributes
     ----------
-    name, unit, meaning : str
     low, high : float
-        Plausible range, which the configuration and the fit keep to.
+        Plausible range of configurations and fits.
     start : float
-        Where a fit begins.
+        Start of a fit.
     typical : float
-        A strength that scanners show, for templates and examples.
+        Strength typical of scanners, for templates and examples.
     neutral : float or None
-        At this value the effect does nothing; None if there is none.
+        Value at which the effect does nothing; None if there is none.
     power : int
-        With which power of it a small effect grows: 2 for the width of a blur. Fits vary that power, in which data are
-        straighter; LOGARITHM of what may be of any size.
+        Power of the parameter in which a small effect is linear: 2 for the width of a blur. Fits use this power, or
+        the logarithm (LOGARITHM) if the magnitude is unknown.
     reach : Reach or None
-        What of it one scan shows; None: as the range, start and typical strength say.
+        Range relative to one scan; None: low, high, start and typical.
     stated : bool
-        Of the scanner's design: a fit takes it at its typical value.
+        Whether it is part of the scanner design; fits keep the typical value.
     belongs_to : {"scanner", "protocol", "scan"}
-        Which recordings have it in common.
+        Recordings that share it.
     kernel : bool
-        The width of a kernel or source whose form is assumed: that of a real one may be another.
+        Whether it is the width of a kernel or source whose shape is an assumption.
     """
 
     name: str
@@ -119,25 +116,21 @@ class Parameter:
     kernel: bool = False
 
     def number(self, value: float) -> float:
-        """What fits vary, of a value."""
+        """Transform a value to the variable of fits."""
         return math.log(value) if self.power == LOGARITHM else value**self.power
 
     @property
     def timed(self) -> bool:
-        """Whether it can be told only of a scan whose times are known."""
+        """Whether it can be determined only from scans with known times."""
         return self.reach is not None and self.reach.of not in (OF_AIR, PER_AIR_PHOTON)
 
     def within(self, scan: Mapping[str, float]) -> Parameter:
-        """Itself with range, start and typical strength as one scan shows them.
+        """Return the parameter with the range, start and typical strength of one scan.
 
         Parameters
         ----------
         scan : mapping of str to float
-            {unit of Reach: how much of the parameter is 1 of it}.
-
-        Returns
-        -------
-        Parameter
+            {relative unit of Reach: its size in the unit of the parameter}.
         """
         if self.reach is None:
             return self
@@ -149,34 +142,32 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Effect:
-    """One piece of physics.
+    """Physics that the baseline lacks.
 
     Attributes
     ----------
     name : str
-        Of its file.
+        Name of its file.
     physics : str
-        What happens, in a sentence.
+        Physical description for catalogue and reports.
     equation : str
-        As applied.
+        Equation as applied.
     source : str
-        Where it is described.
+        References.
     stage : str
         One of STAGES.
     signature : str
-        What tells it apart from others.
+        Features of the data that distinguish it from other effects.
     settled_by : str
-        The further recording that shows it alone.
-    parameters : tuple of Parameter
+        Recording that would confirm it, as an instruction.
     apply : callable
-        (state, values by name): changes in place a state.State, or at stage "image" an image_state.ImageState.
+        (state, values by name): changes a state.State in place, or an image_state.ImageState at stage "image".
     pattern : bool
-        True if one unknown per detector pixel is fitted beside the parameters (rings).
+        Whether one unknown per detector pixel is fitted in addition to the parameters (rings).
     beside : str or None
-        The effect without which this one does nothing, or is no other than that one.
+        Effect without which this one does nothing, or equals it.
     rank : int
-        Of image effects, which act in the order of their ranks, and of their names where these are equal: 0 for
-        sharpness, 1 for the numbers.
+        Order of image effects, then by name: 0 for sharpness, 1 for HU values.
     """
 
     name: str
@@ -194,30 +185,25 @@ class Effect:
 
     @property
     def kinematic(self) -> bool:
-        """Whether it only moves rays or the object: where these are is no model that could be inexact."""
+        """Whether it only moves rays or the object. Such effects have no model error."""
         return self.stage in (GEOMETRY, MOTION) or all(map(self.moves, self.parameters))
 
     def moves(self, parameter: Parameter) -> bool:
-        """Whether a parameter displaces rays or the object, to first order: the width of a blur does not."""
+        """Whether a parameter displaces rays or the object to first order; the width of a blur does not."""
         return self.stage in MOVING and parameter.power == 1 and parameter.unit != "1" and not parameter.kernel
 
     def values(self, given: Mapping[str, float], source: str = "physics") -> dict[str, float]:
-        """All parameters: those given, the others at their typical value.
+        """Return all parameters: those given, the others at their typical value.
 
         Parameters
         ----------
-        given : mapping of str to float
         source : str, optional
-            What the message begins with.
-
-        Returns
-        -------
-        dict of str to float
+            Start of error messages.
 
         Raises
         ------
         InputError
-            For names it does not have, and values that are not finite or out of the plausible range.
+            For unknown names, and values that are not finite or out of the plausible range.
         """
         known = {parameter.name: parameter for parameter in self.parameters}
         for name, value in given.items():
@@ -235,7 +221,7 @@ class Effect:
 
 
 def names() -> tuple[str, ...]:
-    """Every effect that there is, sorted: the files of `effects`, and of folders that were added."""
+    """Return the names of all effects, sorted: the files in `effects` and in added folders."""
     return _names(tuple(effects.__path__))
 
 
@@ -245,22 +231,22 @@ def _names(folders: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def add_folder(folder: str | Path) -> tuple[str, ...]:
-    """Let the library know the effects of a folder of one's own, for as long as Python runs.
+    """Register the effects of a folder for the running Python process.
 
     Parameters
     ----------
     folder : str or Path
-        Every Python file in it is an effect, as those in `effects` are, and may import from `..effect` and `..state`.
+        Each Python file in it is an effect, like those in `effects`, and may import from `..effect` and `..state`.
 
     Returns
     -------
     tuple of str
-        Their names.
+        Names of its effects.
 
     Raises
     ------
     InputError
-        If there is no such folder, it holds no Python file, or one has the name of an effect that there is.
+        If the folder does not exist, has no Python file, or a name is already used.
     """
     folder = Path(folder).resolve()
     found = _names((str(folder),))
@@ -274,23 +260,19 @@ def add_folder(folder: str | Path) -> tuple[str, ...]:
 
 
 def require(name: str, source: str) -> None:
-    """Check that the library has an effect of this name.
+    """Check that an effect of this name exists.
 
     Raises
     ------
     InputError
-        Naming `source`, if it has not.
+        Naming `source`, if it does not.
     """
     if name not in names():
         raise InputError(f"{source}: there is no effect '{name}'; {meant(name, names())}")
 
 
 def load(name: str, source: str = "physics") -> Effect:
-    """The effect of this name.
-
-    Returns
-    -------
-    Effect
+    """Return the effect of this name.
 
     Raises
     ------
@@ -302,7 +284,7 @@ def load(name: str, source: str = "physics") -> Effect:
 
 
 def offered(candidates: Iterable[str], there: Collection[str]) -> list[str]:
-    """The candidates that can do something beside the effects that are there."""
+    """Return the candidates that have an effect given the present effects."""
     return [name for name in candidates if (needed := load(name).beside) is None or needed in there]
 
 
@@ -312,13 +294,13 @@ def acts_on_images(name: str) -> bool:
 
 
 def image_effects() -> tuple[str, ...]:
-    """Effects of the library that act on reconstructed images, in the order in which they act."""
+    """Return the names of effects on reconstructed images, in order of application."""
     effects = [load(name) for name in names() if acts_on_images(name)]
     return tuple(effect.name for effect in sorted(effects, key=lambda effect: (effect.rank, effect.name)))
 
 
 def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, source: str, scan: str) -> None:
-    """Refuse readings that are implausible beside that in air.
+    """Reject parameters that are implausible relative to the reading in air.
 
     Parameters
     ----------
@@ -327,12 +309,12 @@ def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, sourc
     air : float
         Reading in air, photons.
     source, scan : str
-        What the message begins with, and what the scan is called in it.
+        Start of error messages, and name of the scan in them.
 
     Raises
     ------
     InputError
-        For such a reading.
+        For an implausible value.
     """
     for name, values in physics.items():
         for one in load(name).parameters:
@@ -353,36 +335,28 @@ def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, sourc
 
 
 def of_one_scan(name: str) -> dict[str, float | None]:
-    """Parameters of an effect that other scans of the scanner have of their own, with their neutral values."""
+    """Return the neutral values of the parameters of an effect that belong to a single scan."""
     return {one.name: one.neutral for one in load(name).parameters if one.belongs_to == OF_SCAN}
 
 
 def needs_times(name: str) -> bool:
-    """Whether an effect is nothing that a scan without known times could show.
+    """Whether an effect is detectable only in scans with known times.
 
-    That is so if a parameter that goes by them cannot be left out, or all do.
-
-    Returns
-    -------
-    bool
+    This is the case if all parameters depend on time, or one that does has no neutral value.
     """
     parameters = load(name).parameters
     return any(one.timed and one.neutral is None for one in parameters) or all(one.timed for one in parameters)
 
 
 def checked(physics: Mapping[str, Mapping[str, float] | None], source: str = "physics") -> dict[str, dict[str, float]]:
-    """Complete settings of effects from a configuration's section.
+    """Check and complete the settings of effects in a configuration.
 
     Parameters
     ----------
     physics : mapping of str to mapping of str to float, or None
-        {effect: {parameter: value}}; parameters that are not given are typical.
+        {effect: {parameter: value}}; missing parameters take their typical value.
     source : str, optional
-        What the message begins with.
-
-    Returns
-    -------
-    dict of str to dict of str to float
+        Start of error messages.
 
     Raises
     ------

@@ -22,7 +22,6 @@ def spread(
     Parameters
     ----------
     array : ndarray, shape (..., views, rows, columns)
-    geometry : ScanGeometry
     width_mm : float
         Standard deviation, mm.
     reach_mm : tuple of 2 float, optional

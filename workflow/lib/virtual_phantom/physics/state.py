@@ -99,7 +99,6 @@ class State:
         Of each pixel since the air scan, a factor broadcastable to (rows, columns).
     correction : tuple of 2 float
         (a, b): in the place of line integrals p the maker stores p + a p^2 + b p^3.
-    dark : ndarray or None
     dark_air : float
         Read out beside the signal and no photons, in readout units: in the scan, broadcastable to (views, rows,
         columns), and in the air scan.
@@ -287,7 +286,6 @@ class State:
         ----------
         mean, variance : ndarray, shape (rows, columns)
             Of the signal of one such view.
-        random : numpy.random.Generator
 
         Returns
         -------
@@ -495,10 +493,8 @@ def blurred(array: np.ndarray, share: float, axis: int, squared: bool = False) -
 
     Parameters
     ----------
-    array : ndarray
     share : float
         c.
-    axis : int
     squared : bool, optional
         The weights are squared: variances of independent values.
 

@@ -88,16 +88,10 @@ def projector(engine: str, geometry: ScanGeometry, grid: Grid, lanes: int = 1, t
     ----------
     engine : {"cpu", "astra_cuda"}
         See choose_engine.
-    geometry : ScanGeometry
-    grid : Grid
     lanes : int, optional
         How many realisations at once.
     threads : int, optional
         Of the CPU engine.
-
-    Returns
-    -------
-    CpuProjector or AstraCudaProjector
 
     Raises
     ------

@@ -83,7 +83,6 @@ def trace_sums(volumes, occupied, sums, first_view, shape, rays, apart):
         Of the rays, that of the sums' first view.
     shape : tuple of 3 int
         (z, y, x) of the grid without its border.
-    rays : Bundles
     apart : int
         From one bundle to that which is traced next, which had better meet much the same voxels: the columns of a
         detector that is not upright, else 1.
@@ -148,7 +147,6 @@ def trace_slopes(volumes, occupied, slopes, first_view, shape, rays):
         Of the rays, that of the slopes' first view.
     shape : tuple of 3 int
         (z, y, x) of the grid without its border.
-    rays : Bundles
     """
     nz = shape[0]
     views, bundles, lanes, _, rows = slopes.shape
@@ -199,7 +197,6 @@ def path_lengths(sums, place, rays, result):
         As trace_rows makes them.
     place : ndarray of int, shape (rows,)
         Of each row among the padded ones.
-    rays : Bundles
     result : ndarray of float32, shape (lanes, views, rows, bundles)
         What is written to, mm.
     """

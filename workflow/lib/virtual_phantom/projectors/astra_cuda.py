@@ -53,8 +53,6 @@ class AstraCudaProjector:
 
     Parameters
     ----------
-    geometry : ScanGeometry
-    grid : Grid
     lanes : int, optional
         How many realisations.
     arrays : module, optional

@@ -177,7 +177,6 @@ def chords(shapes, sources, ways, rises, size, lengths, room):
 
     Parameters
     ----------
-    shapes : Shapes
     sources : ndarray, shape (views, 3)
         Where rays begin, mm.
     ways : ndarray, shape (views, bundles, 3)
@@ -188,7 +187,6 @@ def chords(shapes, sources, ways, rises, size, lengths, room):
         That lengths are multiplied by.
     lengths : ndarray of float32, shape (materials, views, rows, bundles)
         What is written to. Zeros.
-    room : Room
     """
     views, bundles = ways.shape[0], ways.shape[1]
     begin, end, met, edges, way, nearest = room.begin, room.end, room.met, room.edges, room.way, room.nearest

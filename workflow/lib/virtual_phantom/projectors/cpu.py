@@ -25,10 +25,8 @@ class CpuProjector:
     ----------
     geometry : ScanGeometry
         Upright: the detector's rows lie above each other along z.
-    grid : Grid
     lanes : int, optional
         How many realisations.
-    threads : int, optional
     centre_mm : array_like, shape (3,) or (views, 3), optional
         Of the grid from the isocentre (x, y, z), mm, in all views or in each; whatever grid.centre_mm says of its
         world. `back_parallel` asks for one of all views.
@@ -225,7 +223,6 @@ class CpuProjector:
         ----------
         projections : ndarray
             As `parallel_stack` lays them out.
-        rays : ParallelRays
         full_rows : float
             Share of the rows, from the middle, that count fully where views of one direction overlap.
 
@@ -309,8 +306,6 @@ def check_in_orbit(geometry: ScanGeometry, grid: Grid, centre_mm: ArrayLike) -> 
 
     Parameters
     ----------
-    geometry : ScanGeometry
-    grid : Grid
     centre_mm : array_like, shape (3,) or (views, 3)
         Of the grid from the isocentre (x, y, z), mm.
 

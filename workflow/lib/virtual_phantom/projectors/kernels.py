@@ -180,7 +180,6 @@ def _on_arc(along, depth, view, scan):
     -------
     reach : float
         How many times as far as the direction is long.
-    column : float
     """
     # The source, seen from the focus.
     beside = scan.arc * math.sin(scan.first_angle) - scan.first_column[view]
@@ -231,7 +230,6 @@ def trace(volume, projections, first_view, views, scan, transpose, lines, lanes)
         the adjoint adds to `volume` and needs scaled projections.
     first_view, views : int
         The first of the views that `projections` hold, and their number.
-    scan : Scan
     transpose : bool
         True: the adjoint.
     lines : Lines

@@ -20,10 +20,6 @@ def _row_weight(height, rows, full):
     """1 in the middle share `full` of the rows, falling smoothly to 0 at the outermost rows' centres; padded rows.
 
     One row counts to half its height off its centre.
-
-    Returns
-    -------
-    float32
     """
     off_centre = abs(height - np.float32((rows + 1) * 0.5)) / np.float32(max(rows - 1, 1) * 0.5)
     s = min(np.float32(1.0), max(np.float32(0.0), (np.float32(1.0) - off_centre) / np.float32(1.0 - full)))
@@ -117,8 +113,6 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
         Counts the directions that any view gave.
     projections : ndarray of float32, flat
         [level, angle, t + 2, row + 2, lane].
-    first_y, last_y : int
-    scan : ParallelScan
     room : Room
         Of `empty_room`.
     lanes : tuple

@@ -31,12 +31,7 @@ PROCESSOR = kind_of(get_host_cpu_features() if config.CPU_FEATURES is None else 
 
 
 def available() -> tuple[str, ...]:
-    """The kinds whose instructions this machine has, its own first.
-
-    Returns
-    -------
-    tuple of str
-    """
+    """The kinds whose instructions this machine has, its own first."""
     return KINDS[KINDS.index(kind_of(get_host_cpu_features())) :]
 
 

@@ -50,7 +50,6 @@ def in_registers(rays: Bundles, shape: tuple[int, int, int]) -> tuple[np.ndarray
 
     Parameters
     ----------
-    rays : Bundles
     shape : tuple of 3 int
         (z, y, x) of the grid without its border.
 
@@ -100,7 +99,6 @@ def trace_rows(volume, occupied, sums, slopes, first_view, shape, rays, heights,
         Of the rays, that of the sums' first view.
     shape : tuple of 3 int
         (z, y, x) of the grid without its border.
-    rays : Bundles
     heights : ndarray of float32, shape (padded rows,)
         Of `in_registers`.
     width : int

@@ -28,13 +28,8 @@ def voxels_over(grid: Grid, spacing_mm: Sequence[float]) -> Grid:
 
     Parameters
     ----------
-    grid : Grid
     spacing_mm : sequence of 3 float
         (z, y, x).
-
-    Returns
-    -------
-    Grid
     """
     shape = [math.ceil(long / wide - 1e-6) for long, wide in zip(grid.extent_mm, spacing_mm, strict=True)]
     return Grid(tuple(shape), tuple(spacing_mm), grid.centre_mm)
@@ -47,8 +42,6 @@ def boxes_around(masks: Iterable[np.ndarray], grid: Grid, margin_mm: float = MAR
     ----------
     masks : iterable of ndarray of bool, shape (z, y, x)
         None empty.
-    grid : Grid
-    margin_mm : float, optional
 
     Returns
     -------
@@ -117,7 +110,6 @@ def back_in_boxes(
 
     Parameters
     ----------
-    rays : ParallelProjections
     grid : Grid
         Of the whole image, the isocentre in its middle.
     boxes : sequence of tuple of 3 slice
@@ -126,7 +118,6 @@ def back_in_boxes(
         Linear attenuation of water, 1/mm.
     thickness_mm : float, optional
         Of slices, as slices.thin_slices; None: the slices lie in planes, as `fbp` makes them.
-    threads : int, optional
 
     Returns
     -------

@@ -26,7 +26,6 @@ def fbp(
 
     Parameters
     ----------
-    projector : CpuProjector
     line_integrals : ndarray, shape (lanes, views, rows, columns)
     normalise : {"coverage", "none"}, optional
         "coverage": rays are rebinned to parallel ones, and each voxel takes every direction (mod half a turn) once, in
@@ -84,7 +83,6 @@ class ParallelProjections:
 
     Parameters
     ----------
-    rays : ParallelRays
     packed : ndarray
         As projectors.cpu.parallel_stack lays them out.
     """
@@ -101,13 +99,8 @@ class ParallelProjections:
         Parameters
         ----------
         line_integrals : ndarray, shape (lanes, views, rows, columns)
-        geometry : ScanGeometry
         kernel : Kernel, optional
             None: the ramp alone.
-
-        Returns
-        -------
-        ParallelProjections
 
         Raises
         ------

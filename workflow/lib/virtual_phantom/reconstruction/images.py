@@ -29,8 +29,6 @@ def in_hu(
     Parameters
     ----------
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
-    geometry : ScanGeometry
-    grid : Grid
     algorithm : {"sirt", "fbp"}
     settings : dict
         Keywords of sirt.sirt or fbp.fbp; kernel may be one as `read_kernel` takes it.
@@ -38,7 +36,6 @@ def in_hu(
         Of SIRT; FBP is made by the CPU engine.
     mu_water_per_mm : float
         Linear attenuation of water, 1/mm.
-    threads : int, optional
 
     Returns
     -------

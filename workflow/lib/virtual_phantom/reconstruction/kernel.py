@@ -78,9 +78,5 @@ class Kernel:
             Up to the Nyquist frequency of the samples.
         pitch_mm : float
             From sample to sample.
-
-        Returns
-        -------
-        ndarray
         """
         return self.mtf(cycles_per_mm) / np.sinc(cycles_per_mm * pitch_mm) ** 2

@@ -27,9 +27,7 @@ def sirt(
 
     Parameters
     ----------
-    projector : CpuProjector or AstraCudaProjector
     line_integrals : ndarray, shape (lanes, views, rows, columns)
-    iterations : int
     solver : {"plain", "chebyshev"}
         "plain" makes the iterations one by one. "chebyshev" gives the same image in `terms` applications of the
         operator: K iterations multiply the error by (1 - M)^K; expanded in the Chebyshev polynomials T_j(1 - 2 M), its
@@ -87,10 +85,6 @@ def _shortest_mm(grid, backprojector):
 
     The transpose gives a voxel a ray's residual by the share of its length there, which is at most 1. The voxel-driven
     one gives it whole, over that length: noise of a ray that grazes a corner of the grid would outdo all others.
-
-    Returns
-    -------
-    float
     """
     return max(grid.spacing) if backprojector == "voxel" else 0.0
 

@@ -55,13 +55,11 @@ def align_recording(recording: ImagesRecording, phantom: Volume) -> tuple[Alignm
 
     Parameters
     ----------
-    recording : ImagesRecording
     phantom : Volume
         HU.
 
     Returns
     -------
-    alignment : Alignment
     mean : Volume
         HU, float32, on the recording's grid.
     shifts : tuple of RepeatShift
@@ -107,10 +105,6 @@ def shift_of(name: str, first: sitk.Euler3DTransform, own: sitk.Euler3DTransform
         Of the first repeat and of this one, phantom world to recording world.
     search : Search
         What holds the phantom's body.
-
-    Returns
-    -------
-    RepeatShift
     """
     moved = matrix_of(own) - matrix_of(first)
     occupied = np.argwhere(search.body)
@@ -127,7 +121,6 @@ def check_same_phantom(recording: ImagesRecording, source: str, image: str | Pat
 
     Parameters
     ----------
-    recording : ImagesRecording
     source : {"synthetic", "ct", "object"}
         Of the study's phantom.
     image : str, Path or None
@@ -157,16 +150,11 @@ def covered_share(alignment: Alignment, mask: np.ndarray, grid: Grid, image: Vol
 
     Parameters
     ----------
-    alignment : Alignment
     mask : ndarray of bool, shape (z, y, x)
     grid : Grid
         Of the mask: the phantom's.
     image : Volume
         The recording's image, HU.
-
-    Returns
-    -------
-    float
     """
     places = np.argwhere(mask)[:, ::-1] * grid.spacing[::-1] + grid.affine[:3, 3]
     own = image.grid
@@ -185,18 +173,12 @@ def carried_rois(
 
     Parameters
     ----------
-    alignment : Alignment
     rois : sequence of Roi
         Masks on `phantom_grid`.
-    phantom_grid : Grid
     image : Volume
         The recording's image, HU.
     name : str
         Of the recording, for messages.
-
-    Returns
-    -------
-    tuple of Roi
 
     Raises
     ------
@@ -234,7 +216,6 @@ def window_of(alignment: Alignment, mask: np.ndarray, grid: Grid, own: Grid) -> 
 
     Parameters
     ----------
-    alignment : Alignment
     mask : ndarray of bool, shape (z, y, x)
     grid, own : Grid
         Of the mask, and of the recording.

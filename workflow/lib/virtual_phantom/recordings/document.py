@@ -61,10 +61,6 @@ class Document:
 def read_document(folder: str | Path) -> Document:
     """Read and check recording.yaml in a folder.
 
-    Returns
-    -------
-    Document
-
     Raises
     ------
     InputErrors
@@ -105,13 +101,8 @@ def to_be_made(folder: str | Path, content: dict) -> Document:
 
     Parameters
     ----------
-    folder : str or Path
     content : dict
         As the job will write it.
-
-    Returns
-    -------
-    Document
 
     Raises
     ------

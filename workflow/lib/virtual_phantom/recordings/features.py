@@ -77,13 +77,8 @@ def load(document: Document, study: tuple[str, ...] = FEATURES) -> FeaturesRecor
 
     Parameters
     ----------
-    document : Document
     study : tuple of str, optional
         The study's features. A table of pyradiomics may have others, which are left out.
-
-    Returns
-    -------
-    FeaturesRecording
 
     Raises
     ------
@@ -127,12 +122,6 @@ def _tables(document: Document, study: tuple[str, ...]) -> tuple[dict[Path, pd.D
 
     Our own layout has the 86 but for those said to be absent, and no other feature but `study`. A table of pyradiomics
     has what it has: features that are not of the study are left out, those that are missing are named.
-
-    Returns
-    -------
-    tables : dict of Path to DataFrame
-    features : tuple of str
-    notes : list of str
 
     Raises
     ------
@@ -179,7 +168,6 @@ def read(path: Path, features: tuple[str, ...], conditions: list[str]) -> pd.Dat
     ----------
     path : Path
         The CSV file.
-    features : tuple of str
     conditions : list of str
         Columns.
 

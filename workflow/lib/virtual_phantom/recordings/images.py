@@ -48,10 +48,6 @@ class ImagesRecording(Recording):
 def load(document: Document) -> ImagesRecording:
     """Read every image once.
 
-    Returns
-    -------
-    ImagesRecording
-
     Raises
     ------
     InputErrors

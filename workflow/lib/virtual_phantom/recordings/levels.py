@@ -153,10 +153,6 @@ def level_of(phantom: Volume, region: np.ndarray, image: Volume, seen: np.ndarra
         What the recording really holds, on its grid.
     voxel_mm : ndarray, shape (3,)
         Least voxel (z, y, x), mm.
-
-    Returns
-    -------
-    Level
     """
     sigma_mm = SMOOTHING * np.maximum.reduce([voxel_mm, phantom.grid.spacing, image.grid.spacing])
 

@@ -91,7 +91,6 @@ class ProjectionsRecording(Recording):
 
     Attributes
     ----------
-    repeats, held_out : Repeats of Projections
     log : bool
         True for line integrals.
     """
@@ -103,10 +102,6 @@ class ProjectionsRecording(Recording):
 
 def load(document: Document) -> ProjectionsRecording:
     """Read every acquisition once.
-
-    Returns
-    -------
-    ProjectionsRecording
 
     Raises
     ------
@@ -140,10 +135,6 @@ def load(document: Document) -> ProjectionsRecording:
 
 def read(path: Path, geometry: OrbitGeometry) -> Projections:
     """Read one acquisition of a known geometry.
-
-    Returns
-    -------
-    Projections
 
     Raises
     ------

@@ -67,7 +67,6 @@ def renamed(table: pd.DataFrame, settings: dict, rois: Sequence[dict], source: s
 
     Returns
     -------
-    table : DataFrame
     left_out : int
         Rows that are of none of `rois`.
 

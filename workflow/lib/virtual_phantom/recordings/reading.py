@@ -22,13 +22,8 @@ def load(
 
     Parameters
     ----------
-    folder : str or Path
     wanted : sequence of str, optional
         The study's features, which are kept of a table that has more.
-
-    Returns
-    -------
-    ImagesRecording, ProjectionsRecording or FeaturesRecording
 
     Raises
     ------

@@ -53,7 +53,6 @@ class Recording:
     ----------
     document : Document
         What recording.yaml says.
-    provenance : Provenance
     geometry : OrbitGeometry or None
         None where the scan section does not say enough.
     notes : tuple of str

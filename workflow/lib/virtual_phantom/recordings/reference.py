@@ -27,10 +27,6 @@ def grouped(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:
 
     Without conditions all images are group 1. A condition of the name group, as the tandem study has, is replaced by
     its number in order.
-
-    Returns
-    -------
-    DataFrame
     """
     if not conditions:
         return table.assign(group=1)
@@ -90,7 +86,6 @@ def scores(recording: FeaturesRecording, repeats: int, **options) -> pd.DataFram
 
     Parameters
     ----------
-    recording : FeaturesRecording
     repeats : int
         Images of each condition that are taken at random, again and again (`statistics.repeats.draws`); all conditions
         have as many as the smallest has, if that is less.
@@ -130,15 +125,10 @@ def where(table: pd.DataFrame, conditions: dict, source: str) -> pd.DataFrame:
 
     Parameters
     ----------
-    table : DataFrame
     conditions : dict
         Value by column.
     source : str
         What the message begins with.
-
-    Returns
-    -------
-    DataFrame
 
     Raises
     ------

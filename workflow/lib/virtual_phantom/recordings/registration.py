@@ -63,7 +63,6 @@ def refine(
 
     Parameters
     ----------
-    level : Level
     start : SimpleITK.Euler3DTransform
     relaxation : float, optional
         By which steps shrink at each turn: 0.5 stops early, some tenths of a degree off.
@@ -292,10 +291,6 @@ class Search:
         """The level without those parts of the rim where the recording holds matter that is not the body's.
 
         That is matter that reaches far from it. What lies near its surface alone is the body, not yet in place.
-
-        Returns
-        -------
-        Level
         """
         array, region = level.arrays
         spacing = level.phantom.GetSpacing()[::-1]
@@ -324,7 +319,6 @@ class Search:
 
         Parameters
         ----------
-        level : Level
         turn_deg : float
             About z, degrees.
 
@@ -428,10 +422,6 @@ class Search:
         Parameters
         ----------
         transform : SimpleITK.Euler3DTransform
-
-        Returns
-        -------
-        Alignment
 
         Raises
         ------

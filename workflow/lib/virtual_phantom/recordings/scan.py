@@ -40,10 +40,6 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
     source : str
         What messages name.
 
-    Returns
-    -------
-    OrbitGeometry
-
     Raises
     ------
     InputError
@@ -128,10 +124,6 @@ def timed(content: dict) -> bool:
     ----------
     content : dict
         That of recording.yaml.
-
-    Returns
-    -------
-    bool
     """
     return content["kind"] != "projections" or times(content["scan"], "scan")[0] is not None
 

@@ -9,7 +9,7 @@ import pandas as pd
 
 from ..base.words import counted
 from ..features.settings import STUDY, Extraction, installed, said
-from ..statistics.comparison import SAME_VOXELS, grows_with_roi
+from ..statistics.comparability import SAME_VOXELS, grows_with_roi
 from .features import FeaturesRecording
 from .images import ImagesRecording
 from .projections import ProjectionsRecording
@@ -31,7 +31,6 @@ def summary(recording: Recording, study: Extraction = STUDY, voxel_mm: Sequence[
 
     Parameters
     ----------
-    recording : Recording
     study : Extraction, optional
         How the study's features are extracted, which those of the recording are held against.
     voxel_mm : sequence of float, optional

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from ..statistics.comparison import MINIMUM_ROIS, MOST, RANK_RIGHT
+from ..statistics.comparison_summary import MINIMUM_ROIS, MOST, RANK_RIGHT
 from ..statistics.stability_measures import CUT_OFFS
 
 MOST_FEATURES = 10  # that are named
@@ -88,11 +88,7 @@ def agreement(summary: pd.DataFrame, cells: pd.DataFrame) -> str:
     Parameters
     ----------
     summary, cells : DataFrame
-        Of `statistics.comparison.summary` and `compare`.
-
-    Returns
-    -------
-    str
+        Of `statistics.comparison_summary.summary` and `compare`.
     """
     barred, why = _barred(summary, cells)
     every, summary = len(summary), summary[~barred]

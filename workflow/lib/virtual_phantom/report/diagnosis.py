@@ -34,18 +34,12 @@ def page(
 
     Parameters
     ----------
-    diagnosis : Diagnosis
-    prepared : Prepared
     alpha : float
         Below which a place's p is significant.
     maps : tuple of 2 ndarray
         From `residual_maps`.
     scanned : Volume, optional
         Image of what was scanned, HU.
-
-    Returns
-    -------
-    str
     """
     content = diagnosis.content
     after = {place.domain: place for place in diagnosis.after}
@@ -96,11 +90,6 @@ def _pieces(content: dict, scanned: Volume | None) -> str | None:
 
 def residual_maps(diagnosis: Diagnosis, prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:
     """What the report shows: standardised residuals of the data held out, before and after.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-    prepared : Prepared
 
     Returns
     -------

@@ -39,10 +39,6 @@ def render(template: str, filters: Mapping[str, Callable], *, strict: bool = Tru
         Whether a name that nobody gave is an error, or empty.
     **values
         What the template names.
-
-    Returns
-    -------
-    str
     """
     environment = Environment(
         loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined if strict else Undefined
@@ -56,16 +52,11 @@ def render_diagnosis(template: str, content: dict, **values) -> str:
 
     Parameters
     ----------
-    template : str
     content : dict
         Of diagnosis.json, `d` in the template.
     **values
         What else the template names; it has the filters number, within (an interval), chance, coverage, share and
         feature.
-
-    Returns
-    -------
-    str
     """
     filters = {
         "number": number,
@@ -111,7 +102,7 @@ def _coverage(held: Mapping) -> str:
         every += "; of this effect none was counted"
     return (
         "The interval is for noise and for inexact models (model_accuracy). On scans by another simulator "
-        f"(docs/proof.md) intervals for noise alone held the truth in {every}."
+        f"(docs/validation/blind-validation.md) intervals for noise alone held the truth in {every}."
     )
 
 

@@ -33,13 +33,7 @@ FEW_REPEATS = 5  # up to here two groups need nearly all of their values in orde
 
 @dataclass(frozen=True)
 class Linked:
-    """A file that the page points to.
-
-    Attributes
-    ----------
-    title : str
-    path : Path
-    """
+    """A file that the page points to."""
 
     title: str
     path: Path
@@ -60,7 +54,6 @@ def page(
     ----------
     folder : Path
         Of the results, where the page will lie.
-    figures : sequence of Shown
     tables : sequence of Linked
         CSV files. What the page says is taken from trust.csv, stable_features.csv, stability.csv, features.csv and the
         tables of comparisons, if they are among them.
@@ -72,10 +65,6 @@ def page(
         What they do: the command, what to do first first.
     beside : mapping of str to str, optional
         Pages in the same folder: what they are called, and their addresses.
-
-    Returns
-    -------
-    str
     """
     frames = {one.path.stem: read_csv(one.path) for one in tables}
     addresses = {one.path.stem: relative(one.path, folder) for one in tables}
@@ -132,10 +121,6 @@ def warnings(features: pd.DataFrame, trust: pd.DataFrame | None) -> list[str]:
         Of all images, with columns roi, n_voxels and grey_levels.
     trust : DataFrame or None
         Of `statistics.trust.table`.
-
-    Returns
-    -------
-    list of str
     """
     said = []
     for roi, rows in features.groupby("roi", sort=False):

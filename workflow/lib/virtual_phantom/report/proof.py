@@ -26,10 +26,6 @@ def page(score: Mapping, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], repo
     reports : mapping of str to str
         {case: its report, relative to the page}.
 
-    Returns
-    -------
-    str
-
     Raises
     ------
     InputError

@@ -17,10 +17,6 @@ def page(content: dict) -> str:
     ----------
     content : dict
         Of scanner.json.
-
-    Returns
-    -------
-    str
     """
     removed = picture(figures.draw_recordings(content["recordings"]))
     colour = COLOURS.get(content["verdict"], OTHER_COLOUR)

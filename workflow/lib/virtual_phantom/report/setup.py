@@ -20,10 +20,6 @@ def setup_page(content: dict, stated: np.ndarray, best: np.ndarray) -> str:
         Of diagnosis.json (diagnosis.setup.verdict).
     stated, best : ndarray, shape (views, columns)
         What the scan as it is described, and as it should be, leaves of the line integrals.
-
-    Returns
-    -------
-    str
     """
     maps = picture(figures.draw_setup(stated, best, content["recording"], content["setup"]["of"]))
     return render_diagnosis(

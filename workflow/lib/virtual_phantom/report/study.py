@@ -39,7 +39,6 @@ class Shown:
     ----------
     path : Path
         Its picture (PNG).
-    section, title : str
     caption : Path
         Its caption's template.
     params, wildcards : mapping
@@ -73,7 +72,6 @@ def page(
 
     Parameters
     ----------
-    figures : sequence of Shown
     tables : mapping of str to Path
         CSV files by title, in the order in which they are shown.
     embedded : mapping of str to Path
@@ -82,10 +80,6 @@ def page(
         Addresses beside the page by what they are called.
     config : mapping
         The complete configuration.
-
-    Returns
-    -------
-    str
     """
     sections: dict[str, list] = {}
     for figure in figures:

@@ -30,12 +30,10 @@ class Reconstruction:
 
     Attributes
     ----------
-    title : str
     one : Volume
         A single scan.
     mean : Volume
         The mean of `repeats` scans.
-    repeats : int
     """
 
     title: str
@@ -60,11 +58,6 @@ def page(
         ROIs by name, non-zero inside.
     reconstructions : mapping of str to Reconstruction
         By a short key.
-    subtitle : str
-
-    Returns
-    -------
-    str
 
     Raises
     ------
@@ -121,7 +114,6 @@ def hu_to_show(volume: Volume, name: str) -> np.ndarray:
 
     Parameters
     ----------
-    volume : Volume
     name : str
         What the message calls it.
 

@@ -32,11 +32,6 @@ def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, 
         "physical": counts ~ Poisson(I0 exp(-p)) [1]_.
         "astra": counts ~ Poisson(I0 exp(-p / p_max)), p_max the largest line integral of the scan: what ASTRA's
         add_noise_to_sino does, which that paper names as its implementation.
-    stream : Stream
-
-    Returns
-    -------
-    Counts
 
     Raises
     ------
@@ -91,16 +86,11 @@ def acquire(
         Of the repeat.
     model : {"physical", "astra"}
         As simulate_counts takes it.
-    study_seed : int
     draws : {"independent", "common"}, optional
         "independent": its stream is that of the labels; "common": that of the seed alone, so that pixels of one place
         in scans of one shape have the same uniform number, and counts of the same quantile.
     state : State, optional
         What the acquisition chain made of the scene, its photons being those per pixel over 1/A; None: baseline.
-
-    Returns
-    -------
-    Counts
 
     Raises
     ------

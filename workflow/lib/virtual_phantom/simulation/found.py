@@ -14,10 +14,6 @@ from ..physics.effect import acts_on_images, checked
 def read_found(path: str | Path) -> tuple[dict[str, dict[str, float]], dict[str, dict[str, float]]]:
     """The effects of a physics.yaml.
 
-    Parameters
-    ----------
-    path : str or Path
-
     Returns
     -------
     of_scans, of_images : dict of str to dict of str to float

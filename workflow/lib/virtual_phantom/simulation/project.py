@@ -35,7 +35,6 @@ def projected(
     ----------
     phantom : Volume
         HU.
-    geometry : ScanGeometry
     physics : mapping of str to mapping of str to float
         {effect of the acquisition: {parameter: value}}, complete; empty: the baseline.
     mu_water_per_mm : float
@@ -44,7 +43,6 @@ def projected(
         How HU are divided: keywords of physics.materials.Segmentation.
     sensor : mapping
         Keywords of physics.sensors.Sensor.
-    threads : int, optional
     pose : Pose, optional
         Of the phantom.
 

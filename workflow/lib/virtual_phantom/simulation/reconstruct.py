@@ -58,13 +58,10 @@ def reconstruct(
     Parameters
     ----------
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
-    geometry : ScanGeometry
-    grid : Grid
     algorithm, settings, engine, mu_water_per_mm
         As reconstruction.images.in_hu takes them.
     physics : dict, optional
         Effects of stage "image", {effect: {parameter: value}}.
-    threads : int, optional
 
     Returns
     -------
@@ -97,14 +94,11 @@ def reconstruct_in_boxes(
     Parameters
     ----------
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
-    geometry : ScanGeometry
-    grid : Grid
     boxes : sequence of tuple of 3 slice
     settings : dict
         As reconstruction.images.read_kernel takes them.
     thickness_mm, mu_water_per_mm
         As boxes.fbp_in_boxes takes them.
-    threads : int, optional
 
     Returns
     -------

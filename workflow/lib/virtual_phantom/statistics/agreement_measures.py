@@ -77,10 +77,6 @@ def icc_agreement(x: np.ndarray) -> Icc:
     Parameters
     ----------
     x : ndarray, shape (..., subjects, conditions, repeats)
-
-    Returns
-    -------
-    Icc
     """
     n, k = x.shape[-3:-1]
     msr, msc, mse = mean_squares(x)
@@ -104,10 +100,6 @@ def icc_consistency(x: np.ndarray) -> Icc:
     Parameters
     ----------
     x : ndarray, shape (..., subjects, conditions, repeats)
-
-    Returns
-    -------
-    Icc
     """
     n, k = x.shape[-3:-1]
     msr, _, mse = mean_squares(x)

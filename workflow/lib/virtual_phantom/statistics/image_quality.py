@@ -89,10 +89,6 @@ def slice_correlations(noise: np.ndarray, mask: np.ndarray) -> tuple[float, floa
     noise : ndarray, shape (contrasts, z, y, x)
         From `noise_of`.
     mask : ndarray of bool, shape (z, y, x)
-
-    Returns
-    -------
-    of_means, of_mean_squares : float
     """
     slices = noise.shape[1]
     square = (noise**2)[:, mask].mean()
@@ -113,16 +109,9 @@ def propagated(statistic: Callable[[np.ndarray], float], values: np.ndarray, noi
 
     Parameters
     ----------
-    statistic : callable
-    values : ndarray
     noise : ndarray, shape (contrasts, groups, ...)
         What the noise of one repeat (from `noise_of`) adds to `values` in each of several groups of voxels, whose
         noises are independent.
-    repeats : int
-
-    Returns
-    -------
-    float
     """
     centre = statistic(values)
     moved = [[statistic(values + part / np.sqrt(repeats)) - centre for part in groups] for groups in noise]
@@ -138,11 +127,6 @@ def contrast(images: np.ndarray, rois: Mapping[str, np.ndarray], reference: str 
         HU.
     rois : mapping of str to ndarray of bool, shape (z, y, x)
         By name.
-    reference : str, optional
-
-    Returns
-    -------
-    Measure
 
     Raises
     ------
@@ -184,10 +168,6 @@ def noise_magnitude(images: np.ndarray, rois: Mapping[str, np.ndarray], area: fl
     area : float
         As Spectrum.area.
 
-    Returns
-    -------
-    Measure
-
     Raises
     ------
     InputError
@@ -221,10 +201,6 @@ def noise_spectrum(images: np.ndarray, mask: np.ndarray, spacing: Sequence[float
         Where the noise counts.
     spacing : sequence of 3 float
         mm (z, y, x).
-
-    Returns
-    -------
-    Spectrum
 
     Raises
     ------

@@ -190,10 +190,6 @@ def true_acquisition(group: np.ndarray, number: np.ndarray) -> np.ndarray:
         1 to 8.
     number : array_like of int
         That in the scan's name, digits 2 and 3.
-
-    Returns
-    -------
-    ndarray of int
     """
     group, number = np.asarray(group), np.asarray(number)
     third = np.select(

@@ -89,10 +89,6 @@ class LinearFit:
     def noise_level_for(self, variance: float) -> float:
         """The noise level at which the line reaches a variance, HU^2.
 
-        Returns
-        -------
-        float
-
         Raises
         ------
         InputError
@@ -109,10 +105,6 @@ class LinearFit:
 
 def linear_fit(noise_level: np.ndarray, variance: np.ndarray) -> LinearFit:
     """Straight line of variance (HU^2) against noise level A.
-
-    Returns
-    -------
-    LinearFit
 
     Raises
     ------
@@ -156,14 +148,8 @@ def match(calibration: pd.DataFrame, protocol: str, rois: list[str], measured: p
     ----------
     calibration : DataFrame
         Columns protocol, noise_level, roi, spatial_variance_hu2, of at least three levels.
-    protocol : str
-    rois : list of str
     measured : DataFrame
         Variance (HU^2) of each ROI (columns) in each recorded repeat (rows).
-
-    Returns
-    -------
-    Match
 
     Raises
     ------

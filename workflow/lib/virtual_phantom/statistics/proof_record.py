@@ -42,7 +42,6 @@ class Entry:
 
     Attributes
     ----------
-    seed : int
     unseen : bool
         Nobody had looked at it and nothing was tuned on it when it was scored.
     state : str
@@ -68,10 +67,6 @@ class Entry:
 
 def read(path: str | Path) -> tuple[Entry, ...]:
     """All entries, in the order of the file.
-
-    Returns
-    -------
-    tuple of Entry
 
     Raises
     ------

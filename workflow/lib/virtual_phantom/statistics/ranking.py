@@ -80,7 +80,6 @@ def membership(scores: np.ndarray, n: int) -> np.ndarray:
     Parameters
     ----------
     scores : array_like, shape (items,)
-    n : int
 
     Returns
     -------
@@ -102,10 +101,6 @@ def expected_overlap(a: np.ndarray, b: np.ndarray, n: int) -> float:
     """Mean number of items that the n highest of two lists of scores share.
 
     Ties in each list are broken at random, independently. Without ties it is the plain count.
-
-    Returns
-    -------
-    float
     """
     return float(membership(a, n) @ membership(b, n))
 
@@ -120,7 +115,6 @@ def shared_variance(table: pd.DataFrame, features: Sequence[str]) -> pd.DataFram
     ----------
     table : DataFrame
         One row per image and ROI, with columns roi and `features`, finite.
-    features : sequence of str
 
     Returns
     -------

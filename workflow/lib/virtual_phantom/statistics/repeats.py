@@ -60,8 +60,6 @@ def draws(
 
     Parameters
     ----------
-    table : DataFrame
-    features : sequence of str
     repeats, unit, shared
         As `subsamples` takes them.
     **options

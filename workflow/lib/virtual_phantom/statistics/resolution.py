@@ -70,10 +70,6 @@ def mtf_half(images: np.ndarray, distance_mm: np.ndarray, spacing: Sequence[floa
     valid : ndarray of bool, shape (z, y, x)
         Voxels that may be used.
 
-    Returns
-    -------
-    Measure
-
     Raises
     ------
     InputError
@@ -144,10 +140,6 @@ class EdgeMtf:
         ----------
         edge : ndarray, shape (bins,)
             Edge spread function.
-
-        Returns
-        -------
-        float
 
         Raises
         ------

@@ -8,7 +8,8 @@ study of the family has normal values with the SD that every group and ROI was s
 groups that share their noise. Its means are those seen, their distances from the ROI's mean over groups times the
 scale. At scale 0 protocols do not differ, and the expected stability is the largest; it falls as the scale grows. The
 interval holds the expected stability of those scales at which the observed one is not too far out in either tail: a
-test that is inverted [1]_, with half of the weight of what is just observed [2]_. docs/statistics.md has its coverage.
+test that is inverted [1]_, with half of the weight of what is just observed [2]_. Its coverage is in
+docs/explanation/statistics.md.
 
 References
 ----------
@@ -78,10 +79,6 @@ def intervals(
         Groups with the same entry have their noise in common, repeat by repeat; that of others is independent.
     threshold : float, optional
         A pair of groups is stable if |W| is below.
-
-    Returns
-    -------
-    StabilityInterval
     """
     repeats = x.shape[-1]
     once = _Design.of(x.shape[1:-1], repeats, units, threshold, SIMULATIONS)
@@ -103,11 +100,6 @@ def agreeing(repeats: int, threshold: float = 1.0) -> float:
     ----------
     repeats : int
         Of each sample.
-    threshold : float, optional
-
-    Returns
-    -------
-    float
     """
     most = repeats * repeats
     below = np.abs(np.arange(most + 1) - most / 2) < threshold * _spread(repeats)

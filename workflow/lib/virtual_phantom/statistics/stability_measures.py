@@ -42,7 +42,6 @@ def measures(
         One row per image and ROI, with columns group, roi, seed and `features`.
     scores : DataFrame
         Of the same images, from `trust.table`, or without intervals from `wilcoxon.scores`.
-    features : sequence of str
     cut_offs : mapping of str to float
         w_stability_percent, icc, ccc (stable from there up), cv, qcd (stable up to there).
     source : str, optional
@@ -108,7 +107,6 @@ def cube(table: pd.DataFrame, features: Sequence[str], source: str = "features")
     ----------
     table : DataFrame
         As `measures` takes it.
-    features : sequence of str
     source : str, optional
         What the message begins with.
 

@@ -32,7 +32,6 @@ def table(
     ----------
     features_table : DataFrame
         One row per image and ROI, with columns group, roi, tissue_class, seed and `features`.
-    features : sequence of str
     sharing : mapping of int to hashable
         For each group what it has in common with the groups whose noise is the same, repeat by repeat.
     cut_off : float
@@ -100,10 +99,6 @@ def verdicts(low: np.ndarray, high: np.ndarray, cut_off: float) -> np.ndarray:
         Percent.
     cut_off : float
         Percent.
-
-    Returns
-    -------
-    ndarray of str
     """
     return np.where(low >= cut_off, "yes", np.where(high < cut_off, "no", "undecided"))
 

@@ -74,10 +74,8 @@ def scores(
     ----------
     table : DataFrame
         One row per image and ROI, with columns group, roi, tissue_class and `features`; and seed, where there is one.
-    features : sequence of str
     test : {"ranksum_z"}, optional
         One of TESTS.
-    threshold : float, optional
     compare : {"roi", "tissue_class"}, optional
         What a sample is: see the module's docstring.
     source : str, optional

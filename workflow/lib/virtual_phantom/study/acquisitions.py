@@ -102,10 +102,6 @@ class Acquisitions:
         ----------
         bundle : tuple of (str, str)
             Noise level and seed of every image that one job makes.
-
-        Returns
-        -------
-        str
         """
         waits = self.level_files(noise for noise, _ in bundle)
         return "matched_acquisitions" if waits else "acquisitions"

@@ -47,14 +47,6 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
     """Every job that follows the features or stands beside them.
 
     What reads recordings is of stage "recordings": how large they are is not in the configuration.
-
-    Parameters
-    ----------
-    plan : Plan
-
-    Yields
-    ------
-    AnalysisJob
     """
     yield _job("figure_rois")
     if plan.config["repeats"]["repositioned"]:

@@ -45,22 +45,10 @@ class Context:
     ----------
     folder : Path
         Where rules, scripts and captions lie.
-    plan : Plan
     engine : str
         What projects (projectors.choose_engine).
     rates : mapping
         Measured costs (costs.rates).
-    files : Files
-    sizes : Sizes
-    phantom : PhantomSources
-    scans : PublicScans
-    acquisitions : Acquisitions
-    selections : Selections
-    recordings : Recordings
-    comparisons : Comparisons
-    diagnosis : Diagnosis
-    proof : Proof
-    pages : Pages
     """
 
     folder: Path
@@ -173,11 +161,6 @@ class Context:
             The same of projections of `geometry`.
         fine : int, optional
             Volumes on the voxels that are scanned.
-        geometry : str, optional
-
-        Returns
-        -------
-        int
         """
         floats = volumes * volume_lanes * self.sizes.voxels + fine * self.sizes.fine
         if geometry is not None:
@@ -226,17 +209,12 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
 
     Parameters
     ----------
-    config : mapping
     folder : Path
         Where rules, scripts and captions lie.
     files : iterable of str or Path, optional
         The configuration's files: one that was written with a checksum must still be the same.
     here : bool, optional
         Whether devices and files are looked for. False: another process has done so, perhaps on another machine.
-
-    Returns
-    -------
-    Context
 
     Raises
     ------
@@ -291,14 +269,6 @@ def or_exit(function: Callable[P, T]) -> Callable[P, T]:
     """The function, which ends the program with one line where it raises InputError.
 
     For functions that Snakemake calls: of an exception it would print a traceback.
-
-    Parameters
-    ----------
-    function : callable
-
-    Returns
-    -------
-    callable
     """
 
     @wraps(function)

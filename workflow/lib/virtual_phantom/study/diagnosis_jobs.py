@@ -40,9 +40,6 @@ class Diagnosis:
 
     Attributes
     ----------
-    plan : Plan
-    files : Files
-    recordings : Recordings
     engine : str
         What simulates images (projectors.choose_engine).
     candidates : mapping of str to list of str
@@ -64,17 +61,10 @@ class Diagnosis:
 
         Parameters
         ----------
-        plan : Plan
-        files : Files
-        recordings : Recordings
         engine : str
             What simulates images (projectors.choose_engine).
         rates : mapping
             Measured costs (costs.rates).
-
-        Returns
-        -------
-        Diagnosis
 
         Raises
         ------
@@ -119,16 +109,7 @@ class Diagnosis:
         return inputs
 
     def in_fits(self, *recordings: str) -> list[str]:
-        """The effects that fits of recordings may hold: those that are tried, and those that are declared.
-
-        Parameters
-        ----------
-        *recordings : str
-
-        Returns
-        -------
-        list of str
-        """
+        """The effects that fits of recordings may hold: those that are tried, and those that are declared."""
         names = [
             effect
             for name in recordings
@@ -150,14 +131,6 @@ class Diagnosis:
 
     def shared(self, scanner: str) -> list[str]:
         """The effects that are tried on a scanner: those that every recording shows, or those that are asked for.
-
-        Parameters
-        ----------
-        scanner : str
-
-        Returns
-        -------
-        list of str
 
         Raises
         ------
@@ -188,10 +161,6 @@ class Diagnosis:
 
     def _declared_alike(self, scanner: str) -> dict[str, dict]:
         """What all recordings of a scanner declare of it.
-
-        Parameters
-        ----------
-        scanner : str
 
         Returns
         -------
@@ -233,13 +202,8 @@ class Diagnosis:
 
         Parameters
         ----------
-        scanner : str
         judged : bool, optional
             Also of those that only judge.
-
-        Returns
-        -------
-        dict of str to dict
         """
         found = {}
         for name in self.scanners[scanner]["recordings"]:
@@ -392,10 +356,6 @@ class Diagnosis:
             The recording.
         cores : int or None
             That there are; None where that is not known.
-
-        Returns
-        -------
-        int
         """
         if self.gpus(name):  # what has begun on a device survives no fork, and there is one of it
             return 1
@@ -465,10 +425,6 @@ class Diagnosis:
             The recording.
         processes : int
             Side by side.
-
-        Returns
-        -------
-        int
         """
         extent = self.extent(name)
         if extent is None:
@@ -488,10 +444,6 @@ class Diagnosis:
             The recording.
         processes : int, optional
             Side by side.
-
-        Returns
-        -------
-        int
         """
         protocol = self.protocol(name)
         scan = protocol["scan"] if protocol else self.recordings.content(name)["scan"]

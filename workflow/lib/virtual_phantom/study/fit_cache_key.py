@@ -29,10 +29,6 @@ def fit_cache(folder: str | Path, model: Mapping, files: Iterable[str | Path]) -
         Diagnosis.model of the recording.
     files : iterable of str or Path
         Files and folders of files of the recording and of the scanned object.
-
-    Returns
-    -------
-    FitCache
     """
     declared = [_effect(name) for name in sorted(model["settings"].get("baseline", {}))]
     contents = [sha256(file) for path in files for file in files_of(path)]

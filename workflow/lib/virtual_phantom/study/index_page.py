@@ -16,7 +16,6 @@ def renew(pages: Pages, config: Mapping) -> Path | None:
 
     Parameters
     ----------
-    pages : Pages
     config : mapping
         The complete configuration.
 

@@ -84,7 +84,6 @@ def last_reason(log_file: str | Path, since: float) -> str | None:
 
     Parameters
     ----------
-    log_file : str or Path
     since : float
         Start of the job, seconds since the epoch.
 

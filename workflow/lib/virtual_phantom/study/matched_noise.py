@@ -18,14 +18,6 @@ def write(level: dict, path: str | Path) -> None:
 def read(path: str | Path) -> dict:
     """A level that `write` wrote.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    dict
-
     Raises
     ------
     InputError

@@ -29,11 +29,6 @@ class Pages:
 
     Attributes
     ----------
-    plan : Plan
-    files : Files
-    selections : Selections
-    comparisons : Comparisons
-    diagnosis : Diagnosis
     captions : Path
         Folder of the captions, templates that Snakemake's report fills in too.
     configured_by : tuple of str
@@ -204,10 +199,6 @@ class Pages:
 
     def exported_files(self) -> list[str]:
         """All that is written of them.
-
-        Returns
-        -------
-        list of str
 
         Raises
         ------

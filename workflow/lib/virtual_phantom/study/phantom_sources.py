@@ -67,10 +67,6 @@ class PhantomSources:
     def absent_online(self) -> list[str]:
         """Their addresses.
 
-        Returns
-        -------
-        list of str
-
         Raises
         ------
         InputError

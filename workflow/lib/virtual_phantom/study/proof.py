@@ -29,8 +29,6 @@ class Proof:
 
     Attributes
     ----------
-    plan : Plan
-    files : Files
     cases : tuple of str
         Their names.
     tried : mapping of str to list of str
@@ -45,15 +43,6 @@ class Proof:
     @classmethod
     def read(cls, plan: Plan, files: Files) -> Proof:
         """What a configuration asks for.
-
-        Parameters
-        ----------
-        plan : Plan
-        files : Files
-
-        Returns
-        -------
-        Proof
 
         Raises
         ------

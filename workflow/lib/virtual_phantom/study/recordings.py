@@ -22,8 +22,6 @@ class Recordings:
 
     Attributes
     ----------
-    plan : Plan
-    files : Files
     documents : mapping of str to Document
         {name: what its recording.yaml says}.
     """
@@ -35,15 +33,6 @@ class Recordings:
     @classmethod
     def read(cls, plan: Plan, files: Files) -> Recordings:
         """Those of a configuration.
-
-        Parameters
-        ----------
-        plan : Plan
-        files : Files
-
-        Returns
-        -------
-        Recordings
 
         Raises
         ------
@@ -101,10 +90,6 @@ class Recordings:
         Parameters
         ----------
         disc : {"solid_disc", "ta", "tb", "tc", "td"}
-
-        Returns
-        -------
-        str
 
         Raises
         ------

@@ -49,10 +49,6 @@ def initialise(
     fill_gaps : bool, optional
         As `propose.propose` takes it.
 
-    Returns
-    -------
-    Proposal
-
     Raises
     ------
     InputError

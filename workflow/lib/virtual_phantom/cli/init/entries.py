@@ -26,15 +26,7 @@ SOME_GAS, MOSTLY_GAS = 0.02, 0.85  # of a region's voxels; between them it is an
 
 @dataclass(frozen=True)
 class Chosen:
-    """A region as an ROI of the configuration.
-
-    Attributes
-    ----------
-    region : Region
-    margin_mm : float
-    parts : int
-    fill_gaps : bool
-    """
+    """A region as an ROI of the configuration."""
 
     region: Region
     margin_mm: float
@@ -83,15 +75,10 @@ def choose(region: Region, grid: Grid, fill_gaps: bool = False) -> Chosen | str:
 
     Parameters
     ----------
-    region : Region
     grid : Grid
         Of the study.
     fill_gaps : bool, optional
         Whether slices of the region that are not drawn were interpolated.
-
-    Returns
-    -------
-    Chosen or str
     """
     if reason := unsuitable(region):
         return reason
@@ -117,15 +104,10 @@ def largest(chosen: Sequence[Chosen], most: int, first: Collection[str] = ()) ->
 
     Parameters
     ----------
-    chosen : sequence of Chosen
     most : int
         How many.
     first : collection of str, optional
         Names of regions that go before larger ones.
-
-    Returns
-    -------
-    taken, left : list of Chosen
     """
     order = sorted(chosen, key=lambda one: (one.region.name not in first, -one.region.volume_ml))
     taken = {one.region.name for one in order[:most]}

@@ -100,17 +100,12 @@ def propose(
         Labels or names of the regions to take; by default the largest that are suitable.
     size : {"normal", "quick"}, optional
         quick: coarse voxels, few protocols and repeats; its pages say that it is a trial.
-    results_dir : str, optional
     instead : str, optional
         The command that begins a normal study of the same, which the pages of a quick one then name.
     not_checked : sequence of str, optional
         Checks of the CT to leave out, as phantom.ct.not_checked, where it is written.
     fill_gaps : bool, optional
         Interpolate slices of regions that are not drawn, between two that are.
-
-    Returns
-    -------
-    Proposal
 
     Raises
     ------

@@ -49,8 +49,6 @@ class Region:
         Where it lies in the CT, (z, y, x).
     mask : ndarray of bool
         Within the box.
-    volume_ml : float
-    mean_hu, sd_hu : float
     gas_share : float
         Of its voxels, those under GAS_HU.
     grid : Grid

@@ -31,10 +31,8 @@ def propose_grid(
 
     Parameters
     ----------
-    ct : Grid
     box_mm : sequence
         Box that is scanned, [[x, x], [y, y]], NIfTI world mm.
-    regions : sequence of Region
     voxels_across : int
         At most, along the box's longer side.
 
@@ -73,13 +71,8 @@ def propose_scan(grid: Grid, reach_mm: float) -> dict:
 
     Parameters
     ----------
-    grid : Grid
     reach_mm : float
         How far the body reaches from the isocentre, mm.
-
-    Returns
-    -------
-    dict
 
     Raises
     ------

@@ -26,7 +26,6 @@ def keep_box(image: Volume, regions: Sequence[Region], slices: tuple[int, int]) 
     ----------
     image : Volume
         The CT, HU.
-    regions : sequence of Region
     slices : tuple of int
         From which to which slice the CT is scanned.
 
@@ -65,10 +64,6 @@ def is_needed(image: Volume, box: list, grid: Grid) -> bool:
         As `keep_box` returns it.
     grid : Grid
         The study's: slices above and below it are not scanned.
-
-    Returns
-    -------
-    bool
     """
     z = image.grid.axes_mm()[0] + image.grid.centre_mm[2] - grid.centre_mm[2]
     seen = np.abs(z) <= (grid.extent_mm[0] + image.grid.spacing[0]) / 2

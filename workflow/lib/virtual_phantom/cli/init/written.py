@@ -13,7 +13,7 @@ from .entries import doubtful
 from .propose import Proposal
 
 WIDTH = 110  # of a comment
-RATES_WITHIN = 2.0  # factor within which estimates by measured rates were right (docs/cluster.md)
+RATES_WITHIN = 2.0  # factor within which estimates by measured rates were right (docs/how-to/cluster.md)
 
 
 def text(proposal: Proposal, picture: str, name: str) -> str:
@@ -21,15 +21,10 @@ def text(proposal: Proposal, picture: str, name: str) -> str:
 
     Parameters
     ----------
-    proposal : Proposal
     picture : str
         Name of the picture beside it.
     name : str
         Path of the file, as it is called in commands.
-
-    Returns
-    -------
-    str
     """
     parts = [_head(proposal, picture, name)]
     if "trial" in proposal.config:
@@ -70,9 +65,9 @@ def _head(proposal: Proposal, picture: str, name: str) -> str:
         + _comment(
             f"It makes {proposal.cost['acquisitions']} scans in {proposal.cost['jobs']} jobs: "
             f"{minutes(hours)} on two idle cores, and {proposal.cost['bytes_kept'] / 1e9:.2g} GB of disk, by what such "
-            "jobs took on the machine of docs/cluster.md."
+            "jobs took on the machine of docs/how-to/cluster.md."
         )
-        + _comment("Every key, with its unit and its default: config/README.md.")
+        + _comment("All keys with units and defaults: see config/README.md.")
         + _comment(f"The CT: {nx} x {ny} x {nz} voxels (x, y, z) of {dx:.4g} x {dy:.4g} x {dz:.4g} mm.")
     )
 

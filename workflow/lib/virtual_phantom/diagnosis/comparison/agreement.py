@@ -64,12 +64,7 @@ class Regions:
 
 
 class Features:
-    """Features of stacks of images, each stack extracted once.
-
-    Parameters
-    ----------
-    regions : Regions
-    """
+    """Features of stacks of images, each stack extracted once."""
 
     def __init__(self, regions: Regions):
         self.regions = regions
@@ -123,7 +118,6 @@ def agreement(
     simulated : mapping of str to ndarray
         Images of the same shape but for the number of repeats, by the name of their column ("before", "after"); the
         last one's noise counts for the floor.
-    regions : Regions
     reference : str, optional
         ROI that contrasts are taken against; None: all pairs.
     features : Features, optional
@@ -215,10 +209,6 @@ def share_within(recorded: np.ndarray, simulated: np.ndarray) -> float:
     Parameters
     ----------
     recorded, simulated : ndarray, shape (repeats, quantities)
-
-    Returns
-    -------
-    float
     """
     size = np.maximum(np.abs(recorded).max(axis=0), np.abs(simulated).max(axis=0))
     shift = in_sd(simulated.mean(axis=0) - recorded.mean(axis=0), spread(recorded), size)

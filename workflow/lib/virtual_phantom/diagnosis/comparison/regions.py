@@ -42,7 +42,6 @@ class Scanned:
         HU, what projections were taken of.
     rois : mapping of str to ndarray of bool, shape (z, y, x)
         By name, on `grid`.
-    grid : Grid
     """
 
     fine: Volume
@@ -52,14 +51,6 @@ class Scanned:
     @classmethod
     def read(cls, fine: str | Path, image: str | Path, rois_csv: str | Path) -> Scanned:
         """What the study's rule `phantom` wrote.
-
-        Parameters
-        ----------
-        fine, image, rois_csv : str or Path
-
-        Returns
-        -------
-        Scanned
 
         Raises
         ------
@@ -72,14 +63,6 @@ class Scanned:
     @classmethod
     def of_mask(cls, mask: str | Path) -> Scanned:
         """A homogeneous object: no ROIs but itself.
-
-        Parameters
-        ----------
-        mask : str or Path
-
-        Returns
-        -------
-        Scanned
 
         Raises
         ------
@@ -95,13 +78,8 @@ class Scanned:
 
         Parameters
         ----------
-        labelled : Labelled
         mu_water_per_mm : float
             At the energy of which materials have their HU, 1/mm.
-
-        Returns
-        -------
-        Scanned
         """
         energy = energy_of("water", mu_water_per_mm)
         mu = np.array([attenuation_per_mm(one, [energy])[0] for one in labelled.materials], np.float32)
@@ -120,14 +98,8 @@ class Scanned:
 
         Parameters
         ----------
-        shaped : ShapedObject
-        geometry : OrbitGeometry
         mu_water_per_mm : float
             At the energy of which shapes have their HU, 1/mm.
-
-        Returns
-        -------
-        Scanned
         """
         reach = min(reach_mm(shaped), geometry.field_of_view_radius_mm)
         row, column = (pitch / geometry.magnification for pitch in (geometry.row_pitch_mm, geometry.column_pitch_mm))
@@ -154,13 +126,8 @@ def image_grid(geometry: OrbitGeometry, radius_mm: float) -> Grid:
 
     Parameters
     ----------
-    geometry : OrbitGeometry
     radius_mm : float
         mm.
-
-    Returns
-    -------
-    Grid
     """
     reach = min(radius_mm, geometry.field_of_view_radius_mm)
     voxel = max(geometry.column_pitch_mm / geometry.magnification, 2 * reach / (MOST_VOXELS - 2 * AIR_VOXELS))
@@ -177,11 +144,6 @@ def image_grid(geometry: OrbitGeometry, radius_mm: float) -> Grid:
 
 def complete(geometry: OrbitGeometry, grid: Grid) -> np.ndarray:
     """Voxels that rays of every direction pass.
-
-    Parameters
-    ----------
-    geometry : OrbitGeometry
-    grid : Grid
 
     Returns
     -------
@@ -215,16 +177,10 @@ def phantom_regions(grid: Grid, valid: np.ndarray, scanned: Scanned, pose: Pose)
 
     Parameters
     ----------
-    grid : Grid
     valid : ndarray of bool, shape (z, y, x)
         As Regions.valid.
-    scanned : Scanned
     pose : Pose
         Of the object.
-
-    Returns
-    -------
-    Regions
     """
     fine_shape = (grid.shape[0], *(n * SUBDIVIDED for n in grid.shape[1:]))
     fine = Grid(fine_shape, (grid.spacing[0], *(step / SUBDIVIDED for step in grid.spacing[1:])))
@@ -252,7 +208,6 @@ def sampled(array: np.ndarray, of: Grid, at: Grid, pose: Pose, order: int, outsi
         The object.
     of, at : Grid
         The object's, and the one asked for.
-    pose : Pose
     order : int
         Of the interpolation.
     outside : float

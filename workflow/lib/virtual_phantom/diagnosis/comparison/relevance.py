@@ -55,7 +55,6 @@ def changes(
     ----------
     without, images : ndarray, shape (repeats, z, y, x)
         HU.
-    regions : Regions
     features : Features, optional
         None: features are left out.
     paired : bool, optional
@@ -101,9 +100,6 @@ def agreement_and_practice(
         HU.
     images : callable
         Images of a fit, all with the same noise.
-    choice : Choice
-    regions : Regions
-    features : Features or None
     practice : bool
         Whether it is told what effects change.
 
@@ -136,9 +132,6 @@ def told(
         Those of the alignment alone, "before", and of the chosen effects, "after".
     images : callable
         Images of a fit, with the noise of `simulated`.
-    choice : Choice
-    regions : Regions
-    features : Features or None
 
     Returns
     -------
@@ -167,10 +160,6 @@ def _stated(found: Mapping[str, Change]) -> dict[str, dict[str, float]]:
 
 def places(regions: Regions) -> list[np.ndarray]:
     """Where mean HU are compared: the ROIs, and squares all over the inside of the object, through all slices.
-
-    Parameters
-    ----------
-    regions : Regions
 
     Returns
     -------

@@ -53,11 +53,6 @@ def over(changes: Mapping[str, Mapping[str, float]], thresholds: Mapping[str, fl
     ----------
     changes : mapping of str to mapping
         {quantity: {"value", "error"}}.
-    thresholds : mapping of str to float
-
-    Returns
-    -------
-    dict of str to float
     """
     return {
         name: changes[name]["value"]

@@ -37,20 +37,12 @@ def agreement_of_scans(
 
     Parameters
     ----------
-    recording : Recording
-    prepared : PreparedScans
-    choice : Choice
-    asked : DiagnosisRequest
     purpose : Branch
         What simulated noise is drawn for.
     scanned : Scanned, optional
         None for a disc.
     practice : bool, optional
         As agreement_of takes it.
-
-    Returns
-    -------
-    dict
     """
     further = scans(recording.held_out) if len(recording.held_out) else None
     repeats = compared(scans(recording.repeats), further).every(prepared.step)
@@ -78,15 +70,12 @@ def agreement_of(
     ----------
     repeats : Scans
         See `compared`.
-    prepared : PreparedScans
-    choice : Choice
     mu_water_per_mm : float
         1/mm.
     seed : Stream
         Of simulated noise.
     scanned : Scanned, optional
         None for a disc.
-    threads : int, optional
     practice : bool, optional
         Whether it is told what effects change in images (images.practice.told), which takes a reconstruction of each.
 
@@ -132,13 +121,6 @@ def compared(taken: Scans, further: Scans | None) -> Scans:
 def simulated_repeats(prepared: PreparedScans, fit: Fit, count: int, random: np.random.Generator) -> np.ndarray:
     """Noisy line integrals of a fitted model with its alignment and gain pattern.
 
-    Parameters
-    ----------
-    prepared : PreparedScans
-    fit : Fit
-    count : int
-    random : numpy.random.Generator
-
     Returns
     -------
     ndarray of float32, shape (count, views, rows, columns)
@@ -157,13 +139,10 @@ class Reconstruction:
 
     Parameters
     ----------
-    geometry : OrbitGeometry
-    grid : Grid
     mu_water_per_mm : float
         1/mm.
     usable : ndarray of bool, shape (views, rows, columns)
         The other rays take values between their neighbours', in recordings and simulations.
-    threads : int, optional
     """
 
     def __init__(

@@ -42,7 +42,6 @@ def property_tables(
     ----------
     images : ndarray, shape (repeats, z, y, x)
         Repeats of one protocol and noise level, HU.
-    grid : Grid
     masks : mapping of str to ndarray of bool, shape (z, y, x)
         By ROI.
     fold_of : mapping of str to int

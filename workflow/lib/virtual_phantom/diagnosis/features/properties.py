@@ -15,7 +15,7 @@ import numpy as np
 from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...physics.effect import load, names
-from ...statistics.comparison import MINIMUM_ROIS
+from ...statistics.comparison_summary import MINIMUM_ROIS
 
 BASELINE = "baseline"  # in tables: the images with no property changed
 FOLDS = (1, 2)  # halves of the regions: strengths are fitted to one and judged on the other
@@ -70,25 +70,25 @@ def properties() -> tuple[Property, ...]:
         _effect("hu_calibration", None, lambda grid: 0.0),
         Property(
             "noise_texture",
-            "The noise is coarser, its amplitude and the object as sharp as before.",
-            "noise power spectrum from repeated images of a homogeneous object",
+            "The noise is coarser; its amplitude and the sharpness of the object do not change.",
+            "measure the noise power spectrum in repeated images of a homogeneous object",
             ("sigma_voxels", "voxels"),
             lambda grid: 0.0,
             SQUARE,
         ),
         Property(
             "resolution",
-            "The object is less sharp under the same noise: blurred before the noise arises, as by focal spot or "
+            "The object is less sharp with the same noise: it is blurred before detection, as by the focal spot or "
             "X-ray crosstalk, or smoother than the phantom.",
-            "images of a wire or an edge; projections of it tell blur before the noise from the kernel",
+            "image a wire or an edge; projections distinguish blur before detection from the kernel",
             ("sigma_voxels", "voxels"),
             lambda grid: 0.0,
             SQUARE,
         ),
         Property(
             "voxels",
-            "The voxels have another size: no physics of the scan, but most textures count them.",
-            "the same scan simulated, or reconstructed, on the other's voxels",
+            "The voxels have another size. This is not physics of the scan, but most textures depend on it.",
+            "simulate or reconstruct the scan on the voxels of the other one",
             None,
             lambda grid: 0.0,
         ),

@@ -38,7 +38,7 @@ def read_responses(
         {column: value} of the recording's rows that are compared.
     dimensions : {2, 3}
     stored_offset_hu : float
-        Both of the recording's features, as comparison.comparable takes them.
+        Both of the recording's features, as comparability.comparable takes them.
     parameters : str or None
         The study's parameter file of pyradiomics.
     rois : sequence of str or None
@@ -46,7 +46,6 @@ def read_responses(
 
     Returns
     -------
-    data : Responses
     not_compared : dict of str to str
         {feature: why}.
 

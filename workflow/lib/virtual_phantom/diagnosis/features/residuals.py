@@ -82,13 +82,8 @@ def frame(data: Responses, repeats: list[np.ndarray]) -> pd.DataFrame:
 
     Parameters
     ----------
-    data : Responses
     repeats : list of ndarray, shape (repeats, features)
         Of every ROI.
-
-    Returns
-    -------
-    DataFrame
     """
     parts = [
         pd.DataFrame(values, columns=data.features).assign(roi=roi, tissue_class=data.classes[roi])
@@ -106,12 +101,7 @@ def places(data: Responses, simulated: np.ndarray) -> Places:
 
     Parameters
     ----------
-    data : Responses
     simulated : ndarray, shape (repeats, rois, features)
-
-    Returns
-    -------
-    Places
     """
     ours = frame(data, list(simulated.transpose(1, 0, 2)))
     cells = compare(ours, frame(data, data.recorded), data.features, rois=data.rois)

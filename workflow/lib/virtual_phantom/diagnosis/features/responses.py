@@ -12,7 +12,8 @@ import pandas as pd
 from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...features.settings import STUDY, Extraction, other_settings
-from ...statistics.comparison import SAME_VOXELS, common_features, common_rois, comparable, roi_sizes, samples, spread
+from ...statistics.comparability import SAME_VOXELS, comparable, roi_sizes
+from ...statistics.comparison import common_features, common_rois, samples, spread
 from .properties import BASELINE, EVERY_FOLD, FOLDS, Property, folds, properties
 
 STEPS = 4  # strengths tried between two that were simulated
@@ -87,16 +88,14 @@ def compared(
 
     Parameters
     ----------
-    table, recorded : DataFrame
     dimensions : {2, 3}
     stored_offset_hu : float
-        Both of the recording's features, as comparison.comparable takes them.
+        Both of the recording's features, as comparability.comparable takes them.
     study : Extraction, optional
         How features of `table` were extracted.
 
     Returns
     -------
-    features : list of str
     left_out : dict of str to str
         {feature: why}.
 
@@ -127,17 +126,12 @@ def responses(
     ----------
     table : DataFrame
         With a column tissue_class.
-    recorded : DataFrame
     features : sequence of str
         Those to compare; what does not vary in the recording, in any ROI, has no unit and is left out.
     grid : Grid
         Of the simulated images.
     rois : sequence of str, optional
         As comparison.common_rois takes them.
-
-    Returns
-    -------
-    Responses
 
     Raises
     ------
@@ -186,15 +180,6 @@ def finer(one: Property, curve: Curve) -> Curve:
     """A curve with steps between its strengths, features linear in the property's axis.
 
     A property without a strength is there or not and stays as it is.
-
-    Parameters
-    ----------
-    one : Property
-    curve : Curve
-
-    Returns
-    -------
-    Curve
     """
     if one.parameter is None:
         return curve

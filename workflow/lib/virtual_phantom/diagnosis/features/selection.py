@@ -66,7 +66,6 @@ def trials(data: Responses, seed: int = 0) -> dict[Property, Trial]:
 
     Parameters
     ----------
-    data : Responses
     seed : int, optional
         Of random differences.
 
@@ -103,7 +102,6 @@ def shift(data: Responses, values: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    data : Responses
     values : ndarray, shape (..., repeats, rois, features)
 
     Returns
@@ -145,16 +143,10 @@ def _best(data: Responses, fold: int, before: np.ndarray, moved: np.ndarray) -> 
 
     Parameters
     ----------
-    data : Responses
-    fold : int
     before : ndarray, shape (rois, features)
         Standardised shifts without the property.
     moved : ndarray, shape (strengths, rois, features)
         What it adds.
-
-    Returns
-    -------
-    int
     """
     inside = data.fold == fold
     gains = removed(before[inside], before[inside] + moved[:, inside], data.floor[inside]).sum(axis=(1, 2))
@@ -167,7 +159,6 @@ def _assembled(data: Responses, curves: Mapping[int, Curve], chosen: Mapping[int
 
     Parameters
     ----------
-    data : Responses
     curves : mapping of int to Curve
         By fold.
     chosen : mapping of int to int
@@ -191,12 +182,10 @@ def _chance(data: Responses, before: np.ndarray, moved: Mapping, seed: int) -> n
 
     Parameters
     ----------
-    data : Responses
     before : ndarray, shape (rois, features)
         Standardised shifts.
     moved : mapping of Property to dict of int to ndarray, shape (strengths, rois, features)
         By property and fold, what it adds.
-    seed : int
 
     Returns
     -------

@@ -56,17 +56,12 @@ def diagnose_features(
     ----------
     name : str
         Of the comparison.
-    data : Responses
     not_compared : mapping of str to str
         {feature: why}.
     mean : str
         The feature that is an ROI's mean HU, for the HU calibration's values.
     margin_sd : float, optional
         Standard deviations over repeats of the recording by which means may differ and still agree.
-
-    Returns
-    -------
-    FeatureDiagnosis
     """
     before, found = places(data, data.baseline), trials(data)
     best, trial = next(iter(found.items()))

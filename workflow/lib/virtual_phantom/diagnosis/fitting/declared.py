@@ -26,10 +26,6 @@ def declared(section: Mapping[str, Mapping[str, Mapping[str, float]]], where: st
     where : str
         What messages begin with.
 
-    Returns
-    -------
-    dict of str to dict of str to Statement
-
     Raises
     ------
     InputError

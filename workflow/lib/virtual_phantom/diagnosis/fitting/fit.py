@@ -107,7 +107,6 @@ class Fitter:
 
     Parameters
     ----------
-    model : Model
     data : Observed
         What is fitted.
     held_out : Observed
@@ -136,15 +135,10 @@ class Fitter:
 
         Parameters
         ----------
-        effects : tuple of str
         given : Fit, optional
             Where to begin.
         from_farther : bool, optional
             Begin again from farther off where the fit has stalled.
-
-        Returns
-        -------
-        Fit
         """
         problem = Problem(self, effects, given)
         found, promised = self._settled(problem)
@@ -220,7 +214,6 @@ class Fitter:
 
         Parameters
         ----------
-        fit : Fit
         held_out : bool, optional
             Of the data held out; False: of those fitted.
 
@@ -243,8 +236,6 @@ class Problem:
 
     Parameters
     ----------
-    fitter : Fitter
-    effects : tuple of str
     given : Fit or None
         Where the numbers begin.
     beside : str, optional
@@ -355,14 +346,6 @@ class Problem:
 
         What moves rays trades against the alignment along valleys that are narrow, and rough: errors of finite steps
         are alike nowhere along them. New numbers of such effects are set off, and what was fitted stays.
-
-        Parameters
-        ----------
-        fit : Fit
-
-        Returns
-        -------
-        list of Fit
         """
         found = []
         for index, new in enumerate(self._new_strengths()):
@@ -384,10 +367,6 @@ class Problem:
         Parameters
         ----------
         point : ndarray, shape (numbers,)
-
-        Returns
-        -------
-        bool
         """
         if self.linearised == MOST_LINEARISATIONS:
             return False
@@ -597,10 +576,6 @@ class Problem:
         total : float
             Chi-square.
         pattern : ndarray, shape (rows, columns), or None
-
-        Returns
-        -------
-        Fit
         """
         physics = {name: self.model.known(name) for name in self.whole}
         spread: dict[str, dict[str, float]] = {name: {} for name in self.whole}

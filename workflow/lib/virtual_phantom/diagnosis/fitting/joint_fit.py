@@ -70,7 +70,6 @@ class JointFitter:
 
     Attributes
     ----------
-    fitters : dict of str to Fitter
     protocols : dict of str to str
         Of every recording.
 
@@ -101,13 +100,8 @@ class JointFitter:
 
         Parameters
         ----------
-        effects : tuple of str
         given : JointFit, optional
             Where to begin; it may hold further recordings.
-
-        Returns
-        -------
-        JointFit
 
         Raises
         ------
@@ -137,7 +131,6 @@ class JointFitter:
         ----------
         names : collection of str
             Of the recordings.
-        effects : tuple of str
         given : JointFit
             Where to begin.
 
@@ -213,7 +206,6 @@ class JointProblem:
 
     Attributes
     ----------
-    problems : dict of str to Problem
     places : dict of str to ndarray of int, shape (numbers,)
         Of every recording, where its numbers stand in a point; those of the first come first.
     several : bool
@@ -354,10 +346,6 @@ def those(owners: Collection[str], name: str, values: Mapping[str, float]) -> di
         Of the effect.
     values : mapping of str to float
         By parameter.
-
-    Returns
-    -------
-    dict of str to float
     """
     own = {one.name for one in load(name).parameters if one.belongs_to in owners}
     return {key: value for key, value in values.items() if key in own}

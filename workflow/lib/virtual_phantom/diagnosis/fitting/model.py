@@ -35,7 +35,6 @@ class Model(ABC):
     ----------
     chain : Chain
         With the detector's sensor, whose thickness is held by what the chain knows of it.
-    aligned : tuple of Nuisance
     anode : Anode, optional
         Of the tube.
     tube_kvp : float, optional
@@ -67,14 +66,6 @@ class Model(ABC):
 
         A spectrum leaves the scale only the density of the material: that of a monochromatic beam also holds the
         energy.
-
-        Parameters
-        ----------
-        effects : tuple of str
-
-        Returns
-        -------
-        tuple of Nuisance
         """
         if "spectrum" not in self.whole(effects):
             return self.aligned
@@ -111,10 +102,6 @@ class Model(ABC):
             {effect: {parameter: value}}.
         nuisance : mapping of str to float
             The alignment, whose photons per pixel they are.
-
-        Returns
-        -------
-        dict of str to mapping of str to float
         """
         photons = float(np.exp(nuisance["log_photons"]))
         state = self.chain.state(
@@ -179,7 +166,6 @@ class Model(ABC):
 
         Parameters
         ----------
-        nuisance : mapping of str to float
         linearisation : Linearisation, optional
             Its `errors` is where the error is computed.
 
@@ -192,10 +178,6 @@ class Model(ABC):
 
     def errors_of_steps(self, linearisation: Linearisation = BASE) -> dict[str, np.ndarray]:
         """What twice finer steps of the simulator change of the mean.
-
-        Parameters
-        ----------
-        linearisation : Linearisation, optional
 
         Returns
         -------
@@ -220,16 +202,10 @@ class Model(ABC):
 
         Parameters
         ----------
-        errors : LinearisationPoint
         nuisance : mapping of str to float
             Of the prediction.
-        prediction : Prediction
         weights : ndarray, shape (data,)
             Inverse variances of the mean.
-
-        Returns
-        -------
-        bool
         """
         return False
 
@@ -264,10 +240,4 @@ class Model(ABC):
             {effect: {parameter: value}}.
         nuisance : mapping of str to float
             The alignment.
-        data : Observed
-        linearisation : Linearisation, optional
-
-        Returns
-        -------
-        Prediction
         """

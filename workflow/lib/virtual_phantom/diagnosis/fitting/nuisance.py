@@ -28,7 +28,6 @@ class Nuisance:
 
     Attributes
     ----------
-    name, unit : str
     expected, sd : float
         The Gaussian of what is known of it, by which it is held.
     """
@@ -62,10 +61,6 @@ def nuisances(
         Names of the model's numerical distortions, of NUMERICAL.
     location : mapping of str to float, optional
         Where the object is expected, by name of LOCATION, mm; 0 where it is not stated.
-
-    Returns
-    -------
-    tuple of Nuisance
     """
     defaults = {
         "scale": ("1", 1.0, 0.005),  # of the line integrals: density of the phantom's material

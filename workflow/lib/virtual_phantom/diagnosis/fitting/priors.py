@@ -14,7 +14,6 @@ class Statement:
 
     Attributes
     ----------
-    value : float
     sd : float
         Standard deviation; 0: known exactly.
     """

@@ -76,7 +76,6 @@ def interval(value: float, error: float, low: float = -np.inf, high: float = np.
 
     Parameters
     ----------
-    value, error : float
     low, high : float, optional
         The least and the largest value that the number may have.
 

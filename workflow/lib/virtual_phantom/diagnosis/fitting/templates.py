@@ -28,7 +28,6 @@ def data_changes(problem: Problem, pattern: np.ndarray | None) -> np.ndarray:
 
     Parameters
     ----------
-    problem : Problem
     pattern : ndarray, shape (rows, columns), or None
 
     Returns
@@ -50,7 +49,6 @@ def with_knowledge(columns: np.ndarray, problem: Problem) -> np.ndarray:
     Parameters
     ----------
     columns : ndarray, shape (data, numbers)
-    problem : Problem
 
     Returns
     -------
@@ -103,8 +101,6 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
 
     Parameters
     ----------
-    fitter : Fitter
-    fit : Fit
     name : str
         Of the effect.
     shapes : sequence of mapping of str to float, optional

@@ -17,7 +17,6 @@ class Trial:
 
     Attributes
     ----------
-    fit : Fit
     score : float
         Log score on held-out data.
     p : float
@@ -37,16 +36,10 @@ def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, 
 
     Parameters
     ----------
-    fitter : Fitter
-    effects : tuple of str
     given : Trial, optional
         Where to begin.
     against : Trial, optional
         The fit without the last effect, for its p-value; None: p is 1.
-
-    Returns
-    -------
-    Trial
     """
     fit = fitter.fit(effects, None if given is None else given.fit, from_farther=against is not None)
     p = 1.0 if against is None else chance(fit, against.fit, effects[-1])
@@ -62,11 +55,6 @@ def chance(fit: Fit, without: Fit, effect: str) -> float:
     ----------
     fit, without : Fit
         With and without the effect.
-    effect : str
-
-    Returns
-    -------
-    float
     """
     if load(effect).pattern:
         return patterns.chance(fit.physics[effect]["rms"], fit.errors[effect]["rms"])

@@ -56,10 +56,6 @@ class Unknown:
         ----------
         number, error : float
             The number, and its standard error.
-
-        Returns
-        -------
-        float
         """
         if self.power == 1 or not np.isfinite(error):
             return error
@@ -71,16 +67,7 @@ class Unknown:
         return max(abs(end - self.value(number)) for end in ends) / NORMAL_95
 
     def number_error(self, value: float, error: float) -> float:
-        """Standard error of the number, of which `value_error` makes that of a value; the least where ends were cut.
-
-        Parameters
-        ----------
-        value, error : float
-
-        Returns
-        -------
-        float
-        """
+        """Standard error of the number, of which `value_error` makes that of a value; the least where ends were cut."""
         if self.power == 1 or not np.isfinite(error):
             return error
         reach = NORMAL_95 * error

@@ -152,7 +152,6 @@ def noise_lines(state: State, count: int, seed: Stream) -> np.ndarray:
 
     Parameters
     ----------
-    state : State
     count : int
         Of realisations.
     seed : Stream

@@ -55,7 +55,6 @@ class Condenser:
 
     Parameters
     ----------
-    white : Whitening
     nulls : ndarray, shape (realisations, z, y, x)
         Realisations of noise, HU: how much statistics of one realisation scatter.
     simulated : int
@@ -87,10 +86,6 @@ class Condenser:
             HU.
         usable : ndarray of bool, shape (z, y, x)
             Voxels that count in the whitened mean.
-
-        Returns
-        -------
-        ObservedImages
         """
         n, mean = len(repeats), repeats.mean(axis=0, dtype=np.float64)
         statistics = variance_error = correlation_error = None
@@ -122,10 +117,6 @@ class Condenser:
         ----------
         realisations : sequence of ndarray, shape (z, y, x)
             Of mean 0, HU.
-
-        Returns
-        -------
-        NoiseStatistics
         """
         square, products, total = 0.0, np.zeros(len(LAGS)), 0.0
         for one in realisations:

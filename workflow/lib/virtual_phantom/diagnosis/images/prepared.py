@@ -108,10 +108,6 @@ def prepare(
     anode, tube_kvp, nominal_photons, known, declared
         As projections.prepared.prepare takes them.
 
-    Returns
-    -------
-    PreparedImages
-
     Raises
     ------
     InputError

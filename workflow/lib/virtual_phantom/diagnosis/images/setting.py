@@ -33,16 +33,6 @@ LEAST_SLICES = 4  # fewer do not show noise along z, and cannot be halved where 
 def ready_images(recording: ImagesRecording, asked: DiagnosisRequest, labels: NominalSettings) -> PreparedImages:
     """The central slices of a recording, prepared for fits. The images' centre is taken for the isocentre.
 
-    Parameters
-    ----------
-    recording : ImagesRecording
-    asked : DiagnosisRequest
-    labels : NominalSettings
-
-    Returns
-    -------
-    PreparedImages
-
     Raises
     ------
     InputError
@@ -97,10 +87,6 @@ def central_slices(valid: np.ndarray) -> slice:
     ----------
     valid : ndarray of bool, shape (z, y, x)
 
-    Returns
-    -------
-    slice
-
     Raises
     ------
     InputError
@@ -135,13 +121,8 @@ def agreement_of_images(
 
     Parameters
     ----------
-    recording : ImagesRecording
-    prepared : PreparedImages
-    choice : Choice
-    asked : DiagnosisRequest
     purpose : Branch
         Not used: see above.
-    scanned : Scanned
     practice : bool, optional
         As of projections (projections.reconstructed.agreement_of).
 

@@ -62,10 +62,6 @@ def whitening(noise: np.ndarray, used: np.ndarray, floor: np.ndarray, repeats: i
         Numerical error of the prediction, HU; it does not fall with the number of repeats.
     repeats : int
         Whose mean is compared.
-
-    Returns
-    -------
-    Whitening
     """
     cover = np.maximum(ndimage.gaussian_filter(used.astype(float), SMOOTH_VOXELS), 1e-6)
     square = np.where(used, (noise.astype(np.float64) ** 2).mean(axis=0), 0)
@@ -85,7 +81,6 @@ def local_variance(white: Whitening, nulls: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    white : Whitening
     nulls : ndarray, shape (realisations, z, y, x)
         Noise, HU.
 

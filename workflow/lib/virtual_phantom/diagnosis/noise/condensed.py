@@ -23,7 +23,6 @@ class Blocks:
     ----------
     index : ndarray of int
         Number of the block, along the three axes.
-    count : int
     shape : tuple of 3 int
         Blocks along each axis.
     """
@@ -61,7 +60,6 @@ class Observed:
         Number of repeats.
     usable : ndarray of bool
         Rays or voxels that count.
-    blocks : Blocks
     reference : ndarray
         What `variance` is over, shaped as the mean.
     variance : ndarray, shape (blocks,), or None

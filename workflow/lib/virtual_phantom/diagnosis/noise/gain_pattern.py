@@ -42,10 +42,6 @@ def chance(rms: float, error: float) -> float:
     ----------
     rms, error : float
         As in Pattern.
-
-    Returns
-    -------
-    float
     """
     return float(stats.norm.sf(rms / error)) if rms else 1.0
 
@@ -64,10 +60,6 @@ def estimate(residual: np.ndarray, weight: np.ndarray, whitening: Whitening | No
         1 / variance.
     whitening : Whitening, optional
         That the residuals have been through.
-
-    Returns
-    -------
-    Pattern
     """
     total = weight.sum(axis=0)
     good = total > 0

@@ -60,17 +60,7 @@ class Correlations:
         return Correlations(self.columns, self.rows, (first * memory ** (step - 1), memory**step))
 
     def stands_out(self, other: Correlations, rays: int) -> bool:
-        """Whether so many rays would show that their noise has these correlations and not the other ones.
-
-        Parameters
-        ----------
-        other : Correlations
-        rays : int
-
-        Returns
-        -------
-        bool
-        """
+        """Whether so many rays would show that their noise has these correlations and not the other ones."""
         pairs = zip((self.columns, self.rows, self.views), (other.columns, other.rows, other.views), strict=True)
         return max(abs(one[0] - two[0]) for one, two in pairs) * np.sqrt(rays) > SEEN
 
@@ -81,10 +71,6 @@ class Correlations:
         ----------
         of_rows : bool, optional
             Of these differences, they are taken of successive rows, too.
-
-        Returns
-        -------
-        float
         """
         first, memory = self.views
         along_views, along_rows = 6 - 8 * first + 2 * first * memory, 6 - 8 * self.rows[0] + 2 * self.rows[1]
@@ -99,7 +85,6 @@ class Correlations:
         ----------
         axis : int
             Of views, rows and columns.
-        length : int
 
         Returns
         -------
@@ -124,7 +109,6 @@ class Correlations:
         ----------
         axis : int
             1 or 2, of views, rows and columns.
-        length : int
 
         Returns
         -------
@@ -141,10 +125,6 @@ class Correlations:
         """Moving-average part of the ARMA(1, 1) process that has the views' correlations.
 
         That is psi of x_i = phi x_(i-1) + e_i + psi e_(i-1), where |psi| < 1 and phi is the factor by which they fade.
-
-        Returns
-        -------
-        float
         """
         first, memory = self.views
         if abs(first - memory) < 1e-12:
@@ -167,13 +147,8 @@ class Correlations:
         ----------
         axis : int
             Of views, rows and columns.
-        length : int
         places : slice, optional
             Those that are summed.
-
-        Returns
-        -------
-        float
         """
         part = self.covariance(axis, min(length, LONG) if places == slice(None) else length)[places, places]
         return float(len(part) * (part**2).sum() / np.trace(part) ** 2)
@@ -190,10 +165,6 @@ class Correlations:
             Of views, rows and columns.
         lengths : tuple of 3 int
             Of all axes.
-
-        Returns
-        -------
-        float
         """
         if self.white:
             return 1.0
@@ -221,13 +192,8 @@ def of_state(state: State, apart: int | None = None) -> Correlations:
 
     Parameters
     ----------
-    state : State
     apart : int, optional
         Of the scanner's views, by how many those lie apart that are asked for; None: the state's own.
-
-    Returns
-    -------
-    Correlations
     """
     share, memory, _ = state.lag
     if not (any(state.neighbours) or share):
@@ -317,10 +283,6 @@ class Whitening:
         ----------
         smooth_px : sequence of 2 float
             Widths of Gaussians along rows and columns that are taken off, pixels; 0: none.
-
-        Returns
-        -------
-        float
         """
         rows, columns = (
             np.exp(-((sigma * np.pi * np.arange(n) / n) ** 2) / 2) if sigma else np.ones(n)
@@ -342,7 +304,6 @@ class Whitening:
         Parameters
         ----------
         array : ndarray, shape (views, rows, columns)
-        inverse : bool
 
         Returns
         -------
@@ -414,10 +375,6 @@ def estimated(deviations, lines: np.ndarray, usable: np.ndarray, freedom: int) -
     usable : ndarray of bool, shape (views, rows, columns)
     freedom : int
         How many of the deviations are independent.
-
-    Returns
-    -------
-    Correlations
     """
     calm = usable.copy()
     for axis in range(3):

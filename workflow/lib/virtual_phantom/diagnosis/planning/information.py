@@ -68,7 +68,6 @@ def told(problem: Problem, name: str, own: Collection[str] = (), protocol: str =
 
     Parameters
     ----------
-    problem : Problem
     name : str
         Of the measurement.
     own : collection of str, optional
@@ -76,10 +75,6 @@ def told(problem: Problem, name: str, own: Collection[str] = (), protocol: str =
     protocol : str, optional
         Of the measurement; those of other protocols have other numbers of what belongs to a protocol. Empty: there is
         one protocol alone.
-
-    Returns
-    -------
-    MeasurementInformation
     """
     problem.follow(problem.start)
     predicted = -whitened(problem.residuals(problem.start, None), problem.weights)
@@ -102,10 +97,6 @@ def changes(problem: Problem) -> np.ndarray:
 
     To one side alone, two numbers of which one moves an edge to the left and one to the right would see different rays
     graze it, and not look as alike as they are.
-
-    Parameters
-    ----------
-    problem : Problem
 
     Returns
     -------
@@ -131,7 +122,6 @@ class Sums:
 
     Attributes
     ----------
-    keys : tuple of tuple of str
     information : ndarray, shape (numbers, numbers)
         With what is known beforehand, of shared numbers once.
     gradient : ndarray, shape (numbers,)
@@ -153,13 +143,8 @@ def summed(parts: Sequence[MeasurementInformation], differences: Sequence[np.nda
 
     Parameters
     ----------
-    parts : sequence of MeasurementInformation
     differences : sequence of ndarray, optional
         Of each, shape (data,): what is to be taken up; None: nothing.
-
-    Returns
-    -------
-    Sums
     """
     keys = tuple(dict.fromkeys(key for part in parts for key in part.keys))
     place = {key: i for i, key in enumerate(keys)}
@@ -181,11 +166,6 @@ def summed(parts: Sequence[MeasurementInformation], differences: Sequence[np.nda
 def profiled(sums: Sums, group: Sequence[Key]) -> np.ndarray:
     """The Fisher information of some numbers, all others fitted.
 
-    Parameters
-    ----------
-    sums : Sums
-    group : sequence of tuple of str
-
     Returns
     -------
     ndarray, shape (group, group)
@@ -204,11 +184,6 @@ def profiled(sums: Sums, group: Sequence[Key]) -> np.ndarray:
 
 def information_gain(before: Sums, after: Sums, group: Sequence[Key]) -> float:
     """Half of the logarithm of the determinant of the group's Fisher information, after less before.
-
-    Parameters
-    ----------
-    before, after : Sums
-    group : sequence of tuple of str
 
     Returns
     -------
@@ -229,10 +204,6 @@ def parted(sums: Sums) -> float:
     ----------
     sums : Sums
         Of the wrong explanation's numbers, and differences of the right one's predictions to its own.
-
-    Returns
-    -------
-    float
     """
     scale = np.sqrt(np.maximum(np.diag(sums.information), np.finfo(float).tiny))
     unit = sums.information / np.outer(scale, scale)
@@ -255,7 +226,6 @@ def correlation(sums: Sums, one: Sequence[Key], other: Sequence[Key]) -> float:
 
     Parameters
     ----------
-    sums : Sums
     one, other : sequence of tuple of str
         Numbers of each.
 
@@ -275,11 +245,6 @@ def expected(parts: Mapping[str, Sequence[MeasurementInformation]], right: str, 
     ----------
     parts : mapping of str to sequence of MeasurementInformation
         By explanation, measurements in one order.
-    right, wrong : str
-
-    Returns
-    -------
-    float
     """
     differences = [a.predicted - b.predicted for a, b in zip(parts[right], parts[wrong], strict=True)]
     return parted(summed(parts[wrong], differences))

@@ -32,7 +32,7 @@ LEAST_STEP = 0.03  # share of a fit's own step: where nothing is in the beam, a 
 DARK_SD = 1e-5
 ROUNDING = 1 / 12  # variance of a reading in whole units
 MOST_KNOWN = 0.01  # of the logarithm of a variance: how well one of very many readings is known
-# Of an object that one has: how well its density and its size are known (docs/objects.md).
+# Of an object that one has: how well its density and its size are known (docs/how-to/objects.md).
 OBJECT_KNOWN = {"scale": 0.02, "size": 0.002}
 
 
@@ -61,12 +61,10 @@ class Scan:
 
     Attributes
     ----------
-    name : str
     words : str
         What is to be done.
     scene : VoxelScene
         Or what has its methods.
-    geometry : OrbitGeometry
     photons : float
         Over those of the scan that there is, per pixel and view.
     known : mapping of str to float
@@ -94,10 +92,6 @@ class Scan:
         ----------
         like : Chain
             Of the recording that there is.
-
-        Returns
-        -------
-        Chain
         """
         readout = like.readout
         if readout != PHOTONS:  # a reading in air goes with the photons, what is read beside them does not
@@ -124,10 +118,8 @@ class Scan:
         ----------
         model : ScansModel
             Of the recording that there is.
-        effects : tuple of str
         fit : Fit
             Of that recording, with these effects.
-        conditions : Conditions
         own : collection of str
             Effects that each scan has for itself: they are expected to do nothing in this one.
         again : bool, optional
@@ -138,10 +130,6 @@ class Scan:
             Whose noise weighs the data: to be compared, explanations need the same; None: `fit`.
         protocol : str, optional
             As `information.told` takes it.
-
-        Returns
-        -------
-        MeasurementInformation
         """
         problem = self.problem(model, effects, fit, conditions, () if again else own, again, weighed)
         keys = keys_of(problem, self.name, own, protocol)
@@ -170,10 +158,6 @@ class Scan:
             As `tells` takes them.
         off : collection of str, optional
             Effects that do nothing in it.
-
-        Returns
-        -------
-        Problem
         """
         chain = self.chain(model.chain)
         step = thinning(chain.geometry)
@@ -201,10 +185,6 @@ class Scan:
         """Of derivatives: all numbers change the data by as many standard deviations as a small displacement.
 
         Of two that change the same, slopes are then the same even where the data are no straight line, as at edges.
-
-        Parameters
-        ----------
-        problem : Problem
 
         Returns
         -------

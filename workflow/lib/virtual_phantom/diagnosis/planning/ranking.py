@@ -52,7 +52,6 @@ class Ranked:
 
     Attributes
     ----------
-    measurement : Scan or DarkFrames
     gain : float
         Expected gain of information about the ambiguous effects, nats: half of the logarithm of the determinant of
         their Fisher information, with all else profiled out, after less before.
@@ -80,7 +79,6 @@ class Next:
 
     Attributes
     ----------
-    ambiguities : list of Ambiguity
     now : Ranked
         As the recordings have it that there are; its gain is 0.
     ranked : list of Ranked
@@ -110,14 +108,8 @@ def rank(
         By recording; further ones are like the first.
     chosen : mapping of str to Fit
         By recording.
-    ambiguities : sequence of Ambiguity
-    measurements : sequence of Scan or DarkFrames
     protocols : mapping of str to str, optional
         Of every recording; further ones are of the first one's. None: there is one alone.
-
-    Returns
-    -------
-    Next
     """
     protocols = dict.fromkeys(prepared, "") if protocols is None or len(set(protocols.values())) < 2 else protocols
     names = dict.fromkeys(name for one in ambiguities for name in one.fits)
@@ -266,7 +258,6 @@ def alikeness(
 
     Parameters
     ----------
-    prepared : mapping of str to PreparedScans
     baseline : mapping of str to Fit
         By recording, of the alignment alone, which is projected out.
     names : sequence of str
@@ -352,10 +343,6 @@ def order(one: Ranked) -> tuple[bool, float]:
 
     Of a group of three much may be learnt by what still leaves two of them alike.
 
-    Parameters
-    ----------
-    one : Ranked
-
     Returns
     -------
     tuple of bool and float
@@ -369,13 +356,8 @@ def possible(prepared: Mapping[str, PreparedScans], section: Mapping = MappingPr
 
     Parameters
     ----------
-    prepared : mapping of str to PreparedScans
     section : mapping
         diagnosis.recordings.<name> of that recording.
-
-    Returns
-    -------
-    list of Scan or DarkFrames
     """
     chain = next(iter(prepared.values())).fitter.model.chain
     return further(chain.geometry, chain.scene, section)
@@ -388,10 +370,6 @@ def found_in(diagnosis: Mapping) -> dict[str, list[str]]:
     ----------
     diagnosis : mapping
         What diagnosis.json holds.
-
-    Returns
-    -------
-    dict of str to list of str
     """
     rivals = diagnosis["ambiguous_with"]
     named = [one["name"] for one in diagnosis["effects"] if not load(one["name"]).pattern]
@@ -403,16 +381,10 @@ def refitted(prepared: PreparedScans, name: str, found: Mapping[str, Sequence[st
 
     Parameters
     ----------
-    prepared : PreparedScans
     name : str
         Of the recording.
     found : mapping of str to sequence of str
         As `found_in` gives it.
-
-    Returns
-    -------
-    chosen : mapping of str to Fit
-    ambiguities : list of Ambiguity
     """
     fitter = prepared.fitter
     chosen = fitter.fit(tuple(found), fitter.fit(()))
@@ -437,7 +409,6 @@ def refitted_jointly(
 
     Parameters
     ----------
-    prepared : mapping of str to PreparedScans
     effects : sequence of str
         That the scanner's diagnosis names.
     others : sequence of str
@@ -446,11 +417,6 @@ def refitted_jointly(
         As `alikeness` gives it: what is less alike than ALIKE of all recordings together is not tried.
     protocols : mapping of str to str, optional
         Of each recording, as JointFitter takes them.
-
-    Returns
-    -------
-    chosen : mapping of str to Fit
-    ambiguities : list of Ambiguity
     """
     together = JointFitter({name: one.fitter for name, one in prepared.items()}, protocols)
     chosen, ambiguities = together.fit(tuple(effects)), []

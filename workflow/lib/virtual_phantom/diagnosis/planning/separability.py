@@ -21,7 +21,6 @@ class Template:
 
     Attributes
     ----------
-    effect : str
     parameter : str or None
         None where the effect has no parameter with a neutral value.
     whole : ndarray, shape (data,)
@@ -49,14 +48,8 @@ def described(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list[Template]:
 
     Parameters
     ----------
-    fitter : Fitter
-    fit : Fit
     names : sequence of str
         Of effects.
-
-    Returns
-    -------
-    list of Template
     """
     basis, found = np.linalg.qr(changes(Problem(fitter, fit.effects, fit), fit.pattern))[0], []
     for name in names:
@@ -88,13 +81,8 @@ def split(fitter: Fitter, row: np.ndarray) -> dict[str, np.ndarray]:
 
     Parameters
     ----------
-    fitter : Fitter
     row : ndarray, shape (data or more,)
         What stands below the data is left out.
-
-    Returns
-    -------
-    dict of str to ndarray
     """
     names = fitter.data.parts
     ends = np.cumsum([weight.size for weight in fitter.weights])
@@ -106,7 +94,6 @@ def shares(fitter: Fitter, row: np.ndarray) -> dict[str, float]:
 
     Parameters
     ----------
-    fitter : Fitter
     row : ndarray
         As for `split`.
 
@@ -127,8 +114,6 @@ def taken_up_in_range(fitter: Fitter, fit: Fit, rows: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    fitter : Fitter
-    fit : Fit
     rows : ndarray, shape (rows, data)
         Whitened.
 
@@ -151,10 +136,6 @@ def taken_up_in_range(fitter: Fitter, fit: Fit, rows: np.ndarray) -> np.ndarray:
 def correlations(found: Sequence[Template]) -> np.ndarray:
     """Cosines between what is left of templates.
 
-    Parameters
-    ----------
-    found : sequence of Template
-
     Returns
     -------
     ndarray, shape (templates, templates)
@@ -174,10 +155,6 @@ def grouped(correlation: np.ndarray) -> list[int]:
     ----------
     correlation : ndarray, shape (templates, templates)
         From `correlations`.
-
-    Returns
-    -------
-    list of int
     """
     distance = 1 - np.abs(np.nan_to_num(correlation))
     np.fill_diagonal(distance, 0)

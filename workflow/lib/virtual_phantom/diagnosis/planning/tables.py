@@ -22,10 +22,6 @@ SETTINGS = ("disc", "object", "alignment", "samples", "view_step")  # of its dia
 def table(found: Next) -> pd.DataFrame:
     """The ranking, a row for each further recording.
 
-    Parameters
-    ----------
-    found : Next
-
     Returns
     -------
     pandas.DataFrame
@@ -71,16 +67,7 @@ def alike_table(alike: Mapping[Pair, Mapping[str, float]]) -> pd.DataFrame:
 
 
 def first_words(found: Next) -> list[str]:
-    """The first of the ranking in sentences.
-
-    Parameters
-    ----------
-    found : Next
-
-    Returns
-    -------
-    list of str
-    """
+    """The first of the ranking in sentences."""
     if not found.ranked:
         return []
     first = found.ranked[0]
@@ -99,12 +86,10 @@ def recording_to_fill_in(name: str, one: Ranked, content: Mapping, settings: Map
     ----------
     name : str
         Of the recording that it is like.
-    one : Ranked
     content : mapping
         That of the recording.yaml of that recording.
     settings : mapping
         diagnosis.recordings.<name> of the configuration.
-    repeats : int
 
     Returns
     -------

@@ -38,15 +38,10 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
     ----------
     scene : VoxelScene
         Or what has its methods; path lengths in closed form need not be followed.
-    geometry : ScanGeometry
     samples : int
         As Chain takes it, of the first.
     **more
         Keywords of Chain.
-
-    Returns
-    -------
-    model, floor : Chain
     """
     voxels = hasattr(scene, "slopes")
     return (
@@ -74,7 +69,6 @@ class Numerical:
         The same with more rays per pixel, all of them traced.
     coarser : Chain or None
         The same of voxels twice as large.
-    anode : Anode, optional
     """
 
     def __init__(self, chain: Chain, finer: Chain | None, coarser: Chain | None, anode: Anode = TUNGSTEN):
@@ -91,10 +85,6 @@ class Numerical:
     def at(self, linearisation: LinearisationPoint = NOMINAL) -> dict[str, np.ndarray]:
         """By how much each step falls short of a finer one.
 
-        Parameters
-        ----------
-        linearisation : LinearisationPoint, optional
-
         Returns
         -------
         dict of str to ndarray, shape (views, rows, columns)
@@ -104,10 +94,6 @@ class Numerical:
 
     def left(self, linearisation: LinearisationPoint = NOMINAL) -> tuple[np.ndarray, ...]:
         """What is left of each error once it is fitted, in the order of `names`.
-
-        Parameters
-        ----------
-        linearisation : LinearisationPoint, optional
 
         Returns
         -------
@@ -121,13 +107,8 @@ class Numerical:
 
         Parameters
         ----------
-        linearisation : LinearisationPoint
         lines, weights : ndarray, shape (views, rows, columns)
             Line integrals, and their inverse variances.
-
-        Returns
-        -------
-        bool
         """
         return float((weights * (lines - self._made(linearisation)[1]) ** 2).sum()) > MOST_STRAY
 

@@ -42,8 +42,6 @@ class Piece:
     ----------
     place_mm : tuple of 3 float
         Of its middle in the object, x, y and z.
-    radius_mm : float
-    rod : bool
     more_per_mm : float
         By how much it attenuates more than was stated, 1/mm.
     """
@@ -90,10 +88,6 @@ class Piece:
         ----------
         energy_kev : float
             At which HU are counted, keV.
-
-        Returns
-        -------
-        str
         """
         x, y, z = self.place_mm
         where = f"x {x:.0f}, y {y:.0f}" + ("" if self.rod else f", z {z:.0f}") + " mm"
@@ -112,7 +106,6 @@ def reach_of(lines: np.ndarray, geometry: ScanGeometry) -> float:
     ----------
     lines : ndarray, shape (views, rows, columns)
         Line integrals.
-    geometry : ScanGeometry
 
     Returns
     -------
@@ -132,7 +125,6 @@ class Left:
     ----------
     residual, weight : ndarray, shape (views, rows, columns)
         Of line integrals, and their inverse variances.
-    geometry : ScanGeometry
     reach_mm : float
         How far the object reaches from its axis, mm.
     pose : Pose
@@ -183,10 +175,6 @@ class Left:
 def found(left: Left) -> Piece | None:
     """The ball or rod whose projections explain most of a residual.
 
-    Parameters
-    ----------
-    left : Left
-
     Returns
     -------
     Piece or None
@@ -201,11 +189,6 @@ def found(left: Left) -> Piece | None:
 
 def refined(start: Piece, left: Left) -> Piece | None:
     """The piece near one that explains most of a residual.
-
-    Parameters
-    ----------
-    start : Piece
-    left : Left
 
     Returns
     -------

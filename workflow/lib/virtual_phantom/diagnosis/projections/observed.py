@@ -79,10 +79,6 @@ def scans(acquisitions) -> Scans:
 def saturated(signal: np.ndarray) -> np.ndarray:
     """Rays at the highest signal of a scan, as read out, if more stand there than noise puts on one value.
 
-    Parameters
-    ----------
-    signal : ndarray
-
     Returns
     -------
     ndarray of bool
@@ -132,7 +128,6 @@ def observe(
 
     Parameters
     ----------
-    taken : Scans
     reference : ndarray, shape (views, rows, columns)
         Variance of a first model: what variances are divided by, so that what is left varies little within a block.
     blocks : Blocks, optional
@@ -141,10 +136,6 @@ def observe(
         Of the noise.
     whitening : Whitening, optional
         As Observed has it.
-
-    Returns
-    -------
-    ObservedScans
 
     Raises
     ------
@@ -245,7 +236,6 @@ def mean_squares(squares: np.ndarray, blocks: Blocks) -> tuple[np.ndarray, np.nd
     ----------
     squares : ndarray, shape (views, rows, columns)
         NaN where there are none.
-    blocks : Blocks
 
     Returns
     -------
@@ -269,11 +259,6 @@ def _mean_square(squares: np.ndarray) -> float:
 
 def _fewer(correlations: Correlations, blocks: Blocks) -> tuple[float, np.ndarray]:
     """By what correlated noise makes the variance of sums of squares larger.
-
-    Parameters
-    ----------
-    correlations : Correlations
-    blocks : Blocks
 
     Returns
     -------

@@ -68,12 +68,7 @@ LOOK = ResidualMaps(
 
 @dataclass(frozen=True)
 class PieceOfScan(PieceOfObject):
-    """As PieceOfObject.
-
-    Attributes
-    ----------
-    one : Piece
-    """
+    """As PieceOfObject."""
 
     one: Piece
 
@@ -195,10 +190,6 @@ class PreparedScans(Prepared):
         That is for the noise of a single repeat, of which nothing is known but what is declared; differences of repeats
         say it otherwise.
 
-        Parameters
-        ----------
-        fit : Fit
-
         Returns
         -------
         PreparedScans
@@ -237,14 +228,8 @@ def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:
 
     Parameters
     ----------
-    taken : Scans
     further : Scans or None
         Repeats kept to be held out.
-
-    Returns
-    -------
-    fitted, held_out : Scans
-    words : str
     """
     if further is not None and len(further):
         return taken, further, "repeats kept for it"
@@ -277,7 +262,6 @@ def prepare(
 
     Parameters
     ----------
-    taken : Scans
     further : Scans or None
         As `split` takes them.
     chain : Chain
@@ -301,10 +285,6 @@ def prepare(
         As Model takes it.
     location : mapping of str to float, optional
         As alignment.nuisances takes it.
-
-    Returns
-    -------
-    PreparedScans
 
     Raises
     ------
@@ -407,13 +387,10 @@ def _around(
 
     Parameters
     ----------
-    taken : Scans
     chain : Chain
         Of all views.
-    step : int
     stated : mapping of str to mapping of str to float
         Physics of the baseline.
-    anode : Anode
     place : Pose
         Where the object is expected.
 
@@ -441,7 +418,6 @@ def _noise(
 
     Parameters
     ----------
-    taken : Scans
     clean : ndarray, shape (views, rows, columns)
         Line integrals of the baseline.
     residuals : tuple of 3 ndarray, shape (views, rows, columns), optional
@@ -509,7 +485,6 @@ def _weighed(variance: np.ndarray, data: ObservedScans, clean: np.ndarray) -> np
     ----------
     variance, clean : ndarray, shape (views, rows, columns)
         Variance of one repeat, and line integrals, of the first model.
-    data : ObservedScans
 
     Returns
     -------
@@ -536,7 +511,6 @@ def _of_one_repeat(
         Variance and line integrals of the first model.
     correlations : Correlations
         Of the noise.
-    blocks : Blocks
 
     Returns
     -------

@@ -45,7 +45,6 @@ def locate(
     ----------
     residuals, weights : list of ndarray, shape (data,)
         By part, as Fitter gives them: the mean's noise made white.
-    data : ObservedScans
     constants : ndarray, shape (rows, columns), optional
         Variance that a fitted gain pattern leaves to every pixel's constant.
     fitted : Half, optional
@@ -130,10 +129,6 @@ def _edges(residual, weight, predicted, numbers, data: ObservedScans) -> Locatio
 def excess_at_edges(half: Half) -> float | None:
     """Share of chi-square beyond noise that the steepest rays hold.
 
-    Parameters
-    ----------
-    half : Half
-
     Returns
     -------
     float or None
@@ -160,12 +155,7 @@ def _both_halves(common: HalfProducts, steep: np.ndarray) -> Location:
 
     Parameters
     ----------
-    common : HalfProducts
     steep : ndarray of bool, shape (rays,)
-
-    Returns
-    -------
-    Location
     """
     words = ("all rays", f"the {100 * EDGE_SHARE:.0f} % steepest rays")
     return extreme("both halves", np.array([common.z(), common.z(steep)]), lambda i: words[i])

@@ -19,16 +19,6 @@ from .unmeasured import check_scans
 def ready_scans(recording: Recording, asked: DiagnosisRequest, labels: NominalSettings) -> PreparedScans:
     """The projections of a recording, prepared for fits.
 
-    Parameters
-    ----------
-    recording : Recording
-    asked : DiagnosisRequest
-    labels : NominalSettings
-
-    Returns
-    -------
-    PreparedScans
-
     Raises
     ------
     InputError

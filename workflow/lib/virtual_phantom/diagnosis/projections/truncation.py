@@ -51,11 +51,6 @@ def beyond(scene: object, geometry: ScanGeometry) -> Beyond:
     ----------
     scene : VoxelScene
         Or what has its methods; shapes, discs and prisms have no such ends.
-    geometry : ScanGeometry
-
-    Returns
-    -------
-    Beyond
     """
     scene = getattr(scene, "scene", scene)  # that of PosedScene
     if not isinstance(scene, VoxelScene):

@@ -17,7 +17,6 @@ def check_scans(taken: Scans, source: str) -> None:
 
     Parameters
     ----------
-    taken : Scans
     source : str
         What the message begins with.
 

@@ -25,7 +25,6 @@ class Prepared(ABC):
     ----------
     look : ResidualMaps
         Of the kind of recording.
-    fitter : Fitter
     data, held_out : Observed
         What is fitted, and what is held out.
     variance : ndarray
@@ -81,8 +80,6 @@ class Prepared(ABC):
 
         Parameters
         ----------
-        half : Half
-        fit : Fit
         fitted : Half, optional
             The data that the model was fitted to, where `half` are others: then errors of the fit count too.
         more : sequence of Location, optional
@@ -97,10 +94,6 @@ class Prepared(ABC):
     def kinds(self, fit: Fit) -> Iterable[tuple[str, np.ndarray | sparray]]:
         """Kinds of change about what a fit predicts: each in words, and its directions; none by default.
 
-        Parameters
-        ----------
-        fit : Fit
-
         Returns
         -------
         iterable of tuple of str and ndarray or sparse array, shape (mean data, directions)
@@ -109,10 +102,6 @@ class Prepared(ABC):
 
     def piece(self, fit: Fit) -> PieceOfObject | None:
         """The piece of the object whose change would explain most of what a fit leaves of the data fitted.
-
-        Parameters
-        ----------
-        fit : Fit
 
         Returns
         -------
@@ -132,24 +121,11 @@ class Prepared(ABC):
             As `piece` gives it.
         fit : Fit
             Beside whose effects that is.
-
-        Returns
-        -------
-        Prepared
         """
         raise NotImplementedError
 
     def pieces(self, fit: Fit) -> Sequence[PieceOfObject]:
-        """The pieces that this object has beside what was stated, with what a fit says of them; none by default.
-
-        Parameters
-        ----------
-        fit : Fit
-
-        Returns
-        -------
-        sequence of PieceOfObject
-        """
+        """The pieces that this object has beside what was stated, with what a fit says of them; none by default."""
         return ()
 
     @abstractmethod
@@ -162,10 +138,6 @@ class Prepared(ABC):
 
     def share_at_edges(self, fit: Fit) -> float | None:
         """Of what a fit leaves of the data held out, the share that lies where these change most.
-
-        Parameters
-        ----------
-        fit : Fit
 
         Returns
         -------

@@ -57,7 +57,6 @@ class Half:
     Attributes
     ----------
     residuals, weights : list of ndarray, shape (data,)
-    data : Observed
     """
 
     residuals: list[np.ndarray]
@@ -125,7 +124,6 @@ def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
 
     Parameters
     ----------
-    fit : Fit
     numerical : collection of str
         Names of the model's numerical errors, of whose size nothing is known.
 
@@ -160,7 +158,6 @@ def noise_places(
     ----------
     residuals, weights : list of ndarray, shape (data,)
         By part.
-    data : Observed
     pairs : list of str
         Neighbours whose correlations there are, in words.
     axes : tuple of 3 str
@@ -260,10 +257,6 @@ class Alike:
         ----------
         total : callable
             Makes sums of weighted rays, ndarray to ndarray.
-
-        Returns
-        -------
-        ndarray or float
         """
         return total(self.weight * self.scatter) + self.of_block(total)
 
@@ -291,14 +284,9 @@ def extreme(domain: str, z: np.ndarray, words) -> Location:
 
     Parameters
     ----------
-    domain : str
     z : ndarray, shape (places,)
     words : callable
         Says of an index which place it is.
-
-    Returns
-    -------
-    Location
     """
     worst = int(np.argmax(np.abs(z)))
     return Location(domain, words(worst), float(z[worst]), _likely(z), z)
@@ -346,9 +334,7 @@ def blocks(
 
     Parameters
     ----------
-    domain : str
     z : ndarray, shape (blocks,)
-    data : Observed
     axes : tuple of 3 str
         Names of the data's axes.
     weighed : ndarray, shape (blocks,), or float, optional
@@ -357,10 +343,6 @@ def blocks(
         Of the first axis: one place of so many of the recording's was taken, whose numbers are said.
     division : Blocks, optional
         None: the data's blocks.
-
-    Returns
-    -------
-    Location
     """
     shape = (division or data.blocks).shape
     worst = int(np.argmax(np.abs(z)))
@@ -384,11 +366,6 @@ def by_value(domain: str, words: str, residual, weight, values, inside, alike: A
         Along the data's three axes.
     inside : ndarray of bool
         What the tenths are of.
-    alike : Alike, optional
-
-    Returns
-    -------
-    Location
     """
     edges = np.quantile(values[inside], np.linspace(0, 1, BINS + 1)) if inside.any() else np.zeros(BINS + 1)
     index = np.where(inside, np.clip(np.searchsorted(edges, values) - 1, 0, BINS - 1), BINS)
@@ -421,10 +398,6 @@ def steepest(
         What the errors of a fit's numbers add.
     of_weights : float, optional
         Variance that errors of the weights add.
-
-    Returns
-    -------
-    Location
     """
     chosen = steep(weight, slope)
     count = int(chosen.sum())

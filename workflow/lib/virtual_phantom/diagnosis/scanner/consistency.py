@@ -71,7 +71,6 @@ class Alone:
         Of all effects to this recording alone.
     errors : dict of str to dict of str to float
         Of its parameters, inexact models counted, as Fit.errors; by the slopes where all are fitted together.
-    difference : Difference
     """
 
     fit: Fit
@@ -173,14 +172,8 @@ class _Compared:
     def by_slopes(self, name: str, rest: Sequence[str]) -> tuple[Difference, float]:
         """A recording's numbers less those of others, over what their errors and inexact models make up.
 
-        Parameters
-        ----------
-        name : str
-        rest : sequence of str
-
         Returns
         -------
-        Difference
         share : float
             Of chi-square without excess, what is left of it with it.
         """
@@ -239,7 +232,6 @@ def _both_know(one: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, int]:
     Returns
     -------
     weight : ndarray, shape (shared, shared)
-    numbers : int
     """
     root = Known.of(one).root
     values, vectors = np.linalg.eigh(

@@ -30,10 +30,6 @@ def sentence(content: Mapping) -> str:
     ----------
     content : mapping
         What scanner.json holds, but for the sentence itself.
-
-    Returns
-    -------
-    str
     """
     recordings = content["recordings"]
     left = [name for name, one in recordings.items() if one["unexplained"]]
@@ -148,17 +144,12 @@ def recording_content(prepared: Prepared, before: Fit, fit: Fit, log_score: Mapp
 
     Parameters
     ----------
-    prepared : Prepared
     before, fit : Fit
         Without the chosen effects, and with them.
     log_score : mapping of str to float
         On its data held out, "before" and "after".
     compared : int
         Number of recordings.
-
-    Returns
-    -------
-    dict
     """
     rms = {
         key: float(np.sqrt((prepared.difference(one, held_out=True) ** 2).mean()))
@@ -187,10 +178,6 @@ def alone_content(found: Alone | None) -> dict:
     ----------
     found : Alone or None
         None: recordings share no number.
-
-    Returns
-    -------
-    dict
     """
     if found is None:
         return {"alone": {}, "agreement": None}

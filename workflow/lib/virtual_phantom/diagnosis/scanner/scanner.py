@@ -22,7 +22,6 @@ class ScannerDiagnosis:
 
     Attributes
     ----------
-    choice : JointChoice
     content : dict
         What scanner.json holds.
     """
@@ -80,7 +79,6 @@ def explain_scanner(
         Of the scanner.
     prepared : mapping of str to Prepared
         By recording.
-    candidates : sequence of str
     accuracy : mapping of str to float
         As core.attribute.choose takes it.
     protocols : mapping of str to sequence of str, optional
@@ -89,10 +87,6 @@ def explain_scanner(
         What each recording is of: those of one object are left out together.
     judged_on : sequence of str, optional
         Recordings by which no effect is chosen, and to which no physics is fitted.
-
-    Returns
-    -------
-    ScannerDiagnosis
 
     Raises
     ------

@@ -48,8 +48,6 @@ def exchanged(fitter: Fitter, fit: Fit, effect: str, others: Sequence[str], leas
 
     Parameters
     ----------
-    fitter : Fitter
-    fit : Fit
     effect : str
         One of the fit's.
     others : sequence of str

@@ -134,7 +134,6 @@ def choose(
 
     Parameters
     ----------
-    fitter : Fitter
     baseline : Trial
         Alignment alone.
     candidates : sequence of str
@@ -152,10 +151,6 @@ def choose(
         What is told of rankings and fits.
     alone : mapping of str to Screened, optional
         Matched filters of the candidates beside the alignment, where they were made before.
-
-    Returns
-    -------
-    Choice
     """
     if accuracy is None:
         accuracy = defaults_of("diagnosis", "model_accuracy")
@@ -276,7 +271,6 @@ class _Fits:
 
         Parameters
         ----------
-        fit : Fit
         found : mapping of str to Screened
             Matched filters beside it.
 
@@ -320,16 +314,6 @@ class _Fits:
         """Fits with another effect in the place of one, begun where they are equal to first order.
 
         Only those that share LIKE of its change.
-
-        Parameters
-        ----------
-        current : Trial
-        effect : str
-        others : sequence of str
-
-        Returns
-        -------
-        dict of str to Trial
         """
         if not others:
             return {}
@@ -353,16 +337,8 @@ def _with_stand_ins(fits: _Fits, current: Trial, apart: Set[str], ruled_out: flo
 
     Parameters
     ----------
-    fits : _Fits
-    current : Trial
-    apart : set of str
     ruled_out : float
         Log score that an alternative must lose to be ruled out.
-
-    Returns
-    -------
-    choice : Choice
-    best : Trial or None
     """
     rests = {effect: _less(current.fit.effects, effect) for effect in current.fit.effects}
     without = dict(zip(rests, fits.of(list(rests.values()), current), strict=True))
@@ -422,13 +398,8 @@ def is_apart(effect: str, beside: Mapping[str, Screened]) -> bool:
 
     Parameters
     ----------
-    effect : str
     beside : mapping of str to Screened
         Matched filters of it and of all others, also beside errors of models.
-
-    Returns
-    -------
-    bool
     """
     own = beside[effect].sure
     lead = own.gain - max((one.sure.gain for name, one in beside.items() if name != effect), default=0.0)
@@ -446,15 +417,10 @@ def could_win(found: Mapping[str, Screened], needed: float = 0.0, sure: bool = F
 
     Parameters
     ----------
-    found : mapping of str to Screened
     needed : float, optional
         As `best_few`.
     sure : bool, optional
         Leave out what errors of declared physics may make up.
-
-    Returns
-    -------
-    list of str
     """
     hopeful = {
         name: one
@@ -469,7 +435,6 @@ def best_few(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
 
     Parameters
     ----------
-    found : mapping of str to Screened
     needed : float, optional
         Gain in chi-square of what they would stand in for.
 

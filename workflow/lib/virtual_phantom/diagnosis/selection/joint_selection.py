@@ -118,15 +118,10 @@ def choose_jointly(
     ----------
     together : JointFitter
         Of two recordings or more.
-    candidates : sequence of str
     accuracy : mapping of str to float, optional
         As core.attribute.choose takes it.
     objects : mapping of str to str, optional
         As left_together takes them.
-
-    Returns
-    -------
-    JointChoice
 
     Raises
     ------
@@ -186,16 +181,10 @@ def _sure(together: JointFitter, current: JointFit, names: Sequence[str], accura
 
     Parameters
     ----------
-    together : JointFitter
-    current : JointFit
     names : sequence of str
         Of effects.
     accuracy : mapping of str to float
         As core.attribute.choose takes it.
-
-    Returns
-    -------
-    list of str
     """
     if not any(one.model.declared for one in together.fitters.values()):
         return list(names)

@@ -30,7 +30,6 @@ def side_by_side(
     ----------
     work : callable
         What it knows comes along; what it keeps in memory is lost where processes are forked.
-    tasks : sequence of tuple
     processes : int, optional
         At most.
     done : callable, optional

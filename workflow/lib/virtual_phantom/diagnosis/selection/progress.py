@@ -95,7 +95,6 @@ class DiagnosisProgress:
         ----------
         what : {RANKED, FITTED}
             Fits are counted on; a ranking takes the place of the one before.
-        count : int
         beside : tuple of str, optional
             Effects beside which others are ranked.
 

@@ -77,17 +77,12 @@ class Remainder:
 
         Parameters
         ----------
-        problem : Problem
         columns : ndarray, shape (data, numbers)
             From `data_changes`.
         residual : ndarray, shape (data,)
             Of the fit.
         errors : ndarray, shape (data, errors), optional
             Changes of the whitened data that errors of models may make, one standard deviation each.
-
-        Returns
-        -------
-        Remainder
         """
         columns = with_knowledge(columns, problem)
         known = np.sqrt(problem.knowledge) * (problem.centre - problem.start)
@@ -114,10 +109,6 @@ class Remainder:
             Without what the fit takes up.
         low, high : ndarray, shape (templates,)
             Least and most amounts.
-
-        Returns
-        -------
-        float
         """
         none, any_ = np.zeros(len(self.inward)), np.full(len(self.inward), np.inf)
         return explained(
@@ -140,8 +131,6 @@ def screened(
 
     Parameters
     ----------
-    fitter : Fitter
-    fit : Fit
     names : sequence of str
         Of effects.
     processes : int, optional
@@ -152,10 +141,6 @@ def screened(
         As `attribute.choose` takes it: of models of declared physics. None: they are not asked about.
     fitted_too : bool, optional
         Models of the fit's effects may be as inexact.
-
-    Returns
-    -------
-    dict of str to Screened
 
     Raises
     ------
@@ -220,16 +205,10 @@ def _best(parameters: Sequence[Parameter], rows: np.ndarray, count: int, left: R
 
     Parameters
     ----------
-    parameters : sequence of Parameter
     rows : ndarray, shape (shapes * parameters, data)
         Templates.
     count : int
         Of shapes.
-    left : Remainder
-
-    Returns
-    -------
-    Screened
     """
     low, high = amounts(parameters)
     lengths = (rows**2).sum(axis=1).reshape(count, -1)
@@ -246,10 +225,6 @@ def _best(parameters: Sequence[Parameter], rows: np.ndarray, count: int, left: R
 
 def amounts(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
     """The least and the most that an effect's range allows of each of its templates.
-
-    Parameters
-    ----------
-    parameters : sequence of Parameter
 
     Returns
     -------

@@ -76,15 +76,6 @@ def write_diagnosis(
 def read_trial(path: str | Path) -> tuple[Trial, str]:
     """Read what `write_trial` wrote.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    trial : Trial
-    made_of : str
-
     Raises
     ------
     InputError

@@ -55,15 +55,6 @@ class Physics:
     def read(cls, path: str | Path, needed: bool = True) -> Physics:
         """From a diagnosis.json.
 
-        Parameters
-        ----------
-        path : str or Path
-        needed : bool, optional
-
-        Returns
-        -------
-        Physics
-
         Raises
         ------
         InputError
@@ -141,17 +132,11 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
 
     Parameters
     ----------
-    fitter : Fitter
     baseline : Trial
         The simulator with nothing but alignment.
-    physics : Physics
     same_material : bool
         The object is of the material that the other one was of: with a spectrum, the scale is its density and is held
         where it was found, within its error.
-
-    Returns
-    -------
-    Choice
 
     Raises
     ------

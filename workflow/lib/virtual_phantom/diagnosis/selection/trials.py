@@ -28,7 +28,6 @@ def trials(
 
     Parameters
     ----------
-    fitter : Fitter
     tasks : sequence of tuple
         (effects, given, against), as `trial` takes them.
     processes : int, optional

@@ -63,10 +63,6 @@ def descriptions(scan: Mapping, log: bool, largest: float) -> Iterator[Descripti
         Whether line integrals were recorded, not counts with their fields.
     largest : float
         Of the line integrals.
-
-    Yields
-    ------
-    Description
     """
     yield Description(STATED, "", scan, oriented=True)
     other = -scan["direction"]

@@ -68,16 +68,10 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
 
     Parameters
     ----------
-    comparison : Comparison
     scan : mapping
         The scan section of recording.yaml.
-    log : bool
     largest : float
         As descriptions takes them.
-
-    Returns
-    -------
-    Finding
     """
     found = _found(comparison, scan, log, largest)
     if found.kind in (AS_STATED, DESCRIPTION) and min(found.best.share, found.share) <= MISTAKEN:
@@ -170,10 +164,6 @@ def _alike(comparison: Comparison, best: SetupMismatch, others: Sequence[SetupMi
     """Descriptions that this object cannot tell from the best one.
 
     What physics leaves, a shift of the detector say, may part two that are alike: near ones have the geometry fitted.
-
-    Yields
-    ------
-    SetupMismatch
     """
     yield from (one for one in others if one.worse_than(best) < ALIKE)
     near = [one for one in others if one.worse_than(best) >= ALIKE and one.share < NEAR * best.share]
@@ -207,10 +197,6 @@ def _turned(comparison: Comparison, given: Sequence[Description], best: SetupMis
     """Each description with the start angles at which it fits best.
 
     Where one fits already, only quarter turns of the stated one are looked at: of an object that cannot tell them.
-
-    Yields
-    ------
-    SetupMismatch
     """
     coarse = comparison.coarser(COARSE)
     if best.share <= MISTAKEN:

@@ -67,7 +67,6 @@ class SetupMismatch:
 
     Attributes
     ----------
-    description : Description
     place : dict of str to float
         Of the object, by name of PLACE, and what of GEOMETRY was fitted, where it fits best.
     squares, noise, total : float
@@ -177,10 +176,6 @@ class Comparison:
         by_grid : bool, optional
             Search a grid of locations; False: match the centroids of the views' line integrals, which is exact for a
             parallel beam that sees the whole object (first-moment condition of Helgason and Ludwig).
-
-        Returns
-        -------
-        Comparison
         """
         found = copy(self)
         found._anywhere, found._by_grid, found._kept = True, by_grid, {}
@@ -221,16 +216,6 @@ class Comparison:
 
         A shift of the detector's columns is fitted too, and kept where it is larger than effects of the library
         mend.
-
-        Parameters
-        ----------
-        description : Description
-        start : mapping of str to float
-        steps : int, optional
-
-        Returns
-        -------
-        dict of str to float
         """
         rays = self.rays(description)
         mean, _, weight = self.data(description)
@@ -300,14 +285,6 @@ class Comparison:
     def rays(self, description: Description) -> Rays:
         """Those that are compared.
 
-        Parameters
-        ----------
-        description : Description
-
-        Returns
-        -------
-        Rays
-
         Raises
         ------
         InputError
@@ -351,17 +328,12 @@ class Comparison:
 
         Parameters
         ----------
-        description : Description
         turn_deg : float, optional
             From where the object's turn is looked for.
         best : SetupMismatch, optional
             Of another description: what is hopelessly worse is not fitted to its end.
         also : sequence of str, optional
             Of GEOMETRY, fitted too.
-
-        Returns
-        -------
-        SetupMismatch
 
         Raises
         ------

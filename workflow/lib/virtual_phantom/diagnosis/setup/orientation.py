@@ -85,8 +85,6 @@ class OrientationFound:
     Attributes
     ----------
     kind : {"as stated", "description", "object"}
-    mistakes : dict of str to str
-    alike : tuple of str
     share_stated, share : float
         Of the variance inside the body, what the phantom leaves as the images are described, and as they should be.
     stated, best : ndarray, shape (y, x)
@@ -155,10 +153,6 @@ def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) 
         HU.
     of, grid : Grid
         The phantom's, and the images', whose centre is taken for the isocentre.
-
-    Returns
-    -------
-    OrientationFound
     """
     # Slices stay: few thick ones would hardly show their order. Whole voxels are averaged in the plane.
     size = tuple(max(1, round(COARSE_MM / step)) for step in grid.spacing)

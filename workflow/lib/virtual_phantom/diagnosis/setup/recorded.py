@@ -34,8 +34,6 @@ class SetUp:
         Mistakes that this object could not show.
     share_stated, share : float
         Of the variance of line integrals, what the description leaves as it stands, and as it should be.
-    comparison : Comparison
-    finding : Finding
     location : dict of str to float
         As Finding.location.
     """
@@ -68,17 +66,7 @@ class SetUp:
 
 
 def set_up(recording: ProjectionsRecording | ImagesRecording, asked: DiagnosisRequest) -> SetUp | OrientationFound:
-    """Check how a recording is described.
-
-    Parameters
-    ----------
-    recording : ProjectionsRecording or ImagesRecording
-    asked : DiagnosisRequest
-
-    Returns
-    -------
-    SetUp or OrientationFound
-    """
+    """Check how a recording is described."""
     if isinstance(recording, ImagesRecording):
         phantom = read_nifti(asked.phantom)
         repeats = np.stack([one.array for one in recording.repeats])

@@ -53,10 +53,6 @@ def write_setup(content: Mapping, path: str | Path) -> None:
 def read_setup(path: str | Path) -> dict:
     """SetUp.content of a file.
 
-    Returns
-    -------
-    dict
-
     Raises
     ------
     InputError
@@ -74,12 +70,6 @@ def verdict(found: SetUp | OrientationFound, recording: Recording, asked: Diagno
     ----------
     found : SetUp or OrientationFound
         With a kind of VERDICTS.
-    recording : Recording
-    asked : DiagnosisRequest
-
-    Returns
-    -------
-    dict
     """
     scanned = "the study's phantom" if asked.settings.of_phantom else object_of(asked)
     return {
@@ -112,10 +102,6 @@ def sentence(name: str, content: Mapping, scanned: str) -> str:
         SetUp.content.
     scanned : str
         What was simulated, in words.
-
-    Returns
-    -------
-    str
     """
     stated, share = (f"{100 * content[key]:.2g} %" for key in ("share_stated", "share"))
     if content["kind"] == EMPTY_BEAM:
@@ -141,7 +127,6 @@ def with_location(content: Mapping, setup: Mapping, stated: Mapping[str, float])
 
     Parameters
     ----------
-    content : mapping
     setup : mapping
         SetUp.content.
     stated : mapping of str to float

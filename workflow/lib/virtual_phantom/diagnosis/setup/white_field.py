@@ -23,7 +23,6 @@ def wrong_illumination(white: np.ndarray | None, geometry: OrbitGeometry, scan: 
     ----------
     white : ndarray, shape (rows, columns), or None
         Counts without an object.
-    geometry : OrbitGeometry
     scan : mapping
         The scan section of recording.yaml.
 

@@ -64,7 +64,6 @@ def intervals(value: float, noise: float, whole: float, low: float = -np.inf, hi
 
     Parameters
     ----------
-    value : float
     noise, whole : float
         Standard errors, as `half_width` takes them.
     low, high : float, optional

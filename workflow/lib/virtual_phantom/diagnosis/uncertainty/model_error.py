@@ -57,17 +57,11 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
 
     Parameters
     ----------
-    fitter : Fitter
-    fit : Fit
     without : mapping of str to Fit
         {effect: the fit without it}, of those whose models may be inexact: what an effect explains is by how much these
         differ.
     accuracy : mapping of str to float
         As `attribute.choose` takes it.
-
-    Returns
-    -------
-    Errors
     """
     found = (_distortions(fitter, fit, without, accuracy), _of_steps(fitter, fit, accuracy))
     if all(next(one, None) is None for one in found):  # of images, derivatives take minutes
@@ -113,7 +107,6 @@ def pulled_of_recordings(
 
     Parameters
     ----------
-    together : JointFitter
     fit : JointFit
         Where it ended.
     without : mapping of str to JointFit
@@ -151,8 +144,6 @@ def distortions_of_physics(
 
     Parameters
     ----------
-    fitter : Fitter
-    fit : Fit
     columns : ndarray, shape (data, numbers)
         From `data_changes`, of the fit.
     accuracy : mapping of str to float
@@ -248,7 +239,6 @@ class ModelErrorInfluence:
 
     Attributes
     ----------
-    problem : Problem
     fit : Fit
         Where it was looked at.
     places : ndarray of int, shape (numbers,)

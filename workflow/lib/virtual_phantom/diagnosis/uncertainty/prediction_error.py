@@ -20,11 +20,6 @@ def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
     fitted. Numbers of effects that were found elsewhere have the errors found there, as far as the numbers fitted here
     do not make up for them.
 
-    Parameters
-    ----------
-    fitter : Fitter
-    fit : Fit
-
     Returns
     -------
     list of ndarray, shape (directions, data)
@@ -42,10 +37,8 @@ def of_both_halves(fitter: Fitter, problem: Problem, fit: Fit) -> tuple[list[np.
 
     Parameters
     ----------
-    fitter : Fitter
     problem : Problem
         Of the data fitted, which begins where the fit ended.
-    fit : Fit
 
     Returns
     -------

@@ -25,16 +25,10 @@ def caveats(
 
     Parameters
     ----------
-    prepared : Prepared
-    choice : Choice
     tube_kvp : float, optional
         As the label says, kV.
     left : sequence of Location, optional
         Where something is left, the worst first.
-
-    Returns
-    -------
-    list of str
     """
     found = prepared.caveats()
     if prepared.lacking:
@@ -54,7 +48,7 @@ def caveats(
     if prepared.voxels and EDGES in [place.domain for place in left] and _along_edges(prepared, choice):
         found.append(
             f"What is left lies along edges, {prepared.voxels} would show whether anything else is left "
-            "(docs/objects.md)."
+            "(docs/how-to/objects.md)."
         )
     return found
 

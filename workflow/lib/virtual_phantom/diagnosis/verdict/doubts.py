@@ -30,14 +30,8 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
 
     Parameters
     ----------
-    choice : Choice
-    model : Model
     held_out : mapping
         Numbers before and after, from verdict.metrics_of.
-
-    Returns
-    -------
-    list of str
     """
     fit = choice.chosen.fit
     found = []
@@ -71,11 +65,6 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
 def advice(fit: Fit, model: Model) -> list[str]:
     """Sentences on what to state where the alignment had to be pulled as far as a fit may.
 
-    Parameters
-    ----------
-    fit : Fit
-    model : Model
-
     Returns
     -------
     list of str
@@ -89,7 +78,7 @@ def advice(fit: Fit, model: Model) -> list[str]:
         found.append(
             f"{label(one.name).capitalize()} of the alignment is taken to be known to {one.sd:.3g}"
             f"{': ' + why if why else ''}. If it may be farther off, give its standard deviation: "
-            f"alignment: {{{one.name}: ...}} under diagnosis.recordings (docs/diagnosis.md)."
+            f"alignment: {{{one.name}: ...}} under diagnosis.recordings (docs/how-to/diagnosis.md)."
         )
     return found
 

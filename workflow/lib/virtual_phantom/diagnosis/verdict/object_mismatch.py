@@ -59,14 +59,8 @@ def explains_all(piece: Change, prepared: Prepared, baseline: Trial) -> bool:
 
     Parameters
     ----------
-    piece : Change
-    prepared : Prepared
     baseline : Trial
         Alignment alone.
-
-    Returns
-    -------
-    bool
     """
     before, noise = excess(prepared, baseline.fit), np.sqrt(_count(prepared) / 2)
     if before < FAR * noise or piece.gain < before / 2:  # the gain is of first order
@@ -98,30 +92,14 @@ def no_physics(baseline: Trial, piece: Change, numerical: float) -> Choice:
     ----------
     baseline : Trial
         Alignment alone.
-    piece : Change
     numerical : float
         As Choice has it.
-
-    Returns
-    -------
-    Choice
     """
     return Choice(baseline, {}, {}, baseline, {}, {}, {}, numerical=numerical, piece=piece)
 
 
 def beside(prepared: Prepared, choice: Choice, changes: ChangesOfFits) -> Change | None:
-    """The piece of the object that explains more than one of the chosen effects, or what all of them leave.
-
-    Parameters
-    ----------
-    prepared : Prepared
-    choice : Choice
-    changes : ChangesOfFits
-
-    Returns
-    -------
-    Change or None
-    """
+    """The piece of the object that explains more than one of the chosen effects, or what all of them leave."""
     found, least = [], max(AS_GOOD, choice.blur)
     for effect, fit in choice.without.items():
         piece = _piece(changes(prepared, fit, choice.numerical))
@@ -141,15 +119,10 @@ def content_of(pieces: Sequence[Change], mended: bool, excess: float | None = No
 
     Parameters
     ----------
-    pieces : sequence of Change
     mended : bool
         Whether the diagnosis went on with them.
     excess : float, optional
         Log score of the data held out that is beyond noise, of which the first piece takes a share.
-
-    Returns
-    -------
-    dict
     """
     listed = [{**one.piece.content, "what": one.words, "held_out_gain": one.gain, "z": one.z} for one in pieces]
     removes = {} if excess is None else {"removes": min(1.0, pieces[0].gain / max(excess, pieces[0].gain))}

@@ -29,8 +29,6 @@ def statements(
 
     Parameters
     ----------
-    fit : Fit
-    model : Model
     errors : mapping of str to mapping of str to float, optional
         Standard errors with inexact models counted, as `inexact.Errors` has them; None: those of the fit.
 

@@ -41,7 +41,6 @@ class _Side:
         Roots of the mean's weights.
     scatter : ndarray, shape (mean data,), or float
         Relative variance of these weights.
-    data : Observed
     """
 
     residual: np.ndarray
@@ -78,7 +77,6 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
     ----------
     prepared : Prepared
         Whose kinds are tried.
-    fit : Fit
     numerical : float, optional
         Share of the corrections for finite steps by which they may be off, in any shape.
 
@@ -153,7 +151,6 @@ def _change(
 
     Parameters
     ----------
-    fitted, held : _Side
     residuals : tuple of 2 ndarray, shape (data,)
         Of the data fitted and held out, less what the fit's numbers could still take up of the data fitted.
     inverse : ndarray, shape (numbers, numbers)
@@ -232,7 +229,6 @@ def better(choice: Choice, found: Mapping[str, list[Change]], least: float) -> d
 
     Parameters
     ----------
-    choice : Choice
     found : mapping of str to list of Change
         {effect: the kinds beside the fit without it}.
     least : float

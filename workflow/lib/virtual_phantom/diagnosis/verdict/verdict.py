@@ -67,16 +67,10 @@ def diagnose(
     ----------
     recording : str
         Its name.
-    prepared : Prepared
-    choice : Choice
     pieces : sequence of Change, optional
         Of the object, which were mended before.
     changes : ChangesOfFits, optional
         With those that the choice has asked for.
-
-    Returns
-    -------
-    Diagnosis
     """
     fitter, changes = prepared.fitter, changes or ChangesOfFits()
 
@@ -153,8 +147,6 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
 
     Parameters
     ----------
-    prepared : Prepared
-    baseline, chosen : Trial
     standing : list of Location
         Places that are significant after.
 
@@ -183,11 +175,6 @@ def remainder_sd(prepared: Prepared, chosen: Trial) -> float | None:
     """What a fit leaves in common on fitted and held-out data, over all rays or voxels.
 
     `excess_removed` is a share of what was there: beside a large difference it hides a remainder that this shows.
-
-    Parameters
-    ----------
-    prepared : Prepared
-    chosen : Trial
 
     Returns
     -------
@@ -226,8 +213,6 @@ def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
 
     Parameters
     ----------
-    prepared : Prepared
-    choice : Choice
     held_out : bool
         Of the data held out; False: of those fitted.
 
@@ -290,15 +275,9 @@ def next_measurements(choice: Choice, something_left: bool, ranked: bool) -> lis
 
     Parameters
     ----------
-    choice : Choice
-    something_left : bool
     ranked : bool
         Whether further recordings of this kind can be ranked (`snakemake next_measurement`); if not, every ambiguous
         effect has its own and its rivals' tests.
-
-    Returns
-    -------
-    list of str
     """
     found = [OBJECT_TURNED] if choice.piece else []
     for name in choice.chosen.fit.effects:

@@ -32,8 +32,6 @@ class Mixture:
 
     Attributes
     ----------
-    name : str
-    density_g_per_cm3 : float
     compound : str or None
         A chemical formula (C2H4), or the name of a compound of xraylib's NIST list.
     mass_fractions : tuple of tuple of (str, float)

@@ -87,10 +87,6 @@ def stated(material: str | None = None, thickness_mm: float | None = None, reads
         mm; None: not stated.
     reads : {"energy", "counts"}, optional
 
-    Returns
-    -------
-    Sensor
-
     Raises
     ------
     InputError

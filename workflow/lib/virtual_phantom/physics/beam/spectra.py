@@ -151,7 +151,6 @@ def tube_spectrum(kvp: float, anode: Anode = TUNGSTEN) -> tuple[np.ndarray, np.n
     ----------
     kvp : float
         Tube voltage, kV.
-    anode : Anode, optional
 
     Returns
     -------
@@ -197,17 +196,12 @@ def weighted_spectrum(
         Tube voltage, kV.
     filtration_mm : float
         Thickness of the filter, mm.
-    anode : Anode, optional
     sensor : Sensor, optional
         Its own thickness is not looked at.
     sensor_mm : float, optional
         Thickness of the sensor, mm.
     filter_material : str, optional
         Of materials.COMPOUNDS or ELEMENTS.
-
-    Returns
-    -------
-    Spectrum
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""The effects, one file each. The catalogue in the docs is made from them."""
+"""Effects of the acquisition chain, one file each. The effects catalogue is generated from them."""

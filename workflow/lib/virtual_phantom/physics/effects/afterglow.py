@@ -12,7 +12,7 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 
 def lag_of(state: State, values: dict[str, float]) -> tuple[float, float, float]:
-    """A glow of these parameters in the views of a scan, as State.lag has it."""
+    """Return State.lag for these parameters and the views of a scan."""
     geometry = state.geometry
     times = values["time_constant_ms"], geometry.known_interval_ms, geometry.exposure_ms
     return (*of_views(values["share"], *times), values["before"])
@@ -21,52 +21,52 @@ def lag_of(state: State, values: dict[str, float]) -> tuple[float, float, float]
 def of_views(
     share: float, time_constant_ms: float, view_interval_ms: float, exposure_ms: float | None = None
 ) -> tuple[float, float]:
-    """What a glow is in views.
+    """Convert an afterglow in time to one in views.
 
-    Of the response (1 - k) delta(t) + k/T exp(-t/T) to a beam that is on in the middle of every interval, while the
-    detector integrates over the whole interval: no light is lost.
+    The impulse response is (1 - k) delta(t) + k/T exp(-t/T). The beam is on in the middle of every view interval and
+    the detector integrates over the whole interval, so no light is lost.
 
     Parameters
     ----------
     share, time_constant_ms : float
         k, and T in ms.
     view_interval_ms : float
-        From view to view, ms.
+        Time from view to view, ms.
     exposure_ms : float, optional
-        How long the beam is on, ms; None: throughout.
+        Beam-on time per view, ms; None: the whole interval.
 
     Returns
     -------
     share : float
-        Of a view's signal, what is read with later ones.
+        Share of the signal of a view that is read with later views.
     memory : float
-        What each further view leaves.
+        Factor by which the afterglow decays from view to view.
     """
     exposure = view_interval_ms if exposure_ms is None else exposure_ms
     rest = (view_interval_ms - exposure) / 2  # after the exposure
     ratio = exposure / time_constant_ms
-    left = -math.expm1(-ratio) / ratio if ratio else 1.0  # of the glow, on average, at the exposure's end
+    left = -math.expm1(-ratio) / ratio if ratio else 1.0  # mean share of the afterglow at the end of the exposure
     return share * left * math.exp(-rest / time_constant_ms), math.exp(-view_interval_ms / time_constant_ms)
 
 
 EFFECT = Effect(
     name="afterglow",
-    physics="Part of the signal glows on and is read with the next views.",
-    equation="light(t) = (1 - k) S(t) + k/T times the integral of S(t - t') exp(-t'/T) over t'; a view reads the "
-    "mean over its interval; b: glow before the first view, over that of its lasting signal",
+    physics="Part of the scintillator light is emitted late and read with the following views.",
+    equation="light(t) = (1 - k) S(t) + k/T times the integral of S(t - t') exp(-t'/T) over t'. A view reads the mean "
+    "over its interval. b: afterglow before the first view, relative to that of its steady signal",
     source="J. Hsieh, O. E. Gurmen and K. F. King, IEEE Trans. Med. Imaging 19, 930 (2000), one of its exponentials",
     stage="noise",
-    signature="edges lag behind the rotation, and noise of successive views is correlated",
-    settled_by="the same scan turning the other way: the lag changes its sign",
+    signature="edges lag in the direction of rotation, and noise of successive views is correlated",
+    settled_by="repeat the scan with the opposite direction of rotation: the lag changes its sign",
     parameters=(
-        Parameter("share", "1", "share of the scintillator's light that glows on", 0.0, 1.0, 0.02, 0.05),
-        # From ceramics of body scanners (1 and 10 ms are XCIST's example) to flat panels, whose ghosts last for minutes
-        # (J. H. Siewerdsen and D. A. Jaffray, Med. Phys. 26, 1624, 1999). Much shorter than a view's interval nothing
-        # of a glow is left, much longer it is a constant.
+        Parameter("share", "1", "share k of the scintillator light that is delayed", 0.0, 1.0, 0.02, 0.05),
+        # From ceramics of body scanners (XCIST's example: 1 and 10 ms) to flat panels, whose ghosts last for minutes
+        # (J. H. Siewerdsen and D. A. Jaffray, Med. Phys. 26, 1624, 1999). An afterglow much shorter than the view
+        # interval vanishes, and one much longer is constant.
         Parameter(
             "time_constant_ms",
             "ms",
-            "time in which the glow falls to 1/e",
+            "decay time T, to 1/e",
             0.1,
             1e5,
             10.0,
@@ -78,7 +78,7 @@ EFFECT = Effect(
         Parameter(
             "before",
             "1",
-            "glow before the first view, over that of its lasting signal",
+            "b: afterglow before the first view, relative to that of its steady signal",
             0.0,
             1.0,
             1.0,

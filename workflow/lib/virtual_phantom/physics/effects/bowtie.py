@@ -6,11 +6,11 @@ from ...base.geometry import orbit_of
 from ..effect import OF_PROTOCOL, Effect, Parameter
 from ..state import State
 
-REFERENCE_DEG = 20.0  # fan angle at which the thickness is stated: inside every body scanner's fan
+REFERENCE_DEG = 20.0  # fan angle at which the thickness is stated; inside the fan of every body scanner
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    """Add the filter, thicker from column to column."""
+    """Add the filter, which is thicker toward the outer columns."""
     geometry = orbit_of(state.geometry, "bowtie")
     fan_deg = np.abs(np.rad2deg(geometry.fan_angles_rad()))
     exponent, width_deg = values["exponent"], values["levels_off_deg"]
@@ -19,7 +19,7 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 
 def _profile(fan: np.ndarray, exponent: float, width: float) -> np.ndarray:
-    """Thickness over that at the reference, of fan angles over the reference's."""
+    """Return the thickness relative to the reference angle; fan and width are in units of that angle."""
     if not width:
         return fan**exponent
     return np.expm1(-((fan / width) ** exponent)) / np.expm1(-(width**-exponent))
@@ -27,29 +27,39 @@ def _profile(fan: np.ndarray, exponent: float, width: float) -> np.ndarray:
 
 EFFECT = Effect(
     name="bowtie",
-    physics="A shaped filter thins the beam towards its edges, and hardens it there beside a spectrum.",
-    equation="fluence(g, E) = exp(-mu_Al(E) t f(g) / f(20 deg)) at the fan angle g; f = |g|^n, or 1 - exp(-(|g| / w)^n)"
-    " where it levels off at w; what the middle has belongs to the spectrum's filtration",
-    source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), bowtie filters. Of XCIST's (M. Wu et al., Phys. Med. "
-    "Biol. 67, 194002, 2022), t, n and w within 1.1 mm: large 31.8 mm, 3.54, 14.9 deg; medium 32.7, 3.27, 13.0; small "
-    "32.7, 2.82, 10.8. Their middles have 2.6, 0.9 and 1.1 mm more",
+    physics="A shaped filter attenuates the beam toward its edges and, with a spectrum, hardens it there.",
+    equation="fluence(g, E) = exp(-mu_Al(E) t f(g) / f(20 deg)) at the fan angle g; f = |g|^n, or 1 - exp(-(|g| / "
+    "w)^n) for a profile that levels off at w. The central thickness is part of the spectrum filtration",
+    source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), bowtie filters. XCIST's filters (M. Wu et al., Phys. "
+    "Med. Biol. 67, 194002, 2022) are reproduced within 1.1 mm by t, n and w: large 31.8 mm, 3.54, 14.9 deg; medium "
+    "32.7 mm, 3.27, 13.0 deg; small 32.7 mm, 2.82, 10.8 deg. Their centers are 2.6, 0.9 and 1.1 mm thick",
     stage="fluence",
-    signature="white field falls to both edges, and noise grows there; with a spectrum, line integrals fall behind "
-    "the outer columns",
-    settled_by="the white field, or an air scan without the filter",
+    signature="the white field decreases and noise increases toward both edges; with a spectrum, line integrals are "
+    "too low behind the outer columns",
+    settled_by="measure the white field, or an air scan without the filter",
     parameters=(
         Parameter(
             "at_20deg_mm",
             "mm Al",
-            "thickness at a fan angle of 20 degrees",
+            "thickness t at a fan angle of 20 degrees",
             0.0,
             100.0,
             10.0,
             30.0,
             belongs_to=OF_PROTOCOL,  # scanners have several bowties
         ),
-        Parameter("exponent", "1", "n: power of the angle by which it grows", 1.0, 6.0, 2.0, 2.0, None, stated=True),
-        Parameter("levels_off_deg", "degrees", "w; 0: it grows on and on", 0.0, 60.0, 0.0, 0.0, None, stated=True),
+        Parameter("exponent", "1", "n: exponent of the fan angle", 1.0, 6.0, 2.0, 2.0, None, stated=True),
+        Parameter(
+            "levels_off_deg",
+            "degrees",
+            "w: angle of leveling off; 0: none",
+            0.0,
+            60.0,
+            0.0,
+            0.0,
+            None,
+            stated=True,
+        ),
     ),
     apply=apply,
 )

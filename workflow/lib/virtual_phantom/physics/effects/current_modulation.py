@@ -1,4 +1,4 @@
-"""Tube-current modulation."""
+"""Angular tube current modulation."""
 
 import numpy as np
 
@@ -16,15 +16,15 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="current_modulation",
-    physics="The tube current follows the patient's width as the gantry turns; the monitor corrects the mean.",
+    physics="The tube current follows the patient width during rotation. The monitor corrects the mean signal.",
     equation="fluence(b) = 1 + c cos 2b + s sin 2b",
     source="M. Gies et al., Med. Phys. 26, 2235 (1999)",
     stage="fluence",
-    signature="noise changes twice per turn; the mean stays",
-    settled_by="air scans with the same modulation",
+    signature="noise changes twice per turn and the mean does not",
+    settled_by="make air scans with the same modulation",
     parameters=(
-        Parameter("cosine", "1", "amplitude of cos 2b", -0.65, 0.65, 0.1, 0.4),
-        Parameter("sine", "1", "amplitude of sin 2b", -0.65, 0.65, 0.0, 0.0),
+        Parameter("cosine", "1", "c: amplitude of cos 2b", -0.65, 0.65, 0.1, 0.4),
+        Parameter("sine", "1", "s: amplitude of sin 2b", -0.65, 0.65, 0.0, 0.0),
     ),
     apply=apply,
 )

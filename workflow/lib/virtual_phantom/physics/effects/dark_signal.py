@@ -1,4 +1,4 @@
-"""Dark signal that was not subtracted, and its drift."""
+"""Residual dark signal and its drift."""
 
 import math
 
@@ -15,18 +15,18 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="dark_signal",
-    physics="Without radiation the detector reads another signal than the one subtracted, which drifts as it warms up.",
+    physics="The detector reading without radiation differs from the subtracted one and drifts as the detector warms "
+    "up.",
     equation="reading_i' = reading_i + d + r t_i, reading_air' = reading_air + d",
     source="J. H. Siewerdsen and D. A. Jaffray, Med. Phys. 26, 1624 (1999)",
     stage="readout",
-    signature="line integrals too low where little is transmitted, alike in all columns; a drift grows from view to"
-    " view",
-    settled_by="dark frames before and after the scan",
+    signature="line integrals are too low at low transmission, equally in all columns; a drift grows from view to view",
+    settled_by="record dark frames before and after the scan",
     parameters=(
         Parameter(
             "level_units",
             "readout units",
-            "dark signal left over",
+            "residual dark signal d",
             -math.inf,
             math.inf,
             0.0,
@@ -36,7 +36,7 @@ EFFECT = Effect(
         Parameter(
             "drift_units_per_s",
             "readout units/s",
-            "its change",
+            "drift rate r",
             -math.inf,
             math.inf,
             0.0,

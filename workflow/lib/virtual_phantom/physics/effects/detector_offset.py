@@ -7,7 +7,7 @@ from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    """Shift the detector's columns."""
+    """Shift the detector columns."""
     geometry = state.geometry
     state.geometry = replace(geometry, column_offset_px=geometry.column_offset_px + values["columns_px"])
 
@@ -18,8 +18,8 @@ EFFECT = Effect(
     equation="u' = u + d",
     source="K. Yang et al., Med. Phys. 33, 1695 (2006)",
     stage="geometry",
-    signature="residuals of opposite signs at the left and right edges of the shadow in all views",
-    settled_by="a needle or ball scanned over a turn: its track's middle gives the offset",
-    parameters=(Parameter("columns_px", "pixels", "shift along the columns", -5.0, 5.0, 0.0, 0.25),),
+    signature="residuals of opposite sign at the left and right edges of the shadow in all views",
+    settled_by="scan a needle or ball over a full turn: the center of its track gives the offset",
+    parameters=(Parameter("columns_px", "pixels", "shift d along the columns", -5.0, 5.0, 0.0, 0.25),),
     apply=apply,
 )

@@ -1,22 +1,22 @@
-"""Electronic noise of the read-out."""
+"""Electronic noise of the readout."""
 
 from ..effect import Effect, Parameter
 from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    """Set the standard deviation of electronic noise."""
+    """Set the standard deviation of the electronic noise."""
     state.electronic = values["photons"]
 
 
 EFFECT = Effect(
     name="electronic_noise",
-    physics="The read-out adds noise that does not depend on the signal.",
+    physics="The readout adds noise that does not depend on the signal.",
     equation="variance(read) = quantum variance + sigma^2, in photons",
     source="B. R. Whiting et al., Med. Phys. 33, 3290 (2006)",
     stage="noise",
-    signature="more variance where few photons arrive; the mean stays",
-    settled_by="dark scans: their variance is that of the electronics",
-    parameters=(Parameter("photons", "photons", "standard deviation", 0.0, 1000.0, 30.0, 30.0),),
+    signature="the variance is too high at low counts and the mean does not change",
+    settled_by="make dark scans: their variance is the electronic noise",
+    parameters=(Parameter("photons", "photons", "standard deviation sigma", 0.0, 1000.0, 30.0, 30.0),),
     apply=apply,
 )

@@ -11,7 +11,7 @@ from ..state import State
 def apply(state: State, values: dict[str, float]) -> None:
     """Set the points of the focal spot."""
     geometry, width, length = state.geometry, values["width_mm"], values["length_mm"]
-    # The length is what the detector sees of a spot on an inclined anode, whose ends are not equally far (line focus).
+    # Line focus: the length is the projection of a spot on an inclined anode, whose ends differ in distance.
     away = -length / math.tan(math.radians(state.anode.angle_deg))
     blur = geometry.magnification - 1
     across = points(width, blur * width / geometry.column_pitch_mm)
@@ -23,18 +23,18 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="focal_spot",
-    physics="The source is not a point: edges in the projections are blurred, more so far from the detector.",
-    equation="T = mean of T(source point) over a rectangle on the anode, inclined by a: w wide along the columns, "
-    "l long along z and l / tan(a) deep",
+    physics="The source has a finite size. Edges in the projections are blurred, more so far from the detector.",
+    equation="T = mean of T(source point) over a rectangle on the anode inclined by a: w wide along the columns, l "
+    "long along z and l / tan(a) deep",
     source="IEC 60336:2020; line focus: J. T. Bushberg et al., The Essential Physics of Medical Imaging (2012), "
     "chapter 6",
     stage="focal_spot",
-    signature="residuals of both signs at edges, wider for what is near the source; noise stays white",
-    settled_by="an edge or wire near the source and near the detector: focal-spot blur follows the magnification, "
-    "crosstalk does not",
+    signature="residuals of both signs at edges, wider for parts near the source; noise stays white",
+    settled_by="scan an edge or wire near the source and near the detector: focal-spot blur follows the "
+    "magnification, crosstalk does not",
     parameters=(
-        Parameter("width_mm", "mm", "width along the columns", 0.0, 4.0, 1.0, 1.0, power=2),
-        Parameter("length_mm", "mm", "length along z, as seen from the isocentre", 0.0, 4.0, 1.0, 1.0, power=2),
+        Parameter("width_mm", "mm", "width w along the columns", 0.0, 4.0, 1.0, 1.0, power=2),
+        Parameter("length_mm", "mm", "length l along z, as seen from the isocenter", 0.0, 4.0, 1.0, 1.0, power=2),
     ),
     apply=apply,
 )

@@ -1,4 +1,4 @@
-"""A focal spot that jumps from view to view."""
+"""Unreported focal spot jump between views."""
 
 import math
 
@@ -9,9 +9,9 @@ from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    """Set the source's place in every view."""
+    """Set the source displacement in every view."""
     times = state.geometry.view_times
-    odd = np.round(times - times[0]).astype(int) % 2  # of the scanner's views, also where some are left out
+    odd = np.round(times - times[0]).astype(int) % 2  # parity of the scanner's views, also if only some are used
     side = np.where(odd, 0.5, -0.5)
     along = values["rows_mm"]
     # The spot moves along the anode's inclined surface.
@@ -22,17 +22,17 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="focal_spot_wobble",
-    physics="The focal spot jumps from one side to the other with every view, and the geometry does not say so.",
-    equation="source_i' = source_i + (-1)^(i+1) j / 2, view i from 0: j along the columns, or along z on the anode's "
-    "inclined surface",
-    source="M. Kachelriess et al., IEEE Trans. Nucl. Sci. 53, 1238 (2006); T. G. Flohr et al., Med. Phys. 32, "
-    "2536 (2005)",
+    physics="The focal spot alternates between two positions from view to view, which the geometry does not state.",
+    equation="source_i' = source_i + (-1)^(i+1) j / 2 for view i from 0; j along the columns, or along z on the "
+    "inclined anode surface",
+    source="M. Kachelriess et al., IEEE Trans. Nucl. Sci. 53, 1238 (2006); T. G. Flohr et al., Med. Phys. 32, 2536 "
+    "(2005)",
     stage="focal_spot",
     signature="residuals at edges that change their sign from view to view",
-    settled_by="a ball near the axis: its track jumps between even and odd views",
+    settled_by="scan a ball near the axis: its track alternates between even and odd views",
     parameters=(
-        Parameter("columns_mm", "mm", "jump along the columns from an even view to an odd one", -5.0, 5.0, 0.0, 0.5),
-        Parameter("rows_mm", "mm", "the same along z, as seen from the isocentre", -5.0, 5.0, 0.0, 0.0),
+        Parameter("columns_mm", "mm", "jump j along the columns from an even to an odd view", -5.0, 5.0, 0.0, 0.5),
+        Parameter("rows_mm", "mm", "jump along z, as seen from the isocenter", -5.0, 5.0, 0.0, 0.0),
     ),
     apply=apply,
 )

@@ -1,4 +1,4 @@
-"""Detector gain pattern: rings."""
+"""Detector gain pattern, which causes rings."""
 
 import numpy as np
 
@@ -9,14 +9,14 @@ from ..state import State
 
 def apply(state: State, values: dict[str, float]) -> None:
     """Set the gain of every pixel."""
-    rows = np.arange(state.geometry.rows) * 2 - state.geometry.rows + 1  # from the middle, in half rows
+    rows = np.arange(state.geometry.rows) * 2 - state.geometry.rows + 1  # position from the center, in half rows
     state.gain = np.exp(values["rms"] * np.stack([_row(int(values["detector"]), row, state) for row in rows]))
 
 
 def _row(detector: int, row: int, state: State) -> np.ndarray:
-    """Standard normal (columns,) of a row by its place.
+    """Draw standard normal values for a row from its position.
 
-    The pattern is the detector's own: the same in every scan of it, of whatever rows the collimator leaves.
+    The pattern belongs to the detector, so it is the same in every scan, whichever rows are collimated.
 
     Returns
     -------
@@ -28,15 +28,16 @@ def _row(detector: int, row: int, state: State) -> np.ndarray:
 
 EFFECT = Effect(
     name="gain_pattern",
-    physics="Pixels' gains have drifted since the air scan: a constant in all views, a ring in the image.",
-    equation="read(u, v) = g(u, v) S(u, v), ln g with standard deviation r",
+    physics="Pixel gains have drifted since the air scan. Each error is constant over views and makes a ring in the "
+    "image.",
+    equation="read(u, v) = g(u, v) S(u, v), ln g normal with standard deviation r",
     source="J. Sijbers and A. Postnov, Phys. Med. Biol. 49, N247 (2004)",
     stage="readout",
-    signature="residuals constant over views, different from pixel to pixel",
-    settled_by="a new air scan just before or after",
+    signature="residuals that are constant over views and differ between pixels",
+    settled_by="make an air scan immediately before or after the scan",
     parameters=(
-        Parameter("rms", "1", "standard deviation of ln gain", 0.0, 0.2, 0.002, 0.005),
-        Parameter("detector", "number", "which pattern is drawn", 0.0, 1e6, 0.0, 0.0, None),
+        Parameter("rms", "1", "r: standard deviation of ln gain", 0.0, 0.2, 0.002, 0.005),
+        Parameter("detector", "number", "number of the random pattern", 0.0, 1e6, 0.0, 0.0, None),
     ),
     apply=apply,
     pattern=True,

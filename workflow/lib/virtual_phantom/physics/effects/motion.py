@@ -3,10 +3,10 @@
 from ..effect import PER_SCAN, Effect, Parameter, Reach
 from ..state import State
 
-# mm/s. Vessels move at 11 in quiet breathing, a heart's wall at 53 at most: C. J. Ritchie et al., Radiology 185, 37
-# (1992).
+# mm/s. Vessels move at 11 mm/s in quiet breathing, the heart wall at 53 mm/s at most (C. J. Ritchie et al.,
+# Radiology 185, 37, 1992).
 FASTEST = 100.0
-FARTHEST_MM = 20.0  # over the scan: what moves farther is no object that a scan was meant of
+FARTHEST_MM = 20.0  # plausible limit over the scan
 
 
 def _reach(typical_mm: float) -> Reach:
@@ -15,19 +15,19 @@ def _reach(typical_mm: float) -> Reach:
 
 def apply(state: State, values: dict[str, float]) -> None:
     """Move the object from view to view."""
-    # About the middle of the scan, so that the mean place stays.
+    # Relative to the middle of the scan, so that the mean position does not change.
     moved = state.geometry.times_s[:, None] * [values[f"{axis}_mm_per_s"] for axis in "xyz"]
     state.motion_mm = moved if state.motion_mm is None else state.motion_mm + moved
 
 
 EFFECT = Effect(
     name="motion",
-    physics="The object drifts steadily while it is scanned.",
-    equation="place_i = place + v t_i",
+    physics="The object moves at constant velocity during the scan.",
+    equation="position_i = position + v t_i",
     source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), patient motion",
     stage="motion",
-    signature="residuals at edges that grow towards the first and last views, with opposite signs",
-    settled_by="the first view again at the end of the scan",
+    signature="residuals at edges that grow toward the first and last views, with opposite signs",
+    settled_by="repeat the first view at the end of the scan",
     parameters=(
         Parameter("x_mm_per_s", "mm/s", "velocity along x", -FASTEST, FASTEST, 0.0, 1.0, reach=_reach(1.0)),
         Parameter("y_mm_per_s", "mm/s", "velocity along y", -FASTEST, FASTEST, 0.0, 0.0, reach=_reach(0.0)),

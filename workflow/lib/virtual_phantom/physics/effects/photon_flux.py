@@ -1,4 +1,4 @@
-"""Photon flux: another dose than stated."""
+"""Photon flux that differs from the stated one."""
 
 from ..effect import Effect, Parameter
 from ..state import State
@@ -11,12 +11,13 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="photon_flux",
-    physics="The tube gives more or fewer photons than stated.",
+    physics="The tube emits more or fewer photons than stated.",
     equation="I0' = f I0",
     source="Flouris et al., Sci. Rep. (2022): A = 1/I0",
     stage="noise",
-    signature="all variances scaled alike; the mean stays. Without stated photons it is aligned, not tested",
-    settled_by="the tube's output measured with a dosemeter",
-    parameters=(Parameter("factor", "1", "photons over those stated", 0.02, 50.0, 1.0, 0.7, 1.0),),
+    signature="all variances are scaled equally and the mean does not change. Without stated photons, the flux is a "
+    "nuisance parameter and is not tested",
+    settled_by="measure the tube output with a dosimeter",
+    parameters=(Parameter("factor", "1", "f: photons relative to the stated number", 0.02, 50.0, 1.0, 0.7, 1.0),),
     apply=apply,
 )

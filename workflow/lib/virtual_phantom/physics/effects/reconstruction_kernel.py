@@ -1,4 +1,4 @@
-"""Reconstruction kernel: apodisation of the image."""
+"""Reconstruction kernel: apodization of the image."""
 
 import numpy as np
 import scipy
@@ -11,7 +11,7 @@ def apply(state: ImageState, values: dict[str, float]) -> None:
     """Blur the image in the plane."""
     if not values["sigma_mm"]:
         return
-    # Cosines take the image to go on as in a mirror. Sampled, a Gaussian narrower than a voxel would do nothing at all.
+    # The cosine transform implies mirrored boundaries. A sampled kernel narrower than a voxel would have no effect.
     fft = scipy.fft
     for axis, spacing in ((1, state.spacing_mm[1]), (2, state.spacing_mm[2])):
         count = state.hu.shape[axis]
@@ -24,12 +24,12 @@ def apply(state: ImageState, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="reconstruction_kernel",
-    physics="The kernel damps high frequencies in the plane: less resolution, less and coarser noise.",
+    physics="The kernel attenuates high in-plane frequencies: lower resolution, and less and coarser noise.",
     equation="image' = G_s * image in x and y; MTF'(f) = MTF(f) exp(-2 (pi s f)^2)",
     source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), reconstruction filters; here a Gaussian",
     stage="image",
-    signature="edges in the plane are wider and noise is coarser, alike everywhere",
-    settled_by="a wire or edge phantom: its MTF",
-    parameters=(Parameter("sigma_mm", "mm", "standard deviation of the blur", 0.0, 5.0, 0.5, 0.6, power=2),),
+    signature="in-plane edges are wider and noise is coarser, equally everywhere",
+    settled_by="measure the MTF with a wire or edge phantom",
+    parameters=(Parameter("sigma_mm", "mm", "standard deviation s of the blur", 0.0, 5.0, 0.5, 0.6, power=2),),
     apply=apply,
 )

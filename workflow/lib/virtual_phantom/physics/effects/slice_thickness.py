@@ -1,4 +1,4 @@
-"""Slice thickness: slices are means over more than their distance."""
+"""Slices thicker than their spacing."""
 
 import numpy as np
 import scipy
@@ -14,19 +14,19 @@ def apply(state: ImageState, values: dict[str, float]) -> None:
     reach = int(np.ceil(half + 0.5))
     offsets = np.arange(-reach, reach + 1)
     kernel = overlaps(offsets, half)
-    if half <= 0.5:  # thinner than the distance: nothing is added
+    if half <= 0.5:  # thinner than the spacing: no averaging
         return
     state.hu = scipy.ndimage.convolve1d(state.hu, kernel / kernel.sum(), axis=0, mode="nearest")
 
 
 EFFECT = Effect(
     name="slice_thickness",
-    physics="Slices are thicker than they are apart: neighbours are mixed in.",
+    physics="Slices are thicker than their spacing, so neighboring slices are mixed in.",
     equation="image'(z) = mean of image over z - t/2 to z + t/2",
     source="IEC 61223-3-5:2019 (slice thickness); W. A. Kalender, Computed Tomography, 3rd ed., Publicis (2011)",
     stage="image",
-    signature="edges along z are wider, and noise of neighbouring slices is correlated",
-    settled_by="a ramp or bead phantom: the slice sensitivity profile",
-    parameters=(Parameter("thickness_mm", "mm", "full width of the profile", 0.0, 20.0, 3.0, 4.0),),
+    signature="edges along z are wider, and noise of neighboring slices is correlated",
+    settled_by="measure the slice sensitivity profile with a ramp or bead phantom",
+    parameters=(Parameter("thickness_mm", "mm", "full width t of the profile", 0.0, 20.0, 3.0, 4.0),),
     apply=apply,
 )

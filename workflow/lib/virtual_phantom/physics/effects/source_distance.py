@@ -1,4 +1,4 @@
-"""Errors of the distances."""
+"""Errors of the source distances."""
 
 from dataclasses import replace
 
@@ -19,15 +19,15 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="source_distance",
-    physics="The source is nearer or farther from isocentre and detector than stated.",
+    physics="The distances from source to isocenter and to detector differ from the stated ones.",
     equation="R' = R + r, D' = D + d",
     source="F. Noo et al., Phys. Med. Biol. 45, 3489 (2000)",
     stage="geometry",
-    signature="shadow too large or too small, alike in all views",
-    settled_by="two balls at a known distance",
+    signature="the shadow is too large or too small, equally in all views",
+    settled_by="scan two balls at a known distance",
     parameters=(
-        Parameter("isocentre_mm", "mm", "error of the distance to the isocentre", -40.0, 40.0, 0.0, 4.0),
-        Parameter("detector_mm", "mm", "error of the distance to the detector", -80.0, 80.0, 0.0, 0.0),
+        Parameter("isocentre_mm", "mm", "error r of the distance to the isocenter", -40.0, 40.0, 0.0, 4.0),
+        Parameter("detector_mm", "mm", "error d of the distance to the detector", -80.0, 80.0, 0.0, 0.0),
     ),
     apply=apply,
 )

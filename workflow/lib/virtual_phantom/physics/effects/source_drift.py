@@ -4,7 +4,7 @@ from ..effect import PER_SCAN, Effect, Parameter, Reach
 from ..state import State
 
 FASTEST = 20.0  # mm/s
-FARTHEST_MM = 5.0  # over the scan, as a focal spot that wobbles
+FARTHEST_MM = 5.0  # over the scan, as for focal_spot_wobble
 
 
 def _reach(typical_mm: float) -> Reach:
@@ -12,7 +12,7 @@ def _reach(typical_mm: float) -> Reach:
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    """Move the source from view to view, about the middle of the scan; the detector stays."""
+    """Move the source from view to view about the middle of the scan, with a fixed detector."""
     velocity = [values[f"{axis}_mm_per_s"] for axis in ("columns", "rows", "away")]
     moved = state.geometry.times_s[:, None] * velocity
     state.jump_mm = moved if state.jump_mm is None else state.jump_mm + moved
@@ -20,19 +20,23 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="source_drift",
-    physics="The focal spot drifts steadily while the tube warms up, and the detector stays.",
-    equation="source_i' = source_i + w t_i, w along columns, rows and away from the detector, t_i = (i + 1/2 - N/2) dt "
-    "from the middle of the scan",
+    physics="The focal spot drifts at constant velocity while the tube warms up. The detector does not move.",
+    equation="source_i' = source_i + w t_i, w along columns, rows and away from the detector, t_i = (i + 1/2 - N/2) "
+    "dt from the middle of the scan",
     source="M. Ferrucci et al., Meas. Sci. Technol. 26, 092003 (2015)",
     stage="focal_spot",
-    signature="shadows that wander from the first view to the last, more of what is near the source; away from the "
-    "detector: that shrink",
-    settled_by="the first view again at the end of the scan, of something near the source and something near the "
-    "detector: a drifting object moves the one as the other",
+    signature="shadows shift from the first view to the last, more for parts near the source; with a drift away from "
+    "the detector, they shrink",
+    settled_by="repeat the first view at the end of the scan with one part near the source and one near the detector: "
+    "a moving object shifts both equally",
     parameters=(
-        Parameter("columns_mm_per_s", "mm/s", "along the columns", -FASTEST, FASTEST, 0.0, 0.5, reach=_reach(0.5)),
-        Parameter("rows_mm_per_s", "mm/s", "along the rows", -FASTEST, FASTEST, 0.0, 0.0, reach=_reach(0.0)),
-        Parameter("away_mm_per_s", "mm/s", "away from the detector", -FASTEST, FASTEST, 0.0, 0.0, reach=_reach(0.0)),
+        Parameter(
+            "columns_mm_per_s", "mm/s", "velocity along the columns", -FASTEST, FASTEST, 0.0, 0.5, reach=_reach(0.5)
+        ),
+        Parameter("rows_mm_per_s", "mm/s", "velocity along the rows", -FASTEST, FASTEST, 0.0, 0.0, reach=_reach(0.0)),
+        Parameter(
+            "away_mm_per_s", "mm/s", "velocity away from the detector", -FASTEST, FASTEST, 0.0, 0.0, reach=_reach(0.0)
+        ),
     ),
     apply=apply,
 )

@@ -14,21 +14,22 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="spectrum",
-    physics="The beam holds many energies; soft ones are absorbed first, so attenuation per mm falls with depth.",
-    equation="T = sum_E s(E) exp(-sum_m mu_m(E) l_m); variance of the signal: sum_E q(E) exp(-sum_m mu_m(E) l_m) /"
-    " I0; s and q: shares of the photons' deposits and of their squares",
+    physics="The beam has many energies, and low energies are absorbed first. Attenuation per mm therefore falls with "
+    "depth.",
+    equation="T = sum_E s(E) exp(-sum_m mu_m(E) l_m); variance of the signal: sum_E q(E) exp(-sum_m mu_m(E) l_m) / "
+    "I0; s and q: shares of the photon deposits and of their squares",
     source="R. A. Brooks and G. Di Chiro, Phys. Med. Biol. 21, 390 (1976); noise: B. R. Whiting et al., Med. Phys. 33, "
     "3290 (2006); spectra: G. Poludniowski et al., Med. Phys. 48, 3630 (2021); deposits: R. K. Swank, J. Appl. Phys. "
     "44, 4199 (1973)",
     stage="spectrum",
-    signature="line integrals bend down with path length, alike everywhere; more so behind bone",
-    settled_by="the same object behind a plate of aluminium or copper: hardening shrinks, scatter grows",
+    signature="line integrals fall below proportionality with path length, equally everywhere, and more behind bone",
+    settled_by="scan the object behind a plate of aluminum or copper: hardening shrinks, scatter grows",
     parameters=(
         Parameter("kvp", "kV", "tube voltage", 30.0, 150.0, 110.0, 120.0, None, belongs_to=OF_PROTOCOL),
         Parameter(
-            "filtration_mm", "mm Al", "filtration, as aluminium", 0.2, 40.0, 6.0, 6.0, None, belongs_to=OF_PROTOCOL
+            "filtration_mm", "mm Al", "filtration, as aluminum", 0.2, 40.0, 6.0, 6.0, None, belongs_to=OF_PROTOCOL
         ),
-        Parameter("sensor_mm", "mm", "thickness of the detector's sensor", 0.01, 100.0, 0.6, 0.6, None, LOGARITHM),
+        Parameter("sensor_mm", "mm", "thickness of the detector sensor", 0.01, 100.0, 0.6, 0.6, None, LOGARITHM),
     ),
     apply=apply,
 )

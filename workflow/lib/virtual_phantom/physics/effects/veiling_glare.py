@@ -6,30 +6,31 @@ from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    """Spread part of the signal, in the air scan too."""
+    """Spread part of the signal, also in the air scan."""
     share = values["share"]
 
     def veiled(signal):
         return (1 - share) * signal + share * spread(signal, state.geometry, values["width_mm"])
 
-    # Of light that spreads over thousands of pixels, none adds to the noise of any.
+    # Light that spreads over thousands of pixels adds no noise to a single one.
     state.noise = (1 - share) ** 2 * state.noise
     state.signal, state.air = veiled(state.signal), veiled(state.air)
 
 
 EFFECT = Effect(
     name="veiling_glare",
-    physics="Light and fluorescence spread far within the detector: every pixel shows a little of its wide "
+    physics="Light and fluorescence spread far within the detector, so every pixel shows a little of its wide "
     "surroundings.",
-    equation="S' = (1 - g) S + g G_w * S, in the air scan too, G_w a Gaussian of SD w; variance (1 - g)^2 of what "
-    "it was",
+    equation="S' = (1 - g) S + g G_w * S, also in the air scan; G_w: Gaussian of SD w; the variance is multiplied by "
+    "(1 - g)^2",
     source="J. A. Seibert, O. Nalcioglu and W. W. Roeck, Med. Phys. 11, 172 (1984), with one Gaussian",
     stage="crosstalk",
-    signature="line integrals too low behind the object and above 0 beside it; the white field falls off at the edges",
-    settled_by="a lead disc in the beam: signal behind it that grows with the open field around it",
+    signature="line integrals are too low behind the object and above 0 next to it; the white field falls off at the "
+    "edges",
+    settled_by="scan a lead disc: the signal behind it grows with the open field around it",
     parameters=(
-        Parameter("share", "1", "share of the signal that spreads", 0.0, 0.3, 0.02, 0.03),
-        Parameter("width_mm", "mm", "width of the spread at the detector", 5.0, 200.0, 40.0, 40.0, None, kernel=True),
+        Parameter("share", "1", "share g of the signal that spreads", 0.0, 0.3, 0.02, 0.03),
+        Parameter("width_mm", "mm", "width w of the spread at the detector", 5.0, 200.0, 40.0, 40.0, None, kernel=True),
     ),
     apply=apply,
 )

@@ -5,7 +5,7 @@ from ..state import State, shared
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    """Share signal and noise among neighbours, in the air scan too."""
+    """Share signal and noise among neighboring pixels, also in the air scan."""
     neighbours = (values["column"], values["row"])
     alike = state.noise is state.signal
     state.signal, state.air = shared(state.signal, neighbours), shared(state.air, neighbours)
@@ -14,16 +14,16 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="xray_crosstalk",
-    physics="Photons deposit their energy in the neighbouring pixel (fluorescence, Compton scatter in the "
-    "scintillator).",
-    equation="S' = (c, 1 - 2c, c) * S along columns and rows, each photon still counted once",
+    physics="Photons deposit energy in neighboring pixels (fluorescence, Compton scatter in the scintillator).",
+    equation="S' = (c, 1 - 2c, c) * S along columns and rows, with each photon still counted once",
     source="M. Wu et al., XCIST, Phys. Med. Biol. 67, 194002 (2022)",
     stage="crosstalk",
-    signature="residuals of both signs at edges, of one or two pixels; noise stays white",
-    settled_by="an edge or wire near the source and near the detector: crosstalk is the same, focal-spot blur is not",
+    signature="residuals of both signs at edges, one or two pixels wide; noise stays white",
+    settled_by="scan an edge or wire near the source and near the detector: crosstalk is the same, focal-spot blur is "
+    "not",
     parameters=(
-        Parameter("column", "1", "share that goes to either neighbouring column", 0.0, 0.2, 0.03, 0.03),
-        Parameter("row", "1", "share that goes to either neighbouring row", 0.0, 0.2, 0.03, 0.03),
+        Parameter("column", "1", "share c that goes to each neighboring column", 0.0, 0.2, 0.03, 0.03),
+        Parameter("row", "1", "share that goes to each neighboring row", 0.0, 0.2, 0.03, 0.03),
     ),
     apply=apply,
 )

@@ -17,7 +17,6 @@ def correlations(state: State, weight: np.ndarray | None = None) -> np.ndarray:
 
     Parameters
     ----------
-    state : State
     weight : ndarray, shape (views, rows, columns), optional
         What variances are multiplied by before they are averaged; 0 leaves a ray out; None: the inverse of each ray's
         variance.

@@ -60,7 +60,6 @@ def thinned(added: Added, geometry: ScanGeometry, pose: Pose, motion_mm: np.ndar
 
     Parameters
     ----------
-    added : tuple of tuple of InObject and float
     geometry, pose, motion_mm
         As Inclusion.lengths_mm takes them.
 

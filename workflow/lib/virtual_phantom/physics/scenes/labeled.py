@@ -27,8 +27,6 @@ class Labelled:
     ----------
     shares : ndarray of float32, shape (materials, z, y, x)
         1 where a voxel is of the material, else 0.
-    grid : Grid
-    materials : tuple of str or Mixture
     """
 
     shares: np.ndarray

@@ -24,10 +24,8 @@ def clean_line_integrals(
     ----------
     phantom : Volume
         HU.
-    geometry : ScanGeometry
     mu_water_per_mm : float
         Linear attenuation of water, 1/mm.
-    threads : int, optional
     pose : Pose, optional
         Of the phantom. What moves is the scan around it, so that nothing is interpolated.
 
@@ -54,7 +52,6 @@ def check_scannable(phantom: Volume, geometry: ScanGeometry, pose: Pose = IN_PLA
     ----------
     phantom : Volume
         HU.
-    geometry : ScanGeometry
     pose : Pose, optional
         Of the phantom.
 
@@ -76,8 +73,6 @@ def check_rois_seen(geometry: ScanGeometry, grid: Grid, masks: dict[str, np.ndar
 
     Parameters
     ----------
-    geometry : ScanGeometry
-    grid : Grid
     masks : dict of str to ndarray of bool, shape (z, y, x)
         On `grid`, by ROI.
 
@@ -106,7 +101,6 @@ def hardest_points(grid: Grid, mask: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    grid : Grid
     mask : ndarray of bool, shape (z, y, x)
         Not empty.
 

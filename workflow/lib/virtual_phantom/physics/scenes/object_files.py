@@ -26,10 +26,6 @@ def path_of(kind: str) -> Path:
     kind : str
         Name of one that comes with the library, or the path of a YAML file.
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     InputError

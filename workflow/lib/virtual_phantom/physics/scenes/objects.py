@@ -38,7 +38,6 @@ class ShapedRoi:
 
     Attributes
     ----------
-    name, tissue_class : str
     shape : str
         Name of the shape.
     margin_mm : float
@@ -59,12 +58,10 @@ class ShapedObject:
     ----------
     name : str
         Of the file, without its ending.
-    description : str
     shapes : tuple of Shape
         Later ones replace earlier ones.
     names : tuple of str or None
         Of the shapes.
-    rois : tuple of ShapedRoi
     """
 
     name: str
@@ -84,10 +81,6 @@ def read_object(kind: str, parameters: Mapping[str, float | str] | None = None) 
     parameters : mapping of str to float or str, optional
         Values of those that the file has.
 
-    Returns
-    -------
-    ShapedObject
-
     Raises
     ------
     InputError
@@ -96,7 +89,7 @@ def read_object(kind: str, parameters: Mapping[str, float | str] | None = None) 
     """
     path = path_of(kind)
     source = str(path) if path.parent != FOLDER else f"object {path.stem}"
-    content = read_yaml(path, "an object has a description and shapes (docs/objects.md)", restore="restore it")
+    content = read_yaml(path, "an object has a description and shapes (docs/how-to/objects.md)", restore="restore it")
     schema = read_schema(SCHEMAS / "object.schema.yaml")
     validate(content, schema, source)
     fill_defaults(content, schema)
@@ -113,11 +106,6 @@ def read_phantom_object(settings: Mapping) -> tuple[ShapedObject, tuple[ShapedRo
     ----------
     settings : mapping
         phantom.object of the configuration.
-
-    Returns
-    -------
-    shaped : ShapedObject
-    rois : tuple of ShapedRoi
 
     Raises
     ------

@@ -34,7 +34,6 @@ class Traced:
     ----------
     scene : VoxelScene
         Or what has its methods.
-    geometry : ScanGeometry
     pose : Pose
         Of the object.
     motion_mm : ndarray, shape (views, 3), or None

@@ -41,16 +41,10 @@ class Rays:
 
         Parameters
         ----------
-        geometry : ScanGeometry
-        grid : Grid
         centre_mm : ndarray, shape (3,) or (views, 3)
             Of the grid from the isocentre, (x, y, z), mm.
         along_x : ndarray of bool, shape (views, bundles), optional
             The main directions to use; None: of each ray the larger component.
-
-        Returns
-        -------
-        Rays
         """
         source_x, source_y, source_z = (geometry.source_mm - centre_mm).T[..., None]
         (to_x, to_y, lift_mm), rows_mm = geometry.bundles()
@@ -140,11 +134,6 @@ class Voxels:
     def path_lengths(self, rays: Rays, threads: int = 1) -> np.ndarray:
         """Path lengths of rays.
 
-        Parameters
-        ----------
-        rays : Rays
-        threads : int, optional
-
         Returns
         -------
         ndarray of float32, shape (materials, views, rows, bundles)
@@ -169,11 +158,6 @@ class Voxels:
         """What the sums over planes change per change of the rays' coordinates.
 
         A path length is the sum times the length between two planes.
-
-        Parameters
-        ----------
-        rays : Rays
-        threads : int, optional
 
         Returns
         -------
@@ -243,10 +227,6 @@ def outline(geometry: ScanGeometry | Divided) -> ScanGeometry:
     """The rays to the detector's corners and the middles of its upper and lower edges, one of each pixel.
 
     How rays are displaced changes little in between.
-
-    Returns
-    -------
-    ScanGeometry
     """
     if isinstance(geometry, Divided):
         geometry = geometry.whole

@@ -59,7 +59,6 @@ class Divided:
 
     Attributes
     ----------
-    whole : ScanGeometry
     columns_px, rows_px : tuple of float
         Where rays meet a pixel, from its centre, in pixels, in rising order.
     """
@@ -108,7 +107,6 @@ def divided(geometry: ScanGeometry, samples: int) -> list[tuple[ScanGeometry | D
 
     Parameters
     ----------
-    geometry : ScanGeometry
     samples : int
         Rays per pixel and direction.
 
@@ -211,10 +209,6 @@ def later(geometry: ScanGeometry, intervals: float) -> OrbitGeometry:
     intervals : float
         Of the scanner's views, of which some may be left out.
 
-    Returns
-    -------
-    OrbitGeometry
-
     Raises
     ------
     InputError
@@ -241,17 +235,12 @@ def displaced(
 
     Parameters
     ----------
-    geometry : ScanGeometry
     column_mm, row_mm : float
         Displacement along the detector's columns and rows, mm.
     away_mm : float, optional
         Displacement across the detector, away from it, mm.
     jump_mm : ndarray, shape (views, 3), optional
         A further displacement of every view, of the same three.
-
-    Returns
-    -------
-    ScanGeometry
     """
     if jump_mm is None and not column_mm and not row_mm and not away_mm:
         return geometry

@@ -28,12 +28,10 @@ class VoxelScene:
     ----------
     fractions : ndarray, shape (materials, z, y, x)
         Amounts relative to the listed densities.
-    grid : Grid
     materials : tuple of str
         Of materials.COMPOUNDS or ELEMENTS.
     energy_kev : float
         Of the monochromatic beam, keV.
-    threads : int, optional
     """
 
     def __init__(self, fractions: np.ndarray, grid: Grid, materials: tuple[str, ...], energy_kev: float, threads=1):
@@ -77,8 +75,6 @@ class VoxelScene:
 
         Parameters
         ----------
-        geometry : ScanGeometry
-        pose : Pose, optional
         motion_mm : ndarray, shape (views, 3), optional
             Where the object is in each view, (x, y, z) from its place, mm.
 

@@ -49,15 +49,10 @@ def half_space(material: Material, point_mm: Sequence[float], outwards: Sequence
 
     Parameters
     ----------
-    material : str or Mixture
     point_mm : sequence of 3 float
         Of the plane, mm.
     outwards : sequence of 3 float
         Direction across it, out of the half-space.
-
-    Returns
-    -------
-    Shape
 
     Raises
     ------
@@ -73,15 +68,10 @@ def box(material: Material, centre_mm: Sequence[float], sides_mm: Sequence[float
 
     Parameters
     ----------
-    material : str or Mixture
     centre_mm, sides_mm : sequence of 3 float
         Middle and lengths of the edges along its own x, y and z, mm.
     turn_deg : float, optional
         About z, from +x to +y, degrees.
-
-    Returns
-    -------
-    Shape
 
     Raises
     ------
@@ -105,15 +95,10 @@ def ellipsoid(
 
     Parameters
     ----------
-    material : str or Mixture
     centre_mm, half_axes_mm : sequence of 3 float
         Middle, and half-axes along its own x, y and z, mm.
     turn_deg : float, optional
         About z, from +x to +y, degrees.
-
-    Returns
-    -------
-    Shape
 
     Raises
     ------
@@ -137,18 +122,12 @@ def cylinder(
 
     Parameters
     ----------
-    material : str or Mixture
     centre_mm : sequence of 3 float
         Middle, mm.
-    radius_mm : float
     length_mm : float, optional
         Along its axis, mm; None: without ends.
     axis : sequence of 3 float, optional
         Its direction.
-
-    Returns
-    -------
-    Shape
 
     Raises
     ------
@@ -175,7 +154,6 @@ def cone(
 
     Parameters
     ----------
-    material : str or Mixture
     base_mm : sequence of 3 float
         Middle of its base, mm.
     base_radius_mm, top_radius_mm : float
@@ -184,10 +162,6 @@ def cone(
         From base to top, mm.
     axis : sequence of 3 float, optional
         Direction from base to top.
-
-    Returns
-    -------
-    Shape
 
     Raises
     ------
@@ -217,7 +191,6 @@ class ShapesScene:
         Later ones replace earlier ones where both are.
     energy_kev : float, optional
         Of the monochromatic beam, keV.
-    threads : int, optional
 
     Raises
     ------

@@ -76,7 +76,6 @@ def contains(shape: Shape, points_mm: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    shape : Shape
     points_mm : ndarray, shape (..., 3)
         (x, y, z), mm.
 
@@ -97,7 +96,6 @@ def hu_of(shaped: ShapedObject, shares: np.ndarray, mu_water_per_mm: float) -> n
 
     Parameters
     ----------
-    shaped : ShapedObject
     shares : ndarray, shape (shapes, ...)
         As share_of_each gives them; what they leave is air without attenuation.
     mu_water_per_mm : float
@@ -124,7 +122,6 @@ def build(
 
     Parameters
     ----------
-    shaped : ShapedObject
     grid : Grid
         Of the reconstruction.
     oversampling : int
@@ -133,10 +130,6 @@ def build(
         At the energy of which shapes have their HU, 1/mm.
     rois : sequence of ShapedRoi, optional
         None: those of the object.
-
-    Returns
-    -------
-    Phantom
 
     Raises
     ------
@@ -174,16 +167,6 @@ def build(
 def outlined(shaped: ShapedObject, grid: Grid, rois: Sequence[ShapedRoi]) -> tuple[Roi, ...]:
     """The regions alone, found without the finer voxels.
 
-    Parameters
-    ----------
-    shaped : ShapedObject
-    grid : Grid
-    rois : sequence of ShapedRoi
-
-    Returns
-    -------
-    tuple of Roi
-
     Raises
     ------
     InputError
@@ -199,11 +182,6 @@ def reach_mm(shaped: ShapedObject) -> float:
 
 def check_fits(shaped: ShapedObject, grid: Grid) -> None:
     """Check that an object lies within a grid in the plane.
-
-    Parameters
-    ----------
-    shaped : ShapedObject
-    grid : Grid
 
     Raises
     ------
@@ -228,10 +206,8 @@ def mask_of(roi: ShapedRoi, covered: np.ndarray, grid: Grid) -> np.ndarray:
 
     Parameters
     ----------
-    roi : ShapedRoi
     covered : ndarray, shape (z, y, x)
         Share of every voxel in which its shape is the one that counts.
-    grid : Grid
 
     Returns
     -------

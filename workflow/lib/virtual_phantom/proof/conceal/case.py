@@ -156,10 +156,8 @@ def collect(
 
     Parameters
     ----------
-    sealed : iterable of str or Path
     seals : str or Path
         The published ones.
-    verdicts : iterable of str or Path
     diagnoses, others : iterable of str or Path
         Files in a folder of the case's name each; `others` are tables of agreement by another protocol.
 
@@ -226,15 +224,10 @@ def complete(diagnosis: dict, source: str | Path, recording: str | None = None) 
 
     Parameters
     ----------
-    diagnosis : dict
     source : str or Path
         What the message begins with.
     recording : str, optional
         None: of any.
-
-    Returns
-    -------
-    dict
 
     Raises
     ------
@@ -263,14 +256,6 @@ def complete(diagnosis: dict, source: str | Path, recording: str | None = None) 
 
 def metrics(path: str | Path) -> dict:
     """Metrics of a table of agreement, or of its metrics alone.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    dict of str to dict
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """What can be concealed: every effect with its strengths, in the simulator's own settings.
 
-Ranges were set from what a strength does to the readings of the suite's scans (docs/proof.md), not from what the
-diagnosis makes of it.
+Ranges were set from the change of the readings of the suite's scans (docs/validation/blind-validation.md), not from
+results of the diagnosis.
 """
 
 from __future__ import annotations
@@ -258,9 +258,5 @@ def never_concealed() -> list[str]:
     """Effects of the library that cannot be concealed, so that the proof says nothing of them.
 
     XCIST's projector of voxels cannot turn a flat detector: on one rolled by 4 degrees, a ball's shadow is nearly gone.
-
-    Returns
-    -------
-    list of str
     """
     return [name for name in names() if name not in CATALOGUE]

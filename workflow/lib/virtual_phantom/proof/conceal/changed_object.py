@@ -22,7 +22,6 @@ def changed(fine: Volume, one: Object, settings: Mapping) -> Volume:
     ----------
     fine : Volume
         HU.
-    one : Object
     settings : mapping
         What is concealed, by the names of Scan.settings.
 

@@ -54,11 +54,6 @@ class Concealable:
         ----------
         strength : str
             Of STRENGTHS.
-        random : numpy.random.Generator
-
-        Returns
-        -------
-        settings, comparable : dict
         """
         low, high = self.ranges[strength]
         return self.make(float(np.exp(random.uniform(np.log(low), np.log(high)))), random)

@@ -13,14 +13,8 @@ def faulty(taken: Acquired, scan: Scan, random: np.random.Generator) -> Acquired
 
     Parameters
     ----------
-    taken : Acquired
-    scan : Scan
     random : numpy.random.Generator
         Draws which quanta share their charge.
-
-    Returns
-    -------
-    Acquired
     """
     settings, readings, air = scan.settings, taken.readings, taken.air
     if share := settings.get("charge_share", 0.0):
@@ -43,14 +37,8 @@ def chosen(views: int, share: float, seed: int) -> np.ndarray:
 
     Parameters
     ----------
-    views : int
     share : float
         Of them.
-    seed : int
-
-    Returns
-    -------
-    ndarray of int
     """
     count = max(1, round(share * views))
     return np.sort(1 + generator(branch(seed, 0)).choice(views - 1, count, replace=False))
@@ -61,7 +49,6 @@ def warmed(views: int, columns: int, rise: float, turns: float) -> np.ndarray:
 
     Parameters
     ----------
-    views, columns : int
     rise : float
         Of the last column in the end, and with the other sign of the first one.
     turns : float
@@ -87,7 +74,6 @@ def charge_shared(readings: np.ndarray, share: float, kev: float, random: np.ran
         Of all quanta, to either side alike.
     kev : float
         Of one quantum.
-    random : numpy.random.Generator
 
     Returns
     -------

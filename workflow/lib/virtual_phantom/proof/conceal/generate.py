@@ -35,18 +35,12 @@ def scan_of(
 
     Parameters
     ----------
-    one : Object
     settings : mapping
         The section proof.scan of the configuration.
-    views : int
     photons, rotation_ms, kev : float
         As Scan has them.
     concealed : mapping
         The simulator's settings.
-
-    Returns
-    -------
-    Scan
     """
     return Scan(
         views=views,
@@ -71,19 +65,12 @@ def acquire(scan: Scan, one: Object, fine: Volume, mu_water_per_mm: float, repea
 
     Parameters
     ----------
-    scan : Scan
-    one : Object
     fine : Volume
         HU.
     mu_water_per_mm : float
         1/mm.
-    repeats : int
     seed : Stream
         Of this scan's noise; the pixels' own gains are drawn from it too.
-
-    Returns
-    -------
-    Acquired
     """
     noise, pixels, faults = seed.spawn(3)
     scanned = changed(fine, one, scan.settings)

@@ -74,15 +74,10 @@ class Object:
 
         Parameters
         ----------
-        columns, rows, views : int
         rotation_ms : float
             Time of the turn, ms.
         engine : str
             Of the reconstruction.
-
-        Returns
-        -------
-        dict
         """
         circle = {"trajectory": "circular", "turns": 1.0, "pitch": 1.0, "start_angle_deg": 0.0}
         circle["rotation_time_ms"] = rotation_ms

@@ -27,15 +27,8 @@ def build(one: Object, layout_file: str | Path, columns: int, rows: int, seed: S
 
     Parameters
     ----------
-    one : Object
-    layout_file : str or Path
-    columns, rows : int
     seed : Stream
         Of the textures.
-
-    Returns
-    -------
-    Phantom
 
     Raises
     ------
@@ -68,15 +61,10 @@ def materials(hu: Volume, one: Object, kev: float, mu_water_per_mm: float) -> Ma
     ----------
     hu : Volume
         float32, with square voxels in the plane.
-    one : Object
     kev : float
         Energy of the beam, keV.
     mu_water_per_mm : float
         1/mm.
-
-    Returns
-    -------
-    Materials
     """
     mu = np.maximum(mu_water_per_mm * (1 + hu.array.astype(np.float64) / 1000), 0)
     soft_mu, dense_mu = (attenuation_per_mm(name, kev) for name in (one.soft, one.dense))

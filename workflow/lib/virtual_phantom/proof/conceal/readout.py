@@ -20,7 +20,6 @@ def read_out(
 
     Parameters
     ----------
-    taken : Acquired
     settings : mapping
         What is concealed, by the names of Scan.settings.
     pitch_mm : tuple of 2 float
@@ -29,10 +28,6 @@ def read_out(
         Time of the one turn that the views share, s.
     random : numpy.random.Generator
         Draws the drift of the pixels' gains.
-
-    Returns
-    -------
-    Acquired
     """
     readings, air = taken.readings, taken.air
     # The detector reads what the tube gave; the monitor corrects that afterwards.

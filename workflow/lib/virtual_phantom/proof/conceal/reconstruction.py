@@ -25,8 +25,6 @@ def images_hu(lines: np.ndarray, scan: Scan, grid: Grid, mu_water_per_mm: float,
     ----------
     lines : ndarray, shape (views, rows, columns)
         The first view from +y.
-    scan : Scan
-    grid : Grid
     mu_water_per_mm : float
         1/mm.
     blur_mm : float, optional

@@ -21,14 +21,6 @@ SALT = re.compile(r"[0-9a-f]{64}")
 def canonical(truth: Mapping) -> str:
     """The one text of a truth.
 
-    Parameters
-    ----------
-    truth : mapping
-
-    Returns
-    -------
-    str
-
     Raises
     ------
     ValueError
@@ -99,15 +91,10 @@ def verdict_of(case: str, diagnosis: str | Path, other: str | Path | None = None
 
     Parameters
     ----------
-    case : str
     diagnosis : str or Path
         Of the case.
     other : str or Path, optional
         Its table of agreement by another protocol, if there is one, which is bound too.
-
-    Returns
-    -------
-    dict of str to str
 
     Raises
     ------
@@ -133,14 +120,6 @@ def write(document: Mapping, path: str | Path) -> None:
 def read(path: str | Path) -> dict:
     """Read what `write` wrote.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    dict
-
     Raises
     ------
     InputError
@@ -154,13 +133,8 @@ def open_seal(path: str | Path, seals: Mapping[str, str]) -> dict:
 
     Parameters
     ----------
-    path : str or Path
     seals : mapping of str to str
         {case: digest}.
-
-    Returns
-    -------
-    dict
 
     Raises
     ------
@@ -192,13 +166,8 @@ def check_verdict(diagnosis: str | Path, verdict: str | Path, other: str | Path 
 
     Parameters
     ----------
-    diagnosis, verdict : str or Path
     other : str or Path, optional
         Its table by another protocol, which is checked too.
-
-    Returns
-    -------
-    dict
 
     Raises
     ------

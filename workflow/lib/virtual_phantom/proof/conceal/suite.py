@@ -67,7 +67,6 @@ def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
 
     Parameters
     ----------
-    names : sequence of str
     diagnosed : collection of str
         Names under `diagnosis.recordings`.
 
@@ -142,10 +141,6 @@ def _plan(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
     settings : mapping
         As `truths` takes them.
 
-    Returns
-    -------
-    list of tuple of (str, str or None, str or None)
-
     Raises
     ------
     InputError
@@ -168,10 +163,6 @@ def _unknown(settings: Mapping) -> list[str]:
     ----------
     settings : mapping
         As `truths` takes them.
-
-    Returns
-    -------
-    list of str
 
     Raises
     ------
@@ -196,10 +187,6 @@ def _plan_of_images(settings: Mapping) -> list[tuple[str, str | None, str | None
     ----------
     settings : mapping
         As `truths` takes them.
-
-    Returns
-    -------
-    list of tuple of (str, str or None, str or None)
 
     Raises
     ------

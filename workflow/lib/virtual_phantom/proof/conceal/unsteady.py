@@ -38,7 +38,6 @@ def jittered(view: int, settings: Mapping) -> float:
 
     Parameters
     ----------
-    view : int
     settings : mapping
         `jitter_deg`, the standard deviation, and `jitter_seed`.
 

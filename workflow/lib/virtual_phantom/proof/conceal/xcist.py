@@ -57,7 +57,6 @@ class Scan:
 
     Attributes
     ----------
-    views, columns, rows : int
     column_pitch_mm, row_pitch_mm, source_to_isocentre_mm, source_to_detector_mm : float
         As ScanGeometry has them, mm.
     kev : float
@@ -136,7 +135,6 @@ class Surfaces:
 
     Attributes
     ----------
-    parts : tuple of Surface
     rays : int, optional
         Of every cell of the detector, in either direction.
     """
@@ -259,15 +257,8 @@ def simulate(scan: Scan, materials: Materials | Surfaces, repeats: int, seed: St
 
     Parameters
     ----------
-    scan : Scan
-    materials : Materials or Surfaces
-    repeats : int
     seed : Stream
         Of the noise.
-
-    Returns
-    -------
-    Acquired
     """
     with get_context("fork").Pool(1) as pool:
         return pool.apply(_simulate, (scan, materials, repeats, seed))
@@ -304,11 +295,6 @@ def central(values: np.ndarray, scan: Scan) -> float:
     ----------
     values : ndarray, shape (columns * rows,)
         Column by column.
-    scan : Scan
-
-    Returns
-    -------
-    float
     """
     middle = values.reshape(scan.columns, scan.rows)[(scan.columns - 1) // 2 : scan.columns // 2 + 1]
     return float(middle[:, (scan.rows - 1) // 2 : scan.rows // 2 + 1].mean())

@@ -23,10 +23,6 @@ MEANING = (
 def summary(cases: Sequence[Case]) -> dict:
     """Medians over cases with one concealed effect of the library.
 
-    Parameters
-    ----------
-    cases : sequence of Case
-
     Returns
     -------
     dict

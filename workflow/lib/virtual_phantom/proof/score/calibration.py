@@ -49,10 +49,6 @@ MEANING = {
 def tables(cases: Sequence[Case]) -> dict:
     """Reliability by what is stated.
 
-    Parameters
-    ----------
-    cases : sequence of Case
-
     Returns
     -------
     dict

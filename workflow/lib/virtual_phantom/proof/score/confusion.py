@@ -45,10 +45,6 @@ def outcome(case: Case) -> str:
 def matrix(cases: Sequence[Case]) -> dict:
     """Counts by row, column and strength.
 
-    Parameters
-    ----------
-    cases : sequence of Case
-
     Returns
     -------
     dict

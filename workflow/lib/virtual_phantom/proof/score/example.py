@@ -24,14 +24,6 @@ def example(cases: Sequence[Case]) -> Case:
     one whose excess removed is the median (the lower of two). Never the best one, and whether it is right plays no
     part.
 
-    Parameters
-    ----------
-    cases : sequence of Case
-
-    Returns
-    -------
-    Case
-
     Raises
     ------
     InputError

@@ -11,10 +11,6 @@ from scipy.stats import binomtest
 def share(flags: Iterable[bool]) -> dict:
     """How many are true.
 
-    Parameters
-    ----------
-    flags : iterable of bool
-
     Returns
     -------
     dict

@@ -19,10 +19,6 @@ MEANING = (
 def errors(case: Case) -> list[dict]:
     """Parameters of a case whose truth is comparable, those of effects that were not named left out.
 
-    Parameters
-    ----------
-    case : Case
-
     Returns
     -------
     list of dict

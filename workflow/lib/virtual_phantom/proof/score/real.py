@@ -14,14 +14,6 @@ from ..conceal.case import complete
 def row(path: str | Path) -> dict:
     """What a diagnosis.json says, in short.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    dict
-
     Raises
     ------
     InputError
@@ -43,11 +35,6 @@ def row(path: str | Path) -> dict:
 
 def minutes(benchmarks: Sequence[str | Path], cores: int = 2) -> float | None:
     """What jobs took by Snakemake's benchmarks, shared by so many cores.
-
-    Parameters
-    ----------
-    benchmarks : sequence of str or Path
-    cores : int, optional
 
     Returns
     -------

@@ -18,10 +18,6 @@ MEANING = (
 def summary(cases: Sequence[Case]) -> dict:
     """Owned-up cases by kind, and the curve of remainders.
 
-    Parameters
-    ----------
-    cases : sequence of Case
-
     Returns
     -------
     dict
@@ -55,10 +51,6 @@ def _over(values: Sequence[float], bound: float) -> float:
 
 def area(more: Sequence[float], less: Sequence[float]) -> float | None:
     """The chance that a value of the first is larger than one of the second, equal ones counted as half.
-
-    Parameters
-    ----------
-    more, less : sequence of float
 
     Returns
     -------

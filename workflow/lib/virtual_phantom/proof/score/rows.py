@@ -1,4 +1,4 @@
-"""A score as the table of docs/proof.md."""
+"""A score as the table of docs/validation/blind-validation.md."""
 
 from __future__ import annotations
 

@@ -55,7 +55,6 @@ def score(
 
     Parameters
     ----------
-    cases : sequence of Case
     minutes : float, optional
         That the suite's scans and diagnoses took over two cores; None: not measured.
     real : sequence of dict, optional
@@ -64,10 +63,6 @@ def score(
         The section `proof` of the configuration; None: not known, and no entry of the record can be made of it.
     entries : sequence of Entry, optional
         Of the record of the proof.
-
-    Returns
-    -------
-    dict
     """
     found = {
         "suite": dict(suite or {}),
@@ -101,10 +96,6 @@ def counts(cases: Sequence[Case]) -> dict:
 
 def effects(cases: Sequence[Case]) -> dict:
     """How many effects the library has, which the suite can and does conceal, and whose models make the recordings.
-
-    Parameters
-    ----------
-    cases : sequence of Case
 
     Returns
     -------
@@ -155,10 +146,6 @@ def accuracy(cases: Sequence[Case]) -> dict:
 
 def excess_removed(cases: Sequence[Case]) -> dict:
     """How much the named effects remove and what they leave, by group of cases.
-
-    Parameters
-    ----------
-    cases : sequence of Case
 
     Returns
     -------

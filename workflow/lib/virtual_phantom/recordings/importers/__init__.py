@@ -1,7 +1,7 @@
 """Make recording folders from other formats: one module per format, and what they share.
 
-Every importer writes a new folder in the format of docs/recordings.md, notes the checksums of what it read, and loads
-the result before it calls the work done.
+Every importer writes a new folder in the format of docs/how-to/recordings.md, stores the checksums of its sources, and
+loads the result to check it.
 """
 
 from __future__ import annotations
@@ -27,15 +27,10 @@ def write_folder(folder: str | Path, content: dict, write_data: Callable[[Path],
 
     Parameters
     ----------
-    folder : str or Path
     content : dict
         What stands in recording.yaml, but for the name, which is that of the folder.
     write_data : callable
         Called with the folder, writes the data files.
-
-    Returns
-    -------
-    Recording
 
     Raises
     ------

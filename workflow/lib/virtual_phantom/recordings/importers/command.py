@@ -1,4 +1,4 @@
-"""Make a recording folder from another format (docs/recordings.md).
+"""Make a recording folder from another format (docs/how-to/recordings.md).
 
 virtual-phantom-import htc2022 SINOGRAM.mat FOLDER [--segmentation S.mat]   Helsinki challenge
 virtual-phantom-import features TABLE.csv FOLDER       a published table of features

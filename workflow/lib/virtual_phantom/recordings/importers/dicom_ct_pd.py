@@ -71,7 +71,6 @@ class View:
 
     Attributes
     ----------
-    path : Path
     number : int
         Instance number, or that of the frame.
     headers : tuple of Dataset
@@ -101,10 +100,6 @@ def import_dicom_ct_pd(
         What was scanned, for recording.yaml.
     swapped_shifts : bool, optional
         The files have the focal spot's shifts (7033,100B) and (7033,100C) swapped.
-
-    Returns
-    -------
-    Recording
 
     Raises
     ------

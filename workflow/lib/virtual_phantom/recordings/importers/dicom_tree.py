@@ -66,10 +66,6 @@ def import_dicom_tree(
     not_checked : collection of str, optional
         Names of plausible.CHECKS to skip, here and whenever the recording is read.
 
-    Returns
-    -------
-    Recording
-
     Raises
     ------
     InputError

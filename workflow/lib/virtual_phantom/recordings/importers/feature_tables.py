@@ -43,10 +43,6 @@ def import_features(csv_file: str | Path, folder: str | Path, phantom: str | Non
     phantom : str, optional
         What was scanned, for recording.yaml.
 
-    Returns
-    -------
-    Recording
-
     Raises
     ------
     InputError
@@ -62,7 +58,7 @@ def import_features(csv_file: str | Path, folder: str | Path, phantom: str | Non
     else:
         raise InputError(
             f"{csv_file}: has neither a column scan_id (CT-Phantom4Radiomics) nor recon_code (the dose series); "
-            "write any other table as docs/recordings.md shows"
+            "write any other table as docs/how-to/recordings.md shows"
         )
     content["origin"] |= {"importer": "features", "sha256": [sha256(csv_file)]}
     content = {"kind": "features", **({"phantom": phantom} if phantom else {}), **content, "repeats": ["features.csv"]}

@@ -47,10 +47,6 @@ def import_htc2022(
     segmentation : str or Path, optional
         The data set's own (.mat), which becomes OBJECT, the mask of what was scanned.
 
-    Returns
-    -------
-    Recording
-
     Raises
     ------
     InputError

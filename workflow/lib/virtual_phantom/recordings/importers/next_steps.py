@@ -82,7 +82,7 @@ def _diagnosed(recording: ProjectionsRecording, importer: str) -> list[str]:
         lines += [f"      object: {{mask: {_scalar(str(mask))}, material: MATERIAL}} # water, acrylic, aluminium, ..."]
     else:
         lines += [
-            "      disc: {diameter_mm: DIAMETER, material: MATERIAL} # water, acrylic, ...; no disc: docs/diagnosis.md"
+            "      disc: {diameter_mm: DIAMETER, material: MATERIAL} # water, acrylic; others: docs/how-to/diagnosis.md"
         ]
     lines += [f"      alignment: {ALIGNMENT[importer]} # how well it is known; scale 1.0: not at all"]
     if (step := round(recording.geometry.views / FITTED_VIEWS)) > 1:

@@ -30,10 +30,6 @@ def import_study(source: str | Path, folder: str | Path, phantom: str | None = N
     phantom : str, optional
         What was scanned, for recording.yaml.
 
-    Returns
-    -------
-    Recording
-
     Raises
     ------
     InputError

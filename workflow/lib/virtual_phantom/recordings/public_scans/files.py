@@ -22,7 +22,6 @@ class Instance:
 
     Attributes
     ----------
-    path : Path
     series, instance : str
         SeriesInstanceUID and SOPInstanceUID.
     """
@@ -73,7 +72,6 @@ def check_series(found: Iterable[Instance], series: Series, where: str, advice: 
 
     Parameters
     ----------
-    found : iterable of Instance
     series : Series
         Which they should be.
     where : str
@@ -115,7 +113,6 @@ def found_scans(folder: str | Path, scans: Iterable[PublicScan]) -> dict[str, di
     ----------
     folder : str or Path
         As NBIA's downloader, IDC's or anything else lays it out.
-    scans : iterable of PublicScan
 
     Returns
     -------

@@ -24,12 +24,7 @@ SMALL = 3  # acquisitions of each group that `subset: small` keeps of those that
 
 @dataclass(frozen=True)
 class Collection:
-    """A collection of The Cancer Imaging Archive.
-
-    Attributes
-    ----------
-    title, doi, licence : str
-    """
+    """A collection of The Cancer Imaging Archive."""
 
     title: str
     doi: str
@@ -53,7 +48,6 @@ class Series:
         Its SeriesInstanceUID.
     folder : str
         Where it lies in the public bucket.
-    files : int
     megabytes : float
         Of all its files, to two decimals.
     """
@@ -79,8 +73,6 @@ class PublicScan:
         Of the tandem study 1 to 8, else the scanner.
     acquisition : int
         Of the tandem study the true number, which all groups share.
-    dose_mgy : float
-    reconstruction : str
     kernel : str
         Empty where the list does not say.
     slice_mm : float or None
@@ -89,7 +81,6 @@ class PublicScan:
         Of the scanner.
     description, study : str
         SeriesDescription of the CT, and StudyInstanceUID.
-    ct, seg : Series
     """
 
     name: str

@@ -37,10 +37,6 @@ def look_once(
         The check: a line for each mistake.
     keep : bool, optional
         Make the folder where it is not there, and do not look again for the sake of notes.
-
-    Returns
-    -------
-    list of str
     """
     try:
         kept = FOLDER / _mark(settings, paths)

@@ -66,7 +66,6 @@ class Removed:
         Columns of the CT that lose voxels of the body.
     box_mm : list
         [[x, x], [y, y]], NIfTI world mm: contains the whole body.
-    ct : Grid
     """
 
     share: float
@@ -98,10 +97,6 @@ def removed_tissue(image: Volume, grid: Grid, kept: np.ndarray) -> Removed:
         The study's: slices above and below it are not scanned.
     kept : ndarray of bool, shape (y, x)
         Columns of the CT within keep_mm.
-
-    Returns
-    -------
-    Removed
     """
     z = image.grid.axes_mm()[0] + image.grid.centre_mm[2] - grid.centre_mm[2]
     seen = np.flatnonzero(np.abs(z) <= (grid.extent_mm[0] + image.grid.spacing[0]) / 2)
@@ -173,14 +168,8 @@ def worst_share(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarr
     ----------
     scan : mapping
         A complete `scan` section.
-    projections : int
-    grid : Grid
     points_mm : ndarray, shape (points, 3)
         (x, y, z) from the isocentre.
-
-    Returns
-    -------
-    float
 
     Raises
     ------
@@ -199,8 +188,6 @@ def rows_for(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarray)
     ----------
     scan : mapping
         A complete `scan` section, whose rows do not do it.
-    projections : int
-    grid : Grid
     points_mm : ndarray, shape (points, 3)
         (x, y, z) from the isocentre.
 

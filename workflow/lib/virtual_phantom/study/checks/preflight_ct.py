@@ -35,10 +35,6 @@ def ct_problems(config: Mapping) -> Iterator[str]:
     config : mapping
         With the schema's defaults, and phantom.ct. Other sections may be missing, and what depends on them is not
         looked at.
-
-    Yields
-    ------
-    str
     """
     settings = config["phantom"]["ct"]
     entries: tuple[RoiEntry, ...] = ()

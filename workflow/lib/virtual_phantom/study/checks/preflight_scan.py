@@ -27,17 +27,12 @@ def blind_spots(
     ----------
     config : mapping
         With the schema's defaults; sections may be missing.
-    grid : Grid
     reach_mm : float
         How far the body reaches from the isocentre's axis.
     masks : mapping of str to ndarray of bool
         ROIs on the grid.
     slack_mm : float, optional
         How much of the reach may be due to its being taken on other voxels than those that are scanned.
-
-    Yields
-    ------
-    str
     """
     points = points_of(grid, masks)
     for where, scan, views in _scans(config):

@@ -96,10 +96,6 @@ class Extent:
             In which effects are ranked.
         compiled : bool, optional
             Whether kernels are compiled.
-
-        Returns
-        -------
-        dict of str to float
         """
         points, filters = self.pixels + self.rays / RAYS_PER_PIXEL, self.effects * rounds
         return {
@@ -156,10 +152,6 @@ def extent(settings: Mapping, shape: tuple[int, int, int], effects: int, phantom
         Voxels of the study's phantom along z, y and x, and how many materials it is divided into; for a recording of
         it.
 
-    Returns
-    -------
-    Extent
-
     Raises
     ------
     InputError
@@ -179,10 +171,6 @@ def source_points(declared: Collection[str]) -> int:
     ----------
     declared : collection of str
         Effects that are known of the scanner.
-
-    Returns
-    -------
-    int
     """
     spot = LEAST**2 if "focal_spot" in declared else 1
     beside = LEAST if "off_focal_radiation" in declared else 0
@@ -196,10 +184,6 @@ def materials_of(section: Mapping) -> int:
     ----------
     section : mapping
         Of the configuration: materials.
-
-    Returns
-    -------
-    int
     """
     return 1 if section["dense"] is None else 2
 
@@ -222,7 +206,7 @@ def _shapes(kind: str) -> int:
     """How many an object has."""
     path = path_of(kind)
     with refusing(
-        f"{path}: holds no shapes", OSError, yaml.YAMLError, KeyError, TypeError, advice="see docs/objects.md"
+        f"{path}: holds no shapes", OSError, yaml.YAMLError, KeyError, TypeError, advice="see docs/how-to/objects.md"
     ):
         return len(yaml.safe_load(path.read_text(encoding="utf-8"))["shapes"])
 

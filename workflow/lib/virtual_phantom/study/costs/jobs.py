@@ -26,7 +26,7 @@ from ...features.names import FEATURES
 from .. import analyses
 from ..acquisitions import GRID
 
-# Realisations that a step of the projector takes at once, whether there are as many or not (docs/speed.md).
+# Realizations that fill a vector register of the projector; fewer cost the same (docs/explanation/performance.md).
 REGISTER = 16
 
 
@@ -60,15 +60,10 @@ def study_jobs(plan: Plan, engine: str, rois: int) -> list[Job]:
 
     Parameters
     ----------
-    plan : Plan
     engine : str
         What projects, as projectors.choose_engine gives it.
     rois : int
         Regions of interest of the phantom.
-
-    Returns
-    -------
-    list of Job
     """
     sizes = Sizes(plan, engine)
     jobs = [_phantom(sizes), *_rois(sizes), *_kernels(sizes), *_projections(sizes), *_reconstructions(sizes)]
@@ -93,7 +88,6 @@ class Sizes:
 
     Parameters
     ----------
-    plan : Plan
     engine : str
         What projects, as projectors.choose_engine gives it.
 

@@ -19,9 +19,10 @@ FLOORS = {"extract": 30, "diagnose": 60}
 UNKNOWN_MINUTES = 240
 # Stages that were not measured: which rates are taken, and how many times what they give.
 STAND_INS = {
-    # Voxel-driven back-projection took less time than the adjoint, in full batches and alone (docs/speed.md).
+    # Voxel-driven back-projection is faster than the adjoint (docs/explanation/performance.md).
     "reconstruct_sirt_voxel": ("reconstruct_sirt", SAFETY),
-    # An H100 took a sixteenth of what 16 threads took (docs/speed.md). Others are slower: one core's time, no factor.
+    # An H100 took 1/16 of the time of 16 threads (docs/explanation/performance.md). Other GPUs are slower: the time of
+    # one core, without a factor.
     "reconstruct_sirt_astra_cuda": ("reconstruct_sirt", 1.0),
     # All eighteen effects on projections at once took up to 27 times clean projections alone (benchmarks/effects.py).
     "project_physics": ("project", 27 * SAFETY),
@@ -37,13 +38,8 @@ def minutes(rates: dict, stage: str, work: Mapping[str, float]) -> int:
     ----------
     rates : dict
         As rates.read_rates gives them.
-    stage : str
     work : mapping of str to float
         {unit: amount}, as jobs.Sizes gives it.
-
-    Returns
-    -------
-    int
     """
     source, times = (stage, SAFETY) if stage in rates["seconds"] else STAND_INS.get(stage, (stage, SAFETY))
     seconds = estimate(rates, source, work)
@@ -58,9 +54,5 @@ def diagnosis_minutes(most: float) -> int:
     ----------
     most : float
         The upper end of its forecast of wall time, s.
-
-    Returns
-    -------
-    int
     """
     return max(FLOORS["diagnose"], math.ceil(SLOWER_NODE * most / 60))

@@ -15,10 +15,6 @@ from .jobs import Job
 def read_rates(path: str | Path) -> dict:
     """Read a file of rates.
 
-    Parameters
-    ----------
-    path : str or Path
-
     Returns
     -------
     dict

@@ -26,10 +26,6 @@ def roi_count(phantom: dict) -> int:
     phantom : dict
         Section of the configuration.
 
-    Returns
-    -------
-    int
-
     Raises
     ------
     InputError
@@ -65,7 +61,6 @@ def summary(plan: Plan, engine: str, rates: dict) -> tuple[pd.DataFrame, dict]:
 
     Parameters
     ----------
-    plan : Plan
     engine : str
         What projects, as projectors.choose_engine gives it.
     rates : dict
@@ -147,10 +142,6 @@ def listed(forecasts: Sequence[Mapping]) -> str:
     ----------
     forecasts : sequence of mapping
         As study.diagnosed.Diagnosis.forecasts gives them.
-
-    Returns
-    -------
-    str
     """
     if not forecasts:
         return ""

@@ -42,10 +42,6 @@ def wants_snakemake_s_words(settings) -> bool:
     ----------
     settings : OutputSettings
         Snakemake's.
-
-    Returns
-    -------
-    bool
     """
     # The profile's, and one that leaves a line for each job out, as this console does.
     usual = {"HOST"} if settings.dryrun else {"HOST", "RULES"}

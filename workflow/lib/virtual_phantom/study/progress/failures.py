@@ -48,7 +48,6 @@ def without_reason(jobs: Sequence[dict], more_logs: Sequence[str] = (), said: st
 
     Parameters
     ----------
-    jobs : sequence of dict
     more_logs : sequence of str, optional
         Logs that are no job's own, as a cluster's.
     said : str, optional
@@ -71,10 +70,6 @@ def ending(said: str) -> str:
     ----------
     said : str
         Snakemake's message.
-
-    Returns
-    -------
-    str
     """
     found = words.ENDED_BY.search(said)
     if found is None:

@@ -40,16 +40,7 @@ def load_average() -> float:
 
 
 def available(cgroup: Path = CGROUP) -> float:
-    """Processors that this process may use: by affinity and by the limit of a container or a batch system.
-
-    Parameters
-    ----------
-    cgroup : Path, optional
-
-    Returns
-    -------
-    float
-    """
+    """Processors that this process may use: by affinity and by the limit of a container or a batch system."""
     affinity = getattr(os, "sched_getaffinity", None)
     count = float(len(affinity(0)) if affinity else os.cpu_count() or 1)
     for quota, period in (

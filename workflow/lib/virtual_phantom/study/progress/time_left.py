@@ -17,7 +17,7 @@ NUMBERED = re.compile(r"_\d+$|_seeds_\d+_to_\d+$")
 # Time taken over time expected is lognormal. Its median before any job is done, beside other work on the machine, and
 # the standard deviations of its logarithm: for a whole run (another processor), for a stage within a run, for a job
 # within its stage, and the least (other work begins and ends). Studies took 0.8 to 2.4 times what was expected
-# (docs/cluster.md).
+# (docs/how-to/cluster.md).
 SLOWER, RUN_SD, STAGE_SD, JOB_SD, LEAST_SD = 1.3, 0.5, 0.3, 0.4, 0.15
 # A range contains the middle 80 percent.
 TAIL = 0.1
@@ -40,7 +40,6 @@ class Step:
     ----------
     number : int
         What Snakemake calls it.
-    rule : str
     files : tuple of str
         What it makes.
     threads : int
@@ -299,7 +298,6 @@ class Paces:
 
         Parameters
         ----------
-        stage : str
         expected : tuple of 2 float or None
             As `of` takes it.
         took : float
@@ -316,7 +314,6 @@ class Paces:
 
         Parameters
         ----------
-        stage : str
         expected : tuple of 2 float or None
             Median and standard deviation of the logarithm of the seconds that are expected; None without a rate.
 
@@ -358,12 +355,6 @@ def _left(pace: tuple[float, float] | None, spent: float, threads: int, said: Sa
         Median and standard deviation of the logarithm of its seconds of one core.
     spent : float
         Wall time since its start, s.
-    threads : int
-    said : Said or None
-
-    Returns
-    -------
-    low, high : float
     """
     low, high = 0.0, 0.0
     if pace is not None:

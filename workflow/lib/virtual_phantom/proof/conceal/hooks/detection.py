@@ -10,15 +10,6 @@ def detection(cfg, view, subview):
     """Add up a view's subviews, then let XCIST detect them once per repeat, each with its own noise and lag.
 
     Readings are appended to `cfg.hooks.views`, shape (repeats, rows, columns).
-
-    Parameters
-    ----------
-    cfg : gecatsim.CFG
-    view, subview : int
-
-    Returns
-    -------
-    gecatsim.CFG
     """
     hooks = cfg.hooks
     hooks.photons = cfg.thisSubView.copy() if subview == 0 else hooks.photons + cfg.thisSubView

@@ -14,14 +14,6 @@ def flux(cfg):
     sin(t + a) of it [1]_, relative to the central ray. The current is modulated in the scan of the object: a monitor
     corrects that in the mean.
 
-    Parameters
-    ----------
-    cfg : gecatsim.CFG
-
-    Returns
-    -------
-    gecatsim.CFG
-
     References
     ----------
     .. [1] J. Beutel et al., Handbook of Medical Imaging 1, chapter 1.

@@ -10,14 +10,6 @@ def gantry(cfg):
     """XCIST's rotation, with parts that are displaced or turned, and an unsteady object.
 
     An object displaced by d is a source and a detector displaced by -d, and one turned by an angle these turned back.
-
-    Parameters
-    ----------
-    cfg : gecatsim.CFG
-
-    Returns
-    -------
-    gecatsim.CFG
     """
     cfg = Gantry_Helical(cfg)
     hooks = cfg.hooks

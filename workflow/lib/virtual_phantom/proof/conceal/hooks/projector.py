@@ -16,17 +16,7 @@ from .source import seen
 
 
 def projector(cfg, view, subview):
-    """Multiply `cfg.thisSubView`, shape (cells, energies), by the mean transmission over each cell.
-
-    Parameters
-    ----------
-    cfg : gecatsim.CFG
-    view, subview : int
-
-    Returns
-    -------
-    gecatsim.CFG
-    """
+    """Multiply `cfg.thisSubView`, shape (cells, energies), by the mean transmission over each cell."""
     divided = cfg.hooks.cells_divided
     if view == cfg.sim.startViewId and subview == 0:
         cfg.hooks.fine = _divided(cfg, divided)

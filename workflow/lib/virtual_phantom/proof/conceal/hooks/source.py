@@ -10,14 +10,6 @@ def source(cfg):
     """XCIST's focal spot, and a share of off-focal radiation: electrons scattered back strike the anode elsewhere.
 
     They are taken to lie along the columns, with a Gaussian profile of the given full width at half maximum.
-
-    Parameters
-    ----------
-    cfg : gecatsim.CFG
-
-    Returns
-    -------
-    gecatsim.CFG
     """
     cfg = SetFocalspot(cfg)
     cfg.hooks.beside_mm = ()
@@ -41,7 +33,6 @@ def seen(cfg, divided):
 
     Parameters
     ----------
-    cfg : gecatsim.CFG
     divided : int
         Finer columns per column of the detector.
 

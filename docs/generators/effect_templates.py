@@ -1,0 +1,157 @@
+"""Write the figures and the table of docs/explanation/theory.md: templates of effects and their correlations."""
+
+import csv
+import re
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from virtual_phantom.base.geometry import grid_of, scan_geometry
+from virtual_phantom.config import config
+from virtual_phantom.diagnosis.fitting.fit import Fit
+from virtual_phantom.diagnosis.fitting.templates import strength
+from virtual_phantom.diagnosis.planning import separability
+from virtual_phantom.diagnosis.planning.separability import Template
+from virtual_phantom.diagnosis.projections.model import Model
+from virtual_phantom.diagnosis.projections.observed import scans
+from virtual_phantom.diagnosis.projections.prepared import Prepared, prepare
+from virtual_phantom.figures.separability import Panel, draw_correlations, draw_templates
+from virtual_phantom.figures.style import label, number, save
+from virtual_phantom.phantom import layout, synthetic
+from virtual_phantom.physics.beam.materials import Segmentation
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import acts_on_images, names, offered
+from virtual_phantom.physics.scenes.scene import VoxelScene
+from virtual_phantom.recordings.projections import Projections
+
+ROOT = Path(__file__).resolve().parents[2]
+
+TABLE, IMAGES = ROOT / "docs" / "explanation" / "effect_templates.csv", ROOT / "docs" / "images"
+VIEWS, REPEATS = 90, 10
+DETECTOR = {"columns": 80, "rows": 24, "column_pitch_mm": 8.0, "row_pitch_mm": 8.0}
+# Rays per pixel and direction: with few, a blur of less than a pixel is lost between them.
+SAMPLES = 6
+PHANTOM_STREAM, NOISE_STREAM = 0, 3
+SHOWN_SD = 5.0
+FEW = (  # parts of few numbers: what they are, and how each is called
+    ("noise correlation", "neighbouring", ("columns", "rows", "views")),
+    ("white field", "order", ("c1", "c2", "c3", "c4", "r1", "r2")),
+)
+
+
+def recording() -> Prepared:
+    """Simulate repeats of the default scan without missing effects, with fewer views and larger pixels."""
+    study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
+    study = config.complete(study)
+    grid = grid_of(study["grid"])
+    seed = np.random.SeedSequence(study["seed"], spawn_key=(PHANTOM_STREAM,))
+    shapes = layout.read_layout(study["phantom"]["layout"])
+    phantom = synthetic.build(shapes, grid, study["grid"]["oversampling"], seed)
+    scene = VoxelScene.of(phantom.fine, Segmentation(**study["materials"]), study["mu_water_per_mm"])
+    geometry = scan_geometry({**study["scan"], **DETECTOR}, VIEWS, grid)
+    photons = 1 / study["noise"]["levels"]["dose10"]["A"]
+    chains = [Chain(scene, geometry, photons, SAMPLES + more) for more in (0, 1)]
+    state = chains[0].state({})
+    random = np.random.default_rng(np.random.SeedSequence(study["seed"], spawn_key=(NOISE_STREAM,)))
+    white = state.measured_air[0] * photons
+    dark = np.zeros_like(white)
+    taken = scans([Projections(state.counts(random), white, dark) for _ in range(REPEATS)])
+    return prepare(taken, None, chains[0], nominal_photons=photons, floor_chain=chains[1])
+
+
+def labels(found: list[Template]) -> list[str]:
+    """Return the effect names, with the parameter if an effect has several templates."""
+    counts = Counter(one.effect for one in found)
+    return [
+        label(one.effect) if counts[one.effect] == 1 else f"{label(one.effect)}: {label(bare(one.parameter))}"
+        for one in found
+    ]
+
+
+def bare(parameter: str) -> str:
+    """A parameter's name without its unit."""
+    return re.sub("_(mm|px|deg|units|mm_per_s|units_per_s|per_mm2?)$", "", parameter)
+
+
+def panels(prepared: Prepared, found: list[Template]) -> list[Panel]:
+    """Return a panel of each template: mean or noise variance, whichever is larger, and the visible parts in FEW."""
+    data, result = prepared.data, []
+    shapes = {"mean": data.mean.shape, "noise variance": data.blocks.shape}
+    for name, one in zip(labels(found), found, strict=True):
+        parts = separability.split(prepared.fitter, one.left)
+        most = max(shapes, key=lambda part: parts[part] @ parts[part])
+        across, values = summed(parts[most].reshape(shapes[most]))
+        result.append(Panel(name, values, across if most == "mean" else f"{across}: {most}"))
+        for part, axis, ticks in FEW:
+            if np.linalg.norm(parts[part]) > SHOWN_SD:
+                result.append(Panel(name, parts[part], f"{part}, {axis}", ticks))
+    return result
+
+
+def summed(values: np.ndarray) -> tuple[str, np.ndarray]:
+    """Sum a template [view, row, column] over rows or columns, whichever keeps more, scaled to noise of 1 SD.
+
+    Return the remaining axis and the map.
+    """
+    sums = {"column": values.sum(axis=1) / values.shape[1] ** 0.5, "row": values.sum(axis=2) / values.shape[2] ** 0.5}
+    kept = max(sums, key=lambda name: (sums[name] ** 2).sum())
+    return kept, sums[kept]
+
+
+LEAST_SHOWN = 1e-3  # share of a template: less is rounding in a table of percent to one decimal
+
+
+def percent(share: float) -> str:
+    return "< 0.1" if share < LEAST_SHOWN else f"{100 * share:.1f}"
+
+
+def shown(shares: dict[str, float]) -> str:
+    """Return the parts of the data that contain a template, with percent if several, largest first."""
+    parts = sorted((one for one in shares.items() if one[1] >= LEAST_SHOWN), key=lambda one: -one[1])
+    return ", ".join(f"{part} {percent(share)}" for part, share in parts) if len(parts) > 1 else parts[0][0]
+
+
+def table(prepared: Prepared, fit: Fit, found: list[Template]) -> list[list[str]]:
+    """Return the header and one row for each template."""
+    correlation = separability.correlations(found)
+    in_range = separability.taken_up_in_range(prepared.fitter, fit, np.stack([one.whole for one in found]))
+    effects, called = np.array([one.effect for one in found]), labels(found)
+    rows = [["effect", "strength", "shows in", "absorbed, %", "remaining, SD", "most similar", "rho"]]
+    for place, one in enumerate(found):
+        alike = np.where(effects == one.effect, 0, np.nan_to_num(correlation[place]))
+        other = int(np.argmax(np.abs(alike)))
+        first_order, within = percent(one.taken_up), percent(in_range[place])
+        rows.append(
+            [
+                called[place],
+                at(one, prepared.fitter.model),
+                shown(separability.shares(prepared.fitter, one.whole)),
+                first_order if within == first_order else f"{first_order} ({within})",
+                number(np.linalg.norm(one.left)),
+                called[other],
+                f"{alike[other]:.3f}",
+            ]
+        )
+    return rows
+
+
+def at(one: Template, model: Model) -> str:
+    """Return the strength of a template with its unit."""
+    parameters = [p for p in model.parameters(one.effect) if one.parameter in (None, p.name) and p.unit != "number"]
+    values = [(strength(p) if p.neutral is not None else p.typical, p.unit) for p in parameters]
+    return ", ".join(f"{value:.3g}" + ("" if unit == "1" else f" {unit}") for value, unit in values)
+
+
+if __name__ == "__main__":
+    prepared = recording()
+    fit = prepared.fitter.fit(())
+    alone = offered((name for name in names() if not acts_on_images(name)), ())
+    found = separability.described(prepared.fitter, fit, alone)
+    save(draw_templates(panels(prepared, found)), [IMAGES / "effect_templates.png"])
+    order = separability.grouped(separability.correlations(found))
+    ordered = [found[place] for place in order]
+    save(draw_correlations(separability.correlations(ordered), labels(ordered)), [IMAGES / "effect_correlations.png"])
+    with TABLE.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(table(prepared, fit, found))

@@ -1,0 +1,68 @@
+"""Every page of docs with marked blocks, followed in a copy of the project with results of the tiny study."""
+
+import json
+import shutil
+
+import pytest
+from pages import copy_project, follow, marked, run
+from workflow_runs import ROOT
+
+DOCS, REAL = ROOT / "docs", ROOT / "../shared/real"
+GIVEN = {  # page: real measurements that it begins with, and where its reader has them
+    "getting-started/clinical-ct.md": ("abdomen_ct", "resources/abdomen_ct"),
+    "getting-started/own-sinogram.md": ("htc2022/htc2022_solid_disc_full.mat", "htc2022_solid_disc_full.mat"),
+}
+
+
+@pytest.fixture(scope="module")
+def finished(study, tmp_path_factory):
+    """A copy of the project in which the tiny study has been run, as Snakemake remembers it."""
+    folder = tmp_path_factory.mktemp("pages") / "finished"
+    copy_project(ROOT, folder)
+    shutil.copytree(study, folder / "results-tiny")
+    # Snakemake does not know these results yet: touching everything records them.
+    run("snakemake --touch --forceall --cores 2 --configfile config/tiny.yaml", folder)
+    return folder
+
+
+@pytest.mark.parametrize("page", marked(DOCS), ids=lambda page: page.stem)
+def test_a_page_does_what_it_says(page, finished, tmp_path):
+    name, folder = page.relative_to(DOCS).as_posix(), tmp_path / "project"
+    shutil.copytree(finished, folder)
+    if name in GIVEN:
+        source, path = GIVEN[name]
+        if not (REAL / source).exists():
+            pytest.skip(f"needs {source} among the real measurements")
+        (folder / path).parent.mkdir(exist_ok=True)
+        (folder / path).symlink_to((REAL / source).resolve())
+    follow(page, folder)
+    if name in FOUND:
+        FOUND[name](folder)
+
+
+def scatter_is_found(folder):
+    found = json.loads((folder / "results-bench" / "diagnosis" / "bench" / "diagnosis.json").read_text())
+    (effect,) = found["effects"]
+    amount = effect["parameters"]["amount"]
+    assert (found["verdict"], effect["name"]) == ("mismatch explained", "scatter")
+    numbers = (amount["value"], *amount["ci95"], *amount["ci95_noise"])
+    assert [f"{number:.3g}" for number in numbers] == ["0.0495", "0.0461", "0.0529", "0.0486", "0.0505"]
+    assert found["excess_removed"] > 0.995
+
+
+def spectrum_and_dark_signal_are_missing(folder):
+    found = json.loads((folder / "results" / "diagnosis" / "solid_disc" / "diagnosis.json").read_text())
+    assert [effect["name"] for effect in found["effects"]] == ["spectrum", "dark_signal"]
+    assert found["verdict"] == "mismatch partly explained"
+
+
+# Page: check of what it says about a report that a person reads.
+FOUND = {
+    "how-to/diagnosis.md": scatter_is_found,
+    "getting-started/own-sinogram.md": spectrum_and_dark_signal_are_missing,
+}
+
+
+@pytest.mark.parametrize("page", sorted({*GIVEN, *FOUND}))
+def test_pages_with_a_check_are_marked(page):
+    assert DOCS / page in marked(DOCS)
