@@ -36,7 +36,7 @@ def change(project, old, new, path=POSE):
 def test_other_words_run_nothing(project):
     assert NOTHING in dry(project)
     change(project, '"""', '"""Other words. ')
-    change(project, "import ", "# A comment.\nimport ", "workflow/scripts/positions.py")
+    change(project, "def main", "# A comment.\ndef main", "workflow/scripts/positions.py")
     assert NOTHING in dry(project)
 
 
