@@ -1,4 +1,4 @@
-# Simulation and recordings side by side: matched noise, features, overlap.
+# Comparison of the simulation with recordings: matched noise levels, features, overlap.
 comparisons = context.comparisons
 
 
@@ -23,7 +23,7 @@ rule recording_features:
 
 
 rule match_noise:
-    """The A of a noise level that is to meet a recording."""
+    """Fit the A of a noise level to the variance of a recording."""
     input:
         calibration=rules.noise_calibration.output[0],
         recorded=lambda wildcards: comparisons.met_features(wildcards.noise),
@@ -42,7 +42,7 @@ rule match_noise:
 
 
 rule matched_noise:
-    """How well the matched levels meet their recordings."""
+    """Variance of the matched noise levels and of their recordings."""
     input:
         levels=context.acquisitions.level_files(context.acquisitions.matched()),
         features=rules.merge_features.output[0],
@@ -60,7 +60,7 @@ rule matched_noise:
 
 
 rule compare:
-    """Every feature and ROI of one protocol and noise level against a recording."""
+    """Compare one protocol and noise level with a recording, for each feature and ROI."""
     input:
         features=rules.merge_features.output[0],
         recorded=lambda wildcards: comparisons.features(wildcards.comparison),
@@ -112,7 +112,7 @@ rule figure_comparison:
 
 
 rule change_properties:
-    """Features of the simulated images with one property changed at a time."""
+    """Features of the simulated images, with one image property changed at a time."""
     input:
         images=lambda wildcards: comparisons.images(wildcards.comparison),
         rois=rules.phantom.output.table,
@@ -163,7 +163,7 @@ rule recording_scores:
 
 
 rule stability_beside:
-    """Every feature's stability over the study's groups, and over the conditions of a recording."""
+    """Stability of each feature over the groups of the study and over the conditions of a recording."""
     input:
         stability=rules.stability.output[0],
         scores=rules.recording_scores.output[0],

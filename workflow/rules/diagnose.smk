@@ -1,4 +1,4 @@
-# Where recordings and the simulator differ, and which physics explains it: one job per recording.
+# Diagnosis: where recordings and simulation differ, and which missing physics explains it. One job per recording.
 diagnosis = context.diagnosis
 AT_MOST = workflow.resource_settings.cores  # None on a cluster that sets no --cores
 
@@ -9,7 +9,7 @@ rule diagnose:
         unpack(lambda wildcards: diagnosis.inputs(wildcards.recording)),
         unpack(lambda wildcards: diagnosis.regions(wildcards.recording)),
         unpack(lambda wildcards: diagnosis.physics(wildcards.recording)),
-        # How often the intervals that a diagnosis states held the truth in the proof.
+        # Coverage of the intervals in the blind validation.
         record=resource("proof_record.yaml"),
     output:
         diagnosis=results("diagnosis/{recording}/diagnosis.json"),
@@ -31,7 +31,7 @@ rule diagnose:
         gpu=lambda wildcards: diagnosis.gpus(wildcards.recording),
     params:
         model=lambda wildcards: diagnosis.model(wildcards.recording),
-        # No output: Snakemake would delete what a job that was stopped goes on from.
+        # Cached fits. They are no output, since Snakemake would delete them before an interrupted job continues.
         kept=lambda wildcards: diagnosis.kept(wildcards.recording),
         effects=lambda wildcards: diagnosis.candidates[wildcards.recording],
         same_material=lambda wildcards: diagnosis.same_material(wildcards.recording),
@@ -45,7 +45,7 @@ rule diagnose:
 
 
 rule diagnose_scanner:
-    """What the recordings of a scanner share, judged by those that were not fitted."""
+    """Physics that the recordings of a scanner share, tested on recordings that were not fitted."""
     input:
         unpack(lambda wildcards: diagnosis.scanner_inputs(wildcards.scanner)),
     output:
@@ -80,7 +80,7 @@ rule diagnose_scanner:
 if diagnosis.fail_on:
 
     rule diagnosis:
-        """Every recording and comparison under diagnosis; exit code 1 for a verdict of diagnosis.fail_on."""
+        """Diagnose all recordings and comparisons; exit code 1 if a verdict is in diagnosis.fail_on."""
         input:
             diagnosis.all(),
         log:
@@ -94,7 +94,7 @@ if diagnosis.fail_on:
 else:
 
     rule diagnosis:
-        """Every recording and comparison under diagnosis."""
+        """Diagnose all recordings and comparisons."""
         input:
             diagnosis.all(),
         localrule: True

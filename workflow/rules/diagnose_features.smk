@@ -1,4 +1,4 @@
-# Where features of a recording and of the simulation differ, and which property of the images explains it: its verdict.
+# Diagnosis of features: where recording and simulation differ, and which image property explains it.
 comparisons = context.comparisons
 
 

@@ -3,7 +3,7 @@ from virtual_phantom.study.context import or_exit
 
 
 rule dicom_series:
-    """One image as a CT series, its ROIs as a SEG beside it."""
+    """One image as a DICOM CT series, with its ROIs as a DICOM SEG."""
     input:
         image=results("images/{protocol}/{noise}/seed{seed}.nii.gz"),
         phantom=rules.phantom.output.image,
@@ -31,7 +31,7 @@ rule dicom_series:
 
 
 rule dicom:
-    """Images as DICOM series."""
+    """All requested images as DICOM series."""
     input:
         or_exit(lambda wildcards: context.pages.exported_files()),
     localrule: True

@@ -30,7 +30,7 @@ for batch, levels in context.plan.seed_batches().items():
         wildcard_constraints:
             noise="|".join(levels),
         group:
-            # Its images' job and all of its tables': a batch of seeds never lies in two bundles.
+            # The group of the images and of all their tables, since no batch of seeds is in two bundles.
             lambda wildcards, batch=batch: context.acquisitions.group_of(
                 wildcards.protocol, wildcards.noise, batch[0]
             )

@@ -1,20 +1,20 @@
-# Public scans of the printed phantom. docs/how-to/printed-phantom.md says what they are. Nothing after these rules knows whether
-# a scan was fetched or is somebody's own.
+# Public scans of the printed phantom (docs/how-to/printed-phantom.md). Other rules do not distinguish fetched scans from
+# scans that a user has added.
 import sys
 
 from virtual_phantom.study.context import or_exit
 
 scans = context.scans
 
-# Rehearsals say it too: how much it is, before anything is fetched.
+# Report the size of the download before it starts, in dry runs, too.
 if workflow.is_main_process and (announced := scans.announced()):
     print(announced, file=sys.stderr)
 
-# Rules for what is not here: nothing fetches or deletes a scan that is here.
+# Only missing scans have a rule, so that Snakemake neither fetches nor deletes existing scans.
 if scans.absent and scans.own is None:
 
     rule fetch_scan:
-        """One public scan of the printed phantom: its CT, its regions, and whose they are."""
+        """Fetch one public scan of the printed phantom: CT, regions and license."""
         output:
             (directory(scans.place) if scans.kept else temp(directory(scans.place))),
         log:
@@ -37,7 +37,7 @@ if scans.absent and scans.own is None:
 elif scans.absent:
 
     rule link_scans:
-        """Links to the scans that lie in a folder of somebody's own, which is read once."""
+        """Link to the scans in a folder of the user."""
         output:
             [directory(folder) for folder in scans.absent_folders()],
         log:
@@ -53,14 +53,14 @@ elif scans.absent:
 
 
 rule fetch:
-    """All public scans that the configuration takes."""
+    """Fetch all public scans that the configuration uses."""
     input:
         or_exit(lambda wildcards: scans.fetched()),
     localrule: True
 
 
 rule scan_features:
-    """Features of one public scan, at its own voxels and in its own regions, in three dimensions and in two."""
+    """Features of one public scan on its own voxels and regions, in 3D and 2D."""
     input:
         scan=scans.place,
         parameters=context.parameter_files,
@@ -71,7 +71,7 @@ rule scan_features:
         results("logs/scan_features/{scan}.log"),
     wildcard_constraints:
         scan="|".join(scan.name for scan in scans.scans) or "none",
-    # Before further scans are fetched: those that are not kept are deleted after it.
+    # Runs before further scans are fetched, since scans that are not kept are deleted after this rule.
     priority: 1
     resources:
         mem_mb=4000,
@@ -87,7 +87,7 @@ rule scan_features:
 
 
 rule compared_features:
-    """Features of all public scans that are compared with, as a recording."""
+    """Features of all public scans of the comparison, as a recording."""
     input:
         tables=scans.feature_tables("scan_features"),
         tables_2d=scans.feature_tables("scan_features_2d"),
@@ -109,7 +109,7 @@ rule compared_features:
 
 
 rule public_features:
-    """Features of all public scans that are compared with, as recordings, without a study."""
+    """Features of all public scans of the comparison, without a study."""
     input:
         or_exit(lambda wildcards: scans.recordings()),
     localrule: True

@@ -1,9 +1,9 @@
-# Which recording to make next, of recordings and scanners under diagnosis.
+# Planning of the next measurement, for recordings and scanners under diagnosis.
 diagnosis = context.diagnosis
 
 
 rule next_of_recording:
-    """Further recordings, ranked by what they would tell of what one recording leaves ambiguous."""
+    """Rank further recordings by how well they would resolve the ambiguities of one recording."""
     input:
         unpack(lambda wildcards: diagnosis.inputs(wildcards.recording)),
         diagnosis=results("diagnosis/{recording}/diagnosis.json"),
@@ -57,7 +57,7 @@ use rule next_of_recording as next_of_scanner with:
 
 
 rule next_measurement:
-    """Which recording to make next, of all recordings of projections and scanners under diagnosis."""
+    """Plan the next measurement for all recordings of projections and scanners under diagnosis."""
     input:
         diagnosis.next_measurements(),
     localrule: True

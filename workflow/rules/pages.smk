@@ -1,4 +1,4 @@
-# Pages for a browser.
+# HTML pages.
 import sys
 
 from virtual_phantom.base.errors import InputError, printed
@@ -9,7 +9,7 @@ pages = context.pages
 
 
 rule viewer_page:
-    """Slices of the input, FBP, SIRT and what they differ by, to flip through."""
+    """Viewer of slices: input, FBP, SIRT and their differences."""
     input:
         unpack(or_exit(lambda wildcards: pages.viewed())),
         phantom=rules.phantom.output.image,
@@ -37,7 +37,7 @@ rule viewer:
 
 
 rule study_report:
-    """Figures, tables that sort and filter, diagnoses and provenance in one page."""
+    """Report on one page: figures, sortable tables, diagnoses and provenance."""
     input:
         figures=pages.pictures(),
         captions=pages.caption_files(),
@@ -68,7 +68,7 @@ rule report_page:
 
 
 rule index_page:
-    """The answer, warnings, every figure and table, and what to do next: the page to start with."""
+    """Start page: result, warnings, figures, tables and the next commands."""
     input:
         figures=pages.pictures(),
         captions=pages.caption_files(),
@@ -83,7 +83,7 @@ rule index_page:
     params:
         figures=lambda wildcards: pages.shown(),
         tables=pages.table_titles(),
-        # All that may be there: the script takes what is, so that nothing is run again for it.
+        # Reports that may exist. They are no inputs: the page links to existing reports without making others.
         diagnoses=context.diagnosis.reports(),
         commands=pages.commands(),
         beside=pages.others,
@@ -94,7 +94,7 @@ rule index_page:
 
 
 onsuccess:
-    # As a job it would be done before what it shows, or ask every study for it.
+    # Not a job: a job would run before the files that the page links to, or make each study produce them.
     try:
         if page := renew(pages, context.config):
             print(f"Start with {page}", file=sys.stderr)

@@ -1,5 +1,5 @@
 rule mean_scan:
-    """The mean of public scans, which is then the phantom: without the table, with the regions of most of them."""
+    """Mean of public scans as phantom, without the patient table; regions by majority."""
     input:
         scans=context.scans.folders(context.scans.scanned),
     output:
@@ -22,7 +22,7 @@ rule mean_scan:
 
 
 rule without_own_blur:
-    """The mean of public scans before its own scanner blurred it, as far as it shows more object than noise."""
+    """Deblur the mean of public scans where the object exceeds the noise."""
     input:
         image=rules.mean_scan.output.image,
         regions=rules.mean_scan.output.regions,
@@ -45,7 +45,7 @@ rule without_own_blur:
 
 
 rule phantom:
-    """The object that every scan sees, and its ROIs."""
+    """The phantom that all scans share, and its ROIs."""
     input:
         sources=context.phantom.files(),
     output:
@@ -72,7 +72,7 @@ rule phantom:
 
 
 rule positions:
-    """Where the phantom lies in every repeat."""
+    """Position of the phantom in each repeat."""
     output:
         results("phantom/positions.csv"),
     log:
@@ -90,7 +90,7 @@ rule positions:
 
 
 rule rois_on_voxels:
-    """The ROIs on the voxels of a scanner, drawn as those on the study's grid are."""
+    """ROIs on the voxels of a scanner, drawn as on the grid of the study."""
     input:
         sources=context.phantom.files(),
         fine=rules.phantom.output.fine,
@@ -118,7 +118,7 @@ rule rois_on_voxels:
 
 
 rule rois_moved:
-    """The ROIs of a re-positioned repeat, on the study's voxels or on those of a scanner."""
+    """ROIs of a re-positioned scan, on the voxels of the study or of a scanner."""
     input:
         sources=context.phantom.files(),
         fine=rules.phantom.output.fine,

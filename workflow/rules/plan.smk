@@ -1,6 +1,6 @@
-# What the study would cost, before anyone pays. docs/how-to/cluster.md says what it rests on.
+# Forecast of the cost of a study (docs/how-to/cluster.md).
 rule plan_files:
-    """Jobs, core-hours and bytes of the study that is configured, from measured rates; how long diagnoses take."""
+    """Jobs, core hours and bytes of the configured study, from measured rates, and durations of diagnoses."""
     input:
         rates=resource("rates.yaml"),
         layout=context.phantom.layout_here(),
@@ -14,7 +14,7 @@ rule plan_files:
     params:
         config=context.config,
         engine=context.engine,
-        # Of the cores that are given here.
+        # For the cores of this run.
         diagnoses=lambda wildcards: context.diagnosis.forecasts(
             workflow.resource_settings.cores
         ),
@@ -24,7 +24,7 @@ rule plan_files:
 
 
 rule plan:
-    """The same, printed."""
+    """Print the plan."""
     input:
         text=rules.plan_files.output.text,
     log:

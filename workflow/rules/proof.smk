@@ -1,9 +1,9 @@
-# The blind test: an independent simulator conceals physics, the diagnosis works, and only then are the seals opened.
+# Blind validation: an independent simulator hides physics, the diagnosis runs, and the seals are opened afterwards.
 proof = context.proof
 
 
 rule proof_phantom:
-    """What is scanned, and, on voxels twice as large, what the diagnosis is told of it."""
+    """The scanned phantom, and the phantom that the diagnosis gets, on voxels twice as large."""
     input:
         layout=lambda wildcards: proof.layout(wildcards.phantom),
     output:
@@ -25,7 +25,7 @@ rule proof_phantom:
 
 
 rule proof_seal:
-    """What is concealed in every case, drawn and sealed; the seals are published before anything is scanned."""
+    """Draw and seal the hidden physics of each case; publish the seals before any scan."""
     output:
         sealed=proof.all("sealed"),
         seals=results("proof/seals.json"),
@@ -64,7 +64,7 @@ rule proof_scan:
 
 
 rule proof_diagnosis:
-    """As the rules of diagnose.smk, in one job: it sees the recording and the known phantom, nothing else."""
+    """Diagnose one case from its recording and the known phantom alone."""
     input:
         unpack(lambda wildcards: proof.known_phantom(wildcards.case)),
         recording=rules.proof_scan.output.recording,
@@ -85,7 +85,7 @@ rule proof_diagnosis:
         effects=lambda wildcards: proof.tried_on(wildcards.case),
         same_material=True,
         accuracy=context.diagnosis.accuracy,
-        # The proof asks for every effect that is there, however little it changes in images.
+        # No relevance thresholds: the blind validation looks for each effect, however small in images.
         matters=None,
         code=lambda wildcards: code("diagnose.py", proof.tried_on(wildcards.case)),
     script:
@@ -93,7 +93,7 @@ rule proof_diagnosis:
 
 
 rule proof_elsewhere:
-    """The physics found, held against the case's scan by another protocol."""
+    """Compare the physics found with a scan of the case by another protocol."""
     input:
         unpack(lambda wildcards: proof.known_phantom(wildcards.case)),
         recording=rules.proof_scan.output.other,
@@ -117,7 +117,7 @@ rule proof_elsewhere:
 
 
 rule proof_verdicts:
-    """Every diagnosis, and how it did by another protocol, bound by hashes before any seal is opened."""
+    """Hash each diagnosis and its comparison with another protocol, before any seal is opened."""
     input:
         diagnoses=proof.all("proof_diagnosis"),
         others=proof.all("proof_elsewhere"),
@@ -133,7 +133,7 @@ rule proof_verdicts:
 
 
 rule proof_score:
-    """The seals opened, verdicts and truths checked against their hashes, and all of it scored."""
+    """Open the seals, check verdicts and truths against their hashes, and compute the score."""
     input:
         sealed=rules.proof_seal.output.sealed,
         seals=rules.proof_seal.output.seals,
@@ -165,7 +165,7 @@ rule proof_score:
 
 
 rule proof:
-    """The blind test."""
+    """The blind validation."""
     input:
         rules.proof_score.output,
     localrule: True

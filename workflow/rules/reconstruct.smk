@@ -1,4 +1,4 @@
-# One rule per distinct bundle of noise levels and seeds: all its images come out of one job.
+# One rule for each bundle of noise levels and seeds: one job makes all images of a bundle.
 acquisitions = context.acquisitions
 
 

@@ -1,9 +1,9 @@
-# What others have measured: read, drawn, and aligned with the phantom.
+# Recordings of real scans: summary, figures, alignment with the phantom.
 recordings = context.recordings
 
 
 rule recording_summary:
-    """Read and check one recording; what was found, what is known of the scan, what is missing."""
+    """Read and check one recording; report its content and missing information on the scan."""
     input:
         files=lambda wildcards: recordings.sources(wildcards.recording),
         schema=context.schema("recording.schema.yaml"),
@@ -25,7 +25,7 @@ rule recording_summary:
 
 
 rule figure_recording:
-    """What a recording of projections or images looks like."""
+    """Figure of a recording of projections or images."""
     input:
         files=lambda wildcards: recordings.sources(wildcards.recording),
     output:
@@ -44,7 +44,7 @@ rule figure_recording:
 
 
 rule recordings:
-    """All configured recordings in one table, printed."""
+    """Print a table of all configured recordings."""
     input:
         summaries=recordings.summaries(),
         figures=recordings.pictures(),
@@ -64,7 +64,7 @@ rule recordings:
 
 
 rule align_recording:
-    """Where the phantom lies in a recording of images, and its ROIs on the recording's own grid."""
+    """Align the phantom with a recording of images; ROIs on the grid of the recording."""
     input:
         files=lambda wildcards: recordings.sources(wildcards.recording),
         phantom=rules.phantom.output.image,
@@ -89,7 +89,7 @@ rule align_recording:
 
 
 rule figure_alignment:
-    """A recording with the phantom's outlines."""
+    """Figure of a recording with the outlines of the phantom."""
     input:
         alignment=rules.align_recording.output.alignment,
         image=rules.align_recording.output.image,
@@ -111,7 +111,7 @@ rule figure_alignment:
 
 
 rule alignment:
-    """All configured recordings of images, aligned."""
+    """Align all configured recordings of images."""
     input:
         recordings.alignments(),
     localrule: True

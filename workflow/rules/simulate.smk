@@ -1,5 +1,5 @@
 rule compile_kernels:
-    """Compile the kernels once for a number of realisations, so that no two jobs do it side by side."""
+    """Compile the kernels for a number of noise realizations, so that no two jobs compile at the same time."""
     output:
         results("logs/kernels/{lanes}.txt"),
     log:
@@ -39,7 +39,7 @@ rule project:
     threads: context.config["threads"]
     resources:
         mem_mb=lambda wildcards: context.megabytes(
-            # Materials are volumes of their own, packed and not.
+            # Each material has a volume, packed and unpacked.
             fine=9 if context.plan.has_physics(wildcards.geometry) else 3,
             projections=8,
             geometry=wildcards.geometry,
@@ -60,7 +60,7 @@ rule project:
 
 
 rule project_moved:
-    """The same of a re-positioned repeat, which noise levels and algorithms share."""
+    """Noise-free line integrals of a re-positioned scan, shared by noise levels and algorithms."""
     input:
         phantom=rules.phantom.output.fine,
         image=rules.phantom.output.image,
@@ -81,7 +81,7 @@ rule project_moved:
     threads: context.config["threads"]
     resources:
         mem_mb=lambda wildcards: context.megabytes(
-            # Materials are volumes of their own, packed and not.
+            # Each material has a volume, packed and unpacked.
             fine=9 if context.plan.has_physics(wildcards.geometry) else 3,
             projections=8,
             geometry=wildcards.geometry,
@@ -102,7 +102,7 @@ rule project_moved:
 
 
 rule acquire:
-    """One noisy acquisition as a file. Reconstruction draws the same counts itself; this is for keep_projections."""
+    """One noisy acquisition as a file, for keep_projections. The reconstruction draws the same counts itself."""
     input:
         clean=lambda wildcards: context.acquisitions.clean(
             wildcards.geometry, wildcards.noise, wildcards.seed

@@ -2,7 +2,7 @@ selections = context.selections
 
 
 rule stability:
-    """W over pairs of groups and pairs of classes, for every feature."""
+    """W over pairs of groups and pairs of tissue classes, for each feature."""
     input:
         features=rules.merge_features.output[0],
     output:
@@ -23,7 +23,7 @@ rule stability:
 
 
 rule trust:
-    """The stability of every feature with its interval, and what more repeats would give."""
+    """Stability of each feature with its interval, and the expected effect of more repeats."""
     input:
         features=rules.merge_features.output[0],
     output:
@@ -46,7 +46,7 @@ rule trust:
 
 
 rule physics_change:
-    """The stability of every feature with the study's physics beside that without."""
+    """Stability of each feature with the physics of the study and without."""
     input:
         features=rules.merge_features.output[0],
         trust=rules.trust.output[0],
@@ -72,7 +72,7 @@ rule physics_change:
 
 
 rule stability_measures:
-    """ICC, CCC and coefficients of variation beside W, and which features are stable by which."""
+    """ICC, CCC and coefficients of variation besides W; stable features by each measure."""
     input:
         features=rules.merge_features.output[0],
         trust=rules.trust.output[0],
@@ -95,7 +95,7 @@ rule stability_measures:
 
 
 rule top_features:
-    """The ten best features beside the paper's."""
+    """The ten best features of the study and of the paper."""
     input:
         stability=rules.stability.output[0],
         published=resource("published_top_features.csv"),
@@ -118,7 +118,7 @@ rule top_features:
 
 
 rule overlap:
-    """How many of the best features are also the measured phantom's best."""
+    """Number of best features that are also among the best of the measured phantom."""
     input:
         features=rules.merge_features.output[0],
         scores=resource("ct_phantom4radiomics_draws.csv"),
@@ -141,7 +141,7 @@ rule overlap:
 
 
 rule pca:
-    """The first two principal components of all images and ROIs of a selection of protocols."""
+    """First two principal components over the images and ROIs of a selection of protocols."""
     input:
         features=rules.merge_features.output[0],
         measured=lambda wildcards: selections.reference_tables(wildcards.pca),
@@ -173,7 +173,7 @@ rule pca:
 
 
 rule noise_calibration:
-    """Variance over repeats, averaged over voxels, against the noise level."""
+    """Variance over repeats, averaged over voxels, for each noise level."""
     input:
         images=selections.calibration_images(),
         rois=selections.calibration_rois()[0],
@@ -200,7 +200,7 @@ rule noise_calibration:
 
 
 rule parquet:
-    """Every table as Parquet too."""
+    """All tables as Parquet."""
     input:
         tables=context.tables(),
     output:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 
 WILDCARD = re.compile(r"\{(\w+)\}")
-PICTURES = (".png", ".pdf")  # of a figure: to look at, and to print
+PICTURES = (".png", ".pdf")  # formats of figures
 PCA = ("sirt", "fbp", "multicentre")  # selections that analyses.pca may have
 
 
@@ -22,26 +22,26 @@ class Output:
     Attributes
     ----------
     name : str
-        What code calls it.
+        Name in the code.
     pattern : str
-        Its path in results_dir; in braces what tells files of this kind apart.
+        Path below results_dir, with wildcards in braces.
     what : str
-        What it is.
+        Content of the file.
     title : str or None
-        What a report calls it; None: as its file.
+        Title in the report. Default: the file name.
     section : str or None
-        Where Snakemake's report shows it, and of a figure ours too; None: nowhere.
+        Section of Snakemake's report and, for figures, of the report page. None: in no report.
     caption : str or None
-        Its caption in workflow/report, without suffix; None: it is called as the file that it describes.
+        Caption file in workflow/report, without suffix. Default: the name of the described file.
     suffixes : tuple of str
-        Of what is several files.
+        Suffixes of an output of several files.
     rule : str
-        The rule that makes it, without a number of its own.
+        Rule that makes the file, without its number.
     stage : str or None
-        What jobs of that rule are counted under in a plan, the name of their rates; the configuration may add to it
-        (costs.jobs.Sizes). None: not planned.
+        Stage of the jobs in a plan, and name of their rates; the configuration may add to it (costs.jobs.Sizes).
+        None: not planned.
     counted : str or None
-        The kind of file whose rate gives the bytes of all that such a job writes; None: nothing worth counting.
+        Kind of file whose rate gives the bytes that a job writes. None: not counted.
     """
 
     name: str
@@ -56,16 +56,16 @@ class Output:
     counted: str | None = None
 
     def paths(self, **known: str) -> tuple[str, ...]:
-        """Paths in results_dir. Wildcards that are not known stay in braces."""
+        """Return the paths below results_dir; wildcards that are not given stay in braces."""
         return tuple(filled(self.pattern, **known) + suffix for suffix in self.suffixes)
 
     def caption_file(self, **known: str) -> str:
-        """Its caption's file in workflow/report."""
+        """Return the name of the caption file in workflow/report."""
         return f"{self.caption or PurePosixPath(filled(self.pattern, **known)).stem}.rst"
 
 
 def filled(pattern: str, **known: str) -> str:
-    """The pattern with these wildcards replaced."""
+    """Replace wildcards in a pattern."""
     return WILDCARD.sub(lambda match: str(known.get(match[1], match[0])), pattern)
 
 
