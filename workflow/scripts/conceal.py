@@ -22,17 +22,17 @@ def main(
     mu_water_per_mm: float,
 ) -> None:
     truth = seal.open_seal(sealed_file, seal.read(seals_file))
-    one = OBJECTS[truth["phantom"]]
+    phantom_object = OBJECTS[truth["phantom"]]
     fine = read_nifti(fine_file)
     kev = energy_of_water(mu_water_per_mm)
     seeds = scan_seed(settings["seed"], truth["number"]).spawn(2)
     concealed, many = concealed_settings(truth), views_of(truth["kind"], settings)
     for folder, protocol, views, seed in zip(folders, PROTOCOLS, many, seeds, strict=True):
         photons, rotation_ms, repeats = (settings[protocol][key] for key in ("photons", "rotation_time_ms", "repeats"))
-        scan = scan_of(one, settings["scan"], views, photons, rotation_ms, kev, concealed)
-        taken = acquire(scan, one, fine, mu_water_per_mm, repeats, seed)
+        scan = scan_of(phantom_object, settings["scan"], views, photons, rotation_ms, kev, concealed)
+        taken = acquire(scan, phantom_object, fine, mu_water_per_mm, repeats, seed)
         if truth["kind"] == "images":
-            write_images(folder, case, one, scan, taken, mu_water_per_mm)
+            write_images(folder, case, phantom_object, scan, taken, mu_water_per_mm)
         else:
             write(folder, case, scan, taken)
 

@@ -26,7 +26,7 @@ def main(
     acquisitions = resolve(acquisition_settings, levels)
     parameters = read_parameters(**extraction_settings)
     drawn = None
-    for path, one, place, output in zip(images, acquisitions, roi_files, outputs, strict=True):
+    for path, acquired, place, output in zip(images, acquisitions, roi_files, outputs, strict=True):
         image = volumes.read_nifti(path)
         if place != drawn:
             rois, masks = phantom.read_masks(place, image.grid)
@@ -38,7 +38,7 @@ def main(
             "protocol": protocol,
             "algorithm": settings["algorithm"],
             "projections": settings["projections"],
-            **one,
+            **acquired,
         }
         found = extraction.extract(image, masks, name=str(path), parameters=parameters)
         table = tables.complete(found, classes, acquisition)

@@ -18,9 +18,9 @@ def main(
     scan: Mapping,
     study_seed: int,
 ) -> None:
-    one = OBJECTS[name]
+    phantom_object = OBJECTS[name]
     seed = branch(study_seed, Branch.PROOF_PHANTOM)
-    phantom = build(one, layout, scan["columns"], scan["rows"], seed)
+    phantom = build(phantom_object, layout, scan["columns"], scan["rows"], seed)
     save(phantom, Path(output).parent)
     log.info("scanned on %s, known on %s", phantom.fine.grid, phantom.image.grid)
 

@@ -89,7 +89,7 @@ def main(
         places = list(roi_files)
         volumes = [None] * len(places)
         for place in dict.fromkeys(places):
-            lanes = [lane for lane, one in enumerate(places) if one == place]
+            lanes = [lane for lane, roi_file in enumerate(places) if roi_file == place]
             _, masks = read_masks(place, grid)
             made = reconstruct_in_boxes(
                 noisy[lanes],

@@ -22,8 +22,8 @@ def main(
     reconstructions = {}
     for key in ("fbp", "sirt"):
         repeats, grid = volumes.read_repeats(image_files[key])
-        one, mean = (volumes.Volume(array, grid) for array in (repeats[0], repeats.mean(axis=0)))
-        reconstructions[key] = viewer.Reconstruction(titles[key], one, mean, len(repeats))
+        first, mean = (volumes.Volume(array, grid) for array in (repeats[0], repeats.mean(axis=0)))
+        reconstructions[key] = viewer.Reconstruction(titles[key], first, mean, len(repeats))
     page = viewer.page(phantom, masks, reconstructions, subtitle)
     files.write_text(page, output)
     log.info("%.1f MB", len(page) / 1e6)

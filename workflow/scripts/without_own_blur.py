@@ -43,7 +43,7 @@ def main(
     for number, name in enumerate(region_names, start=1):
         inside = regions == number
         for what, of in (("mean_hu", "mean"), ("sd_hu", "std")):
-            rows.append((what, name, *(float(getattr(one.array[inside], of)()) for one in (mean, sharp))))
+            rows.append((what, name, *(float(getattr(volume.array[inside], of)()) for volume in (mean, sharp))))
     table = pd.DataFrame(rows, columns=["what", "region", "of_the_mean", "without_own_blur"])
     files.write_csv(table, table_file)
     log.info("own blur %.2f mm in the plane, %.2f mm along z (SD of a Gaussian)", in_plane, along)
