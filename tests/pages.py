@@ -29,7 +29,7 @@ MARKED = re.compile(
 )
 COMMENT = r"^<!-- (?:write|run|prints|makes)\b.*-->"
 TIMEOUT_S = 900
-PARTS = ("config", "docs", "pyproject.toml", "tests", "workflow")
+PARTS = ("Snakefile", "config", "docs", "profiles", "pyproject.toml", "tests", "workflow")
 BEING_WRITTEN = shutil.ignore_patterns("*.tmp.*", "*.pyc.*")  # by other tests; compiled kernels come along
 
 

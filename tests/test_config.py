@@ -11,6 +11,7 @@ import yaml
 from snakemake.utils import update_config
 from workflow_runs import BENEATH
 
+from virtual_phantom.base.console import collected_notes
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import grid_of, scan_geometry
 from virtual_phantom.config.config import check, complete
@@ -92,6 +93,23 @@ def test_a_comparison_and_a_recording_that_are_diagnosed_have_names_of_their_own
     assert complete(config)["diagnosis"]["comparisons"] == ["scanner"]
     config["diagnosis"]["recordings"] = {"scanner": {}}
     refuse(config, "diagnosis.comparisons names 'scanner', as diagnosis.recordings does")
+
+
+def test_the_key_attribute_is_deprecated():
+    old = changed("analyses.comparison", {"near": COMPARISON | {"attribute": True}})
+    old["recordings"] = {COMPARISON["recording"]: "somewhere"}
+    new = changed("analyses.comparison", {"near": COMPARISON})
+    new |= {"recordings": old["recordings"], "diagnosis": {"comparisons": ["near"]}}
+    with collected_notes() as notes:
+        assert complete(old) == complete(new)
+    assert [str(note) for note in dict.fromkeys(notes)] == [
+        "config: analyses.comparison.near.attribute is deprecated; name near in diagnosis.comparisons and run "
+        "`snakemake diagnosis`"
+    ]
+    old["analyses"]["comparison"]["near"]["attribute"] = False
+    assert complete(old)["diagnosis"]["comparisons"] == []
+    old["analyses"]["comparison"]["near"]["attribute"] = "yes"
+    refuse(old, "analyses.comparison.near.attribute")
 
 
 SCANNED = {name: {} for name in ("a", "b", "c", "scanners")}

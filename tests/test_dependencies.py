@@ -1,4 +1,4 @@
-"""The files behind a script are those that Python really loads for it."""
+"""Files behind a script are those that Python loads for it, and their version follows the code, not the words."""
 
 import ast
 import subprocess
@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from virtual_phantom.config.dependencies import LIBRARY, WITHOUT_EFFECT, files_behind, imported
+from virtual_phantom.config import dependencies
+from virtual_phantom.config.dependencies import LIBRARY, WITHOUT_EFFECT, code_version, files_behind, imported
 
 SCRIPTS = LIBRARY.parents[1] / "scripts"
 
@@ -69,3 +70,102 @@ def test_imports_are_those_that_python_parses(folder):
             packages = [LIBRARY.joinpath(*module[:depth], "__init__.py") for depth in range(1, len(module) + 1)]
             expected |= {*packages, LIBRARY.joinpath(*module).with_suffix(".py")}
         assert set(imported(path)) == {file for file in expected if file.is_file()}, path
+
+
+MODULE = '''"""Words."""
+
+import math  # a comment
+
+
+def area(radius: float, scale=1.0) -> float:
+    """Return the area."""
+    return scale * math.pi * radius**2
+'''
+
+
+@pytest.fixture
+def version(tmp_path, monkeypatch):
+    """The version of a module with this text, by a cache of its own."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    forget()
+
+    def of(text):
+        path = tmp_path / "module.py"
+        path.write_text(text)
+        forget()
+        return code_version(path)
+
+    yield of
+    forget()
+
+
+def forget():
+    for function in (dependencies._cache, dependencies._parsed, imported, files_behind):
+        function.cache_clear()
+
+
+@pytest.mark.parametrize(
+    "old, new",
+    [
+        ("Words.", "Other words."),
+        ("Return the area.", "The area.\n\n    More.\n    "),
+        ("# a comment", "# another"),
+        ("scale * math.pi", "(scale  *\n        math.pi)"),
+        ("import math", "\n\nimport math"),
+    ],
+)
+def test_words_and_lines_do_not_count(version, old, new):
+    assert old in MODULE
+    assert version(MODULE.replace(old, new)) == version(MODULE)
+
+
+@pytest.mark.parametrize(
+    "old, new",
+    [
+        ("1.0", "1"),
+        ("1.0", "None"),
+        ("**2", "**3"),
+        ("import math", "import cmath as math"),
+        ("scale *", "-scale *"),
+        ('"""Return the area."""', '"""Return the area."""\n    "not a docstring"'),
+        ("radius: float", "radius"),
+    ],
+)
+def test_code_counts(version, old, new):
+    assert old in MODULE
+    assert version(MODULE.replace(old, new)) != version(MODULE)
+
+
+def test_modules_that_are_imported_count(version, monkeypatch):
+    imports = MODULE + "\nfrom virtual_phantom.base import geometry\n"
+    before = version(imports)
+    changed = (LIBRARY / "base" / "geometry.py").read_bytes() + b"\nEND = 1\n"
+    read_bytes = Path.read_bytes
+    monkeypatch.setattr(
+        Path, "read_bytes", lambda path: changed if path.match("base/geometry.py") else read_bytes(path)
+    )
+    assert version(imports) != before
+
+
+def test_effects_and_hooks_that_are_imported_by_name_count():
+    script = SCRIPTS / "project.py"
+    alone = code_version(script)
+    assert len({alone, code_version(script, ["scatter"]), code_version(script, hooks=True)}) == 3
+    assert code_version(script, ["scatter", "motion"]) == code_version(script, ["motion", "scatter"])
+
+
+@pytest.mark.parametrize("content", ["", "[]", '{"a', None])
+def test_a_damaged_cache_or_none_changes_nothing(version, tmp_path, content, monkeypatch):
+    before = version(MODULE)
+    (file,) = (tmp_path / "cache" / "virtual_phantom").glob("code-*.json")
+    if content is None:
+        monkeypatch.setattr(dependencies, "_cache_file", lambda: None)
+    else:
+        file.write_text(content)
+    assert version(MODULE) == before
+
+
+def test_a_cached_file_is_not_parsed_again(version, monkeypatch):
+    before = version(MODULE)
+    monkeypatch.setattr(dependencies.ast, "parse", None)
+    assert version(MODULE) == before

@@ -232,7 +232,7 @@ def fetched(path):
         patch.setenv("PATH", path)
         patch.setenv("SERVICE", "elsewhere")
         (scan,) = chosen(TANDEM | {"groups": [8], "acquisitions": [1]}, "public_scans.phantom")
-        fetch.fetch(scan, "downloads/printed_phantom/801", "http://localhost:9", "idc-open-data")
+        fetch.fetch(scan, "resources/printed_phantom/801", "http://localhost:9", "idc-open-data")
 
 
 def without_s5cmd():
@@ -358,7 +358,7 @@ MISTAKES = {
     "Counts without their white field": (without_white, "bench/a.h5"),
     "A file that was cut short": (cut_short, "bench/a.h5"),
     "No program to fetch with": (without_s5cmd, "s5cmd"),
-    "A fetch that broke off": (broken_off, "downloads/printed_phantom/801"),
+    "A fetch that broke off": (broken_off, "resources/printed_phantom/801"),
     "A folder that lacks some of the scans": (empty_folder, "downloads.scans: mine"),
     "A group that the collection has not": (
         lambda: public({"compared": TANDEM | {"groups": [9]}}),

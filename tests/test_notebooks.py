@@ -20,8 +20,8 @@ NEEDS = {"own-ct": CT, "diagnosis": ROOT / "../shared/real/htc2022"}
 def folder(tmp_path, monkeypatch):
     """Where a notebook finds what it reads."""
     if CT.exists():
-        (tmp_path / "downloads").mkdir()
-        (tmp_path / "downloads" / "abdomen_ct").symlink_to(CT)
+        (tmp_path / "resources").mkdir()
+        (tmp_path / "resources" / "abdomen_ct").symlink_to(CT)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -33,4 +33,4 @@ def test_the_container_installs_from_the_lock_by_the_same_command():
 def test_the_container_takes_no_results_and_no_environment_along():
     left_out = set((ROOT / ".dockerignore").read_text(encoding="utf-8").split())
     ignored = {line.strip("/") for line in (ROOT / ".gitignore").read_text(encoding="utf-8").split()}
-    assert {".venv", ".snakemake", "results*", "recordings", "downloads"} <= left_out & ignored
+    assert {".venv", ".snakemake", "results*", "recordings", "resources/*", "downloads"} <= left_out & ignored

@@ -9,13 +9,13 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.diagnosis.features import selection
 from virtual_phantom.diagnosis.features.changes import property_tables, sampled
+from virtual_phantom.diagnosis.features.misses import misses
 from virtual_phantom.diagnosis.features.properties import calibration, folds
 from virtual_phantom.diagnosis.features.responses import responses
 from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
 from virtual_phantom.features import extraction
 from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.features.names import MEAN
-from virtual_phantom.statistics.attribution import BASELINE, attribute
 
 GRID = Grid((10, 36, 52), (2.0, 1.5, 1.5))
 CLASSES = {"cyst_1": "cyst", "cyst_2": "cyst", "liver_1": "liver", "liver_2": "liver"}
@@ -113,12 +113,34 @@ def test_the_property_that_was_changed_is_named(scene, tables, name):
 def test_the_misses_that_it_repairs_on_regions_not_fitted_are_most(scene, tables, name):
     mean, masks = scene
     recorded = recording(CHANGED[name][0](mean), masks)
-    data = responses(tables, recorded, FEATURES, GRID)
-    variants = {BASELINE: data.table(data.baseline)}
-    variants |= {one.name: data.table(values) for one, values in selection.held_out(data).items()}
-    found = attribute(variants, recorded, data.features, resamples=50).properties.query("family == 'all'")
-    best = found.set_index("rank").loc[1]
-    assert best["variant"] == name and best["median_removed_share"] > 0.5, found.to_string()
+    _, found = diagnosed(tables, recorded)
+    counts = {one: candidate["families"]["all"] for one, candidate in found["candidates"].items()}
+    assert len({(one["cells"], one["misses"]) for one in counts.values()}) == 1
+    best = max(counts, key=lambda one: (counts[one]["repaired"], counts[one]["median_removed_share"]))
+    assert best == name and counts[name]["median_removed_share"] > 0.5, counts
+
+
+def test_misses_are_counted_by_family(scene, tables):
+    mean, masks = scene
+    recorded = recording(scans(mean + 30, seed=1), masks)
+    data, found = diagnosed(tables, recorded)
+    families = found["candidates"]["hu_calibration"]["families"]
+    assert next(iter(families)) == "all" and families["all"]["cells"] == len(data.rois) * len(data.features)
+    for key in ("cells", "misses", "repaired", "broken"):
+        assert families["all"][key] == sum(one[key] for family, one in families.items() if family != "all")
+    column = data.features.index(MEAN)
+    means = {"recorded": data.centre[:, column], "simulated": data.baseline[..., column].mean(axis=0)}
+    missed = np.abs(means["simulated"] - means["recorded"]) > data.unit[:, column]
+    assert missed.all()  # by 30 HU, and each is repaired
+    unchanged = misses(data, data.baseline, 1.0)["all"]
+    assert unchanged["repaired"] == unchanged["broken"] == unchanged["median_removed_share"] == 0
+    exact = np.broadcast_to(data.centre, data.baseline.shape)
+    assert misses(data, exact, 1.0)["all"]["repaired"] == unchanged["misses"]
+    assert misses(data, exact, 1.0)["all"]["median_removed_share"] == 1
+    assert misses(data, data.baseline, 1e9)["all"] == {
+        **{"cells": unchanged["cells"], "misses": 0, "repaired": 0, "broken": 0},
+        "median_removed_share": None,
+    }
 
 
 def test_other_voxels_hold_the_same_object(scene):

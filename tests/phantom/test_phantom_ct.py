@@ -496,8 +496,8 @@ def test_labels_of_the_file_stand_beside_our_own_numbers(nifti, tmp_path):
 def test_clinical_abdomen_loads_as_configured(monkeypatch, tmp_path):
     if not (ROOT / "../shared/real/abdomen_ct").exists():
         pytest.skip("needs abdomen_ct among the real measurements")
-    (tmp_path / "downloads").mkdir()
-    (tmp_path / "downloads" / "abdomen_ct").symlink_to(ROOT / "../shared/real/abdomen_ct")
+    (tmp_path / "resources").mkdir()
+    (tmp_path / "resources" / "abdomen_ct").symlink_to(ROOT / "../shared/real/abdomen_ct")
     monkeypatch.chdir(tmp_path)
     config = yaml.safe_load((ROOT / "config/abdomen.yaml").read_text())
     grid = Grid(config["grid"]["shape"], config["grid"]["spacing_mm"])

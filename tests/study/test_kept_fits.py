@@ -6,6 +6,7 @@ import signal
 import pytest
 
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.config import dependencies
 from virtual_phantom.diagnosis.selection import trials as side_by_side
 from virtual_phantom.study import fit_cache_key as module
 from virtual_phantom.study.fit_cache_key import fit_cache
@@ -21,7 +22,6 @@ def recording(tmp_path):
 
 
 def made_of(folder, model=MODEL):
-    module._effect.cache_clear()
     return fit_cache(folder / "fits", model, [folder / "recording.yaml", folder / "repeat_1.h5"]).made_of
 
 
@@ -39,16 +39,27 @@ def test_a_setting_and_what_is_declared_count(recording):
         assert made_of(recording, MODEL | {"settings": settings | changed}) != before
 
 
+def change_code(monkeypatch, end):
+    """Let the code of the modules whose paths have this end be another."""
+    real = dependencies._parsed
+
+    def parsed(path):
+        version, imports = real(path)
+        return ("other" if str(path).endswith(end) else version), imports
+
+    monkeypatch.setattr(dependencies, "_parsed", parsed)
+
+
 @pytest.mark.parametrize("changed", ["physics/effects/focal_spot.py", "physics/chain.py", "diagnosis/fitting/fit.py"])
 def test_the_code_behind_counts_that_of_declared_effects_too(recording, monkeypatch, changed):
-    before, real = made_of(recording), module.sha256
-    monkeypatch.setattr(module, "sha256", lambda path: "other" if str(path).endswith(changed) else real(path))
+    before = made_of(recording)
+    change_code(monkeypatch, changed)
     assert made_of(recording) != before
 
 
 def test_code_of_effects_that_are_in_no_fit_does_not_count(recording, monkeypatch):
-    before, real = made_of(recording), module.sha256
-    monkeypatch.setattr(module, "sha256", lambda path: "other" if str(path).endswith("scatter.py") else real(path))
+    before = made_of(recording)
+    change_code(monkeypatch, "scatter.py")
     assert made_of(recording) == before
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from virtual_phantom.config.outputs import BY_NAME, Files
+from virtual_phantom.config.outputs import BY_NAME, Files, by_path
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -14,7 +14,6 @@ def test_what_is_not_known_stays_a_wildcard():
     assert files("image", noise="low") == "a {b}/results/images/{protocol}/low/seed{seed}.nii.gz"
     assert files("image", protocol="p", noise="low", seed="07") == "a {b}/results/images/p/low/seed07.nii.gz"
     assert files("figure_rois", ".pdf") == "a {b}/results/figures/rois.pdf"
-    assert files.log("project/{geometry}") == "a {b}/results/logs/project/{geometry}.log"
     assert files.benchmark("project/{geometry}", geometry="g") == "a {b}/results/logs/project/g.benchmark.tsv"
 
 
@@ -22,6 +21,13 @@ def test_what_is_not_known_stays_a_wildcard():
 def test_a_file_that_is_not_in_the_table_is_refused(name, suffix):
     with pytest.raises(KeyError):
         Files("r")(name, suffix)
+
+
+def test_a_path_leads_to_its_row():
+    assert by_path("images/{protocol}/{noise}/seed{seed}.nii.gz") is BY_NAME["image"]
+    assert by_path("figures/overlap_{recording}.png") is BY_NAME["figure_overlap_recording"]
+    with pytest.raises(KeyError, match="figures/overlaps.png: no row"):
+        by_path("figures/overlaps.png")
 
 
 def test_a_caption_is_called_as_its_file_or_as_the_table_says():

@@ -43,7 +43,6 @@ OVERLAY = {
                 "where": {"protocol": "sirt_150"},
                 "protocol": "sirt_300",
                 "noise": "dose10",
-                "attribute": True,
             },
         },
     },
@@ -120,7 +119,7 @@ def test_features_are_diagnosed(compared):
 
 
 def test_figures_and_tables_of_recordings_are_there(compared):
-    for name in ("comparison_same", "comparison_other", "attribution_other", "overlap_own", "pca_sirt"):
+    for name in ("comparison_same", "comparison_other", "overlap_own", "pca_sirt"):
         assert (compared / "figures" / f"{name}.png").stat().st_size > 10_000
     points = pd.read_csv(compared / "tables" / "pca_sirt.csv")
     # One marker per condition and ROI.

@@ -54,7 +54,7 @@ def test_the_files_of_the_clinical_ct_are_those_listed():
     files = read_published(RESOURCES / "abdomen_ct.csv")
     assert len(files) == 21
     for file in files:
-        assert sha256(ABDOMEN_CT / file.path.removeprefix("downloads/abdomen_ct/")) == file.sha256, file.path
+        assert sha256(ABDOMEN_CT / file.path.removeprefix("resources/abdomen_ct/")) == file.sha256, file.path
 
 
 def phantom(project, server, *arguments):
@@ -74,7 +74,7 @@ def test_the_clinical_ct_is_fetched_where_it_is_not_here(tmp_path):
     image = "results-abdomen/phantom/image.nii.gz"
     code, _, errors = phantom(project, NOWHERE, "-n", image)
     assert code == 1 and len(errors) == 1
-    assert "cannot be fetched (no connection)" in errors[0] and "downloads/abdomen_ct/labels.nii.gz" in errors[0]
+    assert "cannot be fetched (no connection)" in errors[0] and "resources/abdomen_ct/labels.nii.gz" in errors[0]
 
     put(web, published | {places[others[-1]]: b"another version of it"})
     with served(web) as server:

@@ -1,5 +1,6 @@
 """The workflow as others use workflows: from a folder that holds a configuration and nothing else."""
 
+import itertools
 import re
 import shutil
 import subprocess
@@ -9,19 +10,19 @@ import pytest
 import warm
 from workflow_runs import ROOT, planned
 
-SNAKEFILE = ROOT / "workflow" / "Snakefile"
-MODULE = f"""
+SNAKEFILES = (ROOT / "Snakefile", ROOT / "workflow" / "Snakefile")
+MODULE = """
 configfile: "config/config.yaml"
 
 
 module virtual_phantom:
     snakefile:
-        "{SNAKEFILE}"
+        "{snakefile}"
     config:
         config
 
 
-use rule * from virtual_phantom{{names}}
+use rule * from virtual_phantom{names}
 
 
 onstart:
@@ -38,8 +39,8 @@ def snakemake(folder, *words, cwd=None, python=sys.executable):
 
 
 def jobs_of(process):
-    """{rule: [wildcards], sorted} of a dry run."""
-    return {rule: sorted(jobs) for rule, jobs in planned(process).items()}
+    """{rule: [wildcards], sorted} of a dry run; `all` is called `default` in the Snakefile at the root."""
+    return {re.sub(r"(?<![a-z])default$", "all", rule): sorted(jobs) for rule, jobs in planned(process).items()}
 
 
 @pytest.fixture
@@ -52,13 +53,14 @@ def folder(tmp_path):
     return place
 
 
-def test_one_run_by_directory_goes_on_as_a_module(folder, tmp_path):
+@pytest.mark.parametrize("first, second", [SNAKEFILES, SNAKEFILES[::-1]], ids=["root", "workflow"])
+def test_one_run_by_directory_goes_on_as_a_module(folder, tmp_path, first, second):
     """Both find the same files and make them of the same inputs: the second has nothing to do again."""
-    process = snakemake(folder, TABLE, "-s", SNAKEFILE, "--directory", folder, cwd=tmp_path)
+    process = snakemake(folder, TABLE, "-s", first, "--directory", folder, cwd=tmp_path)
     assert process.returncode == 0 and (folder / TABLE).stat().st_size > 1000, process.stderr[-3000:]
     made = (folder / TABLE).read_bytes()
 
-    (folder / "Snakefile").write_text(MODULE.format(names=""))
+    (folder / "Snakefile").write_text(MODULE.format(names="", snakefile=second))
     assert "Nothing to be done" in snakemake(folder, TABLE).stderr
     other = TABLE.replace("fbp", "sirt")
     process = snakemake(folder, other)
@@ -78,10 +80,20 @@ def test_all_of_the_study_is_planned_as_in_the_project(folder, tmp_path):
 
     here = jobs_of(dry(cwd=ROOT))
     assert len(here) > 20
-    assert jobs_of(dry("-s", SNAKEFILE, "--directory", folder, cwd=tmp_path)) == here
-    for names in ("", " as phantom_*"):
-        (folder / "Snakefile").write_text(MODULE.format(names=names))
+    for snakefile in SNAKEFILES:
+        assert jobs_of(dry("-s", snakefile, "--directory", folder, cwd=tmp_path)) == here
+        assert jobs_of(dry("-s", snakefile, cwd=ROOT)) == here
+    for names, snakefile in itertools.product(("", " as phantom_*"), SNAKEFILES):
+        (folder / "Snakefile").write_text(MODULE.format(names=names, snakefile=snakefile))
         process = dry()
         renamed = {names.removeprefix(" as ").replace("*", rule) or rule: jobs for rule, jobs in here.items()}
         assert jobs_of(process) == renamed
         assert "localrules directive" not in process.stderr
+
+
+@pytest.mark.parametrize("words", [(), ("-s", "Snakefile"), ("-s", "workflow/Snakefile"), ("-s", ROOT / "Snakefile")])
+def test_the_profile_is_found_wherever_the_workflow_is_named(folder, words):
+    """It keeps the host's name out of what is printed, and the files of a job out of what makes it run again."""
+    process = snakemake(folder, "-n", *words, cwd=ROOT, python=warm.python())
+    assert process.returncode == 0, process.stderr[-2000:]
+    assert "profiles/default for setting default command line arguments" in process.stderr

@@ -14,7 +14,7 @@ from workflow_runs import ROOT, snakemake
 
 TABLE = "workflow/lib/virtual_phantom/resources/public_scans.csv"
 NAMES = ("801", "802", "811")
-PLACE = "downloads/printed_phantom"
+PLACE = "resources/printed_phantom"
 TANDEM = "ct_phantom4radiomics"
 SCANS = {
     "phantom": {"collection": TANDEM, "groups": [8], "acquisitions": [1, 2]},

@@ -21,6 +21,6 @@ def test_lint_asks_for_environments_and_nothing_else():
 
 def test_rules_are_formatted():
     program = Path(sys.executable).with_name("snakefmt")
-    command = [program, "--check", "workflow"]
+    command = [program, "--check", "Snakefile", "workflow"]
     process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert process.returncode == 0, process.stderr[-2000:]

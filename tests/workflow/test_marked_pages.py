@@ -9,7 +9,7 @@ from workflow_runs import ROOT
 
 DOCS, REAL = ROOT / "docs", ROOT / "../shared/real"
 GIVEN = {  # page: real measurements that it begins with, and where its reader has them
-    "getting-started/clinical-ct.md": ("abdomen_ct", "downloads/abdomen_ct"),
+    "getting-started/clinical-ct.md": ("abdomen_ct", "resources/abdomen_ct"),
     "getting-started/own-sinogram.md": ("htc2022/htc2022_solid_disc_full.mat", "htc2022_solid_disc_full.mat"),
 }
 

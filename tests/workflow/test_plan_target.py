@@ -21,7 +21,7 @@ def kinds(process):
     table = dict(re.findall(r"^(\w+) +(\d+)$", process.stdout, re.MULTILINE))
     found = Counter()
     for rule, jobs in table.items():
-        if rule not in ("all", "total"):
+        if rule not in ("all", "default", "total"):
             found[re.sub(r"^(reconstruct|extract)_.*", r"\1", rule)] += int(jobs)
     return found
 

@@ -47,11 +47,12 @@ SMALL = {  # one figure of each kind that takes scans; group 8 at the scans' own
             "fbp": {"protocols": ["fbp_150"], "noise": ["dose10"], "recordings": ["printed_phantom"]},
         },
         "comparison": {
-            "group_8": {"protocol": "group_8", "noise": "met", "attribute": False},
+            "group_8": {"protocol": "group_8", "noise": "met"},
             "group_4": None,
             "group_3": None,
         },
     },
+    "diagnosis": {"comparisons": []},
     "results_dir": "results",
 }
 

@@ -1,4 +1,4 @@
-"""Files of rules share one object, `context`, and no other name."""
+"""Files of rules share the names of common.smk and no others, and state the paths of the table of outputs."""
 
 import contextlib
 import io
@@ -10,8 +10,10 @@ from snakemake.api import SnakemakeApi
 from snakemake.settings.types import OutputSettings, ResourceSettings
 from workflow_runs import ROOT
 
+from virtual_phantom.config.outputs import OUTPUTS, PCA, PICTURES
+
 FILES = [ROOT / "workflow" / "Snakefile", *sorted((ROOT / "workflow" / "rules").glob("*.smk"))]
-SHARED = {"context"}
+SHARED = {"context", "results", "reported", "code", "resource"}
 
 
 def compiled(path):
@@ -60,10 +62,11 @@ def borrowed(paths):
     return found
 
 
-def test_files_of_rules_share_the_context_and_nothing_else():
+def test_files_of_rules_share_the_names_of_common_smk_and_nothing_else():
     found = borrowed(FILES)
     assert {file: names - SHARED for file, names in found.items() if names - SHARED} == {}
-    assert sum(names == SHARED for names in found.values()) > 12
+    assert set().union(*found.values()) == SHARED
+    assert sum("results" in names for names in found.values()) > 12
 
 
 @pytest.mark.parametrize(
@@ -83,9 +86,29 @@ def test_a_name_of_another_file_is_found(line, tmp_path):
     assert borrowed(paths) == {"one.smk": set(), "two.smk": {"VALUE"}}
 
 
-def test_paths_of_results_stand_in_the_table_alone():
-    """Rules name outputs (study.outputs), and know neither results_dir nor a suffix of data."""
+def stated():
+    """Paths below results_dir that rules state, without logs and benchmarks; names in f-strings are wildcards."""
+    texts = [text for path in FILES for text in re.findall(r'(?:results|reported)\((f?"[^"]+")\)', path.read_text())]
+    assert len(texts) > 150
+    paths = {text.removeprefix("f").strip('"').replace("{{", "{").replace("}}", "}") for text in texts}
+    return {path for path in paths if not re.search(r"^logs$|\.log$|\.benchmark\.tsv$", path)}
+
+
+def rows(paths):
+    """Paths with every wildcard as *."""
+    return {re.sub(r"\{[^}]+\}", "*", path) for path in paths}
+
+
+def test_paths_of_rules_are_those_of_the_table():
+    table = rows(path for output in OUTPUTS for path in output.paths())
+    given = rows(stated())
+    # Inputs whose wildcards have one value, and figures that the table lists by name.
+    one_value = {"phantom/moved/seed*/grid/rois.csv", "phantom/moved/seed*/grid/rois", "logs/kernels/1.txt"}
+    assert given - table == one_value | {"figures/pca_*.png", "figures/pca_*.pdf"}
+    functions = {"proof/verdicts/*.json", "*.parquet"}  # lists that the context makes
+    assert table - given == functions | {f"figures/pca_{name}{suffix}" for name in PCA for suffix in PICTURES}
+
+
+def test_rules_do_not_know_the_results_folder():
     for path in FILES:
-        text = path.read_text()
-        assert not re.search(r"results_dir|\.results\b", text), path.name
-        assert not re.findall(r"\.(?:nii\.gz|h5|csv|json|html)\"", re.sub(r"(?:resource|schema)\(\".*?\"\)", "", text))
+        assert not re.search(r"results_dir|\.results\b", re.sub(r'"""(.|\n)*?"""', "", path.read_text())), path.name

@@ -134,12 +134,12 @@ def test_few_lines_say_how_far_the_study_is(study_run):
 
 
 def test_every_job_has_left_a_log(study):
-    """One that its rule names, each of its own; `all`, which only lists files, has none."""
+    """One that its rule names, each of its own; `default`, which only lists files, has none."""
     process = tiny(study, "--forceall", "-n")
     assert process.returncode == 0, process.stderr[-2000:]
     jobs = re.findall(r"^ *(?:local)?rule (\w+):$", process.stdout, re.MULTILINE)
     logs = re.findall(r"^ *log: (.+)$", process.stdout, re.MULTILINE)
-    assert jobs.count("all") == 1 and len(set(logs)) == len(logs) == len(jobs) - 1
+    assert jobs.count("default") == 1 and len(set(logs)) == len(logs) == len(jobs) - 1
     assert {"phantom", "compile_kernels", "merge_features", "stability"} <= {*jobs}
     assert {f"figure_{name}" for name in FIGURES} <= {*jobs}
     assert [log for log in logs if not (ROOT / log).is_file()] == []
@@ -261,7 +261,7 @@ AFTER_STABILITY = {
     "overlap",
     "figure_overlap",
     "figure_stability_discrimination",
-    "all",
+    "default",
 }
 AFTER_FEATURES = AFTER_STABILITY | {"merge_features", "pca", *(f"figure_pca_{name}" for name in PCA)}
 

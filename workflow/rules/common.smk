@@ -1,12 +1,13 @@
-"""The one object that all rules share, `context`, and the wildcards."""
+"""Names that all rules share: `context`, `results`, `reported`, `code` and `resource`; and the wildcards."""
 
 import json
 import os
 import sys
 from pathlib import Path
 
-from virtual_phantom.base.console import check_names, printed_notes
+from virtual_phantom.base.console import check_names, collected_notes, printed_notes
 from virtual_phantom.base.errors import InputError, printed
+from virtual_phantom.config.dependencies import code_version, resource
 from virtual_phantom.study.context import read_context
 
 WORKFLOW = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parent
@@ -17,12 +18,27 @@ try:
         *map(str, workflow.configfiles),
         json.dumps(config, ensure_ascii=False, default=str),
     )
-    with printed_notes():
+    with printed_notes() if workflow.is_main_process else collected_notes():
         context = read_context(
             config, WORKFLOW, workflow.configfiles, here=workflow.is_main_process
         )
 except InputError as error:
     sys.exit(printed(error))
+
+
+def results(path):
+    """Return the path of a file below results_dir; wildcards stay in braces."""
+    return f"{context.results_folder}/{path}"
+
+
+def reported(path):
+    """Return the same as an output that Snakemake's report shows, with caption and section."""
+    return report(results(path), **context.reported(path))
+
+
+def code(script, effects=(), hooks=False):
+    """Return a hash of the code of a script: a job runs again if it changes."""
+    return code_version(WORKFLOW / "scripts" / script, effects, hooks)
 
 
 wildcard_constraints:

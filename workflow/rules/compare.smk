@@ -1,91 +1,91 @@
-# Simulation and recordings side by side: matched noise, features, overlap.
+# Comparison of the simulation with recordings: matched noise levels, features, overlap.
+comparisons = context.comparisons
+
+
 rule recording_features:
     """Features of a recording in HU, one row per image and ROI."""
     input:
         unpack(lambda wildcards: context.recordings.inputs(wildcards.recording)),
         parameters=context.parameter_files,
-        code=context.code("recording_features.py"),
     output:
-        context.file("recorded_features"),
+        results("recordings/{recording}/features.csv"),
     log:
-        context.log("recording_features/{recording}"),
+        results("logs/recording_features/{recording}.log"),
     resources:
         mem_mb=lambda wildcards: context.recordings.megabytes(wildcards.recording),
         runtime=120,
     params:
         parameters=context.parameters,
         folder=lambda wildcards: context.recordings.folder(wildcards.recording),
+        code=code("recording_features.py"),
     script:
         "../scripts/recording_features.py"
 
 
 rule match_noise:
-    """The A of a noise level that is to meet a recording."""
+    """Fit the A of a noise level to the variance of a recording."""
     input:
         calibration=rules.noise_calibration.output[0],
-        recorded=lambda wildcards: context.comparisons.met_features(wildcards.noise),
-        code=context.code("match_noise.py"),
+        recorded=lambda wildcards: comparisons.met_features(wildcards.noise),
     output:
-        context.file("matched_level"),
+        results("noise/{noise}.json"),
     log:
-        context.log("match_noise/{noise}"),
+        results("logs/match_noise/{noise}.log"),
     resources:
         mem_mb=1000,
         runtime=10,
     params:
-        meets=lambda wildcards: context.comparisons.met(wildcards.noise),
+        meets=lambda wildcards: comparisons.met(wildcards.noise),
+        code=code("match_noise.py"),
     script:
         "../scripts/match_noise.py"
 
 
 rule matched_noise:
-    """How well the matched levels meet their recordings."""
+    """Variance of the matched noise levels and of their recordings."""
     input:
         levels=context.acquisitions.level_files(context.acquisitions.matched()),
         features=rules.merge_features.output[0],
-        code=context.code("matched_noise.py"),
     output:
-        report(context.file("matched_noise"), **context.reported("matched_noise")),
+        reported("tables/matched_noise.csv"),
     log:
-        context.log("matched_noise"),
+        results("logs/matched_noise.log"),
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        code=code("matched_noise.py"),
     script:
         "../scripts/matched_noise.py"
 
 
 rule compare:
-    """Every feature and ROI of one protocol and noise level against a recording."""
+    """Compare one protocol and noise level with a recording, for each feature and ROI."""
     input:
         features=rules.merge_features.output[0],
-        recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
+        recorded=lambda wildcards: comparisons.features(wildcards.comparison),
         parameters=context.parameter_files,
-        code=context.code("compare.py"),
     output:
-        cells=context.file("comparison"),
-        features=context.file("comparison_features"),
-        families=context.file("comparison_families"),
+        cells=results("tables/comparison_{comparison}.csv"),
+        features=results("tables/comparison_{comparison}_features.csv"),
+        families=results("tables/comparison_{comparison}_families.csv"),
     log:
-        context.log("compare/{comparison}"),
+        results("logs/compare/{comparison}.log"),
     wildcard_constraints:
-        comparison="|".join(context.comparisons.settings) or "none",
+        comparison="|".join(comparisons.settings) or "none",
     resources:
         mem_mb=1500,
         runtime=15,
     params:
         parameters=context.parameters,
-        recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
-        protocol=lambda wildcards: context.comparisons.asked(
-            wildcards.comparison, "protocol"
-        ),
-        noise=lambda wildcards: context.comparisons.asked(wildcards.comparison, "noise"),
-        seeds=lambda wildcards: context.comparisons.repeats(wildcards.comparison),
-        rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
-        margin_sd=lambda wildcards: context.comparisons.asked(
-            wildcards.comparison, "margin_sd"
-        ),
+        recording=lambda wildcards: comparisons.recording(wildcards.comparison),
+        where=lambda wildcards: comparisons.asked(wildcards.comparison, "where"),
+        protocol=lambda wildcards: comparisons.asked(wildcards.comparison, "protocol"),
+        noise=lambda wildcards: comparisons.asked(wildcards.comparison, "noise"),
+        seeds=lambda wildcards: comparisons.repeats(wildcards.comparison),
+        rois=lambda wildcards: comparisons.asked(wildcards.comparison, "rois"),
+        margin_sd=lambda wildcards: comparisons.asked(wildcards.comparison, "margin_sd"),
+        code=code("compare.py"),
     script:
         "../scripts/compare.py"
 
@@ -95,111 +95,48 @@ rule figure_comparison:
     input:
         cells=rules.compare.output.cells,
         features=rules.compare.output.features,
-        code=context.code("figures/comparison.py"),
     output:
-        png=report(
-            context.file("figure_comparison", ".png"),
-            **context.reported("figure_comparison"),
-        ),
-        pdf=context.file("figure_comparison", ".pdf"),
+        png=reported("figures/comparison_{comparison}.png"),
+        pdf=results("figures/comparison_{comparison}.pdf"),
     log:
-        context.log("figure_comparison/{comparison}"),
+        results("logs/figure_comparison/{comparison}.log"),
     resources:
         mem_mb=2000,
         runtime=10,
     params:
-        title=lambda wildcards: context.comparisons.title(wildcards.comparison),
+        title=lambda wildcards: comparisons.title(wildcards.comparison),
         trial=bool(context.config["trial"]),
+        code=code("figures/comparison.py"),
     script:
         "../scripts/figures/comparison.py"
 
 
 rule change_properties:
-    """Features of the simulated images with one property changed at a time."""
+    """Features of the simulated images, with one image property changed at a time."""
     input:
-        images=lambda wildcards: context.comparisons.images(wildcards.comparison),
+        images=lambda wildcards: comparisons.images(wildcards.comparison),
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
-        effects=context.effect_code(*context.diagnosis.properties),
+        recorded=lambda wildcards: comparisons.features(wildcards.comparison),
         parameters=context.parameter_files,
-        code=context.code("change_properties.py"),
     output:
-        context.file("properties"),
+        results("diagnosis/{comparison}/properties.csv"),
     log:
-        context.log("change_properties/{comparison}"),
+        results("logs/change_properties/{comparison}.log"),
     wildcard_constraints:
-        comparison="|".join(context.comparisons.settings) or "none",
+        comparison="|".join(comparisons.settings) or "none",
     resources:
         mem_mb=context.megabytes(volumes=60),
         runtime=60,
     params:
         parameters=context.parameters,
-        recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
-        rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
-        voxel_mm=lambda wildcards: context.comparisons.voxel_mm(wildcards.comparison),
+        recording=lambda wildcards: comparisons.recording(wildcards.comparison),
+        where=lambda wildcards: comparisons.asked(wildcards.comparison, "where"),
+        rois=lambda wildcards: comparisons.asked(wildcards.comparison, "rois"),
+        voxel_mm=lambda wildcards: comparisons.voxel_mm(wildcards.comparison),
+        code=code("change_properties.py", context.diagnosis.properties),
     script:
         "../scripts/change_properties.py"
-
-
-rule attribute:
-    """Which property of the images explains that features miss a recording's."""
-    input:
-        properties=rules.change_properties.output[0],
-        recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
-        image=lambda wildcards: context.comparisons.images(wildcards.comparison)[0],
-        parameters=context.parameter_files,
-        code=context.code("attribute.py"),
-    output:
-        properties=context.file("attribution"),
-        cells=context.file("attribution_cells"),
-    log:
-        context.log("attribute/{comparison}"),
-    wildcard_constraints:
-        comparison="|".join(context.comparisons.settings) or "none",
-    resources:
-        mem_mb=1500,
-        runtime=30,
-    params:
-        parameters=context.parameters,
-        recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
-        rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
-        margin_sd=lambda wildcards: context.comparisons.asked(
-            wildcards.comparison, "margin_sd"
-        ),
-        dimensions=lambda wildcards: context.comparisons.dimensions(
-            wildcards.comparison
-        ),
-        stored_offset_hu=lambda wildcards: context.comparisons.stored_offset_hu(
-            wildcards.comparison
-        ),
-    script:
-        "../scripts/attribute.py"
-
-
-rule figure_attribution:
-    """What each property explains, by family of features."""
-    input:
-        table=rules.attribute.output.properties,
-        code=context.code("figures/attribution.py"),
-    output:
-        png=report(
-            context.file("figure_attribution", ".png"),
-            **context.reported("figure_attribution"),
-        ),
-        pdf=context.file("figure_attribution", ".pdf"),
-    log:
-        context.log("figure_attribution/{comparison}"),
-    resources:
-        mem_mb=2000,
-        runtime=10,
-    params:
-        title=lambda wildcards: context.comparisons.title(wildcards.comparison),
-        trial=bool(context.config["trial"]),
-    script:
-        "../scripts/figures/attribution.py"
 
 
 rule recording_scores:
@@ -207,11 +144,10 @@ rule recording_scores:
     input:
         files=lambda wildcards: context.recordings.sources(wildcards.recording),
         parameters=context.parameter_files,
-        code=context.code("recording_scores.py"),
     output:
-        context.file("scores"),
+        results("recordings/{recording}/scores.csv"),
     log:
-        context.log("recording_scores/{recording}"),
+        results("logs/recording_scores/{recording}.log"),
     resources:
         mem_mb=2000,
         runtime=15,
@@ -221,23 +157,25 @@ rule recording_scores:
         where=lambda wildcards: context.selections.scored(wildcards.recording),
         repeats=context.selections.grouped["seeds"],
         statistics=context.config["statistics"],
+        code=code("recording_scores.py"),
     script:
         "../scripts/recording_scores.py"
 
 
 rule stability_beside:
-    """Every feature's stability over the study's groups, and over the conditions of a recording."""
+    """Stability of each feature over the groups of the study and over the conditions of a recording."""
     input:
         stability=rules.stability.output[0],
         scores=rules.recording_scores.output[0],
-        code=context.code("stability_beside.py"),
     output:
-        report(context.file("stability_beside"), **context.reported("stability_beside")),
+        reported("tables/scores_{recording}.csv"),
     log:
-        context.log("stability_beside/{recording}"),
+        results("logs/stability_beside/{recording}.log"),
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        code=code("stability_beside.py"),
     script:
         "../scripts/stability_beside.py"
 
@@ -246,26 +184,22 @@ use rule overlap as overlap_recording with:
     input:
         features=rules.merge_features.output[0],
         scores=rules.recording_scores.output[0],
-        code=context.code("overlap.py"),
     output:
-        context.file("overlap_recording"),
+        results("tables/overlap_{recording}.csv"),
     log:
-        context.log("overlap/{recording}"),
+        results("logs/overlap/{recording}.log"),
     params:
         **context.selections.grouped,
         statistics=context.config["statistics"],
         recording=lambda wildcards: wildcards.recording,
+        code=code("overlap.py"),
 
 
 use rule figure_overlap as figure_overlap_recording with:
     input:
         table=rules.overlap_recording.output[0],
-        code=context.code("figures/overlap.py"),
     output:
-        png=report(
-            context.file("figure_overlap_recording", ".png"),
-            **context.reported("figure_overlap_recording"),
-        ),
-        pdf=context.file("figure_overlap_recording", ".pdf"),
+        png=reported("figures/overlap_{recording}.png"),
+        pdf=results("figures/overlap_{recording}.pdf"),
     log:
-        context.log("figure_overlap/{recording}"),
+        results("logs/figure_overlap/{recording}.log"),

@@ -1,112 +1,100 @@
-# Where recordings and the simulator differ, and which physics explains it: one job per recording.
+# Diagnosis: where recordings and simulation differ, and which missing physics explains it. One job per recording.
+diagnosis = context.diagnosis
 AT_MOST = workflow.resource_settings.cores  # None on a cluster that sets no --cores
 
 
 rule diagnose:
     """Verdict, physics and report of one recording."""
     input:
-        unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
-        unpack(lambda wildcards: context.diagnosis.regions(wildcards.recording)),
-        unpack(lambda wildcards: context.diagnosis.physics(wildcards.recording)),
-        effects=lambda wildcards: context.effect_code(
-            *context.diagnosis.in_fits(wildcards.recording)
-        ),
-        # How often the intervals that a diagnosis states held the truth in the proof.
-        record=context.resource("proof_record.yaml"),
-        code=context.code("diagnose.py"),
+        unpack(lambda wildcards: diagnosis.inputs(wildcards.recording)),
+        unpack(lambda wildcards: diagnosis.regions(wildcards.recording)),
+        unpack(lambda wildcards: diagnosis.physics(wildcards.recording)),
+        # Coverage of the intervals in the blind validation.
+        record=resource("proof_record.yaml"),
     output:
-        diagnosis=context.file("diagnosis"),
-        physics=context.file("found_physics"),
-        report=report(
-            context.file("diagnosis_report"), **context.reported("diagnosis_report")
-        ),
-        maps=directory(context.file("diagnosis_maps")),
-        setup=context.file("setup"),
+        diagnosis=results("diagnosis/{recording}/diagnosis.json"),
+        physics=results("diagnosis/{recording}/physics.yaml"),
+        report=reported("diagnosis/{recording}/report.html"),
+        maps=directory(results("diagnosis/{recording}/maps")),
+        setup=results("diagnosis/{recording}/setup.json"),
     log:
-        context.log("diagnosis/{recording}/diagnose"),
+        results("logs/diagnosis/{recording}/diagnose.log"),
     wildcard_constraints:
-        recording="|".join(context.diagnosis.settings) or "none",
-    threads: lambda made: context.diagnosis.processes(made.recording, AT_MOST)
+        recording="|".join(diagnosis.settings) or "none",
+    threads: lambda made: diagnosis.processes(made.recording, AT_MOST)
     resources:
-        mem_mb=lambda wildcards, threads: context.diagnosis.megabytes(
+        mem_mb=lambda wildcards, threads: diagnosis.megabytes(
             wildcards.recording, threads
         ),
         runtime=lambda wildcards, threads, attempt: attempt
-        * context.diagnosis.minutes(wildcards.recording, threads),
-        gpu=lambda wildcards: context.diagnosis.gpus(wildcards.recording),
+        * diagnosis.minutes(wildcards.recording, threads),
+        gpu=lambda wildcards: diagnosis.gpus(wildcards.recording),
     params:
-        model=lambda wildcards: context.diagnosis.model(wildcards.recording),
-        # No output: Snakemake would delete what a job that was stopped goes on from.
-        kept=lambda wildcards: context.diagnosis.kept(wildcards.recording),
-        effects=lambda wildcards: context.diagnosis.candidates[wildcards.recording],
-        same_material=lambda wildcards: context.diagnosis.same_material(
-            wildcards.recording
+        model=lambda wildcards: diagnosis.model(wildcards.recording),
+        # Cached fits. They are no output, since Snakemake would delete them before an interrupted job continues.
+        kept=lambda wildcards: diagnosis.kept(wildcards.recording),
+        effects=lambda wildcards: diagnosis.candidates[wildcards.recording],
+        same_material=lambda wildcards: diagnosis.same_material(wildcards.recording),
+        accuracy=diagnosis.accuracy,
+        matters=diagnosis.matters,
+        code=lambda wildcards: code(
+            "diagnose.py", diagnosis.in_fits(wildcards.recording)
         ),
-        accuracy=context.diagnosis.accuracy,
-        matters=context.diagnosis.matters,
     script:
         "../scripts/diagnose.py"
 
 
 rule diagnose_scanner:
-    """What the recordings of a scanner share, judged by those that were not fitted."""
+    """Physics that the recordings of a scanner share, tested on recordings that were not fitted."""
     input:
-        unpack(lambda wildcards: context.diagnosis.scanner_inputs(wildcards.scanner)),
-        effects=lambda wildcards: context.effect_code(
-            *context.diagnosis.in_fits(
-                *context.diagnosis.scanners[wildcards.scanner]["recordings"]
-            )
-        ),
-        code=context.code("diagnose_scanner.py"),
+        unpack(lambda wildcards: diagnosis.scanner_inputs(wildcards.scanner)),
     output:
-        diagnosis=context.file("scanner_diagnosis"),
-        physics=context.file("scanner_physics"),
-        report=report(
-            context.file("scanner_report"), **context.reported("scanner_report")
-        ),
+        diagnosis=results("diagnosis/scanners/{scanner}/scanner.json"),
+        physics=results("diagnosis/scanners/{scanner}/physics.yaml"),
+        report=reported("diagnosis/scanners/{scanner}/report.html"),
     log:
-        context.log("diagnosis/scanners/{scanner}/diagnose"),
+        results("logs/diagnosis/scanners/{scanner}/diagnose.log"),
     wildcard_constraints:
-        scanner="|".join(context.diagnosis.scanners) or "none",
+        scanner="|".join(diagnosis.scanners) or "none",
     threads: 2
     resources:
         mem_mb=lambda wildcards: sum(
-            context.diagnosis.megabytes(name)
-            for name in context.diagnosis.scanners[wildcards.scanner]["recordings"]
+            diagnosis.megabytes(name)
+            for name in diagnosis.scanners[wildcards.scanner]["recordings"]
         ),
         runtime=600,
     params:
-        models=lambda wildcards: context.diagnosis.models(wildcards.scanner),
-        effects=lambda wildcards: context.diagnosis.shared(wildcards.scanner),
-        accuracy=context.diagnosis.accuracy,
-        protocols=lambda wildcards: context.diagnosis.scanners[wildcards.scanner][
-            "protocols"
-        ],
-        judged_on=lambda wildcards: context.diagnosis.scanners[wildcards.scanner][
-            "judged_on"
-        ],
+        models=lambda wildcards: diagnosis.models(wildcards.scanner),
+        effects=lambda wildcards: diagnosis.shared(wildcards.scanner),
+        accuracy=diagnosis.accuracy,
+        protocols=lambda wildcards: diagnosis.scanners[wildcards.scanner]["protocols"],
+        judged_on=lambda wildcards: diagnosis.scanners[wildcards.scanner]["judged_on"],
+        code=lambda wildcards: code(
+            "diagnose_scanner.py",
+            diagnosis.in_fits(*diagnosis.scanners[wildcards.scanner]["recordings"]),
+        ),
     script:
         "../scripts/diagnose_scanner.py"
 
 
-if context.diagnosis.fail_on:
+if diagnosis.fail_on:
 
     rule diagnosis:
-        """Every recording and comparison under diagnosis; exit code 1 for a verdict of diagnosis.fail_on."""
+        """Diagnose all recordings and comparisons; exit code 1 if a verdict is in diagnosis.fail_on."""
         input:
-            context.diagnosis.all(),
+            diagnosis.all(),
         log:
-            context.log("diagnosis/verdicts"),
+            results("logs/diagnosis/verdicts.log"),
         localrule: True
         params:
-            fail_on=context.diagnosis.fail_on,
+            fail_on=diagnosis.fail_on,
         script:
             "../scripts/verdicts.py"
 
 else:
 
     rule diagnosis:
-        """Every recording and comparison under diagnosis."""
+        """Diagnose all recordings and comparisons."""
         input:
-            context.diagnosis.all(),
+            diagnosis.all(),
         localrule: True

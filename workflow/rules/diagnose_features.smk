@@ -1,21 +1,21 @@
-# Where features of a recording and of the simulation differ, and which property of the images explains it: its verdict.
+# Diagnosis of features: where recording and simulation differ, and which image property explains it.
+comparisons = context.comparisons
+
+
 rule diagnose_features:
     """Verdict and report of one comparison with a recording's features."""
     input:
         properties=rules.change_properties.output[0],
-        recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
-        image=lambda wildcards: context.comparisons.images(wildcards.comparison)[0],
+        recorded=lambda wildcards: comparisons.features(wildcards.comparison),
+        image=lambda wildcards: comparisons.images(wildcards.comparison)[0],
         parameters=context.parameter_files,
-        code=context.code("diagnose_features.py"),
     output:
-        diagnosis=context.file("feature_diagnosis"),
-        physics=context.file("feature_physics"),
-        report=report(
-            context.file("feature_report"), **context.reported("feature_report")
-        ),
-        maps=directory(context.file("feature_maps")),
+        diagnosis=results("diagnosis/{comparison}/diagnosis.json"),
+        physics=results("diagnosis/{comparison}/physics.yaml"),
+        report=reported("diagnosis/{comparison}/report.html"),
+        maps=directory(results("diagnosis/{comparison}/maps")),
     log:
-        context.log("diagnosis/{comparison}/diagnose"),
+        results("logs/diagnosis/{comparison}/diagnose.log"),
     wildcard_constraints:
         comparison="|".join(context.diagnosis.comparisons) or "none",
     resources:
@@ -23,14 +23,14 @@ rule diagnose_features:
         runtime=30,
     params:
         parameters=context.parameters,
-        recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
-        rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
-        dimensions=lambda wildcards: context.comparisons.dimensions(
+        recording=lambda wildcards: comparisons.recording(wildcards.comparison),
+        where=lambda wildcards: comparisons.asked(wildcards.comparison, "where"),
+        rois=lambda wildcards: comparisons.asked(wildcards.comparison, "rois"),
+        margin_sd=lambda wildcards: comparisons.asked(wildcards.comparison, "margin_sd"),
+        dimensions=lambda wildcards: comparisons.dimensions(wildcards.comparison),
+        stored_offset_hu=lambda wildcards: comparisons.stored_offset_hu(
             wildcards.comparison
         ),
-        stored_offset_hu=lambda wildcards: context.comparisons.stored_offset_hu(
-            wildcards.comparison
-        ),
+        code=code("diagnose_features.py"),
     script:
         "../scripts/diagnose_features.py"

@@ -3,9 +3,9 @@ from virtual_phantom.study.context import or_exit
 
 
 rule dicom_series:
-    """One image as a CT series, its ROIs as a SEG beside it."""
+    """One image as a DICOM CT series, with its ROIs as a DICOM SEG."""
     input:
-        image=context.file("image"),
+        image=results("images/{protocol}/{noise}/seed{seed}.nii.gz"),
         phantom=rules.phantom.output.image,
         rois=lambda wildcards: context.acquisitions.rois(
             wildcards.protocol, wildcards.noise, wildcards.seed
@@ -13,12 +13,11 @@ rule dicom_series:
         masks=lambda wildcards: context.acquisitions.rois(
             wildcards.protocol, wildcards.noise, wildcards.seed
         )[1],
-        code=context.code("dicom.py"),
     output:
-        series=directory(context.file("series")),
-        rois=context.file("segments"),
+        series=directory(results("dicom/{protocol}/{noise}/seed{seed}/series")),
+        rois=results("dicom/{protocol}/{noise}/seed{seed}/rois.dcm"),
     log:
-        context.log("dicom/{protocol}/{noise}/seed{seed}"),
+        results("logs/dicom/{protocol}/{noise}/seed{seed}.log"),
     resources:
         mem_mb=context.megabytes(volumes=12),
         runtime=15,
@@ -26,12 +25,13 @@ rule dicom_series:
         scan=lambda wildcards: context.pages.series(
             wildcards.protocol, wildcards.noise, wildcards.seed
         ),
+        code=code("dicom.py"),
     script:
         "../scripts/dicom.py"
 
 
 rule dicom:
-    """Images as DICOM series."""
+    """All requested images as DICOM series."""
     input:
         or_exit(lambda wildcards: context.pages.exported_files()),
     localrule: True

@@ -1,5 +1,4 @@
-# Published measurements, fetched where there is a network. docs/how-to/recordings.md and docs/how-to/phantoms.md say what they
-# are.
+# Download of published measurements, described in docs/how-to/recordings.md and docs/how-to/phantoms.md.
 from virtual_phantom.study.context import or_exit
 
 
@@ -9,7 +8,7 @@ storage published:
 
 
 rule download_htc2022:
-    """One sinogram of the Helsinki Tomography Challenge 2022 as a recording of projections."""
+    """Download one sinogram of the Helsinki Tomography Challenge 2022 as a recording of projections."""
     input:
         or_exit(
             lambda wildcards: storage.published(
@@ -17,9 +16,9 @@ rule download_htc2022:
             )
         ),
     output:
-        directory(context.file("sinogram")),
+        directory(results("downloads/htc2022_{disc}")),
     log:
-        context.log("download_htc2022/{disc}"),
+        results("logs/download_htc2022/{disc}.log"),
     wildcard_constraints:
         disc="solid_disc|t[a-d]",
     resources:
@@ -29,11 +28,11 @@ rule download_htc2022:
         "../scripts/import_htc2022.py"
 
 
-# Without the rule, files that are here are the user's: nothing asks the web for them, and nothing deletes them.
+# Files that exist belong to the user: without this rule, Snakemake neither downloads nor deletes them.
 if context.phantom.absent:
 
     rule download_abdomen_ct:
-        """The CT and the regions of config/abdomen.yaml, or what is not here of them."""
+        """Download the missing files of the CT and the regions of config/abdomen.yaml."""
         input:
             files=or_exit(
                 lambda wildcards: [
@@ -41,16 +40,16 @@ if context.phantom.absent:
                 ]
             ),
             table=context.phantom.table,
-            code=context.code("download.py"),
         output:
             [file.path for file in context.phantom.absent],
         log:
-            context.log("download_abdomen_ct"),
+            results("logs/download_abdomen_ct.log"),
         resources:
             mem_mb=1000,
             runtime=30,
         params:
             sha256=[file.sha256 for file in context.phantom.absent],
             key="downloads.abdomen_ct",
+            code=code("download.py"),
         script:
             "../scripts/download.py"

@@ -4,7 +4,10 @@ for batch, levels in context.plan.seed_batches().items():
         name:
             f"extract_seeds_{batch[0]}_to_{batch[-1]}"
         input:
-            images=[context.file("image", seed=seed) for seed in batch],
+            images=[
+                results(f"images/{{protocol}}/{{noise}}/seed{seed}.nii.gz")
+                for seed in batch
+            ],
             levels=lambda wildcards: context.acquisitions.level_files([wildcards.noise]),
             rois=lambda wildcards, batch=batch: [
                 context.acquisitions.rois(wildcards.protocol, wildcards.noise, seed)[0]
@@ -15,15 +18,19 @@ for batch, levels in context.plan.seed_batches().items():
                 for seed in batch
             ],
             parameters=context.parameter_files,
-            code=context.code("extract.py"),
         output:
-            [context.file("image_features", seed=seed) for seed in batch],
+            [
+                results(f"features/{{protocol}}/{{noise}}/seed{seed}.csv")
+                for seed in batch
+            ],
         log:
-            context.log(f"extract/{{protocol}}/{{noise}}/seed{batch[0]}_to_{batch[-1]}"),
+            results(
+                f"logs/extract/{{protocol}}/{{noise}}/seed{batch[0]}_to_{batch[-1]}.log"
+            ),
         wildcard_constraints:
             noise="|".join(levels),
         group:
-            # Its images' job and all of its tables': a batch of seeds never lies in two bundles.
+            # The group of the images and of all their tables, since no batch of seeds is in two bundles.
             lambda wildcards, batch=batch: context.acquisitions.group_of(
                 wildcards.protocol, wildcards.noise, batch[0]
             )
@@ -41,6 +48,7 @@ for batch, levels in context.plan.seed_batches().items():
             acquisitions=lambda wildcards, batch=batch: [
                 context.acquisitions.one(wildcards.noise, seed) for seed in batch
             ],
+            code=code("extract.py"),
         script:
             "../scripts/extract.py"
 
@@ -48,16 +56,17 @@ for batch, levels in context.plan.seed_batches().items():
 rule merge_features:
     input:
         features=context.acquisitions.featured(),
-        code=context.code("merge_features.py"),
     output:
-        context.file("features"),
+        results("features.csv"),
     log:
-        context.log("merge_features"),
+        results("logs/merge_features.log"),
     group:
         "analyses"
     resources:
         mem_mb=2000,
         runtime=lambda wildcards, input, attempt: attempt
         * context.minutes("merge_features", context.sizes.images(len(input.features))),
+    params:
+        code=code("merge_features.py"),
     script:
         "../scripts/merge_features.py"

@@ -1,34 +1,32 @@
-# Public scans of the printed phantom. docs/how-to/printed-phantom.md says what they are. Nothing after these rules knows whether
-# a scan was fetched or is somebody's own.
+# Public scans of the printed phantom (docs/how-to/printed-phantom.md). Other rules do not distinguish fetched scans from
+# scans that a user has added.
 import sys
 
 from virtual_phantom.study.context import or_exit
 
-# Rehearsals say it too: how much it is, before anything is fetched.
-if workflow.is_main_process and (announced := context.scans.announced()):
+scans = context.scans
+
+# Report the size of the download before it starts, in dry runs, too.
+if workflow.is_main_process and (announced := scans.announced()):
     print(announced, file=sys.stderr)
 
-# Rules for what is not here: nothing fetches or deletes a scan that is here.
-if context.scans.absent and context.scans.own is None:
+# Only missing scans have a rule, so that Snakemake neither fetches nor deletes existing scans.
+if scans.absent and scans.own is None:
 
     rule fetch_scan:
-        """One public scan of the printed phantom: its CT, its regions, and whose they are."""
+        """Fetch one public scan of the printed phantom: CT, regions and license."""
         output:
-            (
-                directory(context.scans.place)
-                if context.scans.kept
-                else temp(directory(context.scans.place))
-            ),
+            (directory(scans.place) if scans.kept else temp(directory(scans.place))),
         log:
-            context.log("fetch/{scan}"),
+            results("logs/fetch/{scan}.log"),
         wildcard_constraints:
-            scan="|".join(scan.name for scan in context.scans.absent),
+            scan="|".join(scan.name for scan in scans.absent),
         resources:
             mem_mb=500,
             runtime=120,
         params:
-            listed=lambda wildcards: context.scans.listed(wildcards.scan),
-            scan=lambda wildcards: context.scans.one(wildcards.scan),
+            listed=lambda wildcards: scans.listed(wildcards.scan),
+            scan=lambda wildcards: scans.one(wildcards.scan),
             endpoint=context.config["downloads"]["endpoint"],
             bucket=context.config["downloads"]["bucket"],
         message:
@@ -36,82 +34,82 @@ if context.scans.absent and context.scans.own is None:
         script:
             "../scripts/fetch_scan.py"
 
-elif context.scans.absent:
+elif scans.absent:
 
     rule link_scans:
-        """Links to the scans that lie in a folder of somebody's own, which is read once."""
+        """Link to the scans in a folder of the user."""
         output:
-            [directory(folder) for folder in context.scans.absent_folders()],
+            [directory(folder) for folder in scans.absent_folders()],
         log:
-            context.log("link_scans"),
+            results("logs/link_scans.log"),
         resources:
             mem_mb=1000,
             runtime=120,
         params:
-            folder=context.scans.own,
-            scans=context.scans.absent,
+            folder=scans.own,
+            scans=scans.absent,
         script:
             "../scripts/link_scans.py"
 
 
 rule fetch:
-    """All public scans that the configuration takes."""
+    """Fetch all public scans that the configuration uses."""
     input:
-        or_exit(lambda wildcards: context.scans.fetched()),
+        or_exit(lambda wildcards: scans.fetched()),
     localrule: True
 
 
 rule scan_features:
-    """Features of one public scan, at its own voxels and in its own regions, in three dimensions and in two."""
+    """Features of one public scan on its own voxels and regions, in 3D and 2D."""
     input:
-        scan=context.scans.place,
+        scan=scans.place,
         parameters=context.parameter_files,
-        code=context.code("scan_features.py"),
     output:
-        context.file("scan_features"),
-        context.file("scan_features_2d"),
+        results("public_scans/features/{scan}.csv"),
+        results("public_scans/features_2d/{scan}.csv"),
     log:
-        context.log("scan_features/{scan}"),
+        results("logs/scan_features/{scan}.log"),
     wildcard_constraints:
-        scan="|".join(scan.name for scan in context.scans.scans) or "none",
-    # Before further scans are fetched: those that are not kept are deleted after it.
+        scan="|".join(scan.name for scan in scans.scans) or "none",
+    # Runs before further scans are fetched, since scans that are not kept are deleted after this rule.
     priority: 1
     resources:
         mem_mb=4000,
         runtime=60,
     params:
-        scan=lambda wildcards: context.scans.one(wildcards.scan),
-        rois=context.scans.rois,
-        regions=context.scans.regions,
+        scan=lambda wildcards: scans.one(wildcards.scan),
+        rois=scans.rois,
+        regions=scans.regions,
         parameters=context.parameters,
+        code=code("scan_features.py"),
     script:
         "../scripts/scan_features.py"
 
 
 rule compared_features:
-    """Features of all public scans that are compared with, as a recording."""
+    """Features of all public scans of the comparison, as a recording."""
     input:
-        tables=context.scans.feature_tables("scan_features"),
-        tables_2d=context.scans.feature_tables("scan_features_2d"),
-        code=context.code("compared_features.py"),
+        tables=scans.feature_tables("scan_features"),
+        tables_2d=scans.feature_tables("scan_features_2d"),
     output:
-        features=context.file("compared_features"),
-        document=context.file("compared_document"),
-        features_2d=context.file("compared_features_2d"),
-        document_2d=context.file("compared_document_2d"),
+        features=results("public_scans/compared/features.csv"),
+        document=results("public_scans/compared/recording.yaml"),
+        features_2d=results("public_scans/compared_2d/features.csv"),
+        document_2d=results("public_scans/compared_2d/recording.yaml"),
     log:
-        context.log("compared_features"),
+        results("logs/compared_features.log"),
     resources:
         mem_mb=1000,
         runtime=10,
     params:
-        scans=context.scans.compared,
+        scans=scans.compared,
+        code=code("compared_features.py"),
     script:
         "../scripts/compared_features.py"
 
 
 rule public_features:
-    """Features of all public scans that are compared with, as recordings, without a study."""
+    """Features of all public scans of the comparison, without a study."""
     input:
-        or_exit(lambda wildcards: context.scans.recordings()),
+        or_exit(lambda wildcards: scans.recordings()),
     localrule: True

@@ -1,21 +1,23 @@
+selections = context.selections
+
+
 rule figure_rois:
     input:
         image=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=context.code("figures/rois.py"),
     output:
-        png=report(
-            context.file("figure_rois", ".png"), **context.reported("figure_rois")
-        ),
-        pdf=context.file("figure_rois", ".pdf"),
+        png=reported("figures/rois.png"),
+        pdf=results("figures/rois.pdf"),
     log:
-        context.log("figure_rois"),
+        results("logs/figure_rois.log"),
     group:
         "analyses"
     resources:
         mem_mb=2000,
         runtime=10,
+    params:
+        code=code("figures/rois.py"),
     script:
         "../scripts/figures/rois.py"
 
@@ -24,27 +26,25 @@ rule figure_scans:
     input:
         **{
             algorithm: paths[0]
-            for algorithm, paths in context.selections.optimal_images().items()
+            for algorithm, paths in selections.optimal_images().items()
         },
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=context.code("figures/scans.py"),
     output:
-        png=report(
-            context.file("figure_scans", ".png"), **context.reported("figure_scans")
-        ),
-        pdf=context.file("figure_scans", ".pdf"),
+        png=reported("figures/scans.png"),
+        pdf=results("figures/scans.pdf"),
     log:
-        context.log("figure_scans"),
+        results("logs/figure_scans.log"),
     group:
         "analyses"
     resources:
         mem_mb=2000,
         runtime=10,
     params:
-        titles=context.selections.scan_titles(),
-        noise=context.selections.scan_noise(),
+        titles=selections.scan_titles(),
+        noise=selections.scan_noise(),
+        code=code("figures/scans.py"),
     script:
         "../scripts/figures/scans.py"
 
@@ -52,24 +52,21 @@ rule figure_scans:
 rule figure_noise_calibration:
     input:
         table=rules.noise_calibration.output[0],
-        code=context.code("figures/noise_calibration.py"),
     output:
-        png=report(
-            context.file("figure_noise_calibration", ".png"),
-            **context.reported("figure_noise_calibration"),
-        ),
-        pdf=context.file("figure_noise_calibration", ".pdf"),
+        png=reported("figures/noise_calibration.png"),
+        pdf=results("figures/noise_calibration.pdf"),
     log:
-        context.log("figure_noise_calibration"),
+        results("logs/figure_noise_calibration.log"),
     group:
         "calibration"
     resources:
         mem_mb=2000,
         runtime=10,
     params:
-        study_levels=context.selections.study_levels(),
-        measured=lambda wildcards: context.selections.measured_noise,
+        study_levels=selections.study_levels(),
+        measured=lambda wildcards: selections.measured_noise,
         trial=bool(context.config["trial"]),
+        code=code("figures/noise_calibration.py"),
     script:
         "../scripts/figures/noise_calibration.py"
 
@@ -78,17 +75,13 @@ rule figure_stability_discrimination:
     input:
         table=rules.stability.output[0],
         trust=rules.trust.output[0],
-        scores=context.selections.measured_scores(),
-        seeds=context.resource("default_study_seeds.csv"),
-        code=context.code("figures/stability_discrimination.py"),
+        scores=selections.measured_scores(),
+        seeds=resource("default_study_seeds.csv"),
     output:
-        png=report(
-            context.file("figure_stability_discrimination", ".png"),
-            **context.reported("figure_stability_discrimination"),
-        ),
-        pdf=context.file("figure_stability_discrimination", ".pdf"),
+        png=reported("figures/stability_discrimination.png"),
+        pdf=results("figures/stability_discrimination.pdf"),
     log:
-        context.log("figure_stability_discrimination"),
+        results("logs/figure_stability_discrimination.log"),
     group:
         "analyses"
     resources:
@@ -97,11 +90,12 @@ rule figure_stability_discrimination:
     params:
         threshold=context.config["statistics"]["threshold"],
         with_measured=context.config["measured"]["overlay"],
-        recording=context.selections.own_reference,
-        seeds=context.selections.grouped["seeds"],
+        recording=selections.own_reference,
+        seeds=selections.grouped["seeds"],
         settings=context.plan.scored_settings(),
-        noise=context.selections.compared_noise(),
+        noise=selections.compared_noise(),
         trial=bool(context.config["trial"]),
+        code=code("figures/stability_discrimination.py"),
     script:
         "../scripts/figures/stability_discrimination.py"
 
@@ -109,15 +103,11 @@ rule figure_stability_discrimination:
 rule figure_physics_change:
     input:
         table=rules.physics_change.output[0],
-        code=context.code("figures/physics_change.py"),
     output:
-        png=report(
-            context.file("figure_physics_change", ".png"),
-            **context.reported("figure_physics_change"),
-        ),
-        pdf=context.file("figure_physics_change", ".pdf"),
+        png=reported("figures/physics_change.png"),
+        pdf=results("figures/physics_change.pdf"),
     log:
-        context.log("figure_physics_change"),
+        results("logs/figure_physics_change.log"),
     group:
         "analyses"
     resources:
@@ -125,8 +115,9 @@ rule figure_physics_change:
         runtime=10,
     params:
         threshold=context.config["statistics"]["threshold"],
-        noise=context.selections.compared_noise(),
+        noise=selections.compared_noise(),
         trial=bool(context.config["trial"]),
+        code=code("figures/physics_change.py"),
     script:
         "../scripts/figures/physics_change.py"
 
@@ -134,15 +125,11 @@ rule figure_physics_change:
 rule figure_overlap:
     input:
         table=rules.overlap.output[0],
-        code=context.code("figures/overlap.py"),
     output:
-        png=report(
-            context.file("figure_overlap", ".png"),
-            **context.reported("figure_overlap"),
-        ),
-        pdf=context.file("figure_overlap", ".pdf"),
+        png=reported("figures/overlap.png"),
+        pdf=results("figures/overlap.pdf"),
     log:
-        context.log("figure_overlap"),
+        results("logs/figure_overlap.log"),
     group:
         "analyses"
     resources:
@@ -150,26 +137,23 @@ rule figure_overlap:
         runtime=10,
     params:
         trial=bool(context.config["trial"]),
+        code=code("figures/overlap.py"),
     script:
         "../scripts/figures/overlap.py"
 
 
-for name in context.selections.shown_components:
+for name in selections.shown_components:
 
     rule:
         name:
             f"figure_pca_{name}"
         input:
-            table=context.file("pca", pca=name),
-            code=context.code("figures/pca.py"),
+            table=results(f"tables/pca_{name}.csv"),
         output:
-            png=report(
-                context.file(f"figure_pca_{name}", ".png"),
-                **context.reported(f"figure_pca_{name}"),
-            ),
-            pdf=context.file(f"figure_pca_{name}", ".pdf"),
+            png=reported(f"figures/pca_{name}.png"),
+            pdf=results(f"figures/pca_{name}.pdf"),
         log:
-            context.log(f"figure_pca_{name}"),
+            results(f"logs/figure_pca_{name}.log"),
         group:
             "analyses"
         resources:
@@ -178,5 +162,6 @@ for name in context.selections.shown_components:
         params:
             title=context.title(f"figure_pca_{name}"),
             trial=bool(context.config["trial"]),
+            code=code("figures/pca.py"),
         script:
             "../scripts/figures/pca.py"

@@ -1,67 +1,63 @@
-# Which recording to make next, of recordings and scanners under diagnosis.
+# Planning of the next measurement, for recordings and scanners under diagnosis.
+diagnosis = context.diagnosis
+
+
 rule next_of_recording:
-    """Further recordings, ranked by what they would tell of what one recording leaves ambiguous."""
+    """Rank further recordings by how well they would resolve the ambiguities of one recording."""
     input:
-        unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
-        diagnosis=context.file("diagnosis"),
-        effects=lambda wildcards: context.effect_code(
-            *context.diagnosis.in_fits(wildcards.recording)
-        ),
-        code=context.code("next_measurement.py"),
+        unpack(lambda wildcards: diagnosis.inputs(wildcards.recording)),
+        diagnosis=results("diagnosis/{recording}/diagnosis.json"),
     output:
-        directory(context.file("next_measurement")),
+        directory(results("diagnosis/{recording}/next_measurement")),
     log:
-        context.log("diagnosis/{recording}/next_measurement"),
+        results("logs/diagnosis/{recording}/next_measurement.log"),
     wildcard_constraints:
-        recording="|".join(context.diagnosis.settings) or "none",
+        recording="|".join(diagnosis.settings) or "none",
     resources:
-        mem_mb=lambda wildcards: context.diagnosis.megabytes(wildcards.recording),
+        mem_mb=lambda wildcards: diagnosis.megabytes(wildcards.recording),
         runtime=120,
     params:
         what=lambda wildcards: wildcards.recording,
         models=lambda wildcards: {
-            wildcards.recording: context.diagnosis.model(wildcards.recording)
+            wildcards.recording: diagnosis.model(wildcards.recording)
         },
-        effects=lambda wildcards: context.diagnosis.candidates[wildcards.recording],
+        effects=lambda wildcards: diagnosis.candidates[wildcards.recording],
+        code=lambda wildcards: code(
+            "next_measurement.py", diagnosis.in_fits(wildcards.recording)
+        ),
     script:
         "../scripts/next_measurement.py"
 
 
 use rule next_of_recording as next_of_scanner with:
     input:
-        unpack(lambda wildcards: context.diagnosis.scanner_inputs(wildcards.scanner)),
-        diagnosis=context.file("scanner_diagnosis"),
-        effects=lambda wildcards: context.effect_code(
-            *context.diagnosis.in_fits(
-                *context.diagnosis.scanners[wildcards.scanner]["recordings"]
-            )
-        ),
-        code=context.code("next_measurement.py"),
+        unpack(lambda wildcards: diagnosis.scanner_inputs(wildcards.scanner)),
+        diagnosis=results("diagnosis/scanners/{scanner}/scanner.json"),
     output:
-        directory(context.file("scanner_next_measurement")),
+        directory(results("diagnosis/scanners/{scanner}/next_measurement")),
     log:
-        context.log("diagnosis/scanners/{scanner}/next_measurement"),
+        results("logs/diagnosis/scanners/{scanner}/next_measurement.log"),
     wildcard_constraints:
-        scanner="|".join(context.diagnosis.scanners) or "none",
+        scanner="|".join(diagnosis.scanners) or "none",
     resources:
         mem_mb=lambda wildcards: sum(
-            context.diagnosis.megabytes(name)
-            for name in context.diagnosis.scanners[wildcards.scanner]["recordings"]
+            diagnosis.megabytes(name)
+            for name in diagnosis.scanners[wildcards.scanner]["recordings"]
         ),
         runtime=300,
     params:
         what=lambda wildcards: wildcards.scanner,
-        models=lambda wildcards: context.diagnosis.models(
-            wildcards.scanner, judged=False
+        models=lambda wildcards: diagnosis.models(wildcards.scanner, judged=False),
+        effects=lambda wildcards: diagnosis.shared(wildcards.scanner),
+        protocols=lambda wildcards: diagnosis.scanners[wildcards.scanner]["protocols"],
+        code=lambda wildcards: code(
+            "next_measurement.py",
+            diagnosis.in_fits(*diagnosis.scanners[wildcards.scanner]["recordings"]),
         ),
-        effects=lambda wildcards: context.diagnosis.shared(wildcards.scanner),
-        protocols=lambda wildcards: context.diagnosis.scanners[wildcards.scanner][
-            "protocols"
-        ],
 
 
 rule next_measurement:
-    """Which recording to make next, of all recordings of projections and scanners under diagnosis."""
+    """Plan the next measurement for all recordings of projections and scanners under diagnosis."""
     input:
-        context.diagnosis.next_measurements(),
+        diagnosis.next_measurements(),
     localrule: True

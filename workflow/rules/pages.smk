@@ -1,29 +1,31 @@
-# Pages for a browser.
+# HTML pages.
 import sys
 
 from virtual_phantom.base.errors import InputError, printed
 from virtual_phantom.study.context import or_exit
 from virtual_phantom.study.index_page import renew
 
+pages = context.pages
+
 
 rule viewer_page:
-    """Slices of the input, FBP, SIRT and what they differ by, to flip through."""
+    """Viewer of slices: input, FBP, SIRT and their differences."""
     input:
-        unpack(or_exit(lambda wildcards: context.pages.viewed())),
+        unpack(or_exit(lambda wildcards: pages.viewed())),
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=context.code("viewer.py"),
     output:
-        context.file("viewer"),
+        results("viewer.html"),
     log:
-        context.log("viewer"),
+        results("logs/viewer.log"),
     resources:
         mem_mb=context.megabytes(volumes=60),
         runtime=15,
     params:
         titles=context.selections.scan_titles(),
-        subtitle=lambda wildcards: context.pages.viewer_subtitle(),
+        subtitle=lambda wildcards: pages.viewer_subtitle(),
+        code=code("viewer.py"),
     script:
         "../scripts/viewer.py"
 
@@ -35,25 +37,25 @@ rule viewer:
 
 
 rule study_report:
-    """Figures, tables that sort and filter, diagnoses and provenance in one page."""
+    """Report on one page: figures, sortable tables, diagnoses and provenance."""
     input:
-        figures=context.pages.pictures(),
-        captions=context.pages.caption_files(),
-        tables=context.pages.tables(),
-        code=context.code("report_page.py"),
+        figures=pages.pictures(),
+        captions=pages.caption_files(),
+        tables=pages.tables(),
     output:
-        context.file("report"),
+        results("report.html"),
     log:
-        context.log("report_page"),
+        results("logs/report_page.log"),
     resources:
         mem_mb=2000,
         runtime=15,
     params:
-        figures=lambda wildcards: context.pages.shown(),
-        tables=context.pages.table_titles(),
-        diagnoses=context.pages.diagnoses(),
-        links=context.pages.links(),
+        figures=lambda wildcards: pages.shown(),
+        tables=pages.table_titles(),
+        diagnoses=pages.diagnoses(),
+        links=pages.links(),
         config=context.config,
+        code=code("report_page.py"),
     script:
         "../scripts/report_page.py"
 
@@ -66,35 +68,35 @@ rule report_page:
 
 
 rule index_page:
-    """The answer, warnings, every figure and table, and what to do next: the page to start with."""
+    """Start page: result, warnings, figures, tables and the next commands."""
     input:
-        figures=context.pages.pictures(),
-        captions=context.pages.caption_files(),
-        tables=context.pages.tables(),
-        code=context.code("index_page.py"),
+        figures=pages.pictures(),
+        captions=pages.caption_files(),
+        tables=pages.tables(),
     output:
-        context.file("index"),
+        results("index.html"),
     log:
-        context.log("index_page"),
+        results("logs/index_page.log"),
     resources:
         mem_mb=2000,
         runtime=15,
     params:
-        figures=lambda wildcards: context.pages.shown(),
-        tables=context.pages.table_titles(),
-        # All that may be there: the script takes what is, so that nothing is run again for it.
+        figures=lambda wildcards: pages.shown(),
+        tables=pages.table_titles(),
+        # Reports that may exist. They are no inputs: the page links to existing reports without making others.
         diagnoses=context.diagnosis.reports(),
-        commands=context.pages.commands(),
-        beside=context.pages.others,
+        commands=pages.commands(),
+        beside=pages.others,
         config=context.config,
+        code=code("index_page.py"),
     script:
         "../scripts/index_page.py"
 
 
 onsuccess:
-    # As a job it would be done before what it shows, or ask every study for it.
+    # Not a job: a job would run before the files that the page links to, or make each study produce them.
     try:
-        if page := renew(context.pages, context.config):
+        if page := renew(pages, context.config):
             print(f"Start with {page}", file=sys.stderr)
     except InputError as error:
         print(printed(error), file=sys.stderr)

@@ -1,15 +1,14 @@
 rule mean_scan:
-    """The mean of public scans, which is then the phantom: without the table, with the regions of most of them."""
+    """Mean of public scans as phantom, without the patient table; regions by majority."""
     input:
         scans=context.scans.folders(context.scans.scanned),
-        code=context.code("mean_scan.py"),
     output:
-        image=context.file("mean_scan"),
-        regions=context.file("mean_regions"),
-        table=context.file("mean_table"),
-        spectra=context.file("mean_spectra"),
+        image=results("public_scans/mean.nii.gz"),
+        regions=results("public_scans/regions.nii.gz"),
+        table=results("public_scans/scans.csv"),
+        spectra=results("public_scans/spectra.csv"),
     log:
-        context.log("mean_scan"),
+        results("logs/mean_scan.log"),
     resources:
         mem_mb=6000,
         runtime=60,
@@ -17,22 +16,22 @@ rule mean_scan:
         scans=context.scans.scanned,
         regions=context.scans.regions,
         grid=context.config["grid"],
+        code=code("mean_scan.py"),
     script:
         "../scripts/mean_scan.py"
 
 
 rule without_own_blur:
-    """The mean of public scans before its own scanner blurred it, as far as it shows more object than noise."""
+    """Deblur the mean of public scans where the object exceeds the noise."""
     input:
         image=rules.mean_scan.output.image,
         regions=rules.mean_scan.output.regions,
         spectra=rules.mean_scan.output.spectra,
-        code=context.code("without_own_blur.py"),
     output:
-        image=context.file("sharp_scan"),
-        table=context.file("own_blur"),
+        image=results("public_scans/sharp.nii.gz"),
+        table=results("public_scans/own_blur.csv"),
     log:
-        context.log("without_own_blur"),
+        results("logs/without_own_blur.log"),
     resources:
         mem_mb=6000,
         runtime=60,
@@ -40,22 +39,22 @@ rule without_own_blur:
         slice_mm=context.scans.slice_mm,
         grid=context.config["grid"],
         regions=context.scans.regions,
+        code=code("without_own_blur.py"),
     script:
         "../scripts/without_own_blur.py"
 
 
 rule phantom:
-    """The object that every scan sees, and its ROIs."""
+    """The phantom that all scans share, and its ROIs."""
     input:
         sources=context.phantom.files(),
-        code=context.code("phantom.py"),
     output:
-        image=context.file("phantom_image"),
-        fine=context.file("phantom_fine"),
-        table=context.file("phantom_table"),
-        rois=directory(context.file("phantom_rois")),
+        image=results("phantom/image.nii.gz"),
+        fine=results("phantom/fine.nii.gz"),
+        table=results("phantom/rois.csv"),
+        rois=directory(results("phantom/rois")),
     log:
-        context.log("phantom"),
+        results("logs/phantom.log"),
     group:
         "preparation"
     resources:
@@ -67,18 +66,17 @@ rule phantom:
         grid=context.config["grid"],
         seed=context.config["seed"],
         mu_water_per_mm=context.config["mu_water_per_mm"],
+        code=code("phantom.py"),
     script:
         "../scripts/phantom.py"
 
 
 rule positions:
-    """Where the phantom lies in every repeat."""
-    input:
-        code=context.code("positions.py"),
+    """Position of the phantom in each repeat."""
     output:
-        context.file("positions"),
+        results("phantom/positions.csv"),
     log:
-        context.log("positions"),
+        results("logs/positions.log"),
     group:
         "preparation"
     resources:
@@ -86,22 +84,22 @@ rule positions:
         runtime=10,
     params:
         repeats=context.acquisitions.positions(),
+        code=code("positions.py"),
     script:
         "../scripts/positions.py"
 
 
 rule rois_on_voxels:
-    """The ROIs on the voxels of a scanner, drawn as those on the study's grid are."""
+    """ROIs on the voxels of a scanner, drawn as on the grid of the study."""
     input:
         sources=context.phantom.files(),
         fine=rules.phantom.output.fine,
         image=rules.phantom.output.image,
-        code=context.code("rois_on_voxels.py"),
     output:
-        table=context.file("voxel_table"),
-        rois=directory(context.file("voxel_rois")),
+        table=results("phantom/{voxels}/rois.csv"),
+        rois=directory(results("phantom/{voxels}/rois")),
     log:
-        context.log("rois_on_voxels/{voxels}"),
+        results("logs/rois_on_voxels/{voxels}.log"),
     wildcard_constraints:
         voxels="voxels_[0-9a-z_]+",
     group:
@@ -114,22 +112,22 @@ rule rois_on_voxels:
         seed=context.config["seed"],
         pose=None,
         spacing_mm=lambda wildcards: context.plan.voxel_spacing(wildcards.voxels),
+        code=code("rois_on_voxels.py"),
     script:
         "../scripts/rois_on_voxels.py"
 
 
 rule rois_moved:
-    """The ROIs of a re-positioned repeat, on the study's voxels or on those of a scanner."""
+    """ROIs of a re-positioned scan, on the voxels of the study or of a scanner."""
     input:
         sources=context.phantom.files(),
         fine=rules.phantom.output.fine,
         image=rules.phantom.output.image,
-        code=context.code("rois_on_voxels.py"),
     output:
-        table=context.file("moved_table"),
-        rois=directory(context.file("moved_rois")),
+        table=results("phantom/moved/seed{seed}/{voxels}/rois.csv"),
+        rois=directory(results("phantom/moved/seed{seed}/{voxels}/rois")),
     log:
-        context.log("rois_moved/seed{seed}_{voxels}"),
+        results("logs/rois_moved/seed{seed}_{voxels}.log"),
     wildcard_constraints:
         voxels="grid|voxels_[0-9a-z_]+",
     group:
@@ -142,5 +140,6 @@ rule rois_moved:
         seed=context.config["seed"],
         pose=lambda wildcards: context.acquisitions.pose(wildcards.seed),
         spacing_mm=lambda wildcards: context.plan.voxel_spacing(wildcards.voxels),
+        code=code("rois_on_voxels.py"),
     script:
         "../scripts/rois_on_voxels.py"

@@ -1,34 +1,34 @@
-# What the study would cost, before anyone pays. docs/how-to/cluster.md says what it rests on.
+# Forecast of the cost of a study (docs/how-to/cluster.md).
 rule plan_files:
-    """Jobs, core-hours and bytes of the study that is configured, from measured rates; how long diagnoses take."""
+    """Jobs, core hours and bytes of the configured study, from measured rates, and durations of diagnoses."""
     input:
-        rates=context.resource("rates.yaml"),
+        rates=resource("rates.yaml"),
         layout=context.phantom.layout_here(),
-        code=context.code("plan.py"),
     output:
-        table=context.file("plan_table"),
-        totals=context.file("plan_totals"),
-        text=context.file("plan_text"),
+        table=results("plan.csv"),
+        totals=results("plan.json"),
+        text=results("plan.txt"),
     log:
-        context.log("plan"),
+        results("logs/plan.log"),
     localrule: True
     params:
         config=context.config,
         engine=context.engine,
-        # Of the cores that are given here.
+        # For the cores of this run.
         diagnoses=lambda wildcards: context.diagnosis.forecasts(
             workflow.resource_settings.cores
         ),
+        code=code("plan.py"),
     script:
         "../scripts/plan.py"
 
 
 rule plan:
-    """The same, printed."""
+    """Print the plan."""
     input:
         text=rules.plan_files.output.text,
     log:
-        context.log("plan_printed"),
+        results("logs/plan_printed.log"),
     localrule: True
     script:
         "../scripts/show.py"

@@ -49,7 +49,7 @@ def say_less():
             steps(),
             workflow.cores if workflow.local_exec else None,
             expected,
-            context.log_folder,
+            results("logs"),
             workflow.execution_settings.keep_going,
             context.results_folder,
             settings.show_failed_logs,

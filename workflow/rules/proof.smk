@@ -1,38 +1,40 @@
-# The blind test: an independent simulator conceals physics, the diagnosis works, and only then are the seals opened.
+# Blind validation: an independent simulator hides physics, the diagnosis runs, and the seals are opened afterwards.
+proof = context.proof
+
+
 rule proof_phantom:
-    """What is scanned, and, on voxels twice as large, what the diagnosis is told of it."""
+    """The scanned phantom, and the phantom that the diagnosis gets, on voxels twice as large."""
     input:
-        layout=lambda wildcards: context.proof.layout(wildcards.phantom),
-        code=context.code("proof_phantom.py"),
+        layout=lambda wildcards: proof.layout(wildcards.phantom),
     output:
-        image=context.file("proof_image"),
-        fine=context.file("proof_fine"),
-        table=context.file("proof_table"),
-        rois=directory(context.file("proof_rois")),
+        image=results("proof/phantoms/{phantom}/image.nii.gz"),
+        fine=results("proof/phantoms/{phantom}/fine.nii.gz"),
+        table=results("proof/phantoms/{phantom}/rois.csv"),
+        rois=directory(results("proof/phantoms/{phantom}/rois")),
     log:
-        context.log("proof/phantom_{phantom}"),
+        results("logs/proof/phantom_{phantom}.log"),
     resources:
         mem_mb=2000,
         runtime=30,
     params:
-        scan=context.proof.settings["scan"],
+        scan=proof.settings["scan"],
         seed=context.config["seed"],
+        code=code("proof_phantom.py"),
     script:
         "../scripts/proof_phantom.py"
 
 
 rule proof_seal:
-    """What is concealed in every case, drawn and sealed; the seals are published before anything is scanned."""
-    input:
-        code=context.code("seal_proof.py"),
+    """Draw and seal the hidden physics of each case; publish the seals before any scan."""
     output:
-        sealed=context.proof.all("sealed"),
-        seals=context.file("seals"),
+        sealed=proof.all("sealed"),
+        seals=results("proof/seals.json"),
     log:
-        context.log("proof/seal"),
+        results("logs/proof/seal.log"),
     localrule: True
     params:
-        settings=context.proof.drawn,
+        settings=proof.drawn,
+        code=code("seal_proof.py"),
     script:
         "../scripts/seal_proof.py"
 
@@ -40,134 +42,130 @@ rule proof_seal:
 rule proof_scan:
     """The recordings of one case."""
     input:
-        sealed=context.file("sealed"),
+        sealed=results("proof/sealed/{case}.json"),
         seals=rules.proof_seal.output.seals,
-        fine=lambda wildcards: context.proof.fine_phantom(wildcards.case),
-        code=context.code("conceal.py"),
-        hooks=context.hook_code(),
+        fine=lambda wildcards: proof.fine_phantom(wildcards.case),
     output:
-        recording=directory(context.file("proof_recording")),
-        other=directory(context.file("proof_held_out")),
+        recording=directory(results("proof/recordings/{case}")),
+        other=directory(results("proof/held_out_protocol/{case}")),
     log:
-        context.log("proof/scan_{case}"),
+        results("logs/proof/scan_{case}.log"),
     benchmark:
-        context.benchmark("proof/scan_{case}")
+        results("logs/proof/scan_{case}.benchmark.tsv")
     resources:
         mem_mb=2500,
         runtime=60,
     params:
-        settings=lambda wildcards: context.proof.scanned(wildcards.case),
+        settings=lambda wildcards: proof.scanned(wildcards.case),
         mu_water_per_mm=context.config["mu_water_per_mm"],
+        code=code("conceal.py", hooks=True),
     script:
         "../scripts/conceal.py"
 
 
 rule proof_diagnosis:
-    """As the rules of diagnose.smk, in one job: it sees the recording and the known phantom, nothing else."""
+    """Diagnose one case from its recording and the known phantom alone."""
     input:
-        unpack(lambda wildcards: context.proof.known_phantom(wildcards.case)),
+        unpack(lambda wildcards: proof.known_phantom(wildcards.case)),
         recording=rules.proof_scan.output.recording,
-        effects=lambda wildcards: context.effect_code(
-            *context.proof.tried_on(wildcards.case)
-        ),
-        code=context.code("diagnose.py"),
     output:
-        diagnosis=context.file("proof_diagnosis"),
-        physics=context.file("proof_physics"),
-        report=context.file("proof_report"),
-        maps=directory(context.file("proof_maps")),
+        diagnosis=results("proof/diagnosis/{case}/diagnosis.json"),
+        physics=results("proof/diagnosis/{case}/physics.yaml"),
+        report=results("proof/diagnosis/{case}/report.html"),
+        maps=directory(results("proof/diagnosis/{case}/maps")),
     log:
-        context.log("proof/diagnosis_{case}"),
+        results("logs/proof/diagnosis_{case}.log"),
     benchmark:
-        context.benchmark("proof/diagnosis_{case}")
+        results("logs/proof/diagnosis_{case}.benchmark.tsv")
     resources:
         mem_mb=2500,
         runtime=60,
     params:
-        model=lambda wildcards: context.proof.model(wildcards.case),
-        effects=lambda wildcards: context.proof.tried_on(wildcards.case),
+        model=lambda wildcards: proof.model(wildcards.case),
+        effects=lambda wildcards: proof.tried_on(wildcards.case),
         same_material=True,
         accuracy=context.diagnosis.accuracy,
-        # The proof asks for every effect that is there, however little it changes in images.
+        # No relevance thresholds: the blind validation looks for each effect, however small in images.
         matters=None,
+        code=lambda wildcards: code("diagnose.py", proof.tried_on(wildcards.case)),
     script:
         "../scripts/diagnose.py"
 
 
 rule proof_elsewhere:
-    """The physics found, held against the case's scan by another protocol."""
+    """Compare the physics found with a scan of the case by another protocol."""
     input:
-        unpack(lambda wildcards: context.proof.known_phantom(wildcards.case)),
+        unpack(lambda wildcards: proof.known_phantom(wildcards.case)),
         recording=rules.proof_scan.output.other,
         physics=rules.proof_diagnosis.output.diagnosis,
-        effects=lambda wildcards: context.effect_code(
-            *context.proof.tried_on(wildcards.case)
-        ),
-        code=context.code("agreement_elsewhere.py"),
     output:
-        context.file("proof_elsewhere"),
+        results("proof/diagnosis/{case}/held_out_protocol.json"),
     log:
-        context.log("proof/elsewhere_{case}"),
+        results("logs/proof/elsewhere_{case}.log"),
     benchmark:
-        context.benchmark("proof/elsewhere_{case}")
+        results("logs/proof/elsewhere_{case}.benchmark.tsv")
     resources:
         mem_mb=2500,
         runtime=30,
     params:
-        model=lambda wildcards: context.proof.held_out_model(wildcards.case),
+        model=lambda wildcards: proof.held_out_model(wildcards.case),
+        code=lambda wildcards: code(
+            "agreement_elsewhere.py", proof.tried_on(wildcards.case)
+        ),
     script:
         "../scripts/agreement_elsewhere.py"
 
 
 rule proof_verdicts:
-    """Every diagnosis, and how it did by another protocol, bound by hashes before any seal is opened."""
+    """Hash each diagnosis and its comparison with another protocol, before any seal is opened."""
     input:
-        diagnoses=context.proof.all("proof_diagnosis"),
-        others=context.proof.all("proof_elsewhere"),
-        code=context.code("proof_verdicts.py"),
+        diagnoses=proof.all("proof_diagnosis"),
+        others=proof.all("proof_elsewhere"),
     output:
-        context.proof.all("verdict"),
+        proof.all("verdict"),
     log:
-        context.log("proof/verdicts"),
+        results("logs/proof/verdicts.log"),
     localrule: True
+    params:
+        code=code("proof_verdicts.py"),
     script:
         "../scripts/proof_verdicts.py"
 
 
 rule proof_score:
-    """The seals opened, verdicts and truths checked against their hashes, and all of it scored."""
+    """Open the seals, check verdicts and truths against their hashes, and compute the score."""
     input:
         sealed=rules.proof_seal.output.sealed,
         seals=rules.proof_seal.output.seals,
         verdicts=rules.proof_verdicts.output,
-        diagnoses=context.proof.all("proof_diagnosis"),
-        others=context.proof.all("proof_elsewhere"),
-        maps=context.proof.all("proof_maps"),
-        times=context.proof.times(),
-        real=context.proof.real("diagnosis"),
-        real_maps=context.proof.real("diagnosis_maps"),
-        record=context.resource("proof_record.yaml"),
-        code=context.code("score_proof.py"),
+        diagnoses=proof.all("proof_diagnosis"),
+        others=proof.all("proof_elsewhere"),
+        maps=proof.all("proof_maps"),
+        times=proof.times(),
+        real=proof.real("diagnosis"),
+        real_maps=proof.real("diagnosis_maps"),
+        record=resource("proof_record.yaml"),
     output:
-        score=context.file("score"),
-        page=report(context.file("score_page"), **context.reported("score_page")),
-        confusion_png=context.file("confusion", ".png"),
-        confusion_pdf=context.file("confusion", ".pdf"),
-        example_png=context.file("before_after", ".png"),
-        example_pdf=context.file("before_after", ".pdf"),
+        score=results("proof/score.json"),
+        page=reported("proof/score.html"),
+        confusion_png=results("proof/figures/confusion.png"),
+        confusion_pdf=results("proof/figures/confusion.pdf"),
+        example_png=results("proof/figures/before_after.png"),
+        example_pdf=results("proof/figures/before_after.pdf"),
     log:
-        context.log("proof/score"),
+        results("logs/proof/score.log"),
     resources:
         mem_mb=2000,
         runtime=20,
     params:
-        suite=context.proof.settings,
+        suite=proof.settings,
+        code=code("score_proof.py"),
     script:
         "../scripts/score_proof.py"
 
 
 rule proof:
-    """The blind test."""
+    """The blind validation."""
     input:
         rules.proof_score.output,
     localrule: True

@@ -1,4 +1,7 @@
-# One rule per distinct bundle of noise levels and seeds: all its images come out of one job.
+# One rule for each bundle of noise levels and seeds: one job makes all images of a bundle.
+acquisitions = context.acquisitions
+
+
 for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
 
     rule:
@@ -6,44 +9,42 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
             f"reconstruct_{number}"
         input:
             clean=lambda wildcards, bundle=bundle: [
-                context.acquisitions.clean(
+                acquisitions.clean(
                     context.plan.geometry_of(wildcards.protocol), noise, seed
                 )
                 for noise, seed in bundle
             ],
-            levels=context.acquisitions.level_files(noise for noise, _ in bundle),
+            levels=acquisitions.level_files(noise for noise, _ in bundle),
             phantom=rules.phantom.output.image,
-            rois=lambda wildcards, bundle=bundle: context.acquisitions.boxed(
+            rois=lambda wildcards, bundle=bundle: acquisitions.boxed(
                 wildcards.protocol, bundle
             )[0],
-            masks=lambda wildcards, bundle=bundle: context.acquisitions.boxed(
+            masks=lambda wildcards, bundle=bundle: acquisitions.boxed(
                 wildcards.protocol, bundle
             )[1],
-            kernels=context.file("kernels", lanes=len(bundle)),
-            effects=lambda wildcards: context.effect_code(
-                *context.acquisitions.image_physics(wildcards.protocol)
-            ),
+            kernels=results(f"logs/kernels/{len(bundle)}.txt"),
             physics=lambda wildcards: context.diagnosis.found(
-                context.acquisitions.found_in(wildcards.protocol)
+                acquisitions.found_in(wildcards.protocol)
             ),
-            code=context.code("reconstruct.py"),
         output:
             [
                 (
-                    context.file("image", noise=noise, seed=seed)
+                    results(f"images/{{protocol}}/{noise}/seed{seed}.nii.gz")
                     if context.config["keep_images"]
-                    else temp(context.file("image", noise=noise, seed=seed))
+                    else temp(
+                        results(f"images/{{protocol}}/{noise}/seed{seed}.nii.gz")
+                    )
                 )
                 for noise, seed in bundle
             ],
         log:
-            context.log(f"reconstruct/{{protocol}}_{number}"),
+            results(f"logs/reconstruct/{{protocol}}_{number}.log"),
         benchmark:
-            context.benchmark(f"reconstruct/{{protocol}}_{number}")
+            results(f"logs/reconstruct/{{protocol}}_{number}.benchmark.tsv")
         wildcard_constraints:
             protocol="|".join(protocols),
         group:
-            context.acquisitions.group(bundle)
+            acquisitions.group(bundle)
         threads: context.config["threads"]
         resources:
             mem_mb=lambda wildcards, bundle=bundle: context.megabytes(
@@ -57,25 +58,21 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
             * context.minutes(
                 *context.sizes.reconstruction(wildcards.protocol, len(bundle))
             ),
-            gpu=lambda wildcards: context.acquisitions.gpus(
-                wildcards.protocol, context.engine
-            ),
+            gpu=lambda wildcards: acquisitions.gpus(wildcards.protocol, context.engine),
         params:
-            **context.acquisitions.noise,
-            algorithm=lambda wildcards: context.acquisitions.algorithm(
-                wildcards.protocol
-            ),
-            settings=lambda wildcards: context.acquisitions.settings(wildcards.protocol),
+            **acquisitions.noise,
+            algorithm=lambda wildcards: acquisitions.algorithm(wildcards.protocol),
+            settings=lambda wildcards: acquisitions.settings(wildcards.protocol),
             geometry=lambda wildcards: context.plan.geometry_of(wildcards.protocol),
-            acquisitions=[
-                context.acquisitions.one(noise, seed) for noise, seed in bundle
-            ],
-            physics=lambda wildcards: context.acquisitions.image_physics(
-                wildcards.protocol
-            ),
-            voxels=lambda wildcards: context.acquisitions.voxels(wildcards.protocol),
+            acquisitions=[acquisitions.one(noise, seed) for noise, seed in bundle],
+            physics=lambda wildcards: acquisitions.image_physics(wildcards.protocol),
+            voxels=lambda wildcards: acquisitions.voxels(wildcards.protocol),
             engine=context.engine,
             mu_water_per_mm=context.config["mu_water_per_mm"],
             zero_counts_as=context.config["noise"]["zero_counts_as"],
+            code=lambda wildcards: code(
+                "reconstruct.py",
+                acquisitions.image_physics(wildcards.protocol),
+            ),
         script:
             "../scripts/reconstruct.py"

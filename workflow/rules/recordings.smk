@@ -1,119 +1,117 @@
-# What others have measured: read, drawn, and aligned with the phantom.
+# Recordings of real scans: summary, figures, alignment with the phantom.
+recordings = context.recordings
+
+
 rule recording_summary:
-    """Read and check one recording; what was found, what is known of the scan, what is missing."""
+    """Read and check one recording; report its content and missing information on the scan."""
     input:
-        files=lambda wildcards: context.recordings.sources(wildcards.recording),
+        files=lambda wildcards: recordings.sources(wildcards.recording),
         schema=context.schema("recording.schema.yaml"),
         parameters=context.parameter_files,
-        code=context.code("recording_summary.py"),
     output:
-        context.file("summary"),
+        results("recordings/{recording}/summary.json"),
     log:
-        context.log("recording_summary/{recording}"),
+        results("logs/recording_summary/{recording}.log"),
     resources:
-        mem_mb=lambda wildcards: context.recordings.megabytes(wildcards.recording),
+        mem_mb=lambda wildcards: recordings.megabytes(wildcards.recording),
         runtime=30,
     params:
         parameters=context.parameters,
-        folder=lambda wildcards: context.recordings.folder(wildcards.recording),
+        folder=lambda wildcards: recordings.folder(wildcards.recording),
         voxel_mm=context.config["grid"]["spacing_mm"],
+        code=code("recording_summary.py"),
     script:
         "../scripts/recording_summary.py"
 
 
 rule figure_recording:
-    """What a recording of projections or images looks like."""
+    """Figure of a recording of projections or images."""
     input:
-        files=lambda wildcards: context.recordings.sources(wildcards.recording),
-        code=context.code("figures/recording.py"),
+        files=lambda wildcards: recordings.sources(wildcards.recording),
     output:
-        png=report(
-            context.file("figure_recording", ".png"),
-            **context.reported("figure_recording"),
-        ),
-        pdf=context.file("figure_recording", ".pdf"),
+        png=reported("figures/recording_{recording}.png"),
+        pdf=results("figures/recording_{recording}.pdf"),
     log:
-        context.log("figure_recording/{recording}"),
+        results("logs/figure_recording/{recording}.log"),
     resources:
-        mem_mb=lambda wildcards: context.recordings.megabytes(wildcards.recording),
+        mem_mb=lambda wildcards: recordings.megabytes(wildcards.recording),
         runtime=30,
     params:
-        folder=lambda wildcards: context.recordings.folder(wildcards.recording),
+        folder=lambda wildcards: recordings.folder(wildcards.recording),
+        code=code("figures/recording.py"),
     script:
         "../scripts/figures/recording.py"
 
 
 rule recordings:
-    """All configured recordings in one table, printed."""
+    """Print a table of all configured recordings."""
     input:
-        summaries=context.recordings.summaries(),
-        figures=context.recordings.pictures(),
-        code=context.code("recordings.py"),
+        summaries=recordings.summaries(),
+        figures=recordings.pictures(),
     output:
-        context.file("recordings"),
+        results("recordings/recordings.csv"),
     log:
-        context.log("recordings"),
+        results("logs/recordings.log"),
     localrule: True
     resources:
         mem_mb=500,
         runtime=5,
     params:
-        names=context.recordings.names,
+        names=recordings.names,
+        code=code("recordings.py"),
     script:
         "../scripts/recordings.py"
 
 
 rule align_recording:
-    """Where the phantom lies in a recording of images, and its ROIs on the recording's own grid."""
+    """Align the phantom with a recording of images; ROIs on the grid of the recording."""
     input:
-        files=lambda wildcards: context.recordings.sources(wildcards.recording),
+        files=lambda wildcards: recordings.sources(wildcards.recording),
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=context.code("align_recording.py"),
     output:
-        alignment=context.file("alignment"),
-        image=context.file("recorded_image"),
-        table=context.file("recorded_table"),
-        rois=directory(context.file("recorded_rois")),
+        alignment=results("recordings/{recording}/alignment.json"),
+        image=results("recordings/{recording}/image.nii.gz"),
+        table=results("recordings/{recording}/rois.csv"),
+        rois=directory(results("recordings/{recording}/rois")),
     log:
-        context.log("align_recording/{recording}"),
+        results("logs/align_recording/{recording}.log"),
     resources:
         mem_mb=lambda wildcards: context.aligned_megabytes(wildcards.recording),
         runtime=120,
     params:
-        folder=lambda wildcards: context.recordings.folder(wildcards.recording),
+        folder=lambda wildcards: recordings.folder(wildcards.recording),
         phantom=context.config["phantom"],
+        code=code("align_recording.py"),
     script:
         "../scripts/align_recording.py"
 
 
 rule figure_alignment:
-    """A recording with the phantom's outlines."""
+    """Figure of a recording with the outlines of the phantom."""
     input:
         alignment=rules.align_recording.output.alignment,
         image=rules.align_recording.output.image,
         rois=rules.align_recording.output.table,
         masks=rules.align_recording.output.rois,
         phantom=rules.phantom.output.image,
-        code=context.code("figures/alignment.py"),
     output:
-        png=report(
-            context.file("figure_alignment", ".png"),
-            **context.reported("figure_alignment"),
-        ),
-        pdf=context.file("figure_alignment", ".pdf"),
+        png=reported("figures/alignment_{recording}.png"),
+        pdf=results("figures/alignment_{recording}.pdf"),
     log:
-        context.log("figure_alignment/{recording}"),
+        results("logs/figure_alignment/{recording}.log"),
     resources:
         mem_mb=2000,
         runtime=10,
+    params:
+        code=code("figures/alignment.py"),
     script:
         "../scripts/figures/alignment.py"
 
 
 rule alignment:
-    """All configured recordings of images, aligned."""
+    """Align all configured recordings of images."""
     input:
-        context.recordings.alignments(),
+        recordings.alignments(),
     localrule: True

@@ -1,11 +1,9 @@
 rule compile_kernels:
-    """Compile the kernels once for a number of realisations, so that no two jobs do it side by side."""
-    input:
-        code=context.code("compile_kernels.py"),
+    """Compile the kernels for a number of noise realizations, so that no two jobs compile at the same time."""
     output:
-        context.file("kernels"),
+        results("logs/kernels/{lanes}.txt"),
     log:
-        context.log("kernels/{lanes}"),
+        results("logs/kernels/{lanes}.log"),
     wildcard_constraints:
         lanes="[0-9]+",
     group:
@@ -13,6 +11,8 @@ rule compile_kernels:
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        code=code("compile_kernels.py"),
     script:
         "../scripts/compile_kernels.py"
 
@@ -24,26 +24,22 @@ rule project:
         image=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        kernels=context.file("kernels", lanes=1),
-        effects=lambda wildcards: context.effect_code(
-            *context.diagnosis.effects_of(wildcards.geometry)
-        ),
+        kernels=results("logs/kernels/1.txt"),
         physics=lambda wildcards: context.diagnosis.found(
             context.plan.geometry_settings(wildcards.geometry).get("physics_from")
         ),
-        code=context.code("project.py"),
     output:
-        context.file("clean"),
+        results("projections/{geometry}/clean.h5"),
     log:
-        context.log("project/{geometry}"),
+        results("logs/project/{geometry}.log"),
     benchmark:
-        context.benchmark("project/{geometry}")
+        results("logs/project/{geometry}.benchmark.tsv")
     group:
         "preparation"
     threads: context.config["threads"]
     resources:
         mem_mb=lambda wildcards: context.megabytes(
-            # Materials are volumes of their own, packed and not.
+            # Each material has a volume, packed and unpacked.
             fine=9 if context.plan.has_physics(wildcards.geometry) else 3,
             projections=8,
             geometry=wildcards.geometry,
@@ -56,37 +52,36 @@ rule project:
         materials=context.config["materials"],
         sensor=context.config["sensor"],
         pose=None,
+        code=lambda wildcards: code(
+            "project.py", context.diagnosis.effects_of(wildcards.geometry)
+        ),
     script:
         "../scripts/project.py"
 
 
 rule project_moved:
-    """The same of a re-positioned repeat, which noise levels and algorithms share."""
+    """Noise-free line integrals of a re-positioned scan, shared by noise levels and algorithms."""
     input:
         phantom=rules.phantom.output.fine,
         image=rules.phantom.output.image,
-        rois=context.file("moved_table", voxels="grid"),
-        masks=context.file("moved_rois", voxels="grid"),
-        kernels=context.file("kernels", lanes=1),
-        effects=lambda wildcards: context.effect_code(
-            *context.diagnosis.effects_of(wildcards.geometry)
-        ),
+        rois=results("phantom/moved/seed{seed}/grid/rois.csv"),
+        masks=results("phantom/moved/seed{seed}/grid/rois"),
+        kernels=results("logs/kernels/1.txt"),
         physics=lambda wildcards: context.diagnosis.found(
             context.plan.geometry_settings(wildcards.geometry).get("physics_from")
         ),
-        code=context.code("project.py"),
     output:
-        context.file("moved_clean"),
+        results("projections/{geometry}/clean_seed{seed}.h5"),
     log:
-        context.log("project/{geometry}_seed{seed}"),
+        results("logs/project/{geometry}_seed{seed}.log"),
     benchmark:
-        context.benchmark("project/{geometry}_seed{seed}")
+        results("logs/project/{geometry}_seed{seed}.benchmark.tsv")
     group:
         "preparation"
     threads: context.config["threads"]
     resources:
         mem_mb=lambda wildcards: context.megabytes(
-            # Materials are volumes of their own, packed and not.
+            # Each material has a volume, packed and unpacked.
             fine=9 if context.plan.has_physics(wildcards.geometry) else 3,
             projections=8,
             geometry=wildcards.geometry,
@@ -99,22 +94,24 @@ rule project_moved:
         materials=context.config["materials"],
         sensor=context.config["sensor"],
         pose=lambda wildcards: context.acquisitions.pose(wildcards.seed),
+        code=lambda wildcards: code(
+            "project.py", context.diagnosis.effects_of(wildcards.geometry)
+        ),
     script:
         "../scripts/project.py"
 
 
 rule acquire:
-    """One noisy acquisition as a file. Reconstruction draws the same counts itself; this is for keep_projections."""
+    """One noisy acquisition as a file, for keep_projections. The reconstruction draws the same counts itself."""
     input:
         clean=lambda wildcards: context.acquisitions.clean(
             wildcards.geometry, wildcards.noise, wildcards.seed
         ),
         levels=lambda wildcards: context.acquisitions.level_files([wildcards.noise]),
-        code=context.code("acquire.py"),
     output:
-        context.file("acquisition"),
+        results("projections/{geometry}/{noise}/seed{seed}.h5"),
     log:
-        context.log("acquire/{geometry}/{noise}/seed{seed}"),
+        results("logs/acquire/{geometry}/{noise}/seed{seed}.log"),
     group:
         "projections"
     resources:
@@ -128,5 +125,6 @@ rule acquire:
         acquisition=lambda wildcards: context.acquisitions.one(
             wildcards.noise, wildcards.seed
         ),
+        code=code("acquire.py"),
     script:
         "../scripts/acquire.py"

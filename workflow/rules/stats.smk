@@ -1,57 +1,59 @@
+selections = context.selections
+
+
 rule stability:
-    """W over pairs of groups and pairs of classes, for every feature."""
+    """W over pairs of groups and pairs of tissue classes, for each feature."""
     input:
         features=rules.merge_features.output[0],
-        code=context.code("stability.py"),
     output:
-        context.file("stability"),
+        results("tables/stability.csv"),
     log:
-        context.log("stability"),
+        results("logs/stability.log"),
     group:
         "analyses"
     resources:
         mem_mb=2000,
         runtime=15,
     params:
-        **context.selections.grouped,
+        **selections.grouped,
         statistics=context.config["statistics"],
+        code=code("stability.py"),
     script:
         "../scripts/stability.py"
 
 
 rule trust:
-    """The stability of every feature with its interval, and what more repeats would give."""
+    """Stability of each feature with its interval, and the expected effect of more repeats."""
     input:
         features=rules.merge_features.output[0],
-        code=context.code("trust.py"),
     output:
-        report(context.file("trust"), **context.reported("trust")),
+        reported("tables/trust.csv"),
     log:
-        context.log("trust"),
+        results("logs/trust.log"),
     group:
         "analyses"
     resources:
         mem_mb=2000,
         runtime=30,
     params:
-        **context.selections.grouped,
+        **selections.grouped,
         statistics=context.config["statistics"],
-        cut_offs=context.selections.cut_offs,
-        sharing=context.selections.sharing(),
+        cut_offs=selections.cut_offs,
+        sharing=selections.sharing(),
+        code=code("trust.py"),
     script:
         "../scripts/trust.py"
 
 
 rule physics_change:
-    """The stability of every feature with the study's physics beside that without."""
+    """Stability of each feature with the physics of the study and without."""
     input:
         features=rules.merge_features.output[0],
         trust=rules.trust.output[0],
-        code=context.code("physics_change.py"),
     output:
-        report(context.file("physics_change"), **context.reported("physics_change")),
+        reported("tables/physics_change.csv"),
     log:
-        context.log("physics_change"),
+        results("logs/physics_change.log"),
     group:
         "analyses"
     resources:
@@ -59,101 +61,96 @@ rule physics_change:
         runtime=30,
     params:
         groups=context.plan.groups_without_physics(),
-        noise=context.selections.grouped["noise"],
-        seeds=context.selections.grouped["seeds"],
+        noise=selections.grouped["noise"],
+        seeds=selections.grouped["seeds"],
         statistics=context.config["statistics"],
-        cut_offs=context.selections.cut_offs,
-        sharing=context.selections.sharing(context.plan.groups_without_physics()),
+        cut_offs=selections.cut_offs,
+        sharing=selections.sharing(context.plan.groups_without_physics()),
+        code=code("physics_change.py"),
     script:
         "../scripts/physics_change.py"
 
 
 rule stability_measures:
-    """ICC, CCC and coefficients of variation beside W, and which features are stable by which."""
+    """ICC, CCC and coefficients of variation besides W; stable features by each measure."""
     input:
         features=rules.merge_features.output[0],
         trust=rules.trust.output[0],
-        code=context.code("stability_measures.py"),
     output:
-        measures=report(
-            context.file("stability_measures"),
-            **context.reported("stability_measures"),
-        ),
-        features=report(
-            context.file("stable_features"), **context.reported("stable_features")
-        ),
+        measures=reported("tables/stability_measures.csv"),
+        features=reported("tables/stable_features.csv"),
     log:
-        context.log("stability_measures"),
+        results("logs/stability_measures.log"),
     group:
         "analyses"
     resources:
         mem_mb=2000,
         runtime=15,
     params:
-        **context.selections.grouped,
-        cut_offs=context.selections.cut_offs,
+        **selections.grouped,
+        cut_offs=selections.cut_offs,
+        code=code("stability_measures.py"),
     script:
         "../scripts/stability_measures.py"
 
 
 rule top_features:
-    """The ten best features beside the paper's."""
+    """The ten best features of the study and of the paper."""
     input:
         stability=rules.stability.output[0],
-        published=context.resource("published_top_features.csv"),
-        scores=context.resource("ct_phantom4radiomics_draws.csv"),
-        code=context.code("top_features.py"),
+        published=resource("published_top_features.csv"),
+        scores=resource("ct_phantom4radiomics_draws.csv"),
     output:
-        report(context.file("top_features"), **context.reported("top_features")),
+        reported("tables/top_features.csv"),
     log:
-        context.log("top_features"),
+        results("logs/top_features.log"),
     group:
         "analyses"
     resources:
         mem_mb=1000,
         runtime=10,
     params:
-        seeds=context.selections.grouped["seeds"],
+        seeds=selections.grouped["seeds"],
         with_measured=context.config["measured"]["overlay"],
+        code=code("top_features.py"),
     script:
         "../scripts/top_features.py"
 
 
 rule overlap:
-    """How many of the best features are also the measured phantom's best."""
+    """Number of best features that are also among the best of the measured phantom."""
     input:
         features=rules.merge_features.output[0],
-        scores=context.resource("ct_phantom4radiomics_draws.csv"),
-        code=context.code("overlap.py"),
+        scores=resource("ct_phantom4radiomics_draws.csv"),
     output:
-        context.file("overlap"),
+        results("tables/overlap.csv"),
     log:
-        context.log("overlap"),
+        results("logs/overlap.log"),
     group:
         "analyses"
     resources:
         mem_mb=2000,
         runtime=15,
     params:
-        **context.selections.grouped,
+        **selections.grouped,
         statistics=context.config["statistics"],
         recording=None,
+        code=code("overlap.py"),
     script:
         "../scripts/overlap.py"
 
 
 rule pca:
-    """The first two principal components of all images and ROIs of a selection of protocols."""
+    """First two principal components over the images and ROIs of a selection of protocols."""
     input:
         features=rules.merge_features.output[0],
-        measured=lambda wildcards: context.selections.reference_tables(wildcards.pca),
+        measured=lambda wildcards: selections.reference_tables(wildcards.pca),
         parameters=context.parameter_files,
-        code=context.code("pca.py"),
     output:
-        table=context.file("pca"),
-        separability=context.file("separability"),
+        table=results("tables/pca_{pca}.csv"),
+        separability=results("tables/separability_{pca}.csv"),
     log:
-        context.log("pca_{pca}"),
+        results("logs/pca_{pca}.log"),
     group:
         "analyses"
     resources:
@@ -161,30 +158,30 @@ rule pca:
         runtime=15,
     params:
         parameters=context.parameters,
-        selection=lambda wildcards: context.selections.components(wildcards.pca),
-        pca=lambda wildcards: context.selections.fitted(wildcards.pca),
+        selection=lambda wildcards: selections.components(wildcards.pca),
+        pca=lambda wildcards: selections.fitted(wildcards.pca),
         measured=context.config["measured"],
-        recordings=lambda wildcards: context.selections.references(wildcards.pca),
-        by=lambda wildcards: context.selections.markers(wildcards.pca),
+        recordings=lambda wildcards: selections.references(wildcards.pca),
+        by=lambda wildcards: selections.markers(wildcards.pca),
         conditions=lambda wildcards: {
             name: context.recordings.conditions(name)
-            for name in context.selections.references(wildcards.pca)
+            for name in selections.references(wildcards.pca)
         },
+        code=code("pca.py"),
     script:
         "../scripts/pca.py"
 
 
 rule noise_calibration:
-    """Variance over repeats, averaged over voxels, against the noise level."""
+    """Variance over repeats, averaged over voxels, for each noise level."""
     input:
-        images=context.selections.calibration_images(),
-        rois=context.selections.calibration_rois()[0],
-        masks=context.selections.calibration_rois()[1],
-        code=context.code("noise_calibration.py"),
+        images=selections.calibration_images(),
+        rois=selections.calibration_rois()[0],
+        masks=selections.calibration_rois()[1],
     output:
-        context.file("noise_calibration"),
+        results("tables/noise_calibration.csv"),
     log:
-        context.log("noise_calibration"),
+        results("logs/noise_calibration.log"),
     group:
         "calibration"
     resources:
@@ -192,26 +189,28 @@ rule noise_calibration:
         runtime=lambda wildcards, attempt: attempt
         * context.minutes(
             "noise_calibration",
-            context.sizes.images(len(context.selections.calibration)),
+            context.sizes.images(len(selections.calibration)),
         ),
     params:
-        protocols=context.selections.calibrated,
-        acquisitions=context.selections.calibration_acquisitions(),
+        protocols=selections.calibrated,
+        acquisitions=selections.calibration_acquisitions(),
+        code=code("noise_calibration.py"),
     script:
         "../scripts/noise_calibration.py"
 
 
 rule parquet:
-    """Every table as Parquet too."""
+    """All tables as Parquet."""
     input:
         tables=context.tables(),
-        code=context.code("parquet.py"),
     output:
         context.parquet_tables(),
     log:
-        context.log("parquet"),
+        results("logs/parquet.log"),
     resources:
         mem_mb=2000,
         runtime=15,
+    params:
+        code=code("parquet.py"),
     script:
         "../scripts/parquet.py"

@@ -1,24 +1,50 @@
 """One noisy acquisition, written to a file."""
 
-from virtual_phantom.study.job import job
+from collections.abc import Mapping, Sequence
 
-with job(snakemake) as log:
+from virtual_phantom.study.job import job, log
+
+
+def main(
+    *,
+    clean_file: str,
+    levels: Sequence[str],
+    output: str,
+    geometry_name: str,
+    settings: Mapping,
+    model: str,
+    draws: str,
+    study_seed: int,
+) -> None:
     from virtual_phantom.io.exchange import read_line_integrals, write_counts
     from virtual_phantom.physics.stored_state import read_state
     from virtual_phantom.simulation.acquire import acquire
     from virtual_phantom.study.matched_noise import resolve
 
-    params = snakemake.params
-    clean, geometry = read_line_integrals(snakemake.input.clean)
-    (acquisition,) = resolve([params.acquisition], snakemake.input.levels)
+    clean, geometry = read_line_integrals(clean_file)
+    (acquisition,) = resolve([settings], levels)
     counts = acquire(
         clean,
-        geometry=snakemake.wildcards.geometry,
-        model=params.model,
-        draws=params.draws,
-        study_seed=params.study_seed,
-        state=read_state(snakemake.input.clean),
+        geometry=geometry_name,
+        model=model,
+        draws=draws,
+        study_seed=study_seed,
+        state=read_state(clean_file),
         **acquisition,
     )
     log.info("fewest counts %d, pixels without any %d", counts.data.min(), (counts.data == 0).sum())
-    write_counts(snakemake.output[0], counts, geometry)
+    write_counts(output, counts, geometry)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            clean_file=snakemake.input.clean,
+            levels=snakemake.input.levels,
+            output=snakemake.output[0],
+            geometry_name=snakemake.wildcards.geometry,
+            settings=snakemake.params.acquisition,
+            model=snakemake.params.model,
+            draws=snakemake.params.draws,
+            study_seed=snakemake.params.study_seed,
+        )

@@ -1,6 +1,7 @@
 """Compare a diagnosed model with a scan by another protocol, for which only the alignment is fitted."""
 
 import json
+from collections.abc import Mapping
 
 from virtual_phantom.base.streams import Branch
 from virtual_phantom.diagnosis.comparison.regions import ScannedVolume
@@ -12,16 +13,38 @@ from virtual_phantom.diagnosis.selection.transfer import Physics, verified
 from virtual_phantom.io.files import write_text
 from virtual_phantom.study.job import job
 
-with job(snakemake) as log:
-    params, given = snakemake.params, snakemake.input
-    request = DiagnosisRequest.of(params.model, given.phantom, snakemake.threads)
+
+def main(
+    *,
+    phantom_file: str,
+    image_file: str,
+    rois_file: str,
+    physics_file: str,
+    output: str,
+    model: Mapping,
+    threads: int,
+) -> None:
+    request = DiagnosisRequest.of(model, phantom_file, threads)
     recording, prepared = prepare_recording(request)
-    physics = Physics.read(given.physics, needed=False)
+    physics = Physics.read(physics_file, needed=False)
     baseline = trial(prepared.fitter, ())
     if physics.effects:
         choice = verified(prepared.fitter, baseline, physics, same_material=True)
     else:
         choice = choose(prepared.fitter, baseline, ())
-    scanned = ScannedVolume.of(request, recording, (given.image, given.rois))
+    scanned = ScannedVolume.of(request, recording, (image_file, rois_file))
     table = compare_images(recording, prepared, choice, request, Branch.AGREEMENT_ELSEWHERE, scanned)
-    write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", snakemake.output[0])
+    write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", output)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            phantom_file=snakemake.input.phantom,
+            image_file=snakemake.input.image,
+            rois_file=snakemake.input.rois,
+            physics_file=snakemake.input.physics,
+            output=snakemake.output[0],
+            model=snakemake.params.model,
+            threads=snakemake.threads,
+        )

@@ -1,6 +1,7 @@
 """Find the phantom in one recording of images; write the fit, the mean image and the ROIs on the recording's grid."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
@@ -9,16 +10,26 @@ from virtual_phantom.io import files, volumes
 from virtual_phantom.phantom import read_rois, write_rois
 from virtual_phantom.recordings import alignment, registration
 from virtual_phantom.recordings.reading import load
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    name, study = snakemake.wildcards.recording, snakemake.params.phantom
-    recording = load(snakemake.params.folder)
+
+def main(
+    *,
+    phantom_image: str,
+    phantom_rois: str,
+    folder: str,
+    study: Mapping,
+    name: str,
+    image_file: str,
+    table_file: str,
+    alignment_file: str,
+) -> None:
+    recording = load(folder)
     if recording.kind != "images":
         raise InputError(f"recording {name}: holds {recording.kind}; only images can be aligned")
     alignment.check_same_phantom(recording, study["source"], study.get("ct", {}).get("image"))
-    phantom = volumes.read_nifti(snakemake.input.phantom)
-    rois = read_rois(snakemake.input.rois, phantom.grid)
+    phantom = volumes.read_nifti(phantom_image)
+    rois = read_rois(phantom_rois, phantom.grid)
 
     found, image, shifts = alignment.align_recording(recording, phantom)
     own = recording.rois()
@@ -32,9 +43,23 @@ with job(snakemake) as log:
         "rois_from": "recording.yaml" if own else "phantom",
         "repeats": [asdict(shift) for shift in shifts],
     }
-    volumes.write_nifti(image, snakemake.output.image)
-    write_rois(carried, image, Path(snakemake.output.table).parent)
-    files.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", snakemake.output.alignment)
+    volumes.write_nifti(image, image_file)
+    write_rois(carried, image, Path(table_file).parent)
+    files.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", alignment_file)
     text = f"{name}: {registration.describe(found)}"
     log.info("%s", text)
     print(text)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            phantom_image=snakemake.input.phantom,
+            phantom_rois=snakemake.input.rois,
+            folder=snakemake.params.folder,
+            study=snakemake.params.phantom,
+            name=snakemake.wildcards.recording,
+            image_file=snakemake.output.image,
+            table_file=snakemake.output.table,
+            alignment_file=snakemake.output.alignment,
+        )

@@ -1,4 +1,6 @@
-"""Features of the simulated images with one property changed at a time, for attribution and diagnosis."""
+"""Features of the simulated images with one property changed at a time, for the diagnosis of features."""
+
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
@@ -11,27 +13,53 @@ from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files, volumes
 from virtual_phantom.recordings.reference import where
 from virtual_phantom.statistics.comparison import common_rois
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    params = snakemake.params
-    recorded = where(files.read_csv(snakemake.input.recorded), params.where, f"recording {params.recording}")
-    parameters = read_parameters(**params.parameters)
+
+def main(
+    *,
+    recorded_features: str,
+    images_files: Sequence[str],
+    rois_file: str,
+    output: str,
+    recording: str,
+    conditions: Mapping,
+    chosen_rois: Sequence[str] | None,
+    voxel_mm: Sequence[float] | None,
+    extraction: Mapping,
+) -> None:
+    recorded = where(files.read_csv(recorded_features), conditions, f"recording {recording}")
+    parameters = read_parameters(**extraction)
     if MEAN not in parameters.features:
         raise InputError(
-            f"{parameters.source}: does not ask for {MEAN}, which attribution and diagnosis of features need; add "
+            f"{parameters.source}: does not ask for {MEAN}, which the diagnosis of features needs; add "
             "firstorder to featureClass and Original to imageType"
         )
-    images, grid = volumes.read_repeats(snakemake.input.images)
-    rois, masks = phantom.read_masks(snakemake.input.rois, grid)
-    chosen = common_rois(rois, recorded, params.rois)
+    images, grid = volumes.read_repeats(images_files)
+    rois, masks = phantom.read_masks(rois_file, grid)
+    chosen = common_rois(rois, recorded, chosen_rois)
     classes = rois.set_index("roi")["tissue_class"]
     fold_of = folds({roi: classes[roi] for roi in chosen})
     tables = []
     regions = {roi: masks[roi] for roi in chosen}
-    made = property_tables(images, grid, regions, fold_of, recorded, params.voxel_mm, parameters)
+    made = property_tables(images, grid, regions, fold_of, recorded, voxel_mm, parameters)
     for table in made:
         tables.append(table)
         log.info("%s %g", table["property"].iloc[0], table["strength"].iloc[0])
     whole = pd.concat(tables, ignore_index=True)
-    files.write_csv(whole.assign(tissue_class=whole["roi"].map(classes)), snakemake.output[0])
+    files.write_csv(whole.assign(tissue_class=whole["roi"].map(classes)), output)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            recorded_features=snakemake.input.recorded,
+            images_files=snakemake.input.images,
+            rois_file=snakemake.input.rois,
+            output=snakemake.output[0],
+            recording=snakemake.params.recording,
+            conditions=snakemake.params.where,
+            chosen_rois=snakemake.params.rois,
+            voxel_mm=snakemake.params.voxel_mm,
+            extraction=snakemake.params.parameters,
+        )

@@ -1,21 +1,38 @@
 """Features of one protocol and noise level against those of a recording."""
 
+from collections.abc import Mapping, Sequence
+
 from virtual_phantom.features import settings, tables
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reference import where
 from virtual_phantom.statistics import comparability, comparison, comparison_summary
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    params = snakemake.params
-    simulated = tables.read_features(snakemake.input.features)
-    simulated = tables.select(simulated, protocols=[params.protocol], noise=[params.noise], seeds=params.seeds)
-    source = f"recording {params.recording}"
-    recorded = where(files.read_csv(snakemake.input.recorded), params.where, source)
+
+def main(
+    *,
+    simulated_features: str,
+    recorded_features: str,
+    cells_file: str,
+    features_file: str,
+    families_file: str,
+    recording: str,
+    conditions: Mapping,
+    protocol: str,
+    noise: str,
+    seeds: int,
+    rois: Sequence[str] | None,
+    margin_sd: float,
+    extraction: Mapping,
+) -> None:
+    simulated = tables.read_features(simulated_features)
+    simulated = tables.select(simulated, protocols=[protocol], noise=[noise], seeds=seeds)
+    source = f"recording {recording}"
+    recorded = where(files.read_csv(recorded_features), conditions, source)
     features = comparison.common_features(simulated, recorded)
-    cells = comparison.compare(simulated, recorded, features, rois=params.rois, margin_sd=params.margin_sd)
-    files.write_csv(cells, snakemake.output.cells)
-    other = settings.other_settings(features, recorded, settings.read_extraction(params.parameters["path"]), source)
+    cells = comparison.compare(simulated, recorded, features, rois=rois, margin_sd=margin_sd)
+    files.write_csv(cells, cells_file)
+    other = settings.other_settings(features, recorded, settings.read_extraction(extraction["path"]), source)
     for line in dict.fromkeys(other.values()):
         log.warning("%s: features were extracted with other settings: %s", source, line)
     sizes = comparability.other_sizes(simulated, recorded, features, list(cells["roi"].unique()))
@@ -25,7 +42,26 @@ with job(snakemake) as log:
         other_settings=[other.get(feature, "") for feature in features],
         other_sizes=[sizes.get(feature, "") for feature in features],
     )
-    files.write_csv(summary, snakemake.output.features)
+    files.write_csv(summary, features_file)
     families = comparison_summary.family_summary(cells)
-    files.write_csv(families, snakemake.output.families)
+    files.write_csv(families, families_file)
     log.info("\n%s", families.to_string(index=False))
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            simulated_features=snakemake.input.features,
+            recorded_features=snakemake.input.recorded,
+            cells_file=snakemake.output.cells,
+            features_file=snakemake.output.features,
+            families_file=snakemake.output.families,
+            recording=snakemake.params.recording,
+            conditions=snakemake.params.where,
+            protocol=snakemake.params.protocol,
+            noise=snakemake.params.noise,
+            seeds=snakemake.params.seeds,
+            rois=snakemake.params.rois,
+            margin_sd=snakemake.params.margin_sd,
+            extraction=snakemake.params.parameters,
+        )

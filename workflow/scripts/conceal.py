@@ -1,5 +1,7 @@
 """Scan one concealed case by both protocols and write the recordings, which say nothing of what is concealed."""
 
+from collections.abc import Mapping, Sequence
+
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.proof.conceal import seal
 from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_of, write, write_images
@@ -8,21 +10,41 @@ from virtual_phantom.proof.conceal.suite import PROTOCOLS, scan_seed, views_of
 from virtual_phantom.proof.conceal.xcist import energy_of_water
 from virtual_phantom.study.job import job
 
-with job(snakemake) as log:
-    params, case = snakemake.params, snakemake.wildcards.case
-    truth = seal.open_seal(snakemake.input.sealed, seal.read(snakemake.input.seals))
-    one = OBJECTS[truth["phantom"]]
-    fine = read_nifti(snakemake.input.fine)
-    kev = energy_of_water(params.mu_water_per_mm)
-    seeds = scan_seed(params.settings["seed"], truth["number"]).spawn(2)
-    concealed, many = concealed_settings(truth), views_of(truth["kind"], params.settings)
-    for folder, protocol, views, seed in zip(snakemake.output, PROTOCOLS, many, seeds, strict=True):
-        photons, rotation_ms, repeats = (
-            params.settings[protocol][key] for key in ("photons", "rotation_time_ms", "repeats")
-        )
-        scan = scan_of(one, params.settings["scan"], views, photons, rotation_ms, kev, concealed)
-        taken = acquire(scan, one, fine, params.mu_water_per_mm, repeats, seed)
+
+def main(
+    *,
+    sealed_file: str,
+    seals_file: str,
+    fine_file: str,
+    folders: Sequence[str],
+    case: str,
+    settings: Mapping,
+    mu_water_per_mm: float,
+) -> None:
+    truth = seal.open_seal(sealed_file, seal.read(seals_file))
+    phantom_object = OBJECTS[truth["phantom"]]
+    fine = read_nifti(fine_file)
+    kev = energy_of_water(mu_water_per_mm)
+    seeds = scan_seed(settings["seed"], truth["number"]).spawn(2)
+    concealed, many = concealed_settings(truth), views_of(truth["kind"], settings)
+    for folder, protocol, views, seed in zip(folders, PROTOCOLS, many, seeds, strict=True):
+        photons, rotation_ms, repeats = (settings[protocol][key] for key in ("photons", "rotation_time_ms", "repeats"))
+        scan = scan_of(phantom_object, settings["scan"], views, photons, rotation_ms, kev, concealed)
+        taken = acquire(scan, phantom_object, fine, mu_water_per_mm, repeats, seed)
         if truth["kind"] == "images":
-            write_images(folder, case, one, scan, taken, params.mu_water_per_mm)
+            write_images(folder, case, phantom_object, scan, taken, mu_water_per_mm)
         else:
             write(folder, case, scan, taken)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            sealed_file=snakemake.input.sealed,
+            seals_file=snakemake.input.seals,
+            fine_file=snakemake.input.fine,
+            folders=snakemake.output,
+            case=snakemake.wildcards.case,
+            settings=snakemake.params.settings,
+            mu_water_per_mm=snakemake.params.mu_water_per_mm,
+        )

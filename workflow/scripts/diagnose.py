@@ -1,39 +1,90 @@
 """Diagnose one recording: diagnosis.json, physics.yaml, maps and the report."""
 
+from collections.abc import Mapping, Sequence
+
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import run_diagnosis
+from virtual_phantom.diagnosis.selection.store import DiagnosisFiles
 from virtual_phantom.diagnosis.selection.transfer import Physics, with_declared
 from virtual_phantom.diagnosis.setup.check import NOT_CHECKED, write_setup
 from virtual_phantom.diagnosis.verdict_text import console_text
 from virtual_phantom.report.diagnosis import write_results
 from virtual_phantom.statistics.proof_record import read_proof_record
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 from virtual_phantom.study.start_of_fits import start_of_fits
 
-OBJECTS = ("phantom", "mask", "labels", "shapes")  # inputs that describe the scanned object
 
-with job(snakemake) as log:
-    params, given, output = snakemake.params, snakemake.input, snakemake.output
-    model = with_declared(params.model, given.get("declared"))
-    request = DiagnosisRequest.of(model, given.get("phantom"), snakemake.threads)
-    start, physics = None, Physics.read(given.physics) if "physics" in given.keys() else None
-    if "kept" in params.keys():  # cases of the blind validation keep no fits
-        files = [*given.files, *(given[kind] for kind in OBJECTS if kind in given.keys())]
-        tried = [] if physics else [name for name in params.effects if name not in request.settings.baseline]
-        start = start_of_fits(snakemake.wildcards.recording, model, params.kept, files, snakemake.log[0], len(tried))
+def main(
+    *,
+    output: DiagnosisFiles,
+    setup_file: str | None,
+    recording_files: Sequence[str],
+    phantom_file: str | None,
+    image_file: str | None,
+    rois_file: str | None,
+    object_files: Sequence[str],
+    declared_file: str | None,
+    physics_file: str | None,
+    record_file: str | None,
+    name: str | None,
+    log_file: str,
+    cache_folder: str | None,
+    stated_model: Mapping,
+    effect_names: Sequence[str],
+    same_material: bool,
+    accuracy: Mapping[str, float],
+    thresholds: Mapping | None,
+    threads: int,
+) -> None:
+    model = with_declared(stated_model, declared_file)
+    request = DiagnosisRequest.of(model, phantom_file, threads)
+    start, physics = None, Physics.read(physics_file) if physics_file else None
+    if cache_folder:  # cases of the blind validation have none and report no progress
+        files = [*recording_files, *object_files]
+        tried = [] if physics else [effect for effect in effect_names if effect not in request.settings.baseline]
+        start = start_of_fits(name, model, cache_folder, files, log_file, len(tried))
     diagnosis = run_diagnosis(
         request,
-        params.effects,
-        params.accuracy,
+        effect_names,
+        accuracy,
         physics=physics,
-        same_material=params.same_material,
-        study_rois=(given.image, given.rois) if "phantom" in given.keys() else None,
-        thresholds=params.matters,
-        coverage=read_proof_record(given.record) if "record" in given.keys() else None,
+        same_material=same_material,
+        study_rois=(image_file, rois_file) if phantom_file else None,
+        thresholds=thresholds,
+        coverage=read_proof_record(record_file) if record_file else None,
         start_of_fits=start,
     )
     write_results(diagnosis, output)
-    if "setup" in output.keys():
-        write_setup(diagnosis.content.get("setup", NOT_CHECKED), output.setup)
+    if setup_file:
+        write_setup(diagnosis.content.get("setup", NOT_CHECKED), setup_file)
     log.info("%s", console_text(diagnosis.content))
     print(console_text(diagnosis.content))
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            output=snakemake.output,
+            setup_file=snakemake.output.get("setup"),
+            recording_files=snakemake.input.get("files", []),
+            phantom_file=snakemake.input.get("phantom"),
+            image_file=snakemake.input.get("image"),
+            rois_file=snakemake.input.get("rois"),
+            object_files=[
+                snakemake.input[kind]
+                for kind in ("phantom", "mask", "labels", "shapes")
+                if kind in snakemake.input.keys()
+            ],
+            declared_file=snakemake.input.get("declared"),
+            physics_file=snakemake.input.get("physics"),
+            record_file=snakemake.input.get("record"),
+            name=snakemake.wildcards.get("recording"),
+            log_file=snakemake.log[0],
+            cache_folder=snakemake.params.get("kept"),
+            stated_model=snakemake.params.model,
+            effect_names=snakemake.params.effects,
+            same_material=snakemake.params.same_material,
+            accuracy=snakemake.params.accuracy,
+            thresholds=snakemake.params.matters,
+            threads=snakemake.threads,
+        )

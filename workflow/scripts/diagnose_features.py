@@ -1,29 +1,63 @@
 """Diagnose features by image properties: diagnosis.json, physics.yaml, maps and the report."""
 
+from collections.abc import Mapping, Sequence
+
 from virtual_phantom.diagnosis.features.read import read_responses
 from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
-from virtual_phantom.diagnosis.selection.store import write_diagnosis
+from virtual_phantom.diagnosis.selection.store import DiagnosisFiles, write_diagnosis
 from virtual_phantom.diagnosis.verdict_text import console_text
 from virtual_phantom.features.names import MEAN
 from virtual_phantom.report.diagnosis_of_features import feature_diagnosis_page
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    params, given, output = snakemake.params, snakemake.input, snakemake.output
-    data, _, not_compared = read_responses(
-        given.properties,
-        given.recorded,
-        given.image,
-        recording=params.recording,
-        conditions=params.where,
-        dimensions=params.dimensions,
-        stored_offset_hu=params.stored_offset_hu,
-        parameters=params.parameters["path"],
-        rois=params.rois,
+
+def main(
+    *,
+    properties: str,
+    recorded: str,
+    image: str,
+    output: DiagnosisFiles,
+    name: str,
+    recording: str,
+    conditions: Mapping,
+    rois: Sequence[str] | None,
+    margin_sd: float,
+    dimensions: int,
+    stored_offset_hu: float,
+    extraction: Mapping,
+) -> None:
+    data, not_compared = read_responses(
+        properties,
+        recorded,
+        image,
+        recording=recording,
+        conditions=conditions,
+        dimensions=dimensions,
+        stored_offset_hu=stored_offset_hu,
+        parameters=extraction["path"],
+        rois=rois,
     )
-    found = diagnose_features(snakemake.wildcards.comparison, data, not_compared, MEAN)
+    found = diagnose_features(name, data, not_compared, MEAN, margin_sd)
     write_diagnosis(
         output, found.content, overlay(data, found.content), feature_diagnosis_page(found), found.before.maps
     )
     log.info("%s", console_text(found.content))
     print(console_text(found.content))
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            properties=snakemake.input.properties,
+            recorded=snakemake.input.recorded,
+            image=snakemake.input.image,
+            output=snakemake.output,
+            name=snakemake.wildcards.comparison,
+            recording=snakemake.params.recording,
+            conditions=snakemake.params.where,
+            rois=snakemake.params.rois,
+            margin_sd=snakemake.params.margin_sd,
+            dimensions=snakemake.params.dimensions,
+            stored_offset_hu=snakemake.params.stored_offset_hu,
+            extraction=snakemake.params.parameters,
+        )

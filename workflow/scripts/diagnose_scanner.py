@@ -1,32 +1,56 @@
 """Diagnose the recordings of a scanner together: scanner.json, physics.yaml and the report."""
 
+from collections.abc import Mapping, Sequence
+
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.scanner.scanner import run_scanner_diagnosis, scanned_in
 from virtual_phantom.diagnosis.setup.check import read_setup
 from virtual_phantom.diagnosis.verdict_text import SETUP_VERDICTS, console_text
-from virtual_phantom.report.scanner import write_scanner_results
-from virtual_phantom.study.job import job
+from virtual_phantom.report.scanner import ScannerFiles, write_scanner_results
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    params, given = snakemake.params, snakemake.input
-    prepared = {}
-    for (name, model), path in zip(params.models.items(), given.setups, strict=True):
-        setup = read_setup(path)
+
+def main(
+    *,
+    phantom_file: str | None,
+    setup_files: Sequence[str],
+    output: ScannerFiles,
+    scanner: str,
+    models: Mapping[str, Mapping],
+    effects: Sequence[str],
+    accuracy: Mapping[str, float],
+    protocols: Mapping,
+    judged_on: Sequence[str],
+    threads: int,
+) -> None:
+    setups = {name: read_setup(path) for name, path in zip(models, setup_files, strict=True)}
+    for name, setup in setups.items():
         if (kind := setup["kind"]) in SETUP_VERDICTS:
             raise InputError(f"{name}: {SETUP_VERDICTS[kind]}; see its own diagnosis, and correct that first")
-        request = DiagnosisRequest.of(model, given.get("phantom"), snakemake.threads).located(setup["location"])
+    prepared = {}
+    for name, model in models.items():
+        request = DiagnosisRequest.of(model, phantom_file, threads).located(setups[name]["location"])
         _, prepared[name] = prepare_recording(request)
-    found = run_scanner_diagnosis(
-        snakemake.wildcards.scanner,
-        prepared,
-        params.effects,
-        params.accuracy,
-        params.protocols,
-        {name: scanned_in(model["settings"]) for name, model in params.models.items()},
-        params.judged_on,
-    )
-    write_scanner_results(found, prepared, snakemake.output)
+    objects = {name: scanned_in(model["settings"]) for name, model in models.items()}
+    found = run_scanner_diagnosis(scanner, prepared, effects, accuracy, protocols, objects, judged_on)
+    write_scanner_results(found, prepared, output)
     log.info("%s", console_text(found.content))
     print(console_text(found.content))
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            phantom_file=snakemake.input.get("phantom"),
+            setup_files=snakemake.input.setups,
+            output=snakemake.output,
+            scanner=snakemake.wildcards.scanner,
+            models=snakemake.params.models,
+            effects=snakemake.params.effects,
+            accuracy=snakemake.params.accuracy,
+            protocols=snakemake.params.protocols,
+            judged_on=snakemake.params.judged_on,
+            threads=snakemake.threads,
+        )

@@ -1,17 +1,37 @@
 """Published files, put where a configuration names them if they are those that are listed."""
 
-from virtual_phantom.study.job import job
+from collections.abc import Sequence
 
-with job(snakemake) as log:
+from virtual_phantom.study.job import job, log
+
+
+def main(
+    *,
+    downloaded: Sequence[str],
+    table: str,
+    outputs: Sequence[str],
+    sha256: Sequence[str],
+    key: str,
+) -> None:
     import shutil
 
     from virtual_phantom.io.files import replacing
     from virtual_phantom.io.published import check_listed
 
-    params = snakemake.params
-    for source, digest in zip(snakemake.input.files, params.sha256, strict=True):
-        check_listed(source, digest, snakemake.input.table, f"set {params.key} to a web folder that holds it")
-    for source, path in zip(snakemake.input.files, snakemake.output, strict=True):
+    for source, digest in zip(downloaded, sha256, strict=True):
+        check_listed(source, digest, table, f"set {key} to a web folder that holds it")
+    for source, path in zip(downloaded, outputs, strict=True):
         with replacing(path, checksum=False) as temporary:
             shutil.copyfile(source, temporary)
         log.info("%s", path)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            downloaded=snakemake.input.files,
+            table=snakemake.input.table,
+            outputs=snakemake.output,
+            sha256=snakemake.params.sha256,
+            key=snakemake.params.key,
+        )

@@ -1,20 +1,32 @@
 """Features of all ROIs of the images of one protocol and noise level, one table per image."""
 
+from collections.abc import Mapping, Sequence
+
 from virtual_phantom import phantom
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features import extraction, tables
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files, volumes
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 from virtual_phantom.study.matched_noise import resolve
 
-with job(snakemake) as log:
-    params = snakemake.params
-    images = list(snakemake.input.images)
-    acquisitions = resolve(params.acquisitions, snakemake.input.levels)
-    parameters = read_parameters(**params.parameters)
+
+def main(
+    *,
+    image_files: Sequence[str],
+    levels: Sequence[str],
+    roi_files: Sequence[str],
+    outputs: Sequence[str],
+    protocol: str,
+    settings: Mapping,
+    acquisition_settings: Sequence[Mapping],
+    extraction_settings: Mapping,
+) -> None:
+    images = list(image_files)
+    acquisitions = resolve(acquisition_settings, levels)
+    parameters = read_parameters(**extraction_settings)
     drawn = None
-    for path, one, place, output in zip(images, acquisitions, snakemake.input.rois, snakemake.output, strict=True):
+    for path, acquired, place, output in zip(images, acquisitions, roi_files, outputs, strict=True):
         image = volumes.read_nifti(path)
         if place != drawn:
             rois, masks = phantom.read_masks(place, image.grid)
@@ -23,12 +35,26 @@ with job(snakemake) as log:
         if not image.grid.matches(grid):
             raise InputError(f"{path}: is on another grid ({image.grid}) than the ROIs ({grid})")
         acquisition = {
-            "protocol": params.protocol,
-            "algorithm": params.settings["algorithm"],
-            "projections": params.settings["projections"],
-            **one,
+            "protocol": protocol,
+            "algorithm": settings["algorithm"],
+            "projections": settings["projections"],
+            **acquired,
         }
         found = extraction.extract(image, masks, name=str(path), parameters=parameters)
         table = tables.add_acquisition(found, classes, acquisition)
         files.write_csv(table, output)
         log.info("%s: %d ROIs", path, len(table))
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            image_files=snakemake.input.images,
+            levels=snakemake.input.levels,
+            roi_files=snakemake.input.rois,
+            outputs=snakemake.output,
+            protocol=snakemake.params.protocol,
+            settings=snakemake.params.settings,
+            acquisition_settings=snakemake.params.acquisitions,
+            extraction_settings=snakemake.params.parameters,
+        )

@@ -1,9 +1,28 @@
 """One public scan, fetched and held against the list."""
 
 from virtual_phantom.recordings.public_scans.fetch import fetch
-from virtual_phantom.study.job import job
+from virtual_phantom.recordings.public_scans.table import PublicScan
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    params = snakemake.params
-    fetch(params.scan, snakemake.output[0], params.endpoint, params.bucket)
-    log.info("%s", params.listed)
+
+def main(
+    *,
+    folder: str,
+    scan: PublicScan,
+    listed: str,
+    endpoint: str,
+    bucket: str,
+) -> None:
+    fetch(scan, folder, endpoint, bucket)
+    log.info("%s", listed)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            folder=snakemake.output[0],
+            scan=snakemake.params.scan,
+            listed=snakemake.params.listed,
+            endpoint=snakemake.params.endpoint,
+            bucket=snakemake.params.bucket,
+        )

@@ -1,8 +1,14 @@
 """A downloaded sinogram of the Helsinki Tomography Challenge 2022 as a recording."""
 
 from virtual_phantom.recordings.importers.htc2022 import import_htc2022
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    recording = import_htc2022(snakemake.input[0], snakemake.output[0])
+
+def main(*, source: str, folder: str) -> None:
+    recording = import_htc2022(source, folder)
     log.info("%s: %d views", recording.name, recording.geometry.views)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(source=snakemake.input[0], folder=snakemake.output[0])

@@ -1,17 +1,47 @@
 """The page to start with: the answer, warnings, figures, tables, and what to do next."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from virtual_phantom.io import files
 from virtual_phantom.report import index, study
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    paths, params, target = snakemake.input, snakemake.params, Path(snakemake.output[0])
-    figures = study.report_figures(paths.figures, paths.captions, params.figures)
-    tables = [index.LinkedTable(title, Path(path)) for title, path in zip(params.tables, paths.tables, strict=True)]
-    diagnoses = [Path(path) for path in params.diagnoses if Path(path).exists()]
-    beside = {title: page for title, page in params.beside.items() if (target.parent / page).exists()}
-    page = index.index_page(target.parent, figures, tables, diagnoses, params.config, params.commands, beside)
-    files.write_text(page, target)
+
+def main(
+    *,
+    figure_files: Sequence[str],
+    caption_files: Sequence[str],
+    table_files: Sequence[str],
+    output: str,
+    figure_titles: Sequence,
+    table_titles: Sequence[str],
+    reports: Sequence[str],
+    commands: Sequence,
+    other_pages: Mapping[str, str],
+    config: Mapping,
+) -> None:
+    target = Path(output)
+    figures = study.report_figures(figure_files, caption_files, figure_titles)
+    tables = [index.LinkedTable(title, Path(path)) for title, path in zip(table_titles, table_files, strict=True)]
+    diagnoses = [Path(path) for path in reports if Path(path).exists()]
+    beside = {title: index_page for title, index_page in other_pages.items() if (target.parent / index_page).exists()}
+    index_page = index.index_page(target.parent, figures, tables, diagnoses, config, commands, beside)
+    files.write_text(index_page, target)
     log.info("%d figures, %d tables, %d diagnoses", len(figures), len(tables), len(diagnoses))
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            figure_files=snakemake.input.figures,
+            caption_files=snakemake.input.captions,
+            table_files=snakemake.input.tables,
+            output=snakemake.output[0],
+            figure_titles=snakemake.params.figures,
+            table_titles=snakemake.params.tables,
+            reports=snakemake.params.diagnoses,
+            commands=snakemake.params.commands,
+            other_pages=snakemake.params.beside,
+            config=snakemake.params.config,
+        )

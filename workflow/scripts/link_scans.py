@@ -1,12 +1,24 @@
 """Scans that lie in a folder of somebody's own, told by their tags, as links."""
 
+from collections.abc import Sequence
+
 from virtual_phantom.recordings.public_scans.fetch import link
 from virtual_phantom.recordings.public_scans.files import found_scans
-from virtual_phantom.study.job import job
+from virtual_phantom.recordings.public_scans.table import PublicScan
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    scans = snakemake.params.scans
-    found = found_scans(snakemake.params.folder, scans)
-    for scan, folder in zip(scans, snakemake.output, strict=True):
-        link(scan, found[scan.name], folder)
-        log.info("%s: %d files in %s", scan.name, scan.files, snakemake.params.folder)
+
+def main(*, scans: Sequence[PublicScan], folder: str, outputs: Sequence[str]) -> None:
+    found = found_scans(folder, scans)
+    for scan, link_folder in zip(scans, outputs, strict=True):
+        link(scan, found[scan.name], link_folder)
+        log.info("%s: %d files in %s", scan.name, scan.files, folder)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            scans=snakemake.params.scans,
+            folder=snakemake.params.folder,
+            outputs=snakemake.output,
+        )

@@ -1,5 +1,6 @@
 """The noise level at which a protocol shows the variance that ROIs have in a recording."""
 
+from collections.abc import Mapping
 from dataclasses import asdict
 
 from virtual_phantom.base.errors import InputError
@@ -8,21 +9,37 @@ from virtual_phantom.io import files
 from virtual_phantom.recordings.reference import where
 from virtual_phantom.statistics import noise
 from virtual_phantom.study import matched_noise
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    meets = snakemake.params.meets
+
+def main(
+    *,
+    recorded_features: str,
+    calibration: str,
+    output: str,
+    noise_name: str,
+    meets: Mapping,
+) -> None:
     source = f"recording {meets['recording']}"
-    recorded = where(files.read_csv(snakemake.input.recorded), meets["where"], source)
+    recorded = where(files.read_csv(recorded_features), meets["where"], source)
     if VARIANCE not in recorded:
         raise InputError(
             f"{source}: has no {VARIANCE}, which a noise level is matched by; extract it, or give the level an A"
         )
     measured = recorded.pivot(index="image", columns="roi", values=VARIANCE)
-    found = noise.match_noise_level(
-        files.read_csv(snakemake.input.calibration), meets["protocol"], meets["rois"], measured
-    )
-    matched_noise.write({**asdict(found), **meets}, snakemake.output[0])
-    log.info("%s: %s", snakemake.wildcards.noise, found)
+    found = noise.match_noise_level(files.read_csv(calibration), meets["protocol"], meets["rois"], measured)
+    matched_noise.write({**asdict(found), **meets}, output)
+    log.info("%s: %s", noise_name, found)
     if found.extrapolated:
         log.warning("A lies outside the levels of the noise calibration; add a level beyond it")
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            recorded_features=snakemake.input.recorded,
+            calibration=snakemake.input.calibration,
+            output=snakemake.output[0],
+            noise_name=snakemake.wildcards.noise,
+            meets=snakemake.params.meets,
+        )

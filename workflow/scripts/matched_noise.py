@@ -1,5 +1,6 @@
 """How well the matched noise levels meet their recordings, once simulated."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,17 +11,18 @@ from virtual_phantom.features import tables
 from virtual_phantom.features.names import VARIANCE
 from virtual_phantom.io import files
 from virtual_phantom.study import matched_noise
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    features = tables.read_features(snakemake.input.features)
+
+def main(*, features_file: str, levels: Sequence[str], output: str) -> None:
+    features = tables.read_features(features_file)
     if VARIANCE not in features:
         raise InputError(
-            f"{snakemake.input.features}: has no {VARIANCE}, by which matched noise levels are told; have firstorder "
+            f"{features_file}: has no {VARIANCE}, by which matched noise levels are told; have firstorder "
             "extracted of the original image"
         )
     rows = []
-    for path in snakemake.input.levels:
+    for path in levels:
         level, name = matched_noise.read(path), Path(path).stem
         chosen = features[
             (features["noise"] == name)
@@ -45,5 +47,14 @@ with job(snakemake) as log:
             }
         )
     table = pd.DataFrame(rows)
-    files.write_csv(table, snakemake.output[0])
+    files.write_csv(table, output)
     log.info("\n%s", table.to_string(index=False))
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            features_file=snakemake.input.features,
+            levels=snakemake.input.levels,
+            output=snakemake.output[0],
+        )

@@ -1,23 +1,32 @@
 """Overlap of the highest-ranked simulated and measured features, both of equally many repeats."""
 
+from collections.abc import Mapping
+
 from virtual_phantom.features import tables
 from virtual_phantom.features.names import features_of
 from virtual_phantom.io import files
 from virtual_phantom.statistics import measured, ranking, wilcoxon
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    params = snakemake.params
-    source = str(snakemake.input.features)
-    scores = snakemake.input.scores
-    recorded = files.read_csv(scores) if params.recording else measured.load_score_draws(params.seeds)
+
+def main(
+    *,
+    features_file: str,
+    scores: str,
+    output: str,
+    groups: Mapping[str, str],
+    noise: str,
+    seeds: int,
+    statistics: Mapping,
+    recording: str | None,
+) -> None:
+    source = features_file
+    recorded = files.read_csv(scores) if recording else measured.load_score_draws(seeds)
     repeats = int(recorded["repeats"].iloc[0])
-    features = tables.select_groups(
-        tables.read_features(source), dict(params.groups), noise=params.noise, seeds=repeats
-    )
-    simulated = wilcoxon.scores(features, features_of(features), source=source, **params.statistics)
+    features = tables.select_groups(tables.read_features(source), dict(groups), noise=noise, seeds=repeats)
+    simulated = wilcoxon.scores(features, features_of(features), source=source, **statistics)
     table = ranking.overlap(simulated, recorded, ranking.shared_variance(features, features_of(features)))
-    files.write_csv(table, snakemake.output[0])
+    files.write_csv(table, output)
     for kind in ranking.KINDS:
         first, ten = table.iloc[0], table.iloc[min(9, len(table) - 1)]
         log.info(
@@ -31,4 +40,18 @@ with job(snakemake) as log:
             ten["n_top"] * ten[f"overlap_{kind}_percent"] / 100,
             ten["n_top"],
             ten["n_top"] * ten[f"overlap_{kind}_sd"] / 100,
+        )
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            features_file=snakemake.input.features,
+            scores=snakemake.input.scores,
+            output=snakemake.output[0],
+            groups=snakemake.params.groups,
+            noise=snakemake.params.noise,
+            seeds=snakemake.params.seeds,
+            statistics=snakemake.params.statistics,
+            recording=snakemake.params.recording,
         )

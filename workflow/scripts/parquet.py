@@ -1,10 +1,18 @@
 """Tables as Parquet beside their CSV: the same rows and columns, each with its type."""
 
-from virtual_phantom.io import files
-from virtual_phantom.study.job import job
+from collections.abc import Sequence
 
-with job(snakemake) as log:
-    for source, target in zip(snakemake.input.tables, snakemake.output, strict=True):
+from virtual_phantom.io import files
+from virtual_phantom.study.job import job, log
+
+
+def main(*, table_files: Sequence[str], outputs: Sequence[str]) -> None:
+    for source, target in zip(table_files, outputs, strict=True):
         table = files.read_csv(source)
         files.write_parquet(table, target)
         log.info("%s: %d rows, %d columns", target, *table.shape)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(table_files=snakemake.input.tables, outputs=snakemake.output)

@@ -1,5 +1,6 @@
 """Build or load the phantom; write its images, masks and rois.csv beside snakemake.output.image."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from virtual_phantom.base.geometry import grid_of
@@ -7,19 +8,37 @@ from virtual_phantom.base.streams import Branch, branch
 from virtual_phantom.phantom import ct, layout, synthetic, write_phantom
 from virtual_phantom.physics.scenes.objects import read_phantom_object
 from virtual_phantom.physics.scenes.voxelized import voxelize
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    settings, sampling = snakemake.params.phantom, snakemake.params.grid
+
+def main(
+    *,
+    output: str,
+    settings: Mapping,
+    sampling: Mapping,
+    study_seed: int,
+    mu_water_per_mm: float,
+) -> None:
     grid = grid_of(sampling)
     oversampling = sampling["oversampling"]
     if settings["source"] == "synthetic":
-        seed = branch(snakemake.params.seed, Branch.PHANTOM)
+        seed = branch(study_seed, Branch.PHANTOM)
         phantom = synthetic.build(layout.read_layout(settings["layout"]), grid, oversampling, seed)
     elif settings["source"] == "object":
         shaped, rois = read_phantom_object(settings["object"])
-        phantom = voxelize(shaped, grid, oversampling, snakemake.params.mu_water_per_mm, rois)
+        phantom = voxelize(shaped, grid, oversampling, mu_water_per_mm, rois)
     else:
         phantom = ct.load_phantom(settings["ct"], grid, oversampling)
-    write_phantom(phantom, Path(snakemake.output.image).parent)
+    write_phantom(phantom, Path(output).parent)
     log.info("%s phantom on %s, %d ROIs", settings["source"], phantom.image.grid, len(phantom.rois))
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            output=snakemake.output.image,
+            settings=snakemake.params.phantom,
+            sampling=snakemake.params.grid,
+            study_seed=snakemake.params.seed,
+            mu_water_per_mm=snakemake.params.mu_water_per_mm,
+        )

@@ -1,25 +1,51 @@
 """The stability of every feature with the study's physics and without, and whether they differ."""
 
+from collections.abc import Mapping
+
 from virtual_phantom.features import tables
 from virtual_phantom.features.names import features_of
 from virtual_phantom.io import files
 from virtual_phantom.statistics import physics_change, trust
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    params = snakemake.params
-    source = str(snakemake.input.features)
-    groups = dict(params.groups)
-    table = tables.select_groups(tables.read_features(source), groups, noise=params.noise, seeds=params.seeds)
+
+def main(
+    *,
+    features_file: str,
+    trust_file: str,
+    output: str,
+    groups: Mapping[str, str],
+    noise: str,
+    seeds: int,
+    statistics: Mapping,
+    cut_offs: Mapping[str, float],
+    sharing: Mapping[str, str],
+) -> None:
+    table = tables.select_groups(tables.read_features(features_file), dict(groups), noise=noise, seeds=seeds)
     without = trust.trust_table(
         table,
         features_of(table),
-        {groups[protocol]: label for protocol, label in params.sharing.items()},
-        params.cut_offs["w_stability_percent"],
-        threshold=params.statistics["threshold"],
-        compare=params.statistics["compare"],
-        source=source,
+        {groups[protocol]: label for protocol, label in sharing.items()},
+        cut_offs["w_stability_percent"],
+        threshold=statistics["threshold"],
+        compare=statistics["compare"],
+        source=features_file,
     )
-    found = physics_change.stability_change(files.read_csv(snakemake.input.trust), without)
-    files.write_csv(found, snakemake.output[0])
+    found = physics_change.stability_change(files.read_csv(trust_file), without)
+    files.write_csv(found, output)
     log.info("%d of %d features change", (found["changed"] == "yes").sum(), len(found))
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            features_file=snakemake.input.features,
+            trust_file=snakemake.input.trust,
+            output=snakemake.output[0],
+            groups=snakemake.params.groups,
+            noise=snakemake.params.noise,
+            seeds=snakemake.params.seeds,
+            statistics=snakemake.params.statistics,
+            cut_offs=snakemake.params.cut_offs,
+            sharing=snakemake.params.sharing,
+        )

@@ -1,19 +1,43 @@
 """What the configured study would cost, as a table, as JSON and as text."""
 
 import json
+from collections.abc import Mapping, Sequence
 
 from virtual_phantom.io import files
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
+
+def main(
+    *,
+    rates_file: str,
+    table_file: str,
+    totals_file: str,
+    text_file: str,
+    config: Mapping,
+    engine: str,
+    diagnoses: Sequence[Mapping],
+) -> None:
     from virtual_phantom.config.plan import Plan
     from virtual_phantom.study.costs.rates import read_rates
     from virtual_phantom.study.costs.table import listed, readable, summary
 
-    plan = Plan(dict(snakemake.params.config))
-    table, content = summary(plan, snakemake.params.engine, read_rates(snakemake.input.rates))
-    content["diagnoses"] = list(snakemake.params.diagnoses)
-    files.write_csv(table, snakemake.output.table)
-    files.write_text(json.dumps(content, indent=2) + "\n", snakemake.output.totals)
-    files.write_text(readable(table, content) + listed(content["diagnoses"]), snakemake.output.text)
+    plan = Plan(dict(config))
+    table, content = summary(plan, engine, read_rates(rates_file))
+    content["diagnoses"] = list(diagnoses)
+    files.write_csv(table, table_file)
+    files.write_text(json.dumps(content, indent=2) + "\n", totals_file)
+    files.write_text(readable(table, content) + listed(content["diagnoses"]), text_file)
     log.info("%d jobs, %.3f core-hours", content["jobs"], content["core_hours"])
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            rates_file=snakemake.input.rates,
+            table_file=snakemake.output.table,
+            totals_file=snakemake.output.totals,
+            text_file=snakemake.output.text,
+            config=snakemake.params.config,
+            engine=snakemake.params.engine,
+            diagnoses=snakemake.params.diagnoses,
+        )

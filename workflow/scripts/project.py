@@ -1,8 +1,24 @@
 """Noise-free line integrals of the finely sampled phantom in one geometry."""
 
-from virtual_phantom.study.job import job
+from collections.abc import Mapping, Sequence
 
-with job(snakemake) as log:
+from virtual_phantom.study.job import job, log
+
+
+def main(
+    *,
+    phantom_file: str,
+    image_file: str,
+    rois_file: str,
+    physics_files: Sequence[str],
+    output: str,
+    geometry_settings: Mapping,
+    mu_water_per_mm: float,
+    materials: Mapping,
+    sensor: Mapping | str | None,
+    pose_settings: Mapping | None,
+    threads: int,
+) -> None:
     from virtual_phantom.base.geometry import scan_geometry
     from virtual_phantom.base.pose import IN_PLACE
     from virtual_phantom.io.exchange import write_line_integrals
@@ -13,32 +29,48 @@ with job(snakemake) as log:
     from virtual_phantom.physics.stored_state import to_store
     from virtual_phantom.simulation.project import project_phantom, read_diagnosed_physics
 
-    params = snakemake.params
-    phantom = read_nifti(snakemake.input.phantom)
-    grid = read_nifti(snakemake.input.image).grid  # the phantom's own: it alone knows where in the world that lies
-    geometry = scan_geometry(params.geometry["scan"], params.geometry["projections"], grid)
+    phantom = read_nifti(phantom_file)
+    grid = read_nifti(image_file).grid  # the phantom's own: it alone knows where in the world that lies
+    geometry = scan_geometry(geometry_settings["scan"], geometry_settings["projections"], grid)
     log.info(
         "%d views, %.3f turns, feed %.1f mm per turn",
         geometry.views,
         geometry.views / geometry.views_per_rotation,
         geometry.feed_per_rotation_mm,
     )
-    _, masks = read_masks(snakemake.input.rois, grid)
+    _, masks = read_masks(rois_file, grid)
     check_rois_seen(geometry, grid, masks)
-    physics = params.geometry["physics"]
-    if snakemake.input.physics:
-        physics, _ = read_diagnosed_physics(*snakemake.input.physics)
-    pose = random_pose(**params.pose) if params.pose else IN_PLACE
+    physics = geometry_settings["physics"]
+    if physics_files:
+        physics, _ = read_diagnosed_physics(*physics_files)
+    pose = random_pose(**pose_settings) if pose_settings else IN_PLACE
     log.info("%s", pose)
     line_integrals, state = project_phantom(
         phantom,
         geometry,
         physics,
-        mu_water_per_mm=params.mu_water_per_mm,
-        materials=params.materials,
-        sensor=params.sensor,
-        threads=snakemake.threads,
+        mu_water_per_mm=mu_water_per_mm,
+        materials=materials,
+        sensor=sensor,
+        threads=threads,
         pose=pose,
     )
     log.info("effects: %s", physics or "none")
-    write_line_integrals(snakemake.output[0], line_integrals, geometry, None if state is None else to_store(state))
+    write_line_integrals(output, line_integrals, geometry, None if state is None else to_store(state))
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            phantom_file=snakemake.input.phantom,
+            image_file=snakemake.input.image,
+            rois_file=snakemake.input.rois,
+            physics_files=snakemake.input.physics,
+            output=snakemake.output[0],
+            geometry_settings=snakemake.params.geometry,
+            mu_water_per_mm=snakemake.params.mu_water_per_mm,
+            materials=snakemake.params.materials,
+            sensor=snakemake.params.sensor,
+            pose_settings=snakemake.params.pose,
+            threads=snakemake.threads,
+        )

@@ -1,17 +1,36 @@
 """Build a phantom of the proof: what is scanned (fine), and what the diagnosis is told of it."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from virtual_phantom.base.streams import Branch, branch
 from virtual_phantom.phantom import write_phantom
 from virtual_phantom.proof.conceal.objects import OBJECTS
 from virtual_phantom.proof.conceal.phantoms import build
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    params = snakemake.params
-    one = OBJECTS[snakemake.wildcards.phantom]
-    seed = branch(params.seed, Branch.PROOF_PHANTOM)
-    phantom = build(one, snakemake.input.layout, params.scan["columns"], params.scan["rows"], seed)
-    write_phantom(phantom, Path(snakemake.output.image).parent)
+
+def main(
+    *,
+    layout: str,
+    output: str,
+    name: str,
+    scan: Mapping,
+    study_seed: int,
+) -> None:
+    phantom_object = OBJECTS[name]
+    seed = branch(study_seed, Branch.PROOF_PHANTOM)
+    phantom = build(phantom_object, layout, scan["columns"], scan["rows"], seed)
+    write_phantom(phantom, Path(output).parent)
     log.info("scanned on %s, known on %s", phantom.fine.grid, phantom.image.grid)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            layout=snakemake.input.layout,
+            output=snakemake.output.image,
+            name=snakemake.wildcards.phantom,
+            scan=snakemake.params.scan,
+            study_seed=snakemake.params.seed,
+        )

@@ -1,11 +1,21 @@
 """Bind every diagnosis by its hash, before any seal is opened."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from virtual_phantom.proof.conceal import seal
 from virtual_phantom.study.job import job
 
-with job(snakemake) as log:
-    given = snakemake.input
-    for diagnosis, other, path in zip(given.diagnoses, given.others, snakemake.output, strict=True):
+
+def main(*, diagnoses: Sequence[str], others: Sequence[str], outputs: Sequence[str]) -> None:
+    for diagnosis, other, path in zip(diagnoses, others, outputs, strict=True):
         seal.write(seal.verdict_of(Path(path).stem, diagnosis, other), path)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            diagnoses=snakemake.input.diagnoses,
+            others=snakemake.input.others,
+            outputs=snakemake.output,
+        )

@@ -1,8 +1,33 @@
 """Images of one protocol, as many acquisitions at once as the job has outputs."""
 
-from virtual_phantom.study.job import job
+from collections.abc import Mapping, Sequence
 
-with job(snakemake) as log:
+from virtual_phantom.study.job import job, log
+
+
+def main(
+    *,
+    phantom_file: str,
+    clean_files: Sequence[str],
+    levels: Sequence[str],
+    roi_files: Sequence[str],
+    physics_files: Sequence[str],
+    outputs: Sequence[str],
+    protocol: str,
+    algorithm: str,
+    settings: Mapping,
+    geometry_name: str,
+    acquisitions: Sequence[Mapping],
+    image_physics: Mapping,
+    voxels: Mapping | None,
+    engine: str,
+    model: str,
+    draws: str,
+    study_seed: int,
+    mu_water_per_mm: float,
+    zero_counts_as: float,
+    threads: int,
+) -> None:
     import numpy as np
 
     from virtual_phantom.base.errors import InputError
@@ -16,21 +41,18 @@ with job(snakemake) as log:
     from virtual_phantom.simulation.reconstruct import reconstruct, reconstruct_in_boxes
     from virtual_phantom.study.matched_noise import resolve
 
-    params = snakemake.params
-    grid = read_nifti(snakemake.input.phantom).grid
-    paths = list(snakemake.input.clean)
-    physics = params.physics
-    if snakemake.input.physics:
-        _, physics = read_diagnosed_physics(*snakemake.input.physics)
-    if physics and params.voxels is not None:
+    grid = read_nifti(phantom_file).grid
+    paths = list(clean_files)
+    physics = image_physics
+    if physics_files:
+        _, physics = read_diagnosed_physics(*physics_files)
+    if physics and voxels is not None:
         raise InputError(
-            f"{snakemake.input.physics[0]}: {min(physics)} acts on whole images, and those of protocol "
-            f"{snakemake.wildcards.protocol} are made in boxes; take its voxels out"
+            f"{physics_files[0]}: {min(physics)} acts on whole images, and those of protocol "
+            f"{protocol} are made in boxes; take its voxels out"
         )
     noisy, read = None, None
-    for lane, (acquisition, path) in enumerate(
-        zip(resolve(params.acquisitions, snakemake.input.levels), paths, strict=True)
-    ):
+    for lane, (acquisition, path) in enumerate(zip(resolve(acquisitions, levels), paths, strict=True)):
         if path != read:
             clean, geometry = read_line_integrals(path)
             state, read = read_state(path), path
@@ -38,48 +60,74 @@ with job(snakemake) as log:
             noisy = np.empty((len(paths), *clean.shape), dtype=np.float32)
         counts = acquire(
             clean,
-            geometry=params.geometry,
-            model=params.model,
-            draws=params.draws,
-            study_seed=params.study_seed,
+            geometry=geometry_name,
+            model=model,
+            draws=draws,
+            study_seed=study_seed,
             state=state,
             **acquisition,
         )
-        noisy[lane] = counts.line_integrals(params.zero_counts_as)
+        noisy[lane] = counts.line_integrals(zero_counts_as)
         log.info(
             "%s: fewest counts %d, pixels without any %d", acquisition, counts.data.min(), (counts.data == 0).sum()
         )
     del clean, counts
-    if params.voxels is None:
+    if voxels is None:
         volumes = reconstruct(
             noisy,
             geometry,
             grid,
-            params.algorithm,
-            params.settings,
-            engine=params.engine,
-            mu_water_per_mm=params.mu_water_per_mm,
+            algorithm,
+            settings,
+            engine=engine,
+            mu_water_per_mm=mu_water_per_mm,
             physics=physics,
-            threads=snakemake.threads,
+            threads=threads,
         )
     else:
-        grid = voxels_over(grid, params.voxels["spacing_mm"])
-        places = list(snakemake.input.rois)
+        grid = voxels_over(grid, voxels["spacing_mm"])
+        places = list(roi_files)
         volumes = [None] * len(places)
         for place in dict.fromkeys(places):
-            lanes = [lane for lane, one in enumerate(places) if one == place]
+            lanes = [lane for lane, roi_file in enumerate(places) if roi_file == place]
             _, masks = read_masks(place, grid)
             made = reconstruct_in_boxes(
                 noisy[lanes],
                 geometry,
                 grid,
                 boxes_around(masks.values(), grid),
-                params.settings,
-                thickness_mm=params.voxels["thickness_mm"],
-                mu_water_per_mm=params.mu_water_per_mm,
-                threads=snakemake.threads,
+                settings,
+                thickness_mm=voxels["thickness_mm"],
+                mu_water_per_mm=mu_water_per_mm,
+                threads=threads,
             )
             for lane, volume in zip(lanes, made, strict=True):
                 volumes[lane] = volume
-    for volume, path in zip(volumes, snakemake.output, strict=True):
+    for volume, path in zip(volumes, outputs, strict=True):
         write_nifti(volume, path)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            phantom_file=snakemake.input.phantom,
+            clean_files=snakemake.input.clean,
+            levels=snakemake.input.levels,
+            roi_files=snakemake.input.rois,
+            physics_files=snakemake.input.physics,
+            outputs=snakemake.output,
+            protocol=snakemake.wildcards.protocol,
+            algorithm=snakemake.params.algorithm,
+            settings=snakemake.params.settings,
+            geometry_name=snakemake.params.geometry,
+            acquisitions=snakemake.params.acquisitions,
+            image_physics=snakemake.params.physics,
+            voxels=snakemake.params.voxels,
+            engine=snakemake.params.engine,
+            model=snakemake.params.model,
+            draws=snakemake.params.draws,
+            study_seed=snakemake.params.study_seed,
+            mu_water_per_mm=snakemake.params.mu_water_per_mm,
+            zero_counts_as=snakemake.params.zero_counts_as,
+            threads=snakemake.threads,
+        )

@@ -1,5 +1,7 @@
 """Features of one recording in HU, one row per image and ROI: those of its tables, or extracted from its images."""
 
+from collections.abc import Mapping
+
 import pandas as pd
 
 from virtual_phantom import phantom
@@ -9,15 +11,23 @@ from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.reference import in_hu
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    parameters = read_parameters(**snakemake.params.parameters)
-    recording = load(snakemake.params.folder, parameters.features)
+
+def main(
+    *,
+    rois_file: str | None,
+    output: str,
+    name: str,
+    folder: str,
+    extraction_settings: Mapping,
+) -> None:
+    parameters = read_parameters(**extraction_settings)
+    recording = load(folder, parameters.features)
     if recording.kind == "features":
         table = in_hu(recording)
     elif recording.kind == "images":
-        rois, masks = phantom.read_masks(snakemake.input.rois, recording.grid)
+        rois, masks = phantom.read_masks(rois_file, recording.grid)
         classes = dict(zip(rois["roi"], rois["tissue_class"], strict=True))
         tables = []
         for path, image in zip(recording.repeats.paths, recording.repeats, strict=True):
@@ -26,6 +36,17 @@ with job(snakemake) as log:
         table = pd.concat(tables, ignore_index=True)
         table = table.assign(tissue_class=table["roi"].map(classes))
     else:
-        raise InputError(f"recording {snakemake.wildcards.recording}: of {recording.kind} there are no features")
-    files.write_csv(table, snakemake.output[0])
+        raise InputError(f"recording {name}: of {recording.kind} there are no features")
+    files.write_csv(table, output)
     log.info("%d rows of %d images", len(table), table["image"].nunique())
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            rois_file=snakemake.input.get("rois"),
+            output=snakemake.output[0],
+            name=snakemake.wildcards.recording,
+            folder=snakemake.params.folder,
+            extraction_settings=snakemake.params.parameters,
+        )

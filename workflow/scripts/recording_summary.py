@@ -1,16 +1,28 @@
 """Read and check one recording, and write what was found as JSON."""
 
 import json
+from collections.abc import Mapping, Sequence
 
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.summary import summary
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    parameters = read_parameters(**snakemake.params.parameters)
-    recording = load(snakemake.params.folder, parameters.features)
-    found = summary(recording, parameters.extraction, snakemake.params.voxel_mm)
-    files.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", snakemake.output[0])
+
+def main(*, output: str, folder: str, voxel_mm: Sequence[float], extraction: Mapping) -> None:
+    parameters = read_parameters(**extraction)
+    recording = load(folder, parameters.features)
+    found = summary(recording, parameters.extraction, voxel_mm)
+    files.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", output)
     log.info("%s: %s, %s", found["name"], found["kind"], found["text"])
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            output=snakemake.output[0],
+            folder=snakemake.params.folder,
+            voxel_mm=snakemake.params.voxel_mm,
+            extraction=snakemake.params.parameters,
+        )

@@ -1,14 +1,24 @@
 """One table of all recordings, written and printed."""
 
 import json
+from collections.abc import Sequence
 
 from virtual_phantom.io import files
 from virtual_phantom.recordings.summary import readable, table
 from virtual_phantom.study.job import job
 
-with job(snakemake) as log:
-    names, paths = snakemake.params.names, snakemake.input.summaries
+
+def main(*, paths: Sequence[str], output: str, names: Sequence[str]) -> None:
     found = {name: json.loads(files.read_text(path)) for name, path in zip(names, paths, strict=True)}
     rows = table(found)
-    files.write_csv(rows, snakemake.output[0])
+    files.write_csv(rows, output)
     print(readable(rows) or "The configuration names no recordings; docs/how-to/recordings.md says how.")
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            paths=snakemake.input.summaries,
+            output=snakemake.output[0],
+            names=snakemake.params.names,
+        )

@@ -1,6 +1,7 @@
 """Open the seals of the blind test and score it: score.json, the page, the confusion matrix and an example."""
 
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from virtual_phantom.figures import before_after, confusion, style
@@ -12,25 +13,65 @@ from virtual_phantom.proof.score.real import minutes, row
 from virtual_phantom.proof.score.score import score
 from virtual_phantom.report.proof import blind_validation_page
 from virtual_phantom.statistics.proof_record import read_proof_record
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    given, output = snakemake.input, snakemake.output
-    cases = collect(given.sealed, given.seals, given.verdicts, given.diagnoses, given.others)
-    real = [row(path) for path in given.real]
-    found = score(cases, minutes(given.times), real, snakemake.params.suite, read_proof_record(given.record))
-    maps = {Path(folder).parent.name: residual_maps(folder) for folder in [*given.maps, *given.real_maps]}
+
+def main(
+    *,
+    sealed: Sequence[str],
+    seals: str,
+    verdicts: Sequence[str],
+    diagnoses: Sequence[str],
+    others: Sequence[str],
+    times: Sequence[str],
+    real_diagnoses: Sequence[str],
+    case_maps: Sequence[str],
+    real_maps: Sequence[str],
+    record: str,
+    score_file: str,
+    page_file: str,
+    confusion_png: str,
+    confusion_pdf: str,
+    example_png: str,
+    example_pdf: str,
+    suite: Mapping,
+) -> None:
+    cases = collect(sealed, seals, verdicts, diagnoses, others)
+    real = [row(path) for path in real_diagnoses]
+    found = score(cases, minutes(times), real, suite, read_proof_record(record))
+    maps = {Path(folder).parent.name: residual_maps(folder) for folder in [*case_maps, *real_maps]}
     reports = {
-        Path(path).parent.name: Path(os.path.relpath(Path(path).with_name("report.html"), Path(output.page).parent))
-        for path in [*given.diagnoses, *given.real]
+        Path(path).parent.name: Path(os.path.relpath(Path(path).with_name("report.html"), Path(page_file).parent))
+        for path in [*diagnoses, *real_diagnoses]
     }
-    write_document(found, output.score, SCORE)
-    write_text(
-        blind_validation_page(found, maps, {case: path.as_posix() for case, path in reports.items()}), output.page
-    )
-    style.save(confusion.draw(found["confusion"]), [output.confusion_png, output.confusion_pdf])
+    write_document(found, score_file, SCORE)
+    write_text(blind_validation_page(found, maps, {case: path.as_posix() for case, path in reports.items()}), page_file)
+    style.save(confusion.draw(found["confusion"]), [confusion_png, confusion_pdf])
     shown = example(cases)
     figure = before_after.draw(*maps[shown.name], shown.kind, *in_words(shown))
-    style.save(figure, [output.example_png, output.example_pdf])
+    style.save(figure, [example_png, example_pdf])
     for target in found["targets"]:
         log.info("%s: %s, target %s %s", target["what"], target["value"], target["sense"], target["target"])
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            sealed=snakemake.input.sealed,
+            seals=snakemake.input.seals,
+            verdicts=snakemake.input.verdicts,
+            diagnoses=snakemake.input.diagnoses,
+            others=snakemake.input.others,
+            times=snakemake.input.times,
+            real_diagnoses=snakemake.input.real,
+            case_maps=snakemake.input.maps,
+            real_maps=snakemake.input.real_maps,
+            record=snakemake.input.record,
+            score_file=snakemake.output.score,
+            page_file=snakemake.output.page,
+            confusion_png=snakemake.output.confusion_png,
+            confusion_pdf=snakemake.output.confusion_pdf,
+            example_png=snakemake.output.example_png,
+            example_pdf=snakemake.output.example_pdf,
+            suite=snakemake.params.suite,
+        )

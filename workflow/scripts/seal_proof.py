@@ -1,15 +1,25 @@
 """Draw what is concealed in every case, seal it and publish the seals."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from virtual_phantom.proof.conceal import seal
 from virtual_phantom.proof.conceal.suite import salt, truths
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    settings = snakemake.params.settings
+
+def main(*, sealed_files: Sequence[str], seals_file: str, settings: Mapping) -> None:
     documents = [seal.sealed(truth, salt(settings["seed"], truth["number"])) for truth in truths(settings).values()]
-    for document, path in zip(documents, snakemake.output.sealed, strict=True):
+    for document, path in zip(documents, sealed_files, strict=True):
         seal.write(document, Path(path))
-    seal.write(seal.publish(documents), snakemake.output.seals)
+    seal.write(seal.publish(documents), seals_file)
     log.info("%d cases sealed", len(documents))
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            sealed_files=snakemake.output.sealed,
+            seals_file=snakemake.output.seals,
+            settings=snakemake.params.settings,
+        )

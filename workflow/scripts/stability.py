@@ -1,21 +1,40 @@
 """Stability and discriminative power of every feature over the groups of protocols."""
 
+from collections.abc import Mapping
+
 from virtual_phantom.features import tables
 from virtual_phantom.features.names import features_of
 from virtual_phantom.io import files
 from virtual_phantom.statistics import wilcoxon
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    params = snakemake.params
-    source = str(snakemake.input.features)
-    table = tables.select_groups(
-        tables.read_features(source), dict(params.groups), noise=params.noise, seeds=params.seeds
-    )
-    scores = wilcoxon.scores(table, features_of(table), source=source, **params.statistics)
-    files.write_csv(scores, snakemake.output[0])
+
+def main(
+    *,
+    features_file: str,
+    output: str,
+    groups: Mapping[str, str],
+    noise: str,
+    seeds: int,
+    statistics: Mapping,
+) -> None:
+    table = tables.select_groups(tables.read_features(features_file), dict(groups), noise=noise, seeds=seeds)
+    scores = wilcoxon.scores(table, features_of(table), source=features_file, **statistics)
+    files.write_csv(scores, output)
     log.info(
         "mean stability %.1f %%, mean discriminative power %.1f %%",
         scores["stability_percent"].mean(),
         scores["discrimination_percent"].mean(),
     )
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            features_file=snakemake.input.features,
+            output=snakemake.output[0],
+            groups=snakemake.params.groups,
+            noise=snakemake.params.noise,
+            seeds=snakemake.params.seeds,
+            statistics=snakemake.params.statistics,
+        )

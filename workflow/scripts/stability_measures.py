@@ -1,22 +1,31 @@
 """Stability of every feature by W, ICC, CCC and coefficients of variation, and which features are stable by which."""
 
+from collections.abc import Mapping
+
 from virtual_phantom.features import tables
 from virtual_phantom.features.names import features_of
 from virtual_phantom.io import files
 from virtual_phantom.statistics import stability_measures
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    params, output = snakemake.params, snakemake.output
-    source = str(snakemake.input.features)
-    table = tables.select_groups(
-        tables.read_features(source), dict(params.groups), noise=params.noise, seeds=params.seeds
-    )
-    scores = files.read_csv(snakemake.input.trust)
-    measured = stability_measures.measure_table(table, scores, features_of(table), params.cut_offs, source)
+
+def main(
+    *,
+    features_file: str,
+    trust_file: str,
+    measures_output: str,
+    features_output: str,
+    groups: Mapping[str, str],
+    noise: str,
+    seeds: int,
+    cut_offs: Mapping[str, float],
+) -> None:
+    table = tables.select_groups(tables.read_features(features_file), dict(groups), noise=noise, seeds=seeds)
+    scores = files.read_csv(trust_file)
+    measured = stability_measures.measure_table(table, scores, features_of(table), cut_offs, features_file)
     features = stability_measures.stable_by_feature(measured)
-    files.write_csv(measured, output.measures)
-    files.write_csv(features, output.features)
+    files.write_csv(measured, measures_output)
+    files.write_csv(features, features_output)
     for measure, rows in measured.groupby("measure", sort=False):
         counts = rows["stable"].value_counts()
         log.info(
@@ -28,3 +37,17 @@ with job(snakemake) as log:
             counts.get("undefined", 0),
         )
     log.info("stable by all measures: %d", (features["stable_by"] == len(stability_measures.CUT_OFFS)).sum())
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            features_file=snakemake.input.features,
+            trust_file=snakemake.input.trust,
+            measures_output=snakemake.output.measure_table,
+            features_output=snakemake.output.features,
+            groups=snakemake.params.groups,
+            noise=snakemake.params.noise,
+            seeds=snakemake.params.seeds,
+            cut_offs=snakemake.params.cut_offs,
+        )

@@ -4,10 +4,20 @@ from virtual_phantom.io import files
 from virtual_phantom.statistics import measured, ranking
 from virtual_phantom.study.job import job
 
-with job(snakemake):
-    params = snakemake.params
-    scores = files.read_csv(snakemake.input.stability)
-    draws = measured.load_score_draws(params.seeds) if params.with_measured else None
+
+def main(*, stability: str, output: str, seeds: int, with_measured: bool) -> None:
+    scores = files.read_csv(stability)
+    draws = measured.load_score_draws(seeds) if with_measured else None
     # Of the printed phantom: beside another they would pass for a comparison.
-    published = measured.load_published_top() if params.with_measured else None
-    files.write_csv(ranking.top_features(scores, published, draws), snakemake.output[0])
+    published = measured.load_published_top() if with_measured else None
+    files.write_csv(ranking.top_features(scores, published, draws), output)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            stability=snakemake.input.stability,
+            output=snakemake.output[0],
+            seeds=snakemake.params.seeds,
+            with_measured=snakemake.params.with_measured,
+        )

@@ -1,30 +1,54 @@
 """Which features can be trusted: stability with its interval, what it rests on, and a sentence for each."""
 
+from collections.abc import Mapping
+
 from virtual_phantom.features import tables
 from virtual_phantom.features.names import features_of
 from virtual_phantom.io import files
 from virtual_phantom.statistics import trust
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    params = snakemake.params
-    source = str(snakemake.input.features)
-    groups = dict(params.groups)
-    table = tables.select_groups(tables.read_features(source), groups, noise=params.noise, seeds=params.seeds)
-    sharing = {groups[protocol]: label for protocol, label in params.sharing.items()}
+
+def main(
+    *,
+    features_file: str,
+    output: str,
+    groups: Mapping[str, str],
+    noise: str,
+    seeds: int,
+    statistics: Mapping,
+    cut_offs: Mapping[str, float],
+    sharing: Mapping[str, str],
+) -> None:
+    trust_table = tables.select_groups(tables.read_features(features_file), dict(groups), noise=noise, seeds=seeds)
+    labels = {groups[protocol]: label for protocol, label in sharing.items()}
     found = trust.trust_table(
-        table,
-        features_of(table),
-        sharing,
-        params.cut_offs["w_stability_percent"],
-        threshold=params.statistics["threshold"],
-        compare=params.statistics["compare"],
-        source=source,
+        trust_table,
+        features_of(trust_table),
+        labels,
+        cut_offs["w_stability_percent"],
+        threshold=statistics["threshold"],
+        compare=statistics["compare"],
+        source=features_file,
     )
-    files.write_csv(found, snakemake.output[0])
+    files.write_csv(found, output)
     counts = found["stable"].value_counts()
     log.info(
         "%d features: %d stable, %d not stable, %d undecided",
         len(found),
         *(counts.get(verdict, 0) for verdict in ("yes", "no", "undecided")),
     )
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            features_file=snakemake.input.features,
+            output=snakemake.output[0],
+            groups=snakemake.params.groups,
+            noise=snakemake.params.noise,
+            seeds=snakemake.params.seeds,
+            statistics=snakemake.params.statistics,
+            cut_offs=snakemake.params.cut_offs,
+            sharing=snakemake.params.sharing,
+        )

@@ -1,5 +1,7 @@
 """The mean of scans before its own scanner blurred it, and what that changes."""
 
+from collections.abc import Mapping, Sequence
+
 import pandas as pd
 
 from virtual_phantom.io import files
@@ -13,25 +15,49 @@ from virtual_phantom.phantom.deconvolution import (
     keep_air,
 )
 from virtual_phantom.statistics.surface_resolution import edge_mtf_half
-from virtual_phantom.study.job import job
+from virtual_phantom.study.job import job, log
 
-with job(snakemake) as log:
-    params, output = snakemake.params, snakemake.output
-    mean = read_nifti(snakemake.input.image)
-    regions = read_nifti(snakemake.input.regions).array.round().astype(int)
+
+def main(
+    *,
+    image_file: str,
+    regions_file: str,
+    spectra_file: str,
+    sharp_file: str,
+    table_file: str,
+    slice_mm: float,
+    grid: Mapping,
+    region_names: Sequence[str],
+) -> None:
+    mean = read_nifti(image_file)
+    regions = read_nifti(regions_file).array.round().astype(int)
     half = edge_mtf_half(mean)
-    in_plane, along = SD_OF_HALF / half, SD_OF_FWHM * params.slice_mm
-    spectra = PowerSpectra.from_table(files.read_csv(snakemake.input.spectra, numbers=["noise"]))
-    fine = [step / params.grid["oversampling"] for step in params.grid["spacing_mm"]]
+    in_plane, along = SD_OF_HALF / half, SD_OF_FWHM * slice_mm
+    spectra = PowerSpectra.from_table(files.read_csv(spectra_file, numbers=["noise"]))
+    fine = [step / grid["oversampling"] for step in grid["spacing_mm"]]
     blur = add_voxel_blur((along, in_plane, in_plane), mean.grid.spacing, fine)
     sharp = keep_air(deconvolve(mean, blur, spectra), mean)
-    write_nifti(sharp, output.image)
+    write_nifti(sharp, sharp_file)
     rows = [("mtf_half_per_mm", "", half, edge_mtf_half(sharp))]
     rows += [("blur_in_plane_mm", "", in_plane, SD_OF_HALF / rows[0][3]), ("blur_along_z_mm", "", along, None)]
-    for number, name in enumerate(params.regions, start=1):
+    for number, name in enumerate(region_names, start=1):
         inside = regions == number
         for what, of in (("mean_hu", "mean"), ("sd_hu", "std")):
-            rows.append((what, name, *(float(getattr(one.array[inside], of)()) for one in (mean, sharp))))
+            rows.append((what, name, *(float(getattr(volume.array[inside], of)()) for volume in (mean, sharp))))
     table = pd.DataFrame(rows, columns=["what", "region", "of_the_mean", "without_own_blur"])
-    files.write_csv(table, output.table)
+    files.write_csv(table, table_file)
     log.info("own blur %.2f mm in the plane, %.2f mm along z (SD of a Gaussian)", in_plane, along)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            image_file=snakemake.input.image,
+            regions_file=snakemake.input.regions,
+            spectra_file=snakemake.input.spectra,
+            sharp_file=snakemake.output.image,
+            table_file=snakemake.output.table,
+            slice_mm=snakemake.params.slice_mm,
+            grid=snakemake.params.grid,
+            region_names=snakemake.params.regions,
+        )

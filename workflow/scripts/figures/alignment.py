@@ -8,15 +8,36 @@ from virtual_phantom.io.files import read_text
 from virtual_phantom.phantom import read_masks
 from virtual_phantom.study.job import job
 
-with job(snakemake):
-    image = volumes.read_nifti(snakemake.input.image)
-    table, masks = read_masks(snakemake.input.rois, image.grid)
-    found = json.loads(read_text(snakemake.input.alignment))
+
+def main(
+    *,
+    image_file: str,
+    rois: str,
+    alignment_file: str,
+    phantom: str,
+    png: str,
+    pdf: str,
+) -> None:
+    image = volumes.read_nifti(image_file)
+    table, masks = read_masks(rois, image.grid)
+    found = json.loads(read_text(alignment_file))
     figure = alignment.draw(
         image,
-        volumes.read_nifti(snakemake.input.phantom),
+        volumes.read_nifti(phantom),
         found["matrix"],
         masks,
         dict(zip(table["roi"], table["tissue_class"], strict=True)),
     )
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf])
+    style.save(figure, [png, pdf])
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            image_file=snakemake.input.image,
+            rois=snakemake.input.rois,
+            alignment_file=snakemake.input.alignment,
+            phantom=snakemake.input.phantom,
+            png=snakemake.output.png,
+            pdf=snakemake.output.pdf,
+        )

@@ -4,7 +4,27 @@ from virtual_phantom.figures import comparison, style
 from virtual_phantom.io import files
 from virtual_phantom.study.job import job
 
-with job(snakemake):
-    cells, summary = files.read_csv(snakemake.input.cells), files.read_csv(snakemake.input.features)
-    output, title = snakemake.output, snakemake.params.title
-    style.save(comparison.draw(cells, summary, title), [output.png, output.pdf], trial=snakemake.params.trial)
+
+def main(
+    *,
+    cells_file: str,
+    features: str,
+    png: str,
+    pdf: str,
+    title: str,
+    trial: bool,
+) -> None:
+    cells, summary = files.read_csv(cells_file), files.read_csv(features)
+    style.save(comparison.draw(cells, summary, title), [png, pdf], trial=trial)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            cells_file=snakemake.input.cells,
+            features=snakemake.input.features,
+            png=snakemake.output.png,
+            pdf=snakemake.output.pdf,
+            title=snakemake.params.title,
+            trial=snakemake.params.trial,
+        )

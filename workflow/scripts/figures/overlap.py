@@ -4,6 +4,17 @@ from virtual_phantom.figures import overlap, style
 from virtual_phantom.io import files
 from virtual_phantom.study.job import job
 
-with job(snakemake):
-    figure = overlap.draw(files.read_csv(snakemake.input.table))
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf], trial=snakemake.params.trial)
+
+def main(*, table: str, png: str, pdf: str, trial: bool) -> None:
+    figure = overlap.draw(files.read_csv(table))
+    style.save(figure, [png, pdf], trial=trial)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            table=snakemake.input.table,
+            png=snakemake.output.png,
+            pdf=snakemake.output.pdf,
+            trial=snakemake.params.trial,
+        )

@@ -4,6 +4,25 @@ from virtual_phantom.figures import pca, style
 from virtual_phantom.io import files
 from virtual_phantom.study.job import job
 
-with job(snakemake):
-    figure = pca.draw(files.read_csv(snakemake.input.table), snakemake.params.title)
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf], trial=snakemake.params.trial)
+
+def main(
+    *,
+    table: str,
+    png: str,
+    pdf: str,
+    title: str,
+    trial: bool,
+) -> None:
+    figure = pca.draw(files.read_csv(table), title)
+    style.save(figure, [png, pdf], trial=trial)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            table=snakemake.input.table,
+            png=snakemake.output.png,
+            pdf=snakemake.output.pdf,
+            title=snakemake.params.title,
+            trial=snakemake.params.trial,
+        )

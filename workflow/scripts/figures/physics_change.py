@@ -1,10 +1,32 @@
 """Figure of each feature's stability with the study's physics against that without."""
 
+from collections.abc import Mapping
+
 from virtual_phantom.figures import physics_change, style
 from virtual_phantom.io import files
 from virtual_phantom.study.job import job
 
-with job(snakemake):
-    params = snakemake.params
-    figure = physics_change.draw(files.read_csv(snakemake.input.table), params.threshold, noise=params.noise)
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf], trial=params.trial)
+
+def main(
+    *,
+    table: str,
+    png: str,
+    pdf: str,
+    threshold: float,
+    noise: Mapping,
+    trial: bool,
+) -> None:
+    figure = physics_change.draw(files.read_csv(table), threshold, noise=noise)
+    style.save(figure, [png, pdf], trial=trial)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            table=snakemake.input.table,
+            png=snakemake.output.png,
+            pdf=snakemake.output.pdf,
+            threshold=snakemake.params.threshold,
+            noise=snakemake.params.noise,
+            trial=snakemake.params.trial,
+        )

@@ -5,12 +5,22 @@ from virtual_phantom.figures import style
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.study.job import job
 
-with job(snakemake):
-    recording = load(snakemake.params.folder)
+
+def main(*, folder: str, png: str, pdf: str) -> None:
+    recording = load(folder)
     first = recording.repeats[0]
     if recording.kind == "projections":
         line_integrals = first.line_integrals(figures.SMALLEST_TRANSMISSION)
         figure = figures.draw_projections(line_integrals, recording.geometry, recording.name)
     else:
         figure = figures.draw_images(first, recording.name)
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf])
+    style.save(figure, [png, pdf])
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            folder=snakemake.params.folder,
+            png=snakemake.output.png,
+            pdf=snakemake.output.pdf,
+        )

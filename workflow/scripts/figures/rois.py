@@ -5,8 +5,19 @@ from virtual_phantom.io import volumes
 from virtual_phantom.phantom import read_masks
 from virtual_phantom.study.job import job
 
-with job(snakemake):
-    phantom = volumes.read_nifti(snakemake.input.image)
-    table, masks = read_masks(snakemake.input.rois, phantom.grid)
+
+def main(*, image: str, rois_file: str, png: str, pdf: str) -> None:
+    phantom = volumes.read_nifti(image)
+    table, masks = read_masks(rois_file, phantom.grid)
     figure = rois.draw(phantom, masks, dict(zip(table["roi"], table["tissue_class"], strict=True)))
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf])
+    style.save(figure, [png, pdf])
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            image=snakemake.input.image,
+            rois_file=snakemake.input.rois,
+            png=snakemake.output.png,
+            pdf=snakemake.output.pdf,
+        )

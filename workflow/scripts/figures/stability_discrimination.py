@@ -1,21 +1,55 @@
 """Figure of stability against discriminative power, with the measured scores beside it where they apply."""
 
+from collections.abc import Mapping
+
 from virtual_phantom.figures import stability_discrimination, style
 from virtual_phantom.io import files
 from virtual_phantom.statistics import further_seeds, measured
 from virtual_phantom.study.job import job
 
-with job(snakemake):
-    params = snakemake.params
-    if params.recording:
-        scores = files.read_csv(snakemake.input.scores)
+
+def main(
+    *,
+    table_file: str,
+    trust: str,
+    scores_file: str | None,
+    png: str,
+    pdf: str,
+    threshold: float,
+    with_measured: bool,
+    recording: str | None,
+    repeats: int,
+    settings: Mapping,
+    noise: Mapping,
+    trial: bool,
+) -> None:
+    if recording:
+        scores = files.read_csv(scores_file)
     else:
-        scores = measured.load_score_draws(params.seeds) if params.with_measured else None
-    table = files.read_csv(snakemake.input.table)
+        scores = measured.load_score_draws(repeats) if with_measured else None
+    table = files.read_csv(table_file)
     seeds = further_seeds.read_seed_scores()
-    sd = further_seeds.sd_over_seeds(seeds) if further_seeds.match_settings(seeds, params.settings) else None
-    intervals = files.read_csv(snakemake.input.trust)
+    sd = further_seeds.sd_over_seeds(seeds) if further_seeds.match_settings(seeds, settings) else None
+    intervals = files.read_csv(trust)
     figure = stability_discrimination.draw(
-        table, params.threshold, scores, repeats=params.seeds, sd=sd, intervals=intervals, noise=params.noise
+        table, threshold, scores, repeats=repeats, sd=sd, intervals=intervals, noise=noise
     )
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf], trial=snakemake.params.trial)
+    style.save(figure, [png, pdf], trial=trial)
+
+
+if "snakemake" in globals():
+    with job(snakemake):
+        main(
+            table_file=snakemake.input.table,
+            trust=snakemake.input.trust,
+            scores_file=snakemake.input.get("scores"),
+            png=snakemake.output.png,
+            pdf=snakemake.output.pdf,
+            threshold=snakemake.params.threshold,
+            with_measured=snakemake.params.with_measured,
+            recording=snakemake.params.recording,
+            repeats=snakemake.params.seeds,
+            settings=snakemake.params.settings,
+            noise=snakemake.params.noise,
+            trial=snakemake.params.trial,
+        )

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 
+from ..base.console import note
 from ..base.errors import InputError, InputErrors
 from ..base.geometry import PARALLEL, with_beam
 from ..base.home import expand_home
 from ..base.vectors import FLAT
+from ..io.published import FOLDER, OLD_FOLDER, resources_folder
 from ..io.schema import SCHEMA, check_nesting, fill_defaults, mistakes, read_schema
 from ..physics.beam.material_names import library_name
 from ..physics.effect import acts_on_images, checked
@@ -114,6 +117,37 @@ def _name_materials(config: dict) -> None:
         place |= {key: library_name(place[key]) for key in keys if key in place}
 
 
+def _replace_attribute(config: dict) -> None:
+    """Replace the deprecated key `analyses.comparison.*.attribute` by `diagnosis.comparisons`."""
+    for name, comparison in _section(config, "analyses", "comparison").items():
+        if not isinstance(comparison, dict) or type(comparison.get("attribute")) is not bool:
+            continue
+        diagnosis = config.setdefault("diagnosis", {})
+        if comparison.pop("attribute") and isinstance(diagnosis, dict):
+            where = f"config: analyses.comparison.{name}.attribute is deprecated"
+            note(f"{where}; name {name} in diagnosis.comparisons and run `snakemake diagnosis`")
+            named = diagnosis.setdefault("comparisons", [])
+            if isinstance(named, list) and name not in named:
+                diagnosis["comparisons"] = [*named, name]
+
+
+def _find_resources(config: dict) -> None:
+    """Read paths of the CT below `resources`, or below its former name `downloads`, in the folder that is there."""
+    if (folder := resources_folder()) == OLD_FOLDER:
+        note(f"{OLD_FOLDER}: this folder is named {FOLDER} now; rename it, as the next release does not look into it")
+    ct = _section(config, "phantom", "ct")
+    rois = [roi for roi in ct.get("rois") or () if isinstance(roi, dict)] if isinstance(ct.get("rois"), list) else []
+    for where, section, key in (("", ct, "image"), ("", ct, "labels"), *(("rois.", roi, "file") for roi in rois)):
+        path = section.get(key)
+        if not isinstance(path, str) or Path(path).exists():
+            continue
+        first, _, rest = path.partition("/")
+        if rest and first in {FOLDER, OLD_FOLDER} - {folder}:
+            section[key] = f"{folder}/{rest}"
+            if first == OLD_FOLDER:
+                note(f"config: phantom.ct.{where}{key} is deprecated below {OLD_FOLDER}; write {section[key]}")
+
+
 def inspected(settings: Mapping) -> tuple[list[str], dict]:
     """All that is wrong with a configuration, and what is left of it without that.
 
@@ -138,6 +172,8 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
     whole, schema = _without_nulls(settings), read_schema(SCHEMA)
     _name_labels(whole)
     _name_materials(whole)
+    _replace_attribute(whole)
+    _find_resources(whole)
     found, rest = mistakes(whole, schema, "config", NAMED)
     # The named scans replace keys of the default one: their own defaults would undo it.
     scans = rest.pop("scans", {})

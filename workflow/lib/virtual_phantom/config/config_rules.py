@@ -212,10 +212,9 @@ class Rules:
         if "optimal" in self.analyses:
             uses[self.analyses["optimal"]["noise"]] = "analyses.optimal"
         least = {"analyses.noise_calibration": MINIMUM_REPEATS, "analyses.optimal": 1}
-        for name, comparison in self.analyses.get("comparison", {}).items():
-            if comparison["attribute"]:
-                uses[comparison["noise"]] = where = f"analyses.comparison.{name} with attribute: true"
-                least[where] = COMPARED_REPEATS
+        for name, comparison in self._changed_images():
+            uses[comparison["noise"]] = where = f"diagnosis.comparisons ({name})"
+            least[where] = COMPARED_REPEATS
         for level, where in uses.items():
             repeats = self.levels.get(level, {}).get("repeats", least[where] + moved["repositioned"])
             if repeats - moved["repositioned"] < least[where]:
@@ -262,9 +261,8 @@ class Rules:
         if boxed and self.config.get("phantom", {}).get("source") == "object":
             yield f"config: protocols.{min(boxed)}.voxels is for phantom.source synthetic or ct; take it out"
         takers = {"analyses.optimal.fbp": self.analyses.get("optimal", {}).get("fbp")}
-        for name, comparison in self.analyses.get("comparison", {}).items():
-            if comparison["attribute"]:
-                takers[f"analyses.comparison.{name} with attribute: true"] = comparison["protocol"]
+        for name, comparison in self._changed_images():
+            takers[f"diagnosis.comparisons ({name})"] = comparison["protocol"]
         for name, settings in self.config["diagnosis"]["recordings"].items():
             takers[f"diagnosis.recordings.{name}.protocol"] = settings.get("protocol")
         for path in self.config["dicom"]["images"]:
@@ -471,6 +469,12 @@ class Rules:
             )
         elif "kind" not in settings and 2 not in (len(masked), len(labelled)):
             yield f"{where} needs kind, an object of shapes, a mask and its material, or labels and their materials"
+
+    def _changed_images(self) -> Iterator[tuple[str, dict]]:
+        """Names and settings of the comparisons under diagnosis, which change the simulated images voxel by voxel."""
+        for name, comparison in self.analyses.get("comparison", {}).items():
+            if name in self.config["diagnosis"]["comparisons"]:
+                yield name, comparison
 
     def _diagnosed_comparisons(self) -> Iterator[str]:
         for name in self.config["diagnosis"]["comparisons"]:

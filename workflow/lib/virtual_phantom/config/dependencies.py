@@ -1,59 +1,98 @@
-"""Which files of the workflow and the library a job depends on: Snakemake does not follow imports."""
+"""Versions of the code behind a script, so that Snakemake runs a job again if its code changes.
+
+Snakemake does not follow the imports of a script. Each rule therefore has a parameter `code`: a hash of the script and
+of all modules of the library that it imports, directly or indirectly. The hash covers the syntax tree without
+docstrings, so that changed comments, docstrings or line breaks run nothing again.
+"""
 
 from __future__ import annotations
 
+import ast
+import contextlib
+import hashlib
+import json
 import os
-import re
+import sys
+import tempfile
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
+from ..base.cache_folders import temporary_cache, user_cache
 from ..base.data import RESOURCES
 
 LIBRARY = Path(__file__).resolve().parents[1]
-TEMPLATES = "templates"  # folder beside the modules that fill them in
-# They word mistakes, write logs, and say how long a job takes and how far it is; no result depends on them.
+EFFECTS = LIBRARY / "physics" / "effects"
+HOOKS = LIBRARY / "proof" / "conceal" / "hooks"
+TEMPLATES = "templates"  # folder of page templates, beside the modules that fill them in
+# Modules that word errors, write logs or report progress. No result depends on them.
 WITHOUT_EFFECT = (
     *(("base", "errors"), ("study", "job")),
     *(("study", "costs", "forecast"), ("study", "progress", "said"), ("diagnosis", "selection", "progress")),
 )
-# An import; each has lines of its own. Every start of the workflow reads hundreds of files, and a parser is slower.
-IMPORT = re.compile(
-    r"^[ \t]*(?:import[ \t]+(?P<names>[^\n#]+)"
-    r"|from[ \t]+(?P<dots>\.*)(?P<module>[\w.]*)[ \t]+import[ \t]+(?P<taken>\([^)]*\)|[^\n#(]+))",
-    re.MULTILINE,
-)
+MOST_PARSED = 5000  # files in the cache; the library and the scripts of one checkout are about 500
+WITH_DOCSTRING = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
 def shipped(path: str | Path) -> str:
-    """A file of the workflow as an input of a job. Relative, so that a moved folder stays valid."""
+    """Return the path of a file of the workflow as input of a job: relative, so that a moved folder stays valid."""
     return os.path.relpath(path)
 
 
 def resource(name: str) -> str:
-    """A table or a layout that comes with the library, as an input."""
+    """Return a table or layout of the library as input of a job."""
     return shipped(RESOURCES / name)
 
 
-def effect_code(*effects: str) -> list[str]:
-    """The files of effects and what is behind them, as inputs."""
-    files = {path for name in effects for path in files_behind(LIBRARY / "physics" / "effects" / f"{name}.py")}
-    return [shipped(path) for path in sorted(files)]
+def code_version(script: str | Path, effects: Iterable[str] = (), hooks: bool = False) -> str:
+    """Return a hash of the code that a script runs.
 
-
-def hook_code() -> list[str]:
-    """The files of the proof's callbacks, as inputs."""
-    return sorted(map(shipped, (LIBRARY / "proof" / "conceal" / "hooks").glob("*.py")))
-
-
-def files_behind(script: str | Path) -> list[Path]:
-    """The script and every file of the library that it imports, directly or not; also in functions.
-
-    With the templates of pages that lie beside them.
+    Parameters
+    ----------
+    effects : iterable of str, optional
+        Effects that the script uses. They are imported by name, so that no import statement shows them.
+    hooks : bool, optional
+        Add the callbacks of the blind validation, which the independent simulator imports by name.
 
     Returns
     -------
-    list of Path
-        Sorted.
+    str
+        16 hexadecimal digits.
+    """
+    more = [effect_file(name) for name in effects]
+    if hooks:
+        more += HOOKS.glob("*.py")
+    return version_of(script, *more)
+
+
+def effect_file(name: str) -> Path:
+    """Return the module of an effect."""
+    return EFFECTS / f"{name}.py"
+
+
+def version_of(*modules: str | Path) -> str:
+    """Return a hash of modules and of all that they import from the library, of 16 hexadecimal digits."""
+    known = len(_cache())
+    files = sorted({file for module in modules for file in files_behind(module)})
+    # Names count, since a module that moves is another one. Folders around the library do not.
+    versions = [(_relative(file), _parsed(file)[0]) for file in files]
+    if len(_cache()) > known:
+        _save()
+    return hashlib.sha256(json.dumps(versions).encode()).hexdigest()[:16]
+
+
+def _relative(path: Path) -> str:
+    return path.relative_to(LIBRARY).as_posix() if LIBRARY in path.parents else path.name
+
+
+@cache
+def files_behind(script: str | Path) -> tuple[Path, ...]:
+    """Return the script and every file of the library that it imports, in functions and indirectly, too.
+
+    Returns
+    -------
+    tuple of Path
+        Sorted. Templates of pages count with the modules beside them.
     """
     found: set[Path] = set()
     waiting = [Path(script).resolve()]
@@ -62,7 +101,7 @@ def files_behind(script: str | Path) -> list[Path]:
         if path not in found:
             found.add(path)
             waiting += imported(path)
-    return sorted(found.union(*map(_templates, {path.parent for path in found})))
+    return tuple(sorted(found.union(*map(_templates, {path.parent for path in found}))))
 
 
 @cache
@@ -72,38 +111,94 @@ def _templates(folder: Path) -> tuple[Path, ...]:
 
 @cache
 def imported(path: Path) -> tuple[Path, ...]:
-    """The library's files that one file imports itself."""
+    """Return the files of the library that one file imports itself."""
     inside = LIBRARY in path.parents
     package = path.relative_to(LIBRARY).parts[:-1] if inside else ()
     modules: set[tuple[str, ...]] = set()
-    for found in IMPORT.finditer(path.read_text(encoding="utf-8")):
-        if found["names"]:
-            names = [tuple(name.split(".")) for name in _names(found["names"])]
-            modules |= {name[1:] for name in names if name[0] == LIBRARY.name}
-            continue
-        parts = tuple(filter(None, found["module"].split(".")))
-        if level := len(found["dots"]):
+    for level, module, names in _parsed(path)[1]:
+        parts = tuple(filter(None, module.split(".")))
+        if level:
             parts = package[: len(package) - level + 1] + parts
         elif parts[:1] == (LIBRARY.name,):
             parts = parts[1:]
         else:
             continue
-        modules |= {parts} | {(*parts, name) for name in _names(found["taken"])}
-    return tuple(file for module in sorted(modules) for file in _files(module))
-
-
-def _names(listed: str) -> list[str]:
-    """What an import names, without what it is called here."""
-    listed = re.sub(r"#.*", "", listed).strip("() \t\n")
-    return [name.split()[0] for name in listed.split(",") if name.strip()]
+        modules |= {parts} | {(*parts, name) for name in names}
+    return tuple(sorted({file for module in modules for file in _files(module)}))
 
 
 @cache
-def _files(module: tuple[str, ...]) -> list[Path]:
-    """A module's file and the __init__ of each package around it; nothing if the last name is no module."""
+def _files(module: tuple[str, ...]) -> tuple[Path, ...]:
+    """Return a module's file and the __init__ of each package around it; nothing if the last name is no module."""
     if module in WITHOUT_EFFECT:
-        return []
-    place = LIBRARY.joinpath(*module)
-    candidates = [place.with_suffix(".py")] if module else []
+        return ()
+    base = LIBRARY.joinpath(*module)
+    candidates = [base.with_suffix(".py")] if module else []
     candidates += [LIBRARY.joinpath(*module[: depth + 1], "__init__.py") for depth in range(len(module))]
-    return [file for file in candidates if file.is_file()]
+    return tuple(file for file in candidates if file.is_file())
+
+
+@cache
+def _parsed(path: Path) -> tuple[str, list]:
+    """Return a hash of a file's code and its imports, each as level, module and imported names."""
+    content = path.read_bytes()
+    digest = hashlib.sha256(content).hexdigest()
+    if path.suffix != ".py":
+        return digest, []
+    known = _cache()
+    if digest not in known:
+        tree = ast.parse(content)
+        known[digest] = [hashlib.sha256(repr(_code(tree)).encode()).hexdigest(), _imports(tree)]
+    version, imports = known[digest]
+    return version, imports
+
+
+def _code(node):
+    """Return a syntax tree as nested tuples, without docstrings, positions and empty fields."""
+    # Trees of one text differ in their empty fields between versions of Python; `ast.dump` would show them.
+    if isinstance(node, ast.AST):
+        fields = {name: value for name, value in ast.iter_fields(node) if value is not None and value != []}
+        if isinstance(node, WITH_DOCSTRING) and ast.get_docstring(node, clean=False) is not None:
+            fields["body"] = fields["body"][1:]
+        return type(node).__name__, *((name, _code(value)) for name, value in fields.items())
+    return tuple(map(_code, node)) if isinstance(node, list) else node
+
+
+def _imports(tree: ast.Module) -> list:
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found += [[0, alias.name, []] for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            found.append([node.level, node.module or "", [alias.name for alias in node.names]])
+    return found
+
+
+# The cache: {hash of a file's content: what _parsed returns}. To parse all files takes two seconds at every start.
+
+
+def _cache_file() -> Path | None:
+    base = user_cache() or temporary_cache()
+    return base and base / f"code-{sys.version_info.major}.{sys.version_info.minor}.json"
+
+
+@cache
+def _cache() -> dict[str, list]:
+    """Return what is known of files; empty if there is no cache or if it is damaged."""
+    with contextlib.suppress(OSError, ValueError):
+        if (path := _cache_file()) is not None:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            if isinstance(content, dict) and len(content) <= MOST_PARSED:
+                return content
+    return {}
+
+
+def _save() -> None:
+    """Write the cache; without a folder that can be written to, the next start parses the files again."""
+    with contextlib.suppress(OSError):
+        if (path := _cache_file()) is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            descriptor, name = tempfile.mkstemp(dir=path.parent)
+            with open(descriptor, "w", encoding="utf-8") as file:
+                json.dump(_cache(), file)
+            os.replace(name, path)

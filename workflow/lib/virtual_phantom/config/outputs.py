@@ -1,6 +1,7 @@
-"""Every file that the workflow makes: one table, which rules, targets, the plan and the report read.
+"""Table of all files that the workflow makes, which targets, the plan, the report and the reference page read.
 
-Logs and benchmarks are not in it: `Files` names them after their jobs.
+Rules state the same paths, so that their files show what they make; tests/workflow/test_outputs.py compares both. Logs
+and benchmarks are not in the table: they lie in `logs` and are named after their jobs.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 
 WILDCARD = re.compile(r"\{(\w+)\}")
-PICTURES = (".png", ".pdf")  # of a figure: to look at, and to print
+PICTURES = (".png", ".pdf")  # formats of figures
 PCA = ("sirt", "fbp", "multicentre")  # selections that analyses.pca may have
 
 
@@ -21,26 +22,26 @@ class Output:
     Attributes
     ----------
     name : str
-        What code calls it.
+        Name in the code.
     pattern : str
-        Its path in results_dir; in braces what tells files of this kind apart.
+        Path below results_dir, with wildcards in braces.
     what : str
-        What it is.
+        Content of the file.
     title : str or None
-        What a report calls it; None: as its file.
+        Title in the report. Default: the file name.
     section : str or None
-        Where Snakemake's report shows it, and of a figure ours too; None: nowhere.
+        Section of Snakemake's report and, for figures, of the report page. None: in no report.
     caption : str or None
-        Its caption in workflow/report, without suffix; None: it is called as the file that it describes.
+        Caption file in workflow/report, without suffix. Default: the name of the described file.
     suffixes : tuple of str
-        Of what is several files.
+        Suffixes of an output of several files.
     rule : str
-        The rule that makes it, without a number of its own.
+        Rule that makes the file, without its number.
     stage : str or None
-        What jobs of that rule are counted under in a plan, the name of their rates; the configuration may add to it
-        (costs.jobs.Sizes). None: not planned.
+        Stage of the jobs in a plan, and name of their rates; the configuration may add to it (costs.jobs.Sizes).
+        None: not planned.
     counted : str or None
-        The kind of file whose rate gives the bytes of all that such a job writes; None: nothing worth counting.
+        Kind of file whose rate gives the bytes that a job writes. None: not counted.
     """
 
     name: str
@@ -55,16 +56,16 @@ class Output:
     counted: str | None = None
 
     def paths(self, **known: str) -> tuple[str, ...]:
-        """Paths in results_dir. Wildcards that are not known stay in braces."""
+        """Return the paths below results_dir; wildcards that are not given stay in braces."""
         return tuple(filled(self.pattern, **known) + suffix for suffix in self.suffixes)
 
     def caption_file(self, **known: str) -> str:
-        """Its caption's file in workflow/report."""
+        """Return the name of the caption file in workflow/report."""
         return f"{self.caption or PurePosixPath(filled(self.pattern, **known)).stem}.rst"
 
 
 def filled(pattern: str, **known: str) -> str:
-    """The pattern with these wildcards replaced."""
+    """Replace wildcards in a pattern."""
     return WILDCARD.sub(lambda match: str(known.get(match[1], match[0])), pattern)
 
 
@@ -233,15 +234,6 @@ OUTPUTS = (
         "every feature and ROI against a recording's",
         name="comparison",
         caption="comparison",
-        stage="recordings",
-    ),
-    *_figure(
-        "attribution_{comparison}",
-        "Recordings",
-        "Attribution {comparison}",
-        "what each property of the images explains of the differences",
-        name="attribution",
-        caption="attribution",
         stage="recordings",
     ),
     # The study's tables.
@@ -467,17 +459,6 @@ OUTPUTS = (
         stage="recordings",
         counted="tables",
     ),
-    *_made_by(
-        "attribute",
-        Output("attribution", "tables/attribution_{comparison}.csv", "what each property of the images explains"),
-        Output(
-            "attribution_cells",
-            "tables/attribution_{comparison}_cells.csv",
-            "what each property explains, by feature and ROI",
-        ),
-        stage="recordings",
-        counted="tables",
-    ),
     # The diagnosis.
     *_made_by(
         "diagnose",
@@ -626,6 +607,25 @@ BY_NAME = {output.name: output for output in OUTPUTS}
 NAMES = tuple(BY_NAME)
 
 
+def by_path(path: str) -> Output:
+    """Return the row of the table for a path.
+
+    Parameters
+    ----------
+    path : str
+        Path below results_dir, with wildcards in braces.
+
+    Raises
+    ------
+    KeyError
+        If no row has this path.
+    """
+    for output in OUTPUTS:
+        if path in output.paths():
+            return output
+    raise KeyError(f"{path}: no row of the table of outputs")
+
+
 @dataclass(frozen=True)
 class Files:
     """Paths of one study's files, as Snakemake takes them: wildcards that are not given stay in braces.
@@ -656,10 +656,6 @@ class Files:
             raise KeyError(f"{name}: '{suffix}' is none of {output.suffixes}")
         return f"{self.results}/{filled(output.pattern, **known)}{suffix}"
 
-    def log(self, job: str, **known: str) -> str:
-        """Where a job's script writes what it does."""
-        return f"{self.results}/logs/{filled(job, **known)}.log"
-
     def benchmark(self, job: str, **known: str) -> str:
-        """Where Snakemake writes what a job took."""
+        """Return the file to which Snakemake writes the duration and memory of a job."""
         return f"{self.results}/logs/{filled(job, **known)}.benchmark.tsv"

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from ..base.errors import InputError
-from ..io.published import FOLDER
+from ..io.published import resources_folder
 from ..recordings.document import Document, read_document, to_be_made
 from ..recordings.public_scans.features import EXTRACTED, FLAT, content
 from ..recordings.public_scans.table import MB, SOURCE, PublicScan, chosen, small
@@ -18,7 +18,7 @@ from .plan import Plan
 
 COMPARED = "public_scans.compared"  # in place of a recording's folder
 NAMES = {COMPARED + way: f"compared_features{way}" for way in EXTRACTED}  # such places, and what is made for them
-PLACE = f"{FOLDER}/printed_phantom"  # of all studies: a scan is brought once
+IN_RESOURCES = "printed_phantom"  # folder of all scans, which studies share
 
 
 def made_folders(config: Mapping) -> dict[str, str]:
@@ -125,17 +125,17 @@ class PublicScans:
 
     @property
     def place(self) -> str:
-        """The folder of a scan, whose name stays a wildcard."""
-        return f"{PLACE}/{{scan}}"
+        """Folder of a scan, whose name stays a wildcard."""
+        return f"{resources_folder()}/{IN_RESOURCES}/{{scan}}"
 
     def folders(self, scans: Iterable[PublicScan]) -> list[str]:
-        """Theirs."""
-        return [f"{PLACE}/{scan.name}" for scan in scans]
+        """Folders of these scans."""
+        return [self.place.format(scan=scan.name) for scan in scans]
 
     @cached_property
     def absent(self) -> tuple[PublicScan, ...]:
         """Those that are not here yet: a rule brings them."""
-        return tuple(scan for scan in self.scans if not (Path(PLACE) / scan.name / SOURCE).exists())
+        return tuple(scan for scan in self.scans if not Path(self.place.format(scan=scan.name), SOURCE).exists())
 
     @property
     def own(self) -> str | None:
@@ -223,7 +223,8 @@ class PublicScans:
         """How much is to be brought, before anything is; None if nothing is."""
         if not self.wanted:
             return None
-        lines = [f"{self._amount(self.wanted)} to be {'linked from ' + self.own if self.own else 'fetched'} to {PLACE}"]
+        how = f"linked from {self.own}" if self.own else "fetched"
+        lines = [f"{self._amount(self.wanted)} to be {how} to {resources_folder()}/{IN_RESOURCES}"]
         if not self.kept and not self.own:
             lines[0] += "; each is deleted once everything is made of it"
         elif len(self.absent) < len(self.scans):

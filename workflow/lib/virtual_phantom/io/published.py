@@ -1,6 +1,6 @@
 """Published files that a shipped configuration uses, and checks of their content.
 
-A table lists them: `file`, the path below FOLDER; `source`, the path below a web folder; `sha256`.
+A table lists them: `file`, the path below `resources_folder`; `source`, the path below a web folder; and `sha256`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ from pathlib import Path
 from ..base.errors import InputError
 from .files import read_text, sha256
 
-FOLDER = "downloads"  # in the project's folder, ignored by git
+FOLDER = "resources"  # in the folder of the study; git ignores its content
+OLD_FOLDER = "downloads"  # its former name, accepted for one release
+FETCHED = ("abdomen_ct", "printed_phantom")  # folders in it
 
 
 @dataclass(frozen=True)
@@ -35,10 +37,20 @@ class PublishedFile:
     sha256: str
 
 
+def resources_folder() -> str:
+    """Return the folder of files that are fetched or that users add: `downloads` if only that has any."""
+
+    def used(folder):
+        return any(Path(folder, name).exists() for name in FETCHED)
+
+    return OLD_FOLDER if used(OLD_FOLDER) and not used(FOLDER) else FOLDER
+
+
 def read_published(table: str | Path) -> tuple[PublishedFile, ...]:
-    """Return the files of a table, a CSV."""
+    """Return the files that a CSV table lists."""
+    folder = resources_folder()
     rows = csv.DictReader(read_text(table).splitlines())
-    return tuple(PublishedFile(f"{FOLDER}/{row['file']}", row["source"], row["sha256"]) for row in rows)
+    return tuple(PublishedFile(f"{folder}/{row['file']}", row["source"], row["sha256"]) for row in rows)
 
 
 def named_by(paths: Iterable[str], files: Iterable[PublishedFile]) -> list[PublishedFile]:

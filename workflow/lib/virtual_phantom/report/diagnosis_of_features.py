@@ -14,9 +14,12 @@ MOST_PLACES = 20
 def feature_diagnosis_page(diagnosis: FeatureDiagnosis) -> str:
     """Return the report as HTML."""
     trials, found = diagnosis.trials, diagnosis.content["effects"]
+    families = next(iter(diagnosis.content["candidates"].values()))["families"]
     return render_diagnosis(
         "diagnosis_of_features",
         diagnosis.content,
+        families=list(families),
+        misses=list(families.values()) if diagnosis.before.significant else [],
         before=len(diagnosis.before.significant),
         after=len(diagnosis.after.significant),
         tested=len(diagnosis.before.places),

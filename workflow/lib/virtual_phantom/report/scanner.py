@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from datetime import date
+from typing import Protocol
 
 from .. import __version__
 from ..diagnosis.residuals.dataset import Prepared
@@ -15,15 +16,21 @@ from ..io.files import write_text
 from .html import COLORS, OTHER_COLOR, number, picture, render, within
 
 
-def write_scanner_results(found: ScannerDiagnosis, prepared: Mapping[str, Prepared], output) -> None:
+class ScannerFiles(Protocol):
+    """Paths of the files that a scanner's diagnosis writes."""
+
+    diagnosis: str
+    physics: str
+    report: str
+
+
+def write_scanner_results(found: ScannerDiagnosis, prepared: Mapping[str, Prepared], output: ScannerFiles) -> None:
     """Write scanner.json, physics.yaml and the report.
 
     Parameters
     ----------
     prepared : mapping of str to Prepared
         By recording.
-    output : object
-        Paths, as attributes diagnosis, physics and report.
     """
     content, fit = found.content, found.choice.chosen
     first = next(iter(fit.fits))

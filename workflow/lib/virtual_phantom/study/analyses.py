@@ -126,11 +126,6 @@ def _compared(plan: Plan) -> Iterator[AnalysisJob]:
         yield _job("matched_level", noise=name)
     if matched:
         yield _job("matched_noise")
-    for name, comparison in compared.items():
+    for name in compared:
         yield _job("comparison", "comparison_features", "comparison_families", comparison=name)
         yield _job("figure_comparison", comparison=name)
-        if comparison["attribute"]:
-            images = len(plan.still(comparison["noise"]))
-            yield _job("properties", images=images, comparison=name)
-            yield _job("attribution", "attribution_cells", comparison=name)
-            yield _job("figure_attribution", comparison=name)

@@ -1,4 +1,4 @@
-"""All that the rules of the workflow know of the study that is configured: one object."""
+"""Context: the object through which the rules of the workflow read the configured study."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import ParamSpec, TypeVar
 from ..base.data import RESOURCES, SCHEMAS
 from ..base.errors import InputError, InputErrors, printed
 from ..config.config import complete, flat_detectors
-from ..config.dependencies import effect_code, files_behind, hook_code, resource, shipped
-from ..config.outputs import BY_NAME, Files
+from ..config.dependencies import shipped
+from ..config.outputs import BY_NAME, Files, by_path
 from ..config.plan import Plan
 from ..config.public_scans import PublicScans
 from ..config.read_config import doubtful_entries, note_idle_nulls
@@ -31,7 +31,7 @@ from .proof import Proof
 from .recordings import Comparisons, Recordings
 from .selections import Selections
 
-# What Snakemake's report calls what lies in a folder of the results.
+# Label of the files of each results folder in Snakemake's report.
 LABELS = {"figures": "figure", "tables": "table", "diagnosis": "recording", "proof": "recording"}
 
 P, T = ParamSpec("P"), TypeVar("T")
@@ -39,19 +39,16 @@ P, T = ParamSpec("P"), TypeVar("T")
 
 @dataclass(frozen=True)
 class Context:
-    """A study as its rules see it. What takes wildcards takes them by name, as text.
+    """A study for the rules of the workflow. Methods take wildcards by name, as text.
 
     Attributes
     ----------
-    folder : Path
-        Where rules, scripts and captions lie.
     engine : str
-        What projects (projectors.choose_engine).
+        Engine of the projector (projectors.choose_engine).
     rates : mapping
         Measured costs (costs.rates).
     """
 
-    folder: Path
     plan: Plan
     engine: str
     rates: Mapping
@@ -74,66 +71,39 @@ class Context:
 
     # Files
 
-    def file(self, name: str, suffix: str = "", **known: str) -> str:
-        """An output by its name in study.outputs; what is not known of it stays a wildcard."""
-        return self.files(name, suffix, **known)
-
-    def log(self, job: str, **known: str) -> str:
-        """The log of a job."""
-        return self.files.log(job, **known)
-
     @property
     def results_folder(self) -> str:
-        """Where results are written."""
+        """The folder of all results."""
         return self.files.results
 
-    @property
-    def log_folder(self) -> str:
-        """Where all logs lie."""
-        return f"{self.files.results}/logs"
-
-    def benchmark(self, job: str, **known: str) -> str:
-        """What a job took, as Snakemake writes it."""
-        return self.files.benchmark(job, **known)
-
-    def code(self, script: str) -> list[str]:
-        """A script and the library files behind it, as inputs of its rule."""
-        return [shipped(path) for path in files_behind(self.folder / "scripts" / script)]
-
-    def effect_code(self, *effects: str) -> list[str]:
-        """The files of effects and what is behind them: they are imported by name, so that `code` does not see them."""
-        return effect_code(*effects)
-
-    def hook_code(self) -> list[str]:
-        """The proof's callbacks, which the other simulator imports by name."""
-        return hook_code()
-
-    def resource(self, name: str) -> str:
-        """A table or a layout that comes with the library, as an input."""
-        return resource(name)
-
     def schema(self, name: str) -> str:
-        """A JSON schema of the library, as an input."""
+        """Return the path of a JSON schema of the library as input of a job."""
         return shipped(SCHEMAS / name)
 
     @property
     def parameters(self) -> dict:
-        """How features are extracted: arguments of features.parameters.read_parameters."""
+        """Settings of feature extraction: arguments of features.parameters.read_parameters."""
         features = self.config["features"]
         return {"path": features["parameters"], **{key: features[key] for key in ("section", "stored_offset_hu")}}
 
     @property
     def parameter_files(self) -> list[str]:
-        """The parameter file of pyradiomics as inputs of rules, where there is one."""
+        """The parameter file of pyradiomics as inputs of rules, if the configuration has one."""
         return [path for path in [self.config["features"]["parameters"]] if path]
 
     def title(self, name: str) -> str | None:
-        """What a report calls an output."""
+        """Return the title of an output in the report."""
         return BY_NAME[name].title
 
-    def reported(self, name: str) -> dict:
-        """How Snakemake's report shows an output: arguments of its `report`, for a rule of workflow/rules."""
-        output = BY_NAME[name]
+    def reported(self, path: str) -> dict:
+        """Return how Snakemake's report shows an output: arguments of `report` for a rule of workflow/rules.
+
+        Parameters
+        ----------
+        path : str
+            Path below results_dir, with wildcards in braces.
+        """
+        output = by_path(path)
         kind = LABELS[output.pattern.partition("/")[0]]
         return {
             "caption": f"../report/{output.caption_file()}",
@@ -144,16 +114,16 @@ class Context:
     # Targets
 
     def tables(self) -> list[str]:
-        """Every table that the configuration asks for."""
+        """Return the paths of all requested tables."""
         return [self.files(output.name, **known) for output, known in analyses.tables(self.plan)]
 
     def parquet_tables(self) -> list[str]:
-        """The same as Parquet."""
+        """Return the paths of the same tables as Parquet."""
         made = [output.paths(**known)[0].removesuffix(".csv") for output, known in analyses.tables(self.plan)]
         return [self.files("parquet", table=table) for table in made]
 
     def targets(self) -> list[str]:
-        """Everything that the configuration asks for."""
+        """Return the paths of all requested files."""
         figures = [
             self.files(output.name, suffix, **known)
             for output, known in analyses.figures(self.plan)
@@ -162,7 +132,7 @@ class Context:
         tables = [path for pair in zip(self.tables(), self.parquet_tables(), strict=True) for path in pair]
         return figures + tables + self.acquisitions.kept() + self.acquisitions.placed() + [self.files("index")]
 
-    # What jobs ask of a machine
+    # Resources of jobs
 
     def megabytes(
         self,
@@ -174,16 +144,16 @@ class Context:
         fine: int = 0,
         geometry: str | None = None,
     ) -> int:
-        """Memory of a job from the arrays that it holds, with room for Python and its libraries, MB.
+        """Return the memory of a job in MB: its arrays, Python and its libraries.
 
         Parameters
         ----------
         volumes, volume_lanes : int, optional
-            Images, and for how many realisations each.
+            Number of images, and of noise realizations in each.
         projections, projection_lanes : int, optional
-            The same of projections of `geometry`.
+            The same for projections of `geometry`.
         fine : int, optional
-            Volumes on the voxels that are scanned.
+            Number of volumes on the fine voxels that are scanned.
         """
         floats = volumes * volume_lanes * self.sizes.voxels + fine * self.sizes.fine
         if geometry is not None:
@@ -191,71 +161,72 @@ class Context:
         return int(600 + 1.3 * floats * 4 / 1e6)
 
     def aligned_megabytes(self, recording: str) -> int:
-        """Memory to align a recording: its images, compressed on disk, and three levels of the phantom, MB."""
+        """Return the memory to align a recording in MB: its images and three levels of the phantom."""
         return self.megabytes(volumes=12) + self.recordings.image_megabytes(recording)
 
     def minutes(self, stage: str, work: Mapping[str, float]) -> int:
-        """How long a job of this stage and work may take (costs.jobs.Sizes)."""
+        """Return the time limit of a job in minutes, from its stage and work (costs.jobs.Sizes)."""
         return minutes(self.rates, stage, work)
 
     def expected_seconds(self, cores: int | None = None) -> dict[str, float | tuple[float, float]]:
-        """{file: seconds that its job takes one core} of the study's jobs and of diagnoses, with a measured rate.
-
-        Of a diagnosis, the lower and the upper end.
+        """Return the expected core seconds of all jobs whose rate was measured, by output file.
 
         Parameters
         ----------
         cores : int, optional
-            That there are, where that is known.
+            Available cores, if known.
 
         Returns
         -------
         dict of str to float or tuple of 2 float
+            For diagnoses, the lower and the upper end of the range.
         """
-        # Regions count for what is written only.
+        # The number of ROIs only affects bytes, which are not used here.
         of_study: dict[str, float | tuple[float, float]] = {
             f"{self.files.results}/{file}": takes
             for job in study_jobs(self.plan, self.engine, rois=0)
             if (takes := seconds(job, self.rates)) is not None
             for file in job.outputs
         }
-        # Their processes hold all cores until the last of them is done.
+        # The processes of a diagnosis hold all their cores until the last process ends.
         return of_study | {
-            self.files("diagnosis", recording=one["name"]): tuple(end * one["processes"] for end in one["seconds"])
-            for one in self.diagnosis.forecasts(cores)
-            if one["seconds"] is not None
+            self.files("diagnosis", recording=forecast["name"]): tuple(
+                end * forecast["processes"] for end in forecast["seconds"]
+            )
+            for forecast in self.diagnosis.forecasts(cores)
+            if forecast["seconds"] is not None
         }
 
 
 def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = (), here: bool = True) -> Context:
-    """The context of a configuration as Snakemake has put it together.
+    """Return the context of a configuration that Snakemake has merged.
 
     Parameters
     ----------
     folder : Path
-        Where rules, scripts and captions lie.
+        Folder of the rules, scripts and captions.
     files : iterable of str or Path, optional
-        The configuration's files: one that was written with a checksum must still be the same.
+        Configuration files. A file that was written with a checksum must be unchanged.
     here : bool, optional
-        Whether devices and files are looked for. False: another process has done so, perhaps on another machine.
+        Check devices and files. False in jobs: the main process has checked them, perhaps on another machine.
 
     Raises
     ------
     InputErrors
-        For all that is wrong with the configuration and the files that it names.
+        If the configuration has mistakes, or a file that it names is missing or wrong.
     """
     files = list(map(str, files))
     for path in files:
         check_unchanged(path, "make it again")
     if here:
-        from .checks.preflight import problems  # which jobs have no need of
+        from .checks.preflight import problems  # jobs do not need it
 
         doubtful = [line for path in files for line in doubtful_entries(path)]
         if lines := doubtful + problems(config, keep=True):
             raise InputErrors(lines)
         note_idle_nulls(files)
     plan = Plan(complete(config))
-    # On a cluster, jobs that need no device may be where there is none.
+    # Without `here`, do not look for devices: a cluster node of a job may have none.
     backprojector = plan.config["reconstruction"]["sirt"]["backprojector"]
     engine = choose_engine(plan.config["engine"], backprojector, look=here, flat=flat_detectors(plan.config))
     rates = read_rates(RESOURCES / "rates.yaml")
@@ -268,9 +239,8 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
     diagnosis = Diagnosis.read(plan, outputs, recordings, engine, rates)
     proof = Proof.read(plan, outputs)
     pages = Pages(plan, outputs, selections, comparisons, diagnosis, folder / "report", tuple(files))
-    _ = pages.exported  # says what is wrong with it
+    _ = pages.exported  # raises InputErrors for wrong entries
     return Context(
-        folder=folder,
         plan=plan,
         engine=engine,
         rates=rates,
@@ -289,10 +259,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
 
 
 def or_exit(function: Callable[P, T]) -> Callable[P, T]:
-    """The function, which ends the program with one line where it raises InputError.
-
-    For functions that Snakemake calls: of an exception it would print a traceback.
-    """
+    """Wrap a function that Snakemake calls: an InputError ends the program with one line instead of a traceback."""
 
     @wraps(function)
     def ends(*arguments: P.args, **named: P.kwargs) -> T:

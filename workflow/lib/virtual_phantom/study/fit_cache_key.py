@@ -1,4 +1,4 @@
-"""The fits that a diagnosis keeps: what they depend on."""
+"""Key of the fits that a diagnosis caches: everything that they depend on."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import hashlib
 import json
 import platform
 from collections.abc import Iterable, Mapping
-from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-from ..config.dependencies import LIBRARY, files_behind
+from ..config.dependencies import LIBRARY, effect_file, version_of
 from ..diagnosis.selection.fit_cache import FitCache
 from ..io.files import files_of, sha256
 
@@ -20,30 +19,24 @@ FITTING = (DIAGNOSIS / "preparation.py", DIAGNOSIS / "selection" / "trials.py") 
 
 
 def fit_cache(folder: str | Path, model: Mapping, files: Iterable[str | Path]) -> FitCache:
-    """Of one recording.
+    """Return the cached fits of one recording.
 
     Parameters
     ----------
     folder : str or Path
-        Where they are kept.
+        The folder of the cache.
     model : mapping
         Diagnosis.model of the recording.
     files : iterable of str or Path
-        And folders of files: of the recording, and of what was scanned.
+        Files and folders of files of the recording and of the scanned object.
     """
-    code = sorted({path for module in FITTING for path in files_behind(module)})
     declared = [_effect(name) for name in sorted(model["settings"].get("baseline", {}))]
-    made_of = [model, [sha256(file) for path in files for file in files_of(path)], _hash(code), declared]
+    contents = [sha256(file) for path in files for file in files_of(path)]
+    made_of = [model, contents, version_of(*FITTING), declared]
     made_of.append([platform.python_version(), *map(version, PACKAGES)])
     text = json.dumps(made_of, sort_keys=True)
     return FitCache(folder, hashlib.sha256(text.encode()).hexdigest(), _effect)
 
 
-@cache
 def _effect(name: str) -> str:
-    return _hash(files_behind(LIBRARY / "physics" / "effects" / f"{name}.py"))
-
-
-def _hash(paths: Iterable[Path]) -> str:
-    """Of what files hold, whatever they are called and however old they are."""
-    return hashlib.sha256("".join(map(sha256, paths)).encode()).hexdigest()
+    return version_of(effect_file(name))

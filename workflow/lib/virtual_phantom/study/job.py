@@ -1,4 +1,4 @@
-"""What every workflow script is wrapped in: its log, its threads, and how it fails."""
+"""Context in which workflow scripts run: log file, threads, and one line for each error."""
 
 from __future__ import annotations
 
@@ -23,18 +23,19 @@ THREAD_VARIABLES = (
     "NUMBA_NUM_THREADS",
     "ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS",
 )
+log = logging.getLogger("virtual_phantom")  # the package's logger, which scripts use
 LINE, TIME = "%(asctime)s %(levelname)s %(message)s", "%Y-%m-%d %H:%M:%S"
 ERROR_LINE = re.compile(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d ERROR (.*)$", re.MULTILINE)
 
 
 @contextlib.contextmanager
-def job(snakemake) -> Iterator[logging.Logger]:
-    """Run a script's body: log and warnings go to the rule's log file, an InputError becomes one line and exit code 1.
+def job(snakemake) -> Iterator[None]:
+    """Run a script: log and warnings go to the rule's log file, an InputError becomes one line and exit code 1.
 
     Parameters
     ----------
     snakemake : Snakemake
-        The object that Snakemake puts into a script.
+        The object that Snakemake adds to the globals of a script.
     """
     show_any_character()
     log_file = Path(str(snakemake.log[0])) if snakemake.log else None
@@ -43,56 +44,53 @@ def job(snakemake) -> Iterator[logging.Logger]:
         log_file.parent.mkdir(parents=True, exist_ok=True)
         handler = logging.FileHandler(log_file, mode="w", encoding="utf-8")
     handler.setFormatter(logging.Formatter(LINE, TIME))
-    logger = logging.getLogger("virtual_phantom")
-    logger.setLevel(logging.INFO)
-    for target in (logger, logging.getLogger("py.warnings")):
+    log.setLevel(logging.INFO)
+    for target in (log, logging.getLogger("py.warnings")):
         target.addHandler(handler)
     logging.captureWarnings(True)
     warnings.simplefilter("default")
     for variable in THREAD_VARIABLES:
         os.environ.setdefault(variable, str(snakemake.threads))
     try:
-        yield logger
+        yield
     except InputError as error:
-        _fail(logger, str(error))
+        _fail(str(error))
     except MemoryError as error:
-        logger.error("%s", traceback.format_exc())
+        log.error("%s", traceback.format_exc())
         reason = str(error) or "no more could be had"
-        _fail(logger, f"not enough memory ({reason}); run fewer jobs at a time, or a smaller grid")
+        _fail(f"not enough memory ({reason}); run fewer jobs at a time, or a smaller grid")
     except Exception as error:
-        logger.error("%s", traceback.format_exc())
-        _fail(logger, unexpected(error, "the log"))
+        log.error("%s", traceback.format_exc())
+        _fail(unexpected(error, "the log"))
     except KeyboardInterrupt:  # Ctrl-C reaches scripts too; Snakemake itself reports that it stops
         sys.exit(INTERRUPTED)
     finally:
-        for target in (logger, logging.getLogger("py.warnings")):
+        for target in (log, logging.getLogger("py.warnings")):
             target.removeHandler(handler)
         handler.close()
         if log_file:
             silence(log_file)
 
 
-def _fail(logger: logging.Logger, message: str) -> None:
+def _fail(message: str) -> None:
     """Log and print one line, and exit."""
-    logger.error("%s", message)
+    log.error("%s", message)
     print(f"Error: {message}", file=sys.stderr)
     sys.exit(1)
 
 
 def last_reason(log_file: str | Path, since: float) -> str | None:
-    """Why a job failed: the last error in its log.
-
-    Every failure that `job` sees ends with one line of its own.
+    """Return why a job failed: the last error in its log, where `job` writes one line for each failure.
 
     Parameters
     ----------
     since : float
-        s, of the epoch.
+        Start of the job, seconds since the epoch.
 
     Returns
     -------
     str or None
-        None without one, or if nothing was written since then.
+        None if the log has no error or was not written since then.
     """
     path = Path(log_file)
     try:

@@ -11,7 +11,7 @@ from ..config.dependencies import resource, shipped
 from ..config.outputs import Files
 from ..config.plan import Plan
 from ..io.files import files_of
-from ..io.published import PublishedFile, check_listed, named_by, reachable, read_published
+from ..io.published import PublishedFile, check_listed, named_by, reachable, read_published, resources_folder
 from ..physics.scenes.object_files import object_path
 
 
@@ -72,11 +72,10 @@ class PhantomSources:
         InputError
             Without a network.
         """
-        folder = self.plan.config["downloads"]["abdomen_ct"]
+        folder, here = self.plan.config["downloads"]["abdomen_ct"], f"{resources_folder()}/abdomen_ct"
         advice = (
             f"where there is a network, download the files that {self.table} lists: those of {folder}/example_ct_dicom "
-            "go to downloads/abdomen_ct/dicom, example_seg_dicom.nii.gz beside it becomes "
-            "downloads/abdomen_ct/labels.nii.gz"
+            f"go to {here}/dicom, example_seg_dicom.nii.gz beside it becomes {here}/labels.nii.gz"
         )
         return [reachable(f"{folder}/{file.source}", advice) for file in self.absent]
 

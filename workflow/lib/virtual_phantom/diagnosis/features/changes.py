@@ -19,8 +19,7 @@ from ...io.volumes import Volume
 from ...phantom import HALF_COVERED
 from ...phantom.ct import resample
 from ...simulation.reconstruct import apply_image_effects
-from ...statistics.attribution import BASELINE
-from .properties import EVERY_FOLD, FOLDS, calibration
+from .properties import BASELINE, EVERY_FOLD, FOLDS, calibration
 
 SIGMAS_VOXELS = (0.4, 0.7, 1.0)  # of blurs that are simulated; under 0.4 a voxel hardly mixes with its neighbours
 FLUX_FACTORS = (0.25, 0.5, 2.0, 4.0)  # of the photons that are simulated; between them strengths are interpolated

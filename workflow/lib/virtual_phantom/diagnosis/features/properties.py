@@ -17,6 +17,7 @@ from ...base.geometry import Grid
 from ...physics.effect import load, names
 from ...statistics.comparison_summary import MINIMUM_ROIS
 
+BASELINE = "baseline"  # in tables: the images with no property changed
 FOLDS = (1, 2)  # halves of the regions: strengths are fitted to one and judged on the other
 EVERY_FOLD = 0  # of rows that both folds share
 SQUARE, LOGARITHM, LINEAR = (np.square, np.sqrt), (np.log, np.exp), (np.asarray, np.asarray)

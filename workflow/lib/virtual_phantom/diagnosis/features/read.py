@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import pandas as pd
-
 from ...features.settings import read_extraction
 from ...io.files import read_csv
 from ...io.volumes import read_nifti
@@ -25,7 +23,7 @@ def read_responses(
     stored_offset_hu: float,
     parameters: str | None,
     rois: Sequence[str] | None,
-) -> tuple[Responses, pd.DataFrame, dict[str, str]]:
+) -> tuple[Responses, dict[str, str]]:
     """What every property does to every feature of one comparison.
 
     Parameters
@@ -48,8 +46,6 @@ def read_responses(
 
     Returns
     -------
-    rows : DataFrame
-        The recording's that are compared.
     not_compared : dict of str to str
         {feature: why}.
 
@@ -61,4 +57,4 @@ def read_responses(
     rows = where(read_csv(recorded), dict(conditions), f"recording {recording}")
     table = read_csv(properties)
     features, not_compared = compared(table, rows, dimensions, stored_offset_hu, read_extraction(parameters))
-    return responses(table, rows, features, read_nifti(image).grid, rois), rows, not_compared
+    return responses(table, rows, features, read_nifti(image).grid, rois), not_compared

@@ -12,10 +12,9 @@ import pandas as pd
 from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...features.settings import STUDY, Extraction, other_settings
-from ...statistics.attribution import BASELINE
 from ...statistics.comparability import SAME_VOXELS, comparable, roi_sizes
 from ...statistics.comparison import common_features, common_rois, samples, spread
-from .properties import EVERY_FOLD, FOLDS, Property, folds, properties
+from .properties import BASELINE, EVERY_FOLD, FOLDS, Property, folds, properties
 
 STEPS = 4  # strengths tried between two that were simulated
 SOFT = 4.0  # times the floor: a cell counts in full from two standard errors on
@@ -77,11 +76,6 @@ class Responses:
         """Square of the standardised shift that noise alone gives, shape (rois, features)."""
         count = np.array([len(one) for one in self.recorded])[:, None]
         return 1 / count + self.baseline.var(axis=0, ddof=1) / self.unit**2 / len(self.baseline)
-
-    def table(self, values: np.ndarray) -> pd.DataFrame:
-        """Features, shape (repeats, rois, features), as a table: one row per repeat and ROI."""
-        rows = pd.DataFrame(values.reshape(-1, len(self.features)), columns=self.features)
-        return rows.assign(roi=self.rois * len(values))
 
 
 def compared(

@@ -97,21 +97,6 @@ def trials(data: Responses, seed: int = 0) -> dict[Property, Trial]:
     return dict(sorted(found.items(), key=lambda item: -item[1].held_out))
 
 
-def held_out(data: Responses) -> dict[Property, np.ndarray]:
-    """What every property makes of every region, its strength fitted on the other half of the regions.
-
-    Returns
-    -------
-    dict of Property to ndarray, shape (repeats, rois, features)
-    """
-    before = shift(data, data.baseline)
-    made = {}
-    for one, own in _curves(data).items():
-        chosen = _chosen(data, before, _moved(data, before, own))
-        made[one] = _assembled(data, own, chosen, held_out=True)
-    return made
-
-
 def shift(data: Responses, values: np.ndarray) -> np.ndarray:
     """Standardised shifts of features: simulated less recorded.
 

@@ -10,8 +10,10 @@ from scipy import stats
 
 from ...base.names import label
 from ...base.streams import generator
+from ...statistics.comparison import MARGIN_SD
 from ..verdict.verdict import VERDICTS
 from ..verdict_text import feature_lines, with_verdict_text
+from .misses import misses
 from .properties import FOLDS, Property, calibration
 from .residuals import Place, Places, places
 from .responses import Responses, finer, removed
@@ -45,7 +47,9 @@ class FeatureDiagnosis:
     content: dict
 
 
-def diagnose_features(name: str, data: Responses, not_compared: Mapping[str, str], mean: str) -> FeatureDiagnosis:
+def diagnose_features(
+    name: str, data: Responses, not_compared: Mapping[str, str], mean: str, margin_sd: float = MARGIN_SD
+) -> FeatureDiagnosis:
     """Find the image property that explains the difference of features.
 
     Parameters
@@ -56,6 +60,8 @@ def diagnose_features(name: str, data: Responses, not_compared: Mapping[str, str
         {feature: reason}.
     mean : str
         Feature with the mean HU of an ROI, for the HU calibration.
+    margin_sd : float, optional
+        Largest difference of means that counts as agreement, in SDs over repeats of the recording.
     """
     before, found = places(data, data.baseline), trials(data)
     best, trial = next(iter(found.items()))
@@ -85,6 +91,7 @@ def diagnose_features(name: str, data: Responses, not_compared: Mapping[str, str
                 "p": each.p,
                 "strengths": {str(fold): value for fold, value in each.strengths.items()},
                 "regions": dict(zip(data.rois, each.regions.tolist(), strict=True)),
+                "families": misses(data, each.after, margin_sd),
             }
             for one, each in found.items()
         },

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import yaml
@@ -35,13 +36,22 @@ def write_trial(trial: Trial, path: str | Path, made_of: str = "") -> None:
     write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", path)
 
 
-def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mapping[str, np.ndarray]) -> None:
+class DiagnosisFiles(Protocol):
+    """Paths of the files that every diagnosis writes; `maps` is a folder."""
+
+    diagnosis: str
+    physics: str
+    report: str
+    maps: str
+
+
+def write_diagnosis(
+    output: DiagnosisFiles, content: dict, overlay: dict, page: str, maps: Mapping[str, np.ndarray]
+) -> None:
     """Write the files of a diagnosis: diagnosis.json, physics.yaml, the report and maps by domain.
 
     Parameters
     ----------
-    output : object
-        Paths, as attributes diagnosis, physics, report and maps.
     content : dict
         Content of diagnosis.json.
     overlay : dict
