@@ -44,7 +44,7 @@ if "snakemake" in globals():
         main(
             features_file=snakemake.input.features,
             trust_file=snakemake.input.trust,
-            measures_output=snakemake.output.measure_table,
+            measures_output=snakemake.output.measures,
             features_output=snakemake.output.features,
             groups=snakemake.params.groups,
             noise=snakemake.params.noise,
