@@ -11,8 +11,8 @@ from virtual_phantom.features import extraction
 from virtual_phantom.features.names import FEATURES
 from virtual_phantom.features.settings import STUDY, differences, distinct, of_table
 from virtual_phantom.io.volumes import Volume
-from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.summary import summary
+from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.summary import summarize_recording
 
 ROIS = [{"name": name, "tissue_class": name, "label": label} for name, label in LABELS.items()]
 
@@ -66,7 +66,7 @@ def table(written, tmp_path):
 
 
 def test_values_are_those_of_the_study_s_own_extraction(table, images):
-    recording = load(table(conditions=["Dose"]))
+    recording = load_recording(table(conditions=["Dose"]))
     assert recording.features == FEATURES and recording.images_per_condition().to_dict() == {3: 3, 10: 3}
     labels = label_map()
     masks = {name: labels == label for name, label in LABELS.items()}
@@ -78,26 +78,26 @@ def test_values_are_those_of_the_study_s_own_extraction(table, images):
         pd.testing.assert_frame_equal(
             own[list(FEATURES)], theirs[list(FEATURES)].reset_index(drop=True), check_exact=False, rtol=1e-9
         )
-    notes = summary(recording)["notes"]
+    notes = summarize_recording(recording)["notes"]
     # 14 of shape, 5 of NGTDM, the co-occurrence's MCC and SumAverage.
     assert len(notes) == 1 and notes[0].startswith("left out: 21 other features")
 
 
 def test_masks_and_labels_give_the_same_table(table):
-    by_labels = load(table(conditions=["Dose"])).repeats
+    by_labels = load_recording(table(conditions=["Dose"])).repeats
     masks = [{"name": name, "tissue_class": name, "file": f"{name}.nii.gz"} for name in LABELS]
-    by_masks = load(table("masks", rois=masks, conditions=["Dose"])).repeats
+    by_masks = load_recording(table("masks", rois=masks, conditions=["Dose"])).repeats
     columns = ["image", "roi", "tissue_class", "Dose", *FEATURES]
     pd.testing.assert_frame_equal(by_labels[columns], by_masks[columns])
     patterns = [{"name": name, "tissue_class": name, "file": f"masks/{name[:2]}*"} for name in LABELS]
-    pd.testing.assert_frame_equal(by_masks, load(table("masks", rois=patterns, conditions=["Dose"])).repeats)
+    pd.testing.assert_frame_equal(by_masks, load_recording(table("masks", rois=patterns, conditions=["Dose"])).repeats)
 
 
 def test_settings_are_read_and_those_that_differ_are_said(table):
-    recording = load(table("other"))
+    recording = load_recording(table("other"))
     (found,) = recording.extractions
     assert found.settings["binWidth"] == 10 and found.version == extraction.pyradiomics.__version__
-    notes = summary(recording)["notes"]
+    notes = summarize_recording(recording)["notes"]
     assert [note for note in notes if note.startswith("setting")] == [
         "setting: binWidth is 10, the study's 25 (changes 70 of 86 features)",
         "setting: distances is [1, 2], the study's [1] (changes 32 of 86 features)",
@@ -135,7 +135,7 @@ def test_a_setting_changes_the_features_that_it_is_said_to_change(images, tmp_pa
 
 
 def test_rows_of_other_rois_and_features_are_left_out_and_counted(table):
-    recording = load(table(change=lambda t: t.drop(columns=FEATURES[40]), rois=ROIS[1:]))
+    recording = load_recording(table(change=lambda t: t.drop(columns=FEATURES[40]), rois=ROIS[1:]))
     assert recording.repeats["roi"].unique().tolist() == ["cyst"] and len(recording.features) == 85
     assert "left out: 6 rows of ROIs that recording.yaml does not name" in recording.notes
     assert f"missing: 1 of the 86 features ({FEATURES[40]})" in recording.notes
@@ -149,10 +149,10 @@ def test_columns_of_one_s_own(table):
         return t.assign(Segment=t["Segment"].map({label: name for name, label in LABELS.items()}))
 
     rois = [{"name": name, "tissue_class": name} for name in LABELS]
-    recording = load(table(change=named, rois=rois, image="Case", roi="Segment", conditions=["Dose"]))
+    recording = load_recording(table(change=named, rois=rois, image="Case", roi="Segment", conditions=["Dose"]))
     assert recording.repeats["image"].unique().tolist() == [f"case{number}" for number in range(6)]
     assert recording.repeats["roi"].tolist() == ["liver", "cyst"] * 6
-    whole = load(
+    whole = load_recording(
         table(
             change=lambda t: named(t).rename(columns={"Mask": "tissue_class"}), rois=None, image="Case", roi="Segment"
         )
@@ -228,5 +228,5 @@ def test_conditions_may_have_settings_of_their_own(table):
     def other(t):
         return t.assign(diagnostics_Configuration_Settings=t["Dose"].map("{{'binWidth': {}}}".format))
 
-    recording = load(table(change=other, conditions=["Dose"]))
+    recording = load_recording(table(change=other, conditions=["Dose"]))
     assert [one.settings["binWidth"] for one in recording.extractions] == [3, 10]

@@ -186,9 +186,9 @@ def test_corrections_photons_and_labels_come_along_and_patients_do_not(scan, tmp
         "Planted" not in content + capsys.readouterr().out
         and b"Planted" not in (folder / "projections.h5").read_bytes()
     )
-    from virtual_phantom.recordings.reading import load
+    from virtual_phantom.recordings.reading import load_recording
 
-    recording = load(folder)
+    recording = load_recording(folder)
     assert recording.document.content["corrected"] == ["beam_hardening", "dark", "scatter"]
     assert recording.nominal["photons"] == pytest.approx(2e5) and recording.nominal["tube_kvp"] == 120
     tried = candidates({}, corrected=recording.document.content["corrected"])

@@ -12,7 +12,7 @@ from phantom_files import CT_GRID, ct_slices, object_hu, write_series
 from virtual_phantom.base.errors import InputError, lines_of
 from virtual_phantom.recordings.importers.command import run
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 
 
 def scan(folder, seed, kernel="Br38f", **attributes):
@@ -184,7 +184,7 @@ def test_a_series_that_is_no_ct_in_hu_is_named_and_can_be_overruled(change, chec
     assert line.startswith(f"{folder}: ") and words in line and line.endswith(f"not_checked: [{check}])")
     assert not target.exists()
     assert run(["dicom", str(folder), str(target), "--not-checked", check]) == 0
-    assert load(target).document.content["not_checked"] == [check]
+    assert load_recording(target).document.content["not_checked"] == [check]
     with pytest.raises(InputError, match="--not-checked: there is no check 'sizes'; did you mean 'size'"):
         import_dicom_tree(folder, tmp_path / "other", not_checked=["sizes"])
 

@@ -8,7 +8,7 @@ from recording_folders import SCAN, changed, features_folder, projections_folder
 
 from virtual_phantom.base.errors import InputError, InputErrors
 from virtual_phantom.recordings.document import read_document
-from virtual_phantom.recordings.scan import assumed, scan_geometry, timed
+from virtual_phantom.recordings.scan import has_view_times, scan_geometry, view_time_note
 
 
 @pytest.fixture
@@ -166,8 +166,8 @@ def test_times_are_as_stated_or_said_to_be_taken_for_granted(stated, interval_ms
     scan = {key: value for key, value in SCAN.items() if key != "rotation_time_ms"} | stated
     geometry = scan_geometry(scan, "a")
     assert (geometry.view_interval_ms, geometry.exposure_ms) == (interval_ms, exposure_ms)
-    assert words is None and assumed(scan) is None or words in assumed(scan)
-    assert timed({"kind": "projections", "scan": scan}) == (interval_ms is not None)
+    assert words is None and view_time_note(scan) is None or words in view_time_note(scan)
+    assert has_view_times({"kind": "projections", "scan": scan}) == (interval_ms is not None)
     if interval_ms is None:
         with pytest.raises(InputError, match="the time from view to view is not known"):
             geometry.times_s  # noqa: B018

@@ -9,9 +9,8 @@ from recording_folders import changed, features_folder, features_table, refused,
 
 from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.features.table_files import read_table
-from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.summary import readable, summary
-from virtual_phantom.recordings.summary import table as listed
+from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.summary import readable, summarize_recording, summary_table
 from virtual_phantom.statistics.comparability import SIZED
 
 
@@ -21,7 +20,7 @@ def table(tmp_path):
 
 
 def test_values_come_back_bit_for_bit(table):
-    recording = load(table[0])
+    recording = load_recording(table[0])
     written = pd.concat([features_table(), features_table(start=3)], ignore_index=True)
     pd.testing.assert_frame_equal(recording.repeats, written[recording.repeats.columns], check_exact=True)
     assert recording.features == FEATURES and recording.held_out.empty
@@ -89,7 +88,7 @@ def test_absent_features_must_be_named_and_known(table):
     for name, start in (("a", 0), ("b", 3)):
         features_table(start=start).drop(columns=FEATURES[15]).to_csv(folder / f"{name}.csv", index=False)
     refused(folder, f"lacks the column {FEATURES[15]}; if they were not extracted, list them under features.absent")
-    recording = load(write_yaml(folder, changed(content, "features.absent", [FEATURES[15]])))
+    recording = load_recording(write_yaml(folder, changed(content, "features.absent", [FEATURES[15]])))
     assert len(recording.features) == 85 and FEATURES[15] not in recording.features
     refused(write_yaml(folder, changed(content, "features.absent", ["original_glcm_MC"])), "unknown feature")
 
@@ -99,7 +98,7 @@ def test_stored_values_must_be_announced_and_are_then_left_alone(table):
     for name, start in (("a", 0), ("b", 3)):
         features_table(start=start, mean=1064.0).to_csv(folder / f"{name}.csv", index=False)
     refused(folder, "set features.stored_offset_hu: 1024")
-    recording = load(write_yaml(folder, changed(content, "features.stored_offset_hu", 1024)))
+    recording = load_recording(write_yaml(folder, changed(content, "features.stored_offset_hu", 1024)))
     assert recording.stored_offset_hu == 1024 and "HU + 1024" in recording.notes[0]
     assert recording.repeats["original_firstorder_Mean"].between(1060, 1070).all()
     features_table().to_csv(folder / "a.csv", index=False)
@@ -116,19 +115,19 @@ def test_summary_says_where_the_voxels_are_not_the_study_s(table):
     line = (
         "voxels are of 8 mm³, the study's of 27 mm³: {} of the features grow with their number and cannot be compared"
     )
-    recording = load(write_yaml(folder, content))
-    assert summary(recording, voxel_mm=[3, 3, 3])["notes"][-1] == line.format(len(SIZED))
-    assert summary(recording, voxel_mm=[2, 2, 2])["notes"] == summary(recording)["notes"] == []
-    flat = load(write_yaml(folder, changed(content, "features.dimensions", 2)))
-    assert summary(flat, voxel_mm=[3, 3, 3])["notes"] == []
+    recording = load_recording(write_yaml(folder, content))
+    assert summarize_recording(recording, voxel_mm=[3, 3, 3])["notes"][-1] == line.format(len(SIZED))
+    assert summarize_recording(recording, voxel_mm=[2, 2, 2])["notes"] == summarize_recording(recording)["notes"] == []
+    flat = load_recording(write_yaml(folder, changed(content, "features.dimensions", 2)))
+    assert summarize_recording(flat, voxel_mm=[3, 3, 3])["notes"] == []
     absent = changed(content, "features.absent", ["original_firstorder_TotalEnergy"])
     for name in ("a", "b"):
         pd.read_csv(folder / f"{name}.csv").drop(columns="original_firstorder_TotalEnergy").to_csv(
             folder / f"{name}.csv", index=False
         )
-    assert summary(load(write_yaml(folder, absent)), voxel_mm=[3, 3, 3])["notes"] == []
-    stated = load(write_yaml(folder, changed(absent, "nominal.voxel_mm", [2, 2, 2])))
-    assert summary(stated, voxel_mm=[3, 3, 3])["notes"][-1] == line.format(len(SIZED) - 1)
+    assert summarize_recording(load_recording(write_yaml(folder, absent)), voxel_mm=[3, 3, 3])["notes"] == []
+    stated = load_recording(write_yaml(folder, changed(absent, "nominal.voxel_mm", [2, 2, 2])))
+    assert summarize_recording(stated, voxel_mm=[3, 3, 3])["notes"][-1] == line.format(len(SIZED) - 1)
 
 
 def test_summary_counts_images_by_condition(table):
@@ -137,7 +136,7 @@ def test_summary_counts_images_by_condition(table):
         folder / "b.csv", index=False
     )
     features_table(2, start=9).to_csv(folder / "c.csv", index=False)
-    found = summary(load(write_yaml(folder, content | {"held_out": ["c.csv"]})))
+    found = summarize_recording(load_recording(write_yaml(folder, content | {"held_out": ["c.csv"]})))
     assert (found["repeats"], found["held_out"]) == (6, 2)
     assert found["content"]["conditions"] == {"dose_mgy": [10, 3]} and found["content"]["images_per_condition"] == [
         3,
@@ -153,7 +152,7 @@ def test_the_listing_asks_of_a_table_for_nothing_that_it_does_not_need(table):
         written = write_yaml(
             folder, {key: content[key] for key in ("name", "kind", "repeats")} | {"features": features}
         )
-        return readable(listed({"clinic": summary(load(written))}))
+        return readable(summary_table({"clinic": summarize_recording(load_recording(written))}))
 
     rois = len(set(features_table()["roi"]))
     without = listing({}).splitlines()

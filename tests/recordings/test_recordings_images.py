@@ -12,8 +12,8 @@ from recording_folders import changed, images_folder, refused, write_yaml
 from scipy.spatial.transform import Rotation
 
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.summary import summary
+from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.summary import summarize_recording
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def dicom_folder(folder, **tags):
 
 
 def test_repeats_and_rois_are_read_in_place(scanner):
-    recording = load(scanner[0])
+    recording = load_recording(scanner[0])
     assert recording.grid.matches(CT_GRID) and len(recording.repeats) == 2 and len(recording.held_out) == 0
     for image in recording.repeats:
         np.testing.assert_array_equal(image.array, object_hu())
@@ -48,7 +48,7 @@ def test_repeats_and_rois_are_read_in_place(scanner):
 def test_dicom_facts_are_kept_and_patients_are_not(tmp_path):
     """PatientName is A^B, PatientID 1, StudyDate 20200101 in every slice."""
     folder, _ = dicom_folder(tmp_path / "clinic", PatientName="Doe^Jane", PatientBirthDate="19440101")
-    recording = load(folder)
+    recording = load_recording(folder)
     assert recording.provenance.dicom == {
         "tube_kvp": 120,
         "kernel": "Br38f/3",
@@ -58,11 +58,11 @@ def test_dicom_facts_are_kept_and_patients_are_not(tmp_path):
         "mas": pytest.approx(106.5),
     }
     np.testing.assert_array_equal(recording.repeats[1].array, object_hu())
-    text = json.dumps(summary(recording)) + repr(recording)
+    text = json.dumps(summarize_recording(recording)) + repr(recording)
     text = re.sub("[0-9a-f]{64}", "", text)  # among 28 checksums 1944 stands by chance now and then
     for private in ("Doe", "Jane", "1944", "A^B", "20200101"):
         assert private not in text
-    digests = summary(recording)["sha256"]
+    digests = summarize_recording(recording)["sha256"]
     assert len(digests["one"]) == len(digests["two"]) == 14 and all(len(digest) == 64 for digest in digests["one"])
 
 
@@ -115,7 +115,7 @@ def test_images_are_checked_as_a_ct_is_unless_it_is_named(scanner, spoil, check,
     array = object_hu()
     write_nifti_array(spoil(array), folder / "two.nii.gz")
     refused(folder, message)
-    assert len(load(write_yaml(folder, content | {"not_checked": [check]})).repeats) == 2
+    assert len(load_recording(write_yaml(folder, content | {"not_checked": [check]})).repeats) == 2
     refused(write_yaml(folder, content | {"not_checked": ["units"]}), "not_checked")
 
 
@@ -166,7 +166,7 @@ def test_nominal_must_not_contradict_dicom(tmp_path):
     refused(
         write_yaml(folder, content | {"nominal": {"kernel": "Br59d"}}), "nominal.kernel is Br59d, the DICOM headers"
     )
-    assert load(write_yaml(folder, content | {"nominal": {"kernel": "Br38f/3", "tube_kvp": 120}}))
+    assert load_recording(write_yaml(folder, content | {"nominal": {"kernel": "Br38f/3", "tube_kvp": 120}}))
 
 
 @pytest.mark.parametrize("factor", [0.1, 100.0])
@@ -215,7 +215,7 @@ def test_padding_is_mentioned(scanner):
     array = object_hu()
     array[:, :3] = -3024
     write_nifti_array(array, scanner[0] / "two.nii.gz")
-    recording = load(scanner[0])
+    recording = load_recording(scanner[0])
     assert len(recording.notes) == 1 and recording.notes[0].startswith(
         "two.nii.gz: 8 % of the voxels are below -1100 HU"
     )

@@ -18,7 +18,7 @@ from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
 from virtual_phantom.recordings.importers.feature_tables import import_features
 from virtual_phantom.recordings.importers.htc2022 import import_htc2022
 from virtual_phantom.recordings.importers.next_steps import next_steps
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
@@ -247,13 +247,13 @@ def test_the_next_step_of_images_is_to_find_the_phantom(tmp_path):
 def test_the_next_step_of_a_study_s_own_scans_knows_the_object(tmp_path):
     folder = projections_folder(tmp_path / "scans")[0]
     content = yaml.safe_load((folder / "recording.yaml").read_text()) | {"origin": {"importer": "study"}}
-    printed, settings, _ = what_next(load(write_yaml(folder, content)))
+    printed, settings, _ = what_next(load_recording(write_yaml(folder, content)))
     assert settings["diagnosis"] == {"recordings": {"bench": {}}} and "capitals" not in printed
 
 
 def test_the_next_step_of_a_table_is_a_comparison(tmp_path):
     folder, content = features_folder(tmp_path / "table")
-    _, settings, whole = what_next(load(write_yaml(folder, content | {"origin": {"importer": "features"}})))
+    _, settings, whole = what_next(load_recording(write_yaml(folder, content | {"origin": {"importer": "features"}})))
     expected = {"recording": "table", "where": {"dose_mgy": 10}, "protocol": "fbp_300", "noise": "dose10"}
     assert settings["analyses"]["comparison"] == {"table": expected}
     assert whole["analyses"]["comparison"]["table"]["where"] == {"dose_mgy": 10}

@@ -8,12 +8,12 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.io import files, volumes
 from virtual_phantom.phantom import read_rois, save_rois
 from virtual_phantom.recordings import alignment, registration
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     name, study = snakemake.wildcards.recording, snakemake.params.phantom
-    recording = load(snakemake.params.folder)
+    recording = load_recording(snakemake.params.folder)
     if recording.kind != "images":
         raise InputError(f"recording {name}: holds {recording.kind}; only images can be aligned")
     alignment.check_same_phantom(recording, study["source"], study.get("ct", {}).get("image"))
@@ -22,7 +22,7 @@ with job(snakemake) as log:
 
     found, image, shifts = alignment.align_recording(recording, phantom)
     own = recording.rois()
-    carried = own or alignment.carried_rois(found, rois, phantom.grid, image, name)
+    carried = own or alignment.transfer_rois(found, rois, phantom.grid, image, name)
     content = {
         "recording": name,
         "phantom": study["source"],
@@ -35,6 +35,6 @@ with job(snakemake) as log:
     volumes.write_nifti(image, snakemake.output.image)
     save_rois(carried, image, Path(snakemake.output.table).parent)
     files.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", snakemake.output.alignment)
-    text = f"{name}: {registration.describe(found)}"
+    text = f"{name}: {registration.describe_alignment(found)}"
     log.info("%s", text)
     print(text)

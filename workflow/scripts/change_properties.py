@@ -9,13 +9,13 @@ from virtual_phantom.diagnosis.features.properties import folds
 from virtual_phantom.features.names import MEAN
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files, volumes
-from virtual_phantom.recordings.reference import where
+from virtual_phantom.recordings.reference import select_rows
 from virtual_phantom.statistics.comparison import common_rois
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params = snakemake.params
-    recorded = where(files.read_csv(snakemake.input.recorded), params.where, f"recording {params.recording}")
+    recorded = select_rows(files.read_csv(snakemake.input.recorded), params.where, f"recording {params.recording}")
     parameters = read_parameters(**params.parameters)
     if MEAN not in parameters.features:
         raise InputError(

@@ -2,7 +2,7 @@
 
 from virtual_phantom.features import settings, tables
 from virtual_phantom.io import files
-from virtual_phantom.recordings.reference import where
+from virtual_phantom.recordings.reference import select_rows
 from virtual_phantom.statistics import comparability, comparison, comparison_summary
 from virtual_phantom.study.job import job
 
@@ -11,7 +11,7 @@ with job(snakemake) as log:
     simulated = tables.read(snakemake.input.features)
     simulated = tables.select(simulated, protocols=[params.protocol], noise=[params.noise], seeds=params.seeds)
     source = f"recording {params.recording}"
-    recorded = where(files.read_csv(snakemake.input.recorded), params.where, source)
+    recorded = select_rows(files.read_csv(snakemake.input.recorded), params.where, source)
     features = comparison.common_features(simulated, recorded)
     cells = comparison.compare(simulated, recorded, features, rois=params.rois, margin_sd=params.margin_sd)
     files.write_csv(cells, snakemake.output.cells)

@@ -2,7 +2,7 @@
 
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.proof.conceal import seal
-from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_of, write, write_images
+from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_section, write, write_images
 from virtual_phantom.proof.conceal.objects import OBJECTS
 from virtual_phantom.proof.conceal.suite import PROTOCOLS, scan_seed, views_of
 from virtual_phantom.proof.conceal.xcist import energy_of_water
@@ -20,7 +20,7 @@ with job(snakemake) as log:
         photons, rotation_ms, repeats = (
             params.settings[protocol][key] for key in ("photons", "rotation_time_ms", "repeats")
         )
-        scan = scan_of(one, params.settings["scan"], views, photons, rotation_ms, kev, concealed)
+        scan = scan_section(one, params.settings["scan"], views, photons, rotation_ms, kev, concealed)
         taken = acquire(scan, one, fine, params.mu_water_per_mm, repeats, seed)
         if truth["kind"] == "images":
             write_images(folder, case, one, scan, taken, params.mu_water_per_mm)

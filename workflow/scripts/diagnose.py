@@ -17,7 +17,7 @@ from virtual_phantom.diagnosis.selection.transfer import Physics, with_declared
 from virtual_phantom.diagnosis.setup.recorded import set_up
 from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, VERDICTS, doubted, verdict, with_location, write_setup
 from virtual_phantom.diagnosis.wording import PRACTICAL
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.report.diagnosis import page, residual_maps
 from virtual_phantom.report.setup import setup_page
 from virtual_phantom.statistics.proof_record import read, with_coverage
@@ -31,7 +31,7 @@ with job(snakemake) as log:
     model = with_declared(params.model, given.get("declared"))
     asked = DiagnosisRequest.of(model, given.get("phantom"), snakemake.threads)
     effects = [name for name in params.effects if name not in asked.settings.baseline]
-    recording = load(asked.folder)
+    recording = load_recording(asked.folder)
     doubt = set_up(recording, asked) if doubted(recording, asked) else None
     setup = NOT_LOOKED if doubt is None else doubt.content
     if "setup" in output.keys():

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.names import VARIANCE
 from virtual_phantom.io import files
-from virtual_phantom.recordings.reference import where
+from virtual_phantom.recordings.reference import select_rows
 from virtual_phantom.statistics import noise
 from virtual_phantom.study import matched_noise
 from virtual_phantom.study.job import job
@@ -13,7 +13,7 @@ from virtual_phantom.study.job import job
 with job(snakemake) as log:
     meets = snakemake.params.meets
     source = f"recording {meets['recording']}"
-    recorded = where(files.read_csv(snakemake.input.recorded), meets["where"], source)
+    recorded = select_rows(files.read_csv(snakemake.input.recorded), meets["where"], source)
     if VARIANCE not in recorded:
         raise InputError(
             f"{source}: has no {VARIANCE}, which a noise level is matched by; extract it, or give the level an A"

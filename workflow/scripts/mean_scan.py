@@ -8,7 +8,7 @@ from virtual_phantom.base.geometry import grid_of
 from virtual_phantom.io import files
 from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.phantom.mean import ScanFiles, mean_of
-from virtual_phantom.recordings.public_scans.fetch import check
+from virtual_phantom.recordings.public_scans.fetch import check_scan
 from virtual_phantom.recordings.public_scans.files import regions_file
 from virtual_phantom.study.job import job
 
@@ -16,7 +16,7 @@ with job(snakemake) as log:
     params, output = snakemake.params, snakemake.output
     scans = []
     for scan, folder in zip(params.scans, map(Path, snakemake.input.scans), strict=True):
-        check(scan, folder, sizes=False)
+        check_scan(scan, folder, sizes=False)
         scans.append(ScanFiles(scan.name, folder / "ct", regions_file(folder)))
     mean = mean_of(scans, params.regions, grid_of(params.grid).extent_mm[0])
     write_nifti(mean.image, output.image)

@@ -7,7 +7,7 @@ import pandas as pd
 from virtual_phantom.features import settings, tables
 from virtual_phantom.features.stored import to_hu
 from virtual_phantom.io import files
-from virtual_phantom.recordings.reference import reference
+from virtual_phantom.recordings.reference import reference_features
 from virtual_phantom.statistics import measured, pca
 from virtual_phantom.study.job import job
 
@@ -23,7 +23,7 @@ with job(snakemake) as log:
             for line in settings.said(study, settings.distinct(settings.of_table(table, path))):
                 log.warning("recording %s: setting: %s", name, line)
             conditions = params.by or params.conditions[name]
-            parts.append(reference(table, conditions, "condition", named=bool(params.by)))
+            parts.append(reference_features(table, conditions, "condition", named=bool(params.by)))
         shown = pd.concat(parts, join="inner", ignore_index=True)
     elif not params.measured["overlay"]:
         shown = None

@@ -7,13 +7,13 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.features import extraction
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.recordings.reference import in_hu
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     parameters = read_parameters(**snakemake.params.parameters)
-    recording = load(snakemake.params.folder, parameters.features)
+    recording = load_recording(snakemake.params.folder, parameters.features)
     if recording.kind == "features":
         table = in_hu(recording)
     elif recording.kind == "images":

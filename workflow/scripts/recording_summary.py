@@ -4,13 +4,13 @@ import json
 
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files
-from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.summary import summary
+from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.summary import summarize_recording
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     parameters = read_parameters(**snakemake.params.parameters)
-    recording = load(snakemake.params.folder, parameters.features)
-    found = summary(recording, parameters.extraction, snakemake.params.voxel_mm)
+    recording = load_recording(snakemake.params.folder, parameters.features)
+    found = summarize_recording(recording, parameters.extraction, snakemake.params.voxel_mm)
     files.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", snakemake.output[0])
     log.info("%s: %s, %s", found["name"], found["kind"], found["text"])

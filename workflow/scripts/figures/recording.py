@@ -2,11 +2,11 @@
 
 from virtual_phantom.figures import recording as figures
 from virtual_phantom.figures import style
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.study.job import job
 
 with job(snakemake):
-    recording = load(snakemake.params.folder)
+    recording = load_recording(snakemake.params.folder)
     first = recording.repeats[0]
     if recording.kind == "projections":
         line_integrals = first.line_integrals(figures.SMALLEST_TRANSMISSION)

@@ -22,7 +22,7 @@ from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..io.volumes import read_nifti
 from ..physics.beam.material_names import named
 from ..recordings.document import read_document
-from ..recordings.reading import load
+from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
 from .arguments import mapping, pair, path, positive, public, sequence, text, whole
 
@@ -130,7 +130,7 @@ def diagnose(
     asked = DiagnosisRequest(
         recording, Settings.of(section), study["mu_water_per_mm"], materials, phantom, study["seed"]
     )
-    setup, read = None, load(recording)
+    setup, read = None, load_recording(recording)
     if asked.settings.check_setup:
         setup = set_up(read, asked)
         if setup.kind in VERDICTS:

@@ -42,7 +42,7 @@ def described(
     photons = "from the noise" if settings.nominal_photons is None else f"{settings.nominal_photons:g} stated"
     return {
         "object": object_of(asked),
-        "scan": scan_of(asked, recording),
+        "scan": scan_section(asked, recording),
         "beam before any effect": f"one energy, {kev:.3g} keV, at which water attenuates {water:.3g} per mm",
         "tube": f"anode of {labels.anode.target} at {labels.anode.angle_deg:g} degrees, {tube}",
         "sensor": f"{label(sensor.material)}, {sensor.thickness_mm:g} mm, reads {sensor.reads}",
@@ -79,7 +79,7 @@ def object_of(asked: DiagnosisRequest) -> str:
     )
 
 
-def scan_of(asked: DiagnosisRequest, recording: Recording) -> str:
+def scan_section(asked: DiagnosisRequest, recording: Recording) -> str:
     """How it was scanned, in words."""
     if asked.protocol is not None:
         scan, views, made = asked.protocol.scan, asked.protocol.projections, f", {asked.protocol.algorithm.upper()}"

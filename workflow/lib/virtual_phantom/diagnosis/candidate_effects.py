@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping
 from ..base.errors import InputError
 from ..base.geometry import PARALLEL
 from ..physics.effect import OF_A_SPOT, acts_on_images, load, names, needs_times, require
-from ..recordings.scan import timed
+from ..recordings.scan import has_view_times
 from .fitting.declared import declared
 
 # {kind of a recording: (which effects it does not show, and why)}
@@ -56,7 +56,7 @@ def shown_by(content: Mapping) -> dict:
     parallel = content.get("scan", {}).get("beam") == PARALLEL
     return {
         "kind": kind,
-        "timed": timed(content),
+        "timed": has_view_times(content),
         "corrected": content.get("corrected", ()),
         "helical": helical,
         "parallel": parallel,

@@ -6,7 +6,7 @@ from ..base.errors import InputError
 from ..base.streams import Branch
 from ..physics.beam.sensors import stated as stated_sensor
 from ..physics.beam.spectra import KVP, TUNGSTEN, Anode
-from ..recordings.reading import load as read
+from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
 from .comparison.regions import Scanned
 from .comparison.scans import agreement_of_scans
@@ -33,7 +33,7 @@ def ready(asked: DiagnosisRequest, recording: Recording | None = None) -> tuple[
     InputError
         For a recording of another kind, and a nominal anode or tube voltage that no spectrum is known of.
     """
-    recording = recording or read(asked.folder)
+    recording = recording or load_recording(asked.folder)
     if recording.kind not in KINDS:
         raise InputError(f"{recording.document.path}: holds {recording.kind}, which are diagnosed by comparison")
     return recording, KINDS[recording.kind][0](recording, asked, labels_of(recording))

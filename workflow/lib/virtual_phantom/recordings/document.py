@@ -96,7 +96,7 @@ def _misplaced(path: Path, content: dict) -> Iterator[str]:
             )
 
 
-def to_be_made(folder: str | Path, content: dict) -> Document:
+def planned_document(folder: str | Path, content: dict) -> Document:
     """The document of a recording that a job will make: its files need not be there yet.
 
     Parameters

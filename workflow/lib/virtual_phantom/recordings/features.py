@@ -27,7 +27,7 @@ LAYOUT = ("image", "roi")
 STORED_ABOVE = 500.0  # mean of a soft-tissue ROI: under this in HU, over it in stored values
 # Difference of the means of one ROI in stored values and in HU: 1000 or 1024, give or take 100 HU of contrast medium.
 STORED_APART = (900.0, 1124.0)
-MEASURED = 10  # features of two noisy images that do not agree in every digit by chance
+ENOUGH_FEATURES = 10  # features of two noisy images that do not agree in every digit by chance
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class FeaturesRecording(Recording):
         return self.repeats.groupby(list(self.conditions))["image"].nunique()
 
 
-def load(document: Document, study: tuple[str, ...] = FEATURES) -> FeaturesRecording:
+def load_features(document: Document, study: tuple[str, ...] = FEATURES) -> FeaturesRecording:
     """Read all tables.
 
     Parameters
@@ -131,7 +131,9 @@ def _tables(document: Document, study: tuple[str, ...]) -> tuple[dict[Path, pd.D
     settings, rois = document.content["features"], document.content.get("rois", [])
     tables = {path: _csv(path, settings) for path in (*document.repeats, *document.held_out)}
     conditions, source = settings["conditions"], str(document.path)
-    foreign = any(key in settings for key in LAYOUT) or any(map(pyradiomics_table.is_one, tables.values()))
+    foreign = any(key in settings for key in LAYOUT) or any(
+        map(pyradiomics_table.is_pyradiomics_table, tables.values())
+    )
     absent = set(settings["absent"])
     if not rois and not foreign:
         more = [one for one in study if one not in FEATURES and all(one in table for table in tables.values())]
@@ -289,7 +291,7 @@ def _check_copies(tables: Mapping[Path, pd.DataFrame], conditions: Sequence[str]
     parts = [table.assign(file=str(path), row=table.index) for path, table in tables.items()]
     rows = pd.concat(parts, ignore_index=True)
     features = features_of(rows)
-    if len(features) < MEASURED or VARIANCE not in features:
+    if len(features) < ENOUGH_FEATURES or VARIANCE not in features:
         return
     noisy = rows[rows[VARIANCE] > 0]
     copies = noisy.duplicated(["roi", *conditions, *features])

@@ -45,7 +45,7 @@ class ImagesRecording(Recording):
         return _rois(self.document, self.grid)
 
 
-def load(document: Document) -> ImagesRecording:
+def load_images(document: Document) -> ImagesRecording:
     """Read every image once.
 
     Raises

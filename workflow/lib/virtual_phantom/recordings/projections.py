@@ -17,7 +17,7 @@ from ..io.volumes import check_fits
 from .document import Document
 from .provenance import checksums
 from .recording import Provenance, Recording, Repeats
-from .scan import assumed, scan_geometry
+from .scan import scan_geometry, view_time_note
 
 ADVICE = "copy it again from where it was made"
 # By the attribute units of theta; without it, angles are in degrees, as the Data Exchange format has them.
@@ -100,7 +100,7 @@ class ProjectionsRecording(Recording):
     log: bool
 
 
-def load(document: Document) -> ProjectionsRecording:
+def load_projections(document: Document) -> ProjectionsRecording:
     """Read every acquisition once.
 
     Raises
@@ -113,10 +113,10 @@ def load(document: Document) -> ProjectionsRecording:
     again = geometry.views - math.ceil(geometry.views_per_rotation)
     if again > 0 and geometry.feed_per_rotation_mm == 0:
         notes.append(f"{counted(again, 'view')} along directions of the first turn again")
-    if words := assumed(document.content["scan"]):
+    if words := view_time_note(document.content["scan"]):
         notes.append(words)
     for path in (*document.repeats, *document.held_out):
-        acquisition = read(path, geometry)
+        acquisition = read_acquisition(path, geometry)
         logs[path] = acquisition.log
         if dead := int(acquisition.dead.sum()):
             notes.append(f"{document.relative(path)}: {counted(dead, 'dead pixel')} (white field not above dark field)")
@@ -128,12 +128,12 @@ def load(document: Document) -> ProjectionsRecording:
             words = {True: "line integrals", False: "counts"}
             raise InputError(f"{path}: holds {words[log]}, {first.name} {words[logs[first]]}; bring all to one of them")
     provenance = Provenance(document.content["origin"], checksums(document))
-    repeats = Repeats(document.repeats, lambda path: read(path, geometry))
-    held_out = Repeats(document.held_out, lambda path: read(path, geometry))
+    repeats = Repeats(document.repeats, lambda path: read_acquisition(path, geometry))
+    held_out = Repeats(document.held_out, lambda path: read_acquisition(path, geometry))
     return ProjectionsRecording(document, provenance, geometry, tuple(notes), repeats, held_out, logs[first])
 
 
-def read(path: Path, geometry: OrbitGeometry) -> Projections:
+def read_acquisition(path: Path, geometry: OrbitGeometry) -> Projections:
     """Read one acquisition of a known geometry.
 
     Raises

@@ -22,7 +22,7 @@ IMAGE, MASK, LABEL = "Image", "Mask", "Label"
 SHOWN = 6  # values of a column in a message
 
 
-def is_one(table: pd.DataFrame) -> bool:
+def is_pyradiomics_table(table: pd.DataFrame) -> bool:
     """Whether a table is pyradiomics' own, by its columns."""
     return {IMAGE, MASK} <= set(table.columns) or any(str(name).startswith(DIAGNOSTICS) for name in table.columns)
 

@@ -22,7 +22,7 @@ def in_hu(recording: FeaturesRecording) -> pd.DataFrame:
     return to_hu(recording.repeats, recording.stored_offset_hu)
 
 
-def grouped(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:
+def with_group(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:
     """A table of features with a column `group`: 1, 2, ... for each combination of conditions, in their sorted order.
 
     Without conditions all images are group 1. A condition of the name group, as the tandem study has, is replaced by
@@ -33,7 +33,9 @@ def grouped(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:
     return table.assign(group=table.groupby(list(conditions)).ngroup() + 1)
 
 
-def reference(table: pd.DataFrame, conditions: Sequence[str], per: str = "image", named: bool = False) -> pd.DataFrame:
+def reference_features(
+    table: pd.DataFrame, conditions: Sequence[str], per: str = "image", named: bool = False
+) -> pd.DataFrame:
     """Measured features for `statistics.pca.project`.
 
     Parameters
@@ -66,7 +68,7 @@ def reference(table: pd.DataFrame, conditions: Sequence[str], per: str = "image"
         columns.append("condition")
         text = table[list(conditions)].apply(lambda row: ", ".join(map(_shown, row)), axis=1)
         table = table.assign(condition=text)
-    table = grouped(table, conditions)[[*columns, *features_of(table)]]
+    table = with_group(table, conditions)[[*columns, *features_of(table)]]
     return table if per == "image" else table.groupby(columns, sort=False).mean().reset_index()
 
 
@@ -79,7 +81,7 @@ def has_scores(recording: FeaturesRecording) -> bool:
     return int((recording.images_per_condition() >= MINIMUM_IMAGES).sum()) >= MINIMUM_GROUPS
 
 
-def scores(recording: FeaturesRecording, repeats: int, **options) -> pd.DataFrame:
+def stability_scores(recording: FeaturesRecording, repeats: int, **options) -> pd.DataFrame:
     """Stability and discriminative power over the recording's conditions, for `statistics.ranking.overlap`.
 
     Conditions of a single image are left out. Values are as in the files, as were those published.
@@ -108,7 +110,7 @@ def scores(recording: FeaturesRecording, repeats: int, **options) -> pd.DataFram
             f"{name}: stability needs at least {MINIMUM_GROUPS} conditions with at least {MINIMUM_IMAGES} images each; "
             "use it without scores, or name the columns that tell its conditions apart under features.conditions"
         )
-    table = grouped(recording.repeats, recording.conditions)
+    table = with_group(recording.repeats, recording.conditions)
     images = table.groupby("group")["image"].transform("nunique")
     return repeats_of.draws(
         table[images >= MINIMUM_IMAGES].reset_index(drop=True),
@@ -120,7 +122,7 @@ def scores(recording: FeaturesRecording, repeats: int, **options) -> pd.DataFram
     )
 
 
-def where(table: pd.DataFrame, conditions: dict, source: str) -> pd.DataFrame:
+def select_rows(table: pd.DataFrame, conditions: dict, source: str) -> pd.DataFrame:
     """The rows of a recording's table whose condition columns have these values, the others' values being free.
 
     Parameters

@@ -55,7 +55,7 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
         raise InputError(f"{source}: scan.table_feed_mm is not 0 in a circular scan; set trajectory: helical")
     check_lengths(scan, source)
     scan = with_beam(scan)
-    interval, exposure = times(scan, source)
+    interval, exposure = view_times(scan, source)
     turns = np.arange(scan["views"]) / scan["views_per_rotation"]
     if "arc_radius_mm" in scan and scan.get("detector") != CYLINDRICAL:
         raise InputError(f"{source}: scan.arc_radius_mm is of a cylindrical detector; set scan.detector: cylindrical")
@@ -74,7 +74,7 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
     )
 
 
-def times(scan: dict, source: str) -> tuple[float | None, float | None]:
+def view_times(scan: dict, source: str) -> tuple[float | None, float | None]:
     """The times of a scan.
 
     Where the exposure alone is stated, views are taken to follow each other without a pause (`assumed`).
@@ -115,7 +115,7 @@ def times(scan: dict, source: str) -> tuple[float | None, float | None]:
     return interval, None if exposure is None else min(exposure, interval)
 
 
-def timed(content: dict) -> bool:
+def has_view_times(content: dict) -> bool:
     """Whether a recording says how fast its views follow each other.
 
     Images are simulated by a protocol of the study, which has its times.
@@ -125,10 +125,10 @@ def timed(content: dict) -> bool:
     content : dict
         That of recording.yaml.
     """
-    return content["kind"] != "projections" or times(content["scan"], "scan")[0] is not None
+    return content["kind"] != "projections" or view_times(content["scan"], "scan")[0] is not None
 
 
-def assumed(scan: dict) -> str | None:
+def view_time_note(scan: dict) -> str | None:
     """What of the scan's times is taken for granted, or missing, in words; None if they are stated."""
     if {"rotation_time_ms", "view_interval_ms"} & scan.keys():
         return None

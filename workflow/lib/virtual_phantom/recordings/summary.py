@@ -26,7 +26,9 @@ WANTED = {
 }
 
 
-def summary(recording: Recording, study: Extraction = STUDY, voxel_mm: Sequence[float] | None = None) -> dict:
+def summarize_recording(
+    recording: Recording, study: Extraction = STUDY, voxel_mm: Sequence[float] | None = None
+) -> dict:
     """Everything worth knowing of a recording, ready for JSON.
 
     Parameters
@@ -45,15 +47,15 @@ def summary(recording: Recording, study: Extraction = STUDY, voxel_mm: Sequence[
     """
     labelled = {**recording.provenance.dicom, **recording.nominal}
     repeats, held_out, content, text = DESCRIPTIONS[type(recording)](recording)
-    table = isinstance(recording, FeaturesRecording)
+    summary_table = isinstance(recording, FeaturesRecording)
     # Tables are compared by the names of ROIs, of which a diagnosis holds out some. What was projected, the
     # configuration says.
     missing = ["phantom"] if recording.kind == "images" and not recording.phantom else []
-    if (content["images_per_condition"][0] if table else repeats) < 2:
+    if (content["images_per_condition"][0] if summary_table else repeats) < 2:
         missing.append("a second repeat (without one there is no noise floor)")
-    if not held_out and not table:
+    if not held_out and not summary_table:
         missing.append("held_out")
-    if not table and (keys := missing_for_geometry(recording.scan)):
+    if not summary_table and (keys := missing_for_geometry(recording.scan)):
         missing.append(f"scan ({', '.join(keys)})")
     missing += [f"nominal.{key}" for key in WANTED[recording.kind] if key not in labelled]
     return {
@@ -72,7 +74,7 @@ def summary(recording: Recording, study: Extraction = STUDY, voxel_mm: Sequence[
     }
 
 
-def table(summaries: dict[str, dict]) -> pd.DataFrame:
+def summary_table(summaries: dict[str, dict]) -> pd.DataFrame:
     """One row per recording (COLUMNS), lists joined by semicolons; `summaries` by the name in the configuration."""
     rows = [
         {

@@ -10,7 +10,7 @@ import pandas as pd
 from ...features.settings import of_parameters
 from ...io.files import read_csv
 from ...io.volumes import read_nifti
-from ...recordings.reference import where
+from ...recordings.reference import select_rows
 from .responses import Responses, compared, responses
 
 
@@ -58,7 +58,7 @@ def read_responses(
     InputError
         For a file that cannot be read, and where nothing can be compared.
     """
-    rows = where(read_csv(recorded), dict(conditions), f"recording {recording}")
+    rows = select_rows(read_csv(recorded), dict(conditions), f"recording {recording}")
     table = read_csv(properties)
     features, not_compared = compared(table, rows, dimensions, stored_offset_hu, of_parameters(parameters))
     return responses(table, rows, features, read_nifti(image).grid, rois), rows, not_compared

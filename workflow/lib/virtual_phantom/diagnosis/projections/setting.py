@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...physics.chain import EVEN, Chain
 from ...physics.state import AIR
 from ...recordings.recording import Recording
-from ...recordings.scan import assumed
+from ...recordings.scan import view_time_note
 from ..fitting.declared import BASELINE, declared
 from ..request import DiagnosisRequest, NominalSettings
 from ..scanned_object import coarse_scene, scene_of, whole_voxels
@@ -53,6 +53,6 @@ def ready_scans(recording: Recording, asked: DiagnosisRequest, labels: NominalSe
         floor_chain=floor,
         coarse_chain=coarse,
         step=step,
-        lacking=assumed(recording.scan),
+        lacking=view_time_note(recording.scan),
         voxels=whole_voxels(asked, scene),
     )

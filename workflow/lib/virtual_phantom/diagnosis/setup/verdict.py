@@ -12,7 +12,7 @@ from ...io.files import read_text, write_text
 from ...recordings.images import ImagesRecording
 from ...recordings.projections import ProjectionsRecording
 from ...recordings.recording import Recording
-from ..assumptions import object_of, scan_of
+from ..assumptions import object_of, scan_section
 from ..request import DiagnosisRequest
 from .finding import AS_STATED, DESCRIPTION, EMPTY_BEAM, LOCATION_DIGITS, OBJECT
 from .mismatch import REACH
@@ -86,7 +86,7 @@ def verdict(found: SetUp | OrientationFound, recording: Recording, asked: Diagno
         "unexplained": [],
         "next_measurement": [],
         "held_out_data": "none",
-        "modelled": {"object": object_of(asked), "scan": scan_of(asked, recording)},
+        "modelled": {"object": object_of(asked), "scan": scan_section(asked, recording)},
         "setup": found.content,
     }
 

@@ -16,7 +16,7 @@ import yaml
 
 from ...base.errors import InputError, InputErrors, lines_of
 from ..document import FILE_NAME
-from ..reading import load
+from ..reading import load_recording
 from ..recording import Recording
 
 NAME = re.compile(r"[A-Za-z0-9_]+")
@@ -51,10 +51,10 @@ def write_folder(folder: str | Path, content: dict, write_data: Callable[[Path],
         write_data(beside)
         text = yaml.safe_dump({"name": folder.name, **content}, sort_keys=False, allow_unicode=True, width=120)
         (beside / FILE_NAME).write_text(text, encoding="utf-8")
-        load(beside)
+        load_recording(beside)
         beside.rename(folder)
     except InputError as error:
         raise InputErrors(line.replace(str(beside), str(folder)) for line in lines_of(error)) from None
     finally:
         shutil.rmtree(beside, ignore_errors=True)
-    return load(folder)
+    return load_recording(folder)

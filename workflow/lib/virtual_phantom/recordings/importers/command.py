@@ -11,7 +11,7 @@ import argparse
 from collections.abc import Sequence
 
 from ...base.console import DEBUG, run_command
-from ..summary import readable, summary, table
+from ..summary import readable, summarize_recording, summary_table
 from .dicom_ct_pd import import_dicom_ct_pd
 from .dicom_tree import import_dicom_tree
 from .feature_tables import import_features
@@ -59,6 +59,6 @@ def run(words: Sequence[str]) -> int:
     arguments = vars(parser.parse_args(words))
     importer = IMPORTERS[arguments.pop("format")]
     recording = importer(arguments.pop("source"), arguments.pop("folder"), **arguments)
-    print(readable(table({recording.name: summary(recording)})))
+    print(readable(summary_table({recording.name: summarize_recording(recording)})))
     print(f"\n{next_steps(recording)}")
     return 0

@@ -48,14 +48,14 @@ def import_study(source: str | Path, folder: str | Path, phantom: str | None = N
     content = {
         "kind": "projections",
         **({"phantom": phantom} if phantom else {}),
-        "scan": scan_of(geometry),
+        "scan": scan_section(geometry),
         "origin": {"importer": "study"},
         "repeats": [file.name for file in files],
     }
     return write_folder(folder, content, write)
 
 
-def scan_of(geometry: OrbitGeometry) -> dict:
+def scan_section(geometry: OrbitGeometry) -> dict:
     """The scan section of a geometry of evenly spaced views."""
     step = float(np.diff(geometry.angles_rad).mean())
     helical = geometry.feed_per_rotation_mm != 0

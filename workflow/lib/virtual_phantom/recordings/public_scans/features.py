@@ -28,7 +28,7 @@ EXTRACTED = {
 CONDITIONS = ["group", "dose_mgy", "reconstruction"]  # what tells scans apart that are no repeats of each other
 
 
-def content(scans: Sequence[PublicScan], way: str = "") -> dict:
+def recording_content(scans: Sequence[PublicScan], way: str = "") -> dict:
     """What stands in recording.yaml.
 
     Parameters

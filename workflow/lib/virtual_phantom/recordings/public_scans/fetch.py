@@ -51,7 +51,7 @@ def manifest(scan: PublicScan, folder: Path, bucket: str) -> str:
     return "".join(lines)
 
 
-def fetch(scan: PublicScan, target: str | Path, endpoint: str, bucket: str) -> None:
+def fetch_scan(scan: PublicScan, target: str | Path, endpoint: str, bucket: str) -> None:
     """Bring one scan. The folder appears when all of it is there and is what the list says.
 
     Parameters
@@ -79,7 +79,7 @@ def fetch(scan: PublicScan, target: str | Path, endpoint: str, bucket: str) -> N
     options = ["--no-sign-request", "--endpoint-url", endpoint, "--log", "error"]
     options += ["--numworkers", str(WORKERS), "--retry-count", str(RETRIES)]
     process = subprocess.run(
-        [run, *options, "run"], input=manifest(scan, partial, bucket), capture_output=True, text=True, check=False
+        [run, *options, "run"], input=manifest(scan, partial, bucket), capture_output=True, text=True, check_scan=False
     )
     if process.returncode:
         whole = sum(path.suffix == ".dcm" for path in partial.rglob("*"))
@@ -87,7 +87,7 @@ def fetch(scan: PublicScan, target: str | Path, endpoint: str, bucket: str) -> N
             f"{target}: {whole} of {scan.files} files came ({_reason(process.stderr)}); run again, and it goes on; or "
             "correct downloads.endpoint and downloads.bucket"
         )
-    check(scan, partial, f"delete {partial} and run again")
+    check_scan(scan, partial, f"delete {partial} and run again")
     _write_source(scan, partial, {series.modality: f"s3://{bucket}/{series.folder}" for series in scan.series})
     os.replace(partial, target)
 
@@ -108,7 +108,7 @@ def _reason(said: str) -> str:
     return line.rpartition('": ')[2].partition(", request id")[0].removeprefix("ERROR ")[:SHOWN]
 
 
-def link(scan: PublicScan, files: Mapping[str, Iterable[Path]], target: str | Path) -> None:
+def link_scan(scan: PublicScan, files: Mapping[str, Iterable[Path]], target: str | Path) -> None:
     """Make the folder of a scan of links to files that lie elsewhere.
 
     Parameters
@@ -130,7 +130,7 @@ def link(scan: PublicScan, files: Mapping[str, Iterable[Path]], target: str | Pa
     os.replace(partial, target)
 
 
-def check(scan: PublicScan, folder: str | Path, advice: str | None = None, sizes: bool = True) -> None:
+def check_scan(scan: PublicScan, folder: str | Path, advice: str | None = None, sizes: bool = True) -> None:
     """Check that a folder that `fetch` or `link` made holds the scan, whole.
 
     Parameters

@@ -106,7 +106,7 @@ def check_series(found: Iterable[Instance], series: Series, where: str, advice: 
         )
 
 
-def found_scans(folder: str | Path, scans: Iterable[PublicScan]) -> dict[str, dict[str, list[Path]]]:
+def find_scans(folder: str | Path, scans: Iterable[PublicScan]) -> dict[str, dict[str, list[Path]]]:
     """The files of scans in somebody's own folder, told by their tags, wherever in it they lie.
 
     Parameters

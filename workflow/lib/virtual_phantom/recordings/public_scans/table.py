@@ -142,7 +142,7 @@ def _scan(row: Mapping[str, str]) -> PublicScan:
     )
 
 
-def chosen(selection: Mapping, where: str, table: str | Path = TABLE) -> tuple[PublicScan, ...]:
+def select_scans(selection: Mapping, where: str, table: str | Path = TABLE) -> tuple[PublicScan, ...]:
     """The scans that a selection of the configuration names.
 
     Parameters
@@ -187,7 +187,7 @@ def chosen(selection: Mapping, where: str, table: str | Path = TABLE) -> tuple[P
     return tuple(found)
 
 
-def small(scans: Iterable[PublicScan]) -> tuple[PublicScan, ...]:
+def small_subset(scans: Iterable[PublicScan]) -> tuple[PublicScan, ...]:
     """Of scans the first SMALL acquisitions of each group, dose and reconstruction."""
     kept: dict[tuple, list[PublicScan]] = {}
     for scan in sorted(scans, key=lambda scan: scan.acquisition):
