@@ -115,5 +115,5 @@ def test_features_and_parquet(tmp_path):
 def test_a_condition_of_text_is_found_by_a_number_of_yaml():
     table = pd.DataFrame({"kernel": ["30", "30", "50"], "dose_mgy": [1, 3, 3]})
     assert select_rows(table, {"kernel": 30, "dose_mgy": 3}, "r").index.tolist() == [1]
-    with pytest.raises(InputError, match="r: no images with kernel 40; there are 30, 50"):
+    with pytest.raises(InputError, match="r: no images with kernel 40; choose from 30, 50"):
         select_rows(table, {"kernel": 40}, "r")

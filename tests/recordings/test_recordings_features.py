@@ -44,12 +44,12 @@ def spoiled(table, change):
 @pytest.mark.parametrize(
     "change, message",
     [
-        (lambda t: t.drop(columns="roi"), "b.csv: lacks the column roi"),
-        (lambda t: t.drop(columns="tissue_class"), "b.csv: lacks the column tissue_class"),
-        (lambda t: t.drop(columns="dose_mgy"), "b.csv: lacks the column dose_mgy"),
+        (lambda t: t.drop(columns="roi"), "b.csv: has no column roi"),
+        (lambda t: t.drop(columns="tissue_class"), "b.csv: has no column tissue_class"),
+        (lambda t: t.drop(columns="dose_mgy"), "b.csv: has no column dose_mgy"),
         (
             lambda t: t.drop(columns=list(FEATURES[3:5])),
-            f"b.csv: lacks the column {FEATURES[3]} and 1 more; if they were not",
+            f"b.csv: has no column {FEATURES[3]} and 1 more; add it",
         ),
         (lambda t: t.rename(columns={FEATURES[0]: "original_firstorder_10Percentil"}), f"did you mean {FEATURES[0]}?"),
         (lambda t: t.assign(original_ngtdm_Busyness=1.0), "unknown feature original_ngtdm_Busyness"),
@@ -61,8 +61,8 @@ def spoiled(table, change):
         (lambda t: t.assign(tissue_class=[f"c{i}" for i in range(6)]), "roi cyst_1 has more than one tissue_class"),
         (lambda t: t.assign(dose_mgy=range(6)), "image i3 has more than one dose_mgy"),
         (lambda t: t.assign(image=[None, *t["image"][1:]]), "image is empty in row 2"),
-        (lambda t: t.iloc[:0], "b.csv: holds no rows"),
-        (lambda t: t.assign(image=t["image"].replace("i3", "i0")), "b.csv: image i0 is in a.csv too"),
+        (lambda t: t.iloc[:0], "b.csv: has no rows"),
+        (lambda t: t.assign(image=t["image"].replace("i3", "i0")), "b.csv: image i0 is also in a.csv"),
         (lambda t: features_table(start=3, mean=1100.0), "set features.stored_offset_hu: 1024"),
     ],
 )
@@ -87,7 +87,7 @@ def test_absent_features_must_be_named_and_known(table):
     folder, content = table
     for name, start in (("a", 0), ("b", 3)):
         features_table(start=start).drop(columns=FEATURES[15]).to_csv(folder / f"{name}.csv", index=False)
-    refused(folder, f"lacks the column {FEATURES[15]}; if they were not extracted, list them under features.absent")
+    refused(folder, f"has no column {FEATURES[15]}; add it; if it was not extracted, list it under features.absent")
     recording = load_recording(write_yaml(folder, changed(content, "features.absent", [FEATURES[15]])))
     assert len(recording.features) == 85 and FEATURES[15] not in recording.features
     refused(write_yaml(folder, changed(content, "features.absent", ["original_glcm_MC"])), "unknown feature")
@@ -142,7 +142,7 @@ def test_summary_counts_images_by_condition(table):
         3,
         3,
     ]
-    assert found["notes"] == ["some of the ROIs are missing in 1 of 6 images"]
+    assert found["notes"] == ["ROIs are missing in 1 of 6 images"]
 
 
 def test_the_listing_asks_of_a_table_for_nothing_that_it_does_not_need(table):

@@ -86,7 +86,7 @@ def test_a_repeat_that_is_rotated_is_refused(scanner):
         turn[:3, :3] = Rotation.from_rotvec([0, 0, np.radians(degrees)]).as_matrix()
         turn[:3, 3] = CT_GRID.centre_mm - turn[:3, :3] @ CT_GRID.centre_mm
         nibabel.save(nibabel.Nifti1Image(object_hu().T, turn @ CT_GRID.affine), scanner[0] / f"{name}.nii.gz")
-    refused(scanner[0], "two.nii.gz: is rotated against one.nii.gz; resample it onto the same grid")
+    refused(scanner[0], "two.nii.gz: is rotated relative to one.nii.gz; resample it to the same grid")
 
 
 @pytest.mark.parametrize("offset", [1000, 1024])
@@ -128,8 +128,8 @@ def test_dicom_without_its_rescale_is_refused(tmp_path):
     [
         ({"ImageOrientationPatient": [1, 0, 0, 0, 0.9848, 0.1736]}, "tilted"),
         ({"GantryDetectorTilt": 12}, "tilted"),
-        ({"ConvolutionKernel": ["Br59d", "3"]}, "one is Br38f/3: these are not repeats"),
-        ({"KVP": 100}, "two: tube_kvp is 100.0, that of"),
+        ({"ConvolutionKernel": ["Br59d", "3"]}, "one has Br38f/3; repeats must come from one scan"),
+        ({"KVP": 100}, "two: tube_kvp is 100.0, but"),
         ({"SliceThickness": 2}, "two: slice_thickness_mm is 2.0"),
         ({"Modality": "MR"}, "modality is MR"),
     ],
@@ -158,13 +158,13 @@ def test_slices_that_disagree_are_refused(tmp_path):
     for number, ds in enumerate(slices):
         ds.KVP = 120 if number else 80
     write_series(slices, folder / "two")
-    refused(folder, "two: its slices disagree on KVP (120.0, 80.0)")
+    refused(folder, "two: slices disagree on KVP (120.0, 80.0)")
 
 
 def test_nominal_must_not_contradict_dicom(tmp_path):
     folder, content = dicom_folder(tmp_path / "r")
     refused(
-        write_yaml(folder, content | {"nominal": {"kernel": "Br59d"}}), "nominal.kernel is Br59d, the DICOM headers"
+        write_yaml(folder, content | {"nominal": {"kernel": "Br59d"}}), "nominal.kernel is Br59d, but the DICOM headers"
     )
     assert load_recording(write_yaml(folder, content | {"nominal": {"kernel": "Br38f/3", "tube_kvp": 120}}))
 
@@ -203,7 +203,7 @@ def test_broken_images_are_refused(scanner):
         ("rois", [{"name": "a", "tissue_class": "b", "label": 0}], "recording.yaml: rois.0.label: 0 is less than"),
         ("rois", [{"name": "a", "tissue_class": "b", "label": 1, "margin_mm": 50}], "ROI a is lost by margin_mm"),
         ("rois", [{"name": "a", "tissue_class": "b", "label": 1}] * 2, "the name a is given twice"),
-        ("scan", {"source_to_isocentre_mm": 1000, "source_to_detector_mm": 595}, "is not more than"),
+        ("scan", {"source_to_isocentre_mm": 1000, "source_to_detector_mm": 595}, "is not larger than"),
     ],
 )
 def test_regions_and_scan_facts_that_cannot_be(scanner, path, value, message):

@@ -106,8 +106,8 @@ def test_every_sinogram_loads(tmp_path, name):
     found = summarize_recording(import_htc2022(REAL / "htc2022" / f"htc2022_{name}_full.mat", tmp_path / name))
     assert found["content"]["values"] == "line integrals" and found["known"]["nominal"]["tube_kvp"] == 45
     again, times = found["notes"]  # the data set states an exposure and no time from view to view
-    assert again == "1 view along directions of the first turn again"
-    assert "every 1200 ms (scan.exposure_ms)" in times
+    assert again == "1 view beyond the first rotation, along the same directions"
+    assert "1200 ms (scan.exposure_ms)" in times
 
 
 def test_the_tandem_study_keeps_its_values(tmp_path):

@@ -56,14 +56,14 @@ def test_conditions_are_numbered_in_their_order(recording):
     rows = recording.repeats.query("dose_mgy == 10 and roi == 'cyst_1'")
     found = means.query("group == 1 and roi == 'cyst_1'")
     assert found[list(FEATURES)].iloc[0].to_numpy() == pytest.approx(rows[list(FEATURES)].mean().to_numpy())
-    with pytest.raises(InputError, match="'roi' is not known; choose from image, condition"):
+    with pytest.raises(InputError, match="per is 'roi'; use one of image, condition"):
         of(recording, per="roi")
 
 
 def test_conditions_choose_rows(recording):
     assert len(reference.select_rows(recording.repeats, {"dose_mgy": 20, "roi": "cyst_1"}, "r")) == 2
     assert len(reference.select_rows(recording.repeats, {}, "r")) == 12
-    with pytest.raises(InputError, match="recording r: no images with dose_mgy 40; there are 10, 20, 30"):
+    with pytest.raises(InputError, match="recording r: no images with dose_mgy 40; choose from 10, 20, 30"):
         reference.select_rows(recording.repeats, {"dose_mgy": 40}, "recording r")
     with pytest.raises(InputError, match="recording r: has no column kernel"):
         reference.select_rows(recording.repeats, {"kernel": "B"}, "recording r")
@@ -75,7 +75,7 @@ def test_a_condition_has_a_name_and_the_mean_of_its_images(recording):
     ten = recording.repeats[recording.repeats["dose_mgy"] == 10]
     mean = ten.groupby("roi", sort=False)["original_firstorder_Mean"].mean()
     assert table.loc[table["condition"] == "10", "original_firstorder_Mean"].tolist() == pytest.approx(mean.tolist())
-    with pytest.raises(InputError, match="'scanner' is no column of the features"):
+    with pytest.raises(InputError, match="'scanner' is not a column of the features"):
         reference.reference_features(reference.in_hu(recording), ["scanner"], per="condition")
 
 

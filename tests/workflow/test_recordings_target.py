@@ -34,7 +34,7 @@ def test_the_target_lists_recordings_and_stops_at_a_bad_one(target, tmp_path):
     write_projections(tmp_path / "bench" / "b.h5", data=np.ones((23, 4, 40)))
     process = target()
     assert process.returncode == 1
-    assert f"Error: {tmp_path}/bench/b.h5: holds 23 views, recording.yaml says 24" in process.stderr
+    assert f"Error: {tmp_path}/bench/b.h5: has 23 views, but recording.yaml says scan.views 24" in process.stderr
 
     (tmp_path / "bench" / "recording.yaml").write_text("kind: projections")
     process = target("-n")
