@@ -80,10 +80,10 @@ def test_a_selection_takes_what_it_says():
         (
             "groups",
             [9],
-            "config: here.groups has 9, which ct_phantom4radiomics has not; it has: 1, 2, 3, 4, 5, 6, 7, 8",
+            "config: here.groups has 9, which ct_phantom4radiomics does not have; choose from 1, 2, 3, 4, 5, 6, 7, 8",
         ),
-        ("acquisitions", [31], "config: here.acquisitions has 31, .* it has: 1, 2, .*, 30$"),
-        ("dose_mgy", [3], "config: here.dose_mgy has 3, .* it has: 10$"),
+        ("acquisitions", [31], "config: here.acquisitions has 31, .* choose from 1, 2, .*, 30$"),
+        ("dose_mgy", [3], "config: here.dose_mgy has 3, .* choose from 10$"),
     ],
 )
 def test_a_selection_of_what_is_not_there_is_refused(key, value, message):
@@ -162,15 +162,15 @@ def refused(scan, target, endpoint, bucket=BUCKET):
 def test_without_a_service_or_a_bucket_one_line_says_so(s3, tmp_path):
     one, (scan, _) = s3
     said = refused(scan, tmp_path / "801", "http://localhost:9")
-    assert "801: 0 of 7 files came (no connection)" in said and "run again, and it goes on" in said
-    assert "0 of 7 files came (" in refused(scan, tmp_path / "801", one.endpoint, "another-bucket")
+    assert "801: 0 of 7 files were downloaded (no connection)" in said and "run again to continue" in said
+    assert "0 of 7 files were downloaded (" in refused(scan, tmp_path / "801", one.endpoint, "another-bucket")
 
 
 def test_a_series_that_the_bucket_has_not_leaves_the_other(s3, tmp_path):
     one, (scan, _) = s3
     missing = replace(scan, seg=replace(scan.seg, folder="00000000-0000-4000-8000-000000000000"))
     said = refused(missing, tmp_path / "801", one.endpoint)
-    assert "801: 6 of 7 files came (no object found)" in said
+    assert "801: 6 of 7 files were downloaded (no object found)" in said
     fetch_scan(scan, tmp_path / "801", one.endpoint, BUCKET)
 
 
@@ -178,9 +178,9 @@ def test_a_series_that_the_bucket_has_not_leaves_the_other(s3, tmp_path):
 def test_what_is_not_as_listed_is_refused(s3, tmp_path, wrong):
     one, (scan, other) = s3
     said = {
-        "size": "the files of its CT are 0.01 MB, and 0.06 are listed",
-        "count": "6 of the 7 files of its CT are here",
-        "series": f"is of series {other.ct.uid}, not of {scan.ct.uid}",
+        "size": "the files of its CT have 0.01 MB, but the list says 0.06 MB",
+        "count": "6 of 7 files of its CT are present",
+        "series": f"belongs to series {other.ct.uid}, not to {scan.ct.uid}",
         "doubled": "is the same slice as",
     }[wrong]
     if wrong == "size":
@@ -196,14 +196,14 @@ def test_what_is_not_as_listed_is_refused(s3, tmp_path, wrong):
         first = min((one.folder / BUCKET / scan.ct.folder).iterdir())
         shutil.copy(first, partial / "again.dcm")
     line = refused(listed, tmp_path / "801", one.endpoint)
-    assert said in line and ("delete" in line or "keep one" in line), line
+    assert said in line and ("delete" in line or "remove one" in line), line
 
 
 def test_a_full_disk_is_said_before_anything_comes(s3, tmp_path, monkeypatch):
     one, (scan, _) = s3
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(fetching.shutil, "disk_usage", lambda path: usage._replace(free=1000))
-    assert "needs 0 MB, and 0 are free" in refused(scan, tmp_path / "801", one.endpoint)
+    assert "needs 0 MB, but only 0 MB are free" in refused(scan, tmp_path / "801", one.endpoint)
     assert files_in(tmp_path) == []
 
 
@@ -266,15 +266,15 @@ def test_what_is_wrong_in_a_folder_is_one_line(bucket, tmp_path, wrong):
     first, *_ = sorted((mine / scans[0].ct.folder).iterdir())
     if wrong == "missing":
         shutil.rmtree(mine / scans[1].seg.folder)
-        said = f"{mine}: 1 of 2 scans are not in it, the first is 802 ({scans[1].description}), whose SEG is missing"
+        said = f"{mine}: 1 of 2 scans are missing. The first is 802 ({scans[1].description}), without SEG."
     elif wrong == "half":
         first.unlink()
-        said = f"{mine}: scan 801: 5 of the 6 files of its CT are here; bring that series once more"
+        said = f"{mine}: scan 801: 5 of 6 files of its CT are present; copy that series to"
     elif wrong == "doubled":
         again = mine / "zz" / "again.dcm"  # behind the others
         again.parent.mkdir()
         shutil.copy(first, again)
-        said = f"{again}: is the same slice as {first}; keep one of them"
+        said = f"{again}: is the same slice as {first}; remove one of them"
     elif wrong == "broken":
         first.write_bytes(first.read_bytes()[:200])
         said = f"{first}: cannot be read as DICOM"
@@ -299,18 +299,18 @@ def test_a_scan_that_went_wrong_after_it_came_is_one_line(bucket, tmp_path, wron
     again = f"delete {target} and run snakemake fetch again"
     if wrong == "missing":
         first.unlink()
-        said = f"{target}: 5 of the 6 files of its CT are here; {again}"
+        said = f"{target}: 5 of 6 files of its CT are present; {again}"
     elif wrong == "foreign":
         stray = target / "ct" / "stray.dcm"
         shutil.copy(min((folder / other.ct.folder).iterdir()), stray)
-        said = f"{stray}: is of series {other.ct.uid}, not of {scan.ct.uid}; {again}"
+        said = f"{stray}: belongs to series {other.ct.uid}, not to {scan.ct.uid}; {again}"
     elif wrong == "doubled":
         copy = target / "ct" / "zz.dcm"
         shutil.copy(first, copy)
-        said = f"{copy}: is the same slice as {first}; keep one of them"
+        said = f"{copy}: is the same slice as {first}; remove one of them"
     elif wrong == "without regions":
         shutil.rmtree(target / "seg")
-        said = f"{target}: 0 of the 1 files of its SEG are here; {again}"
+        said = f"{target}: 0 of 1 files of its SEG are present; {again}"
     else:
         first.write_bytes(first.read_bytes()[:200])
         said = f"{first}: cannot be read as DICOM"

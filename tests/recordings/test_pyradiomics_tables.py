@@ -80,7 +80,7 @@ def test_values_are_those_of_the_study_s_own_extraction(table, images):
         )
     notes = summarize_recording(recording)["notes"]
     # 14 of shape, 5 of NGTDM, the co-occurrence's MCC and SumAverage.
-    assert len(notes) == 1 and notes[0].startswith("left out: 21 other features")
+    assert len(notes) == 1 and notes[0].startswith("ignored: 21 features")
 
 
 def test_masks_and_labels_give_the_same_table(table):
@@ -103,7 +103,7 @@ def test_settings_are_read_and_those_that_differ_are_said(table):
         "setting: distances is [1, 2], the study's [1] (changes 32 of 86 features)",
         "setting: voxelArrayShift is 300, the study's 0 (changes 3 of 86 features)",
     ]
-    assert notes[0].startswith("left out: 765 other features")
+    assert notes[0].startswith("ignored: 765 features")
 
 
 def test_a_setting_changes_the_features_that_it_is_said_to_change(images, tmp_path):
@@ -137,7 +137,7 @@ def test_a_setting_changes_the_features_that_it_is_said_to_change(images, tmp_pa
 def test_rows_of_other_rois_and_features_are_left_out_and_counted(table):
     recording = load_recording(table(change=lambda t: t.drop(columns=FEATURES[40]), rois=ROIS[1:]))
     assert recording.repeats["roi"].unique().tolist() == ["cyst"] and len(recording.features) == 85
-    assert "left out: 6 rows of ROIs that recording.yaml does not name" in recording.notes
+    assert "ignored: 6 rows of ROIs that recording.yaml does not name" in recording.notes
     assert f"missing: 1 of the 86 features ({FEATURES[40]})" in recording.notes
 
 

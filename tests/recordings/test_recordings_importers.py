@@ -163,7 +163,7 @@ def test_a_dicom_tree_gives_one_repeat_per_series_and_no_patient(tmp_path):
 def test_series_that_are_no_repeats_are_refused(tmp_path):
     tree = dicom_tree(tmp_path / "tree")
     folder = tmp_path / "clinic"
-    import_refused(folder, lambda: import_dicom_tree(tree, folder), "study0/series is Br38f")
+    import_refused(folder, lambda: import_dicom_tree(tree, folder), "study0/series has Br38f")
     import_refused(folder, lambda: import_dicom_tree(tree, folder, kernel="B3"), "there are: Br38f, Br59d")
     slices = ct_slices()[:-1]
     for ds in slices:
