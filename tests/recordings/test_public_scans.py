@@ -266,7 +266,7 @@ def test_what_is_wrong_in_a_folder_is_one_line(bucket, tmp_path, wrong):
     first, *_ = sorted((mine / scans[0].ct.folder).iterdir())
     if wrong == "missing":
         shutil.rmtree(mine / scans[1].seg.folder)
-        said = f"{mine}: 1 of 2 scans are missing. The first is 802 ({scans[1].description}), without SEG."
+        said = f"{mine}: 1 of 2 scans are missing (first: 802, {scans[1].description}, without SEG)"
     elif wrong == "half":
         first.unlink()
         said = f"{mine}: scan 801: 5 of 6 files of its CT are present; copy that series to"

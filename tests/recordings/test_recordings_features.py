@@ -112,7 +112,10 @@ def test_summary_says_where_the_voxels_are_not_the_study_s(table):
         rows = features_table(start=start)
         rows["original_firstorder_TotalEnergy"] = 8 * rows["original_firstorder_Energy"]
         rows.to_csv(folder / f"{name}.csv", index=False)
-    line = "voxels have 8 mm³, the study's voxels 27 mm³: {} of the features depend on the number of voxels and cannot be compared"
+    line = (
+        "voxels have 8 mm³, the study's voxels 27 mm³: {} of the features depend on the number of voxels and cannot be "
+        "compared"
+    )
     recording = load_recording(write_yaml(folder, content))
     assert summarize_recording(recording, voxel_mm=[3, 3, 3])["notes"][-1] == line.format(len(SIZED))
     assert summarize_recording(recording, voxel_mm=[2, 2, 2])["notes"] == summarize_recording(recording)["notes"] == []

@@ -164,14 +164,14 @@ def test_series_that_are_no_repeats_are_refused(tmp_path):
     tree = dicom_tree(tmp_path / "tree")
     folder = tmp_path / "clinic"
     import_refused(folder, lambda: import_dicom_tree(tree, folder), "study0/series has Br38f")
-    import_refused(folder, lambda: import_dicom_tree(tree, folder, kernel="B3"), "there are: Br38f, Br59d")
+    import_refused(folder, lambda: import_dicom_tree(tree, folder, kernel="B3"), "choose from Br38f, Br59d")
     slices = ct_slices()[:-1]
     for ds in slices:
         ds.ConvolutionKernel, ds.KVP = "Br38f", 120
     (tmp_path / "tree" / "short").mkdir()
     write_series(slices, tmp_path / "tree" / "short")
     import_refused(folder, lambda: import_dicom_tree(tree, folder, kernel="Br38f"), "is on another grid")
-    import_refused(folder, lambda: import_dicom_tree(tree / "patient" / "seg", folder), "holds no CT slice in DICOM")
+    import_refused(folder, lambda: import_dicom_tree(tree / "patient" / "seg", folder), "has no CT slices in DICOM")
 
 
 def test_a_dicom_tree_on_the_command_line(tmp_path, capsys):

@@ -103,7 +103,7 @@ def test_a_folder_of_ones_own_is_taken_as_it_is(alone):
     hidden.rename(folder.parent / "away")
     code, said, errors = fetch(project, own=str(folder))
     assert code == 1 and here(project) == []
-    assert errors[0].startswith(f"Error: downloads.scans: {folder}: 1 of 3 scans are missing. The first is 811")
+    assert errors[0].startswith(f"Error: downloads.scans: {folder}: 1 of 3 scans are missing (first: 811")
     (folder.parent / "away").rename(hidden)
     code, said, _ = fetch(project, own=str(folder))
     assert code == 0 and here(project) == sorted(NAMES), said[-3000:]

@@ -49,11 +49,6 @@ def align_recording(recording: ImagesRecording, phantom: Volume) -> tuple[Alignm
     Each repeat is first aligned separately, at the same resolution, so that errors of the phantom's model cancel in the
     shifts.
 
-    Parameters
-    ----------
-    phantom : Volume
-        HU.
-
     Returns
     -------
     alignment : Alignment
@@ -159,8 +154,6 @@ def transfer_rois(
         Masks on `phantom_grid`.
     image : Volume
         The recording's image, HU.
-    name : str
-        Name of the recording in messages.
 
     Raises
     ------

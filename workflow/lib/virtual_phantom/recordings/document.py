@@ -64,8 +64,8 @@ def read_document(folder: str | Path) -> Document:
     Raises
     ------
     InputErrors
-        One line per mistake: the file is missing, is not YAML or does not match schemas/recording.schema.yaml; a number
-        is not finite; a section belongs to another kind of recording; a path is repeated, missing or outside the
+        One line per mistake. The file is missing, is not YAML or does not match schemas/recording.schema.yaml. A number
+        is not finite. A section belongs to another kind of recording. A path is repeated, missing or outside the
         folder.
     """
     folder = Path(folder)

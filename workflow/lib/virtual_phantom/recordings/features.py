@@ -83,8 +83,8 @@ def load_features(document: Document, study: tuple[str, ...] = FEATURES) -> Feat
     Raises
     ------
     InputError
-        If a table cannot be read or does not match recording.yaml: missing or unknown columns, empty or repeated keys,
-        values that are not finite or cannot belong to one region, mixed units, repeated images.
+        If a table cannot be read or does not match recording.yaml. Reasons are missing or unknown columns, empty or
+        repeated keys, implausible or inconsistent values, mixed units, and repeated images.
     """
     settings = document.content["features"]
     if unknown := [name for name in settings["absent"] if name not in FEATURES]:

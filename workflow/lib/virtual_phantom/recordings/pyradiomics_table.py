@@ -53,8 +53,6 @@ def to_native_layout(
         Section `features` of recording.yaml.
     rois : sequence of dict
         Section `rois` of recording.yaml; may be empty.
-    source : str
-        Beginning of messages.
 
     Raises
     ------

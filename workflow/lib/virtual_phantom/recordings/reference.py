@@ -125,11 +125,6 @@ def stability_scores(recording: FeaturesRecording, repeats: int, **options) -> p
 def select_rows(table: pd.DataFrame, conditions: dict, source: str) -> pd.DataFrame:
     """Select the rows of a recording's table with these values in its condition columns ({column: value}).
 
-    Parameters
-    ----------
-    source : str
-        Beginning of messages.
-
     Raises
     ------
     InputError

@@ -200,8 +200,6 @@ class Search:
     ----------
     image, phantom : Volume
         HU, each on its own grid.
-    name : str
-        Name of the recording in messages.
 
     Raises
     ------

@@ -37,8 +37,6 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
     ----------
     scan : dict
         The scan section. Offsets and the start_z_mm of a circular scan are 0 if absent.
-    source : str
-        Beginning of messages: the path of recording.yaml.
 
     Raises
     ------
@@ -128,14 +126,7 @@ def view_time_note(scan: dict) -> str | None:
 
 
 def check_lengths(scan: dict, source: str) -> None:
-    """Check that the lengths that are present can all be in mm.
-
-    Parameters
-    ----------
-    scan : dict
-        The scan section, complete or not.
-    source : str
-        Beginning of messages.
+    """Check that the lengths in a complete or incomplete scan section can all be in mm.
 
     Raises
     ------

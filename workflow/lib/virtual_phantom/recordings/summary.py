@@ -41,9 +41,9 @@ def summarize_recording(
     Returns
     -------
     dict
-        Keys: name; kind; phantom; repeats and held_out (numbers of acquisitions); content (grid, views or table); text
-        (the content in one line); known (scan, and nominal with DICOM facts); missing (facts that a comparison needs);
-        notes; origin; sha256.
+        Keys: name; kind; phantom; origin; sha256; repeats and held_out (numbers of acquisitions); content (grid, views
+        or table). Also text (the content in one line); known (scan, and nominal with DICOM facts); missing (facts that
+        a comparison needs); notes.
     """
     labelled = {**recording.provenance.dicom, **recording.nominal}
     repeats, held_out, content, text = DESCRIPTIONS[type(recording)](recording)

@@ -219,11 +219,9 @@ def _plain(path: Path, tag: tuple[int, int], element):
             value = value[0] if len(value) == 1 and tag not in (pd.CENTRAL, pd.PHOTONS) else value
         if tag in pd.WHOLE and value is not None:
             return int(value)
-        return value if isinstance(value, tuple) or value is None else _number(value)
-
-
-def _number(value):
-    return value.strip().upper() if isinstance(value, str) else float(value)
+        if isinstance(value, tuple) or value is None:
+            return value
+        return value.strip().upper() if isinstance(value, str) else float(value)
 
 
 def _needed(view: View, tag: tuple[int, int]):

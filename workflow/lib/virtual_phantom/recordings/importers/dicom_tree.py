@@ -6,7 +6,6 @@ Only images and facts about the scan are copied: no patient data get into the re
 from __future__ import annotations
 
 import hashlib
-from collections import defaultdict
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,8 +63,8 @@ def import_dicom_tree(
     Raises
     ------
     InputError
-        If there is no series, if one cannot be read (dicom_series.read_slices) or is not a CT in HU, or if two differ
-        in grid, kernel, tube voltage, slice thickness or scanner.
+        If there is no series, or one cannot be read (dicom_series.read_slices) or is not a CT in HU. If two series
+        differ in grid, kernel, tube voltage, slice thickness or scanner.
     """
     if not str(root):
         raise InputError("source: is empty; give a path (a shell variable may be unset)")
@@ -98,12 +97,10 @@ def import_dicom_tree(
             seen[digest], grid = label, image.grid
             write_nifti(_smallest_type(image), target / name)
 
-    means = defaultdict(list)
-    for entry in chosen:
-        for key in (*NOMINAL, *SCAN):
-            if key in entry.facts:
-                means[key].append(entry.facts[key])
-    typical = {key: values[0] if key in (*SHARED, *SCAN) else float(np.mean(values)) for key, values in means.items()}
+    facts = {key: [entry.facts[key] for entry in chosen if key in entry.facts] for key in (*NOMINAL, *SCAN)}
+    typical = {
+        key: values[0] if key in (*SHARED, *SCAN) else float(np.mean(values)) for key, values in facts.items() if values
+    }
     typical = _valid_facts(typical, first.series.name)
     lengths = {key: typical[key] for key in SCAN if key in typical}
     content = {

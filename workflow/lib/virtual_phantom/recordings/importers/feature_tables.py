@@ -75,7 +75,7 @@ def _study(csv_file: Path) -> tuple[pd.DataFrame, dict]:
             "stored_offset_hu": STORED_OFFSET_HU,
             "dimensions": 2,
         },
-        "origin": {"citation": STUDY_CITATION, "licence": "scans CC BY 4.0; features without a licence file"},
+        "origin": {"citation": STUDY_CITATION, "licence": "scans CC BY 4.0; features without a license file"},
     }
     return _image_first(table.drop(columns="scan"), image), content
 

@@ -76,7 +76,7 @@ def _diagnosed(recording: ProjectionsRecording, importer: str) -> list[str]:
         ]
     lines += [f"      alignment: {ALIGNMENT[importer]} # tolerances; scale 1.0: unknown"]
     if (step := round(recording.geometry.views / FITTED_VIEWS)) > 1:
-        lines += [f"      view_step: {step} # every {step}th view: enough for an object without angular detail"]
+        lines += [f"      view_step: {step} # 1 in {step} views is enough for objects without fine detail"]
     if recording.geometry.rows == 1:
         lines += [f"      effects: {ONE_ROW_EFFECTS}"]
     return lines

@@ -81,7 +81,7 @@ def fetch_scan(scan: PublicScan, target: str | Path, endpoint: str, bucket: str)
     options = ["--no-sign-request", "--endpoint-url", endpoint, "--log", "error"]
     options += ["--numworkers", str(WORKERS), "--retry-count", str(RETRIES)]
     process = subprocess.run(
-        [run, *options, "run"], input=manifest(scan, partial, bucket), capture_output=True, text=True, check_scan=False
+        [run, *options, "run"], input=manifest(scan, partial, bucket), capture_output=True, text=True, check=False
     )
     if process.returncode:
         whole = sum(path.suffix == ".dcm" for path in partial.rglob("*"))

@@ -63,8 +63,6 @@ def check_series(found: Iterable[Instance], series: Series, where: str, advice: 
 
     Parameters
     ----------
-    where : str
-        Beginning of messages.
     advice : str
         What to do about missing or additional files.
     sizes : bool, optional
@@ -121,9 +119,9 @@ def find_scans(folder: str | Path, scans: Iterable[PublicScan]) -> dict[str, dic
         first = missing[0]
         kind = next(series.modality for series in first.series if series.uid not in by_series)
         raise InputError(
-            f"downloads.scans: {folder}: {len(missing)} of {len(scans)} scans are missing. The first is {first.name} "
-            f"({first.description}), without {kind}. Set downloads.scans: null to download them, or select fewer scans "
-            "under public_scans"
+            f"downloads.scans: {folder}: {len(missing)} of {len(scans)} scans are missing (first: {first.name}, "
+            f"{first.description}, without {kind}); set downloads.scans: null to download them, or select fewer under "
+            "public_scans"
         )
     advice = f"copy that series to {folder} again, or set downloads.scans: null to download all scans"
     for scan in scans:
