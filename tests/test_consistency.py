@@ -193,8 +193,8 @@ def folder(tmp_path):
 def test_one_image_in_stored_values_among_others_is_refused(folder):
     other = features_table(1, start=5, mean=1064.0)
     pd.concat([features_table(2, start=3), other]).to_csv(folder / "b.csv", index=False)
-    refused(folder, "b.csv: the means of the ROIs of image i5 lie 10")
-    refused(folder, "above those of other images; bring all rows to HU, or all to HU + 1024")
+    refused(folder, "b.csv: the means of the ROIs of image i5 are 10")
+    refused(folder, "above the same ROIs in other images; convert all rows to HU, or all to HU + 1024")
 
 
 def test_an_image_that_is_there_twice_is_refused(folder):

@@ -68,7 +68,7 @@ def test_scans_are_rehearsed_fetched_and_not_fetched_again(setting):
 
     if "BUCKETS" in variables:
         code, said, errors = fetch(project, endpoint=one.endpoint, environment=variables)
-        assert code == 1 and "run again, and it goes on" in errors[0]
+        assert code == 1 and "run again to continue" in errors[0]
     else:
         code, said, errors = fetch(project, endpoint=one.endpoint, bucket="another-bucket", environment=variables)
         assert code == 1 and "0 of 7 files were downloaded" in errors[0]

@@ -72,4 +72,4 @@ def test_the_alignment_target_carries_the_phantom_s_rois(study, tmp_path):
     (folder / "recording.yaml").write_text(yaml.safe_dump(content | {"phantom": "bench"}))
     process = run("alignment")
     assert process.returncode == 1
-    assert f"Error: {folder}/recording.yaml: its phantom is 'bench', the study's is synthetic" in process.stderr
+    assert f"Error: {folder}/recording.yaml: phantom is 'bench', but the study's phantom is synthetic" in process.stderr

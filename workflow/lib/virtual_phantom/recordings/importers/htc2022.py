@@ -15,6 +15,7 @@ magnification, and the isocentre is in the middle.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +82,7 @@ def import_htc2022(
 
 def _read(mat_file: Path):
     # squeeze_me: arrays of one struct become the struct itself.
-    content = read_mat(mat_file, "sinogram", struct_as_record=False, squeeze_me=True, variable_names=VARIABLES)
+    content = read_mat(mat_file, "sinogram", VARIABLES, struct_as_record=False, squeeze_me=True)
     for name in VARIABLES:
         if name in content:
             return content[name]
@@ -185,9 +186,7 @@ def read_object(mat_file: str | Path, scan: dict) -> Volume:
     InputError
         If the file is missing, damaged, or contains no segmentation.
     """
-    inside = (
-        np.asarray(read_mat(Path(mat_file), "segmentation", variable_names=[SEGMENTATION]).get(SEGMENTATION, ())) > 0
-    )
+    inside = np.asarray(read_mat(Path(mat_file), "segmentation", [SEGMENTATION]).get(SEGMENTATION, ())) > 0
     if inside.ndim != 2 or not inside.any():
         raise InputError(f"{mat_file}: has no segmentation {SEGMENTATION}; use a ..._recon_fbp_seg.mat of the data set")
     pixel = scan["column_pitch_mm"] * scan["source_to_isocentre_mm"] / scan["source_to_detector_mm"]
@@ -195,8 +194,8 @@ def read_object(mat_file: str | Path, scan: dict) -> Volume:
     return Volume(share[None].astype(np.float32), Grid((1, *share.shape), (SLICE_MM, pixel, pixel)))
 
 
-def read_mat(path: Path, content: str, **options) -> dict:
-    """Read a MATLAB v5 file of the data set with scipy.io.loadmat; `content` says in messages what it should contain.
+def read_mat(path: Path, content: str, names: Sequence[str], **options) -> dict:
+    """Read variables of a MATLAB v5 file of the data set; `content` says in messages what the file should contain.
 
     Raises
     ------
@@ -206,7 +205,7 @@ def read_mat(path: Path, content: str, **options) -> dict:
     if not path.is_file():
         raise InputError(f"{path}: no such file; use a {content} of the HTC 2022 data set (.mat)")
     try:
-        return loadmat(path, **options)
+        return loadmat(path, variable_names=names, **options)
     except Exception as error:  # scipy raises many types on damaged files
         raise InputError(f"{path}: cannot be read as MATLAB v5 ({error}); copy the complete file again") from None
 
