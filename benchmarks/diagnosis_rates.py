@@ -46,8 +46,8 @@ from virtual_phantom.io.volumes import Volume, shape_of, write_nifti
 from virtual_phantom.phantom import write_phantom
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, checked, names
-from virtual_phantom.recordings.importers.study import scan_of
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.importers.study import scan_section
+from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.report.diagnosis import diagnosis_page, residual_maps
 from virtual_phantom.study.costs.diagnoses import STAGE, Extent, extent, materials_of
 from virtual_phantom.study.costs.rates import fit_parts, read_rates
@@ -176,7 +176,7 @@ def written(case, folder):
     for file in files:
         lines = -np.log(np.maximum(state.counts(random), 0.5) / air)
         write_line_integrals(folder / file, lines.astype(np.float32), geometry)
-    content = {"name": case.name, "kind": "projections", "scan": scan_of(geometry), "repeats": files}
+    content = {"name": case.name, "kind": "projections", "scan": scan_section(geometry), "repeats": files}
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
     tried = list(case.effects) or candidates(section | {"effects": None})
     (folder / "case.json").write_text(json.dumps({"model": model, "given": given, "effects": tried}))
@@ -239,7 +239,7 @@ def one(folder, processes):
     case = json.loads((folder / "case.json").read_text())
     given, timed = case["given"], Timed(clock)
     asked = DiagnosisRequest.of(case["model"], given.get("phantom"), processes)
-    recording = load(folder)
+    recording = load_recording(folder)
     marks = [clock()]
     assert check_setup(recording, asked).kind == "as stated", folder
     marks.append(clock())

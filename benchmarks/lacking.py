@@ -22,7 +22,7 @@ from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import run_diagnosis
 from virtual_phantom.io.volumes import write_nifti
 from virtual_phantom.proof.conceal.case import Case
-from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_of, write
+from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_section, write
 from virtual_phantom.proof.conceal.objects import OBJECTS
 from virtual_phantom.proof.conceal.phantoms import build
 from virtual_phantom.proof.conceal.suite import scan_seed, truths
@@ -62,7 +62,7 @@ def recorded(folder, truth, config, seed, baseline=None):
     stream = branch(config["seed"], Branch.PROOF_PHANTOM)
     phantom = build(one, resource(one.layout), SCAN["columns"], SCAN["rows"], stream)
     kev, views = energy_of_water(mu), SCAN["views"]
-    scan = scan_of(one, SCAN, views, SCAN["photons"], SCAN["rotation_time_ms"], kev, concealed_settings(truth))
+    scan = scan_section(one, SCAN, views, SCAN["photons"], SCAN["rotation_time_ms"], kev, concealed_settings(truth))
     write(
         folder,
         truth["case"],

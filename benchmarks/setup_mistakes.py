@@ -136,7 +136,7 @@ def mistaken(kind, scan, lines, random):
 
 # What a line that refuses a description must say of the mistake.
 REFUSED = {
-    "swapped rows and columns": "are rows and columns swapped",
+    "swapped rows and columns": "check whether rows and columns are swapped",
     "distance from the isocentre": "if it is the distance from isocentre to detector",
 }
 NAMED, ALIKE, MISSED = "named", "alike", "missed"  # what came of a mistake

@@ -11,7 +11,7 @@ from virtual_phantom.physics.beam.materials import energy_of
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import checked
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
-from virtual_phantom.recordings.importers.study import scan_of
+from virtual_phantom.recordings.importers.study import scan_section
 
 GEOMETRY = circular(
     views=48,
@@ -39,7 +39,7 @@ def bench(folder, physics, cylinders=CYLINDERS):
             data = file.create_dataset("exchange/data", data=one.astype(np.float32))
             data.attrs["log"] = True
             file["exchange/theta"] = np.rad2deg(GEOMETRY.angles_rad)
-    content = {"name": "bench", "kind": "projections", "scan": scan_of(GEOMETRY), "repeats": names}
+    content = {"name": "bench", "kind": "projections", "scan": scan_section(GEOMETRY), "repeats": names}
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
     return folder
 

@@ -16,7 +16,7 @@ from recording_folders import features_folder, features_table, noise_features, r
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.consistency import check, rounding
 from virtual_phantom.features.names import FEATURES, features_of
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 
 MEAN, ENERGY = "original_firstorder_Mean", "original_firstorder_Energy"
 
@@ -193,8 +193,8 @@ def folder(tmp_path):
 def test_one_image_in_stored_values_among_others_is_refused(folder):
     other = features_table(1, start=5, mean=1064.0)
     pd.concat([features_table(2, start=3), other]).to_csv(folder / "b.csv", index=False)
-    refused(folder, "b.csv: the means of the ROIs of image i5 lie 10")
-    refused(folder, "above those of other images; bring all rows to HU, or all to HU + 1024")
+    refused(folder, "b.csv: the means of the ROIs of image i5 are 10")
+    refused(folder, "above the same ROIs in other images; convert all rows to HU, or all to HU + 1024")
 
 
 def test_an_image_that_is_there_twice_is_refused(folder):
@@ -204,7 +204,7 @@ def test_an_image_that_is_there_twice_is_refused(folder):
     content = {"name": "table", "kind": "features", "repeats": ["a.csv", "b.csv"]}
     copy = copy.assign(dose_mgy=3)  # of another condition, as of a setting that changes no image
     pd.concat([features_table(2, start=3), copy]).to_csv(folder / "b.csv", index=False)
-    assert len(load(write_yaml(folder, content | {"features": {"conditions": ["dose_mgy"]}})).repeats) == 12
+    assert len(load_recording(write_yaml(folder, content | {"features": {"conditions": ["dose_mgy"]}})).repeats) == 12
 
 
 @pytest.mark.parametrize("value", [1e61, -1e200])

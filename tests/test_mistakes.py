@@ -28,9 +28,9 @@ from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import ct
 from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.recordings.public_scans import fetch
-from virtual_phantom.recordings.public_scans.files import found_scans
-from virtual_phantom.recordings.public_scans.table import chosen
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.public_scans.files import find_scans
+from virtual_phantom.recordings.public_scans.table import select_scans
+from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.simulation.project import read_diagnosed_physics
 from virtual_phantom.study.checks.preflight import problems
 
@@ -121,27 +121,27 @@ def too_wide():
 
 def bench(**changes):
     recording_folders.projections_folder(Path("bench"), **changes)
-    load("bench")
+    load_recording("bench")
 
 
 def slower():
     folder, content = recording_folders.projections_folder(Path("bench"))
     recording_folders.write_yaml(folder, recording_folders.changed(content, "scan.view_interval_ms", 25))
-    load(folder)
+    load_recording(folder)
 
 
 def cut_short():
     folder, _ = recording_folders.projections_folder(Path("bench"))
     whole = (folder / "a.h5").read_bytes()
     (folder / "a.h5").write_bytes(whole[: len(whole) // 2])
-    load(folder)
+    load_recording(folder)
 
 
 def without_white():
     folder, _ = recording_folders.projections_folder(Path("bench"))
     with h5py.File(folder / "a.h5", "a") as file:
         del file["exchange/data_white"]
-    load(folder)
+    load_recording(folder)
 
 
 def clinic(rois=True, **changes):
@@ -151,7 +151,7 @@ def clinic(rois=True, **changes):
     named = {"rois": [{"name": "liver", "tissue_class": "liver", "label": 1}]} if rois else {}
     recording_folders.write_yaml(Path("clinic"), content | named)
     pd.DataFrame(rows | changes).to_csv("clinic/features.csv", index=False)
-    load("clinic")
+    load_recording("clinic")
 
 
 def wrong_parameters():
@@ -231,8 +231,8 @@ def fetched(path):
         patch.setattr(fetch.sys, "executable", "/nowhere/python")
         patch.setenv("PATH", path)
         patch.setenv("SERVICE", "elsewhere")
-        (scan,) = chosen(TANDEM | {"groups": [8], "acquisitions": [1]}, "public_scans.phantom")
-        fetch.fetch(scan, "resources/printed_phantom/801", "http://localhost:9", "idc-open-data")
+        (scan,) = select_scans(TANDEM | {"groups": [8], "acquisitions": [1]}, "public_scans.phantom")
+        fetch.fetch_scan(scan, "resources/printed_phantom/801", "http://localhost:9", "idc-open-data")
 
 
 def without_s5cmd():
@@ -249,7 +249,7 @@ def broken_off():
 
 def empty_folder():
     Path("mine").mkdir()
-    found_scans("mine", chosen(TANDEM | {"groups": [8], "acquisitions": [1]}, "public_scans.phantom"))
+    find_scans("mine", select_scans(TANDEM | {"groups": [8], "acquisitions": [1]}, "public_scans.phantom"))
 
 
 # What is done wrong, and the file or key that the message must name.
@@ -336,7 +336,7 @@ MISTAKES = {
     ),
     "A detector that is too small": (lambda: study_of_the_ct(scan={"columns": 60}), "scan.columns"),
     "A body wider than the field of view": (too_wide, "scan"),
-    "A folder that is no recording": (lambda: load("bench"), "bench/recording.yaml"),
+    "A folder that is no recording": (lambda: load_recording("bench"), "bench/recording.yaml"),
     "Another number of views": (lambda: bench(data=np.ones((23, 4, 40))), "bench/b.h5"),
     "A parameter file that pyradiomics does not take": (wrong_parameters, "my_params.yaml"),
     "A row that is shifted": (

@@ -17,7 +17,7 @@ from virtual_phantom.features.names import FEATURES
 from virtual_phantom.io import files
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import Roi
-from virtual_phantom.recordings.reference import where
+from virtual_phantom.recordings.reference import select_rows
 
 ROOT = Path(__file__).resolve().parents[1]
 ODD = ["01", "NA", "true", "1e3", "null", "None", "nan", "inf", "1_0", "007", "False", "1", "NaN", "0x1F", "1E5"]
@@ -114,6 +114,6 @@ def test_features_and_parquet(tmp_path):
 
 def test_a_condition_of_text_is_found_by_a_number_of_yaml():
     table = pd.DataFrame({"kernel": ["30", "30", "50"], "dose_mgy": [1, 3, 3]})
-    assert where(table, {"kernel": 30, "dose_mgy": 3}, "r").index.tolist() == [1]
-    with pytest.raises(InputError, match="r: no images with kernel 40; there are 30, 50"):
-        where(table, {"kernel": 40}, "r")
+    assert select_rows(table, {"kernel": 30, "dose_mgy": 3}, "r").index.tolist() == [1]
+    with pytest.raises(InputError, match="r: no images with kernel 40; choose from 30, 50"):
+        select_rows(table, {"kernel": 40}, "r")

@@ -106,11 +106,11 @@ def test_a_mistake_without_numbers_beats_a_geometry_that_is_fitted():
 
 
 def test_a_geometry_that_no_scanner_has_is_refused_with_what_may_be_wrong():
-    with pytest.raises(InputError, match="are rows and columns swapped"):
+    with pytest.raises(InputError, match="check whether rows and columns are swapped"):
         scan_geometry({**SCAN, "columns": SCAN["rows"], "rows": SCAN["columns"]}, "scan")
-    with pytest.raises(InputError, match="if it is the distance from isocentre to detector, state 980"):
+    with pytest.raises(InputError, match="if it is the distance from isocentre to detector, use 980"):
         scan_geometry({**SCAN, "source_to_detector_mm": 480.0}, "scan")
-    with pytest.raises(InputError, match="expected; are all lengths in mm"):
+    with pytest.raises(InputError, match=r"expected 60 to 2000 mm\); check that all lengths are in mm"):
         scan_geometry({**SCAN, "column_pitch_mm": 0.1}, "scan")
 
 

@@ -17,7 +17,7 @@ from virtual_phantom.diagnosis.scanned_object import scene_of
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import checked
 from virtual_phantom.physics.scenes.objects import read_object
-from virtual_phantom.recordings.importers.study import scan_of
+from virtual_phantom.recordings.importers.study import scan_section
 
 GEOMETRY = circular(
     views=24,
@@ -45,7 +45,7 @@ def recorded(folder, physics, photons=2e5, geometry=GEOMETRY):
             data = file.create_dataset("exchange/data", data=one.astype(np.float32))
             data.attrs["log"] = True
             file["exchange/theta"] = np.rad2deg(geometry.angles_rad)
-    content = {"name": "bench", "kind": "projections", "scan": scan_of(geometry), "repeats": names}
+    content = {"name": "bench", "kind": "projections", "scan": scan_section(geometry), "repeats": names}
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
     return folder
 

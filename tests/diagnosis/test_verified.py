@@ -28,7 +28,7 @@ from virtual_phantom.io import volumes
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.posed import PosedScene
 from virtual_phantom.physics.scenes.scene import DiscScene
-from virtual_phantom.recordings.importers.htc2022_object import with_partial_pixels
+from virtual_phantom.recordings.importers.htc2022 import with_partial_pixels
 from virtual_phantom.recordings.projections import Projections
 
 PHOTONS, DENSITY = 1e5, 1.03

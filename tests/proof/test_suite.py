@@ -14,7 +14,7 @@ from virtual_phantom.config.config import complete
 from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.proof.conceal import seal
 from virtual_phantom.proof.conceal.catalogue import CATALOGUE, MODELS, XCIST, never_concealed
-from virtual_phantom.proof.conceal.generate import scan_of, write, write_images
+from virtual_phantom.proof.conceal.generate import scan_section, write, write_images
 from virtual_phantom.proof.conceal.objects import OBJECTS
 from virtual_phantom.proof.conceal.suite import (
     KERNEL,
@@ -29,7 +29,7 @@ from virtual_phantom.proof.conceal.suite import (
     views_of,
 )
 from virtual_phantom.proof.conceal.xcist import Acquired
-from virtual_phantom.recordings.reading import load as read
+from virtual_phantom.recordings.reading import load_recording
 
 SETTINGS = {
     "seed": 7,
@@ -145,10 +145,10 @@ def test_recordings_differ_in_readings_alone(tmp_path):
     random = np.random.default_rng(1)
     for name, concealed in (("plain", {}), ("other", {"scatter_scale": 4.0, "kvp": 80, "aluminium_mm": 3})):
         settings = {"columns": 40, "rows": 4}
-        scan = scan_of(OBJECTS["quality_assurance"], settings, 30, 1e5, 800.0, 70.0, concealed)
+        scan = scan_section(OBJECTS["quality_assurance"], settings, 30, 1e5, 800.0, 70.0, concealed)
         readings = random.uniform(1, 2, (2, 30, 4, 40)).astype(np.float32)
         write(tmp_path / name, "case_01", scan, Acquired(readings, np.full((4, 40), 2, np.float32)))
-        recording = read(tmp_path / name)
+        recording = load_recording(tmp_path / name)
         assert len(recording.repeats) == 2 and recording.geometry.views == 30
         assert recording.geometry.duration_s == pytest.approx(0.8) and recording.geometry.exposure_ms == 0
         said.append(yaml.safe_load((tmp_path / name / "recording.yaml").read_text()))
@@ -164,11 +164,11 @@ def test_images_tell_nothing_but_their_voxels(tmp_path):
     said, headers = [], []
     one, random = OBJECTS["quality_assurance"], np.random.default_rng(1)
     for name, concealed in (("plain", {}), ("other", {"kernel_pixels": 1.0, "hu_scale": 1.1, "hu_offset": 20.0})):
-        scan = scan_of(one, {"columns": 60, "rows": 6}, 24, 1e5, 800.0, 70.0, concealed)
+        scan = scan_section(one, {"columns": 60, "rows": 6}, 24, 1e5, 800.0, 70.0, concealed)
         readings = random.uniform(1, 2, (2, 24, 6, 60)).astype(np.float32)
         readings[0, 0, 0, 0] = 0  # no count has no logarithm
         write_images(tmp_path / name, "case_01", one, scan, Acquired(readings, np.full((6, 60), 2, np.float32)), 0.0193)
-        recording = read(tmp_path / name)
+        recording = load_recording(tmp_path / name)
         assert recording.kind == "images" and len(recording.repeats) == 2
         assert all(np.isfinite(image.array).all() for image in recording.repeats)
         said.append((tmp_path / name / "recording.yaml").read_text())

@@ -24,7 +24,7 @@ import public_files  # noqa: E402
 from pages import copy_project  # noqa: E402
 from s3_service import BUCKET, service  # noqa: E402
 
-from virtual_phantom.recordings.public_scans.table import chosen  # noqa: E402
+from virtual_phantom.recordings.public_scans.table import select_scans  # noqa: E402
 
 TABLE = "workflow/lib/virtual_phantom/resources/public_scans.csv"
 TANDEM = {"collection": "ct_phantom4radiomics"}
@@ -48,7 +48,7 @@ def standing_in(folder, phantom, compared, of=None):
     """
     project, bucket = folder / "project", folder / "s3" / BUCKET
     copy_project(ROOT, project)
-    scans = list(dict.fromkeys(chosen(phantom, "phantom") + chosen(compared, "compared")))
+    scans = list(dict.fromkeys(select_scans(phantom, "phantom") + select_scans(compared, "compared")))
     drawn, images, masks = public_files.simulated(len(scans))
     by_name = {scan.name: image for scan, image in zip(scans, images, strict=True)}
     scans = public_files.write_bucket(scans, bucket, lambda scan: by_name[scan.name], masks)

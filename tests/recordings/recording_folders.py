@@ -16,7 +16,7 @@ from virtual_phantom.base.geometry import Grid
 from virtual_phantom.features.extraction import FEATURES, extract
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.recordings.features import KEYS
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.statistics.measured import TISSUE_CLASSES
 
 SCAN = {
@@ -59,7 +59,7 @@ def changed(content: dict, path: str, value) -> dict:
 def refused(folder, message: str) -> None:
     """Loading fails with one line that holds `message`."""
     with pytest.raises(InputError) as error:
-        load(folder)
+        load_recording(folder)
     assert message in str(error.value), str(error.value)
     assert "\n" not in str(error.value)
 

@@ -15,9 +15,9 @@ from s3_service import BUCKET, KINDS, service
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.recordings.public_scans import fetch as fetching
-from virtual_phantom.recordings.public_scans.fetch import check, fetch, link
-from virtual_phantom.recordings.public_scans.files import found_scans
-from virtual_phantom.recordings.public_scans.table import chosen, public_scans, small
+from virtual_phantom.recordings.public_scans.fetch import check_scan, fetch_scan, link_scan
+from virtual_phantom.recordings.public_scans.files import find_scans
+from virtual_phantom.recordings.public_scans.table import public_scans, select_scans, small_subset
 
 INDEX = Path(__file__).resolve().parents[2] / "../shared/real/printed_phantom_index"
 TANDEM = "ct_phantom4radiomics"
@@ -66,12 +66,12 @@ def test_every_series_of_the_index_is_listed_as_it_is(collection):
 
 
 def test_a_selection_takes_what_it_says():
-    scans = chosen({"collection": TANDEM, "groups": [1, "8"], "acquisitions": [1, 11, 12, 13, 14]}, "here")
+    scans = select_scans({"collection": TANDEM, "groups": [1, "8"], "acquisitions": [1, 11, 12, 13, 14]}, "here")
     # Groups 1 and 2 count from the second acquisition.
     assert [scan.name for scan in scans] == ["110", "111", "112", "113", "801", "811", "812", "813", "814"]
-    assert sorted(scan.name for scan in small(scans)) == ["110", "111", "112", "801", "811", "812"]
+    assert sorted(scan.name for scan in small_subset(scans)) == ["110", "111", "112", "801", "811", "812"]
     edge = {"collection": "ct4harmonization_multicentric", "groups": ["A1"], "dose_mgy": [1], "reconstruction": ["IR"]}
-    assert len(chosen(edge, "here")) == 10
+    assert len(select_scans(edge, "here")) == 10
 
 
 @pytest.mark.parametrize(
@@ -80,15 +80,15 @@ def test_a_selection_takes_what_it_says():
         (
             "groups",
             [9],
-            "config: here.groups has 9, which ct_phantom4radiomics has not; it has: 1, 2, 3, 4, 5, 6, 7, 8",
+            "config: here.groups has 9, which ct_phantom4radiomics does not have; choose from 1, 2, 3, 4, 5, 6, 7, 8",
         ),
-        ("acquisitions", [31], "config: here.acquisitions has 31, .* it has: 1, 2, .*, 30$"),
-        ("dose_mgy", [3], "config: here.dose_mgy has 3, .* it has: 10$"),
+        ("acquisitions", [31], "config: here.acquisitions has 31, .* choose from 1, 2, .*, 30$"),
+        ("dose_mgy", [3], "config: here.dose_mgy has 3, .* choose from 10$"),
     ],
 )
 def test_a_selection_of_what_is_not_there_is_refused(key, value, message):
     with pytest.raises(InputError, match=message):
-        chosen({"collection": TANDEM, key: value}, "here")
+        select_scans({"collection": TANDEM, key: value}, "here")
 
 
 # Fetching
@@ -122,12 +122,12 @@ def files_in(folder):
 def test_a_scan_is_fetched_whole_with_whose_it_is(s3, tmp_path):
     one, (scan, _) = s3
     target = tmp_path / "with blank" / "801"
-    fetch(scan, target, one.endpoint, BUCKET)
+    fetch_scan(scan, target, one.endpoint, BUCKET)
     assert len(files_in(target / "ct")) == 6 and len(files_in(target / "seg")) == 1
     for series in scan.series:
         for path in (one.folder / BUCKET / series.folder).iterdir():
             assert (target / series.modality.lower() / path.name).read_bytes() == path.read_bytes()
-    check(scan, target)
+    check_scan(scan, target)
     source = json.loads((target / "source.json").read_text())
     assert (source["doi"], source["licence"]) == ("10.7937/a1v1-rc66", "CC BY 4.0")
     assert [of["uid"] for of in source["series"]] == [scan.ct.uid, scan.seg.uid]
@@ -137,7 +137,7 @@ def test_a_scan_is_fetched_whole_with_whose_it_is(s3, tmp_path):
 def test_what_is_here_is_not_fetched_again(s3, tmp_path):
     one, (scan, _) = s3
     target, partial = tmp_path / "801", tmp_path / ".partial-801"
-    fetch(scan, target, one.endpoint, BUCKET)
+    fetch_scan(scan, target, one.endpoint, BUCKET)
     (target / "source.json").unlink()
     target.rename(partial)
     kept, lost, cut, *_ = sorted((partial / "ct").iterdir())
@@ -146,7 +146,7 @@ def test_what_is_here_is_not_fetched_again(s3, tmp_path):
     whole = cut.read_bytes()
     cut.write_bytes(whole[:200])
     (partial / "ct" / "x.dcm99").write_bytes(whole[:200])  # what a killed s5cmd leaves
-    fetch(scan, target, one.endpoint, BUCKET)
+    fetch_scan(scan, target, one.endpoint, BUCKET)
     assert (target / "ct" / kept.name).stat().st_mtime == 1e9
     assert (target / "ct" / cut.name).read_bytes() == whole and len(files_in(target / "ct")) == 6
 
@@ -154,7 +154,7 @@ def test_what_is_here_is_not_fetched_again(s3, tmp_path):
 def refused(scan, target, endpoint, bucket=BUCKET):
     """The line that is said; nothing may look as if the scan were here."""
     with pytest.raises(InputError) as error:
-        fetch(scan, target, endpoint, bucket)
+        fetch_scan(scan, target, endpoint, bucket)
     assert not target.exists() and "\n" not in str(error.value)
     return str(error.value)
 
@@ -162,25 +162,25 @@ def refused(scan, target, endpoint, bucket=BUCKET):
 def test_without_a_service_or_a_bucket_one_line_says_so(s3, tmp_path):
     one, (scan, _) = s3
     said = refused(scan, tmp_path / "801", "http://localhost:9")
-    assert "801: 0 of 7 files came (no connection)" in said and "run again, and it goes on" in said
-    assert "0 of 7 files came (" in refused(scan, tmp_path / "801", one.endpoint, "another-bucket")
+    assert "801: 0 of 7 files were downloaded (no connection)" in said and "run again to continue" in said
+    assert "0 of 7 files were downloaded (" in refused(scan, tmp_path / "801", one.endpoint, "another-bucket")
 
 
 def test_a_series_that_the_bucket_has_not_leaves_the_other(s3, tmp_path):
     one, (scan, _) = s3
     missing = replace(scan, seg=replace(scan.seg, folder="00000000-0000-4000-8000-000000000000"))
     said = refused(missing, tmp_path / "801", one.endpoint)
-    assert "801: 6 of 7 files came (no object found)" in said
-    fetch(scan, tmp_path / "801", one.endpoint, BUCKET)
+    assert "801: 6 of 7 files were downloaded (no object found)" in said
+    fetch_scan(scan, tmp_path / "801", one.endpoint, BUCKET)
 
 
 @pytest.mark.parametrize("wrong", ["size", "count", "series", "doubled"])
 def test_what_is_not_as_listed_is_refused(s3, tmp_path, wrong):
     one, (scan, other) = s3
     said = {
-        "size": "the files of its CT are 0.01 MB, and 0.06 are listed",
-        "count": "6 of the 7 files of its CT are here",
-        "series": f"is of series {other.ct.uid}, not of {scan.ct.uid}",
+        "size": "the files of its CT have 0.01 MB, but the list says 0.06 MB",
+        "count": "6 of 7 files of its CT are present",
+        "series": f"belongs to series {other.ct.uid}, not to {scan.ct.uid}",
         "doubled": "is the same slice as",
     }[wrong]
     if wrong == "size":
@@ -196,14 +196,14 @@ def test_what_is_not_as_listed_is_refused(s3, tmp_path, wrong):
         first = min((one.folder / BUCKET / scan.ct.folder).iterdir())
         shutil.copy(first, partial / "again.dcm")
     line = refused(listed, tmp_path / "801", one.endpoint)
-    assert said in line and ("delete" in line or "keep one" in line), line
+    assert said in line and ("delete" in line or "remove one" in line), line
 
 
 def test_a_full_disk_is_said_before_anything_comes(s3, tmp_path, monkeypatch):
     one, (scan, _) = s3
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(fetching.shutil, "disk_usage", lambda path: usage._replace(free=1000))
-    assert "needs 0 MB, and 0 are free" in refused(scan, tmp_path / "801", one.endpoint)
+    assert "needs 0 MB, but only 0 MB are free" in refused(scan, tmp_path / "801", one.endpoint)
     assert files_in(tmp_path) == []
 
 
@@ -248,10 +248,10 @@ def bucket(tmp_path_factory):
 def test_a_folder_of_any_layout_is_read_by_tags(bucket, tmp_path, layout):
     folder, scans = bucket
     lay_out(scans, folder, tmp_path / "mine", layout)
-    found = found_scans(tmp_path / "mine", scans)
+    found = find_scans(tmp_path / "mine", scans)
     for scan in scans:
-        link(scan, found[scan.name], tmp_path / scan.name)
-        check(scan, tmp_path / scan.name)
+        link_scan(scan, found[scan.name], tmp_path / scan.name)
+        check_scan(scan, tmp_path / scan.name)
         slices = [pydicom.dcmread(path) for path in (tmp_path / scan.name / "ct").iterdir()]
         assert {one.SeriesInstanceUID for one in slices} == {scan.ct.uid}
         assert len({one.SOPInstanceUID for one in slices}) == 6
@@ -266,15 +266,15 @@ def test_what_is_wrong_in_a_folder_is_one_line(bucket, tmp_path, wrong):
     first, *_ = sorted((mine / scans[0].ct.folder).iterdir())
     if wrong == "missing":
         shutil.rmtree(mine / scans[1].seg.folder)
-        said = f"{mine}: 1 of 2 scans are not in it, the first is 802 ({scans[1].description}), whose SEG is missing"
+        said = f"{mine}: 1 of 2 scans are missing (first: 802, {scans[1].description}, without SEG)"
     elif wrong == "half":
         first.unlink()
-        said = f"{mine}: scan 801: 5 of the 6 files of its CT are here; bring that series once more"
+        said = f"{mine}: scan 801: 5 of 6 files of its CT are present; copy that series to"
     elif wrong == "doubled":
         again = mine / "zz" / "again.dcm"  # behind the others
         again.parent.mkdir()
         shutil.copy(first, again)
-        said = f"{again}: is the same slice as {first}; keep one of them"
+        said = f"{again}: is the same slice as {first}; remove one of them"
     elif wrong == "broken":
         first.write_bytes(first.read_bytes()[:200])
         said = f"{first}: cannot be read as DICOM"
@@ -282,7 +282,7 @@ def test_what_is_wrong_in_a_folder_is_one_line(bucket, tmp_path, wrong):
         mine = tmp_path / "elsewhere"
         said = f"downloads.scans: {mine}: no such folder"
     with pytest.raises(InputError) as error:
-        found_scans(mine, scans)
+        find_scans(mine, scans)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -294,27 +294,27 @@ def test_a_scan_that_went_wrong_after_it_came_is_one_line(bucket, tmp_path, wron
     target = tmp_path / "801"
     for series in scan.series:
         shutil.copytree(folder / series.folder, target / series.modality.lower())
-    check(scan, target, sizes=False)
+    check_scan(scan, target, sizes=False)
     first, *_ = sorted((target / "ct").iterdir())
     again = f"delete {target} and run snakemake fetch again"
     if wrong == "missing":
         first.unlink()
-        said = f"{target}: 5 of the 6 files of its CT are here; {again}"
+        said = f"{target}: 5 of 6 files of its CT are present; {again}"
     elif wrong == "foreign":
         stray = target / "ct" / "stray.dcm"
         shutil.copy(min((folder / other.ct.folder).iterdir()), stray)
-        said = f"{stray}: is of series {other.ct.uid}, not of {scan.ct.uid}; {again}"
+        said = f"{stray}: belongs to series {other.ct.uid}, not to {scan.ct.uid}; {again}"
     elif wrong == "doubled":
         copy = target / "ct" / "zz.dcm"
         shutil.copy(first, copy)
-        said = f"{copy}: is the same slice as {first}; keep one of them"
+        said = f"{copy}: is the same slice as {first}; remove one of them"
     elif wrong == "without regions":
         shutil.rmtree(target / "seg")
-        said = f"{target}: 0 of the 1 files of its SEG are here; {again}"
+        said = f"{target}: 0 of 1 files of its SEG are present; {again}"
     else:
         first.write_bytes(first.read_bytes()[:200])
         said = f"{first}: cannot be read as DICOM"
     with pytest.raises(InputError) as error:
-        check(scan, target, sizes=False)
+        check_scan(scan, target, sizes=False)
     assert str(error.value).startswith(said)
     assert "\n" not in str(error.value)

@@ -11,8 +11,8 @@ from virtual_phantom.features import extraction
 from virtual_phantom.features.names import FEATURES
 from virtual_phantom.features.settings import STUDY, differences, distinct_extractions, read_extractions
 from virtual_phantom.io.volumes import Volume
-from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.summary import summary
+from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.summary import summarize_recording
 
 ROIS = [{"name": name, "tissue_class": name, "label": label} for name, label in LABELS.items()]
 
@@ -66,7 +66,7 @@ def table(written, tmp_path):
 
 
 def test_values_are_those_of_the_study_s_own_extraction(table, images):
-    recording = load(table(conditions=["Dose"]))
+    recording = load_recording(table(conditions=["Dose"]))
     assert recording.features == FEATURES and recording.images_per_condition().to_dict() == {3: 3, 10: 3}
     labels = label_map()
     masks = {name: labels == label for name, label in LABELS.items()}
@@ -78,32 +78,32 @@ def test_values_are_those_of_the_study_s_own_extraction(table, images):
         pd.testing.assert_frame_equal(
             own[list(FEATURES)], theirs[list(FEATURES)].reset_index(drop=True), check_exact=False, rtol=1e-9
         )
-    notes = summary(recording)["notes"]
+    notes = summarize_recording(recording)["notes"]
     # 14 of shape, 5 of NGTDM, the co-occurrence's MCC and SumAverage.
-    assert len(notes) == 1 and notes[0].startswith("left out: 21 other features")
+    assert len(notes) == 1 and notes[0].startswith("ignored: 21 features")
 
 
 def test_masks_and_labels_give_the_same_table(table):
-    by_labels = load(table(conditions=["Dose"])).repeats
+    by_labels = load_recording(table(conditions=["Dose"])).repeats
     masks = [{"name": name, "tissue_class": name, "file": f"{name}.nii.gz"} for name in LABELS]
-    by_masks = load(table("masks", rois=masks, conditions=["Dose"])).repeats
+    by_masks = load_recording(table("masks", rois=masks, conditions=["Dose"])).repeats
     columns = ["image", "roi", "tissue_class", "Dose", *FEATURES]
     pd.testing.assert_frame_equal(by_labels[columns], by_masks[columns])
     patterns = [{"name": name, "tissue_class": name, "file": f"masks/{name[:2]}*"} for name in LABELS]
-    pd.testing.assert_frame_equal(by_masks, load(table("masks", rois=patterns, conditions=["Dose"])).repeats)
+    pd.testing.assert_frame_equal(by_masks, load_recording(table("masks", rois=patterns, conditions=["Dose"])).repeats)
 
 
 def test_settings_are_read_and_those_that_differ_are_said(table):
-    recording = load(table("other"))
+    recording = load_recording(table("other"))
     (found,) = recording.extractions
     assert found.settings["binWidth"] == 10 and found.version == extraction.pyradiomics.__version__
-    notes = summary(recording)["notes"]
+    notes = summarize_recording(recording)["notes"]
     assert [note for note in notes if note.startswith("setting")] == [
         "setting: binWidth is 10, the study's 25 (changes 70 of 86 features)",
         "setting: distances is [1, 2], the study's [1] (changes 32 of 86 features)",
         "setting: voxelArrayShift is 300, the study's 0 (changes 3 of 86 features)",
     ]
-    assert notes[0].startswith("left out: 765 other features")
+    assert notes[0].startswith("ignored: 765 features")
 
 
 def test_a_setting_changes_the_features_that_it_is_said_to_change(images, tmp_path):
@@ -136,9 +136,9 @@ def test_a_setting_changes_the_features_that_it_is_said_to_change(images, tmp_pa
 
 
 def test_rows_of_other_rois_and_features_are_left_out_and_counted(table):
-    recording = load(table(change=lambda t: t.drop(columns=FEATURES[40]), rois=ROIS[1:]))
+    recording = load_recording(table(change=lambda t: t.drop(columns=FEATURES[40]), rois=ROIS[1:]))
     assert recording.repeats["roi"].unique().tolist() == ["cyst"] and len(recording.features) == 85
-    assert "left out: 6 rows of ROIs that recording.yaml does not name" in recording.notes
+    assert "ignored: 6 rows of ROIs that recording.yaml does not name" in recording.notes
     assert f"missing: 1 of the 86 features ({FEATURES[40]})" in recording.notes
 
 
@@ -150,10 +150,10 @@ def test_columns_of_one_s_own(table):
         return t.assign(Segment=t["Segment"].map({label: name for name, label in LABELS.items()}))
 
     rois = [{"name": name, "tissue_class": name} for name in LABELS]
-    recording = load(table(change=named, rois=rois, image="Case", roi="Segment", conditions=["Dose"]))
+    recording = load_recording(table(change=named, rois=rois, image="Case", roi="Segment", conditions=["Dose"]))
     assert recording.repeats["image"].unique().tolist() == [f"case{number}" for number in range(6)]
     assert recording.repeats["roi"].tolist() == ["liver", "cyst"] * 6
-    whole = load(
+    whole = load_recording(
         table(
             change=lambda t: named(t).rename(columns={"Mask": "tissue_class"}), rois=None, image="Case", roi="Segment"
         )
@@ -168,23 +168,27 @@ def spoiled(**columns):
 @pytest.mark.parametrize(
     "change, rois, message",
     [
-        (None, None, "lacks the column roi; say under rois in recording.yaml which ROI each Label is"),
+        (None, None, "has no column roi; name the ROI of each Label under rois in recording.yaml"),
         (
             None,
             [ROIS[0] | {"label": 7}],
-            "no row is of ROI liver (label 7); the column Label holds 1, 5; the column Mask",
+            "no row matches ROI liver (label 7); the column Label contains 1, 5; the column Mask",
         ),
-        (None, [*ROIS, ROIS[0] | {"name": "x"}], "row 2 is of ROI liver (label 1) and of ROI x (label 1)"),
+        (None, [*ROIS, ROIS[0] | {"name": "x"}], "row 2 matches both ROI liver (label 1) and ROI x (label 1)"),
         (None, [ROIS[0] | {"margin_mm": 2}], "rois: margin_mm of liver has no meaning in a recording of features"),
-        (lambda t: t.drop(columns="Mask"), [{"name": "a", "tissue_class": "a", "file": "a"}], "lacks the column Mask"),
-        (lambda t: t.drop(columns="Label"), ROIS, "lacks the column Label; say in recording.yaml under features.roi"),
-        (lambda t: t.drop(columns="Image"), ROIS, "lacks the column image or Image"),
+        (lambda t: t.drop(columns="Mask"), [{"name": "a", "tissue_class": "a", "file": "a"}], "has no column Mask"),
+        (
+            lambda t: t.drop(columns="Label"),
+            ROIS,
+            "has no column Label; name the column in recording.yaml under features.roi",
+        ),
+        (lambda t: t.drop(columns="Image"), ROIS, "has no column image or Image"),
         (lambda t: t.assign(**dict.fromkeys([c for c in t if c.startswith("original")])), ROIS, "row 2 (image "),
-        (lambda t: t[[c for c in t if not c.startswith("original")]], ROIS, "holds no feature of pyradiomics"),
+        (lambda t: t[[c for c in t if not c.startswith("original")]], ROIS, "has no columns of features"),
         (
             lambda t: t.iloc[:0],
             ROIS,
-            "has no rows below the names of its columns; give the table that pyradiomics wrote",
+            "has no rows below its header; use the table that pyradiomics wrote",
         ),
         (lambda t: t.drop(columns=list(FEATURES)), ROIS, "have none of the 86 features of the study in common"),
         (spoiled(**{FEATURES[3]: float("nan")}), ROIS, f"{FEATURES[3]} is nan for roi liver"),
@@ -205,12 +209,12 @@ def spoiled(**columns):
                 diagnostics_Configuration_Settings=["{'binWidth': 25}"] * 11 + ["{'binWidth': 50}"],
             ),
             ROIS,
-            "repeats were extracted with binWidth 25 and 50; give a column that tells them apart",
+            "repeats were extracted with binWidth 25 and 50; list a column that distinguishes them",
         ),
         (
             spoiled(diagnostics_Configuration_Settings="{'force2D': True}"),
             ROIS,
-            "was extracted with force2D, slice by slice, but recording.yaml says 3 dimensions",
+            "was extracted slice by slice (force2D), but recording.yaml says features.dimensions 3",
         ),
     ],
 )
@@ -229,5 +233,5 @@ def test_conditions_may_have_settings_of_their_own(table):
     def other(t):
         return t.assign(diagnostics_Configuration_Settings=t["Dose"].map("{{'binWidth': {}}}".format))
 
-    recording = load(table(change=other, conditions=["Dose"]))
+    recording = load_recording(table(change=other, conditions=["Dose"]))
     assert [one.settings["binWidth"] for one in recording.extractions] == [3, 10]

@@ -20,9 +20,9 @@ from virtual_phantom.phantom import Roi, ct
 from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.projectors import projector
 from virtual_phantom.reconstruction import fbp
-from virtual_phantom.recordings.alignment import align_recording, carried_rois, check_same_phantom
-from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.registration import Search, describe, euler
+from virtual_phantom.recordings.alignment import align_recording, check_same_phantom, transfer_rois
+from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.registration import Search, describe_alignment, rigid_transform
 from virtual_phantom.simulation.acquire import simulate_counts
 
 REAL = Path(__file__).resolve().parents[2] / "../shared/real"
@@ -78,7 +78,7 @@ def coarse():
 def placed(rotation_deg, shift_mm):
     """The phantom's centre at the recording's, then shifted; rotated about it."""
     centre = np.array(OTHER_GRID.centre_mm) - GRID.centre_mm
-    return euler(GRID.centre_mm, rotation_deg, centre + shift_mm)
+    return rigid_transform(GRID.centre_mm, rotation_deg, centre + shift_mm)
 
 
 TURNED = placed((0, 2, -9), (-15, 14, -6))
@@ -86,7 +86,7 @@ TURNED = placed((0, 2, -9), (-15, 14, -6))
 
 def align(image, phantom, name):
     search = Search(image, phantom, name)
-    return search.result(search.finish(search.place(None)))
+    return search.checked(search.refine_to_finest(search.coarse_alignment(None)))
 
 
 @pytest.fixture(scope="module")
@@ -140,9 +140,9 @@ def other_object(points):
 @pytest.mark.parametrize(
     ("function", "message"),
     [
-        (other_object, "the phantom does not fit it: correlation"),
+        (other_object, "the phantom does not fit: correlation"),
         (lambda points: object_hu(points * [-1, 1, 1]), "with left and right swapped"),
-        (lambda points: 0 * points[..., 0] - 1000, "nothing in it is denser than -500 HU"),
+        (lambda points: 0 * points[..., 0] - 1000, "no voxel is above -500 HU"),
     ],
 )
 def test_another_object_is_refused(coarse, function, message):
@@ -161,7 +161,8 @@ def test_what_a_uniform_cylinder_does_not_tell_is_said():
 
     image = scanned(placed((0, 0, 3), (5, 5, 0)), 5, function=rods, grid=OTHER_COARSE)
     found = align(image, Volume(sampled(rods, COARSE), COARSE), name="a")
-    assert found.undetermined == ("z",) and "its place along z cannot be told" in describe(found)
+    assert found.undetermined == ("z",)
+    assert "its position along z is undetermined" in describe_alignment(found)
 
 
 def rois_on(grid, transform=None):
@@ -170,7 +171,7 @@ def rois_on(grid, transform=None):
 
 def test_rois_are_carried_to_where_they_are(aligned):
     image, found = aligned
-    carried = carried_rois(found, rois_on(GRID), GRID, image, "a")
+    carried = transfer_rois(found, rois_on(GRID), GRID, image, "a")
     for roi, right in zip(carried, rois_on(OTHER_GRID, TURNED), strict=True):
         assert roi.name == right.name and roi.mask.shape == OTHER_GRID.shape
         overlap = 2 * (roi.mask & right.mask).sum() / (roi.mask.sum() + right.mask.sum())
@@ -183,16 +184,16 @@ def test_rois_out_of_sight_are_refused(aligned):
     middle = OTHER_GRID.centre_mm[2] - (OTHER_GRID.shape[0] - lower) / 2 * OTHER_GRID.spacing[0]
     half = Volume(image.array[:lower], replace(OTHER_GRID, shape=(lower, 90, 96), centre_mm=(30.0, 10.0, middle)))
     with pytest.raises(InputError, match="recording a: covers only [0-9]+ % of ROI bright"):
-        carried_rois(found, rois_on(GRID), GRID, half, "a")
+        transfer_rois(found, rois_on(GRID), GRID, half, "a")
     padded = image.array.copy()
     padded[:, :, :45] = -3024
     with pytest.raises(InputError, match="% of ROI dark"):
-        carried_rois(found, rois_on(GRID)[1:], GRID, Volume(padded, OTHER_GRID), "a")
+        transfer_rois(found, rois_on(GRID)[1:], GRID, Volume(padded, OTHER_GRID), "a")
     speck = np.zeros(GRID.shape, bool)
     speck[10, 30, 30] = True
     wide = Volume(np.zeros((8, 22, 22), np.float32), Grid((8, 22, 22), (10.0, 10.0, 10.0), OTHER_GRID.centre_mm))
-    with pytest.raises(InputError, match="ROI speck fills none"):
-        carried_rois(found, [Roi("speck", "a", speck)], GRID, wide, "a")
+    with pytest.raises(InputError, match="ROI speck fills no voxel"):
+        transfer_rois(found, [Roi("speck", "a", speck)], GRID, wide, "a")
 
 
 def recording_of(folder, images, **content):
@@ -200,7 +201,7 @@ def recording_of(folder, images, **content):
     write_yaml(folder, {"name": "scanner_a", "kind": "images", "repeats": names, **content})
     for name, image in zip(names, images, strict=True):
         phantom_files.write_nifti_array(image.array, folder / name, grid=image.grid)
-    return load(folder)
+    return load_recording(folder)
 
 
 def test_repeats_are_averaged_and_a_moved_one_is_refused(phantom, tmp_path):
@@ -212,7 +213,7 @@ def test_repeats_are_averaged_and_a_moved_one_is_refused(phantom, tmp_path):
     assert [shift.repeat for shift in shifts] == ["0.nii.gz", "1.nii.gz", "2.nii.gz"]
     assert shifts[0].farthest_mm == 0 and max(shift.farthest_mm for shift in shifts) < 0.5
     moved = [still[0], scanned(placed((0, 0, 3), (5, -1, 2)), 40)]
-    with pytest.raises(InputError, match=r"1.nii.gz: lies up to [45]\.\d mm from the first repeat"):
+    with pytest.raises(InputError, match=r"1.nii.gz: is displaced by up to [45]\.\d mm from the first repeat"):
         align_recording(recording_of(tmp_path / "moved", moved), phantom)
 
 
@@ -221,11 +222,11 @@ def test_only_the_study_s_own_phantom(phantom, tmp_path):
     assert check_same_phantom(recording_of(tmp_path / "any", [image]), "ct", "a.nii.gz") is None
     named = recording_of(tmp_path / "named", [image], phantom="synthetic")
     assert check_same_phantom(named, "synthetic", None) is None
-    with pytest.raises(InputError, match="its phantom is 'synthetic', the study's is ct or a.nii.gz"):
+    with pytest.raises(InputError, match="phantom is 'synthetic', but the study's phantom is ct or a.nii.gz"):
         check_same_phantom(named, "ct", "a.nii.gz")
     by_path = recording_of(tmp_path / "path", [image], phantom="0.nii.gz")
     assert check_same_phantom(by_path, "ct", tmp_path / "path" / "0.nii.gz") is None
-    with pytest.raises(InputError, match="its phantom is '0.nii.gz'"):
+    with pytest.raises(InputError, match="phantom is '0.nii.gz'"):
         check_same_phantom(by_path, "synthetic", None)
 
 
@@ -259,7 +260,7 @@ def test_a_simulated_scan_of_the_clinical_ct_registered_back():
     study = Grid((20, 144, 144), (2.0, 2.6, 2.6), centre)
     phantom = Volume(ct.resample(trunk, study, outside=-1000.0), study)
     own = Grid((32, 220, 220), (2.0, 2.0, 2.0), (centre[0] + 3, centre[1] - 14, centre[2] + 4))
-    truth = euler(centre, (0.8, -0.6, 5), (9, -17, 5))
+    truth = rigid_transform(centre, (0.8, -0.6, 5), (9, -17, 5))
     found = align(simulated_scan(trunk, truth, own), phantom, name="abdomen")
     shift, angle = errors(found, truth, study)
     assert np.abs(shift).max() < 0.2 * 2.0 and angle < 0.1, (shift, angle)

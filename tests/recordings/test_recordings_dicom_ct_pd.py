@@ -186,9 +186,9 @@ def test_corrections_photons_and_labels_come_along_and_patients_do_not(scan, tmp
         "Planted" not in content + capsys.readouterr().out
         and b"Planted" not in (folder / "projections.h5").read_bytes()
     )
-    from virtual_phantom.recordings.reading import load
+    from virtual_phantom.recordings.reading import load_recording
 
-    recording = load(folder)
+    recording = load_recording(folder)
     assert recording.document.content["corrected"] == ["beam_hardening", "dark", "scatter"]
     assert recording.nominal["photons"] == pytest.approx(2e5) and recording.nominal["tube_kvp"] == 120
     tried = candidates({}, corrected=recording.document.content["corrected"])
@@ -201,22 +201,22 @@ def test_corrections_photons_and_labels_come_along_and_patients_do_not(scan, tmp
         (lambda f: change(f, 5, SeriesInstanceUID="1.2.3"), "is of another scan than view000001.dcm by its series"),
         (
             lambda f: change(f, 5, FOCAL_RADIUS=541.0),
-            "another scan than view000001.dcm by its distance of the focal centre",
+            "another scan than view000001.dcm by its distance of the focal center",
         ),
         (lambda f: (f / "view000020.dcm").unlink(), "view 20 is missing, between view000019.dcm and view000021.dcm"),
-        (lambda f: change(f, 5, InstanceNumber=6), "view 6 is in view000005.dcm too"),
-        (lambda f: change(f, 1, 2, SPOT_Z=lambda z: -z), "has another focal spot than FFSXYZ puts there"),
+        (lambda f: change(f, 5, InstanceNumber=6), "view 6 is also in view000005.dcm"),
+        (lambda f: change(f, 1, 2, SPOT_Z=lambda z: -z), "mm from its position in mode FFSXYZ"),
         (lambda f: change(f, SPOT_MODE="FFSNONE"), "mode is FFSNONE (7033,100E), but its shifts vary by 1.32 mm"),
-        (lambda f: change(f, Rows=736), "holds 736 x 8 pixels (0028,0010 and 0011), its detector has 8 rows and 92"),
+        (lambda f: change(f, Rows=736), "has 736 x 8 pixels (0028,0010 and 0011), but 8 detector rows and 92"),
         (lambda f: change(f, ROWS=92, COLUMNS=8), "92 detector rows and 8 columns (7029,1010 and 1011) look swapped"),
         (lambda f: swap(f), "(7033,100B) and (7033,100C) look swapped; import with --swapped-shifts"),
-        (lambda f: change(f, SHAPE="FLAT"), "a flat detector (7029,100B) would see"),
-        (lambda f: change(f, SHAPE="SPHERICAL"), "the detector is SPHERICAL (7029,100B)"),
-        (lambda f: change(f, LOGARITHM="NO"), "its values are not line integrals"),
+        (lambda f: change(f, SHAPE="FLAT"), "but a flat detector (7029,100B) would see"),
+        (lambda f: change(f, SHAPE="SPHERICAL"), "the detector (7029,100B) is SPHERICAL"),
+        (lambda f: change(f, LOGARITHM="NO"), "the values are not line integrals"),
         (lambda f: change(f, RescaleIntercept=0.3), "the object is larger than the field of view"),
         (lambda f: change(f, TRAJECTORY="AXIAL"), "mm off along z (7031,1002)"),
-        (lambda f: change(f, VIEWS_PER_TURN=64), "64 per rotation (7033,1013) would be 5.625"),
-        (lambda f: [path.unlink() for path in f.glob("*.dcm")], "holds no DICOM file"),
+        (lambda f: change(f, VIEWS_PER_TURN=64), "64 views per rotation (7033,1013) would be 5.625"),
+        (lambda f: [path.unlink() for path in f.glob("*.dcm")], "has no DICOM file"),
     ],
 )
 def test_contradictions_end_in_one_line(spoil, message, scan, tmp_path):

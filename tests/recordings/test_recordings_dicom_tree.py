@@ -12,7 +12,7 @@ from phantom_files import CT_GRID, ct_slices, object_hu, write_series
 from virtual_phantom.base.errors import InputError, lines_of
 from virtual_phantom.recordings.importers.command import run
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 
 
 def scan(folder, seed, kernel="Br38f", **attributes):
@@ -98,7 +98,7 @@ def test_three_scans_are_three_repeats(kind, tree, expected, tmp_path, caplog):
 def test_a_copy_of_a_scan_is_no_repeat(tree, expected, tmp_path, caplog):
     shutil.copytree(tree / "scan1", tree / "scan1_copy")
     assert means(tree, tmp_path) == expected
-    assert f"{tree}/scan1_copy: not used: a copy of {tree}/scan1" in notes(caplog)
+    assert f"{tree}/scan1_copy: not used: copy of {tree}/scan1" in notes(caplog)
 
 
 def test_a_series_spread_over_folders_is_one_repeat(tree, expected, tmp_path):
@@ -147,7 +147,7 @@ def test_rounding_in_headers_makes_no_difference(tmp_path):
 @pytest.mark.parametrize(
     ("attributes", "message"),
     [
-        ({"Manufacturer": "B" * 200}, "Manufacturer is no text of DICOM"),
+        ({"Manufacturer": "B" * 200}, "Manufacturer is not valid DICOM text"),
         ({"SpiralPitchFactor": float("inf")}, "SpiralPitchFactor is not a finite number"),
     ],
 )
@@ -163,7 +163,7 @@ def test_numbers_that_no_scan_has_are_reported_and_left_out(tmp_path, caplog):
     content = recording.document.content
     assert content["scan"] == {"source_to_detector_mm": 1500} and content["nominal"]["tube_kvp"] == 120
     assert not {"pitch", "dose_mgy"} & content["nominal"].keys()
-    (line,) = (one for one in caplog.messages if "not kept" in one)
+    (line,) = (one for one in caplog.messages if "omitted" in one)
     assert "pitch (0.0), dose_mgy (-1.0), source_to_isocentre_mm (0.0)" in line
 
 
@@ -184,17 +184,17 @@ def test_a_series_that_is_no_ct_in_hu_is_named_and_can_be_overruled(change, chec
     assert line.startswith(f"{folder}: ") and words in line and line.endswith(f"not_checked: [{check}])")
     assert not target.exists()
     assert run(["dicom", str(folder), str(target), "--not-checked", check]) == 0
-    assert load(target).document.content["not_checked"] == [check]
+    assert load_recording(target).document.content["not_checked"] == [check]
     with pytest.raises(InputError, match="--not-checked: there is no check 'sizes'; did you mean 'size'"):
         import_dicom_tree(folder, tmp_path / "other", not_checked=["sizes"])
 
 
 def test_a_file_instead_of_a_folder_is_named(tmp_path):
     folder = scan(tmp_path / "a", 1)
-    with pytest.raises(InputError, match=r"001.dcm: is one DICOM file; give the top of a tree of DICOM series"):
+    with pytest.raises(InputError, match=r"001.dcm: is one DICOM file; use the top folder of a tree of DICOM series"):
         import_dicom_tree(folder / "001.dcm", tmp_path / "b")
     (tmp_path / "a.zip").write_bytes(b"PK" + bytes(200))
-    with pytest.raises(InputError, match=r"a.zip: is an archive; unpack it to use what is in it; give the top"):
+    with pytest.raises(InputError, match=r"a.zip: is an archive; unpack it to use what is in it; use the top"):
         import_dicom_tree(tmp_path / "a.zip", tmp_path / "b")
 
 

@@ -8,7 +8,7 @@ from recording_folders import SCAN, changed, features_folder, projections_folder
 
 from virtual_phantom.base.errors import InputError, InputErrors
 from virtual_phantom.recordings.document import read_document
-from virtual_phantom.recordings.scan import assumed, scan_geometry, timed
+from virtual_phantom.recordings.scan import has_view_times, scan_geometry, view_time_note
 
 
 @pytest.fixture
@@ -41,10 +41,10 @@ def test_defaults_and_files(bench):
         ("nominal.tube_kvp", 120000, "nominal.tube_kvp: 120000 is greater than the maximum of 500"),
         ("features", {}, "'features' has no meaning in a recording of projections"),
         ("rois", [{"name": "a", "tissue_class": "b", "file": "a.h5"}], "'rois' has no meaning"),
-        ("repeats", ["a.h5", "none.h5"], "'none.h5' is not there"),
+        ("repeats", ["a.h5", "none.h5"], "'none.h5' does not exist"),
         ("repeats", ["a.h5", "a.h5"], "repeats"),
         ("repeats", ["a.h5", "./a.h5"], "are the same file"),
-        ("held_out", ["b.h5"], "'b.h5' is among the repeats and held out"),
+        ("held_out", ["b.h5"], "'b.h5' is under both repeats and held_out"),
         ("scan.table_feed_mm", 20, "not 0 in a circular scan"),
         ("scan.trajectory", "helical", "scan.table_feed_mm is missing; a helical scan needs it"),
         ("scan.detector", "curved", "flat, cylindrical"),
@@ -78,9 +78,9 @@ def test_all_mistakes_are_told_at_once(bench):
         "scan.views: 24.5 is not of type 'integer'",
         "tube_kvp: 120000 is greater",
         "'rois' has no meaning",
-        "'none.h5' is not there",
-        "'gone.h5' is not there",
-        "'a.h5' is among the repeats and held out",
+        "'none.h5' does not exist",
+        "'gone.h5' does not exist",
+        "'a.h5' is under both repeats and held_out",
     )
     for one in said:
         assert sum(one in line for line in error.value.lines) == 1, (one, error.value.lines)
@@ -157,17 +157,17 @@ def read_like(scan):
         ({"rotation_time_ms": 480}, 20, None, None),
         ({"view_interval_ms": 20, "exposure_ms": 5}, 20, 5, None),
         ({"rotation_time_ms": 480, "view_interval_ms": 20.1, "exposure_ms": 0}, 20, 0, None),
-        ({"exposure_ms": 1200}, 1200, 1200, "without a pause, every 1200 ms"),
-        ({"exposure_ms": 0}, None, 0, "cannot be looked for"),
-        ({}, None, None, "cannot be looked for"),
+        ({"exposure_ms": 1200}, 1200, 1200, "assumed to be the exposure, 1200 ms"),
+        ({"exposure_ms": 0}, None, 0, "cannot be diagnosed"),
+        ({}, None, None, "cannot be diagnosed"),
     ],
 )
 def test_times_are_as_stated_or_said_to_be_taken_for_granted(stated, interval_ms, exposure_ms, words):
     scan = {key: value for key, value in SCAN.items() if key != "rotation_time_ms"} | stated
     geometry = scan_geometry(scan, "a")
     assert (geometry.view_interval_ms, geometry.exposure_ms) == (interval_ms, exposure_ms)
-    assert words is None and assumed(scan) is None or words in assumed(scan)
-    assert timed({"kind": "projections", "scan": scan}) == (interval_ms is not None)
+    assert words is None and view_time_note(scan) is None or words in view_time_note(scan)
+    assert has_view_times({"kind": "projections", "scan": scan}) == (interval_ms is not None)
     if interval_ms is None:
         with pytest.raises(InputError, match="the time between views is not known"):
             geometry.times_s  # noqa: B018
@@ -181,8 +181,8 @@ def test_times_are_as_stated_or_said_to_be_taken_for_granted(stated, interval_ms
 @pytest.mark.parametrize(
     ("stated", "message"),
     [
-        ({"view_interval_ms": 25}, "scan.view_interval_ms 25 is not rotation_time_ms over views_per_rotation, 20"),
-        ({"exposure_ms": 30}, "scan.exposure_ms 30 is longer than a view's interval, 20 ms"),
+        ({"view_interval_ms": 25}, "scan.view_interval_ms is 25, but rotation_time_ms / views_per_rotation is 20"),
+        ({"exposure_ms": 30}, "scan.exposure_ms 30 is longer than the time between views, 20 ms"),
     ],
 )
 def test_times_that_contradict_each_other_are_refused(stated, message):

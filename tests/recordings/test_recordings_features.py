@@ -9,9 +9,8 @@ from recording_folders import changed, features_folder, features_table, refused,
 
 from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.features.table_files import read_table
-from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.summary import readable, summary
-from virtual_phantom.recordings.summary import table as listed
+from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.summary import readable, summarize_recording, summary_table
 from virtual_phantom.statistics.comparability import SIZED
 
 
@@ -21,7 +20,7 @@ def table(tmp_path):
 
 
 def test_values_come_back_bit_for_bit(table):
-    recording = load(table[0])
+    recording = load_recording(table[0])
     written = pd.concat([features_table(), features_table(start=3)], ignore_index=True)
     pd.testing.assert_frame_equal(recording.repeats, written[recording.repeats.columns], check_exact=True)
     assert recording.features == FEATURES and recording.held_out.empty
@@ -45,12 +44,12 @@ def spoiled(table, change):
 @pytest.mark.parametrize(
     "change, message",
     [
-        (lambda t: t.drop(columns="roi"), "b.csv: lacks the column roi"),
-        (lambda t: t.drop(columns="tissue_class"), "b.csv: lacks the column tissue_class"),
-        (lambda t: t.drop(columns="dose_mgy"), "b.csv: lacks the column dose_mgy"),
+        (lambda t: t.drop(columns="roi"), "b.csv: has no column roi"),
+        (lambda t: t.drop(columns="tissue_class"), "b.csv: has no column tissue_class"),
+        (lambda t: t.drop(columns="dose_mgy"), "b.csv: has no column dose_mgy"),
         (
             lambda t: t.drop(columns=list(FEATURES[3:5])),
-            f"b.csv: lacks the column {FEATURES[3]} and 1 more; if they were not",
+            f"b.csv: has no column {FEATURES[3]} and 1 more; add it",
         ),
         (lambda t: t.rename(columns={FEATURES[0]: "original_firstorder_10Percentil"}), f"did you mean {FEATURES[0]}?"),
         (lambda t: t.assign(original_ngtdm_Busyness=1.0), "unknown feature original_ngtdm_Busyness"),
@@ -62,8 +61,8 @@ def spoiled(table, change):
         (lambda t: t.assign(tissue_class=[f"c{i}" for i in range(6)]), "roi cyst_1 has more than one tissue_class"),
         (lambda t: t.assign(dose_mgy=range(6)), "image i3 has more than one dose_mgy"),
         (lambda t: t.assign(image=[None, *t["image"][1:]]), "image is empty in row 2"),
-        (lambda t: t.iloc[:0], "b.csv: holds no rows"),
-        (lambda t: t.assign(image=t["image"].replace("i3", "i0")), "b.csv: image i0 is in a.csv too"),
+        (lambda t: t.iloc[:0], "b.csv: has no rows"),
+        (lambda t: t.assign(image=t["image"].replace("i3", "i0")), "b.csv: image i0 is also in a.csv"),
         (lambda t: features_table(start=3, mean=1100.0), "set features.stored_offset_hu: 1024"),
     ],
 )
@@ -88,8 +87,8 @@ def test_absent_features_must_be_named_and_known(table):
     folder, content = table
     for name, start in (("a", 0), ("b", 3)):
         features_table(start=start).drop(columns=FEATURES[15]).to_csv(folder / f"{name}.csv", index=False)
-    refused(folder, f"lacks the column {FEATURES[15]}; if they were not extracted, list them under features.absent")
-    recording = load(write_yaml(folder, changed(content, "features.absent", [FEATURES[15]])))
+    refused(folder, f"has no column {FEATURES[15]}; add it; if it was not extracted, list it under features.absent")
+    recording = load_recording(write_yaml(folder, changed(content, "features.absent", [FEATURES[15]])))
     assert len(recording.features) == 85 and FEATURES[15] not in recording.features
     refused(write_yaml(folder, changed(content, "features.absent", ["original_glcm_MC"])), "unknown feature")
 
@@ -99,7 +98,7 @@ def test_stored_values_must_be_announced_and_are_then_left_alone(table):
     for name, start in (("a", 0), ("b", 3)):
         features_table(start=start, mean=1064.0).to_csv(folder / f"{name}.csv", index=False)
     refused(folder, "set features.stored_offset_hu: 1024")
-    recording = load(write_yaml(folder, changed(content, "features.stored_offset_hu", 1024)))
+    recording = load_recording(write_yaml(folder, changed(content, "features.stored_offset_hu", 1024)))
     assert recording.stored_offset_hu == 1024 and "HU + 1024" in recording.notes[0]
     assert recording.repeats["original_firstorder_Mean"].between(1060, 1070).all()
     features_table().to_csv(folder / "a.csv", index=False)
@@ -114,21 +113,22 @@ def test_summary_says_where_the_voxels_are_not_the_study_s(table):
         rows["original_firstorder_TotalEnergy"] = 8 * rows["original_firstorder_Energy"]
         rows.to_csv(folder / f"{name}.csv", index=False)
     line = (
-        "voxels are of 8 mm³, the study's of 27 mm³: {} of the features grow with their number and cannot be compared"
+        "voxels have 8 mm³, the study's voxels 27 mm³: {} of the features depend on the number of voxels and cannot be "
+        "compared"
     )
-    recording = load(write_yaml(folder, content))
-    assert summary(recording, voxel_mm=[3, 3, 3])["notes"][-1] == line.format(len(SIZED))
-    assert summary(recording, voxel_mm=[2, 2, 2])["notes"] == summary(recording)["notes"] == []
-    flat = load(write_yaml(folder, changed(content, "features.dimensions", 2)))
-    assert summary(flat, voxel_mm=[3, 3, 3])["notes"] == []
+    recording = load_recording(write_yaml(folder, content))
+    assert summarize_recording(recording, voxel_mm=[3, 3, 3])["notes"][-1] == line.format(len(SIZED))
+    assert summarize_recording(recording, voxel_mm=[2, 2, 2])["notes"] == summarize_recording(recording)["notes"] == []
+    flat = load_recording(write_yaml(folder, changed(content, "features.dimensions", 2)))
+    assert summarize_recording(flat, voxel_mm=[3, 3, 3])["notes"] == []
     absent = changed(content, "features.absent", ["original_firstorder_TotalEnergy"])
     for name in ("a", "b"):
         pd.read_csv(folder / f"{name}.csv").drop(columns="original_firstorder_TotalEnergy").to_csv(
             folder / f"{name}.csv", index=False
         )
-    assert summary(load(write_yaml(folder, absent)), voxel_mm=[3, 3, 3])["notes"] == []
-    stated = load(write_yaml(folder, changed(absent, "nominal.voxel_mm", [2, 2, 2])))
-    assert summary(stated, voxel_mm=[3, 3, 3])["notes"][-1] == line.format(len(SIZED) - 1)
+    assert summarize_recording(load_recording(write_yaml(folder, absent)), voxel_mm=[3, 3, 3])["notes"] == []
+    stated = load_recording(write_yaml(folder, changed(absent, "nominal.voxel_mm", [2, 2, 2])))
+    assert summarize_recording(stated, voxel_mm=[3, 3, 3])["notes"][-1] == line.format(len(SIZED) - 1)
 
 
 def test_summary_counts_images_by_condition(table):
@@ -137,13 +137,13 @@ def test_summary_counts_images_by_condition(table):
         folder / "b.csv", index=False
     )
     features_table(2, start=9).to_csv(folder / "c.csv", index=False)
-    found = summary(load(write_yaml(folder, content | {"held_out": ["c.csv"]})))
+    found = summarize_recording(load_recording(write_yaml(folder, content | {"held_out": ["c.csv"]})))
     assert (found["repeats"], found["held_out"]) == (6, 2)
     assert found["content"]["conditions"] == {"dose_mgy": [10, 3]} and found["content"]["images_per_condition"] == [
         3,
         3,
     ]
-    assert found["notes"] == ["some of the ROIs are missing in 1 of 6 images"]
+    assert found["notes"] == ["ROIs are missing in 1 of 6 images"]
 
 
 def test_the_listing_asks_of_a_table_for_nothing_that_it_does_not_need(table):
@@ -153,7 +153,7 @@ def test_the_listing_asks_of_a_table_for_nothing_that_it_does_not_need(table):
         written = write_yaml(
             folder, {key: content[key] for key in ("name", "kind", "repeats")} | {"features": features}
         )
-        return readable(listed({"clinic": summary(load(written))}))
+        return readable(summary_table({"clinic": summarize_recording(load_recording(written))}))
 
     rois = len(set(features_table()["roi"]))
     without = listing({}).splitlines()

@@ -12,8 +12,8 @@ from recording_folders import changed, images_folder, refused, write_yaml
 from scipy.spatial.transform import Rotation
 
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.summary import summary
+from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.summary import summarize_recording
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def dicom_folder(folder, **tags):
 
 
 def test_repeats_and_rois_are_read_in_place(scanner):
-    recording = load(scanner[0])
+    recording = load_recording(scanner[0])
     assert recording.grid.matches(CT_GRID) and len(recording.repeats) == 2 and len(recording.held_out) == 0
     for image in recording.repeats:
         np.testing.assert_array_equal(image.array, object_hu())
@@ -48,7 +48,7 @@ def test_repeats_and_rois_are_read_in_place(scanner):
 def test_dicom_facts_are_kept_and_patients_are_not(tmp_path):
     """PatientName is A^B, PatientID 1, StudyDate 20200101 in every slice."""
     folder, _ = dicom_folder(tmp_path / "clinic", PatientName="Doe^Jane", PatientBirthDate="19440101")
-    recording = load(folder)
+    recording = load_recording(folder)
     assert recording.provenance.dicom == {
         "tube_kvp": 120,
         "kernel": "Br38f/3",
@@ -58,11 +58,11 @@ def test_dicom_facts_are_kept_and_patients_are_not(tmp_path):
         "mas": pytest.approx(106.5),
     }
     np.testing.assert_array_equal(recording.repeats[1].array, object_hu())
-    text = json.dumps(summary(recording)) + repr(recording)
+    text = json.dumps(summarize_recording(recording)) + repr(recording)
     text = re.sub("[0-9a-f]{64}", "", text)  # among 28 checksums 1944 stands by chance now and then
     for private in ("Doe", "Jane", "1944", "A^B", "20200101"):
         assert private not in text
-    digests = summary(recording)["sha256"]
+    digests = summarize_recording(recording)["sha256"]
     assert len(digests["one"]) == len(digests["two"]) == 14 and all(len(digest) == 64 for digest in digests["one"])
 
 
@@ -86,7 +86,7 @@ def test_a_repeat_that_is_rotated_is_refused(scanner):
         turn[:3, :3] = Rotation.from_rotvec([0, 0, np.radians(degrees)]).as_matrix()
         turn[:3, 3] = CT_GRID.centre_mm - turn[:3, :3] @ CT_GRID.centre_mm
         nibabel.save(nibabel.Nifti1Image(object_hu().T, turn @ CT_GRID.affine), scanner[0] / f"{name}.nii.gz")
-    refused(scanner[0], "two.nii.gz: is rotated against one.nii.gz; resample it onto the same grid")
+    refused(scanner[0], "two.nii.gz: is rotated relative to one.nii.gz; resample it to the same grid")
 
 
 @pytest.mark.parametrize("offset", [1000, 1024])
@@ -115,7 +115,7 @@ def test_images_are_checked_as_a_ct_is_unless_it_is_named(scanner, spoil, check,
     array = object_hu()
     write_nifti_array(spoil(array), folder / "two.nii.gz")
     refused(folder, message)
-    assert len(load(write_yaml(folder, content | {"not_checked": [check]})).repeats) == 2
+    assert len(load_recording(write_yaml(folder, content | {"not_checked": [check]})).repeats) == 2
     refused(write_yaml(folder, content | {"not_checked": ["units"]}), "not_checked")
 
 
@@ -128,8 +128,8 @@ def test_dicom_without_its_rescale_is_refused(tmp_path):
     [
         ({"ImageOrientationPatient": [1, 0, 0, 0, 0.9848, 0.1736]}, "tilted"),
         ({"GantryDetectorTilt": 12}, "tilted"),
-        ({"ConvolutionKernel": ["Br59d", "3"]}, "one is Br38f/3: these are not repeats"),
-        ({"KVP": 100}, "two: tube_kvp is 100.0, that of"),
+        ({"ConvolutionKernel": ["Br59d", "3"]}, "one has Br38f/3; repeats must come from one scan"),
+        ({"KVP": 100}, "two: tube_kvp is 100.0, but"),
         ({"SliceThickness": 2}, "two: slice_thickness_mm is 2.0"),
         ({"Modality": "MR"}, "modality is MR"),
     ],
@@ -158,15 +158,15 @@ def test_slices_that_disagree_are_refused(tmp_path):
     for number, ds in enumerate(slices):
         ds.KVP = 120 if number else 80
     write_series(slices, folder / "two")
-    refused(folder, "two: its slices disagree on KVP (120.0, 80.0)")
+    refused(folder, "two: slices disagree on KVP (120.0, 80.0)")
 
 
 def test_nominal_must_not_contradict_dicom(tmp_path):
     folder, content = dicom_folder(tmp_path / "r")
     refused(
-        write_yaml(folder, content | {"nominal": {"kernel": "Br59d"}}), "nominal.kernel is Br59d, the DICOM headers"
+        write_yaml(folder, content | {"nominal": {"kernel": "Br59d"}}), "nominal.kernel is Br59d, but the DICOM headers"
     )
-    assert load(write_yaml(folder, content | {"nominal": {"kernel": "Br38f/3", "tube_kvp": 120}}))
+    assert load_recording(write_yaml(folder, content | {"nominal": {"kernel": "Br38f/3", "tube_kvp": 120}}))
 
 
 @pytest.mark.parametrize("factor", [0.1, 100.0])
@@ -203,7 +203,7 @@ def test_broken_images_are_refused(scanner):
         ("rois", [{"name": "a", "tissue_class": "b", "label": 0}], "recording.yaml: rois.0.label: 0 is less than"),
         ("rois", [{"name": "a", "tissue_class": "b", "label": 1, "margin_mm": 50}], "ROI a is lost by margin_mm"),
         ("rois", [{"name": "a", "tissue_class": "b", "label": 1}] * 2, "the name a is given twice"),
-        ("scan", {"source_to_isocentre_mm": 1000, "source_to_detector_mm": 595}, "is not more than"),
+        ("scan", {"source_to_isocentre_mm": 1000, "source_to_detector_mm": 595}, "is not larger than"),
     ],
 )
 def test_regions_and_scan_facts_that_cannot_be(scanner, path, value, message):
@@ -215,7 +215,7 @@ def test_padding_is_mentioned(scanner):
     array = object_hu()
     array[:, :3] = -3024
     write_nifti_array(array, scanner[0] / "two.nii.gz")
-    recording = load(scanner[0])
+    recording = load_recording(scanner[0])
     assert len(recording.notes) == 1 and recording.notes[0].startswith(
         "two.nii.gz: 8 % of the voxels are below -1100 HU"
     )

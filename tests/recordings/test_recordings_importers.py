@@ -18,7 +18,7 @@ from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
 from virtual_phantom.recordings.importers.feature_tables import import_features
 from virtual_phantom.recordings.importers.htc2022 import import_htc2022
 from virtual_phantom.recordings.importers.next_steps import next_steps
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
@@ -67,13 +67,13 @@ def test_a_sinogram_becomes_a_fan_beam(tmp_path):
 @pytest.mark.parametrize(
     "changes, message",
     [
-        ({"distanceUnit": "cm"}, "distances are in cm"),
-        ({"angles": np.arange(12.0)}, "sinogram of (13, 112) for 12 angles"),
+        ({"distanceUnit": "cm"}, "distanceUnit is cm; convert all distances to mm"),
+        ({"angles": np.arange(12.0)}, "sinogram has shape (13, 112), but there are 12 angles"),
         ({"angles": np.r_[np.arange(12.0), 20]}, "not evenly spaced"),
-        ({"sinogram": "x"}, "the field sinogram does not hold a matrix of numbers; restore the file"),
-        ({"angles": "y"}, "the field angles does not hold finite numbers; restore"),
-        ({"pixelSizePost": [1.0, 2.0]}, "the field pixelSizePost does not hold a finite number; restore"),
-        ({"numDetectorsPost": np.nan}, "the field numDetectorsPost does not hold a finite number; restore"),
+        ({"sinogram": "x"}, "the field sinogram does not contain a matrix of numbers; restore the file"),
+        ({"angles": "y"}, "the field angles does not contain finite numbers; restore"),
+        ({"pixelSizePost": [1.0, 2.0]}, "the field pixelSizePost does not contain a finite number; restore"),
+        ({"numDetectorsPost": np.nan}, "the field numDetectorsPost does not contain a finite number; restore"),
         ({"distanceSourceOrigin": None}, "has no field distanceSourceOrigin"),
         ({"distanceSourceOrigin": 41.066}, "scan.source_to_isocentre_mm: 41.066 is less than the minimum of 100"),
         ({"sinogram": np.full((13, 112), np.nan)}, "disc/projections.h5: 1456 line integrals are NaN"),
@@ -97,7 +97,7 @@ def test_a_segmentation_becomes_the_mask_of_what_was_scanned(tmp_path):
     _, y, x = mask.grid.axes_mm()
     centre = (mask.array[0] * x).sum() / mask.array.sum(), (mask.array[0] * y[:, None]).sum() / mask.array.sum()
     assert centre == pytest.approx(((49.5 - 31.5) * pixel, (31.5 - 7.5) * pixel), abs=0.01)
-    for source, message in (("none.mat", "no such file; give a segmentation"), ("s.mat", "holds no segmentation")):
+    for source, message in (("none.mat", "no such file; use a segmentation"), ("s.mat", "has no segmentation")):
         run = lambda source=source: import_htc2022(tmp_path / "s.mat", tmp_path / "b", segmentation=tmp_path / source)  # noqa: E731
         import_refused(tmp_path / "b", run, message)
 
@@ -108,7 +108,7 @@ def test_other_and_truncated_mat_files_are_refused(tmp_path):
     whole = (tmp_path / "s.mat").read_bytes()
     (tmp_path / "half.mat").write_bytes(whole[: len(whole) // 2])
     for name, message in (
-        ("seg", "holds no CtDataFull or CtDataLimited but reconFullFbpSeg"),
+        ("seg", "has no CtDataFull or CtDataLimited but reconFullFbpSeg"),
         ("half", "cannot be read as MATLAB v5"),
         ("none", "no such file"),
     ):
@@ -120,7 +120,7 @@ def test_an_existing_folder_is_never_touched(tmp_path):
     mat_file(tmp_path / "s.mat")
     (tmp_path / "disc").mkdir()
     (tmp_path / "disc" / "mine.txt").write_text("mine")
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="already exists"):
         import_htc2022(tmp_path / "s.mat", tmp_path / "disc")
     assert [path.name for path in (tmp_path / "disc").iterdir()] == ["mine.txt"]
     with pytest.raises(InputError, match="letters, digits and underscores"):
@@ -163,15 +163,15 @@ def test_a_dicom_tree_gives_one_repeat_per_series_and_no_patient(tmp_path):
 def test_series_that_are_no_repeats_are_refused(tmp_path):
     tree = dicom_tree(tmp_path / "tree")
     folder = tmp_path / "clinic"
-    import_refused(folder, lambda: import_dicom_tree(tree, folder), "study0/series is Br38f")
-    import_refused(folder, lambda: import_dicom_tree(tree, folder, kernel="B3"), "there are: Br38f, Br59d")
+    import_refused(folder, lambda: import_dicom_tree(tree, folder), "study0/series has Br38f")
+    import_refused(folder, lambda: import_dicom_tree(tree, folder, kernel="B3"), "choose from Br38f, Br59d")
     slices = ct_slices()[:-1]
     for ds in slices:
         ds.ConvolutionKernel, ds.KVP = "Br38f", 120
     (tmp_path / "tree" / "short").mkdir()
     write_series(slices, tmp_path / "tree" / "short")
     import_refused(folder, lambda: import_dicom_tree(tree, folder, kernel="Br38f"), "is on another grid")
-    import_refused(folder, lambda: import_dicom_tree(tree / "patient" / "seg", folder), "holds no CT slice in DICOM")
+    import_refused(folder, lambda: import_dicom_tree(tree / "patient" / "seg", folder), "has no CT slices in DICOM")
 
 
 def test_a_dicom_tree_on_the_command_line(tmp_path, capsys):
@@ -207,7 +207,10 @@ def test_the_next_step_of_a_sinogram_is_its_diagnosis(tmp_path):
     angles = np.arange(0, 360.5, 0.5)
     mat_file(tmp_path / "s.mat", np.zeros((721, 112)), angles=angles)
     printed, settings, whole = what_next(import_htc2022(tmp_path / "s.mat", tmp_path / "disc"))
-    assert "with what was scanned in the place of capitals" in printed and "Then run: snakemake diagnosis" in printed
+    assert (
+        "replace the words in capitals by the properties of the scanned object" in printed
+        and "Then run: snakemake diagnosis" in printed
+    )
     # As the shipped configuration of the same disc has it.
     (mine,) = settings["diagnosis"]["recordings"].values()
     shipped = yaml.safe_load((ROOT / "config" / "htc2022.yaml").read_text())["diagnosis"]["recordings"]["solid_disc"]
@@ -241,19 +244,19 @@ def test_the_next_step_of_images_is_to_find_the_phantom(tmp_path):
     tree = dicom_tree(tmp_path / "tree", ("Br38f",))
     printed, settings, _ = what_next(import_dicom_tree(tree, tmp_path / "my: scans" / "clinic"))
     assert settings == {"recordings": {"clinic": f"{tmp_path}/my: scans/clinic"}}
-    assert "if the study's phantom was scanned: snakemake alignment" in printed
+    assert "if the scanned object is the study's phantom: snakemake alignment" in printed
 
 
 def test_the_next_step_of_a_study_s_own_scans_knows_the_object(tmp_path):
     folder = projections_folder(tmp_path / "scans")[0]
     content = yaml.safe_load((folder / "recording.yaml").read_text()) | {"origin": {"importer": "study"}}
-    printed, settings, _ = what_next(load(write_yaml(folder, content)))
+    printed, settings, _ = what_next(load_recording(write_yaml(folder, content)))
     assert settings["diagnosis"] == {"recordings": {"bench": {}}} and "capitals" not in printed
 
 
 def test_the_next_step_of_a_table_is_a_comparison(tmp_path):
     folder, content = features_folder(tmp_path / "table")
-    _, settings, whole = what_next(load(write_yaml(folder, content | {"origin": {"importer": "features"}})))
+    _, settings, whole = what_next(load_recording(write_yaml(folder, content | {"origin": {"importer": "features"}})))
     expected = {"recording": "table", "where": {"dose_mgy": 10}, "protocol": "fbp_300", "noise": "dose10"}
     assert settings["analyses"]["comparison"] == {"table": expected}
     assert whole["analyses"]["comparison"]["table"]["where"] == {"dose_mgy": 10}

@@ -21,15 +21,15 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest, Disc, Settings
 from virtual_phantom.recordings.projections import Projections
-from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.summary import summary
+from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.summary import summarize_recording
 
 SHAPE = (SCAN["views"], SCAN["rows"], SCAN["columns"])
 
 
 @pytest.mark.parametrize("log", [True, False])
 def test_both_ways_of_storing_give_the_same_line_integrals(tmp_path, log):
-    recording = load(projections_folder(tmp_path / "r", log)[0])
+    recording = load_recording(projections_folder(tmp_path / "r", log)[0])
     assert (len(recording.repeats), len(recording.held_out), recording.log) == (2, 1, log)
     for acquisition in (*recording.repeats, *recording.held_out):
         np.testing.assert_allclose(acquisition.line_integrals(1e-6), line_integrals(), atol=1e-5)
@@ -42,7 +42,7 @@ def test_files_of_our_own_workflow_can_be_recordings(tmp_path):
 
     write_yaml(tmp_path, {"name": "own", "kind": "projections", "scan": SCAN, "repeats": ["clean.h5"]})
     exchange.write_line_integrals(tmp_path / "clean.h5", line_integrals(), scan_geometry(SCAN, "own"))
-    np.testing.assert_array_equal(load(tmp_path).repeats[0].data, line_integrals())
+    np.testing.assert_array_equal(load_recording(tmp_path).repeats[0].data, line_integrals())
 
 
 @pytest.mark.parametrize("share", [0.2, 0.6, 0.98])
@@ -63,22 +63,25 @@ FRAME = np.full(SHAPE[1:], 1000.0)
         ({"data_white": None}, "b.h5: has no /exchange/data_white, which counts need"),
         ({"data_dark": None}, "b.h5: has no /exchange/data_dark"),
         ({"data": None}, "b.h5: has no /exchange/data;"),
-        ({"data": np.ones((23, 4, 40))}, "b.h5: holds 23 views, recording.yaml says 24"),
-        ({"data": np.ones((24, 5, 40))}, "b.h5: holds 5 rows, recording.yaml says 4"),
-        ({"data": np.ones((24, 4, 41))}, "b.h5: holds 41 columns"),
+        ({"data": np.ones((23, 4, 40))}, "b.h5: has 23 views, but recording.yaml says scan.views 24"),
+        ({"data": np.ones((24, 5, 40))}, "b.h5: has 5 rows, but recording.yaml says scan.rows 4"),
+        ({"data": np.ones((24, 4, 41))}, "b.h5: has 41 columns"),
         ({"data": np.ones((24, 40))}, "has 2 dimensions"),
-        ({"theta": np.arange(23.0)}, "holds 23 angles for 24 views"),
+        ({"theta": np.arange(23.0)}, "has 23 angles for 24 views"),
         ({"theta": np.deg2rad(angles_deg())}, "/exchange/theta of view"),
         ({"theta": angles_deg(SCAN | {"direction": 1})}, "/exchange/theta of view"),
         ({"theta": np.full(24, np.nan)}, "/exchange/theta of view"),
-        ({"theta": np.float64(15.0)}, "holds 1 angles for 24 views"),
+        ({"theta": np.float64(15.0)}, "has 1 angles for 24 views"),
         ({"theta": np.tile(angles_deg(), (2, 1))}, "/exchange/theta has the shape (2, 24); store one angle per view"),
-        ({"theta": np.array([b"0"] * 24)}, "/exchange/theta holds |S1, not numbers"),
-        ({"data_white": FRAME[:, :-1]}, "/exchange/data_white is (4, 39), the projections (4, 40)"),
-        ({"data_white": np.full((1, 4, 40), 20.0)}, "white field is not above the dark one in 100 % of pixels"),
-        ({"data_white": FRAME * np.nan}, "/exchange/data_white holds NaN"),
+        ({"theta": np.array([b"0"] * 24)}, "/exchange/theta has type |S1; store one angle per view"),
+        ({"data_white": FRAME[:, :-1]}, "/exchange/data_white has shape (4, 39), but the projections have (4, 40)"),
+        (
+            {"data_white": np.full((1, 4, 40), 20.0)},
+            "white field does not exceed the dark field in 100 % of the pixels",
+        ),
+        ({"data_white": FRAME * np.nan}, "/exchange/data_white contains NaN"),
         ({"data": np.full(SHAPE, np.inf)}, f"{np.prod(SHAPE)} counts are NaN or infinite"),
-        ({"data": np.full(SHAPE, 5000.0)}, "counts exceed twice the white field"),
+        ({"data": np.full(SHAPE, 5000.0)}, "the median count is over twice the white field"),
     ],
 )
 def test_counts_that_cannot_be_right(tmp_path, changes, message):
@@ -88,8 +91,8 @@ def test_counts_that_cannot_be_right(tmp_path, changes, message):
 @pytest.mark.parametrize(
     "data, message",
     [
-        (np.full(SHAPE, 40000.0), "line integrals reach 40000; if they are counts"),
-        (-line_integrals(), "negative on the whole"),
+        (np.full(SHAPE, 40000.0), "line integrals reach 40000; if these are counts"),
+        (-line_integrals(), "the mean line integral is negative"),
         (np.full(SHAPE, np.nan), "are NaN or infinite"),
     ],
 )
@@ -112,20 +115,20 @@ def test_a_flag_stored_as_text(tmp_path, value, message):
     if message:
         refused(folder, message)
     else:
-        assert not load(folder).log
+        assert not load_recording(folder).log
 
 
 def test_counts_beside_line_integrals_are_refused(tmp_path):
     folder, _ = projections_folder(tmp_path / "r")
     write_projections(folder / "b.h5", log=True)
-    refused(folder, "b.h5: holds line integrals, a.h5 counts")
+    refused(folder, "b.h5: contains line integrals, but a.h5 contains counts")
 
 
 def test_dead_pixels_and_missing_theta_are_mentioned(tmp_path):
     white = np.full((1, *SHAPE[1:]), 1000.0)
     white[0, 2, 7] = 50.0
     folder, _ = projections_folder(tmp_path / "r", data_white=white, theta=None)
-    recording = load(folder)
+    recording = load_recording(folder)
     assert any("b.h5: 1 dead pixel (" in note for note in recording.notes)
     assert any("b.h5: no /exchange/theta" in note for note in recording.notes)
     values = recording.repeats[1].line_integrals(1e-6)
@@ -137,7 +140,11 @@ def test_views_beyond_a_turn_are_mentioned(tmp_path):
     scan = SCAN | {"views": 25}
     for name in "abc":
         write_projections(folder / f"{name}.h5", scan=scan)
-    assert load(write_yaml(folder, content | {"scan": scan})).notes[0].startswith("1 view along")
+    assert (
+        load_recording(write_yaml(folder, content | {"scan": scan}))
+        .notes[0]
+        .startswith("1 view beyond the first rotation")
+    )
 
 
 @given(arrays(np.float64, (2, 1, 3), elements=st.floats(-10, 2000)), st.floats(1, 100), st.floats(1e-6, 0.1))
@@ -151,12 +158,12 @@ def test_line_integrals_are_finite_and_fall_with_the_counts(data, dark, smallest
 
 def test_summary_says_what_is_missing(tmp_path):
     folder, content = projections_folder(tmp_path / "r")
-    found = summary(load(folder))
+    found = summarize_recording(load_recording(folder))
     assert (found["repeats"], found["held_out"], found["content"]["shape"]) == (2, 1, list(SHAPE))
     assert found["content"]["values"] == "counts" and set(found["sha256"]) == {"recording.yaml", "a.h5", "b.h5", "c.h5"}
     assert found["missing"] == ["nominal.tube_kvp", "nominal.anode", "nominal.filtration", "nominal.sensor"]
     content = changed(content, "repeats", ["a.h5"]) | {"phantom": "synthetic", "nominal": {"tube_kvp": 80}}
-    missing = summary(load(write_yaml(folder, content)))["missing"]
+    missing = summarize_recording(load_recording(write_yaml(folder, content)))["missing"]
     assert missing == [
         "a second repeat (without one there is no noise floor)",
         "nominal.anode",
@@ -184,7 +191,7 @@ def test_a_stated_sensor_reaches_the_model(tmp_path):
         assert (sensor.material, sensor.reads, sensor.thickness_mm, sensor.thickness_sd) == right
     write_yaml(folder, content | {"nominal": {"sensor": {"thickness_mm": 0.4}}})
     with pytest.raises(InputError, match="nominal.sensor"):
-        load(folder)
+        load_recording(folder)
 
 
 @pytest.mark.parametrize(
@@ -201,7 +208,7 @@ def test_angles_are_read_as_a_row_or_a_column_and_in_the_units_stated(tmp_path, 
     if units is not None:
         with h5py.File(folder / "b.h5", "a") as file:
             file["exchange/theta"].attrs["units"] = units
-    geometry = load(folder).geometry
+    geometry = load_recording(folder).geometry
     assert np.rad2deg(geometry.angles_rad) == pytest.approx(angles_deg())
 
 
@@ -209,4 +216,4 @@ def test_angles_in_unknown_units_are_refused(tmp_path):
     folder, _ = projections_folder(tmp_path / "r", theta=angles_deg())
     with h5py.File(folder / "b.h5", "a") as file:
         file["exchange/theta"].attrs["units"] = "steps"
-    refused(folder, "the attribute units of /exchange/theta is 'steps'; state degrees or radians")
+    refused(folder, "the attribute units of /exchange/theta is 'steps'; use degrees or radians")

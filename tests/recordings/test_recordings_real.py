@@ -17,8 +17,8 @@ from virtual_phantom.reconstruction import fbp
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
 from virtual_phantom.recordings.importers.feature_tables import import_features
 from virtual_phantom.recordings.importers.htc2022 import import_htc2022
-from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.summary import summary
+from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.summary import summarize_recording
 
 REAL = Path(__file__).resolve().parents[2] / "../shared/real"
 pytestmark = [
@@ -103,11 +103,11 @@ def test_the_holes_lie_where_the_published_segmentation_has_them(tmp_path):
 
 @pytest.mark.parametrize("name", ["ta", "tb", "solid_disc"])
 def test_every_sinogram_loads(tmp_path, name):
-    found = summary(import_htc2022(REAL / "htc2022" / f"htc2022_{name}_full.mat", tmp_path / name))
+    found = summarize_recording(import_htc2022(REAL / "htc2022" / f"htc2022_{name}_full.mat", tmp_path / name))
     assert found["content"]["values"] == "line integrals" and found["known"]["nominal"]["tube_kvp"] == 45
     again, times = found["notes"]  # the data set states an exposure and no time from view to view
-    assert again == "1 view along directions of the first turn again"
-    assert "every 1200 ms (scan.exposure_ms)" in times
+    assert again == "1 view beyond the first rotation, along the same directions"
+    assert "1200 ms (scan.exposure_ms)" in times
 
 
 def test_the_tandem_study_keeps_its_values(tmp_path):
@@ -148,7 +148,7 @@ def test_the_clinical_ct_as_series_and_as_imported_tree(tmp_path):
         tmp_path / "hand",
         {"name": "abdomen", "kind": "images", "repeats": ["ct"], "labels": "labels.nii.gz", "rois": rois},
     )
-    by_hand, imported = load(tmp_path / "hand"), import_dicom_tree(source, tmp_path / "imported")
+    by_hand, imported = load_recording(tmp_path / "hand"), import_dicom_tree(source, tmp_path / "imported")
     assert by_hand.grid.shape == (20, 512, 512) and by_hand.grid.matches(imported.grid, 0.02)
     image = by_hand.repeats[0].array
     np.testing.assert_array_equal(image, imported.repeats[0].array)
@@ -159,6 +159,6 @@ def test_the_clinical_ct_as_series_and_as_imported_tree(tmp_path):
     assert facts["model"] == "Biograph40_mCT 4R" and facts["spacing_mm"] == [0.9765625, 0.9765625]
     assert imported.nominal["kernel"] == facts["kernel"]
     # institution, dates, weight and protocol name stand in the headers
-    text = str(summary(by_hand)) + (tmp_path / "imported" / "recording.yaml").read_text()
+    text = str(summarize_recording(by_hand)) + (tmp_path / "imported" / "recording.yaml").read_text()
     for private in ("Petersgraben", "20221208", "FDG_TK_KM", "1.3.12.2.1107"):
         assert private not in text

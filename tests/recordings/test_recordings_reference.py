@@ -11,7 +11,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.recordings import reference
 from virtual_phantom.recordings.importers.feature_tables import import_features
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.statistics import measured, pca, ranking
 
 REAL = Path(__file__).resolve().parents[2] / "../shared/real"
@@ -22,7 +22,7 @@ real = [
 
 
 def of(recording, **options):
-    return reference.reference(reference.in_hu(recording), recording.conditions, **options)
+    return reference.reference_features(reference.in_hu(recording), recording.conditions, **options)
 
 
 @pytest.fixture
@@ -31,11 +31,11 @@ def recording(tmp_path):
     folder, _ = features_folder(tmp_path / "table")
     for name, start, doses in (("a", 0, (10, 20, 20)), ("b", 3, (10, 10, 30))):
         features_table(start=start).assign(dose_mgy=np.repeat(doses, 2)).to_csv(folder / f"{name}.csv", index=False)
-    return load(folder)
+    return load_recording(folder)
 
 
 def test_conditions_are_numbered_in_their_order(recording):
-    assert reference.grouped(recording.repeats, recording.conditions)["group"].tolist() == [
+    assert reference.with_group(recording.repeats, recording.conditions)["group"].tolist() == [
         1,
         1,
         2,
@@ -56,17 +56,17 @@ def test_conditions_are_numbered_in_their_order(recording):
     rows = recording.repeats.query("dose_mgy == 10 and roi == 'cyst_1'")
     found = means.query("group == 1 and roi == 'cyst_1'")
     assert found[list(FEATURES)].iloc[0].to_numpy() == pytest.approx(rows[list(FEATURES)].mean().to_numpy())
-    with pytest.raises(InputError, match="'roi' is not known; choose from image, condition"):
+    with pytest.raises(InputError, match="per is 'roi'; use one of image, condition"):
         of(recording, per="roi")
 
 
 def test_conditions_choose_rows(recording):
-    assert len(reference.where(recording.repeats, {"dose_mgy": 20, "roi": "cyst_1"}, "r")) == 2
-    assert len(reference.where(recording.repeats, {}, "r")) == 12
-    with pytest.raises(InputError, match="recording r: no images with dose_mgy 40; there are 10, 20, 30"):
-        reference.where(recording.repeats, {"dose_mgy": 40}, "recording r")
+    assert len(reference.select_rows(recording.repeats, {"dose_mgy": 20, "roi": "cyst_1"}, "r")) == 2
+    assert len(reference.select_rows(recording.repeats, {}, "r")) == 12
+    with pytest.raises(InputError, match="recording r: no images with dose_mgy 40; choose from 10, 20, 30"):
+        reference.select_rows(recording.repeats, {"dose_mgy": 40}, "recording r")
     with pytest.raises(InputError, match="recording r: has no column kernel"):
-        reference.where(recording.repeats, {"kernel": "B"}, "recording r")
+        reference.select_rows(recording.repeats, {"kernel": "B"}, "recording r")
 
 
 def test_a_condition_has_a_name_and_the_mean_of_its_images(recording):
@@ -75,8 +75,8 @@ def test_a_condition_has_a_name_and_the_mean_of_its_images(recording):
     ten = recording.repeats[recording.repeats["dose_mgy"] == 10]
     mean = ten.groupby("roi", sort=False)["original_firstorder_Mean"].mean()
     assert table.loc[table["condition"] == "10", "original_firstorder_Mean"].tolist() == pytest.approx(mean.tolist())
-    with pytest.raises(InputError, match="'scanner' is no column of the features"):
-        reference.reference(reference.in_hu(recording), ["scanner"], per="condition")
+    with pytest.raises(InputError, match="'scanner' is not a column of the features"):
+        reference.reference_features(reference.in_hu(recording), ["scanner"], per="condition")
 
 
 def test_stored_values_are_brought_to_hu(tmp_path):
@@ -84,7 +84,7 @@ def test_stored_values_are_brought_to_hu(tmp_path):
     write_yaml(folder, content | {"features": {"stored_offset_hu": 1000}})
     for name, start in (("a", 0), ("b", 3)):
         features_table(start=start, mean=1040).to_csv(folder / f"{name}.csv", index=False)
-    table = of(load(folder))
+    table = of(load_recording(folder))
     assert table["original_firstorder_Median"].mean() == pytest.approx(40, abs=1)
     contrast = "original_glcm_Contrast"  # textures stay as they are
     stored = pd.concat([features_table(start=start, mean=1040) for start in (0, 3)])
@@ -94,11 +94,13 @@ def test_stored_values_are_brought_to_hu(tmp_path):
 
 def test_a_condition_of_a_single_image_is_left_out_of_the_scores(recording):
     assert reference.has_scores(recording)
-    scores = reference.scores(recording, 100)
+    scores = reference.stability_scores(recording, 100)
     assert (scores["stability_comparisons"] == 2).all() and len(scores) == 86  # one pair of groups, two ROIs
     unrelated = pd.DataFrame(np.eye(86), index=list(FEATURES), columns=list(FEATURES))
     assert ranking.overlap(scores, scores, unrelated)["area_stability"][0] == pytest.approx(
-        ranking.overlap(scores, reference.scores(recording, 100, threshold=1.0), unrelated)["area_stability"][0]
+        ranking.overlap(scores, reference.stability_scores(recording, 100, threshold=1.0), unrelated)["area_stability"][
+            0
+        ]
     )
 
 
@@ -107,19 +109,19 @@ def test_scores_are_of_as_many_images_as_the_study_has_repeats(tmp_path):
     for name, start, doses in (("a", 0, (10, 20, 10)), ("b", 3, (20, 10, 20)), ("c", 6, (10, 10, 20))):
         features_table(start=start).assign(dose_mgy=np.repeat(doses, 2)).to_csv(folder / f"{name}.csv", index=False)
     write_yaml(folder, content | {"repeats": ["a.csv", "b.csv", "c.csv"], "features": {"conditions": ["dose_mgy"]}})
-    recording = load(folder)
+    recording = load_recording(folder)
     assert recording.images_per_condition().tolist() == [5, 4]
-    scores = reference.scores(recording, 2)
+    scores = reference.stability_scores(recording, 2)
     assert (scores["repeats"] == 2).all() and (scores["of"] == 4).all()
     assert scores["draw"].nunique() == 30 and len(scores) == 30 * 86
-    assert (reference.scores(recording, 9)["repeats"] == 4).all()
+    assert (reference.stability_scores(recording, 9)["repeats"] == 4).all()
 
 
 def test_one_condition_has_no_stability(tmp_path):
-    recording = load(features_folder(tmp_path / "table")[0])
+    recording = load_recording(features_folder(tmp_path / "table")[0])
     assert not reference.has_scores(recording)
     with pytest.raises(InputError) as caught:
-        reference.scores(recording, 10)
+        reference.stability_scores(recording, 10)
     assert "recording table: stability needs at least 2 conditions" in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -138,7 +140,7 @@ class TestReal:
     pytestmark = real
 
     def test_the_tandem_study_gives_the_published_picture(self, study):
-        scores = reference.scores(study, 100)  # 29 of each group
+        scores = reference.stability_scores(study, 100)  # 29 of each group
         assert (scores["repeats"] == 29).all()
         assert scores["stability_percent"].mean() == pytest.approx(11, abs=0.5)
         # 88.0 over the pairs of different classes; with those of one class counted too it is 87
@@ -163,9 +165,12 @@ class TestReal:
             assert (points["source"] == "measured").sum() == count
             assert points.loc[points["source"] == "measured", "group"].nunique() == 8
         shared = ranking.overlap(
-            reference.scores(dose_series, 10),
-            reference.scores(study, 10),
+            reference.stability_scores(dose_series, 10),
+            reference.stability_scores(study, 10),
             ranking.shared_variance(dose_series.repeats, FEATURES),
         )
         assert shared["n_features"][0] == 85 and shared["area_stability"].between(0, 1).all()
-        assert dose_series.dimensions == 3 and reference.scores(dose_series, 10)["stability_comparisons"][0] == 15 * 6
+        assert (
+            dose_series.dimensions == 3
+            and reference.stability_scores(dose_series, 10)["stability_comparisons"][0] == 15 * 6
+        )

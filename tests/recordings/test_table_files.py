@@ -11,7 +11,7 @@ from pyradiomics_batch import LABELS, batch, scans
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.names import features_of
 from virtual_phantom.features.table_files import read_table
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 
 
 @pytest.fixture(scope="module")
@@ -194,7 +194,7 @@ def test_a_recording_of_such_a_table(written, table, tmp_path):
         f"name: r\nkind: features\nrepeats: [x.csv]\nrois: {rois}\nfeatures: {{conditions: [site, dose]}}"
     )
     saved("# by site\n" + semicolons(conditions), tmp_path)
-    recording = load(tmp_path)
+    recording = load_recording(tmp_path)
     assert recording.repeats["site"].tolist() == ["007", "007", "08"] and recording.repeats["dose"].tolist() == [
         3,
         3,
@@ -202,4 +202,4 @@ def test_a_recording_of_such_a_table(written, table, tmp_path):
     ]
     saved("# by site\n" + semicolons(conditions.assign(Image=[None, *table["Image"][1:]])), tmp_path)
     with pytest.raises(InputError, match="x.csv: image is empty in row 3"):
-        load(tmp_path)
+        load_recording(tmp_path)

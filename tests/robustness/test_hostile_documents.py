@@ -13,7 +13,7 @@ from virtual_phantom.base.geometry import grid_of, scan_geometry
 from virtual_phantom.config.config import complete
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.recordings.document import read_document
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 
 WIDE = DEFAULT | {
     "recordings": {"scanner": "recordings/scanner"},
@@ -55,7 +55,7 @@ def test_any_recording_yaml_gives_a_recording_or_one_line(recordings, data):
     folder, content = data.draw(st.sampled_from(recordings))
     text = yaml.safe_dump(data.draw(spoiled(content)))
     (folder / "recording.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
-    outcome("recording.yaml", load, folder)
+    outcome("recording.yaml", load_recording, folder)
 
 
 @given(st.data())
@@ -109,4 +109,4 @@ def test_names_that_are_no_names(name, tmp_path):
         text = yaml.safe_dump(content | {path: value})
         (folder / "recording.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
         with pytest.raises(InputError):
-            load(folder)
+            load_recording(folder)

@@ -19,7 +19,7 @@ from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.phantom.ct import read_hu
 from virtual_phantom.phantom.masks import open_regions
 from virtual_phantom.recordings.provenance import dicom_facts
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 
 HEADER = 348  # bytes, of NIfTI-1
 pytestmark = pytest.mark.filterwarnings("ignore")  # pydicom's and numpy's, of values that are wrong by intent
@@ -139,7 +139,7 @@ def test_any_hdf5_gives_projections_or_one_line(tmp_path):
         for place in random.integers(4000 if number % 2 else len(whole), size=random.integers(1, 6)):
             spoiled[place] = random.integers(256)
         path.write_bytes(spoiled)
-        outcome("HDF5", load, folder)
+        outcome("HDF5", load_recording, folder)
 
 
 def test_an_empty_dataset_that_claims_the_moon_is_refused(tmp_path, little_memory):
@@ -157,7 +157,7 @@ def test_an_empty_dataset_that_claims_the_moon_is_refused(tmp_path, little_memor
             "log"
         ] = True
     with pytest.raises(InputError, match="GB of memory"):
-        load(folder)
+        load_recording(folder)
 
 
 def test_damaged_dicom_attributes_change_no_phantom_in_silence(tmp_path):

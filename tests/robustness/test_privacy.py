@@ -18,8 +18,8 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.phantom import ct
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
-from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.summary import readable, summary, table
+from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.summary import readable, summarize_recording, summary_table
 
 MARK = "Planted"
 # Of the patient, of those who treated them, and of when and where: PS3.15, table E.1-1, has them all removed.
@@ -94,9 +94,9 @@ def test_a_recording_of_dicom_says_nothing_of_its_patient(planted, nothing_said)
     folders.write_yaml(folder, content)
     for name in ("series", "seg.dcm"):
         (planted / name).rename(folder / name)
-    found = summary(load(folder))
+    found = summarize_recording(load_recording(folder))
     assert found["content"]["rois"]
-    assert MARK not in json.dumps(found) + readable(table({"scanner": found}))
+    assert MARK not in json.dumps(found) + readable(summary_table({"scanner": found}))
 
 
 def test_an_imported_recording_says_nothing_of_its_patient(planted, nothing_said):

@@ -68,10 +68,10 @@ def test_scans_are_rehearsed_fetched_and_not_fetched_again(setting):
 
     if "BUCKETS" in variables:
         code, said, errors = fetch(project, endpoint=one.endpoint, environment=variables)
-        assert code == 1 and "run again, and it goes on" in errors[0]
+        assert code == 1 and "run again to continue" in errors[0]
     else:
         code, said, errors = fetch(project, endpoint=one.endpoint, bucket="another-bucket", environment=variables)
-        assert code == 1 and "0 of 7 files came" in errors[0]
+        assert code == 1 and "0 of 7 files were downloaded" in errors[0]
     assert not set(here(project)) & set(NAMES) or all(
         (project / PLACE / name / "source.json").exists() for name in here(project) if name in NAMES
     )
@@ -103,7 +103,7 @@ def test_a_folder_of_ones_own_is_taken_as_it_is(alone):
     hidden.rename(folder.parent / "away")
     code, said, errors = fetch(project, own=str(folder))
     assert code == 1 and here(project) == []
-    assert errors[0].startswith(f"Error: downloads.scans: {folder}: 1 of 3 scans are not in it, the first is 811")
+    assert errors[0].startswith(f"Error: downloads.scans: {folder}: 1 of 3 scans are missing (first: 811")
     (folder.parent / "away").rename(hidden)
     code, said, _ = fetch(project, own=str(folder))
     assert code == 0 and here(project) == sorted(NAMES), said[-3000:]

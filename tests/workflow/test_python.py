@@ -17,7 +17,7 @@ from virtual_phantom.io.files import read_csv
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.scene import DiscScene
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 
@@ -80,7 +80,7 @@ def test_effects_act_on_the_scan_and_on_its_images(phantom):
 
 def test_a_recording_is_diagnosed(tmp_path):
     folder, content = projections_folder(tmp_path / "bench", log=True)
-    chain = Chain(DiscScene(120.0, "water"), load(folder).geometry, photons=1e5)
+    chain = Chain(DiscScene(120.0, "water"), load_recording(folder).geometry, photons=1e5)
     lines = noisy_lines(chain.state({"scatter": {"amount": 0.3, "width_mm": 40.0}}), 3, np.random.default_rng(3))
     for name, one in zip("abc", lines.astype(np.float32), strict=True):
         write_projections(folder / f"{name}.h5", log=True, data=one)

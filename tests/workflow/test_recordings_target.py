@@ -34,7 +34,7 @@ def test_the_target_lists_recordings_and_stops_at_a_bad_one(target, tmp_path):
     write_projections(tmp_path / "bench" / "b.h5", data=np.ones((23, 4, 40)))
     process = target()
     assert process.returncode == 1
-    assert f"Error: {tmp_path}/bench/b.h5: holds 23 views, recording.yaml says 24" in process.stderr
+    assert f"Error: {tmp_path}/bench/b.h5: has 23 views, but recording.yaml says scan.views 24" in process.stderr
 
     (tmp_path / "bench" / "recording.yaml").write_text("kind: projections")
     process = target("-n")
@@ -72,4 +72,4 @@ def test_the_alignment_target_carries_the_phantom_s_rois(study, tmp_path):
     (folder / "recording.yaml").write_text(yaml.safe_dump(content | {"phantom": "bench"}))
     process = run("alignment")
     assert process.returncode == 1
-    assert f"Error: {folder}/recording.yaml: its phantom is 'bench', the study's is synthetic" in process.stderr
+    assert f"Error: {folder}/recording.yaml: phantom is 'bench', but the study's phantom is synthetic" in process.stderr

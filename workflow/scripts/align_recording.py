@@ -9,7 +9,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.io import files, volumes
 from virtual_phantom.phantom import read_rois, write_rois
 from virtual_phantom.recordings import alignment, registration
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.study.job import job, log
 
 
@@ -24,7 +24,7 @@ def main(
     table_file: str,
     alignment_file: str,
 ) -> None:
-    recording = load(folder)
+    recording = load_recording(folder)
     if recording.kind != "images":
         raise InputError(f"recording {name}: holds {recording.kind}; only images can be aligned")
     alignment.check_same_phantom(recording, study["source"], study.get("ct", {}).get("image"))
@@ -33,7 +33,7 @@ def main(
 
     found, image, shifts = alignment.align_recording(recording, phantom)
     own = recording.rois()
-    carried = own or alignment.carried_rois(found, rois, phantom.grid, image, name)
+    carried = own or alignment.transfer_rois(found, rois, phantom.grid, image, name)
     content = {
         "recording": name,
         "phantom": study["source"],

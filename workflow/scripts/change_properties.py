@@ -11,7 +11,7 @@ from virtual_phantom.diagnosis.features.properties import folds
 from virtual_phantom.features.names import MEAN
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files, volumes
-from virtual_phantom.recordings.reference import where
+from virtual_phantom.recordings.reference import select_rows
 from virtual_phantom.statistics.comparison import common_rois
 from virtual_phantom.study.job import job, log
 
@@ -28,7 +28,7 @@ def main(
     voxel_mm: Sequence[float] | None,
     extraction: Mapping,
 ) -> None:
-    recorded = where(files.read_csv(recorded_features), conditions, f"recording {recording}")
+    recorded = select_rows(files.read_csv(recorded_features), conditions, f"recording {recording}")
     parameters = read_parameters(**extraction)
     if MEAN not in parameters.features:
         raise InputError(
@@ -58,7 +58,7 @@ if "snakemake" in globals():
             rois_file=snakemake.input.rois,
             output=snakemake.output[0],
             recording=snakemake.params.recording,
-            conditions=snakemake.params.where,
+            conditions=snakemake.params.select_rows,
             chosen_rois=snakemake.params.rois,
             voxel_mm=snakemake.params.voxel_mm,
             extraction=snakemake.params.parameters,

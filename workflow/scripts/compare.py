@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from virtual_phantom.features import settings, tables
 from virtual_phantom.io import files
-from virtual_phantom.recordings.reference import where
+from virtual_phantom.recordings.reference import select_rows
 from virtual_phantom.statistics import comparability, comparison, comparison_summary
 from virtual_phantom.study.job import job, log
 
@@ -28,7 +28,7 @@ def main(
     simulated = tables.read_features(simulated_features)
     simulated = tables.select(simulated, protocols=[protocol], noise=[noise], seeds=seeds)
     source = f"recording {recording}"
-    recorded = where(files.read_csv(recorded_features), conditions, source)
+    recorded = select_rows(files.read_csv(recorded_features), conditions, source)
     features = comparison.common_features(simulated, recorded)
     cells = comparison.compare(simulated, recorded, features, rois=rois, margin_sd=margin_sd)
     files.write_csv(cells, cells_file)
@@ -57,7 +57,7 @@ if "snakemake" in globals():
             features_file=snakemake.output.features,
             families_file=snakemake.output.families,
             recording=snakemake.params.recording,
-            conditions=snakemake.params.where,
+            conditions=snakemake.params.select_rows,
             protocol=snakemake.params.protocol,
             noise=snakemake.params.noise,
             seeds=snakemake.params.seeds,

@@ -6,7 +6,7 @@ import pandas as pd
 import yaml
 
 from virtual_phantom.io import files
-from virtual_phantom.recordings.public_scans.features import EXTRACTED, content
+from virtual_phantom.recordings.public_scans.features import EXTRACTED, recording_content
 from virtual_phantom.recordings.public_scans.table import PublicScan
 from virtual_phantom.study.job import job, log
 
@@ -21,7 +21,7 @@ def main(
     for way in EXTRACTED:
         table = pd.concat([files.read_csv(path) for path in feature_files[way]], ignore_index=True)
         files.write_csv(table, outputs[way])
-        document = yaml.safe_dump(content(scans, way), sort_keys=False)
+        document = yaml.safe_dump(recording_content(scans, way), sort_keys=False)
         files.write_text(document, documents[way])
     log.info("%d rows of %d scans", len(table), table["image"].nunique())
 

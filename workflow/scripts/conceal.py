@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.proof.conceal import seal
-from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_of, write, write_images
+from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_section, write, write_images
 from virtual_phantom.proof.conceal.objects import OBJECTS
 from virtual_phantom.proof.conceal.suite import PROTOCOLS, scan_seed, views_of
 from virtual_phantom.proof.conceal.xcist import energy_of_water
@@ -29,7 +29,7 @@ def main(
     concealed, many = concealed_settings(truth), views_of(truth["kind"], settings)
     for folder, protocol, views, seed in zip(folders, PROTOCOLS, many, seeds, strict=True):
         photons, rotation_ms, repeats = (settings[protocol][key] for key in ("photons", "rotation_time_ms", "repeats"))
-        scan = scan_of(phantom_object, settings["scan"], views, photons, rotation_ms, kev, concealed)
+        scan = scan_section(phantom_object, settings["scan"], views, photons, rotation_ms, kev, concealed)
         taken = acquire(scan, phantom_object, fine, mu_water_per_mm, repeats, seed)
         if truth["kind"] == "images":
             write_images(folder, case, phantom_object, scan, taken, mu_water_per_mm)

@@ -1,6 +1,6 @@
 """One public scan, fetched and held against the list."""
 
-from virtual_phantom.recordings.public_scans.fetch import fetch
+from virtual_phantom.recordings.public_scans.fetch import fetch_scan
 from virtual_phantom.recordings.public_scans.table import PublicScan
 from virtual_phantom.study.job import job, log
 
@@ -13,7 +13,7 @@ def main(
     endpoint: str,
     bucket: str,
 ) -> None:
-    fetch(scan, folder, endpoint, bucket)
+    fetch_scan(scan, folder, endpoint, bucket)
     log.info("%s", listed)
 
 

@@ -2,16 +2,16 @@
 
 from collections.abc import Sequence
 
-from virtual_phantom.recordings.public_scans.fetch import link
-from virtual_phantom.recordings.public_scans.files import found_scans
+from virtual_phantom.recordings.public_scans.fetch import link_scan
+from virtual_phantom.recordings.public_scans.files import find_scans
 from virtual_phantom.recordings.public_scans.table import PublicScan
 from virtual_phantom.study.job import job, log
 
 
 def main(*, scans: Sequence[PublicScan], folder: str, outputs: Sequence[str]) -> None:
-    found = found_scans(folder, scans)
+    found = find_scans(folder, scans)
     for scan, link_folder in zip(scans, outputs, strict=True):
-        link(scan, found[scan.name], link_folder)
+        link_scan(scan, found[scan.name], link_folder)
         log.info("%s: %d files in %s", scan.name, scan.files, folder)
 
 

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.names import VARIANCE
 from virtual_phantom.io import files
-from virtual_phantom.recordings.reference import where
+from virtual_phantom.recordings.reference import select_rows
 from virtual_phantom.statistics import noise
 from virtual_phantom.study import matched_noise
 from virtual_phantom.study.job import job, log
@@ -21,7 +21,7 @@ def main(
     meets: Mapping,
 ) -> None:
     source = f"recording {meets['recording']}"
-    recorded = where(files.read_csv(recorded_features), meets["where"], source)
+    recorded = select_rows(files.read_csv(recorded_features), meets["where"], source)
     if VARIANCE not in recorded:
         raise InputError(
             f"{source}: has no {VARIANCE}, which a noise level is matched by; extract it, or give the level an A"

@@ -9,7 +9,7 @@ from virtual_phantom.base.geometry import grid_of
 from virtual_phantom.io import files
 from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.phantom.mean_scan import ScanFiles, average_scans
-from virtual_phantom.recordings.public_scans.fetch import check
+from virtual_phantom.recordings.public_scans.fetch import check_scan
 from virtual_phantom.recordings.public_scans.files import regions_file
 from virtual_phantom.recordings.public_scans.table import PublicScan
 from virtual_phantom.study.job import job, log
@@ -28,7 +28,7 @@ def main(
 ) -> None:
     scans = []
     for scan, folder in zip(public_scans, map(Path, folders), strict=True):
-        check(scan, folder, sizes=False)
+        check_scan(scan, folder, sizes=False)
         scans.append(ScanFiles(scan.name, folder / "ct", regions_file(folder)))
     mean_scan = average_scans(scans, region_names, grid_of(grid).extent_mm[0])
     write_nifti(mean_scan.image, image_file)

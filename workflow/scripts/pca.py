@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
+from virtual_phantom.recordings.reference_features import reference_features
 
 from virtual_phantom.features import settings, tables
 from virtual_phantom.features.hu_offset import convert_to_hu
 from virtual_phantom.io import files
-from virtual_phantom.recordings.reference import reference
 from virtual_phantom.statistics import measured, pca
 from virtual_phantom.study.job import job, log
 
@@ -39,7 +39,7 @@ def main(
             ):
                 log.warning("recording %s: setting: %s", name, line)
             conditions = by or conditions_of[name]
-            parts.append(reference(table, conditions, "condition", named=bool(by)))
+            parts.append(reference_features(table, conditions, "condition", named=bool(by)))
         shown = pd.concat(parts, join="inner", ignore_index=True)
     elif not measured_settings["overlay"]:
         shown = None

@@ -9,7 +9,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.features import extraction
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.recordings.reference import in_hu
 from virtual_phantom.study.job import job, log
 
@@ -23,7 +23,7 @@ def main(
     extraction_settings: Mapping,
 ) -> None:
     parameters = read_parameters(**extraction_settings)
-    recording = load(folder, parameters.features)
+    recording = load_recording(folder, parameters.features)
     if recording.kind == "features":
         table = in_hu(recording)
     elif recording.kind == "images":

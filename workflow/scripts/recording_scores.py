@@ -7,8 +7,8 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.features import settings
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files
-from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.reference import scores, where
+from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.reference import select_rows, stability_scores
 from virtual_phantom.statistics import ranking
 from virtual_phantom.statistics.repeats import mean_over_features
 from virtual_phantom.study.job import job, log
@@ -25,7 +25,7 @@ def main(
     extraction: Mapping,
 ) -> None:
     parameters = read_parameters(**extraction)
-    recording = load(folder, parameters.features)
+    recording = load_recording(folder, parameters.features)
     if recording.kind != "features":
         raise InputError(
             f"recording {recording_name}: holds {recording.kind}; analyses.stability.recordings takes "
@@ -34,8 +34,8 @@ def main(
     for line in settings.describe_differences(parameters.extraction, recording.extractions, recording.features):
         log.warning("setting: %s", line)
     name = f"recording {recording.name}"
-    recording = replace(recording, repeats=where(recording.repeats, conditions, name))
-    table = scores(recording, repeats, **statistics)
+    recording = replace(recording, repeats=select_rows(recording.repeats, conditions, name))
+    table = stability_scores(recording, repeats, **statistics)
     files.write_csv(table, output)
     for kind in ranking.KINDS:
         log.info(

@@ -3,17 +3,18 @@
 import json
 from collections.abc import Mapping, Sequence
 
+from virtual_phantom.recordings.summarize_recording import summarize_recording
+
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files
-from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.summary import summary
+from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.study.job import job, log
 
 
 def main(*, output: str, folder: str, voxel_mm: Sequence[float], extraction: Mapping) -> None:
     parameters = read_parameters(**extraction)
-    recording = load(folder, parameters.features)
-    found = summary(recording, parameters.extraction, voxel_mm)
+    recording = load_recording(folder, parameters.features)
+    found = summarize_recording(recording, parameters.extraction, voxel_mm)
     files.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", output)
     log.info("%s: %s, %s", found["name"], found["kind"], found["text"])
 

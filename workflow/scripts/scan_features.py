@@ -5,8 +5,8 @@ from pathlib import Path
 
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files
-from virtual_phantom.recordings.public_scans.features import rows_of
-from virtual_phantom.recordings.public_scans.fetch import check
+from virtual_phantom.recordings.public_scans.features import scan_features
+from virtual_phantom.recordings.public_scans.fetch import check_scan
 from virtual_phantom.recordings.public_scans.table import PublicScan
 from virtual_phantom.study.job import job, log
 
@@ -21,8 +21,8 @@ def main(
     extraction: Mapping,
 ) -> None:
     folder = Path(scan_folder)
-    check(scan, folder, sizes=False)
-    tables = rows_of(scan, folder, rois, regions, read_parameters(**extraction))
+    check_scan(scan, folder, sizes=False)
+    tables = scan_features(scan, folder, rois, regions, read_parameters(**extraction))
     for table, path in zip(tables.values(), outputs, strict=True):
         files.write_csv(table, path)
     log.info("%s: %d ROIs", scan.name, len(table))

@@ -2,12 +2,12 @@
 
 from virtual_phantom.figures import recording as figures
 from virtual_phantom.figures import style
-from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.study.job import job
 
 
 def main(*, folder: str, png: str, pdf: str) -> None:
-    recording = load(folder)
+    recording = load_recording(folder)
     first = recording.repeats[0]
     if recording.kind == "projections":
         line_integrals = first.line_integrals(figures.SMALLEST_TRANSMISSION)

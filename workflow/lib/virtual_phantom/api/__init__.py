@@ -1,1 +1,1 @@
-"""What `import virtual_phantom` offers: the study's steps and the diagnosis as functions, with the study's defaults."""
+"""Functions of `import virtual_phantom`: the study's steps and the diagnosis, with the study's default values."""

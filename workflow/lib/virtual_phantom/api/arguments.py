@@ -1,4 +1,4 @@
-"""Arguments of the public functions: checked by name, and unexpected errors, in one line."""
+"""Checks of the arguments of public functions, and one-line messages for unexpected errors."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from ..base.console import unexpected
 from ..base.errors import InputError, meant
 from ..base.home import expand_home
 
-MOST = 10**6  # of anything that is counted here: more voxels along an axis or more views fit no memory
+MOST = 10**6  # largest count: more voxels along an axis or more views do not fit into memory
 P, T = ParamSpec("P"), TypeVar("T")
 
 
 class UnexpectedError(RuntimeError):
-    """A fault of Virtual Phantom, in one line with what to report. Its `__cause__` is the exception itself."""
+    """An error of Virtual Phantom itself: one line that says what to report. `__cause__` is the original exception."""
 
 
 def public(function: Callable[P, T]) -> Callable[P, T]:
-    """The function, which raises InputError for arguments that it does not take, and UnexpectedError for a fault."""
+    """Decorate a function to raise InputError for invalid arguments, and UnexpectedError for internal errors."""
     signature = inspect.signature(function)
-    names = [name for name, one in signature.parameters.items() if one.kind is not one.VAR_KEYWORD]
+    names = [name for name, parameter in signature.parameters.items() if parameter.kind is not parameter.VAR_KEYWORD]
 
     @functools.wraps(function)
     def checked(*arguments: P.args, **named: P.kwargs) -> T:
@@ -49,7 +49,7 @@ def public(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def whole(value: object, name: str, least: int, most: int = MOST) -> int:
-    """A whole number between two, which may be NumPy's."""
+    """Check that a value is a whole number from `least` to `most`; NumPy integers are accepted."""
     try:
         number = operator.index(value)
     except TypeError:
@@ -62,21 +62,18 @@ def whole(value: object, name: str, least: int, most: int = MOST) -> int:
 
 
 def positive(value: object, name: str) -> float:
-    """A finite number above 0."""
-    if isinstance(value, bool | np.bool_ | str | bytes):
+    """Check that a value is a finite number above 0."""
+    try:
+        number = math.nan if isinstance(value, bool | np.bool_ | str | bytes) else float(value)
+    except (TypeError, ValueError):
         number = math.nan
-    else:
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            number = math.nan
     if not math.isfinite(number) or number <= 0:
         raise InputError(f"{name}: {_shown(value)} is not a number above 0; give one")
     return number
 
 
 def three(values: object, name: str, each: Callable[[object, str], T]) -> tuple[T, T, T]:
-    """Three values (z, y, x), each checked."""
+    """Check that there are three values (z, y, x), and check each."""
     values = values.tolist() if isinstance(values, np.ndarray) else values
     if not isinstance(values, Sequence) or isinstance(values, str | bytes) or len(values) != 3:
         raise InputError(f"{name}: {_shown(values)} is not three numbers (z, y, x); give three")
@@ -84,35 +81,35 @@ def three(values: object, name: str, each: Callable[[object, str], T]) -> tuple[
 
 
 def pair(value: object, name: str, what: str) -> tuple:
-    """Two values."""
+    """Check that there are two values."""
     if not isinstance(value, Sequence) or isinstance(value, str | bytes) or len(value) != 2:
         raise InputError(f"{name}: {_shown(value)} is not a pair; give {what}")
     return tuple(value)
 
 
 def path(value: object, name: str) -> str:
-    """The path of a file or folder, as text; ``~`` is the home folder."""
+    """Check that a value is a path and return it as text; ``~`` is the home folder."""
     if not isinstance(value, str | os.PathLike) or not os.fspath(value) or "\0" in str(value):
         raise InputError(f"{name}: {_shown(value)} is not a path; give the path of a file or folder as text")
     return expand_home(str(Path(value)), name)
 
 
 def text(value: object, name: str) -> str:
-    """Text."""
+    """Check that a value is text."""
     if not isinstance(value, str):
         raise InputError(f"{name}: {_shown(value)} is not text; give a name as text")
     return value
 
 
 def mapping(value: object, name: str, what: str) -> Mapping:
-    """A mapping."""
+    """Check that a value is a mapping."""
     if not isinstance(value, Mapping):
         raise InputError(f"{name}: {_shown(value)} is not a mapping; give {what}")
     return value
 
 
 def sequence(value: object, name: str, what: str) -> list:
-    """Several values, as a list."""
+    """Check that there are several values and return them as a list."""
     value = value.tolist() if isinstance(value, np.ndarray) else value
     if isinstance(value, str | bytes | Mapping) or not hasattr(value, "__iter__"):
         raise InputError(f"{name}: {_shown(value)} is not a list; give a list of {what}")
@@ -120,7 +117,7 @@ def sequence(value: object, name: str, what: str) -> list:
 
 
 def made_by(value: object, kind: type[T], name: str, maker: str) -> T:
-    """What another function has made."""
+    """Check that a value is of the type that another function returns."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: is of type {type(value).__name__}; give what {maker} returns")
     return value

@@ -1,7 +1,8 @@
-"""A phantom, its scans, images and features: the steps of the study as functions, with the default study's numbers."""
+"""Phantom, scans, images and features: the steps of the study as functions, with the default study's values."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +30,7 @@ from .arguments import made_by, mapping, pair, path, positive, public, sequence,
 STUDY = default_study()
 SHAPE, SPACING_MM = (tuple(STUDY["grid"][key]) for key in ("shape", "spacing_mm"))
 LEVEL = STUDY["analyses"]["stability"]["noise"]
-NOISE_LEVEL = STUDY["levels"][LEVEL]["A"]  # the variance of 10 mGy on the printed phantom
+NOISE_LEVEL = STUDY["levels"][LEVEL]["A"]  # the noise variance of 10 mGy on the printed phantom
 PROJECTIONS = 300
 FINEST = schema_of("grid")["properties"]["oversampling"]["maximum"]
 LARGEST_SEED = 2**128 - 1  # more entropy than NumPy's generator has
@@ -42,15 +43,15 @@ class Scan:
     Attributes
     ----------
     grid : Grid
-        Of the phantom, on which images are made.
+        Grid of the phantom and of reconstructed images.
     line_integrals : ndarray of float32, shape (repeats, views, rows, columns)
         With noise.
     clean : ndarray, shape (views, rows, columns)
-        Without.
+        Line integrals without noise.
     image_physics : dict of str to dict of str to float
-        Effects that act on images: {effect: {parameter: value}}, complete.
+        Effects that act on images, with all parameters: {effect: {parameter: value}}.
     mu_water_per_mm : float
-        1/mm.
+        Attenuation of water, 1/mm.
     """
 
     geometry: ScanGeometry
@@ -70,20 +71,20 @@ def draw_phantom(
     oversampling: int = 2,
     seed: int = 2022,
 ) -> Phantom:
-    """The drawn abdomen with its six regions, or another layout.
+    """Draw the abdomen phantom with its six regions, or another layout.
 
     Parameters
     ----------
     shape : tuple of 3 int, optional
-        Voxels of the images (z, y, x).
+        Number of voxels of the images (z, y, x).
     spacing_mm : tuple of 3 float, optional
-        Their size (z, y, x), mm.
+        Voxel size (z, y, x), mm.
     layout_file : str or Path, optional
-        Shapes and tissues, as docs/how-to/phantoms.md says; None: the abdomen.
+        Shapes and tissues, as docs/how-to/phantoms.md describes; None: the abdomen.
     oversampling : int, optional
-        How many times finer what is scanned is drawn.
+        Factor by which the scanned phantom is finer than the images.
     seed : int, optional
-        Of the textures.
+        Seed of the textures.
 
     Returns
     -------
@@ -93,7 +94,7 @@ def draw_phantom(
     Raises
     ------
     InputError
-        For a layout that cannot be drawn, and a grid that it does not fit.
+        For an invalid layout, or one that does not fit the grid.
     """
     grid = _grid(shape, spacing_mm)
     oversampling, seed = whole(oversampling, "oversampling", 1, FINEST), whole(seed, "seed", 0, LARGEST_SEED)
@@ -112,7 +113,7 @@ def read_phantom(
     oversampling: int = 2,
     **places,
 ) -> Phantom:
-    """A phantom from a CT and its regions.
+    """Create a phantom from a CT and its regions.
 
     Parameters
     ----------
@@ -121,9 +122,9 @@ def read_phantom(
     rois : sequence of mapping
         As `phantom.ct.rois` in the configuration, for example {"name": "liver", "tissue_class": "liver", "label": 5}.
     labels : str or Path, optional
-        Label map, DICOM SEG or RTSTRUCT of the regions that name no file of their own.
+        Label map, DICOM SEG or RTSTRUCT of the regions without a file.
     shape, spacing_mm, oversampling : optional
-        As draw_phantom takes them.
+        As in draw_phantom.
     **places
         `centre_mm`, `keep_mm`, `not_checked`: as in the configuration.
 
@@ -133,7 +134,7 @@ def read_phantom(
         For an unusable image, region or setting (phantom.ct.load_phantom).
     """
     regions = sequence(rois, "rois", "mappings with name and tissue_class")
-    settings = {"image": path(image, "image"), "rois": [_plain(one) for one in regions], **_plain(places)}
+    settings = {"image": path(image, "image"), "rois": [_plain(region) for region in regions], **_plain(places)}
     if labels is not None:
         settings["labels"] = path(labels, "labels")
     finer = whole(oversampling, "oversampling", 1, FINEST)
@@ -141,17 +142,18 @@ def read_phantom(
 
 
 def _grid(shape: object, spacing_mm: object) -> Grid:
-    return Grid(three(shape, "shape", lambda one, name: whole(one, name, 1)), three(spacing_mm, "spacing_mm", positive))
+    count = functools.partial(whole, least=1)
+    return Grid(three(shape, "shape", count), three(spacing_mm, "spacing_mm", positive))
 
 
 def _plain(value: object) -> object:
-    """Numbers and arrays of NumPy, paths and tuples as YAML has them, for the schema."""
+    """Convert NumPy values, paths and tuples to types of YAML, for the schema."""
     if isinstance(value, Mapping):
-        return {key: _plain(one) for key, one in value.items()}
+        return {key: _plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
+        return [_plain(entry) for entry in value]
     return str(value) if isinstance(value, Path) else value
 
 
@@ -168,33 +170,33 @@ def scan(
     threads: int = 1,
     **scanner,
 ) -> Scan:
-    """Scan a phantom.
+    """Simulate scans of a phantom.
 
     Parameters
     ----------
     projections : int, optional
-        Views of the whole scan.
+        Number of views.
     noise_level : float, optional
-        A: one over the photons per pixel in air.
+        A: the inverse of the number of photons per pixel in air.
     repeats : int, optional
-        Acquisitions, each with noise of its own.
+        Number of acquisitions with independent noise.
     physics : mapping of str to mapping of str to float, optional
-        {effect: {parameter: value}}; omitted parameters have their typical values. The noise is then that of a
-        detector that weights photons by their energy.
+        {effect: {parameter: value}}; omitted parameters have typical values. Noise is then simulated for an
+        energy-integrating detector.
     seed : int, optional
-        Of the noise.
+        Seed of the noise.
     stream : tuple of (str, str), optional
-        Labels of geometry and noise level that pick the noise's random stream, as a study has them; None: of the
-        number of projections and "dose10", those of the default study.
+        Labels of geometry and noise level, which select the random stream of the noise as in a study. None: labels of
+        the default study for this number of projections and "dose10".
     **scanner
-        Keys of the configuration's section `scan` that differ from the default study's: `trajectory`, `pitch`,
+        Keys of the configuration's section `scan` that differ from the default study: `trajectory`, `pitch`,
         `columns`, `rows`, `source_to_isocentre_mm`, ...
 
     Raises
     ------
     InputError
-        For keys and values that the configuration does not take, unknown effects, a phantom that the scan truncates,
-        and regions that it does not see whole.
+        For invalid keys and values, unknown effects, a phantom that the scan truncates, and regions that it does not
+        cover completely.
     """
     made_by(phantom, Phantom, "phantom", "draw_phantom or read_phantom")
     projections, repeats = whole(projections, "projections", 1), whole(repeats, "repeats", 1)
@@ -202,7 +204,7 @@ def scan(
     seed = whole(seed, "seed", 0, LARGEST_SEED)
     physics = _plain(mapping({} if physics is None else physics, "physics", "{effect: {parameter: value}}"))
     if stream is not None:
-        stream = tuple(text(one, "stream") for one in pair(stream, "stream", "labels of geometry and noise level"))
+        stream = tuple(text(label, "stream") for label in pair(stream, "stream", "labels of geometry and noise level"))
     effects = checked(physics)
     section = STUDY["scan"] | _plain(scanner)
     validate(section, schema_of("scan"), "scan")
@@ -221,11 +223,11 @@ def scan(
         threads=threads,
     )
     noise = defaults_of("noise")
-    where, level = stream or (f"views{projections}", LEVEL)
+    label, level = stream or (f"views{projections}", LEVEL)
     noisy = [
         acquire(
             clean,
-            geometry=where,
+            geometry=label,
             noise=level,
             noise_level=noise_level,
             seed=repeat,
@@ -244,15 +246,16 @@ def scan(
 def reconstruct(
     scan: Scan, algorithm: str = "fbp", *, engine: str = "auto", threads: int = 1, **settings
 ) -> list[Volume]:
-    """Images of every repeat of a scan.
+    """Reconstruct an image of every repeat of a scan.
 
     Parameters
     ----------
     algorithm : {"fbp", "sirt"}, optional
     engine : {"auto", "cpu", "astra_cuda"}, optional
-        Of SIRT.
+        Projector of SIRT.
     **settings
-        Of the algorithm, as under `reconstruction` in the configuration: `iterations`, `solver`, `normalise`, ...
+        Settings of the algorithm, as under `reconstruction` in the configuration: `iterations`, `solver`,
+        `normalise`, ...
 
     Returns
     -------
@@ -262,7 +265,7 @@ def reconstruct(
     Raises
     ------
     InputError
-        For an unknown algorithm, and settings that the configuration does not take.
+        For an unknown algorithm or invalid settings.
     """
     known = defaults_of("reconstruction")
     if text(algorithm, "algorithm") not in known:
@@ -290,7 +293,7 @@ def reconstruct(
 
 @public
 def extract(images: Volume | Sequence[Volume], phantom: Phantom) -> pd.DataFrame:
-    """The 86 features of every region of a phantom in images of it.
+    """Extract the 86 features of every region of a phantom from images of it.
 
     Parameters
     ----------
@@ -300,26 +303,29 @@ def extract(images: Volume | Sequence[Volume], phantom: Phantom) -> pd.DataFrame
     Returns
     -------
     DataFrame
-        One row per image and region: image (its number, from 0), roi, tissue_class, n_voxels, grey_levels, and the
-        features by pyradiomics' names.
+        One row per image and region: image (number, from 0), roi, tissue_class, n_voxels, grey_levels, and the features
+        with pyradiomics' names.
 
     Raises
     ------
     InputError
-        For an image on another grid, and a region without two grey levels.
+        For an image on another grid, and a region without two gray levels.
     """
     made_by(phantom, Phantom, "phantom", "draw_phantom or read_phantom")
     given = [images] if isinstance(images, Volume) else sequence(images, "images", "images, as vp.reconstruct returns")
-    images = [made_by(one, Volume, f"images[{number}]", "vp.reconstruct") for number, one in enumerate(given)]
+    images = [made_by(image, Volume, f"images[{number}]", "vp.reconstruct") for number, image in enumerate(given)]
     if not images:
         raise InputError("images: is empty; give at least one image")
     masks = {roi.name: roi.mask for roi in phantom.rois}
     classes = {roi.name: roi.tissue_class for roi in phantom.rois}
     front, found = ["image", "roi", "tissue_class", "n_voxels", "grey_levels"], []
-    for number, one in enumerate(images):
-        if not one.grid.matches(phantom.image.grid):
-            raise InputError(f"image {number}: is on another grid ({one.grid}) than the phantom ({phantom.image.grid})")
-        table = extraction.extract(one, masks, name=f"image {number}")
+    for number, image in enumerate(images):
+        if not image.grid.matches(phantom.image.grid):
+            raise InputError(
+                f"images[{number}]: is on another grid ({image.grid}) than the phantom ({phantom.image.grid}); "
+                "reconstruct a scan of this phantom"
+            )
+        table = extraction.extract(image, masks, name=f"image {number}")
         table = table.assign(image=number, tissue_class=table["roi"].map(classes))
         found.append(table[[*front, *extraction.FEATURES]])
     return pd.concat(found, ignore_index=True)

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from ..base.errors import InputError
 from ..io.published import resources_folder
-from ..recordings.document import Document, read_document, to_be_made
-from ..recordings.public_scans.features import EXTRACTED, FLAT, content
-from ..recordings.public_scans.table import MB, SOURCE, PublicScan, chosen, small
+from ..recordings.document import Document, planned_document, read_document
+from ..recordings.public_scans.features import EXTRACTED, FLAT, recording_content
+from ..recordings.public_scans.table import MB, SOURCE, PublicScan, select_scans, small_subset
 from .dependencies import resource
 from .outputs import Files
 from .plan import Plan
@@ -58,11 +58,11 @@ class PublicScans:
     def compared(self) -> tuple[PublicScan, ...]:
         """Those that the simulation is held against."""
         scans = self._chosen("compared")
-        return small(scans) if self.plan.config["subset"] == "small" else scans
+        return small_subset(scans) if self.plan.config["subset"] == "small" else scans
 
     def _chosen(self, use: str) -> tuple[PublicScan, ...]:
         selection = self.plan.config["public_scans"].get(use)
-        return () if selection is None else chosen(selection, f"public_scans.{use}")
+        return () if selection is None else select_scans(selection, f"public_scans.{use}")
 
     def check(self) -> None:
         """Check what the configuration asks for.
@@ -119,7 +119,9 @@ class PublicScans:
                 f"config: recordings names {COMPARED}, and phantom.ct.rois does not say which segment is which ROI; "
                 "give --configfile config/printed_phantom.yaml first, which does"
             )
-        return to_be_made(folder, content(self.compared, FLAT if folder == made[COMPARED + FLAT] else ""))
+        return planned_document(
+            folder, recording_content(self.compared, FLAT if folder == made[COMPARED + FLAT] else "")
+        )
 
     # Where they lie
 

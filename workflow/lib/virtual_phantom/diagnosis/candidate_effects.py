@@ -20,7 +20,7 @@ from ..physics.effect import (
     needs_times,
     require,
 )
-from ..recordings.scan import timed
+from ..recordings.scan import has_view_times
 from .fitting.priors import declared
 
 # {kind of a recording: (test for effects that it does not show, reason)}
@@ -49,7 +49,7 @@ def shown_by(content: Mapping) -> dict:
     parallel = content.get("scan", {}).get("beam") == PARALLEL
     return {
         "kind": kind,
-        "timed": timed(content),
+        "timed": has_view_times(content),
         "corrected": content.get("corrected", ()),
         "helical": helical,
         "parallel": parallel,

@@ -8,9 +8,9 @@ from ..physics.beam.sensors import sensor_from_label
 from ..physics.beam.spectra import KVP, TUNGSTEN, Anode
 from ..physics.chain import EVEN, Chain
 from ..physics.state import AIR
-from ..recordings.reading import load as read_recording
+from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
-from ..recordings.scan import assumed
+from ..recordings.scan import view_time_note
 from .comparison.regions import ScannedVolume
 from .comparison.scans import agreement_of_scans
 from .fitting.priors import BASELINE, declared
@@ -34,7 +34,7 @@ def prepare_recording(request: DiagnosisRequest, recording: Recording | None = N
     InputError
         For a recording of another kind, and for a nominal anode or tube voltage without a known spectrum.
     """
-    recording = recording or read_recording(request.folder)
+    recording = recording or load_recording(request.folder)
     if recording.kind not in KINDS:
         raise InputError(f"{recording.document.path}: holds {recording.kind}, which are diagnosed by comparison")
     return recording, KINDS[recording.kind][0](recording, request, nominal_settings(recording))
@@ -76,7 +76,7 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         floor_chain=floor,
         coarse_chain=coarse,
         step=step,
-        lacking=assumed(recording.scan),
+        lacking=view_time_note(recording.scan),
         voxels=whole_voxels(request, scene),
     )
 

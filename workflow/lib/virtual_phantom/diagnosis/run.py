@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from ..base.streams import Branch
 from ..physics.effect import offered
-from ..recordings.reading import load as read_recording
+from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
 from ..statistics.proof_record import SeedResult, with_coverage
 from .assumptions import model_assumptions
@@ -96,7 +96,7 @@ def run_diagnosis(
     InputError
         For a recording that cannot be read or diagnosed.
     """
-    recording = read_recording(request.folder)
+    recording = load_recording(request.folder)
     setup = check_setup(recording, request)
     if setup is not None and setup.kind in SETUP_VERDICTS:
         return setup_diagnosis(setup, recording, request)

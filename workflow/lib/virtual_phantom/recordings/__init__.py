@@ -1,7 +1,7 @@
-"""Recordings: real or concealed measurements in a folder with a recording.yaml, read and checked.
+"""Recordings: measurements in a folder with a recording.yaml, real ones or those of a blind test.
 
-`reading.load` gives an ImagesRecording, ProjectionsRecording or FeaturesRecording; `summary.summary` says what is in
-it; `importers` make such folders from other formats. The format: docs/how-to/recordings.md.
+`reading.load_recording` returns an ImagesRecording, ProjectionsRecording or FeaturesRecording. `summary` describes its
+content, and `importers` convert other formats. The format: docs/how-to/recordings.md.
 
-Nothing is imported here: the workflow reads recording.yaml in every job, and must not pay for the readers of images.
+This module imports nothing: the workflow reads recording.yaml in every job and must not wait for image libraries.
 """

@@ -1,4 +1,4 @@
-"""recording.yaml: read, checked against its schema, and its paths kept inside the folder."""
+"""Reading and checking of recording.yaml. Its paths must stay inside the recording's folder."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ SECTIONS["features"] = {"features", "rois"}
 
 @dataclass(frozen=True)
 class Document:
-    """What recording.yaml says, complete with defaults, and the folder that it stands in."""
+    """Content of recording.yaml, complete with defaults, and its folder."""
 
     folder: Path
     content: dict
 
     @property
     def path(self) -> Path:
-        """recording.yaml itself, which messages name."""
+        """Path of recording.yaml, for messages."""
         return self.folder / FILE_NAME
 
     @property
@@ -48,13 +48,13 @@ class Document:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Every file of the recording, recording.yaml first; of a DICOM folder each file in it."""
+        """All files of the recording, recording.yaml first. DICOM folders count with every file in them."""
         regions = (self.folder / name for name in _region_files(self.content))
         named = [self.path, *self.repeats, *self.held_out, *regions]
         return tuple(file for path in dict.fromkeys(named) for file in files_of(path))
 
     def relative(self, path: Path) -> str:
-        """A path as recording.yaml writes it."""
+        """Return a path relative to the folder, as in recording.yaml."""
         return path.relative_to(self.folder).as_posix()
 
 
@@ -64,16 +64,16 @@ def read_document(folder: str | Path) -> Document:
     Raises
     ------
     InputErrors
-        A line for each mistake: if it is missing, not YAML, refused by schemas/recording.schema.yaml, holds a number
-        that is not finite or a section of another kind of recording, names a file twice, or names a path that is not
-        there or leads out of the folder.
+        One line per mistake. The file is missing, is not YAML or does not match schemas/recording.schema.yaml. A number
+        is not finite. A section belongs to another kind of recording. A path is repeated, missing or outside the
+        folder.
     """
     folder = Path(folder)
     path = folder / FILE_NAME
     content = read_yaml(path, f"a recording is a folder with a {FILE_NAME} in it")
     found, rest = mistakes(content, _schema(), str(path))
     lines = [mistake.line for mistake in found]
-    lines += _misplaced(path, rest)
+    lines += _foreign_keys(path, rest)
     lines += _check_files(path, rest)
     if lines:
         raise InputErrors(dict.fromkeys(lines))
@@ -81,33 +81,28 @@ def read_document(folder: str | Path) -> Document:
     return Document(folder, content)
 
 
-def _misplaced(path: Path, content: dict) -> Iterator[str]:
-    """What has no meaning in this kind of recording."""
+def _foreign_keys(path: Path, content: dict) -> Iterator[str]:
+    """Yield a message for each key that has no meaning in this kind of recording."""
     if "kind" not in content:
         return
     foreign = set().union(*SECTIONS.values()) - SECTIONS[content["kind"]]
-    for wrong in sorted(foreign & content.keys()):
-        yield f"{path}: '{wrong}' has no meaning in a recording of {content['kind']}; take it out"
+    for key in sorted(foreign & content.keys()):
+        yield f"{path}: '{key}' has no meaning in a recording of {content['kind']}; remove it"
     for roi in content.get("rois", []) if content["kind"] == "features" else []:
-        for cut in sorted({"margin_mm", "parts"} & roi.keys()):
+        for key in sorted({"margin_mm", "parts"} & roi.keys()):
             yield (
-                f"{path}: rois: {cut} of {roi['name']} has no meaning in a recording of features, whose ROIs are as "
-                "they were extracted; take it out"
+                f"{path}: rois: {key} of {roi['name']} has no meaning in a recording of features, which were extracted "
+                "already; remove it"
             )
 
 
-def to_be_made(folder: str | Path, content: dict) -> Document:
-    """The document of a recording that a job will make: its files need not be there yet.
-
-    Parameters
-    ----------
-    content : dict
-        As the job will write it.
+def planned_document(folder: str | Path, content: dict) -> Document:
+    """Return the document of a recording that a job will create; its files need not exist yet.
 
     Raises
     ------
     InputError
-        If schemas/recording.schema.yaml refuses it.
+        If `content` does not match schemas/recording.schema.yaml.
     """
     folder, content = Path(folder), copy.deepcopy(content)
     validate(content, _schema(), str(folder / FILE_NAME))
@@ -121,41 +116,41 @@ def _schema() -> dict:
 
 
 def _region_files(content: dict) -> list[str]:
-    if content.get("kind") == "features":  # they name masks that features were extracted with, wherever these are
+    if content.get("kind") == "features":  # names of masks that the features were extracted with, in any folder
         return []
-    own = [roi["file"] for roi in content.get("rois", []) if "file" in roi]
-    return [content["labels"], *own] if "labels" in content else own
+    files = [roi["file"] for roi in content.get("rois", []) if "file" in roi]
+    return [content["labels"], *files] if "labels" in content else files
 
 
 def _check_files(path: Path, content: dict) -> Iterator[str]:
-    """What is wrong with the files that are named."""
-    kept, held_out = content.get("repeats", []), content.get("held_out", [])
-    places: dict[Path, str] = {}
-    for name in dict.fromkeys([*kept, *held_out, *_region_files(content)]):
+    """Yield a message for each named file that is missing, repeated or outside the folder."""
+    repeats, held_out = content.get("repeats", []), content.get("held_out", [])
+    resolved: dict[Path, str] = {}
+    for name in dict.fromkeys([*repeats, *held_out, *_region_files(content)]):
         try:
-            place = _inside(path, name)
+            file = _inside(path, name)
         except InputError as error:
             yield str(error)
             continue
-        if name in (*kept, *held_out) and places.setdefault(place, name) != name:
-            yield f"{path}: '{places[place]}' and '{name}' are the same file; every repeat needs its own"
-    for twice in sorted(set(kept) & set(held_out)):
-        yield f"{path}: '{twice}' is among the repeats and held out; it can only be one of the two"
+        if name in (*repeats, *held_out) and resolved.setdefault(file, name) != name:
+            yield f"{path}: '{resolved[file]}' and '{name}' are the same file; give each repeat its own file"
+    for name in sorted(set(repeats) & set(held_out)):
+        yield f"{path}: '{name}' is under both repeats and held_out; remove it from one of them"
 
 
 def _inside(path: Path, name: str) -> Path:
-    """Where a named file lies; InputError if that is outside the folder or nowhere."""
+    """Return the resolved path of a named file; InputError if it is missing or outside the folder."""
     folder = path.parent.resolve()
     if Path(name).is_absolute() or PureWindowsPath(name).is_absolute() or ".." in PureWindowsPath(name).parts:
-        raise InputError(f"{path}: '{name}' leads out of the folder; put the file into it and name it relative to it")
+        raise InputError(f"{path}: '{name}' leads out of the folder; copy the file into it and use its relative path")
     try:
-        place = (folder / name).resolve()
-        there = place.exists()
-    except (OSError, ValueError) as error:  # too long, or with characters that no file has
+        file = (folder / name).resolve()
+        exists = file.exists()
+    except (OSError, ValueError) as error:  # name too long, or with invalid characters
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: '{name[:NAME_SHOWN]}' cannot be the name of a file ({reason})") from None
-    if place == folder or folder not in place.parents:
-        raise InputError(f"{path}: '{name}' is a link out of the folder; put the file itself into it")
-    if not there:
-        raise InputError(f"{path}: '{name}' is not there; correct the name or put the file into the folder")
-    return place
+        raise InputError(f"{path}: '{name[:NAME_SHOWN]}' is not a valid file name ({reason}); correct it") from None
+    if file == folder or folder not in file.parents:
+        raise InputError(f"{path}: '{name}' is a link out of the folder; copy the file itself into it")
+    if not exists:
+        raise InputError(f"{path}: '{name}' does not exist; correct the name or copy the file into the folder")
+    return file

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 from ..base.errors import InputError, InputErrors, lines_of
 from ..base.geometry import Grid, OrbitGeometry
@@ -18,7 +19,7 @@ from .provenance import check_nominal, check_shared, checksums, dicom_facts
 from .recording import Provenance, Recording, Repeats
 from .scan import check_lengths, missing_for_geometry, scan_geometry
 
-MENTIONED_SHARE = 0.01  # of voxels that is worth a remark
+MENTIONED_SHARE = 0.01  # of the voxels; smaller shares are not reported
 
 
 @dataclass(frozen=True)
@@ -30,28 +31,23 @@ class ImagesRecording(Recording):
     grid: Grid
 
     def rois(self) -> tuple[Roi, ...]:
-        """The ROIs that recording.yaml names, on the recording's grid.
-
-        Returns
-        -------
-        tuple of Roi
-            Empty if it names none.
+        """Return the ROIs of recording.yaml on the recording's grid; empty if it names none.
 
         Raises
         ------
         InputError
-            For a file or label that is not there, a file on another grid, and ROIs empty or lost.
+            For a missing file or label, a file on another grid, and empty or lost ROIs.
         """
         return _rois(self.document, self.grid)
 
 
-def load(document: Document) -> ImagesRecording:
-    """Read every image once.
+def load_images(document: Document) -> ImagesRecording:
+    """Read and check every image once.
 
     Raises
     ------
     InputErrors
-        If any is not what recording.yaml says: a line for each image.
+        One line per image that does not match recording.yaml.
     """
     notes: list[str] = []
     lines: list[str] = []
@@ -65,34 +61,41 @@ def load(document: Document) -> ImagesRecording:
             continue
         if grid is None:
             grid, first = image.grid, path
-        elif not image.grid.matches(grid, GRID_TOLERANCE_MM):
-            lines.append(
-                f"{path}: is on another grid ({image.grid}) than {first.name} ({grid}); "
-                "resample it, or make a recording of its own"
-            )
-        elif image.grid.rotated_against(grid) > LARGEST_TILT:
-            lines.append(f"{path}: is rotated against {first.name}; resample it onto the same grid")
+        elif mismatch := grid_mismatch(image.grid, grid, path, first.name):
+            lines.append(mismatch)
         if (below := float((image.array < BELOW_AIR_HU).mean())) > MENTIONED_SHARE:
             share = f"{100 * below:.0f} % of the voxels are below {BELOW_AIR_HU:g} HU"
-            notes.append(f"{document.relative(path)}: {share}: padding outside the scanned circle")
+            notes.append(f"{document.relative(path)}: {share}: padding outside the scan circle")
         if not has_air(image.array):
-            notes.append(f"{document.relative(path)}: shows no air (-1000 HU) that its CT numbers could be checked by")
+            notes.append(f"{document.relative(path)}: contains no air (-1000 HU), so its CT numbers cannot be checked")
         if path.is_dir():
             facts[path] = dicom_facts(path)
     if lines:
         raise InputErrors(lines)
-    for path, own in facts.items():
+    for path, series_facts in facts.items():
         first = next(iter(facts))
-        check_shared(own, facts[first], path, first)
-        check_nominal(own, document.content["nominal"], document.path)
+        check_shared(series_facts, facts[first], path, first)
+        check_nominal(series_facts, document.content["nominal"], document.path)
     _rois(document, grid)
     provenance = Provenance(document.content["origin"], checksums(document), next(iter(facts.values()), {}))
     repeats, held_out = Repeats(document.repeats, read_one), Repeats(document.held_out, read_one)
     return ImagesRecording(document, provenance, _geometry(document), tuple(notes), repeats, held_out, grid)
 
 
+def grid_mismatch(grid: Grid, first: Grid, name: str | Path, first_name: str) -> str | None:
+    """Return a message if the grid of an image is not the grid of the first image."""
+    if not grid.matches(first, GRID_TOLERANCE_MM):
+        return (
+            f"{name}: is on another grid ({grid}) than {first_name} ({first}); resample it, or make a separate "
+            "recording of it"
+        )
+    if grid.rotated_against(first) > LARGEST_TILT:
+        return f"{name}: is rotated relative to {first_name}; resample it to the same grid"
+    return None
+
+
 def _geometry(document: Document) -> OrbitGeometry | None:
-    """The geometry if the scan section is complete and simulable; what stands in an incomplete one is still checked."""
+    """Return the geometry if the scan section is complete and can be simulated; check the lengths in any case."""
     scan = document.content.get("scan", {})
     if not missing_for_geometry(scan) and scan.get("detector", "flat") == "flat":
         return scan_geometry(scan, str(document.path))
@@ -109,6 +112,6 @@ def _rois(document: Document, grid: Grid) -> tuple[Roi, ...]:
         located = replace(entry, file=str(document.folder / entry.file))
         for name, mask in zip(entry.names, draw_entry(located, grid, open_files), strict=True):
             if not mask.any():
-                raise InputError(f"{document.path}: ROI {name} is empty; give fewer parts")
+                raise InputError(f"{document.path}: rois: {name} is empty; use fewer parts")
             rois.append(Roi(name, entry.tissue_class, mask, entry.label))
     return tuple(rois)

@@ -1,7 +1,7 @@
-"""The table that pyradiomics writes of a batch, in the columns and names of a recording of features.
+"""Conversion of the table that pyradiomics writes for a batch to the columns and names of a recording of features.
 
-Its rows are cases: an image, a mask and perhaps a label. Which of them is which ROI stands under `rois` in
-recording.yaml, whose `label` and `file` are matched with the columns Label and Mask.
+Its rows are cases: an image, a mask and perhaps a label. The section `rois` of recording.yaml assigns them to ROIs: its
+`label` and `file` are matched with the columns Label and Mask.
 """
 
 from __future__ import annotations
@@ -19,61 +19,45 @@ from ..features.settings import COLUMNS
 from ..features.table_files import DIAGNOSTICS
 
 IMAGE, MASK, LABEL = "Image", "Mask", "Label"
-SHOWN = 6  # values of a column in a message
+SHOWN = 6  # values of a column that messages list
 
 
-def is_one(table: pd.DataFrame) -> bool:
-    """Whether a table is pyradiomics' own, by its columns."""
+def is_pyradiomics_table(table: pd.DataFrame) -> bool:
+    """Return whether the columns of a table are those that pyradiomics writes."""
     return {IMAGE, MASK} <= set(table.columns) or any(str(name).startswith(DIAGNOSTICS) for name in table.columns)
 
 
 def short_names(values: pd.Series) -> dict[str, str]:
-    """Paths without the folders that all of them share.
-
-    Parameters
-    ----------
-    values : Series of str
-        What tells images apart: paths, or names that stay as they are.
-
-    Returns
-    -------
-    dict of str to str
-        {value: name}.
-    """
+    """Return {path: path without the folders that all paths share}."""
     parts = {value: re.split(r"[/\\]", value) for value in values.unique()}
     shared = 0
-    while len({tuple(one[: shared + 1]) for one in parts.values()}) == 1 and all(
-        len(one) > shared + 1 for one in parts.values()
+    while len({tuple(part[: shared + 1]) for part in parts.values()}) == 1 and all(
+        len(part) > shared + 1 for part in parts.values()
     ):
         shared += 1
-    return {value: "/".join(one[shared:]) for value, one in parts.items()}
+    return {value: "/".join(part[shared:]) for value, part in parts.items()}
 
 
-def renamed(table: pd.DataFrame, settings: dict, rois: Sequence[dict], source: str) -> tuple[pd.DataFrame, int]:
-    """The table with the columns image, roi and tissue_class, and without what a recording does not keep.
+def to_native_layout(
+    table: pd.DataFrame, settings: dict, rois: Sequence[dict], source: str
+) -> tuple[pd.DataFrame, int]:
+    """Return the table with columns image, roi and tissue_class, and the number of rows that belong to none of `rois`.
 
-    Of the diagnostics those stay that tell how features were extracted; features stay all.
+    Diagnostics are dropped, except those that state how features were extracted. All features are kept.
 
     Parameters
     ----------
     table : DataFrame
-        As in the file, Label and the columns that `settings` names as text.
+        As in the file; Label and the columns that `settings` names are text.
     settings : dict
-        The section `features` of recording.yaml.
+        Section `features` of recording.yaml.
     rois : sequence of dict
-        Its section `rois`; empty if there is none.
-    source : str
-        What the message begins with.
-
-    Returns
-    -------
-    left_out : int
-        Rows that are of none of `rois`.
+        Section `rois` of recording.yaml; may be empty.
 
     Raises
     ------
     InputError
-        For a column that is missing, rows without features, and ROIs that are not named, not there or not one.
+        For a missing column, rows without features, and ROIs that match no row or the same row.
     """
     image = _column(table, settings.get("image"), ("image", IMAGE), "features.image", source)
     others = [name for name in table.columns if not str(name).startswith(DIAGNOSTICS) or name in COLUMNS]
@@ -98,80 +82,80 @@ def _column(
     for name in wanted:
         if name in table:
             return name
-    advice = advice or f"say in recording.yaml under {key} which column it is"
-    raise InputError(f"{source}: lacks the column {' or '.join(wanted)}; {advice}")
+    advice = advice or f"name the column in recording.yaml under {key}"
+    raise InputError(f"{source}: has no column {' or '.join(wanted)}; {advice}")
 
 
 def _advice(table: pd.DataFrame) -> str:
     column = LABEL if LABEL in table else MASK
     example = f"label: {table[LABEL].iloc[0]}" if LABEL in table else "file: liver.nii.gz"
     return (
-        f"say under rois in recording.yaml which ROI each {column} is: "
-        f"- {{name: liver, tissue_class: liver, {example}}}"
+        f"name the ROI of each {column} under rois in recording.yaml: - {{name: liver, tissue_class: liver, {example}}}"
     )
 
 
 def _check_extracted(table: pd.DataFrame, image: str, source: str) -> None:
     if table.empty:
-        raise InputError(f"{source}: has no rows below the names of its columns; give the table that pyradiomics wrote")
+        raise InputError(f"{source}: has no rows below its header; use the table that pyradiomics wrote")
     features = [name for name in table.columns if is_feature(name)]
     if not features:
-        raise InputError(f"{source}: holds no feature of pyradiomics; give the table that it wrote")
+        raise InputError(f"{source}: has no columns of features; use the table that pyradiomics wrote")
     empty = table[features].isna().all(axis=1).to_numpy()
     if empty.any():
         row = int(empty.argmax())
         raise InputError(
-            f"{source}: row {table.index[row]} (image {table[image].iloc[row]}) holds no features: pyradiomics could "
-            "not extract them and its log says why; take the row out"
+            f"{source}: row {table.index[row]} (image {table[image].iloc[row]}) has no features: pyradiomics could not "
+            "extract them and its log says why; remove the row"
         )
 
 
 def _matched(
     table: pd.DataFrame, column: str | None, rois: Sequence[dict], source: str
 ) -> tuple[pd.DataFrame, np.ndarray]:
-    """Name and tissue class of every row, and whether it has one."""
+    """Return name and tissue class of every row, and whether the row belongs to an ROI."""
     found = np.full(len(table), -1)
     for number, roi in enumerate(rois):
-        own = _rows_of(table, column, roi, source)
-        if not own.any():
-            raise InputError(f"{source}: no row is of {_asked(roi)}; {_there(table, column)}")
-        if (both := own & (found >= 0)).any():
+        rows = _rows_of(table, column, roi, source)
+        if not rows.any():
+            raise InputError(f"{source}: no row matches {_describe_roi(roi)}; {_values(table, column)}")
+        if (both := rows & (found >= 0)).any():
             row = int(both.argmax())
             raise InputError(
-                f"{source}: row {table.index[row]} is of {_asked(rois[found[row]])} and of {_asked(roi)}; tell them "
-                "apart by label and file"
+                f"{source}: row {table.index[row]} matches both {_describe_roi(rois[found[row]])} and "
+                f"{_describe_roi(roi)}; distinguish them by label and file"
             )
-        found[own] = number
-    names = pd.DataFrame([(one["name"], one["tissue_class"]) for one in rois], columns=["roi", "tissue_class"])
+        found[rows] = number
+    names = pd.DataFrame([(roi["name"], roi["tissue_class"]) for roi in rois], columns=["roi", "tissue_class"])
     return names.reindex(found), found >= 0
 
 
 def _rows_of(table: pd.DataFrame, column: str | None, roi: dict, source: str) -> np.ndarray:
-    own = np.ones(len(table), dtype=bool)
+    rows = np.ones(len(table), dtype=bool)
     if "file" in roi:
-        masks = table[_column(table, None, (MASK,), "", source, f"rois cannot name files then ({roi['name']})")]
+        advice = f"remove file of ROI {roi['name']} under rois, or add the column"
+        masks = table[_column(table, None, (MASK,), "", source, advice)]
         paths = [PurePosixPath(str(value).replace("\\", "/")) for value in masks]
         try:
-            own &= np.array([path.match(roi["file"]) for path in paths], dtype=bool)
+            rows &= np.array([path.match(roi["file"]) for path in paths], dtype=bool)
         except ValueError:
-            raise InputError(f"{source}: rois: '{roi['file']}' is no name of a mask; give a file's name") from None
+            raise InputError(f"{source}: rois: '{roi['file']}' is not a file name; use the name of a mask") from None
     if "label" in roi or "file" not in roi:
         values = table[_column(table, column, (LABEL,), "features.roi", source)].astype(str).str.strip()
-        # Label 5 becomes 5.0 where a table was written again with gaps in that column.
-        own &= values.str.replace(r"^(\d+)\.0+$", r"\1", regex=True).eq(str(roi.get("label", roi["name"]))).to_numpy()
-    return own
+        # Label 5 becomes 5.0 if a table with gaps in this column is written again.
+        rows &= values.str.replace(r"^(\d+)\.0+$", r"\1", regex=True).eq(str(roi.get("label", roi["name"]))).to_numpy()
+    return rows
 
 
-def _asked(roi: dict) -> str:
-    how = [f"{key} {roi[key]}" for key in ("label", "file") if key in roi]
-    return f"ROI {roi['name']}" + (f" ({', '.join(how)})" if how else "")
+def _describe_roi(roi: dict) -> str:
+    keys = [f"{key} {roi[key]}" for key in ("label", "file") if key in roi]
+    return f"ROI {roi['name']}" + (f" ({', '.join(keys)})" if keys else "")
 
 
-def _there(table: pd.DataFrame, column: str | None) -> str:
+def _values(table: pd.DataFrame, column: str | None) -> str:
     texts = []
     for name in dict.fromkeys((column or LABEL, MASK)):
         if name in table:
             values = [re.split(r"[/\\]", value)[-1] for value in table[name].astype(str).unique()]
             more = f" and {len(values) - SHOWN} more" if len(values) > SHOWN else ""
-            texts.append(f"the column {name} holds {', '.join(values[:SHOWN])}{more}")
+            texts.append(f"the column {name} contains {', '.join(values[:SHOWN])}{more}")
     return "; ".join(texts)

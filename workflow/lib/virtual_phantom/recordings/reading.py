@@ -1,4 +1,4 @@
-"""Load a recording of any kind."""
+"""Loading of recordings of any kind."""
 
 from __future__ import annotations
 
@@ -6,31 +6,30 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..features.names import FEATURES
-from . import features, images, projections
 from .document import read_document
-from .features import FeaturesRecording
-from .images import ImagesRecording
-from .projections import ProjectionsRecording
+from .features import FeaturesRecording, load_features
+from .images import ImagesRecording, load_images
+from .projections import ProjectionsRecording, load_projections
 
-LOADERS = {"images": images.load, "projections": projections.load}
+LOADERS = {"images": load_images, "projections": load_projections}
 
 
-def load(
+def load_recording(
     folder: str | Path, wanted: Sequence[str] = FEATURES
 ) -> ImagesRecording | ProjectionsRecording | FeaturesRecording:
-    """Read the recording in a folder. Every file is read once and checked; images and projections again when used.
+    """Load the recording in a folder: read and check every file. Images and projections are read again when used.
 
     Parameters
     ----------
     wanted : sequence of str, optional
-        The study's features, which are kept of a table that has more.
+        Features of the study, which are kept if a table has more.
 
     Raises
     ------
     InputError
-        One line that names the file, for anything that is missing, broken or not what recording.yaml says.
+        One line per mistake that names the file, for anything missing, broken or different from recording.yaml.
     """
     document = read_document(folder)
     if document.content["kind"] == "features":
-        return features.load(document, tuple(wanted))
+        return load_features(document, tuple(wanted))
     return LOADERS[document.content["kind"]](document)

@@ -1,4 +1,4 @@
-"""What all kinds of recordings have in common."""
+"""Base classes of all kinds of recordings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Content = TypeVar("Content")
 
 
 class Repeats(Sequence, Generic[Content]):
-    """Repeated acquisitions, each read from its file when it is asked for: they need not fit into memory together."""
+    """Sequence of repeated acquisitions. Each is read from its file on access, because all may not fit into memory."""
 
     def __init__(self, paths: tuple[Path, ...], read: Callable[[Path], Content]):
         self.paths, self._read = paths, read
@@ -28,16 +28,16 @@ class Repeats(Sequence, Generic[Content]):
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where the data come from and what exactly they are.
+    """Origin and identity of the data.
 
     Attributes
     ----------
     origin : dict
-        As under `origin` of recording.yaml: citation, licence, importer, checksums of what was imported.
+        Section `origin` of recording.yaml: citation, license, importer, checksums of the imported files.
     sha256 : dict of str to str or list of str
         Checksums by file (provenance.checksums).
     dicom : dict
-        Scan facts of the first repeat's headers (provenance.dicom_facts); empty where there are none.
+        Scan facts from the headers of the first repeat (provenance.dicom_facts); empty without DICOM files.
     """
 
     origin: dict
@@ -52,11 +52,11 @@ class Recording:
     Attributes
     ----------
     document : Document
-        What recording.yaml says.
+        Content of recording.yaml.
     geometry : OrbitGeometry or None
-        None where the scan section does not say enough.
+        None if the scan section is incomplete.
     notes : tuple of str
-        What a user should know of these data and need not act on.
+        Remarks on the data that need no action.
     """
 
     document: Document
@@ -66,7 +66,7 @@ class Recording:
 
     @property
     def name(self) -> str:
-        """As recording.yaml names it."""
+        """Name in recording.yaml."""
         return self.document.content["name"]
 
     @property
@@ -76,21 +76,21 @@ class Recording:
 
     @property
     def phantom(self) -> str | None:
-        """What was scanned; None if recording.yaml does not say."""
+        """Scanned object; None if recording.yaml does not name it."""
         return self.document.content.get("phantom")
 
     @property
     def isocentre_mm(self) -> tuple[float, float, float] | None:
-        """World point of the phantom at the isocentre, mm (x, y, z); None for the centre of its volume."""
+        """World point of the phantom at the isocentre, mm (x, y, z); None for the center of its volume."""
         point = self.document.content.get("isocentre_mm")
         return tuple(map(float, point)) if point is not None else None
 
     @property
     def scan(self) -> dict:
-        """The scan section as given, mm, degrees and pixels; empty where nothing is known."""
+        """Scan section as stated, mm, degrees and pixels; empty if there is none."""
         return self.document.content.get("scan", {})
 
     @property
     def nominal(self) -> dict:
-        """What the label on the scanner says."""
+        """Scanner settings as stated in recording.yaml."""
         return self.document.content["nominal"]

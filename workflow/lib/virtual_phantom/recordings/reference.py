@@ -1,4 +1,4 @@
-"""Features recordings as the references that simulated features are set against: PCA markers and scores."""
+"""Recorded features as references for simulated ones: PCA markers and stability scores."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from ..statistics import repeats as repeats_of
 from .features import FeaturesRecording
 
 PER = ("image", "condition")
-MINIMUM_GROUPS = 2  # to be compared with each other
-MINIMUM_IMAGES = 2  # of a group: the rank-sum test knows no spread of a single one
+MINIMUM_GROUPS = 2  # a comparison needs two
+MINIMUM_IMAGES = 2  # per group: the rank-sum test needs a spread
 
 
 def in_hu(recording: FeaturesRecording) -> pd.DataFrame:
-    """The repeats with first-order features in HU (convert_to_hu), whatever offset they were extracted with."""
+    """Return the repeats with first-order features in HU (convert_to_hu), whatever offset they were extracted with."""
     return convert_to_hu(recording.repeats, recording.stored_offset_hu)
 
 
-def grouped(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:
-    """A table of features with a column `group`: 1, 2, ... for each combination of conditions, in their sorted order.
+def with_group(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:
+    """Return a table of features with a column `group`: 1, 2, ... for the sorted combinations of conditions.
 
-    Without conditions all images are group 1. A condition of the name group, as the tandem study has, is replaced by
+    Without conditions, all images are group 1. The groups replace a condition named group, as in the tandem study.
     its number in order.
     """
     if not conditions:
@@ -33,40 +33,42 @@ def grouped(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:
     return table.assign(group=table.groupby(list(conditions)).ngroup() + 1)
 
 
-def reference(table: pd.DataFrame, conditions: Sequence[str], per: str = "image", named: bool = False) -> pd.DataFrame:
-    """Measured features for `statistics.pca.project`.
+def reference_features(
+    table: pd.DataFrame, conditions: Sequence[str], per: str = "image", named: bool = False
+) -> pd.DataFrame:
+    """Return measured features for `statistics.pca.project`.
 
     Parameters
     ----------
     table : DataFrame
         One row per image and ROI, in HU.
-    conditions : sequence of str
-        Columns.
     per : {"image", "condition"}, optional
-        "image": every repeat; "condition": the mean over the repeats of each condition and ROI.
+        "image": all repeats; "condition": the mean over the repeats of each condition and ROI.
     named : bool, optional
-        Whether a column `condition` has the values of `conditions` as text.
+        Whether to add a column `condition` with the values of `conditions` as text.
 
     Returns
     -------
     DataFrame
-        Columns group, roi, tissue_class and the features that the table has.
+        Columns group, roi, tissue_class and the features of the table.
 
     Raises
     ------
     InputError
-        For another `per`, and conditions that are no columns.
+        For another `per`, or conditions that are not columns.
     """
     if per not in PER:
-        raise InputError(f"reference: {per!r} is not known; choose from {', '.join(PER)}")
+        raise InputError(f"reference: per is {per!r}; use one of {', '.join(PER)}")
     if missing := [name for name in conditions if name not in table]:
-        raise InputError(f"reference: {missing[0]!r} is no column of the features; there are {', '.join(table)[:200]}")
+        raise InputError(
+            f"reference: {missing[0]!r} is not a column of the features; choose from {', '.join(table)[:200]}"
+        )
     columns = ["group", "roi", "tissue_class"]
     if named and len(conditions):
         columns.append("condition")
         text = table[list(conditions)].apply(lambda row: ", ".join(map(_shown, row)), axis=1)
         table = table.assign(condition=text)
-    table = grouped(table, conditions)[[*columns, *features_of(table)]]
+    table = with_group(table, conditions)[[*columns, *features_of(table)]]
     return table if per == "image" else table.groupby(columns, sort=False).mean().reset_index()
 
 
@@ -75,40 +77,40 @@ def _shown(value: object) -> str:
 
 
 def has_scores(recording: FeaturesRecording) -> bool:
-    """Whether at least two of its conditions have at least two images."""
+    """Return whether at least two conditions have at least two images each."""
     return int((recording.images_per_condition() >= MINIMUM_IMAGES).sum()) >= MINIMUM_GROUPS
 
 
-def scores(recording: FeaturesRecording, repeats: int, **options) -> pd.DataFrame:
-    """Stability and discriminative power over the recording's conditions, for `statistics.ranking.overlap`.
+def stability_scores(recording: FeaturesRecording, repeats: int, **options) -> pd.DataFrame:
+    """Return stability and discriminative power over the recording's conditions, for `statistics.ranking.overlap`.
 
-    Conditions of a single image are left out. Values are as in the files, as were those published.
+    Conditions with a single image are ignored. Values are used as stored in the files, like the published scores.
 
     Parameters
     ----------
     repeats : int
-        Images drawn at random from each condition (`statistics.repeats.score_draws`), at most as many as the smallest
-        condition has.
+        Images per condition in each random subset (`statistics.repeats.draws`). All conditions use the number of images
+        of the smallest condition if that is less.
     **options
-        Of `statistics.wilcoxon.scores`: test, threshold, compare.
+        Arguments of `statistics.wilcoxon.scores`: test, threshold, compare.
 
     Returns
     -------
     DataFrame
-        As `statistics.repeats.score_draws` gives it.
+        As returned by `statistics.repeats.draws`.
 
     Raises
     ------
     InputError
-        If fewer than two conditions remain, and what wilcoxon.scores raises.
+        If fewer than two conditions have enough images, and as wilcoxon.scores raises.
     """
     name = f"recording {recording.name}"
     if not has_scores(recording):
         raise InputError(
             f"{name}: stability needs at least {MINIMUM_GROUPS} conditions with at least {MINIMUM_IMAGES} images each; "
-            "use it without scores, or name the columns that tell its conditions apart under features.conditions"
+            "list the columns that distinguish conditions under features.conditions, or remove its scores"
         )
-    table = grouped(recording.repeats, recording.conditions)
+    table = with_group(recording.repeats, recording.conditions)
     images = table.groupby("group")["image"].transform("nunique")
     return repeats_of.score_draws(
         table[images >= MINIMUM_IMAGES].reset_index(drop=True),
@@ -120,28 +122,21 @@ def scores(recording: FeaturesRecording, repeats: int, **options) -> pd.DataFram
     )
 
 
-def where(table: pd.DataFrame, conditions: dict, source: str) -> pd.DataFrame:
-    """The rows of a recording's table whose condition columns have these values, the others' values being free.
-
-    Parameters
-    ----------
-    conditions : dict
-        Value by column.
-    source : str
-        What the message begins with.
+def select_rows(table: pd.DataFrame, conditions: dict, source: str) -> pd.DataFrame:
+    """Select the rows of a recording's table with these values in its condition columns ({column: value}).
 
     Raises
     ------
     InputError
-        For a column that is not there, or values that no row has.
+        For a missing column, or values that no row has.
     """
     chosen = table
     for name, value in conditions.items():
         if name not in table:
-            raise InputError(f"{source}: has no column {name}; there are {', '.join(map(str, table.columns[:8]))}")
-        there = ", ".join(map(str, chosen[name].unique()))
-        text = not pd.api.types.is_numeric_dtype(chosen[name])  # a kernel of 30 is the text 30, YAML's 30 a number
+            raise InputError(f"{source}: has no column {name}; choose from {', '.join(map(str, table.columns[:8]))}")
+        present = ", ".join(map(str, chosen[name].unique()))
+        text = not pd.api.types.is_numeric_dtype(chosen[name])  # YAML reads kernel: 30 as a number, tables as text
         chosen = chosen[chosen[name] == (str(value) if text else value)]
         if chosen.empty:
-            raise InputError(f"{source}: no images with {name} {value}; there are {there}")
+            raise InputError(f"{source}: no images with {name} {value}; choose from {present}")
     return chosen

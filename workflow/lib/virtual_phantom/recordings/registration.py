@@ -1,13 +1,13 @@
-"""Where the phantom lies in an image: rigid 3D registration.
+"""Rigid 3D registration of the phantom with a recording's image.
 
-The transform maps phantom world mm to recording world mm, so that masks go to the image and the image is never
-resampled. Search, all of it deterministic: the masked normalised cross-correlation over every shift at once [1]_ at
-coarse voxels and some turns about z gives starts, beside the isocentre and the centres of mass; the best of them are
-refined with SimpleITK through three levels of resolution.
+The transform maps phantom world mm to recording world mm: masks are transferred to the image, which is not resampled.
+The search is deterministic. At the coarsest resolution, masked normalized cross-correlation over all shifts [1]_ and
+some rotations about z gives starting points. The isocentre and the centers of mass give two more. SimpleITK refines the
+best of them through three levels of resolution.
 
 References
 ----------
-.. [1] D. Padfield, IEEE Trans. Image Process. 21, 2706, 2012.
+.. [1] D. Padfield, "Masked object registration in the Fourier domain", IEEE Trans. Image Process. 21, 2706, 2012.
 """
 
 from __future__ import annotations
@@ -28,64 +28,68 @@ from ..base.units import HU_AIR, HU_BODY
 from ..io.simpleitk import matrix_of
 from ..io.volumes import Volume
 from ..phantom import HALF_COVERED
-from .cross_correlation import LEAST_COVERED, masked_cross_correlation
-from .levels import Level, clipped, coarser_mask, correlation, edges, level_of, seen_of
+from .levels import (
+    LEAST_COVERED,
+    Level,
+    clipped,
+    coarsen_mask,
+    correlation,
+    make_level,
+    surface_distances,
+    valid_voxels,
+)
 
-COARSE_VOXELS = 40  # across the body's width in the coarsest level; each further level has half its voxel
-TURNS_DEG = (-14.0, -7.0, 0.0, 7.0, 14.0)  # about z; the optimiser covers half of a step and other axes' few degrees
-KEPT_STARTS = 2  # best of TURNS_DEG and shifts, followed to the finest level
-THIN = 8  # voxels that even a thin phantom is high in the coarsest level
-TOUCHING_VOXELS = 1  # of the finest level: nearer to the body's surface, matter may be a shifted body
-FAR_MM = 10.0  # from the body's surface: farther than it is out of place by now
-TABLE_VOXELS = 4  # left out around a table; from the true place, 1 ended up to 0.15 degrees off, 4 up to 0.06
+COARSE_VOXELS = 40  # across the body's width in the coarsest level; each further level halves the voxel size
+ROTATIONS_DEG = (-14.0, -7.0, 0.0, 7.0, 14.0)  # about z; the optimizer covers half a step and small tilts about x, y
+KEPT_STARTS = 2  # best starting points that are refined further
+MIN_COARSE_SLICES = 8  # height of a thin phantom in voxels of the coarsest level
+CONTACT_VOXELS = 1  # of the finest level: matter closer to the body's surface may be the body itself, not yet aligned
+FAR_MM = 10.0  # from the body's surface: at this stage of the search the body is aligned better than this
+TABLE_VOXELS = 4  # margin excluded around a table; with 1 voxel, rotations were up to 0.15 degrees off, with 4, 0.06
 SIDES = ("left and right", "front and back", "top and bottom")
-# Experiments: shifts up to 60 mm, turns up to 12 degrees, other voxels, noise of 10 to 150 HU per voxel.
-#   right:  printed phantom 0.99 to 0.998 (inside 0.95 to 0.996), abdomen 0.99 to 0.998 (0.99), with table and arms
-#           0.91 to 0.94 (0.95 to 0.99)
-#   wrong:  printed phantom mirrored 0.92 (0.60), end to end 0.96 (0.83); abdomen mirrored 0.78 (0.50), end to end 0.85
-#           (0.83), front to back 0.67 (0.52), other slices of it 0.77 (0.69); the one for the other 0.62 (0.52)
+# Lowest correlations in experiments with shifts of up to 60 mm, rotations of up to 12 degrees, other voxel sizes, and
+# noise of 10 to 150 HU per voxel. In parentheses: inside the body.
+#   Correct: printed phantom 0.99 to 0.998 (0.95 to 0.996), abdomen 0.99 to 0.998 (0.99), abdomen with table and arms
+#     0.91 to 0.94 (0.95 to 0.99).
+#   Wrong: printed phantom mirrored 0.92 (0.60), end to end 0.96 (0.83). Abdomen mirrored 0.78 (0.50), end to end 0.85
+#     (0.83), front to back 0.67 (0.52), other slices 0.77 (0.69). One phantom aligned with the other 0.62 (0.52).
 LEAST_CORRELATION, LEAST_CORRELATION_INSIDE = 0.85, 0.9
-# Left unexplained (1 - correlation inside) by swapped sides, as a share of that by the right ones: 3 to 10 for abdomen
-# and printed phantom, 1 for an object that is its own mirror image, 0.02 to 0.1 if the recording has them swapped.
-FLIPPED_LEAVES = 0.5
-UNDETERMINED = 5e-4  # correlation lost by a shift of a rim's width; 0.005 along the axis of the printed phantom
+# Ratio of unexplained variance (1 - correlation inside the body), flipped over unflipped. Observed: 3 to 10 for abdomen
+# and printed phantom, 1 for a symmetric object, 0.02 to 0.1 for a recording with flipped axes.
+FLIPPED_RATIO = 0.5
+UNDETERMINED = 5e-4  # loss of correlation after a shift by the rim's width; 0.005 along the printed phantom's axis
 
 
-def find_body(phantom: Volume) -> np.ndarray:
-    """What is denser than HU_BODY, holes in axial slices filled, bool [z, y, x]."""
+def body_of(phantom: Volume) -> np.ndarray:
+    """Return a mask of everything denser than HU_BODY, with holes filled in each axial slice, bool [z, y, x]."""
     return np.stack([ndimage.binary_fill_holes(part) for part in phantom.array > HU_BODY])
 
 
 def refine(
     level: Level, start: sitk.Euler3DTransform, relaxation: float = 0.8, last: bool = False
 ) -> sitk.Euler3DTransform:
-    """Descend from a start.
+    """Refine a rigid transform by maximizing the correlation with SimpleITK.
 
     Parameters
     ----------
-    start : SimpleITK.Euler3DTransform
     relaxation : float, optional
-        By which steps shrink at each turn: 0.5 stops early, some tenths of a degree off.
+        Factor by which steps shrink when the gradient changes direction. 0.5 stops early, some tenths of a degree off.
     last : bool, optional
-        Line searches instead [1]_: on a slab of 40 mm, where a tilt changes little, the descent stopped 0.34 degrees
-        off and this at 0.06.
-
-    Returns
-    -------
-    SimpleITK.Euler3DTransform
+        Use Powell's line searches [1]_ instead of gradient descent. On a slab of 40 mm, where tilts change little,
+        gradient descent stopped 0.34 degrees off and line searches 0.06 degrees off.
 
     References
     ----------
-    .. [1] Powell, Comput. J. 7, 155, 1964.
+    .. [1] M. J. D. Powell, Comput. J. 7, 155, 1964.
     """
     method = sitk.ImageRegistrationMethod()
-    # sums over threads depend on their number in the last digits
+    # The last digits of sums over threads depend on the number of threads.
     method.SetNumberOfThreads(1)
     method.SetNumberOfWorkUnits(1)
     method.SetMetricAsCorrelation()
     method.SetMetricSamplingStrategy(method.NONE)
     method.SetMetricFixedMask(level.region)
-    method.SetMetricMovingMask(level.seen)
+    method.SetMetricMovingMask(level.valid)
     method.SetInterpolator(sitk.sitkLinear)
     voxel = max(level.phantom.GetSpacing()[:2])
     if last:
@@ -97,44 +101,42 @@ def refine(
     method.SetInitialTransform(transform, inPlace=True)
     try:
         method.Execute(level.phantom, level.recording)
-    except RuntimeError:  # all points left the recording
+    except RuntimeError:  # all points are outside the recording
         return start
     return transform
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """Where the phantom lies in a recording, and how well it fits.
+    """Position of the phantom in a recording, and quality of the fit. Fields are keys of alignment.json.
 
     Attributes
     ----------
     matrix : tuple of 4 tuple of 4 float
-        Phantom world mm (x, y, z) to recording world mm.
+        Maps phantom world mm (x, y, z) to recording world mm.
     translation_mm : tuple of 3 float
-        How far the centre is moved, (x, y, z).
+        Displacement of the center, (x, y, z).
     rotation_deg : tuple of 3 float
-        Right-handed about x, y, z: first about y, then x, then z, all through centre_mm.
+        Right-handed, about x, y, z; applied about y, then x, then z, through centre_mm.
     centre_mm : tuple of 3 float
-        Centre of rotation in the phantom's world: the body's centre of mass, (x, y, z).
+        Center of rotation in the phantom's world: the body's center of mass, (x, y, z).
     correlation : float
-        Over the body and a rim around it, at voxels of `residual_voxel_mm`, HU limited to -1000 to 1000.
+        In the body and a rim around it, on voxels of `residual_voxel_mm`, HU clipped to -1000 to 1000.
     correlation_inside : float
-        The same over the body less that rim, HU limited to SOFT_HU: without the outline, and bone and gas do not
-        outvote soft tissue.
+        In the body without its rim, HU clipped to SOFT_HU: neither the outline nor bone and gas dominate it.
     rms_hu : float
-        Root mean square difference over the body, HU, same voxels.
+        Root mean square difference in the body, HU, on the same voxels.
     residual_voxel_mm : tuple of 3 float
-        Voxels (z, y, x), mm.
+        Voxel size (z, y, x), mm.
     edge_mm : float or None
-        Median distance between the surfaces at HU_BODY, outer and inner, along their normals, mm; None if they are too
-        few.
+        Median distance between the surfaces at HU_BODY along their normals, mm; None if there are too few points.
     growth_mm : float or None
-        Median of the same distances with sign: positive where the recording is larger, mm.
+        Median signed distance, mm; positive where the recording is larger.
     covered : float
         Share of the phantom's body that the recording covers.
     loss : tuple of 3 float
-        Correlation lost if the phantom is shifted by a rim's width along x, y, z: what is near 0 is not known from this
-        recording.
+        Loss of correlation if the phantom is shifted by the rim's width along x, y, z. Near 0, the recording does not
+        determine the position along that axis.
     """
 
     matrix: tuple[tuple[float, ...], ...]
@@ -152,37 +154,23 @@ class Alignment:
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Axes along which the recording does not say where the phantom lies."""
+        """Axes along which the recording does not determine the phantom's position."""
         return tuple(axis for axis, lost in zip("xyz", self.loss, strict=True) if lost < UNDETERMINED)
 
     @property
     def transform(self) -> sitk.AffineTransform:
-        """Phantom world to recording world, as ITK's resampling of the recording onto the phantom takes it."""
+        """ITK transform, phantom world to recording world: resamples the recording onto the phantom."""
         matrix = np.array(self.matrix)
         return sitk.AffineTransform(matrix[:3, :3].ravel().tolist(), matrix[:3, 3].tolist())
 
     def to_recording(self, points_mm: np.ndarray) -> np.ndarray:
-        """Phantom world points, shape (n, 3), in the recording's world, mm."""
+        """Map phantom world points, shape (n, 3), to recording world mm."""
         matrix = np.array(self.matrix)
         return points_mm @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def euler(centre_mm, rotation_deg=(0.0, 0.0, 0.0), translation_mm=(0.0, 0.0, 0.0)) -> sitk.Euler3DTransform:
-    """A rigid transform.
-
-    Parameters
-    ----------
-    centre_mm : sequence of 3 float
-        Centre of rotation, (x, y, z).
-    rotation_deg : sequence of 3 float, optional
-        About (x, y, z), as in Alignment.
-    translation_mm : sequence of 3 float, optional
-        (x, y, z).
-
-    Returns
-    -------
-    SimpleITK.Euler3DTransform
-    """
+def rigid_transform(centre_mm, rotation_deg=(0.0, 0.0, 0.0), translation_mm=(0.0, 0.0, 0.0)) -> sitk.Euler3DTransform:
+    """Return the ITK transform that rotates (as in Alignment) about a center and translates; all (x, y, z)."""
     transform = sitk.Euler3DTransform()
     transform.SetCenter(tuple(map(float, centre_mm)))
     transform.SetRotation(*(math.radians(angle) for angle in rotation_deg))
@@ -191,47 +179,49 @@ def euler(centre_mm, rotation_deg=(0.0, 0.0, 0.0), translation_mm=(0.0, 0.0, 0.0
 
 
 def angles_deg(transform: sitk.Euler3DTransform) -> tuple[float, float, float]:
-    """Rotation of a transform about x, y and z, degrees."""
+    """Return the rotation about x, y and z, degrees."""
     return tuple(map(math.degrees, (transform.GetAngleX(), transform.GetAngleY(), transform.GetAngleZ())))
 
 
-def centre_of(mask: np.ndarray, grid: Grid) -> tuple[float, float, float]:
-    """Centre of mass of a mask in world mm (x, y, z)."""
+def mass_center(mask: np.ndarray, grid: Grid) -> tuple[float, float, float]:
+    """Return the center of mass of a mask in world mm (x, y, z)."""
     index = np.array(ndimage.center_of_mass(mask))[::-1]
     return tuple((grid.affine[:3, :3] @ index + grid.affine[:3, 3]).tolist())
 
 
 class Search:
-    """One registration: both images at three resolutions, made when first used, and what is compared.
+    """Registration of a phantom with one image.
 
-    Compared are voxels of the phantom's body and a rim of half a coarse voxel around it (1/80 of its width), less as
-    much at the first and last slices. In the last refinement what lies beside the body in the recording alone (a table,
-    arms) is left out. The same input gives the same numbers, whatever the number of threads.
+    Voxels of the phantom's body and of a rim around it are compared. The rim is half a coarse voxel wide (1/80 of the
+    body's width). The first and last slices are excluded by as much. The last refinement also excludes everything
+    outside the body that only the recording contains, such as a table or arms.
 
     Parameters
     ----------
     image, phantom : Volume
-        HU, each on its own grid; any difference of voxels and of the boxes around them.
-    name : str
-        Of the recording, for messages.
+        HU, each on its own grid.
 
     Raises
     ------
     InputError
-        Naming the recording, if either holds nothing.
+        If either image contains nothing denser than HU_BODY.
     """
 
     def __init__(self, image: Volume, phantom: Volume, name: str):
         self.name = name
-        self.body = find_body(phantom)
+        self.body = body_of(phantom)
         if not self.body.any():
-            raise InputError(f"phantom image: nothing in it is denser than {HU_BODY:g} HU; is it in HU?")
-        self.seen = seen_of(image)
+            raise InputError(
+                f"phantom image: no voxel is above {HU_BODY:g} HU, so it cannot be aligned; give a CT in HU, not in "
+                "stored values or attenuation"
+            )
+        self.valid = valid_voxels(image)
         if not (image.array > HU_BODY).any():
             raise InputError(
-                f"recording {name}: nothing in it is denser than {HU_BODY:g} HU, so it cannot be aligned; is it in HU?"
+                f"recording {name}: no voxel is above {HU_BODY:g} HU, so it cannot be aligned; give images in HU, not "
+                "in stored values or attenuation"
             )
-        self.image = Volume(np.where(self.seen, clipped(image.array), np.float32(HU_AIR)), image.grid)
+        self.image = Volume(np.where(self.valid, clipped(image.array), np.float32(HU_AIR)), image.grid)
         self.phantom = Volume(clipped(phantom.array), phantom.grid)
         columns = np.flatnonzero(self.body.any(axis=(0, 1)))
         self.coarse_mm = (columns[-1] - columns[0] + 1) * phantom.grid.spacing[2] / COARSE_VOXELS
@@ -239,41 +229,37 @@ class Search:
         self.region = ndimage.distance_transform_edt(~self.body, sampling=phantom.grid.spacing) <= self.rim_mm
         self.inside = ndimage.distance_transform_edt(self.body, sampling=phantom.grid.spacing) > self.rim_mm
         height, slice_mm = phantom.grid.extent_mm[0], phantom.grid.spacing[0]
-        self.coarse = np.array([min(self.coarse_mm, height / THIN), self.coarse_mm, self.coarse_mm])
-        # What lies beyond the phantom's first and last slices is not known, but blurs into them: with an eighth of the
-        # abdomen's 40 mm left out at each end, z was 0.5 mm off in simulated scans, with a quarter 0.05 mm.
+        self.coarse = np.array([min(self.coarse_mm, height / MIN_COARSE_SLICES), self.coarse_mm, self.coarse_mm])
+        # Structures beyond the phantom's first and last slices are unknown but blur into them. In simulated scans, z
+        # was 0.5 mm off with an eighth of the abdomen's 40 mm excluded at each end, and 0.05 mm off with a quarter.
         if ends := round(min(self.coarse_mm, height / 4) / slice_mm):
             for mask in (self.region, self.inside):
                 mask[:ends] = mask[-ends:] = False
-        self.centre = centre_of(self.body, phantom.grid)
+        self.center = mass_center(self.body, phantom.grid)
 
     @cached_property
     def coarsest(self) -> Level:
-        """At the coarsest resolution."""
-        return level_of(self.phantom, self.region, self.image, self.seen, self.coarse)
+        """Images at the coarsest resolution."""
+        return make_level(self.phantom, self.region, self.image, self.valid, self.coarse)
 
     @cached_property
     def middle(self) -> Level:
-        """At half of its voxels."""
-        return level_of(self.phantom, self.region, self.image, self.seen, self.coarse / 2)
+        """Images at half the coarsest voxel size."""
+        return make_level(self.phantom, self.region, self.image, self.valid, self.coarse / 2)
 
     @cached_property
     def finest(self) -> Level:
-        """At a quarter of its voxels."""
-        return level_of(self.phantom, self.region, self.image, self.seen, self.coarse / 4)
+        """Images at a quarter of the coarsest voxel size."""
+        return make_level(self.phantom, self.region, self.image, self.valid, self.coarse / 4)
 
-    def place(self, isocentre_mm: Sequence[float] | None) -> sitk.Euler3DTransform:
-        """The search from nothing, right to a voxel.
+    def coarse_alignment(self, isocentre_mm: Sequence[float] | None) -> sitk.Euler3DTransform:
+        """Search all positions; the result is accurate to a voxel.
 
         Parameters
         ----------
         isocentre_mm : sequence of 3 float or None
-            Phantom world point (x, y, z) that lay at the middle of the recording's volume; None: the middle of the
-            phantom's volume. One start among several.
-
-        Returns
-        -------
-        SimpleITK.Euler3DTransform
+            Phantom world point (x, y, z) at the center of the recording's volume, as one of the starting points. None:
+            the center of the phantom's volume.
         """
         coarse, middle = self.coarsest, self.middle
         starts = self.starts(coarse, isocentre_mm)
@@ -282,21 +268,22 @@ class Search:
         fits = [refine(middle, fit) for fit in fits[:KEPT_STARTS]]
         return max(fits, key=middle.score)
 
-    def finish(self, start: sitk.Euler3DTransform) -> sitk.Euler3DTransform:
-        """The last refinement, from a transform that is right to a voxel; twice, as the first places the table."""
-        once = refine(self.without_table(self.finest, start), start)
-        return refine(self.without_table(self.finest, once), once, last=True)
+    def refine_to_finest(self, start: sitk.Euler3DTransform) -> sitk.Euler3DTransform:
+        """Refine a transform that is accurate to a voxel. The first of two passes locates the table more precisely."""
+        first_pass = refine(self.exclude_table(self.finest, start), start)
+        return refine(self.exclude_table(self.finest, first_pass), first_pass, last=True)
 
-    def without_table(self, level: Level, transform: sitk.Transform) -> Level:
-        """The level without those parts of the rim where the recording holds matter that is not the body's.
+    def exclude_table(self, level: Level, transform: sitk.Transform) -> Level:
+        """Return the level without those parts of the rim where the recording contains foreign matter.
 
-        That is matter that reaches far from it. What lies near its surface alone is the body, not yet in place.
+        Foreign matter extends more than FAR_MM from the body. Matter only near its surface is the body itself, not yet
+        aligned.
         """
         array, region = level.arrays
         spacing = level.phantom.GetSpacing()[::-1]
-        body = coarser_mask(self.body, self.phantom.grid, self.coarse / 4, HALF_COVERED)[0] != 0
+        body = coarsen_mask(self.body, self.phantom.grid, self.coarse / 4, HALF_COVERED)[0] != 0
         distance = ndimage.distance_transform_edt(~body, sampling=spacing)
-        beyond = (distance > TOUCHING_VOXELS * max(spacing[1:])) & (level.carried(transform)[0] > HU_BODY)
+        beyond = (distance > CONTACT_VOXELS * max(spacing[1:])) & (level.resampled(transform)[0] > HU_BODY)
         parts, count = ndimage.label(beyond)
         far = ndimage.maximum(distance, parts, np.arange(1, count + 1)) > FAR_MM
         foreign = np.isin(parts, 1 + np.flatnonzero(far))
@@ -306,67 +293,61 @@ class Search:
         return replace(level, region=mask)
 
     def starts(self, level: Level, isocentre_mm) -> list[sitk.Euler3DTransform]:
-        """Transforms to refine: by convention, by centres of mass, by cross-correlation after each turn."""
-        centre = np.array(self.centre)
-        lay = np.array(isocentre_mm if isocentre_mm is not None else self.phantom.grid.centre_mm, float)
-        mass = np.array(centre_of(self.image.array > HU_BODY, self.image.grid))
-        shifts = [np.array(self.image.grid.centre_mm) - lay, mass - centre]
-        starts = [euler(centre, translation_mm=shift) for shift in shifts]
-        return starts + [euler(centre, (0, 0, turn), self.best_shift(level, turn)[1]) for turn in TURNS_DEG]
+        """Return the starting points: from isocentre, centers of mass, and cross-correlation after each rotation."""
+        center = np.array(self.center)
+        isocentre = np.array(isocentre_mm if isocentre_mm is not None else self.phantom.grid.centre_mm, float)
+        mass = np.array(mass_center(self.image.array > HU_BODY, self.image.grid))
+        shifts = [np.array(self.image.grid.centre_mm) - isocentre, mass - center]
+        starts = [rigid_transform(center, translation_mm=shift) for shift in shifts]
+        return starts + [
+            rigid_transform(center, (0, 0, angle), self.best_shift(level, angle)[1]) for angle in ROTATIONS_DEG
+        ]
 
-    def best_shift(self, level: Level, turn_deg: float) -> tuple[float, np.ndarray]:
-        """Masked normalised cross-correlation of the turned phantom with the recording over all shifts.
-
-        Parameters
-        ----------
-        turn_deg : float
-            About z, degrees.
+    def best_shift(self, level: Level, angle_deg: float) -> tuple[float, np.ndarray]:
+        """Find the shift with the largest masked normalized cross-correlation after a rotation about z.
 
         Returns
         -------
         score : float
-            The largest coefficient.
+            The largest coefficient. Shifts where the recording covers less than LEAST_COVERED of the region count as 0.
         shift_mm : ndarray, shape (3,)
-            Where it is found, (x, y, z), on the recording's voxels.
+            Its shift, (x, y, z), a multiple of the recording's voxels.
         """
-        moving = sitk.GetArrayViewFromImage(level.recording)
-        seen = sitk.GetArrayViewFromImage(level.seen)
         spacing = np.array(level.recording.GetSpacing())
-        # a grid with the recording's voxels around the phantom's centre, wide enough for any turn about z
+        # A grid with the recording's voxels around the phantom's center, wide enough for any rotation about z.
         size = np.array(level.phantom.GetSize()) * level.phantom.GetSpacing()
-        half_plane = math.hypot(size[0], size[1]) / 2
-        shape = np.ceil(np.array([2 * half_plane, 2 * half_plane, size[2]]) / spacing).astype(int)
+        diagonal = 2 * (math.hypot(size[0], size[1]) / 2)
+        shape = np.ceil(np.array([diagonal, diagonal, size[2]]) / spacing).astype(int)
         middle = np.array(
             level.phantom.TransformContinuousIndexToPhysicalPoint([(n - 1) / 2 for n in level.phantom.GetSize()])
         )
         origin = middle - (shape - 1) / 2 * spacing
-        back = euler(self.centre, (0, 0, -turn_deg))
-        arguments = (shape.tolist(), back)
-        placed = (origin.tolist(), spacing.tolist(), (1, 0, 0, 0, 1, 0, 0, 0, 1))
-        turned = sitk.GetArrayFromImage(
-            sitk.Resample(level.phantom, *arguments, sitk.sitkLinear, *placed, HU_AIR, sitk.sitkFloat32)
-        )
-        region = sitk.GetArrayFromImage(
-            sitk.Resample(level.region, *arguments, sitk.sitkNearestNeighbor, *placed, 0, sitk.sitkUInt8)
-        )
-        scores, offsets = masked_cross_correlation(turned, region, moving, seen)
+        arguments = (shape.tolist(), rigid_transform(self.center, (0, 0, -angle_deg)))
+        grid = (origin.tolist(), spacing.tolist(), (1, 0, 0, 0, 1, 0, 0, 0, 1))
+        rotated = sitk.Resample(level.phantom, *arguments, sitk.sitkLinear, *grid, HU_AIR, sitk.sitkFloat32)
+        region = sitk.Resample(level.region, *arguments, sitk.sitkNearestNeighbor, *grid, 0, sitk.sitkUInt8)
+        # ITK accepts only images with the same origin, so positions are removed.
+        arrays = [sitk.GetArrayViewFromImage(image) for image in (level.recording, rotated, level.valid, region)]
+        images = [sitk.GetImageFromArray(array.astype(np.float64)) for array in arrays]
+        overlap = math.ceil(LEAST_COVERED * arrays[-1].sum())
+        scores = sitk.GetArrayFromImage(sitk.MaskedFFTNormalizedCorrelation(*images, overlap, 0.0))
         best = np.unravel_index(np.argmax(scores), scores.shape)
-        offset = np.array([axis[i] for axis, i in zip(offsets, best, strict=True)])[::-1]
-        shift = np.array(level.recording.GetOrigin()) + offset * spacing - origin
-        return float(scores[best]), shift
+        # Index 0 of an axis is the shift at which the rotated phantom overlaps the recording by one voxel.
+        offset = np.array(best)[::-1] - (shape - 1)
+        return float(scores[best]), np.array(level.recording.GetOrigin()) + offset * spacing - origin
 
     def measure(self, transform) -> Alignment:
-        """The fit of a transform in numbers."""
+        """Return the quality of a transform's fit."""
         middle, fine = self.middle, self.finest
         array, region = middle.arrays
         inside, body = (
-            coarser_mask(mask, self.phantom.grid, self.coarse / 2, HALF_COVERED)[0] != 0
+            coarsen_mask(mask, self.phantom.grid, self.coarse / 2, HALF_COVERED)[0] != 0
             for mask in (self.inside, self.body & self.region)
         )
-        image, seen = middle.carried(transform)
-        region, both = region & seen, body & seen
-        covered = float(both.sum() / max(1, body.sum()))
-        edge, growth = edges(fine, transform)
+        image, valid = middle.resampled(transform)
+        region, overlap = region & valid, body & valid
+        covered = float(overlap.sum() / max(1, body.sum()))
+        edge, growth = surface_distances(fine, transform)
         score = correlation(array[region], image[region]) if region.any() else 0.0
         loss = []
         for axis in range(3):
@@ -383,10 +364,10 @@ class Search:
             matrix=tuple(map(tuple, matrix.tolist())),
             translation_mm=tuple(transform.GetTranslation()),
             rotation_deg=angles_deg(transform),
-            centre_mm=self.centre,
+            centre_mm=self.center,
             correlation=score,
-            correlation_inside=middle.inside(transform, inside),
-            rms_hu=float(np.sqrt(np.mean((array[both] - image[both]) ** 2))) if both.any() else math.inf,
+            correlation_inside=middle.soft_tissue_correlation(transform, inside),
+            rms_hu=float(np.sqrt(np.mean((array[overlap] - image[overlap]) ** 2))) if overlap.any() else math.inf,
             residual_voxel_mm=middle.phantom.GetSpacing()[::-1],
             edge_mm=edge,
             growth_mm=growth,
@@ -394,11 +375,11 @@ class Search:
             loss=tuple(loss),
         )
 
-    def other_sides(self) -> dict:
-        """Correlation inside the body, at coarse voxels, of the phantom flipped along every choice of (x, y, z)."""
+    def flipped_correlations(self) -> dict[tuple[int, int, int], float]:
+        """Return the correlation inside the body, at coarse voxels, for every choice of flipped axes (x, y, z)."""
         found = {}
         coarse = self.coarsest
-        inside = coarser_mask(self.inside, self.phantom.grid, self.coarse, HALF_COVERED)[0] != 0
+        inside = coarsen_mask(self.inside, self.phantom.grid, self.coarse, HALF_COVERED)[0] != 0
         for flip in product((0, 1), repeat=3):
             axes = [2 - k for k in range(3) if flip[k]]
             flipped = []
@@ -407,33 +388,25 @@ class Search:
                 copy.CopyInformation(image)
                 flipped.append(copy)
             level = replace(coarse, phantom=flipped[0], region=flipped[1])
-            fits = []
-            for turn in TURNS_DEG:
-                score, shift = self.best_shift(level, turn)
-                fits.append((score, turn, shift))
-            score, turn, shift = max(fits, key=lambda fit: fit[0])
-            fit = refine(level, euler(self.centre, (0, 0, turn), shift), 0.5)
-            found[flip] = level.inside(fit, np.flip(inside, axes))
+            fits = [(*self.best_shift(level, angle), angle) for angle in ROTATIONS_DEG]
+            _, shift, angle = max(fits, key=lambda fit: fit[0])
+            fit = refine(level, rigid_transform(self.center, (0, 0, angle), shift), 0.5)
+            found[flip] = level.soft_tissue_correlation(fit, np.flip(inside, axes))
         return found
 
-    def result(self, transform: sitk.Euler3DTransform) -> Alignment:
-        """The measured fit.
-
-        Parameters
-        ----------
-        transform : SimpleITK.Euler3DTransform
+    def checked(self, transform: sitk.Euler3DTransform) -> Alignment:
+        """Return the quality of a transform's fit if it is good enough.
 
         Raises
         ------
         InputError
-            If it is worse than LEAST_CORRELATION, LEAST_CORRELATION_INSIDE or LEAST_COVERED, or better with sides
-            swapped.
+            If it is below LEAST_CORRELATION, LEAST_CORRELATION_INSIDE or LEAST_COVERED, or better with flipped axes.
         """
         result = self.measure(transform)
-        sides = self.other_sides()
-        upright = max(sides.pop((0, 0, 0)), result.correlation_inside)
-        best = max(sides, key=sides.get)
-        flipped = 1 - sides[best] < FLIPPED_LEAVES * (1 - upright)
+        flips = self.flipped_correlations()
+        unflipped = max(flips.pop((0, 0, 0)), result.correlation_inside)
+        best = max(flips, key=flips.get)
+        flipped = 1 - flips[best] < FLIPPED_RATIO * (1 - unflipped)
         if (
             result.covered >= LEAST_COVERED
             and result.correlation >= LEAST_CORRELATION
@@ -441,28 +414,28 @@ class Search:
             and not flipped
         ):
             return result
-        found = (
-            f"correlation {result.correlation:.2f} (at least {LEAST_CORRELATION:g}), inside the body "
-            f"{result.correlation_inside:.2f} (at least {LEAST_CORRELATION_INSIDE:g}), RMS {result.rms_hu:.0f} HU, "
-            f"{100 * result.covered:.0f} % of the phantom covered"
-        )
-        advice = "is this the phantom, in HU, the whole of it? average more repeats if it is only noise"
+        advice = "check that the recording shows this phantom completely and in HU; average more repeats if it is noisy"
         if flipped:
-            swapped = ", ".join(side for side, flip in zip(SIDES, best, strict=True) if flip)
-            advice = f"it fits better ({sides[best]:.2f} inside) with {swapped} swapped: correct its orientation"
-        raise InputError(f"recording {self.name}: the phantom does not fit it: {found}; {advice}")
+            sides = ", ".join(side for side, flip in zip(SIDES, best, strict=True) if flip)
+            advice = f"the fit is better ({flips[best]:.2f} inside) with {sides} swapped: correct the orientation"
+        raise InputError(
+            f"recording {self.name}: the phantom does not fit: correlation {result.correlation:.2f} (at least "
+            f"{LEAST_CORRELATION:g}), inside the body {result.correlation_inside:.2f} (at least "
+            f"{LEAST_CORRELATION_INSIDE:g}), RMS {result.rms_hu:.0f} HU, {100 * result.covered:.0f} % of the phantom "
+            f"covered; {advice}"
+        )
 
 
-def describe(alignment: Alignment) -> str:
-    """The fit in a line."""
+def describe_alignment(alignment: Alignment) -> str:
+    """Return the fit as one line."""
 
     def triple(values: Sequence[float]) -> str:
         return ", ".join(f"{value:.2f}" for value in values)
 
     edge = "" if alignment.edge_mm is None else f", edges {alignment.edge_mm:.2f} mm apart"
-    unknown = "".join(f"; its place along {axis} cannot be told" for axis in alignment.undetermined)
+    unknown = "".join(f"; its position along {axis} is undetermined" for axis in alignment.undetermined)
     return (
-        f"phantom moved by ({triple(alignment.translation_mm)}) mm and turned by ({triple(alignment.rotation_deg)}) "
+        f"phantom moved by ({triple(alignment.translation_mm)}) mm and rotated by ({triple(alignment.rotation_deg)}) "
         f"degrees about (x, y, z); correlation {alignment.correlation:.3f}, inside the body "
         f"{alignment.correlation_inside:.3f}, RMS {alignment.rms_hu:.0f} HU{edge}, "
         f"{100 * alignment.covered:.0f} % covered{unknown}"

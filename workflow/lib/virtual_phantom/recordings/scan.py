@@ -1,4 +1,4 @@
-"""The scan section of recording.yaml: an OrbitGeometry where it says enough, and lengths that cannot be millimetres."""
+"""The scan section of recording.yaml: conversion to an OrbitGeometry, and checks of its lengths and times."""
 
 from __future__ import annotations
 
@@ -14,37 +14,34 @@ DETECTOR = ("source_to_isocentre_mm", "source_to_detector_mm", "columns", "rows"
 DISTANCES = DETECTOR[:2]
 REQUIRED = ("trajectory", *DETECTOR, "views", "views_per_rotation", "start_angle_deg", "direction")
 HELICAL = ("table_feed_mm", "start_z_mm")
-# Scanners for bodies and phantoms: body CT has fans of 45 to 60 degrees and fields of view of 500 mm, bench scanners of
-# small objects start at some 80 mm. One length in centimetres among millimetres moves these by a factor of ten.
+# Body CT has fans of 45 to 60 degrees and fields of view of 500 mm. Bench scanners of small objects start at about
+# 80 mm. One length in centimeters among millimeters changes these by a factor of ten.
 LARGEST_FAN_DEG, FIELD_OF_VIEW_MM = 120.0, (60.0, 2000.0)
-LARGEST_PIXEL_ASPECT = 5.0  # of the pitches of columns and rows: more are mixed units
-TIME_TOLERANCE = 0.01  # by which stated times may be rounded
+LARGEST_PIXEL_ASPECT = 5.0  # ratio of column and row pitch; a larger ratio means mixed units
+TIME_TOLERANCE = 0.01  # relative; stated times may be rounded
 
 
 def missing_for_geometry(scan: dict) -> list[str]:
-    """The keys that an OrbitGeometry still needs; empty if the section is complete."""
+    """Return the keys that an OrbitGeometry still needs; empty if the section is complete."""
     needed = (*REQUIRED, *HELICAL) if scan.get("trajectory") == "helical" else REQUIRED
     return [key for key in needed if key not in with_beam(scan)]
 
 
 def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
-    """The geometry of a recording of projections.
+    """Return the geometry of a recording of projections.
 
-    View i stands at start + direction 2 pi i / views_per_rotation, its source at start_z + table_feed i /
-    views_per_rotation (see geometry.py).
+    The angle of view i is start + direction 2 pi i / views_per_rotation. Its source is at
+    start_z + table_feed i / views_per_rotation (see geometry.py).
 
     Parameters
     ----------
     scan : dict
-        The scan section; offsets and, for a circular scan, start_z_mm count as 0 where they are absent.
-    source : str
-        What messages name.
+        The scan section. Offsets and the start_z_mm of a circular scan are 0 if absent.
 
     Raises
     ------
     InputError
-        For a missing key, the radius of an arc that is none, a helix without feed, a circle with one, and for lengths
-        that cannot all be millimetres.
+        For a missing key, contradictory keys, and lengths that cannot be in mm.
     """
     if missing := missing_for_geometry(scan):
         raise InputError(f"{source}: scan.{missing[0]} is missing; a {scan.get('trajectory', '')} scan needs it")
@@ -55,12 +52,14 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
         raise InputError(f"{source}: scan.table_feed_mm is not 0 in a circular scan; set trajectory: helical")
     check_lengths(scan, source)
     scan = with_beam(scan)
-    interval, exposure = times(scan, source)
+    interval, exposure = view_times(scan, source)
     turns = np.arange(scan["views"]) / scan["views_per_rotation"]
     if "arc_radius_mm" in scan and scan.get("detector") != CYLINDRICAL:
-        raise InputError(f"{source}: scan.arc_radius_mm is of a cylindrical detector; set scan.detector: cylindrical")
+        raise InputError(
+            f"{source}: scan.arc_radius_mm needs a cylindrical detector; set scan.detector: cylindrical, or remove it"
+        )
     if len(scan.get("flying_focal_spot", [])) > scan["views"]:
-        raise InputError(f"{source}: scan.flying_focal_spot has more places than there are views; leave some out")
+        raise InputError(f"{source}: scan.flying_focal_spot has more positions than scan.views; remove some")
     return OrbitGeometry(
         **{key: scan[key] for key in DETECTOR},
         angles_rad=math.radians(scan["start_angle_deg"]) + scan["direction"] * 2 * np.pi * turns,
@@ -74,120 +73,99 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
     )
 
 
-def times(scan: dict, source: str) -> tuple[float | None, float | None]:
-    """The times of a scan.
+def view_times(scan: dict, source: str) -> tuple[float | None, float | None]:
+    """Return the time between views and the exposure time of a scan, ms; None if unknown.
 
-    Where the exposure alone is stated, views are taken to follow each other without a pause (`assumed`).
-
-    Parameters
-    ----------
-    scan : dict
-        The scan section.
-    source : str
-        What messages name.
-
-    Returns
-    -------
-    view_interval_ms, exposure_ms : float or None
-        None if it is not known.
+    If only the exposure is stated, views are assumed to follow each other without a pause (`view_time_note`).
 
     Raises
     ------
     InputError
-        For times that contradict each other.
+        For contradictory times.
     """
     interval, exposure = scan.get("view_interval_ms"), scan.get("exposure_ms")
     if "rotation_time_ms" in scan:
-        turned = scan["rotation_time_ms"] / scan["views_per_rotation"]
-        if interval is not None and abs(interval - turned) > TIME_TOLERANCE * turned:
+        expected = scan["rotation_time_ms"] / scan["views_per_rotation"]
+        if interval is not None and abs(interval - expected) > TIME_TOLERANCE * expected:
             raise InputError(
-                f"{source}: scan.view_interval_ms {interval:g} is not rotation_time_ms over views_per_rotation, "
-                f"{turned:g}; correct one of them"
+                f"{source}: scan.view_interval_ms is {interval:g}, but rotation_time_ms / views_per_rotation is "
+                f"{expected:g}; correct one of them"
             )
-        interval = turned
+        interval = expected
     if interval is None:
         return exposure or None, exposure
     if exposure is not None and exposure > interval * (1 + TIME_TOLERANCE):
         raise InputError(
-            f"{source}: scan.exposure_ms {exposure:g} is longer than a view's interval, {interval:g} ms; correct one "
-            "of them"
+            f"{source}: scan.exposure_ms {exposure:g} is longer than the time between views, {interval:g} ms; correct "
+            "one of them"
         )
     return interval, None if exposure is None else min(exposure, interval)
 
 
-def timed(content: dict) -> bool:
-    """Whether a recording says how fast its views follow each other.
+def has_view_times(content: dict) -> bool:
+    """Return whether the time between views is known.
 
-    Images are simulated by a protocol of the study, which has its times.
-
-    Parameters
-    ----------
-    content : dict
-        That of recording.yaml.
+    Images are simulated with a protocol of the study, which states its times.
     """
-    return content["kind"] != "projections" or times(content["scan"], "scan")[0] is not None
+    return content["kind"] != "projections" or view_times(content["scan"], "scan")[0] is not None
 
 
-def assumed(scan: dict) -> str | None:
-    """What of the scan's times is taken for granted, or missing, in words; None if they are stated."""
+def view_time_note(scan: dict) -> str | None:
+    """Return a note on what is assumed or missing about the scan's times; None if they are stated."""
     if {"rotation_time_ms", "view_interval_ms"} & scan.keys():
         return None
     if scan.get("exposure_ms"):
         return (
-            f"the time from view to view is not stated: views are taken to follow each other without a pause, every "
-            f"{scan['exposure_ms']:g} ms (scan.exposure_ms)"
+            f"the time between views is not stated; it is assumed to be the exposure, {scan['exposure_ms']:g} ms "
+            "(scan.exposure_ms)"
         )
     return (
-        "the time from view to view is not stated (scan.rotation_time_ms or scan.view_interval_ms): afterglow, motion "
-        "and the drift of a dark signal cannot be looked for"
+        "the time between views is not stated (scan.rotation_time_ms or scan.view_interval_ms): afterglow, motion and "
+        "drift of the dark signal cannot be diagnosed"
     )
 
 
 def check_lengths(scan: dict, source: str) -> None:
-    """Check that the lengths that are known, all of them or a few, can all be millimetres.
-
-    Parameters
-    ----------
-    scan : dict
-        The scan section.
-    source : str
-        What messages name.
+    """Check that the lengths in a complete or incomplete scan section can all be in mm.
 
     Raises
     ------
     InputError
-        If they cannot.
+        If they cannot, or do not fit the beam.
     """
-    advice = "are all lengths in mm, none in cm?"
+    advice = "check that all lengths are in mm"
     if scan.get("beam") == PARALLEL:
         for key in (*DISTANCES, "flying_focal_spot", "arc_radius_mm"):
             if key in scan:
-                raise InputError(f"{source}: scan.{key} has no meaning in a parallel beam; take it or scan.beam out")
+                raise InputError(f"{source}: scan.{key} has no meaning in a parallel beam; remove it or scan.beam")
         if scan.get("detector", FLAT) != FLAT:
-            raise InputError(f"{source}: scan.detector must be flat in a parallel beam; take it or scan.beam out")
+            raise InputError(f"{source}: scan.detector must be flat in a parallel beam; remove it or scan.beam")
     scan = with_beam(scan)
     if not {"source_to_isocentre_mm", "source_to_detector_mm"} <= scan.keys():
         return
     isocentre, detector = scan["source_to_isocentre_mm"], scan["source_to_detector_mm"]
     if detector <= isocentre:
         raise InputError(
-            f"{source}: scan.source_to_detector_mm {detector:g} is not more than source_to_isocentre_mm {isocentre:g}; "
-            f"if it is the distance from isocentre to detector, state {detector + isocentre:g}; {advice}"
+            f"{source}: scan.source_to_detector_mm {detector:g} is not larger than source_to_isocentre_mm "
+            f"{isocentre:g}; if it is the distance from isocentre to detector, use {detector + isocentre:g}; {advice}"
         )
     if not {"columns", "column_pitch_mm"} <= scan.keys():
         return
     fan = _half_fan(scan)
     width = 2 * isocentre * math.sin(fan)
     if math.degrees(2 * fan) > LARGEST_FAN_DEG:
-        raise InputError(f"{source}: scan: the fan would be {math.degrees(2 * fan):.0f} degrees wide; {advice}")
+        raise InputError(
+            f"{source}: scan: the fan angle of these lengths is {math.degrees(2 * fan):.0f} degrees (expected at most "
+            f"{LARGEST_FAN_DEG:g}); {advice}"
+        )
     low, high = FIELD_OF_VIEW_MM
     if not low <= width <= high:
         swapped = scan | {"columns": scan.get("rows", 1)}
         if scan["columns"] < swapped["columns"] and low <= 2 * isocentre * math.sin(_half_fan(swapped)) <= high:
-            advice = f"are rows and columns swapped, in {source} and in the data? {advice}"
+            advice = f"check whether rows and columns are swapped, in {source} and in the data; {advice}"
         raise InputError(
-            f"{source}: scan: the detector would see a circle of {width:.3g} mm, where {low:g} to {high:g} mm are "
-            f"expected; {advice}"
+            f"{source}: scan: the field of view of these lengths is {width:.3g} mm (expected {low:g} to {high:g} mm); "
+            f"{advice}"
         )
     if scan.get("rows", 1) > 1 and "row_pitch_mm" in scan:
         aspect = scan["row_pitch_mm"] / scan["column_pitch_mm"]
@@ -199,7 +177,7 @@ def check_lengths(scan: dict, source: str) -> None:
 
 
 def _half_fan(scan: dict) -> float:
-    """Half of the fan angle, radians."""
+    """Return half of the fan angle, radians."""
     half = scan["columns"] * scan["column_pitch_mm"] / 2
     detector = scan["source_to_detector_mm"]
     curved = scan.get("detector") == CYLINDRICAL

@@ -1,4 +1,4 @@
-"""What was found in a recording, what is known of its scan, and what is missing."""
+"""Summary of a recording: content, known facts about the scan, and missing information."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from .recording import Recording
 from .scan import missing_for_geometry
 
 COLUMNS = ("recording", "kind", "repeats", "held_out", "content", "known", "missing", "notes")
-ENERGY, TOTAL_ENERGY = "original_firstorder_Energy", "original_firstorder_TotalEnergy"  # whose ratio is a voxel's mm3
-# What a comparison with a simulation asks for, beyond the geometry.
+ENERGY, TOTAL_ENERGY = "original_firstorder_Energy", "original_firstorder_TotalEnergy"  # ratio: voxel volume in mm3
+# Facts that a comparison with a simulation needs, in addition to the geometry.
 WANTED = {
     "images": ("tube_kvp", "dose_mgy", "kernel", "slice_thickness_mm"),
     "projections": ("tube_kvp", "anode", "filtration", "sensor"),
@@ -26,34 +26,36 @@ WANTED = {
 }
 
 
-def summary(recording: Recording, study: Extraction = STUDY, voxel_mm: Sequence[float] | None = None) -> dict:
-    """Everything worth knowing of a recording, ready for JSON.
+def summarize_recording(
+    recording: Recording, study: Extraction = STUDY, voxel_mm: Sequence[float] | None = None
+) -> dict:
+    """Return the content of a recording's JSON summary.
 
     Parameters
     ----------
     study : Extraction, optional
-        How the study's features are extracted, which those of the recording are held against.
+        Extraction settings of the study, for comparison.
     voxel_mm : sequence of float, optional
-        Edges of the study's voxels.
+        Voxel size of the study.
 
     Returns
     -------
     dict
-        Keys: name; kind; phantom; repeats and held_out (how many); content (grid, views or table, in numbers); text
-        (the same in a line); known (scan, and nominal with DICOM facts); missing (what a comparison would want to
-        know); notes; origin; sha256.
+        Keys: name; kind; phantom; origin; sha256; repeats and held_out (numbers of acquisitions); content (grid, views
+        or table). Also text (the content in one line); known (scan, and nominal with DICOM facts); missing (facts that
+        a comparison needs); notes.
     """
     labelled = {**recording.provenance.dicom, **recording.nominal}
     repeats, held_out, content, text = DESCRIPTIONS[type(recording)](recording)
-    table = isinstance(recording, FeaturesRecording)
-    # Tables are compared by the names of ROIs, of which a diagnosis holds out some. What was projected, the
-    # configuration says.
+    is_table = isinstance(recording, FeaturesRecording)
+    # Tables are compared by the names of ROIs, and a diagnosis of features chooses its held-out ROIs itself. For
+    # projections, the configuration states the object.
     missing = ["phantom"] if recording.kind == "images" and not recording.phantom else []
-    if (content["images_per_condition"][0] if table else repeats) < 2:
+    if (content["images_per_condition"][0] if is_table else repeats) < 2:
         missing.append("a second repeat (without one there is no noise floor)")
-    if not held_out and not table:
+    if not held_out and not is_table:
         missing.append("held_out")
-    if not table and (keys := missing_for_geometry(recording.scan)):
+    if not is_table and (keys := missing_for_geometry(recording.scan)):
         missing.append(f"scan ({', '.join(keys)})")
     missing += [f"nominal.{key}" for key in WANTED[recording.kind] if key not in labelled]
     return {
@@ -72,28 +74,28 @@ def summary(recording: Recording, study: Extraction = STUDY, voxel_mm: Sequence[
     }
 
 
-def table(summaries: dict[str, dict]) -> pd.DataFrame:
-    """One row per recording (COLUMNS), lists joined by semicolons; `summaries` by the name in the configuration."""
+def summary_table(summaries: dict[str, dict]) -> pd.DataFrame:
+    """Return one row per recording (COLUMNS), with lists joined by semicolons, from {name: summary}."""
     rows = [
         {
             "recording": name,
-            **{key: one[key] for key in ("kind", "repeats", "held_out")},
-            "content": one["text"],
+            **{key: summary[key] for key in ("kind", "repeats", "held_out")},
+            "content": summary["text"],
             "known": _join(
                 f"{key} {_short(value)}"
                 for section in ("nominal", "scan")
-                for key, value in one["known"][section].items()
+                for key, value in summary["known"][section].items()
             ),
-            "missing": _join(one["missing"]),
-            "notes": _join(one["notes"]),
+            "missing": _join(summary["missing"]),
+            "notes": _join(summary["notes"]),
         }
-        for name, one in summaries.items()
+        for name, summary in summaries.items()
     ]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
 def readable(rows: pd.DataFrame) -> str:
-    """The table as a block of lines per recording."""
+    """Return the table as text, a block of lines per recording."""
     blocks = []
     for row in rows.to_dict("records"):
         held_out = f", {row['held_out']} held out" if row["held_out"] else ""
@@ -142,36 +144,36 @@ def _projections(recording: ProjectionsRecording) -> tuple[int, int, dict, str]:
 
 
 def _extraction_notes(recording: Recording, study: Extraction) -> list[str]:
-    """What was set differently from the study, a line each."""
+    """Return a line per setting that differs from the study, and per other version of pyradiomics."""
     if not isinstance(recording, FeaturesRecording) or not recording.extractions:
         return []
     lines = [f"setting: {line}" for line in describe_differences(study, recording.extractions, recording.features)]
-    versions = dict.fromkeys(one.version for one in recording.extractions if one.version)
+    versions = dict.fromkeys(extraction.version for extraction in recording.extractions if extraction.version)
     return lines + [
-        f"extracted by pyradiomics {one}, the study's features by {installed()}"
-        for one in versions
-        if one != installed()
+        f"extracted by pyradiomics {version}, but the study's features by {installed()}"
+        for version in versions
+        if version != installed()
     ]
 
 
 def _size_notes(recording: Recording, voxel_mm: Sequence[float] | None) -> list[str]:
-    """Whether features grow with voxels that are not the study's, in a line."""
+    """Return a line if features depend on the voxel size, which differs from the study's."""
     if not isinstance(recording, FeaturesRecording) or voxel_mm is None or recording.dimensions != 3:
         return []
     stated = recording.nominal.get("voxel_mm")
     if {ENERGY, TOTAL_ENERGY} <= set(recording.features):
-        own = float((recording.repeats[TOTAL_ENERGY] / recording.repeats[ENERGY]).median())
+        volume = float((recording.repeats[TOTAL_ENERGY] / recording.repeats[ENERGY]).median())
     elif stated:
-        own = float(np.prod(stated))
+        volume = float(np.prod(stated))
     else:
         return []
-    ours = float(np.prod(voxel_mm))
-    grown = [feature for feature in recording.features if grows_with_roi(feature)]
-    if not grown or not np.isfinite(own) or abs(own / ours - 1) < SAME_VOXELS:
+    study_volume = float(np.prod(voxel_mm))
+    dependent = [feature for feature in recording.features if grows_with_roi(feature)]
+    if not dependent or not np.isfinite(volume) or abs(volume / study_volume - 1) < SAME_VOXELS:
         return []
     return [
-        f"voxels are of {own:.3g} mm³, the study's of {ours:.3g} mm³: {len(grown)} of the features grow with their "
-        "number and cannot be compared"
+        f"voxels have {volume:.3g} mm³, the study's voxels {study_volume:.3g} mm³: {len(dependent)} of the features "
+        "depend on the number of voxels and cannot be compared"
     ]
 
 
@@ -187,17 +189,17 @@ def _features(recording: FeaturesRecording) -> tuple[int, int, dict, str]:
         "stored_offset_hu": recording.stored_offset_hu,
         "dimensions": recording.dimensions,
         "extraction": [
-            # As text: a table may hold what JSON has no word for.
-            {"settings": str(one.settings), "image_types": str(one.image_types), "pyradiomics": one.version}
-            for one in recording.extractions
+            # As text, because settings may have values that JSON cannot represent.
+            {"settings": str(entry.settings), "image_types": str(entry.image_types), "pyradiomics": entry.version}
+            for entry in recording.extractions
         ],
     }
     low, high = content["images_per_condition"]
-    images_of_each = f"{low} to {counted(high, 'image')}" if low < high else counted(low, "image")
+    images_per_condition = f"{low} to {counted(high, 'image')}" if low < high else counted(low, "image")
     conditions = f"{counted(counts.size, 'condition')} of " if recording.conditions else ""
     text = (
         f"{counted(len(recording.features), 'feature')} ({recording.dimensions}D) of {counted(len(rois), 'ROI')}, "
-        f"{conditions}{images_of_each}"
+        f"{conditions}{images_per_condition}"
     )
     images = recording.repeats["image"].nunique()
     return images, recording.held_out["image"].nunique(), content, text

@@ -8,7 +8,7 @@ from pathlib import Path
 from ...features.settings import read_extraction
 from ...io.files import read_csv
 from ...io.volumes import read_nifti
-from ...recordings.reference import where
+from ...recordings.reference import select_rows
 from .responses import Responses, compared, responses
 
 
@@ -54,7 +54,7 @@ def read_responses(
     InputError
         For a file that cannot be read, and where nothing can be compared.
     """
-    rows = where(read_csv(recorded), dict(conditions), f"recording {recording}")
+    rows = select_rows(read_csv(recorded), dict(conditions), f"recording {recording}")
     table = read_csv(properties)
     features, not_compared = compared(table, rows, dimensions, stored_offset_hu, read_extraction(parameters))
     return responses(table, rows, features, read_nifti(image).grid, rois), not_compared

@@ -28,7 +28,7 @@ RECONSTRUCTED = {"kernel_pixels": 0.0, "hu_scale": 1.0, "hu_offset": 0.0}  # set
 NOISE, PIXELS = range(2)  # branches of a scan's seed
 
 
-def scan_of(
+def scan_section(
     one: Object, settings: Mapping, views: int, photons: float, rotation_ms: float, kev: float, concealed: Mapping
 ) -> Scan:
     """What XCIST is asked for.

@@ -1,7 +1,7 @@
-"""Make recording folders from other formats: one module per format, and what they share.
+"""Conversion of other formats to recording folders (docs/how-to/recordings.md): one module per format.
 
-Every importer writes a new folder in the format of docs/how-to/recordings.md, stores the checksums of its sources, and
-loads the result to check it.
+Every importer takes a source, the new folder and, optionally, a description of the scanned object. It stores checksums
+of its sources and checks the result by loading it.
 """
 
 from __future__ import annotations
@@ -12,49 +12,66 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from ...base.errors import InputError, InputErrors, lines_of
+from ...io.hdf5 import new_file
 from ..document import FILE_NAME
-from ..reading import load
+from ..reading import load_recording
 from ..recording import Recording
 
 NAME = re.compile(r"[A-Za-z0-9_]+")
 
 
-def write_folder(folder: str | Path, content: dict, write_data: Callable[[Path], None]) -> Recording:
+def write_folder(
+    folder: str | Path, kind: str, phantom: str | None, content: dict, write_data: Callable[[Path], None]
+) -> Recording:
     """Write a recording folder and load it. The folder appears only when it is complete and loads.
 
     Parameters
     ----------
+    phantom : str or None
+        Scanned object, for recording.yaml.
     content : dict
-        What stands in recording.yaml, but for the name, which is that of the folder.
+        Further content of recording.yaml. The name is the name of the folder.
     write_data : callable
         Called with the folder, writes the data files.
 
     Raises
     ------
     InputError
-        If the folder is there already, or is named otherwise than in letters, digits and underscores.
+        If the folder exists, or its name has other characters than letters, digits and underscores.
     InputErrors
-        If the recording cannot be loaded: a line for each mistake.
+        If the recording cannot be loaded: one line per mistake.
     """
     folder = Path(folder)
     if not NAME.fullmatch(folder.name):
-        raise InputError(f"{folder}: name the folder in letters, digits and underscores: it names the recording")
+        raise InputError(
+            f"{folder}: use only letters, digits and underscores in the folder's name, which names the recording"
+        )
     if folder.exists():
-        raise InputError(f"{folder}: is there already; name a new folder, or remove that one first")
+        raise InputError(f"{folder}: already exists; use another folder, or remove this one")
     folder.parent.mkdir(parents=True, exist_ok=True)
-    beside = Path(tempfile.mkdtemp(prefix=".partial-", dir=folder.parent))
+    partial = Path(tempfile.mkdtemp(prefix=".partial-", dir=folder.parent))
+    content = {"name": folder.name, "kind": kind, **({"phantom": phantom} if phantom else {}), **content}
     try:
-        beside.chmod(0o755)
-        write_data(beside)
-        text = yaml.safe_dump({"name": folder.name, **content}, sort_keys=False, allow_unicode=True, width=120)
-        (beside / FILE_NAME).write_text(text, encoding="utf-8")
-        load(beside)
-        beside.rename(folder)
+        partial.chmod(0o755)
+        write_data(partial)
+        text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120)
+        (partial / FILE_NAME).write_text(text, encoding="utf-8")
+        load_recording(partial)
+        partial.rename(folder)
     except InputError as error:
-        raise InputErrors(line.replace(str(beside), str(folder)) for line in lines_of(error)) from None
+        raise InputErrors(line.replace(str(partial), str(folder)) for line in lines_of(error)) from None
     finally:
-        shutil.rmtree(beside, ignore_errors=True)
-    return load(folder)
+        shutil.rmtree(partial, ignore_errors=True)
+    return load_recording(folder)
+
+
+def write_line_integrals(path: Path, line_integrals: np.ndarray, angles_deg: np.ndarray, **options) -> None:
+    """Write line integrals [view, row, column] and angles in the Data Exchange layout. Options are of h5py."""
+    with new_file(path) as file:
+        data = file.create_dataset("exchange/data", data=line_integrals, compression="gzip", **options)
+        data.attrs["log"] = True
+        file.create_dataset("exchange/theta", data=angles_deg).attrs["units"] = "degree"

@@ -1,13 +1,11 @@
-"""A folder tree of DICOM CT series to a recording of images: one NIfTI file in HU, and one repeat, per series.
+"""Import of a folder tree of DICOM CT series as a recording of images: one repeat, a NIfTI file in HU, per series.
 
-Converting leaves everything behind that is not the image or a fact about the scan: no patient data get into the
-recording.
+Only images and facts about the scan are copied: no patient data get into the recording.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections import defaultdict
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,12 +18,12 @@ from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...io.files import sha256
 from ...io.schema import read_schema
-from ...io.volumes import LARGEST_TILT, Volume, write_nifti
+from ...io.volumes import Volume, write_nifti
 from ...phantom.dicom_files import UnusedFiles, files_in, not_dicom, slices_of, walk_folders
 from ...phantom.dicom_series import Series, read_slices, series_among
-from ...phantom.masks import GRID_TOLERANCE_MM
 from ...phantom.plausibility import require_known_checks, require_plausible
 from ..document import SCHEMA
+from ..images import grid_mismatch
 from ..provenance import SHARED, check_shared, series_facts
 from ..recording import Recording
 from . import write_folder
@@ -35,8 +33,8 @@ SCAN = ("source_to_isocentre_mm", "source_to_detector_mm")
 
 
 @dataclass(frozen=True)
-class Scan:
-    """A series, the facts of its headers, and the checksums of its files."""
+class ImportedSeries:
+    """A series, facts from its headers, and checksums of its files."""
 
     series: Series
     facts: dict
@@ -50,115 +48,106 @@ def import_dicom_tree(
     kernel: str | None = None,
     not_checked: Collection[str] = (),
 ) -> Recording:
-    """Write a recording of images and load it. Repeats are numbered in the order of the folders' names.
+    """Write a recording of images and load it. Repeats are numbered in the order of their folder names.
 
     Parameters
     ----------
     root : str or Path
-        Every series of CT slices in it and in the folders below is a repeat. Notes say which files are not used (other
-        modalities, scouts, copies).
-    folder : str or Path
-        The recording's, which is made.
-    phantom : str, optional
-        What was scanned, for recording.yaml.
+        Every series of CT slices in this folder and below becomes a repeat. Notes list unused files (other modalities,
+        scouts, copies).
     kernel : str, optional
-        Take only the series of this reconstruction kernel, as its DICOM header names it (Br38f/3 for [Br38f, 3]).
+        Import only series with this reconstruction kernel, as in the DICOM header (Br38f/3 for [Br38f, 3]).
     not_checked : collection of str, optional
-        Names of plausibility.CHECKS to skip, here and whenever the recording is read.
+        Names of plausible.CHECKS to skip, now and whenever the recording is loaded.
 
     Raises
     ------
     InputError
-        If there is no series, if one cannot be read (dicom_series.read_slices) or is no CT in HU, or if two differ in
-        grid, kernel, tube voltage, slice thickness or scanner.
+        If there is no series, or one cannot be read (dicom_series.read_slices) or is not a CT in HU. If two series
+        differ in grid, kernel, tube voltage, slice thickness or scanner.
     """
     if not str(root):
-        raise InputError("source: is empty; give a path (is a variable of the shell not set?)")
+        raise InputError("source: is empty; give a path (a shell variable may be unset)")
     root, target_folder = Path(root), Path(folder)
     if not root.is_dir():
         problem = f"is {not_dicom(root) or 'one DICOM file'}" if root.is_file() else "no such folder"
-        raise InputError(f"{root}: {problem}; give the top of a tree of DICOM series")
+        raise InputError(f"{root}: {problem}; use the top folder of a tree of DICOM series")
     require_known_checks(not_checked)
     found = _find(root)
-    chosen = [scan for scan in found if kernel is None or scan.facts.get("kernel") == kernel]
+    chosen = [entry for entry in found if kernel is None or entry.facts.get("kernel") == kernel]
     if not chosen:
-        have = ", ".join(sorted({str(scan.facts.get("kernel")) for scan in found}))
-        raise InputError(f"{root}: holds no series of kernel {kernel}; there are: {have}")
+        kernels = ", ".join(sorted({str(entry.facts.get("kernel")) for entry in found}))
+        raise InputError(f"{root}: has no series with kernel {kernel}; choose from {kernels}")
     first = chosen[0]
-    for scan in chosen[1:]:
-        check_shared(scan.facts, first.facts, scan.series.name, first.series.name)
+    for entry in chosen[1:]:
+        check_shared(entry.facts, first.facts, entry.series.name, first.series.name)
     names = [f"repeat{number:02d}.nii.gz" for number in range(1, len(chosen) + 1)]
 
     def write(target: Path) -> None:
         grid: Grid | None = None
         seen: dict[bytes, str] = {}
-        for scan, name in zip(chosen, names, strict=True):
-            own, image = scan.series.name, read_slices(scan.series)
-            require_plausible(image.array, image.grid, own, not_checked)
-            if grid is not None and not image.grid.matches(grid, GRID_TOLERANCE_MM):
-                raise InputError(f"{own}: is on another grid ({image.grid}) than {first.series.name} ({grid})")
-            if grid is not None and image.grid.rotated_against(grid) > LARGEST_TILT:
-                raise InputError(f"{own}: is rotated against {first.series.name}; resample it onto the same grid")
+        for entry, name in zip(chosen, names, strict=True):
+            label, image = entry.series.name, read_slices(entry.series)
+            require_plausible(image.array, image.grid, label, not_checked)
+            if grid is not None and (mismatch := grid_mismatch(image.grid, grid, label, first.series.name)):
+                raise InputError(mismatch)
             digest = hashlib.sha256(image.array).digest()
             if digest in seen:
-                note(f"{own}: has the same voxels as {seen[digest]}; if it is a copy, it is no repeat: remove it")
-            seen[digest], grid = own, image.grid
+                note(f"{label}: has the same voxels as {seen[digest]}; if it is a copy, remove it")
+            seen[digest], grid = label, image.grid
             write_nifti(_smallest_type(image), target / name)
 
-    means = defaultdict(list)
-    for scan in chosen:
-        for key in (*NOMINAL, *SCAN):
-            if key in scan.facts:
-                means[key].append(scan.facts[key])
-    typical = {key: values[0] if key in (*SHARED, *SCAN) else float(np.mean(values)) for key, values in means.items()}
-    typical = _possible(typical, first.series.name)
+    facts = {key: [entry.facts[key] for entry in chosen if key in entry.facts] for key in (*NOMINAL, *SCAN)}
+    typical = {
+        key: values[0] if key in (*SHARED, *SCAN) else float(np.mean(values)) for key, values in facts.items() if values
+    }
+    typical = _valid_facts(typical, first.series.name)
     lengths = {key: typical[key] for key in SCAN if key in typical}
     content = {
-        "kind": "images",
-        **({"phantom": phantom} if phantom else {}),
         **({"scan": lengths} if lengths else {}),
         "nominal": {key: typical[key] for key in NOMINAL if key in typical},
-        "origin": {"importer": "dicom", "sha256": [digest for scan in chosen for digest in scan.sha256]},
+        "origin": {"importer": "dicom", "sha256": [digest for entry in chosen for digest in entry.sha256]},
         **({"not_checked": list(not_checked)} if not_checked else {}),
         "repeats": names,
     }
-    return write_folder(target_folder, content, write)
+    return write_folder(target_folder, "images", phantom, content, write)
 
 
-def _possible(facts: dict, name: str) -> dict:
-    """The facts that recording.yaml can state. Scanners write 0 for what they do not know; the others are reported."""
+def _valid_facts(facts: dict, name: str) -> dict:
+    """Return the facts that recording.yaml accepts, and report the others. Scanners write 0 for unknown values."""
     sections = read_schema(SCHEMA)["properties"]
     known = {key: sections["scan" if key in SCAN else "nominal"]["properties"][key] for key in facts}
-    left_out = [key for key, value in facts.items() if not Draft202012Validator(known[key]).is_valid(value)]
-    if left_out:
-        values = ", ".join(f"{key} ({facts[key]})" for key in left_out)
-        note(f"{name}: not kept, as no scan has this value: {values}")
-    return {key: value for key, value in facts.items() if key not in left_out}
+    invalid = [key for key, value in facts.items() if not Draft202012Validator(known[key]).is_valid(value)]
+    if invalid:
+        values = ", ".join(f"{key} ({facts[key]})" for key in invalid)
+        note(f"{name}: impossible values of the DICOM headers are omitted: {values}")
+    return {key: value for key, value in facts.items() if key not in invalid}
 
 
-def _find(root: Path) -> list[Scan]:
-    """Every series below a folder, in the order of their folders."""
+def _find(root: Path) -> list[ImportedSeries]:
+    """Return every series below a folder, in the order of the folders."""
     unused = UnusedFiles()
-    slices = [one for folder in walk_folders(root, unused) for one in slices_of(files_in(folder), unused)]
+    slices = [part for folder in walk_folders(root, unused) for part in slices_of(files_in(folder), unused)]
     if not slices:
-        there = "; ".join(unused.lines(root))
+        details = "; ".join(unused.lines(root))
         raise InputError(
-            f"{root}: holds no CT slice in DICOM, and no folder under it does" + (f" ({there})" if there else "")
+            f"{root}: has no CT slices in DICOM, here or in folders below{f' ({details})' if details else ''}; use the "
+            "top folder of a tree of DICOM series"
         )
     found, copies = [], {}
     for series in series_among(slices, unused, root):
-        digests = sorted(sha256(one.path) for one in series.slices)
+        digests = sorted(sha256(part.path) for part in series.slices)
         if tuple(digests) in copies:
-            note(f"{series.name}: not used: a copy of {copies[tuple(digests)]}")
+            note(f"{series.name}: not used: copy of {copies[tuple(digests)]}")
             continue
         copies[tuple(digests)] = series.name
-        found.append(Scan(series, series_facts(series), digests))
+        found.append(ImportedSeries(series, series_facts(series), digests))
     unused.report(root)
     return found
 
 
 def _smallest_type(image: Volume) -> Volume:
-    """Whole HU as int16, which they were in DICOM; others stay float32."""
+    """Convert whole HU to int16, as in DICOM; other values stay float32."""
     whole = np.rint(image.array)
     limits = np.iinfo(np.int16)
     if np.array_equal(whole, image.array) and whole.min() >= limits.min and whole.max() <= limits.max:

@@ -1,9 +1,9 @@
-"""Published tables of radiomics features to recordings of features, in this project's names of ROIs and features.
+"""Import of published tables of radiomics features, with this project's names of ROIs and features.
 
-Two are known, both of the phantom that the paper simulates (see measured.py for sources and what is inferred):
+Two layouts are known, both of the phantom that the paper simulates (sources and assumptions: statistics/measured.py):
 
-* the tandem study CT-Phantom4Radiomics (recognised by its column scan_id),
-* a dose series of CT4Harmonization-Multicentric on one scanner (recognised by its column recon_code).
+* the tandem study CT-Phantom4Radiomics, which has a column scan_id,
+* a dose series of CT4Harmonization-Multicentric on one scanner, which has a column recon_code.
 """
 
 from __future__ import annotations
@@ -32,21 +32,12 @@ DOSE_CITATION = (
 
 
 def import_features(csv_file: str | Path, folder: str | Path, phantom: str | None = None) -> Recording:
-    """Write a recording of features with the table's values as they are, and load it.
-
-    Parameters
-    ----------
-    csv_file : str or Path
-        The published table.
-    folder : str or Path
-        The recording's, which is made.
-    phantom : str, optional
-        What was scanned, for recording.yaml.
+    """Write a recording of features with the values of a published table, and load it.
 
     Raises
     ------
     InputError
-        If the table is missing, of neither layout, or not what its layout asks for (measured.load_full_table,
+        If the table is missing, has neither layout, or does not fit its layout (measured.load_full_table,
         measured.load_full_dose_series).
     """
     csv_file = Path(csv_file)
@@ -58,11 +49,11 @@ def import_features(csv_file: str | Path, folder: str | Path, phantom: str | Non
     else:
         raise InputError(
             f"{csv_file}: has neither a column scan_id (CT-Phantom4Radiomics) nor recon_code (the dose series); "
-            "write any other table as docs/how-to/recordings.md shows"
+            "for other tables, write recording.yaml as docs/how-to/recordings.md shows"
         )
     content["origin"] |= {"importer": "features", "sha256": [sha256(csv_file)]}
-    content = {"kind": "features", **({"phantom": phantom} if phantom else {}), **content, "repeats": ["features.csv"]}
-    return write_folder(folder, content, lambda target: write_csv(table, target / "features.csv"))
+    content["repeats"] = ["features.csv"]
+    return write_folder(folder, "features", phantom, content, lambda target: write_csv(table, target / "features.csv"))
 
 
 def _study(csv_file: Path) -> tuple[pd.DataFrame, dict]:
@@ -84,7 +75,7 @@ def _study(csv_file: Path) -> tuple[pd.DataFrame, dict]:
             "stored_offset_hu": STORED_OFFSET_HU,
             "dimensions": 2,
         },
-        "origin": {"citation": STUDY_CITATION, "licence": "scans CC BY 4.0; features without a licence file"},
+        "origin": {"citation": STUDY_CITATION, "licence": "scans CC BY 4.0; features without a license file"},
     }
     return _image_first(table.drop(columns="scan"), image), content
 

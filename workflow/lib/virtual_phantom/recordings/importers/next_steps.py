@@ -1,4 +1,4 @@
-"""What to do with a recording that was imported: the configuration to write, and the command to run."""
+"""Next steps after an import: the configuration to write, and the command to run."""
 
 from __future__ import annotations
 
@@ -11,49 +11,39 @@ from ..projections import ProjectionsRecording
 from ..recording import Recording
 from .htc2022 import OBJECT
 
-FITTED_VIEWS = 150  # of a scan of many views; config/htc2022.yaml fits and holds out 145 of 721
-# Of the default study (config/config.yaml), whose phantom tables and images are compared with.
+FITTED_VIEWS = 150  # of a scan with many views; config/htc2022.yaml fits and holds out 145 of 721
+# Labels of the default study (config/config.yaml), with whose phantom tables and images are compared.
 PROTOCOL, NOISE = "fbp_300", "dose10"
-# How well the alignment is known, by importer. Line integrals do not say of which energy they are: without a spectrum
-# their scale is free. A size is measured to a percent. The air beside the discs of the challenge is off by some 0.01.
+# Tolerances of the alignment, by importer. Line integrals do not state their energy: without a spectrum, the density
+# scale is free. A size is measured to one percent. Air next to the discs of the challenge is off by about 0.01.
 ALIGNMENT = {"htc2022": "{scale: 1.0, size: 0.01, offset: 0.02}", "dicom-ct-pd": "{scale: 1.0, size: 0.01}"}
-# What the mean of one row of a homogeneous object shows (config/htc2022.yaml).
-OF_ONE_ROW = "[spectrum, scatter, veiling_glare, dark_signal, focal_spot, gain_pattern]"
+# Effects that the mean of one row of a uniform object can show (config/htc2022.yaml).
+ONE_ROW_EFFECTS = "[spectrum, scatter, veiling_glare, dark_signal, focal_spot, gain_pattern]"
 
 
 def next_steps(recording: Recording) -> str:
-    """The configuration to write for a recording, with capitals for what an importer cannot know, and the command.
-
-    Parameters
-    ----------
-    recording : Recording
-        As it was imported.
-
-    Returns
-    -------
-    str
-        Lines to print.
+    """Return lines to print: the configuration to write and the command; unknown values are in capitals.
 
     Raises
     ------
     InputError
-        If no importer made it.
+        If no importer created the recording.
     """
     importer = recording.provenance.origin.get("importer")
     if importer is None:
-        raise InputError(f"{recording.document.path}: was not imported")
+        raise InputError(f"{recording.document.path}: has no origin.importer; only imported recordings have next steps")
     name, folder = recording.name, _scalar(str(recording.document.folder))
     lines, blanks, target, condition = ["recordings:", f"  {name}: {folder}"], "", (), ""
     file = f"{name}.yaml"
     if isinstance(recording, FeaturesRecording):
         lines += ["analyses:", "  comparison:", f"    {name}: {_comparison(recording)}"]
     elif not isinstance(recording, ProjectionsRecording):
-        target, condition = ("alignment",), ", if the study's phantom was scanned"
+        target, condition = ("alignment",), ", if the scanned object is the study's phantom"
     else:
         lines += ["diagnosis:", "  recordings:", *_diagnosed(recording, importer)]
         target = ("diagnosis",)
         if importer != "study":
-            blanks = ", with what was scanned in the place of capitals"
+            blanks = ", and replace the words in capitals by the properties of the scanned object"
     return "\n".join(
         [
             f"Next: save this as {file}{blanks}:",
@@ -73,9 +63,9 @@ def _comparison(recording: FeaturesRecording) -> str:
 
 
 def _diagnosed(recording: ProjectionsRecording, importer: str) -> list[str]:
-    """The section of one recording: of a study's acquisitions the phantom is the study's, and all is known."""
+    """Return the section of one recording. For a study's acquisitions, the object is known."""
     if importer == "study":
-        return [f"    {recording.name}: {{}} # the study's phantom, so run it with the study's own configuration"]
+        return [f"    {recording.name}: {{}} # the study's phantom: run it with the study's own configuration"]
     mask = recording.document.folder / OBJECT
     lines = [f"    {recording.name}:"]
     if mask.is_file():
@@ -84,11 +74,11 @@ def _diagnosed(recording: ProjectionsRecording, importer: str) -> list[str]:
         lines += [
             "      disc: {diameter_mm: DIAMETER, material: MATERIAL} # water, acrylic; others: docs/how-to/diagnosis.md"
         ]
-    lines += [f"      alignment: {ALIGNMENT[importer]} # how well it is known; scale 1.0: not at all"]
+    lines += [f"      alignment: {ALIGNMENT[importer]} # tolerances; scale 1.0: unknown"]
     if (step := round(recording.geometry.views / FITTED_VIEWS)) > 1:
-        lines += [f"      view_step: {step} # one view of {step}: enough of what looks alike from everywhere"]
+        lines += [f"      view_step: {step} # 1 in {step} views is enough for objects without fine detail"]
     if recording.geometry.rows == 1:
-        lines += [f"      effects: {OF_ONE_ROW}"]
+        lines += [f"      effects: {ONE_ROW_EFFECTS}"]
     return lines
 
 

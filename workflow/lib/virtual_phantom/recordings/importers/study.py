@@ -1,4 +1,4 @@
-"""A study's own acquisitions (keep_projections: true) to a recording of projections, to try a diagnosis on."""
+"""Import of a study's acquisitions (keep_projections: true) as a recording of projections, to try a diagnosis."""
 
 from __future__ import annotations
 
@@ -17,28 +17,24 @@ from . import write_folder
 
 
 def import_study(source: str | Path, folder: str | Path, phantom: str | None = None) -> Recording:
-    """Write a recording of the acquisitions of one geometry and noise level, one repeat per seed.
+    """Write a recording of the acquisitions of one geometry and noise level, one repeat per seed, and load it.
 
-    What the study simulated beyond the baseline does not come along.
+    The effects that the study simulated beyond the baseline are not recorded.
 
     Parameters
     ----------
     source : str or Path
-        `projections/<geometry>/<noise>` under results_dir.
-    folder : str or Path
-        The recording's, which is made.
-    phantom : str, optional
-        What was scanned, for recording.yaml.
+        Folder `projections/<geometry>/<noise>` in results_dir.
 
     Raises
     ------
     InputError
-        If there is no acquisition, or one is broken.
+        If there is no acquisition, or one is damaged.
     """
     source = Path(source)
     files = sorted(source.glob("seed*.h5"))
     if not files:
-        raise InputError(f"{source}: holds no acquisition (seed*.h5); set keep_projections: true and run the study")
+        raise InputError(f"{source}: has no acquisition (seed*.h5); set keep_projections: true and run the study")
     _, geometry = read_counts(files[0])
 
     def write(target: Path) -> None:
@@ -46,17 +42,15 @@ def import_study(source: str | Path, folder: str | Path, phantom: str | None = N
             shutil.copyfile(file, target / file.name)
 
     content = {
-        "kind": "projections",
-        **({"phantom": phantom} if phantom else {}),
-        "scan": scan_of(geometry),
+        "scan": scan_section(geometry),
         "origin": {"importer": "study"},
         "repeats": [file.name for file in files],
     }
-    return write_folder(folder, content, write)
+    return write_folder(folder, "projections", phantom, content, write)
 
 
-def scan_of(geometry: OrbitGeometry) -> dict:
-    """The scan section of a geometry of evenly spaced views."""
+def scan_section(geometry: OrbitGeometry) -> dict:
+    """Return the scan section of a geometry with evenly spaced views."""
     step = float(np.diff(geometry.angles_rad).mean())
     helical = geometry.feed_per_rotation_mm != 0
     return {

@@ -1,1 +1,1 @@
-"""Public scans of the printed phantom: which there are, bringing them here, and finding their files by their tags."""
+"""Public scans of the printed phantom: list, download, and identification of files by their DICOM tags."""

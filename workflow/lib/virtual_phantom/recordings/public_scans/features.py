@@ -1,7 +1,7 @@
-"""Features of public scans as recordings: what stands in their recording.yaml, and a scan's rows.
+"""Features of public scans as recordings: content of recording.yaml, and rows of the table.
 
-Two ways of extraction: in three dimensions and HU as the study's own images, and as the published table has them
-(CT-Phantom4Radiomics: the largest section of each region, stored values).
+Features are extracted in two modes: in three dimensions and HU, like the study's images; and as in the published table
+(CT-Phantom4Radiomics: largest section of each region, stored values).
 """
 
 from __future__ import annotations
@@ -13,35 +13,30 @@ from typing import TYPE_CHECKING
 
 from .table import COLLECTIONS, PublicScan
 
-if TYPE_CHECKING:  # heavy, and the workflow reads this in every job
+if TYPE_CHECKING:  # slow imports, and the workflow reads this module in every job
     import pandas as pd
 
     from ...features.parameters import Parameters
 
 NAME, FILE = "printed_phantom", "features.csv"
-FLAT = "_2d"  # ends the names of folders and recordings of the second way
-STORED_OFFSET_HU = 1024  # what the scanners store on top of HU
+FLAT = "_2d"  # suffix of folders and recordings of the second mode
+STORED_OFFSET_HU = 1024  # added to HU in the scanners' stored values
 EXTRACTED = {
     "": "Extracted from the scans' own voxels, in the regions that were drawn on each of them.",
     FLAT: "Extracted from the largest section of each region that was drawn on a scan, pixels of 1 mm, stored values.",
 }
-CONDITIONS = ["group", "dose_mgy", "reconstruction"]  # what tells scans apart that are no repeats of each other
+CONDITIONS = ["group", "dose_mgy", "reconstruction"]  # columns that distinguish scans that are not repeats
 
 
-def content(scans: Sequence[PublicScan], way: str = "") -> dict:
-    """What stands in recording.yaml.
+def recording_content(scans: Sequence[PublicScan], way: str = "") -> dict:
+    """Return the content of recording.yaml, without defaults.
 
     Parameters
     ----------
     scans : sequence of PublicScan
-        One at least.
+        At least one.
     way : {"", FLAT}, optional
-        How features were extracted.
-
-    Returns
-    -------
-    dict
-        Without defaults.
+        Extraction mode.
     """
     collections = [COLLECTIONS[name] for name in dict.fromkeys(scan.collection for scan in scans)]
     return {
@@ -51,39 +46,38 @@ def content(scans: Sequence[PublicScan], way: str = "") -> dict:
         "features": {"conditions": CONDITIONS}
         | ({"stored_offset_hu": STORED_OFFSET_HU, "dimensions": 2} if way == FLAT else {}),
         "origin": {
-            "citation": "; ".join(f"{one.title}, The Cancer Imaging Archive, doi {one.doi}" for one in collections),
-            "licence": " and ".join(dict.fromkeys(one.licence for one in collections)),
+            "citation": "; ".join(f"{part.title}, The Cancer Imaging Archive, doi {part.doi}" for part in collections),
+            "licence": " and ".join(dict.fromkeys(part.licence for part in collections)),
         },
         "repeats": [FILE],
     }
 
 
-def rows_of(
+def scan_features(
     scan: PublicScan, folder: Path, rois: Sequence[dict], regions: Sequence[int | str], parameters: Parameters
 ) -> dict[str, pd.DataFrame]:
-    """Features of one scan, a row per ROI, both ways.
+    """Return the features of one scan by extraction mode (keys of EXTRACTED), one row per ROI.
 
     Parameters
     ----------
     folder : Path
-        Where it lies; it has been checked.
+        Folder of the scan, already checked.
     rois : sequence of dict
         As phantom.ct.rois of the configuration; labels count the regions from 1.
     regions : sequence of int or str
         Segments by number or name.
     parameters : Parameters
-        Of the extraction; its section and its stored offset do not count.
+        Extraction parameters; section and stored offset are replaced.
 
     Returns
     -------
     dict of str to DataFrame
-        By way, one of EXTRACTED: image, roi, tissue_class, CONDITIONS, collection, acquisition, and what
-        features.extraction gives.
+        Columns image, roi, tissue_class, CONDITIONS, collection, acquisition, and those of features.extraction.
 
     Raises
     ------
     InputError
-        For a CT or a SEG that cannot be read, and a region that is not there or lost by its margin.
+        For an unreadable CT or SEG, and a region that is missing or removed by its margin.
     """
     import numpy as np
 
@@ -100,7 +94,7 @@ def rows_of(
         located = replace(entry, file=seg, label=regions[entry.label - 1])
         for name, mask in zip(entry.names, draw_entry(located, image.grid, opened), strict=True):
             masks[name], classes[name] = mask, entry.tissue_class
-    # Whichever way the study's own features are extracted.
+    # Independent of how the study's features are extracted.
     whole = replace(parameters, section=WHOLE, stored_offset_hu=0.0)
     stored = Volume(image.array.astype(np.float32) + np.float32(STORED_OFFSET_HU), image.grid)
     tables = {

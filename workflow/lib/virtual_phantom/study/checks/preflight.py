@@ -229,7 +229,7 @@ def _recorded(config: dict) -> Iterator[str]:
         return
     from ...features.names import FEATURES
     from ...features.parameters import read_parameters  # loads pyradiomics, for those who get here
-    from ...recordings.reading import load
+    from ...recordings.reading import load_recording
 
     file, features = config.get("features", {}).get("parameters"), FEATURES
     if file and not _said(read_parameters, file):
@@ -242,7 +242,7 @@ def _recorded(config: dict) -> Iterator[str]:
 
         def look(folder: str = folder) -> list[str]:
             try:
-                load(folder, features)
+                load_recording(folder, features)
             except InputError as error:
                 return list(lines_of(error))
             return []
