@@ -46,7 +46,7 @@ def main(
     volumes.write_nifti(image, image_file)
     write_rois(carried, image, Path(table_file).parent)
     files.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", alignment_file)
-    text = f"{name}: {registration.describe(found)}"
+    text = f"{name}: {registration.describe_alignment(found)}"
     log.info("%s", text)
     print(text)
 

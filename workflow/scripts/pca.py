@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
-from virtual_phantom.recordings.reference_features import reference_features
+from virtual_phantom.recordings.reference import reference_features
 
 from virtual_phantom.features import settings, tables
 from virtual_phantom.features.hu_offset import convert_to_hu

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 
-from virtual_phantom.recordings.summarize_recording import summarize_recording
+from virtual_phantom.recordings.summary import summarize_recording
 
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files
