@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
-from virtual_phantom.recordings.reference import reference_features
 
 from virtual_phantom.features import settings, tables
 from virtual_phantom.features.hu_offset import convert_to_hu
 from virtual_phantom.io import files
+from virtual_phantom.recordings.reference import reference_features
 from virtual_phantom.statistics import measured, pca
 from virtual_phantom.study.job import job, log
 

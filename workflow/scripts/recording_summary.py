@@ -3,11 +3,10 @@
 import json
 from collections.abc import Mapping, Sequence
 
-from virtual_phantom.recordings.summary import summarize_recording
-
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.summary import summarize_recording
 from virtual_phantom.study.job import job, log
 
 
