@@ -215,7 +215,7 @@ def lines_and_notes(settings, capsys):
     """Exit code, mistakes and notes of the command on a configuration."""
     code, lines = checked(settings, capsys)
     notes = [line for line in lines if line.startswith("Note: ")]
-    others = [line for line in lines if line not in notes and "nothing wrong was found" not in line]
+    others = [line for line in lines if line not in notes and "no errors found" not in line]
     mistakes = [re.sub(r"^(Error: | *\d+\. )", "", line) for line in others]
     return code, [line for line in mistakes if not line.endswith("mistakes")], notes
 
@@ -236,7 +236,7 @@ def test_every_mistake_is_named_in_one_run_and_nothing_else(title, desk, capsys)
 
 
 def test_without_a_mistake_it_says_so(desk, capsys):
-    assert checked(CT, capsys) == (0, ["my.yaml: nothing wrong was found"])
+    assert checked(CT, capsys) == (0, ["my.yaml: no errors found"])
     assert checked({}, capsys)[0] == 0
 
 
@@ -297,7 +297,7 @@ def test_a_label_map_is_looked_at_and_its_labels_may_be_numbers(desk, capsys):
         where = "Error: diagnosis.recordings.bench.object: "
         return code, [line.removeprefix(where) for line in lines]
 
-    assert said("labels.nii.gz", {1: "pmma", "2": "aluminium"}) == (0, ["my.yaml: nothing wrong was found"])
+    assert said("labels.nii.gz", {1: "pmma", "2": "aluminium"}) == (0, ["my.yaml: no errors found"])
     code, (line,) = said("labels.nii.gz", {1: "pmma"})
     assert code == 1 and line.startswith(
         "labels.nii.gz: its label 2 has no material; name one for each under materials"
@@ -405,7 +405,7 @@ def test_every_mistake_of_a_recording_is_named_in_one_run(desk, capsys):
 def test_a_folder_without_a_configuration_takes_the_default_study(desk, capsys):
     Path("config/config.yaml").unlink()
     assert read_config.read_configs([]) == ([], yaml.safe_load(DEFAULT.read_text()))
-    assert checked(CT, capsys) == (0, ["my.yaml: nothing wrong was found"])
+    assert checked(CT, capsys) == (0, ["my.yaml: no errors found"])
     code, lines = checked(changed(CT, protocols__sirt_150={"projection": 3}), capsys)
     assert code == 1 and "unknown key 'projection' in protocols.sirt_150" in lines[0]
 

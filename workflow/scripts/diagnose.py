@@ -24,7 +24,7 @@ from virtual_phantom.statistics.proof_record import read, with_coverage
 from virtual_phantom.study.costs.forecast import beforehand
 from virtual_phantom.study.fit_cache_key import fit_cache
 from virtual_phantom.study.job import job
-from virtual_phantom.study.progress.said import saying
+from virtual_phantom.study.progress.job_status import status_writer
 
 with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
@@ -44,7 +44,7 @@ with job(snakemake) as log:
         kept, how_far = None, DiagnosisProgress()
         if "kept" in params.keys():  # somebody waits for it, as nobody does for a case of the proof
             name = snakemake.wildcards.recording
-            how_far = DiagnosisProgress(saying(snakemake.log[0], name))
+            how_far = DiagnosisProgress(status_writer(snakemake.log[0], name))
             scanned = filter(None, (given.get(what) for what in ("phantom", "mask", "labels", "shapes")))
             placed = {**model, "settings": {**model["settings"], "location": dict(asked.settings.location)}}
             kept = fit_cache(params.kept, placed, [*given.files, *scanned])

@@ -1,6 +1,6 @@
-"""The console before jobs run, and in dry runs: no line that says nothing of this run.
+"""Console output before the first job and in dry runs, without Snakemake's lines that are the same in every run.
 
-Snakemake writes some ten lines and a table of rules before the first job, and in a dry run every path of every job.
+Snakemake prints about ten lines and a table of rules before the first job, and in a dry run all files of every job.
 """
 
 from __future__ import annotations
@@ -12,101 +12,81 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 
 from ...base.words import counted
-from . import words
+from . import snakemake_messages
 from .failures import described
 from .load import slowdown
 from .status import duration_range
 from .time_left import Progress, Seconds, Step, stage_of
 
 SILENT_EVENTS = {"resources_info", "run_info", "workflow_started"}
-# How many of the files that trigger jobs a dry run names.
+# Files that trigger jobs, as many as a dry run names.
 NAMED = 3
-# Reasons that follow from another job of the same run.
+# The reason of jobs that run because another job of the same run does. It is not printed.
 FOLLOWS = "Input files updated by another job"
 
 
-def terminal(logger: logging.Logger) -> list[logging.Handler]:
-    """Handlers that write to the terminal: Snakemake's own, or what has replaced it; none of a logger plugin."""
+def terminal_handlers(logger: logging.Logger) -> list[logging.Handler]:
+    """Return the handlers that write to the terminal: Snakemake's or its replacement, but no logger plugin."""
     return [
         handler
         for handler in logger.handlers
-        if isinstance(handler, Before)
+        if isinstance(handler, StartupHandler)
         or (isinstance(handler, logging.StreamHandler) and handler.stream in (sys.stdout, sys.stderr))
     ]
 
 
-def wants_snakemake_s_words(settings) -> bool:
-    """Whether the user set more or fewer lines than usual: these are Snakemake's.
-
-    Parameters
-    ----------
-    settings : OutputSettings
-        Snakemake's.
-    """
-    # The profile's, and one that leaves a line for each job out, as this console does.
+def wants_snakemake_output(settings) -> bool:
+    """Whether the options of the run (Snakemake's OutputSettings) set more or fewer lines than usual."""
+    # HOST is set by the default profile. RULES hides the block of each job, as this console does.
     usual = {"HOST"} if settings.dryrun else {"HOST", "RULES"}
     more = settings.verbose or settings.debug_dag or (settings.dryrun and settings.printshellcmds)
     return more or bool({what.name for what in settings.quiet or ()} - usual)
 
 
-def be_quiet(logger: logging.Logger, settings) -> None:
-    """Replace Snakemake's handler for the terminal by one that leaves out what says nothing of this run.
-
-    Parameters
-    ----------
-    logger : Logger
-        Snakemake's.
-    settings : OutputSettings
-        Snakemake's.
-    """
-    if wants_snakemake_s_words(settings):
+def install_startup_handler(logger: logging.Logger, settings) -> None:
+    """Replace the terminal handler of Snakemake's logger, unless its OutputSettings set more or fewer lines."""
+    if wants_snakemake_output(settings):
         return
-    for handler in terminal(logger):
-        if not isinstance(handler, Before):
+    for handler in terminal_handlers(logger):
+        if not isinstance(handler, StartupHandler):
             logger.removeHandler(handler)
-            logger.addHandler((DryRun if settings.dryrun else Before)(handler))
+            logger.addHandler((DryRunHandler if settings.dryrun else StartupHandler)(handler))
 
 
-class Before(logging.Handler):
-    """Passes on what says something of this run.
-
-    Parameters
-    ----------
-    inner : StreamHandler
-        Snakemake's handler for the terminal.
-    """
+class StartupHandler(logging.Handler):
+    """Filter in front of Snakemake's terminal handler `inner`, which hides lines that are the same in every run."""
 
     def __init__(self, inner: logging.StreamHandler):
         super().__init__()
         self.inner = inner
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Take a record."""
+        """Handle a record."""
         event = getattr(record, "event", None)
         if event is None:
-            silent = str(record.msg).startswith((*words.BEFORE, *words.NOISE))
+            hidden = str(record.msg).startswith((*snakemake_messages.HIDDEN_AT_STARTUP, *snakemake_messages.HIDDEN))
         else:
-            silent = str(event) in SILENT_EVENTS
-        if not silent:
+            hidden = str(event) in SILENT_EVENTS
+        if not hidden:
             self.inner.handle(record)
 
     def close(self) -> None:
-        """End."""
+        """Close the handler."""
         self.inner.close()
         super().close()
 
 
-class DryRun(Before):
-    """Prints a line for each stage in place of a block for each job.
+class DryRunHandler(StartupHandler):
+    """Handler of dry runs: prints one line for each stage instead of a block for each job.
 
     Attributes
     ----------
     expected : callable or None
-        As Progress takes it; None until rules are read.
+        See `Progress`; None until the rules are read.
     cores : callable
-        Gives how many cores a run may use, or None.
+        Returns the number of cores that a run may use, or None.
     folder : str
-        Of the results.
+        Folder of the results.
     jobs : dict of int to dict
         Records of the jobs that would run, by number.
     """
@@ -119,50 +99,51 @@ class DryRun(Before):
         self.jobs: dict[int, dict] = {}
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Take a record."""
+        """Handle a record."""
         event, text = str(getattr(record, "event", "")), str(record.msg)
         if event == "group_info":
             return
         if event == "job_info":
             if record.output:
                 self.jobs[record.jobid] = vars(record)
-        elif not event and text.startswith(words.DRY_RUN_ENDS):
+        elif not event and text.startswith(snakemake_messages.DRY_RUN_ENDS):
             self.inner.stream.write("".join(f"{line}\n" for line in self.lines()))
             self.inner.stream.flush()
-        elif event or not text.startswith(words.DRY_RUN):
+        elif event or not text.startswith(snakemake_messages.DRY_RUN):
             super().emit(record)
 
     def lines(self) -> list[str]:
-        """What would run, by stage, and why."""
+        """Return lines with the jobs that would run, by stage, and the reasons."""
         jobs = list(self.jobs.values())
-        steps = [Step(one["jobid"], one["rule_name"], tuple(one["output"]), one["threads"]) for one in jobs]
+        steps = [Step(job["jobid"], job["rule_name"], tuple(job["output"]), job["threads"]) for job in jobs]
         time, cores = "", self.cores()
         if self.expected is not None:
             progress = Progress(steps, cores, self.expected, 0.0, slowdown(cores))
             time = duration_range(*progress.range_left(0.0))
-        given = f" on {counted(cores, 'core')}" if cores else ""
-        first = f"{counted(len(jobs), 'job')} would run" + (f", {time}{given}" if time else "")
+        on_cores = f" on {counted(cores, 'core')}" if cores else ""
+        first = f"{counted(len(jobs), 'job')} would run" + (f", {time}{on_cores}" if time else "")
         stages: dict[str, list[dict]] = {}
-        for one in jobs:
-            stages.setdefault(stage_of(one["rule_name"]), []).append(one)
+        for job in jobs:
+            stages.setdefault(stage_of(job["rule_name"]), []).append(job)
         width = max(map(len, stages), default=0)
         rows = [
-            f"  {stage:<{width}} {len(some):>5}  {described(some[0]).partition(' of ')[2]}{_more(some)}"
-            for stage, some in stages.items()
+            f"  {stage:<{width}} {len(group):>5}  {described(group[0]).partition(' of ')[2]}"
+            + (", ..." if len(group) > 1 else "")
+            for stage, group in stages.items()
         ]
-        ends = f"Results: {self.folder}. " if self.folder else ""
+        results = f"Results: {self.folder}. " if self.folder else ""
         return [
             f"{first}:",
             *rows,
             *self.reasons(),
-            f"{ends}Dry run: nothing was made. -p lists all files of each job.",
+            f"{results}Dry run: nothing was made. -p lists all files of each job.",
         ]
 
     def reasons(self) -> list[str]:
-        """Why jobs would run, apart from those that follow from others."""
+        """Return a line with the reasons for the jobs, except for jobs that run because another job does."""
         counts, named = Counter(), {}
-        for one in self.jobs.values():
-            for reason in filter(None, re.split(r"; (?=[A-Z])", one["reason"] or "")):
+        for job in self.jobs.values():
+            for reason in filter(None, re.split(r"; (?=[A-Z])", job["reason"] or "")):
                 kind, _, files = reason.partition(": ")
                 if kind == FOLLOWS:
                     continue
@@ -176,7 +157,3 @@ class DryRun(Before):
             names = f": {', '.join(files[:NAMED])}{more}" if files else ""
             reasons.append(f"{kind.lower()} ({counted(count, 'job')}{names})")
         return [f"Why: {'; '.join(reasons)}"] if reasons else []
-
-
-def _more(jobs):
-    return ", ..." if len(jobs) > 1 else ""
