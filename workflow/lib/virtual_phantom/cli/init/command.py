@@ -12,7 +12,7 @@ from ...base.commands import typed
 from ...base.errors import InputError
 from ...figures import axial, proposal, style
 from ...io import files
-from .configuration_file import configuration_text
+from .configuration_file import configuration_text, duration_text
 from .options import format_list
 from .propose import Proposal, propose
 from .regions import Region
@@ -147,7 +147,7 @@ def table(proposed: Proposal) -> str:
     lines = [f"{'label':>8}  {'name':<24}{'voxels':>9}{'ml':>8}{'HU':>7}{'SD':>6}  {'x, y, z (mm)':<16}  ROI"]
     for region in regions:
         z, y, x = region.extent_mm
-        rois = selected[region.name] if region.name in selected else f"- {left[region.name]}"
+        rois = selected[region.name] if region.name in selected else f"- {rejected[region.name]}"
         label = "" if region.label is None else str(region.label)
         lines.append(
             f"{label:>8}  {region.name:<24}{region.voxels:>9}{region.volume_ml:>8.1f}{region.mean_hu:>7.0f}"
@@ -168,7 +168,8 @@ def summary_text(proposed: Proposal, out: str | Path) -> str:
             "",
             f"{out}: {len(proposed.voxels)} ROIs on {shape} voxels of {spacing} mm (z, y, x)",
             f"{Path(out).with_suffix('.png')}: check the outlines and the box",
-            f"{cost['acquisitions']} scans in {cost['jobs']} jobs: {minutes(cost['core_hours'])} on two idle cores",
+            f"{cost['acquisitions']} scans in {cost['jobs']} jobs: "
+            f"{duration_text(cost['core_hours'])} on two idle cores",
             "",
             f"Next: {typed('virtual-phantom', 'check', out)}",
             f"      {commands.snakemake('--cores', '2', '--configfile', out)}",

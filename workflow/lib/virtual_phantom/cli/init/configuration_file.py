@@ -10,6 +10,7 @@ import yaml
 from ...base.commands import snakemake, typed
 from ...study.progress.status import duration_range
 from .propose import Proposal
+from .rois import outline_warning
 
 WIDTH = 110  # of a comment line
 RATES_WITHIN = 2.0  # factor within which estimates from measured rates were right (docs/how-to/cluster.md)
@@ -55,8 +56,8 @@ def _head(proposal: Proposal, picture: str, name: str) -> str:
         + "#\n"
         + _comment(
             f"The study makes {proposal.cost['acquisitions']} scans in {proposal.cost['jobs']} jobs: "
-            f"{minutes(hours)} on two idle cores and {proposal.cost['bytes_kept'] / 1e9:.2g} GB of disk, estimated "
-            "from measured rates (docs/how-to/cluster.md)."
+            f"{duration_text(hours)} on two idle cores and {proposal.cost['bytes_kept'] / 1e9:.2g} GB of disk, "
+            "estimated from measured rates (docs/how-to/cluster.md)."
         )
         + _comment("config/README.md lists all keys with units and defaults.")
         + _comment(f"The CT: {nx} x {ny} x {nz} voxels (x, y, z) of {dx:.4g} x {dy:.4g} x {dz:.4g} mm.")
@@ -99,7 +100,7 @@ def _phantom(proposal: Proposal) -> str:
         voxels = ", ".join(str(proposal.voxels[name]) for name in chosen.names)
         lines.append(
             f"      - {_flow(entry)} # {region.volume_ml:.3g} ml, {region.mean_hu:.0f} HU "
-            f"({doubtful(region) or f'SD {region.sd_hu:.0f}'}); "
+            f"({outline_warning(region) or f'SD {region.sd_hu:.0f}'}); "
             f"{voxels} voxels\n"
         )
     if proposal.rejected:

@@ -134,7 +134,7 @@ def propose(
     rejected += unfit
     if not rois:
         selected, further = largest(selected, defaults["regions"], (names or {}).values())
-        rejected += [(one.region, f"not among the {asked['regions']} largest suitable regions") for one in further]
+        rejected += [(roi.region, f"not among the {defaults['regions']} largest suitable regions") for roi in further]
     elif unfit:
         region, reason = unfit[0]
         raise InputError(f"--rois: {region.name} {reason}; remove it, or use --size normal or a finer CT")

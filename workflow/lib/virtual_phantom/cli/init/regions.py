@@ -262,7 +262,7 @@ def _files(labels: Path) -> list[Path]:
     if not labels.is_dir():
         return [labels]
     files = sorted(path for path in labels.iterdir() if path.is_file() and not path.name.startswith("."))
-    headers = {path.with_suffix("").name.lower() for path in files if path.suffix.lower() == ".hdr"}
+    headers = {path.stem.lower() for path in files if path.suffix.lower() == ".hdr"}
     masks = [path for path in files if suffix_of(path)]
     masks = [
         path for path in masks if path.suffix.lower() != ".img" or path.with_suffix("").name.lower() not in headers

@@ -83,9 +83,7 @@ def propose_scan(grid: Grid, reach_mm: float) -> dict:
     if reach_mm > LARGEST_REACH * radius:
         radius = 50 * math.ceil(reach_mm / LARGEST_REACH / 50)
     if reach_mm > 10 * RADIUS_MM:
-        raise InputError(
-            f"CT: the body reaches {reach_mm:.0f} mm from the isocenter; check that its voxel size is in mm"
-        )
+        raise InputError(f"CT: the body reaches {reach_mm:.0f} mm from the isocenter; check its voxel size (mm)")
     column_pitch = _pitch(grid.spacing[2])
     row_pitch = _pitch(grid.spacing[0])
     half = math.tan(math.asin(min(SPARE * reach_mm / radius, 0.99))) * MAGNIFICATION * radius
