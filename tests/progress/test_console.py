@@ -495,8 +495,8 @@ def test_while_jobs_run_time_passes_until_the_end(monkeypatch, install_console):
     handler.close()
     handler.release()
     said = stream.getvalue()
-    handler._looking.join(20)
-    assert not handler._looking.is_alive()
+    handler._timer.join(20)
+    assert not handler._timer.is_alive()
     assert re.search(r"0 of 1 jobs done, .* to .* h left; now: phantom \(0 of 1 done\)", said)
     assert stream.getvalue() == said and said.count("0 of 1 jobs done") >= 4
 

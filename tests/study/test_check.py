@@ -157,7 +157,7 @@ CASES = {
     "a detector that is too small": (
         ct(scan__columns=60, scan__rows=8, scan__trajectory="circular", measured__overlay=True),
         [
-            "scan: the phantom reaches 40 mm from the isocentre, the field of view only 36 mm: 4 mm are missing; set "
+            "scan: the phantom reaches 40 mm from the isocenter, the field of view only 36 mm: 4 mm are missing; set "
             "scan.columns to at least 67 (now 60), or scan.column_pitch_mm to at least 2.7",
             "scan: ROIs bright, dark are not seen from every direction",
             "measured.overlay is for the ROIs",
@@ -250,7 +250,7 @@ def test_what_keep_mm_removes_of_the_body_is_a_mistake(desk, capsys):
     code, lines, _ = lines_and_notes(settings, capsys)
     (line,) = lines
     found = re.fullmatch(
-        r"phantom.ct.keep_mm: makes air of ([\d.]+) % of the body \(voxels above -300 HU in its filled outline\), "
+        r"phantom.ct.keep_mm: removes ([\d.]+) % of the body \(voxels above -300 HU in its filled outline\), "
         r"(\d+) mm from the nearest ROI \((\w+)\); widen it to \[\[-35, 45\], \[-72, -8\]\], or take it out "
         r"\(if it is right: not_checked: \[keep_mm\]\)",
         line,
@@ -262,8 +262,8 @@ def test_what_keep_mm_removes_of_the_body_is_a_mistake(desk, capsys):
     settings["phantom"]["ct"]["not_checked"] = ["keep_mm"]
     code, lines, notes = lines_and_notes(settings, capsys)
     assert code == 0 and notes == [
-        f"Note: phantom.ct.keep_mm: makes air of {found[1]} % of the tissue (voxels above -300 HU): 0 % apart from the "
-        f"body, as arms and tables are, and {found[1]} % of the body, {found[2]} mm from the nearest ROI (bright)"
+        f"Note: phantom.ct.keep_mm: removes {found[1]} % of the tissue (voxels above -300 HU): 0 % outside the "
+        f"body, such as arms and table, and {found[1]} % of the body, {found[2]} mm from the nearest ROI (bright)"
     ]
 
 
@@ -278,7 +278,7 @@ def test_a_table_that_keep_mm_removes_is_a_note_each_time(desk, capsys):
         code, lines, notes = lines_and_notes(settings, capsys)
         share = f"{100 * hu[:, 0].size / (hu[:, 0].size + body):.2g}"
         assert code == 0 and not lines and len(notes) == 1
-        assert f"makes air of {share} % of the tissue (voxels above -300 HU): {share} % apart" in notes[0]
+        assert f"removes {share} % of the tissue (voxels above -300 HU): {share} % outside" in notes[0]
         assert notes[0].endswith("and 0 % of the body")
     assert [kept.read_bytes() for kept in Path(".snakemake/virtual_phantom").iterdir()] == [b"notes"]
 
@@ -336,14 +336,14 @@ def test_a_file_that_is_no_configuration_is_one_line(text, message, desk, capsys
         (
             {"bright": "cyst"},
             ["bright"],
-            "bright is of tissue_class cyst, in the study of tumour; if they are the same",
+            "bright has tissue_class cyst, in the study tumour; if they are the same",
         ),
-        ({"spine": "bone"}, None, "none of spine is an ROI of the study, so nothing could be compared"),
-        ({"spine": "bone"}, None, "the study's name and tissue_class: bright (tumour), dark (fat)"),
+        ({"spine": "bone"}, None, "none of spine is an ROI of the study, so no ROI can be compared"),
+        ({"spine": "bone"}, None, "the name and tissue_class of the study: bright (tumour), dark (fat)"),
         (
             {"bright": "tumour"},
             None,
-            "comparison.ours: the recording has no ROI dark; to compare what both have, write rois: [bright]",
+            "comparison.ours: the recording has no ROI dark; to compare the common ROIs, add rois: [bright]",
         ),
         ({"bright": "tumour", "dark": "fat", "spine": "bone"}, None, "comparison.ours: the study has no ROI spine; to"),
         ({"bright": "tumour"}, ["dark"], "comparison.ours: the recording has no ROI dark; to compare"),

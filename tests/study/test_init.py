@@ -162,7 +162,7 @@ def test_gas_and_tissue_is_no_region(desk):
     hu = phantom_files.object_hu()
     hu[:5][phantom_files.ball("dark")[:5]] = -900
     phantom_files.write_nifti_array(hu, "gas.nii.gz")
-    with pytest.raises(InputError, match="only the tissue class label_3 is left"):
+    with pytest.raises(InputError, match="only the tissue class label_3 is suitable"):
         propose("gas.nii.gz", "labels.nii.gz")
 
 
@@ -262,7 +262,7 @@ def test_files_that_are_there_stay(desk, capsys):
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "3=a,5=a"], "two regions have the name a"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3,liver"], "has no region 'liver'"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3,9"], "--rois: label_9 is too small"),
-        (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3"], "only the tissue class label_3 is left"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3"], "only the tissue class label_3 is suitable"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "my.txt"], "my.txt must end in .yaml"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "f.yaml", "--force"], "f.yaml: is a folder; give another"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "/proc/my.yaml"], "/proc/my.png: cannot be written"),

@@ -21,7 +21,7 @@ from virtual_phantom.recordings.reading import load
 from virtual_phantom.report.diagnosis import page, residual_maps
 from virtual_phantom.report.setup import setup_page
 from virtual_phantom.statistics.proof_record import read, with_coverage
-from virtual_phantom.study.costs.forecast import beforehand
+from virtual_phantom.study.costs.forecast import forecast_line
 from virtual_phantom.study.fit_cache_key import fit_cache
 from virtual_phantom.study.job import job
 from virtual_phantom.study.progress.job_status import status_writer
@@ -50,7 +50,7 @@ with job(snakemake) as log:
             kept = fit_cache(params.kept, placed, [*given.files, *scanned])
             if "physics" not in given.keys() and asked.protocol is None:
                 shape, phantom = recording.geometry.shape, given.get("phantom")
-                if line := beforehand(name, model, shape, len(effects), snakemake.threads, phantom):
+                if line := forecast_line(name, model, shape, len(effects), snakemake.threads, phantom):
                     log.info("%s", line)
                     print(line, flush=True)
         _, prepared = ready(asked, recording)

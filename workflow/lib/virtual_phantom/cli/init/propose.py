@@ -25,7 +25,7 @@ from ...phantom.plausibility import note_without_air, require_known_checks
 from ...phantom.rois import read_roi_entries
 from ...study.checks.coverage import points_of, reach_mm, rows_for, worst_share
 from ...study.costs.rates import read_rates
-from ...study.costs.table import summary
+from ...study.costs.table import cost_summary
 from .body_box import box_is_needed, keep_box, widened_box
 from .regions import Region, read_regions
 from .rois import ChosenRegion, choose, largest
@@ -170,7 +170,7 @@ def propose(
         config = {"trial": instead or True} | config
     config["scan"]["rows"] = _rows(config, grid, found)
     plan = Plan(complete(config))
-    _, cost = summary(plan, "cpu", read_rates(RESOURCES / "rates.yaml"))
+    _, cost = cost_summary(plan, "cpu", read_rates(RESOURCES / "rates.yaml"))
     return Proposal(
         image=ct,
         labels=str(labels),

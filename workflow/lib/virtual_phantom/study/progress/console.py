@@ -84,7 +84,8 @@ class Console(logging.Handler):
 
     def start_timer(self) -> None:
         """Start a thread that prints progress while jobs run. It ends with `close` or with the program."""
-        threading.Thread(target=self._run_timer, name="progress", daemon=True).start()
+        self._timer = threading.Thread(target=self._run_timer, name="progress", daemon=True)
+        self._timer.start()
 
     def catch_signals(self) -> None:
         """Record Ctrl-C (ends running jobs) and SIGTERM (lets them finish), then call Snakemake's handler."""
