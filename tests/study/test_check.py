@@ -99,8 +99,8 @@ CASES = {
             analyses__pca__fbp__protocols=["fbp_150", "sirt_300"],
         ),
         [
-            "analyses.optimal.sirt names 'sirt_45', which is not there; did you mean 'sirt_450'?",
-            "analyses.stability.noise names 'dose1', which is not there; did you mean 'dose10'?",
+            "analyses.optimal.sirt names 'sirt_45', which does not exist; did you mean 'sirt_450'?",
+            "analyses.stability.noise names 'dose1', which does not exist; did you mean 'dose10'?",
             "analyses.pca.fbp.protocols names 'sirt_300', whose algorithm is sirt; name a protocol of algorithm fbp",
         ],
     ),
@@ -160,7 +160,7 @@ CASES = {
             "scan: the phantom reaches 40 mm from the isocenter, the field of view only 36 mm: 4 mm are missing; set "
             "scan.columns to at least 67 (now 60), or scan.column_pitch_mm to at least 2.7",
             "scan: ROIs bright, dark are not seen from every direction",
-            "measured.overlay is for the ROIs",
+            "measured.overlay needs exactly the ROIs",
         ],
     ),
     "recordings": (
@@ -170,7 +170,7 @@ CASES = {
         ),
         [
             "nowhere/recording.yaml: no such file",
-            "diagnosis.recordings names 'benhc', which is not there; did you mean 'bench'?",
+            "diagnosis.recordings names 'benhc', which does not exist; did you mean 'bench'?",
             "diagnosis.recordings.bench: diagnosis.effects: there is no effect 'scater'; did you mean 'scatter'?",
         ],
     ),
@@ -251,7 +251,7 @@ def test_what_keep_mm_removes_of_the_body_is_a_mistake(desk, capsys):
     (line,) = lines
     found = re.fullmatch(
         r"phantom.ct.keep_mm: removes ([\d.]+) % of the body \(voxels above -300 HU in its filled outline\), "
-        r"(\d+) mm from the nearest ROI \((\w+)\); widen it to \[\[-35, 45\], \[-72, -8\]\], or take it out "
+        r"(\d+) mm from the nearest ROI \((\w+)\); widen it to \[\[-35, 45\], \[-72, -8\]\] or delete it "
         r"\(if it is right: not_checked: \[keep_mm\]\)",
         line,
     )
@@ -364,7 +364,7 @@ def test_regions_of_a_table_are_held_against_those_of_the_study(rois, chosen, me
     asked |= {} if chosen is None else {"rois": chosen}
     code, lines = checked(changed(CT, recordings={"clinic": "clinic"}, analyses__comparison={"ours": asked}), capsys)
     assert (code, len(lines)) == (int(message is not None), 1), lines
-    assert (message or "nothing wrong") in lines[0]
+    assert (message or "no errors") in lines[0]
 
 
 @pytest.mark.parametrize("key", ["image", "labels"])

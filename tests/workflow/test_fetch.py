@@ -130,7 +130,7 @@ def test_scans_that_are_not_kept_leave_their_features(alone, tmp_path):
         assert code == 1 and "Error: config: keep_scans is false, so that scans are brought when" in said
         code, said = run("public_features")
         assert code == 0, said[-3000:]
-        assert "each is deleted once everything is made of it" in said and here(project) == []
+        assert "each scan is deleted after use" in said and here(project) == []
         for name in ("compared", "compared_2d"):
             lines = (project / f"results/public_scans/{name}/features.csv").read_text().splitlines()
             assert len(lines) == 1 + 3 * 6

@@ -5,19 +5,19 @@ import sys
 from virtual_phantom.study.context import or_exit
 
 # Rehearsals say it too: how much it is, before anything is fetched.
-if workflow.is_main_process and (announced := context.scans.announced()):
+if workflow.is_main_process and (announced := context.scans.fetch_text()):
     print(announced, file=sys.stderr)
 
 # Rules for what is not here: nothing fetches or deletes a scan that is here.
-if context.scans.absent and context.scans.own is None:
+if context.scans.absent and context.scans.local_folder is None:
 
     rule fetch_scan:
         """One public scan of the printed phantom: its CT, its regions, and whose they are."""
         output:
             (
-                directory(context.scans.place)
-                if context.scans.kept
-                else temp(directory(context.scans.place))
+                directory(context.scans.scan_folder)
+                if context.scans.keep
+                else temp(directory(context.scans.scan_folder))
             ),
         log:
             context.log("fetch/{scan}"),
@@ -27,8 +27,8 @@ if context.scans.absent and context.scans.own is None:
             mem_mb=500,
             runtime=120,
         params:
-            listed=lambda wildcards: context.scans.listed(wildcards.scan),
-            scan=lambda wildcards: context.scans.one(wildcards.scan),
+            listed=lambda wildcards: context.scans.series_text(wildcards.scan),
+            scan=lambda wildcards: context.scans.by_name(wildcards.scan),
             endpoint=context.config["downloads"]["endpoint"],
             bucket=context.config["downloads"]["bucket"],
         message:
@@ -48,7 +48,7 @@ elif context.scans.absent:
             mem_mb=1000,
             runtime=120,
         params:
-            folder=context.scans.own,
+            folder=context.scans.local_folder,
             scans=context.scans.absent,
         script:
             "../scripts/link_scans.py"
@@ -64,7 +64,7 @@ rule fetch:
 rule scan_features:
     """Features of one public scan, at its own voxels and in its own regions, in three dimensions and in two."""
     input:
-        scan=context.scans.place,
+        scan=context.scans.scan_folder,
         parameters=context.parameter_files,
         code=context.code("scan_features.py"),
     output:
@@ -80,7 +80,7 @@ rule scan_features:
         mem_mb=4000,
         runtime=60,
     params:
-        scan=lambda wildcards: context.scans.one(wildcards.scan),
+        scan=lambda wildcards: context.scans.by_name(wildcards.scan),
         rois=context.scans.rois,
         regions=context.scans.regions,
         parameters=context.parameters,

@@ -20,7 +20,7 @@ with job(snakemake) as log:
         )
     measured = recorded.pivot(index="image", columns="roi", values=VARIANCE)
     found = noise.match(files.read_csv(snakemake.input.calibration), meets["protocol"], meets["rois"], measured)
-    matched_noise.write({**asdict(found), **meets}, snakemake.output[0])
+    matched_noise.write_level({**asdict(found), **meets}, snakemake.output[0])
     log.info("%s: %s", snakemake.wildcards.noise, found)
     if found.extrapolated:
         log.warning("A lies outside the levels of the noise calibration; add a level beyond it")

@@ -21,7 +21,7 @@ with job(snakemake) as log:
         )
     rows = []
     for path in snakemake.input.levels:
-        level, name = matched_noise.read(path), Path(path).stem
+        level, name = matched_noise.read_level(path), Path(path).stem
         chosen = features[
             (features["noise"] == name)
             & (features["protocol"] == level["protocol"])

@@ -1,7 +1,7 @@
 """Cache of successful checks, so that they run again only after a change of settings, files or code.
 
-Each check is a file in Snakemake's folder, named by a hash of all its inputs. The file is empty unless the check printed
-notes; `virtual-phantom check` then repeats the check.
+Each check is a file in Snakemake's folder, named by a hash of all its inputs. The file is empty unless the check
+printed notes; `virtual-phantom check` then repeats the check.
 """
 
 from __future__ import annotations

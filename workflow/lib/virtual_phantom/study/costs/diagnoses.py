@@ -6,7 +6,8 @@ Work is counted in units, each with a rate in costs.rates:
     compiled          compilation of kernels, if no earlier run has done so
     plane             planes of the scanned object that a ray crosses, if the scan set-up is checked: voxels along the
                       longer side in-plane x materials, or number of shapes; 0 for a disc
-    point             fitted pixels of all views plus a fraction of their rays (RAYS_PER_PIXEL): alignment, verdict, images
+    point             fitted pixels of all views plus a fraction of their rays (RAYS_PER_PIXEL): alignment, verdict,
+                      images
     filter_point      matched filters: points x effects x rounds of the ranking
     filter_step       steps of the matched filters through the object: rays x effects x planes x rounds
     evaluation        simulated scans of the fits
@@ -36,8 +37,8 @@ SHARED = ("filter_point", "filter_step", "evaluation", "evaluation_point")
 # Cost of a pixel in addition to its rays, in rays. Fits of one scan with 1, 4 and 9 rays per pixel took 5.8, 10.7 and
 # 14.8 s, filters 2.0, 3.3 and 4.8 s (benchmarks/diagnosis_rates.py --busy, "scatter").
 RAYS_PER_PIXEL = 5
-# Simulated scans and rounds of ranking. Ten simulated recordings in which no or one effect was found needed 365 to 1,177
-# scans and 1 to 3 rounds. A real disc with three effects needed 7,437 scans and 11 rounds of few effects.
+# Simulated scans and rounds of ranking. Ten simulated recordings in which no or one effect was found needed 365 to
+# 1,177 scans and 1 to 3 rounds. A real disc with three effects needed 7,437 scans and 11 rounds of few effects.
 EVALUATIONS = (400, 4200)
 ROUNDS = (1, 4)
 # Uncertainty of the rates. With this factor, ten of eleven diagnoses were inside the forecast; the other one took 0.8

@@ -5,8 +5,8 @@ Amounts are counted in units, each with a rate in costs.rates:
     job               one job
     fine_voxel        voxels of the finely sampled phantom
     ray               rays of one scan: views x rows x columns
-    ray_step          steps of the projector: rays x voxels along the longer side in-plane; SIRT needs them once for each
-                      term and once for its weights, for every REGISTER of realizations
+    ray_step          steps of the projector: rays x voxels along the longer side in-plane; SIRT needs them once for
+                      each term and once for its weights, for every REGISTER of realizations
     ray_step_lane     ray steps x realizations
     image             images of single acquisitions
     image_voxel       voxels of all images
