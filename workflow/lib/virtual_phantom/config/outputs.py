@@ -203,12 +203,7 @@ OUTPUTS = (
         "Overlap with the measured phantom",
         "number of the best features that are also best in the measured phantom",
     ),
-    *_figure(
-        "physics_change",
-        "Stability",
-        "With physics and without",
-        "features whose stability the physics changes",
-    ),
+    *_figure("physics_change", "Stability", "With physics and without", "features whose stability the physics changes"),
     *_figure(
         "overlap_{recording}",
         "Recordings",
@@ -380,10 +375,7 @@ OUTPUTS = (
         counted="tables",
     ),
     *_made_by(
-        "parquet",
-        Output("parquet", "{table}.parquet", "a table in Parquet format"),
-        stage="parquet",
-        counted="tables",
+        "parquet", Output("parquet", "{table}.parquet", "a table in Parquet format"), stage="parquet", counted="tables"
     ),
     # Recordings, and comparisons with them
     *_made_by(
@@ -590,9 +582,7 @@ OUTPUTS = (
             "proof_diagnosis", "proof/diagnosis/{case}/diagnosis.json", "verdict, findings and their evidence of a case"
         ),
         Output(
-            "proof_physics",
-            "proof/diagnosis/{case}/physics.yaml",
-            "the effects found in a case, as a configuration",
+            "proof_physics", "proof/diagnosis/{case}/physics.yaml", "the effects found in a case, as a configuration"
         ),
         Output("proof_report", "proof/diagnosis/{case}/report.html", "the diagnosis of a case as a page"),
         Output("proof_maps", "proof/diagnosis/{case}/maps", "maps of the differences of a case"),

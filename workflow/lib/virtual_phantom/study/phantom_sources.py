@@ -75,8 +75,8 @@ class PhantomSources:
         folder = self.plan.config["downloads"]["abdomen_ct"]
         advice = (
             f"on a computer with a network, download the files listed in {self.table}: put those of "
-            f"{folder}/example_ct_dicom into downloads/abdomen_ct/dicom, and save example_seg_dicom.nii.gz from there as "
-            "downloads/abdomen_ct/labels.nii.gz"
+            f"{folder}/example_ct_dicom into downloads/abdomen_ct/dicom, and save example_seg_dicom.nii.gz from there "
+            "as downloads/abdomen_ct/labels.nii.gz"
         )
         return [reachable(f"{folder}/{file.source}", advice) for file in self.absent]
 

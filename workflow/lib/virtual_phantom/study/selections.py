@@ -130,11 +130,7 @@ class Selections:
     def components(self, name: str) -> dict:
         """Return the images whose principal components a figure shows."""
         chosen = self._analyses["pca"][name]
-        return {
-            "protocols": chosen["protocols"],
-            "noise": chosen["noise"],
-            "seeds": self.plan.repeats(chosen["noise"]),
-        }
+        return {"protocols": chosen["protocols"], "noise": chosen["noise"], "seeds": self.plan.repeats(chosen["noise"])}
 
     def fitted(self, name: str) -> dict:
         """Return the settings for fitting the components of a figure."""

@@ -108,11 +108,7 @@ class _FoundRegion:
 
 
 def read_regions(
-    image: Volume,
-    labels: str | Path,
-    names: Mapping[str, str],
-    rois: Sequence[str] = (),
-    fill_gaps: bool = False,
+    image: Volume, labels: str | Path, names: Mapping[str, str], rois: Sequence[str] = (), fill_gaps: bool = False
 ) -> list[Region]:
     """Read the regions of a file or of a folder of masks.
 
@@ -139,8 +135,8 @@ def read_regions(
     Raises
     ------
     InputError
-        For a file or a region of `rois` that cannot be read, an unknown label or invalid name in `names`, two regions
-        with the same name, and a file without regions.
+        For a file or a region of `rois` that cannot be read, and a file without regions. Also for an unknown label or
+        an invalid name in `names`, and for two regions with the same name.
     """
     labels = Path(labels)
     broken: dict[str, str] = {}

@@ -1,6 +1,6 @@
 """Forecast of the time of the diagnosis of one recording of projections.
 
-Work is counted in units, each with a rate in costs.rates:
+Work is counted in units, each with a rate in costs.rates::
 
     job               one diagnosis: start and page
     compiled          compilation of kernels, if no earlier run has done so

@@ -15,12 +15,7 @@ from .rates import read_rates
 
 
 def forecast_line(
-    name: str,
-    model: Mapping,
-    shape: tuple[int, int, int],
-    effects: int,
-    processes: int,
-    phantom: str | Path | None,
+    name: str, model: Mapping, shape: tuple[int, int, int], effects: int, processes: int, phantom: str | Path | None
 ) -> str | None:
     """Return a line with the expected time of a diagnosis; None if it is unknown or no effect is fitted.
 

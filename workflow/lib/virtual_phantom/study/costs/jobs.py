@@ -1,6 +1,6 @@
 """Jobs of a configured study with their amounts of work and output, from the configuration alone.
 
-Amounts are counted in units, each with a rate in costs.rates:
+Amounts are counted in units, each with a rate in costs.rates::
 
     job               one job
     fine_voxel        voxels of the finely sampled phantom

@@ -66,9 +66,9 @@ def cost_summary(plan: Plan, engine: str, rates: dict) -> tuple[pd.DataFrame, di
     table : DataFrame
         See `by_rule`.
     content : dict
-        acquisitions, jobs, core_hours, jobs_without_rate ({stage: jobs} that core_hours does not include), bytes
-        ({kind: {total, per_acquisition, kept}} for kinds with a rate), bytes_written and bytes_kept (their sums), and
-        measured (see the rates).
+        acquisitions, jobs, core_hours, jobs_without_rate, bytes, bytes_written, bytes_kept and measured (see the
+        rates). core_hours does not include jobs_without_rate, {stage: jobs}. bytes is {kind: {total, per_acquisition,
+        kept}} for kinds with a rate.
     """
     jobs = study_jobs(plan, engine, roi_count(plan.config["phantom"]))
     table = by_rule(jobs, rates)

@@ -15,9 +15,9 @@ from .job_status import JobStatus, read_status
 NUMBERED = re.compile(r"_\d+$|_seeds_\d+_to_\d+$")
 
 # The ratio of actual to expected time is lognormal. SLOWER is its median before any job is done, without the slowdown
-# by other work. The others are standard deviations of its logarithm: of a run (processors differ), of a stage within a
-# run, of a job within its stage, and the minimum (other work starts and ends). Measured studies took 0.8 to 2.4 times
-# the expected time (docs/how-to/cluster.md).
+# by other work. RUN_SD, STAGE_SD and JOB_SD are standard deviations of its logarithm: between runs, between stages of a
+# run, and between jobs of a stage. LEAST_SD is their minimum. Measured studies took 0.8 to 2.4 times the expected time
+# (docs/how-to/cluster.md).
 SLOWER, RUN_SD, STAGE_SD, JOB_SD, LEAST_SD = 1.3, 0.5, 0.3, 0.4, 0.15
 # Ranges contain the central 80 %.
 TAIL = 0.1
