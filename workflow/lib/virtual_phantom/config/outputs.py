@@ -67,8 +67,31 @@ def filled(pattern: str, **known: str) -> str:
     return WILDCARD.sub(lambda match: str(known.get(match[1], match[0])), pattern)
 
 
-def _made_by(rule: str, *outputs: Output, stage: str | None = None, counted: str | None = None) -> tuple[Output, ...]:
+# Kinds of files that jobs of a stage write, if these are not tables.
+WRITTEN = {
+    "phantom": "phantom",
+    "project": "clean projections",
+    "acquire": "noisy projections",
+    "reconstruct": "images",
+    "extract": "features",
+    "merge_features": "features",
+    "figures": "figures",
+    "compile_kernels": None,
+}
+
+
+def _made_by(rule: str, *outputs: Output, stage: str | None = None, counted: str | None = "") -> tuple[Output, ...]:
+    """Return the outputs of a rule. By default, the kind of file that is counted follows from the stage."""
+    if counted == "":
+        counted = WRITTEN.get(stage, "tables") if stage else None
     return tuple(replace(output, rule=rule, stage=stage, counted=counted) for output in outputs)
+
+
+def _table(
+    name: str, description: str, title: str, section: str | None = None, stage: str = "tables"
+) -> tuple[Output, ...]:
+    """Return the output of a table, whose rule and file have the same name."""
+    return _made_by(name, Output(name, f"tables/{name}.csv", description, title, section), stage=stage)
 
 
 def _figure(
@@ -96,7 +119,6 @@ OUTPUTS = (
         Output("phantom_table", "phantom/rois.csv", "the phantom's ROIs, one row each"),
         Output("phantom_rois", "phantom/rois", "masks of the ROIs"),
         stage="phantom",
-        counted="phantom",
     ),
     *_made_by(
         "rois_on_voxels",
@@ -109,7 +131,6 @@ OUTPUTS = (
         "positions",
         Output("positions", "phantom/positions.csv", "position of the phantom in every repeat of every noise level"),
         stage="tables",
-        counted="tables",
     ),
     *_made_by(
         "rois_moved",
@@ -152,10 +173,7 @@ OUTPUTS = (
         stage="compile_kernels",
     ),
     *_made_by(
-        "project",
-        Output("clean", "projections/{geometry}/clean.h5", "noise-free line integrals"),
-        stage="project",
-        counted="clean projections",
+        "project", Output("clean", "projections/{geometry}/clean.h5", "noise-free line integrals"), stage="project"
     ),
     *_made_by(
         "project_moved",
@@ -165,19 +183,16 @@ OUTPUTS = (
             "noise-free line integrals of a re-positioned repeat",
         ),
         stage="project",
-        counted="clean projections",
     ),
     *_made_by(
         "acquire",
         Output("acquisition", "projections/{geometry}/{noise}/seed{seed}.h5", "projections of one acquisition"),
         stage="acquire",
-        counted="noisy projections",
     ),
     *_made_by(
         "reconstruct",
         Output("image", "images/{protocol}/{noise}/seed{seed}.nii.gz", "the image of one acquisition, HU"),
         stage="reconstruct",
-        counted="images",
     ),
     *_made_by(
         "extract",
@@ -185,7 +200,6 @@ OUTPUTS = (
             "image_features", "features/{protocol}/{noise}/seed{seed}.csv", "features of one image, one row per ROI"
         ),
         stage="extract",
-        counted="features",
     ),
     # Figures of the study
     *_figure("rois", "Phantom", "Regions of interest", "the ROIs on the phantom"),
@@ -250,29 +264,19 @@ OUTPUTS = (
         stage="recordings",
     ),
     # Tables of the study
-    *_made_by(
+    *_table(
         "trust",
-        Output(
-            "trust",
-            "tables/trust.csv",
-            "which features to trust: stability with its interval, its basis, and a sentence",
-            "Which features to trust",
-            "Stability",
-        ),
+        "which features to trust: stability with its interval, its basis, and a sentence",
+        "Which features to trust",
+        "Stability",
         stage="trust",
-        counted="tables",
     ),
-    *_made_by(
+    *_table(
         "physics_change",
-        Output(
-            "physics_change",
-            "tables/physics_change.csv",
-            "stability of every feature with and without the study's physics",
-            "Stability with and without physics",
-            "Stability",
-        ),
+        "stability of every feature with and without the study's physics",
+        "Stability with and without physics",
+        "Stability",
         stage="trust",
-        counted="tables",
     ),
     *_made_by(
         "stability_measures",
@@ -292,70 +296,28 @@ OUTPUTS = (
             "Stability",
         ),
         stage="tables",
-        counted="tables",
     ),
-    *_made_by(
-        "stability",
-        Output(
-            "stability",
-            "tables/stability.csv",
-            "W for pairs of groups and pairs of ROIs",
-            "Stability and discriminative power by W",
-        ),
-        stage="tables",
-        counted="tables",
-    ),
-    *_made_by(
-        "top_features",
-        Output(
-            "top_features",
-            "tables/top_features.csv",
-            "the ten best features and those of the paper",
-            "Ten best features",
-            "Stability",
-        ),
-        stage="tables",
-        counted="tables",
-    ),
-    *_made_by(
+    *_table("stability", "W for pairs of groups and pairs of ROIs", "Stability and discriminative power by W"),
+    *_table("top_features", "the ten best features and those of the paper", "Ten best features", "Stability"),
+    *_table(
         "overlap",
-        Output(
-            "overlap",
-            "tables/overlap.csv",
-            "number of the best features that are also best in the measured phantom",
-            "Overlap with the measured phantom",
-        ),
-        stage="tables",
-        counted="tables",
+        "number of the best features that are also best in the measured phantom",
+        "Overlap with the measured phantom",
     ),
-    *_made_by(
-        "noise_calibration",
-        Output(
-            "noise_calibration",
-            "tables/noise_calibration.csv",
-            "image variance against the noise level A",
-            "Noise calibration",
-        ),
-        stage="noise_calibration",
-        counted="tables",
+    *_table(
+        "noise_calibration", "image variance against the noise level A", "Noise calibration", stage="noise_calibration"
     ),
-    *_made_by(
+    *_table(
         "matched_noise",
-        Output(
-            "matched_noise",
-            "tables/matched_noise.csv",
-            "agreement of matched noise levels with their recordings",
-            "Matched noise levels",
-            "Recordings",
-        ),
+        "agreement of matched noise levels with their recordings",
+        "Matched noise levels",
+        "Recordings",
         stage="recordings",
-        counted="tables",
     ),
     *_made_by(
         "merge_features",
         Output("features", "features.csv", "features of all images, one row per image and ROI", "All features"),
         stage="merge_features",
-        counted="features",
     ),
     *_made_by(
         "pca",
@@ -372,7 +334,6 @@ OUTPUTS = (
             "Separability of classes: {pca}",
         ),
         stage="tables",
-        counted="tables",
     ),
     *_made_by(
         "parquet", Output("parquet", "{table}.parquet", "a table in Parquet format"), stage="parquet", counted="tables"
@@ -418,7 +379,6 @@ OUTPUTS = (
         "recording_features",
         Output("recorded_features", "recordings/{recording}/features.csv", "features of a recording"),
         stage="recordings",
-        counted="tables",
     ),
     *_made_by(
         "recording_scores",
@@ -428,13 +388,11 @@ OUTPUTS = (
             "stability and discriminative power of a recording's features",
         ),
         stage="recordings",
-        counted="tables",
     ),
     *_made_by(
         "overlap_recording",
         Output("overlap_recording", "tables/overlap_{recording}.csv", "the overlap with a recording's best features"),
         stage="recordings",
-        counted="tables",
     ),
     *_made_by(
         "stability_beside",
@@ -447,13 +405,11 @@ OUTPUTS = (
             "stability_beside",
         ),
         stage="recordings",
-        counted="tables",
     ),
     *_made_by(
         "match_noise",
         Output("matched_level", "noise/{noise}.json", "A of a noise level matched to a recording"),
         stage="recordings",
-        counted="tables",
     ),
     *_made_by(
         "compare",
@@ -463,13 +419,11 @@ OUTPUTS = (
             "comparison_families", "tables/comparison_{comparison}_families.csv", "the comparison by family of features"
         ),
         stage="recordings",
-        counted="tables",
     ),
     *_made_by(
         "change_properties",
         Output("properties", "diagnosis/{comparison}/properties.csv", "features after a change of one image property"),
         stage="recordings",
-        counted="tables",
     ),
     *_made_by(
         "attribute",
@@ -480,7 +434,6 @@ OUTPUTS = (
             "share that each image property explains, by feature and ROI",
         ),
         stage="recordings",
-        counted="tables",
     ),
     # Diagnosis
     *_made_by(
@@ -618,6 +571,7 @@ OUTPUTS = (
         "index_page",
         Output("index", "index.html", "page to open first: results, warnings, figures, tables, and the next commands"),
         stage="tables",
+        counted=None,
     ),
     *_made_by("viewer_page", Output("viewer", "viewer.html", "viewer of slices")),
     *_made_by("study_report", Output("report", "report.html", "figures and tables of the study on one page")),
