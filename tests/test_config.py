@@ -91,7 +91,7 @@ def test_a_comparison_and_a_recording_that_are_diagnosed_have_names_of_their_own
     config["diagnosis"] = {"comparisons": ["scanner"]}
     assert complete(config)["diagnosis"]["comparisons"] == ["scanner"]
     config["diagnosis"]["recordings"] = {"scanner": {}}
-    refuse(config, "diagnosis.comparisons names 'scanner', as diagnosis.recordings does")
+    refuse(config, "diagnosis.comparisons and diagnosis.recordings both have 'scanner'")
 
 
 SCANNED = {name: {} for name in ("a", "b", "c", "scanners")}
@@ -317,9 +317,9 @@ def ct_of(*names, **more):
 
 
 def test_measured_overlay_needs_the_printed_phantoms_rois():
-    refuse(changed("phantom", ct_of("liver")), "phantom.ct.rois gives liver; set measured.overlay: false")
+    refuse(changed("phantom", ct_of("liver")), "phantom.ct.rois also has liver; set measured.overlay: false")
     refuse(changed("phantom", ct_of(*list(TISSUE_CLASSES)[:5])), "phantom.ct.rois lacks metastasis; set measured")
-    refuse(changed("phantom", ct_of(*TISSUE_CLASSES, "liver")), "phantom.ct.rois gives liver; set measured")
+    refuse(changed("phantom", ct_of(*TISSUE_CLASSES, "liver")), "phantom.ct.rois also has liver; set measured")
     complete(changed("phantom", ct_of("liver")) | {"measured": {"overlay": False}})
     complete(changed("phantom", ct_of(*TISSUE_CLASSES)))
     in_parts = ct_of("normal", "cyst", parts=2)
@@ -447,7 +447,7 @@ def test_bundles_stay_when_an_analysis_asks_for_more():
         ({"physics_from": "a", "effects": ["scatter"]}, "has both effects and physics_from"),
         ({"baseline_from": "c"}, "diagnosis.recordings.b.baseline_from is 'c'; name another diagnosed recording: a"),
         ({"baseline_from": "b"}, "diagnosis.recordings.b.baseline_from is 'b'; name another diagnosed recording: a"),
-        ({"baseline_from": "a", "physics_from": "a"}, "b has both physics_from and baseline_from; keep the one"),
+        ({"baseline_from": "a", "physics_from": "a"}, "b has both physics_from and baseline_from; keep one of them"),
     ],
 )
 def test_diagnosed_objects_and_their_physics_are_one_each(settings, message):
@@ -491,7 +491,7 @@ def test_physics_is_not_taken_from_where_it_was_taken_to():
     complete({**config, "diagnosis": {"recordings": diagnosed}})
     scanners = {"s": {"recordings": ["a", "c"]}}
     together = {"recordings": diagnosed, "scanners": scanners}
-    refuse({**config, "diagnosis": together}, "names 'c', which has its baseline_from a; take that out")
+    refuse({**config, "diagnosis": together}, "names 'c', which has baseline_from: a; remove that key")
 
 
 def test_protocols_of_a_scanner_are_of_its_recordings_and_each_of_one():

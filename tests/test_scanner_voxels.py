@@ -73,7 +73,7 @@ def test_a_blob_is_as_sharp_as_the_mtf_says(kernel):
 
 @pytest.mark.parametrize("mtf", [(0, 5), (5, 5), (6, 5), (3, np.inf)])
 def test_an_impossible_mtf_is_refused(mtf):
-    with pytest.raises(InputError, match="kernel: mtf50_per_cm is"):
+    with pytest.raises(InputError, match="kernel: its MTF is a half at"):
         Kernel(*mtf)
 
 

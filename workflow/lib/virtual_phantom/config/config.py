@@ -50,15 +50,7 @@ def flat_detectors(config: Mapping) -> bool:
 def complete(settings: Mapping) -> dict:
     """Return the complete configuration, with all defaults of the schema and all parameters of effects.
 
-    Parameters
-    ----------
-    settings : mapping
-        See `check`. They are not changed.
-
-    Raises
-    ------
-    InputErrors
-        See `check`.
+    `check` describes the settings, which are not changed, and the errors.
     """
     config = _checked(settings)
     protocols = config["protocols"]
@@ -116,10 +108,7 @@ def _name_materials(config: dict) -> None:
 def inspected(settings: Mapping) -> tuple[list[str], dict]:
     """Return all errors of a configuration, and its valid part.
 
-    Parameters
-    ----------
-    settings : mapping
-        See `check`. They are not changed.
+    `check` describes the settings, which are not changed.
 
     Returns
     -------

@@ -49,11 +49,8 @@ class Plan:
     def geometry_settings(self, label: str) -> dict:
         """Return the settings of a geometry by its label (see `geometry_of`).
 
-        Returns
-        -------
-        dict
-            {scan: complete scan section, projections: int, physics: {effect: parameters}}, and physics_from for physics
-            that a diagnosis finds.
+        They are scan (complete section), projections, physics {effect: parameters}, and physics_from for physics that a
+        diagnosis finds.
 
         Raises
         ------

@@ -11,21 +11,11 @@ from ..config.plan import Plan
 
 @dataclass(frozen=True)
 class AnalysisJob:
-    """One job.
-
-    Attributes
-    ----------
-    outputs : tuple of Output
-        Outputs of one rule.
-    known : dict of str to str
-        Wildcards of all files.
-    images : int
-        Number of images that it reads.
-    """
+    """One job."""
 
     outputs: tuple[Output, ...]
-    known: dict[str, str]
-    images: int = 0
+    known: dict[str, str]  # wildcards of all outputs
+    images: int = 0  # that it reads
 
     @property
     def rule(self) -> str:

@@ -85,11 +85,7 @@ class Recordings:
         return numbers + figures
 
     def sinogram_online(self, disc: str) -> str:
-        """Return the address of a sinogram of the Helsinki Tomography Challenge 2022.
-
-        Parameters
-        ----------
-        disc : {"solid_disc", "ta", "tb", "tc", "td"}
+        """Return the address of a sinogram ("solid_disc", "ta" to "td") of the Helsinki Tomography Challenge 2022.
 
         Raises
         ------

@@ -112,25 +112,27 @@ def _phantom(proposal: Proposal) -> str:
 def _grid(proposal: Proposal) -> str:
     grid = proposal.config["grid"]
     nz, ny, nx = (n * wide for n, wide in zip(grid["shape"], grid["spacing_mm"], strict=True))
-    return (
-        "grid: # voxels of the reconstructed images\n"
-        f"  shape: {_flow(grid['shape'])} # z, y, x: {nz:.0f}, {ny:.0f} and {nx:.0f} mm\n"
-        f"  spacing_mm: {_numbers(grid['spacing_mm'])} # z, y, x\n"
-        f"  oversampling: {grid['oversampling']} # the scanned phantom is finer by this factor, near the CT's pixels\n"
-    )
+    lines = [
+        "grid: # voxels of the reconstructed images",
+        f"  shape: {_flow(grid['shape'])} # z, y, x: {nz:.0f}, {ny:.0f} and {nx:.0f} mm",
+        f"  spacing_mm: {_numbers(grid['spacing_mm'])} # z, y, x",
+        f"  oversampling: {grid['oversampling']} # the scanned phantom is finer by this factor, near the CT's pixels",
+    ]
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _scan(proposal: Proposal) -> str:
     scan = proposal.config["scan"]
-    return (
-        "scan: # a helical scan; the detector covers the width of the body and the height of the grid\n"
-        f"  source_to_isocentre_mm: {scan['source_to_isocentre_mm']}\n"
-        f"  source_to_detector_mm: {scan['source_to_detector_mm']}\n"
-        f"  columns: {scan['columns']} # the body reaches {proposal.reach_mm:.0f} mm from the isocenter\n"
-        f"  column_pitch_mm: {scan['column_pitch_mm']:g} # about half of it at the isocenter: at most one voxel\n"
-        f"  rows: {scan['rows']} # enough to see every ROI from all directions\n"
-        f"  row_pitch_mm: {scan['row_pitch_mm']:g}\n"
-    )
+    lines = [
+        "scan: # a helical scan; the detector covers the width of the body and the height of the grid",
+        f"  source_to_isocentre_mm: {scan['source_to_isocentre_mm']}",
+        f"  source_to_detector_mm: {scan['source_to_detector_mm']}",
+        f"  columns: {scan['columns']} # the body reaches {proposal.reach_mm:.0f} mm from the isocenter",
+        f"  column_pitch_mm: {scan['column_pitch_mm']:g} # about half of it at the isocenter: at most one voxel",
+        f"  rows: {scan['rows']} # enough to see every ROI from all directions",
+        f"  row_pitch_mm: {scan['row_pitch_mm']:g}",
+    ]
+    return "".join(f"{line}\n" for line in lines)
 
 
 NOTES = {

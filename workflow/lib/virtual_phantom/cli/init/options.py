@@ -15,7 +15,7 @@ def parse_list(values: Iterable[str], option: str) -> list[str]:
     Raises
     ------
     InputError
-        For a quotation mark that is not closed. The message names `option`.
+        For a quotation mark that is not closed.
     """
     entries: list[str] = []
     for value in values:

@@ -122,19 +122,9 @@ def removed_tissue(image: Volume, grid: Grid, kept: np.ndarray) -> RemovedTissue
 
 
 def columns_for(reach: float, scan: Mapping) -> int | None:
-    """Return the smallest number of detector columns whose field of view contains a circle.
+    """Return the smallest number of detector columns whose field of view contains a circle with radius `reach`, mm.
 
-    Parameters
-    ----------
-    reach : float
-        Radius of the circle, mm.
-    scan : mapping
-        Complete `scan` section.
-
-    Returns
-    -------
-    int or None
-        None if the source lies inside the circle or the detector would need too many columns.
+    It is None if the source lies inside the circle or the detector would need too many columns.
     """
     if reach >= scan["source_to_isocentre_mm"]:
         return None
@@ -157,12 +147,7 @@ def _half_mm(fan_rad: float, scan: Mapping) -> float:
 def worst_share(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarray) -> float:
     """Return the fraction of the directions of half a turn from which a scan sees the worst of some points.
 
-    Parameters
-    ----------
-    scan : mapping
-        Complete `scan` section.
-    points_mm : ndarray, shape (points, 3)
-        (x, y, z) from the isocenter.
+    The points have the shape (points, 3), (x, y, z) from the isocenter.
 
     Raises
     ------
@@ -173,21 +158,10 @@ def worst_share(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarr
 
 
 def rows_for(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarray) -> int | None:
-    """Return the number of detector rows that sees points from every direction of half a turn.
+    """Return the number of rows, above that of the scan, that sees points from every direction of half a turn.
 
-    Fewer rows may suffice too, because a helix then has more turns.
-
-    Parameters
-    ----------
-    scan : mapping
-        Complete `scan` section with too few rows.
-    points_mm : ndarray, shape (points, 3)
-        (x, y, z) from the isocenter.
-
-    Returns
-    -------
-    int or None
-        None if no number of rows suffices.
+    It is None if no number of rows suffices. Fewer rows may suffice too, because a helix then has more turns. Points
+    have the shape (points, 3), (x, y, z) from the isocenter.
     """
 
     def enough(rows: int) -> bool:

@@ -48,15 +48,7 @@ RATES_OFF = 1.25
 
 @dataclass(frozen=True)
 class Forecast:
-    """Forecast time of a diagnosis, s.
-
-    Attributes
-    ----------
-    cpu : tuple of 2 float
-        Lower and upper end of the CPU time of all processes.
-    wall : tuple of 2 float
-        Lower and upper end of the wall time on otherwise idle cores.
-    """
+    """Lower and upper end of the CPU time of all processes and of the wall time on otherwise idle cores, s."""
 
     cpu: tuple[float, float]
     wall: tuple[float, float]

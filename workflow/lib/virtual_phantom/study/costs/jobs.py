@@ -56,15 +56,7 @@ class Job:
 
 
 def study_jobs(plan: Plan, engine: str, rois: int) -> list[Job]:
-    """Return all jobs that `snakemake` without a target runs for a complete configuration.
-
-    Parameters
-    ----------
-    engine : str
-        Projector, see projectors.choose_engine.
-    rois : int
-        Number of ROIs of the phantom.
-    """
+    """Return all jobs that `snakemake` without a target runs, with the engine and the number of ROIs of the study."""
     sizes = Sizes(plan, engine)
     jobs = [_phantom(sizes), *_rois(sizes), *_kernels(sizes), *_projections(sizes), *_reconstructions(sizes)]
     jobs += _extractions(sizes, rois)

@@ -30,16 +30,9 @@ PROXIES = {
 
 
 def minutes(rates: dict, stage: str, work: Mapping[str, float]) -> int:
-    """Return the time limit of a job in whole minutes.
+    """Return the time limit of a job in whole minutes, from rates (rates.read_rates) and work (jobs.Sizes).
 
     The number of threads does not reduce it, because part of the work runs on one thread.
-
-    Parameters
-    ----------
-    rates : dict
-        See rates.read_rates.
-    work : mapping of str to float
-        {unit: amount}, see jobs.Sizes.
     """
     source, factor = (stage, SAFETY) if stage in rates["seconds"] else PROXIES.get(stage, (stage, SAFETY))
     seconds = estimate(rates, source, work)

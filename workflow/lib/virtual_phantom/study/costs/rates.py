@@ -116,7 +116,7 @@ def fit_parts(
     measured : sequence of (mapping of str to float, mapping of str to float)
         {unit: amount} of a job, and {part: seconds}.
     parts : mapping of str to sequence of str
-        {part: units of the part}.
+        {part: its units}.
     """
     units = [unit for of_part in parts.values() for unit in of_part]
     rows, shares = [], []

@@ -59,19 +59,9 @@ def status_writer(log: str | Path, name: str) -> Callable[[Any], None]:
 
 
 def read_status(log: str | Path, since: float) -> JobStatus | None:
-    """Read the status of a job.
+    """Read the status of a job; None if it has written none since its start (s since the epoch).
 
-    Parameters
-    ----------
-    log : str or Path
-        Log of the job.
-    since : float
-        Start of the job, s since the epoch. An older file is left over from a job that was killed.
-
-    Returns
-    -------
-    JobStatus or None
-        None if the job has written no status since its start.
+    An older file is left over from a job that was killed.
     """
     path = status_path(log)
     try:

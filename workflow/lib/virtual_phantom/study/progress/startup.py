@@ -77,26 +77,14 @@ class StartupHandler(logging.Handler):
 
 
 class DryRunHandler(StartupHandler):
-    """Handler of dry runs: prints one line for each stage instead of a block for each job.
-
-    Attributes
-    ----------
-    expected : callable or None
-        See `Progress`; None until the rules are read.
-    cores : callable
-        Returns the number of cores that a run may use, or None.
-    folder : str
-        Folder of the results.
-    jobs : dict of int to dict
-        Records of the jobs that would run, by number.
-    """
+    """Handler of dry runs: prints one line for each stage instead of a block for each job."""
 
     def __init__(self, inner: logging.StreamHandler):
         super().__init__(inner)
-        self.expected: Callable[[], Mapping[str, Seconds]] | None = None
-        self.cores: Callable[[], int | None] = lambda: None
-        self.folder = ""
-        self.jobs: dict[int, dict] = {}
+        self.expected: Callable[[], Mapping[str, Seconds]] | None = None  # as in `Progress`; set with the rules
+        self.cores: Callable[[], int | None] = lambda: None  # cores that a run may use
+        self.folder = ""  # of the results
+        self.jobs: dict[int, dict] = {}  # records by job number
 
     def emit(self, record: logging.LogRecord) -> None:
         """Handle a record."""

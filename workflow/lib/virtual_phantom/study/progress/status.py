@@ -66,15 +66,7 @@ class StatusLines:
         return f"Jobs to do: {len(progress.steps)}{f', {time}{cores}{other}' if time else ''}. {folders}"
 
     def report(self, failed: int, ending: bool) -> None:
-        """Write a progress line if one is due.
-
-        Parameters
-        ----------
-        failed : int
-            Failures so far.
-        ending : bool
-            Whether no more jobs are started.
-        """
+        """Write a progress line if one is due, given the failures so far and whether no more jobs are started."""
         progress, now = self.progress, self.clock()
         between = max(SECONDS_BETWEEN, SHARE_BETWEEN * (now - progress.began))
         if len(progress.took) == len(progress.steps):

@@ -300,17 +300,9 @@ class Paces:
         return Paces(self.load, defaultdict(Taken, {key: replace(taken) for key, taken in self._stages.items()}))
 
     def of(self, stage: str, expected: tuple[float, float] | None) -> tuple[float, float] | None:
-        """Predict the core seconds of a job.
+        """Predict the core seconds of a job from the expected ones; None if nothing is known.
 
-        Parameters
-        ----------
-        expected : tuple of 2 float or None
-            Median and standard deviation of the logarithm of the expected core seconds; None without a rate.
-
-        Returns
-        -------
-        tuple of 2 float or None
-            Median and standard deviation of the logarithm of the predicted core seconds; None if nothing is known.
+        Both are median and standard deviation of the logarithm. The expectation is None without a rate.
         """
         taken = self._stages.get((stage, expected is None))
         if expected is None:
@@ -339,15 +331,7 @@ def _combined(mean: float, variance: float, other: float, other_variance: float)
 def _left(
     pace: tuple[float, float] | None, spent: float, threads: int, status: JobStatus | None
 ) -> tuple[float, float]:
-    """Return a range of the remaining wall time of a job, s.
-
-    Parameters
-    ----------
-    pace : tuple of 2 float or None
-        Median and standard deviation of the logarithm of the core seconds.
-    spent : float
-        Wall time since the start, s.
-    """
+    """Return a range of the remaining wall time of a job, s, from its predicted core seconds and the time spent."""
     low, high = 0.0, 0.0
     if pace is not None:
         median, sd = pace[0] - math.log(threads), pace[1]
