@@ -66,7 +66,7 @@ def test_the_plan_of_a_large_study_is_quoted_as_it_is_printed(monkeypatch):
 def test_the_line_of_a_killed_script_is_quoted_as_it_is_printed():
     files = [f"results/phantom/{name}" for name in ("image.nii.gz", "labels.nii.gz", "rois.csv", "rois.npz")]
     job = {"rule_name": "phantom", "jobid": 1, "output": files, "log": ["results/logs/phantom.log"]}
-    (line,) = without_reason([job], said="died with <Signals.SIGKILL: 9>.").values()
+    (line,) = without_reason([job], message="died with <Signals.SIGKILL: 9>.").values()
     page = (DOCS / "explanation" / "how-it-works.md").read_text()
     (text,) = [one["text"] for one in FENCED.finditer(page) if "SIGKILL" in one[0]]
     assert words(text) == line

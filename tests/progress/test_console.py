@@ -164,7 +164,7 @@ def test_every_kind_of_failure_has_one_line(error, reason, tmp_path):
 KILLED = "RuleException:\nCalledProcessError in file \"r.smk\", line 4:\nCommand 'x' {}"
 
 
-OF_MEMORY = "most often because memory ran out; use fewer --cores or a smaller grid"
+OF_MEMORY = "most often because memory ran out; run with fewer --cores, or a smaller grid"
 EARLY = "before its log began; see the lines above for the reason"
 
 
@@ -327,7 +327,7 @@ def test_a_job_that_leaves_files_out_has_failed_and_its_group_with_it():
     ended(run)
     assert "Missing files after 5 seconds:" in run.stream.getvalue()
     assert run.lines()[-2:] == [
-        f"Failed: reconstruct of images/{number}.nii.gz: no error, but output files are missing; Snakemake's message "
+        f"Failed: reconstruct of images/{number}.nii.gz: no error, but files are missing; Snakemake's message "
         "names them"
         for number in (1, 2)
     ]

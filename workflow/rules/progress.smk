@@ -9,8 +9,8 @@ import sys
 
 from snakemake.logging import logger
 
-from virtual_phantom.study.progress.startup import DryRunHandler, wants_snakemake_output
 from virtual_phantom.study.progress.console import install_console
+from virtual_phantom.study.progress.startup import DryRunHandler, wants_snakemake_output
 from virtual_phantom.study.progress.time_left import Step
 
 

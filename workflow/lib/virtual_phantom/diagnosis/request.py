@@ -203,7 +203,7 @@ class DiagnosisRequest:
 
     @classmethod
     def of(cls, model: Mapping, phantom: str | Path | None, threads: int) -> DiagnosisRequest:
-        """From what a job is given (study.diagnosed.Diagnosis.model)."""
+        """From what a job is given (study.diagnosis_jobs.Diagnosis.model)."""
         protocol = model["protocol"] and Protocol(**model["protocol"])
         given = {**model, "settings": Settings.of(model["settings"]), "protocol": protocol}
         return cls(**given, phantom=phantom, threads=threads)

@@ -19,7 +19,7 @@ SHOWN_AT_END = 10
 # Most frequent cause of each signal, and what to do.
 CRASHED = " (a crash); run the command again, and report the log if it fails again"
 SIGNALLED = {
-    "SIGKILL": ", most often because memory ran out; use fewer --cores or a smaller grid",
+    "SIGKILL": ", most often because memory ran out; run with fewer --cores, or a smaller grid",
     "SIGTERM": " (stopped from outside or out of time); run the same command again to continue",
     "SIGINT": " (Ctrl-C); run the same command again to continue",
     "SIGHUP": " (terminal closed); run the same command again to continue",
@@ -70,7 +70,7 @@ def ending(message: str) -> str:
 def without_files(step: Step) -> dict[int, str]:
     """Return {job number: line} for a job that ended without an error but without some of its files."""
     job = described({"rule_name": step.rule, "output": step.files})
-    return {step.number: f"Failed: {job}: no error, but output files are missing; Snakemake's message names them"}
+    return {step.number: f"Failed: {job}: no error, but files are missing; Snakemake's message names them"}
 
 
 def at_end(lines: Sequence[str]) -> list[str]:
