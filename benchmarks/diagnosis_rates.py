@@ -49,7 +49,7 @@ from virtual_phantom.physics.effect import acts_on_images, checked, names
 from virtual_phantom.recordings.importers.study import scan_section
 from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.report.diagnosis import diagnosis_page, residual_maps
-from virtual_phantom.study.costs.diagnoses import STAGE, Extent, extent, materials_of
+from virtual_phantom.study.costs.diagnoses import STAGE, Extent, extent, material_count
 from virtual_phantom.study.costs.rates import fit_parts, read_rates
 from virtual_phantom.study.progress.status import duration_range
 
@@ -181,7 +181,7 @@ def written(case, folder):
     tried = list(case.effects) or candidates(section | {"effects": None})
     (folder / "case.json").write_text(json.dumps({"model": model, "given": given, "effects": tried}))
     voxels = shape_of(given["phantom"]) if "phantom" in given else ()
-    return extent(section, geometry.shape, len(tried), (voxels, materials_of(model["materials"])))
+    return extent(section, geometry.shape, len(tried), (voxels, material_count(model["materials"])))
 
 
 def masked(across):

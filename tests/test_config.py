@@ -92,7 +92,7 @@ def test_a_comparison_and_a_recording_that_are_diagnosed_have_names_of_their_own
     config["diagnosis"] = {"comparisons": ["scanner"]}
     assert complete(config)["diagnosis"]["comparisons"] == ["scanner"]
     config["diagnosis"]["recordings"] = {"scanner": {}}
-    refuse(config, "diagnosis.comparisons names 'scanner', as diagnosis.recordings does")
+    refuse(config, "diagnosis.comparisons and diagnosis.recordings both have 'scanner'")
 
 
 def test_the_key_attribute_is_deprecated():
@@ -167,8 +167,8 @@ def test_names_that_only_look_as_if_they_lead_to_one_file_are_taken():
 @pytest.mark.parametrize(
     "path, value, message",
     [
-        ("diagnosis", {"recordings": {"bench": {}}}, "diagnosis.recordings names 'bench', which is not there"),
-        ("diagnosis", {"comparisons": ["x"]}, "diagnosis.comparisons names 'x', which is not there"),
+        ("diagnosis", {"recordings": {"bench": {}}}, "diagnosis.recordings names 'bench', which does not exist"),
+        ("diagnosis", {"comparisons": ["x"]}, "diagnosis.comparisons names 'x', which does not exist"),
         ("diagnosis", {"recordings": {"bench": {"sample": 2}}}, "unknown key 'sample' in diagnosis.recordings.bench"),
         ("physics", {"scatter": {}}, "physics needs noise.model: physical"),
         ("reconstruct", {}, "unknown key 'reconstruct' in config; did you mean 'reconstruction'"),
@@ -197,20 +197,20 @@ def test_names_that_only_look_as_if_they_lead_to_one_file_are_taken():
         (
             "analyses.stability.noise",
             "dose1",
-            "analyses.stability.noise names 'dose1', which is not there; did you mean",
+            "analyses.stability.noise names 'dose1', which does not exist; did you mean",
         ),
-        ("analyses.pca.sirt.protocols", ["sirt_15"], "names 'sirt_15', which is not there; did you mean 'sirt_150'"),
+        ("analyses.pca.sirt.protocols", ["sirt_15"], "names 'sirt_15', which does not exist; did you mean 'sirt_150'"),
         ("noise.levels.dose10.repeats", 1, "dose10.repeats is 1; analyses.stability needs at least 2"),
-        ("noise.levels.extra", {"repeats": 3}, "noise.levels.extra: give it either A or meets"),
-        ("noise.levels.extra", {"repeats": 3, "A": 1e-5, "meets": MEETS}, "give it either A or meets"),
-        ("noise.levels.extra", {"repeats": 3, "meets": MEETS}, "meets.recording names 'scanner', which is not there"),
+        ("noise.levels.extra", {"repeats": 3}, "noise.levels.extra: give either A or meets"),
+        ("noise.levels.extra", {"repeats": 3, "A": 1e-5, "meets": MEETS}, "give either A or meets"),
+        ("noise.levels.extra", {"repeats": 3, "meets": MEETS}, "meets.recording names 'scanner', which does not exist"),
         ("analyses.comparison", {"x": COMPARISON}, "analyses.comparison.x.recording names 'scanner'"),
         ("analyses.comparison", {"x": COMPARISON | {"where": {"dose": [1]}}}, "comparison.x.where.dose: [1] is not of"),
         ("analyses.stability.recordings", ["scanner"], "analyses.stability.recordings names 'scanner'"),
         (
             "analyses.noise_calibration.noise",
             ["dose10", "same"],
-            "analyses.noise_calibration.noise names levels of one A only",
+            "analyses.noise_calibration.noise names levels with the same A",
         ),
         (
             "analyses.optimal.sirt",
@@ -236,7 +236,7 @@ def test_mistakes_are_told_in_one_line(path, value, message):
 
 def test_a_phantom_of_shapes_needs_its_object_and_no_overlay():
     config = changed("phantom", {"source": "object", "object": {"kind": "pmma_disc"}})
-    refuse(config, "config: measured.overlay is for the ROIs of the printed phantom alone")
+    refuse(config, "config: measured.overlay needs the ROIs of the printed phantom")
     config = changed("phantom", {"source": "object"}) | {"measured": {"overlay": False}}
     refuse(config, "phantom.source is object, but phantom.object is missing")
 
@@ -246,9 +246,9 @@ def test_a_phantom_of_shapes_needs_its_object_and_no_overlay():
     [
         (
             {"mask": "a.nii.gz"},
-            "x.object needs kind, an object of shapes, a mask and its material, or labels and their",
+            "x.object needs kind (an object of shapes), mask and material, or labels and materials",
         ),
-        ({"labels": "a.nii.gz"}, "x.object needs kind, an object of shapes, a mask and its material, or labels and"),
+        ({"labels": "a.nii.gz"}, "x.object needs kind (an object of shapes), mask and material, or labels and"),
         ({"kind": "ball", "mask": "a.nii.gz"}, "x.object has both mask and kind"),
         ({"labels": "a.nii.gz", "materials": {1: "pmma"}, "material": "pmma"}, "x.object has both material and labels"),
         ({"kinds": "ball"}, "did you mean 'kind'?"),
@@ -335,9 +335,9 @@ def ct_of(*names, **more):
 
 
 def test_measured_overlay_needs_the_printed_phantoms_rois():
-    refuse(changed("phantom", ct_of("liver")), "phantom.ct.rois gives liver; set measured.overlay: false")
+    refuse(changed("phantom", ct_of("liver")), "phantom.ct.rois also has liver; set measured.overlay: false")
     refuse(changed("phantom", ct_of(*list(TISSUE_CLASSES)[:5])), "phantom.ct.rois lacks metastasis; set measured")
-    refuse(changed("phantom", ct_of(*TISSUE_CLASSES, "liver")), "phantom.ct.rois gives liver; set measured")
+    refuse(changed("phantom", ct_of(*TISSUE_CLASSES, "liver")), "phantom.ct.rois also has liver; set measured")
     complete(changed("phantom", ct_of("liver")) | {"measured": {"overlay": False}})
     complete(changed("phantom", ct_of(*TISSUE_CLASSES)))
     in_parts = ct_of("normal", "cyst", parts=2)
@@ -465,7 +465,7 @@ def test_bundles_stay_when_an_analysis_asks_for_more():
         ({"physics_from": "a", "effects": ["scatter"]}, "has both effects and physics_from"),
         ({"baseline_from": "c"}, "diagnosis.recordings.b.baseline_from is 'c'; name another diagnosed recording: a"),
         ({"baseline_from": "b"}, "diagnosis.recordings.b.baseline_from is 'b'; name another diagnosed recording: a"),
-        ({"baseline_from": "a", "physics_from": "a"}, "b has both physics_from and baseline_from; keep the one"),
+        ({"baseline_from": "a", "physics_from": "a"}, "b has both physics_from and baseline_from; keep one of them"),
     ],
 )
 def test_diagnosed_objects_and_their_physics_are_one_each(settings, message):
@@ -498,16 +498,18 @@ def test_materials_have_one_name_however_they_are_written():
 def test_physics_is_not_taken_from_where_it_was_taken_to():
     config = changed("recordings", {name: f"recordings/{name}" for name in "abc"})
     diagnosed = {"a": {}, "b": {"physics_from": "a"}, "c": {"physics_from": "b"}}
-    refuse({**config, "diagnosis": {"recordings": diagnosed}}, "which has its physics from elsewhere; name that one")
+    refuse({**config, "diagnosis": {"recordings": diagnosed}}, "which has physics_from; name the recording given there")
     diagnosed["c"] = {"physics_from": "a"}
     complete({**config, "diagnosis": {"recordings": diagnosed}})
     diagnosed["c"] = {"baseline_from": "b"}
-    refuse({**config, "diagnosis": {"recordings": diagnosed}}, "b', which has its own physics_from; name that one")
+    refuse(
+        {**config, "diagnosis": {"recordings": diagnosed}}, "b', which has physics_from; name the recording given there"
+    )
     diagnosed["c"] = {"baseline_from": "a"}
     complete({**config, "diagnosis": {"recordings": diagnosed}})
     scanners = {"s": {"recordings": ["a", "c"]}}
     together = {"recordings": diagnosed, "scanners": scanners}
-    refuse({**config, "diagnosis": together}, "names 'c', which has its baseline_from a; take that out")
+    refuse({**config, "diagnosis": together}, "names 'c', which has baseline_from: a; remove that key")
 
 
 def test_protocols_of_a_scanner_are_of_its_recordings_and_each_of_one():
@@ -516,9 +518,9 @@ def test_protocols_of_a_scanner_are_of_its_recordings_and_each_of_one():
     config["diagnosis"] = {"recordings": {name: {} for name in "abc"}, "scanners": {"s": scanner}}
     complete(config)
     scanner["protocols"]["high"] = ["a", "b"]
-    refuse(config, "diagnosis.scanners.s.protocols: 'a' is of low and of high; keep one of them")
+    refuse(config, "diagnosis.scanners.s.protocols: 'a' is in low and in high; keep one of them")
     scanner["protocols"]["high"] = ["c"]
-    refuse(config, "diagnosis.scanners.s.protocols.high names 'c', which is not there; known: a, b")
+    refuse(config, "diagnosis.scanners.s.protocols.high names 'c', which does not exist; known: a, b")
 
 
 def test_recordings_that_judge_a_scanner_are_its_own_and_leave_two_to_choose_by():
@@ -527,9 +529,12 @@ def test_recordings_that_judge_a_scanner_are_its_own_and_leave_two_to_choose_by(
     config["diagnosis"] = {"recordings": {name: {} for name in "abcd"}, "scanners": {"s": scanner}}
     complete(config)
     scanner["judged_on"] = ["d"]
-    refuse(config, "diagnosis.scanners.s.judged_on names 'd', which is not there; known: a, b, c")
+    refuse(config, "diagnosis.scanners.s.judged_on names 'd', which does not exist; known: a, b, c")
     scanner["judged_on"] = ["b", "c"]
-    refuse(config, "diagnosis.scanners.s.judged_on leaves fewer than two recordings to choose by; take some out of it")
+    refuse(
+        config,
+        "diagnosis.scanners.s.judged_on leaves fewer than two recordings for the selection of effects; remove some",
+    )
 
 
 def test_effects_of_images_are_not_for_images_in_boxes():
@@ -537,6 +542,6 @@ def test_effects_of_images_are_not_for_images_in_boxes():
     config = changed("protocols.boxed", {"algorithm": "fbp", "projections": 200, "voxels": voxels})
     config["noise"]["model"] = "physical"
     config["physics"] = {"hu_calibration": None}
-    refuse(config, "protocols.boxed.voxels: images in boxes are without hu_calibration, which acts on whole ones")
+    refuse(config, "protocols.boxed.voxels: its images are boxes around ROIs, and hu_calibration acts on whole images")
     config["protocols"]["boxed"]["physics"] = {"scatter": None}
     complete(config)

@@ -13,8 +13,8 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.config.config import complete
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.study.costs.jobs import Job, study_jobs
-from virtual_phantom.study.costs.rates import fit, read_rates, seconds, written
-from virtual_phantom.study.costs.table import readable, roi_count, summary
+from virtual_phantom.study.costs.rates import fit, read_rates, seconds, written_bytes
+from virtual_phantom.study.costs.table import cost_summary, plan_text, roi_count
 
 ROOT = Path(__file__).resolve().parents[1]
 RATES = RESOURCES / "rates.yaml"
@@ -51,7 +51,7 @@ def test_the_default_study_costs_what_it_took():
 
 def test_the_default_study_writes_what_it_wrote():
     rates = read_rates(RATES)
-    _, content = summary(Plan(complete(DEFAULT)), "cpu", rates)
+    _, content = cost_summary(Plan(complete(DEFAULT)), "cpu", rates)
     for kind, sizes in content["bytes"].items():
         # Logs were counted with those of the noisy projections.
         assert sizes["total"] == pytest.approx(rates["measured"]["bytes"][kind], rel=0.15), kind
@@ -83,7 +83,7 @@ def test_the_large_study_is_one():
     config = yaml.safe_load((ROOT / "config" / "large.yaml").read_text())
     levels = DEFAULT["noise"]["levels"]
     merged = {name: level | config["noise"]["levels"][name] for name, level in levels.items()}
-    _, content = summary(Plan(complete(changed("noise.levels", merged))), "cpu", read_rates(RATES))
+    _, content = cost_summary(Plan(complete(changed("noise.levels", merged))), "cpu", read_rates(RATES))
     assert content["acquisitions"] >= 1000
 
 
@@ -99,19 +99,21 @@ def test_what_was_not_measured_is_said_and_not_estimated():
     config = changed("reconstruction", {"sirt": {"backprojector": "voxel"}})
     rates = read_rates(RATES)
     for engine, stage in (("cpu", "reconstruct_sirt_voxel"), ("astra_cuda", "reconstruct_sirt_astra_cuda")):
-        table, content = summary(Plan(complete(config)), engine, rates)
+        table, content = cost_summary(Plan(complete(config)), engine, rates)
         assert content["jobs_without_rate"] == {stage: 14}
         assert np.isnan(table.set_index("stage")["core_hours"][stage])
-        assert f"{stage} (14)" in readable(table, content)
+        assert f"{stage} (14)" in plan_text(table, content)
         assert content["core_hours"] == pytest.approx(np.nansum(table["core_hours"]))
     config["noise"]["model"] = "physical"
     config["physics"] = {"scatter": {}}
-    assert summary(Plan(complete(config)), "cpu", rates)[1]["jobs_without_rate"]["project_physics"] == 5
+    assert cost_summary(Plan(complete(config)), "cpu", rates)[1]["jobs_without_rate"]["project_physics"] == 5
 
 
 def test_images_that_are_not_kept_are_written_all_the_same():
     rates = read_rates(RATES)
-    kept, not_kept = (summary(Plan(complete(changed("keep_images", keep))), "cpu", rates)[1] for keep in (True, False))
+    kept, not_kept = (
+        cost_summary(Plan(complete(changed("keep_images", keep))), "cpu", rates)[1] for keep in (True, False)
+    )
     assert kept["bytes_written"] == not_kept["bytes_written"]
     assert kept["bytes_kept"] - not_kept["bytes_kept"] == kept["bytes"]["images"]["total"]
 
@@ -122,7 +124,7 @@ def test_kept_projections_are_one_file_per_scan():
     files = [job.outputs[0] for job in jobs if job.rule == "acquire"]
     assert len(files) == len(set(files))
     assert files.count("projections/views150/dose10/seed09.h5") == 1
-    with_rate = [written(job, read_rates(RATES)) for job in jobs if job.rule == "acquire"]
+    with_rate = [written_bytes(job, read_rates(RATES)) for job in jobs if job.rule == "acquire"]
     # Poisson counts of about 20 bits, compressed: between one byte and four per pixel.
     rays = [job.work["ray"] for job in jobs if job.rule == "acquire"]
     assert all(1 < size / ray < 4 for size, ray in zip(with_rate, rays, strict=True))

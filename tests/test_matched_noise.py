@@ -7,7 +7,7 @@ from virtual_phantom.study import matched_noise
 
 
 def test_levels_are_filled_in_where_they_are_open(tmp_path):
-    matched_noise.write({"A": 2.5e-6, "variance_hu2": 228.0}, tmp_path / "dose10.json")
+    matched_noise.write_level({"A": 2.5e-6, "variance_hu2": 228.0}, tmp_path / "dose10.json")
     acquisitions = [
         {"noise": "dose10", "noise_level": None, "seed": 1},
         {"noise": "other", "noise_level": 1e-4, "seed": 1},
@@ -21,4 +21,4 @@ def test_levels_are_filled_in_where_they_are_open(tmp_path):
 def test_a_broken_level_is_named(tmp_path, text):
     (tmp_path / "low.json").write_text(text)
     with pytest.raises(InputError, match="low.json: is not a noise level"):
-        matched_noise.read(tmp_path / "low.json")
+        matched_noise.read_level(tmp_path / "low.json")

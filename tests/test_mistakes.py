@@ -267,7 +267,7 @@ MISTAKES = {
     ),
     "A kernel whose two points are the wrong way round": (
         lambda: protocol(algorithm="fbp", kernel={"mtf50_per_cm": 5.0, "mtf10_per_cm": 3.0}),
-        "its MTF is a half at 5",
+        "mtf50_per_cm is 5",
     ),
     "Re-positioned repeats that do not move": (
         lambda: configured(("repeats", {"repositioned": 3})),

@@ -11,7 +11,7 @@ from virtual_phantom.config.config import complete
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.config.read_config import read_configs
 from virtual_phantom.study.costs.rates import read_rates
-from virtual_phantom.study.costs.table import readable, summary
+from virtual_phantom.study.costs.table import cost_summary, plan_text
 from virtual_phantom.study.progress.failures import without_reason
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -57,7 +57,7 @@ def test_the_plan_of_a_large_study_is_quoted_as_it_is_printed(monkeypatch):
     monkeypatch.chdir(ROOT)
     lines, settings = read_configs(["config/large.yaml"])
     assert not lines
-    printed = readable(*summary(Plan(complete(settings)), "cpu", read_rates(RESOURCES / "rates.yaml")))
+    printed = plan_text(*cost_summary(Plan(complete(settings)), "cpu", read_rates(RESOURCES / "rates.yaml")))
     page = (DOCS / "how-to" / "cluster.md").read_text()
     (text,) = [one["text"] for one in FENCED.finditer(page) if "1760" in one["text"]]
     assert quoted(text, printed), printed
@@ -66,7 +66,7 @@ def test_the_plan_of_a_large_study_is_quoted_as_it_is_printed(monkeypatch):
 def test_the_line_of_a_killed_script_is_quoted_as_it_is_printed():
     files = [f"results/phantom/{name}" for name in ("image.nii.gz", "labels.nii.gz", "rois.csv", "rois.npz")]
     job = {"rule_name": "phantom", "jobid": 1, "output": files, "log": ["results/logs/phantom.log"]}
-    (line,) = without_reason([job], said="died with <Signals.SIGKILL: 9>.").values()
+    (line,) = without_reason([job], message="died with <Signals.SIGKILL: 9>.").values()
     page = (DOCS / "explanation" / "how-it-works.md").read_text()
     (text,) = [one["text"] for one in FENCED.finditer(page) if "SIGKILL" in one[0]]
     assert words(text) == line

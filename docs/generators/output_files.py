@@ -18,5 +18,5 @@ def page() -> str:
     rows = []
     for output in OUTPUTS:
         path = output.pattern + (".png, .pdf" if len(output.suffixes) > 1 else "")
-        rows.append(f"| `{path}` | {output.what} | `{output.rule}` |\n")
+        rows.append(f"| `{path}` | {output.description} | `{output.rule}` |\n")
     return INTRODUCTION + "".join(rows)

@@ -344,7 +344,7 @@ def test_the_page_is_renewed_after_what_it_shows_and_only_then(results, tmp_path
         os.utime(folder / f"{name}.html", (later, later))
         assert renew(known.pages, known.config) == page
         os.utime(page, (later, later))
-    for name, title in (("report", "Figures and tables that sort"), ("viewer", "Slices to flip through")):
+    for name, title in (("report", "All figures and sortable tables"), ("viewer", "Viewer of slices")):
         assert f'<a href="{name}.html">{title}' in page.read_text()
     assert renew(known.pages, known.config) is None
     # Of a study that has not been run there is nothing to be said.

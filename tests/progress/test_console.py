@@ -165,7 +165,7 @@ KILLED = "RuleException:\nCalledProcessError in file \"r.smk\", line 4:\nCommand
 
 
 OF_MEMORY = "most often because memory ran out; run with fewer --cores, or a smaller grid"
-EARLY = "before its log began; the lines above say why"
+EARLY = "before its log began; see the lines above for the reason"
 
 
 @pytest.mark.parametrize(
@@ -175,7 +175,7 @@ EARLY = "before its log began; the lines above say why"
         ("returned non-zero exit status 137.", f"ended by SIGKILL, {OF_MEMORY}"),
         (
             "died with <Signals.SIGTERM: 15>.",
-            "ended by SIGTERM (stopped from outside, or out of time); the same command goes on from there",
+            "ended by SIGTERM (stopped from outside or out of time); run the same command again to continue",
         ),
         (
             "died with <Signals.SIGBUS: 7>.",
@@ -183,7 +183,7 @@ EARLY = "before its log began; the lines above say why"
         ),
         (
             "died with <Signals.SIGSEGV: 11>.",
-            "ended by SIGSEGV (a crash); run it again, and report it with its log if that fails too",
+            "ended by SIGSEGV (a crash); run the command again, and report the log if it fails again",
         ),
         ("died with <Signals.SIGPIPE: 13>.", "ended by SIGPIPE; run the same command again"),
         ("returned non-zero exit status 1.", f"ended with exit status 1 {EARLY}"),
@@ -206,7 +206,7 @@ def test_a_script_that_gave_no_reason_has_one_line(how, words, tmp_path):
 
 def test_show_failed_logs_prints_snakemake_s_block_too(tmp_path):
     run = Run()
-    run.console.in_full = True
+    run.console.show_failed_logs = True
     run.log(LogEvent.ERROR, KILLED.format("died with <Signals.SIGKILL: 9>."), logging.ERROR, exception="RuleException")
     run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[tmp_path / "none.log"]))
     ended(run)
@@ -299,7 +299,7 @@ def test_of_many_failures_the_first_ten_end_the_run(tmp_path):
     for number in range(13):
         run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, number, logs=[tmp_path / "none.log"]))
     ended(run)
-    assert run.lines()[-11] == "Failed: 3 more jobs than these, which were the first"
+    assert run.lines()[-11] == "Failed: 3 more jobs; the first failures were:"
     assert [line.split()[3] for line in run.lines()[-10:]] == [f"images/{number}.nii.gz" for number in range(10)]
 
 
@@ -327,8 +327,8 @@ def test_a_job_that_leaves_files_out_has_failed_and_its_group_with_it():
     ended(run)
     assert "Missing files after 5 seconds:" in run.stream.getvalue()
     assert run.lines()[-2:] == [
-        f"Failed: reconstruct of images/{number}.nii.gz: ended well, but files are missing; Snakemake's message says "
-        "which"
+        f"Failed: reconstruct of images/{number}.nii.gz: no error, but files are missing; Snakemake's message "
+        "names them"
         for number in (1, 2)
     ]
 
@@ -377,7 +377,7 @@ def stopped():
 
     def stop(run, number):
         signal.signal(number, lambda *arguments: heard.append(arguments[0]))
-        run.console.hear_of_stops()
+        run.console.catch_signals()
         signal.raise_signal(number)
         assert heard == [number]
 
@@ -397,7 +397,7 @@ def test_who_stops_a_run_is_told_of_no_failure(stopped):
     ended(run)
     assert run.lines()[2:] == [
         "Terminating processes on user request, this might take some time.",
-        "Stopped. What is done stays; the same command goes on from there.",
+        "Stopped. Finished files are kept; run the same command again to continue.",
     ]
 
 
@@ -411,7 +411,7 @@ def test_what_goes_wrong_while_a_run_is_stopped_is_told(stopped):
     ended(run)
     assert run.lines()[-2:] == [
         "Unable to cancel jobs: scancel: permission denied",
-        "Stopped. What is done stays; the same command goes on from there.",
+        "Stopped. Finished files are kept; run the same command again to continue.",
     ]
 
 
@@ -434,7 +434,7 @@ def test_jobs_that_may_finish_after_sigterm_may_fail(fails, tmp_path, stopped):
         log = written(tmp_path / "a.log", InputError("broken; mend it"))
         run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[log]))
     ended(run)
-    assert ("broken; mend it" if fails else "Stopped. What is done stays") in run.lines()[-1]
+    assert ("broken; mend it" if fails else "Stopped. Finished files are kept") in run.lines()[-1]
 
 
 def test_other_messages_are_snakemakes():
@@ -447,44 +447,44 @@ def test_other_messages_are_snakemakes():
 
 
 @pytest.fixture
-def take_over():
+def install_console():
     """The function under test; signals are handled afterwards as they were."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield console.take_over
+    yield console.install_console
     for number, handler in before.items():
         signal.signal(number, handler)
 
 
-def test_only_the_handler_for_the_terminal_is_replaced(take_over, tmp_path):
+def test_only_the_handler_for_the_terminal_is_replaced(install_console, tmp_path):
     signal.signal(signal.SIGINT, signal.default_int_handler)  # what is started in the background ignores it
     logger = logging.Logger("a run")
     others = [logging.StreamHandler(io.StringIO()), logging.FileHandler(tmp_path / "log"), logging.NullHandler()]
     for handler in others:
         logger.addHandler(handler)
-    take_over(logger, [], 1, dict, "logs", False)
+    install_console(logger, [], 1, dict, "logs", False)
     assert logger.handlers == others
     logger.addHandler(logging.StreamHandler(sys.stderr))
-    take_over(logger, [], 1, dict, "logs", False)
+    install_console(logger, [], 1, dict, "logs", False)
     assert logger.handlers[:-1] == others and isinstance(logger.handlers[-1], Console)
     assert signal.getsignal(signal.SIGINT).func == logger.handlers[-1]._stop
 
 
-def test_what_ignores_a_signal_goes_on_ignoring_it(take_over):
+def test_what_ignores_a_signal_goes_on_ignoring_it(install_console):
     """As what is started in the background does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logger = logging.Logger("a run")
     logger.addHandler(logging.StreamHandler(sys.stderr))
-    take_over(logger, [], 1, dict, "logs", False)
+    install_console(logger, [], 1, dict, "logs", False)
     assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
 
-def test_while_jobs_run_time_passes_until_the_end(monkeypatch, take_over):
-    monkeypatch.setattr(console, "SECONDS_BETWEEN_LOOKS", 0.01)
+def test_while_jobs_run_time_passes_until_the_end(monkeypatch, install_console):
+    monkeypatch.setattr(console, "TIMER_SECONDS", 0.01)
     monkeypatch.setattr(status, "SECONDS_BETWEEN", 0.01)
     stream, logger = io.StringIO(), logging.Logger("a run")
     monkeypatch.setattr(sys, "stderr", stream)
     logger.addHandler(logging.StreamHandler())
-    take_over(logger, [Step(0, "phantom", ("a",))], 1, lambda: {"a": 3000.0}, "logs", False)
+    install_console(logger, [Step(0, "phantom", ("a",))], 1, lambda: {"a": 3000.0}, "logs", False)
     logger.info("job", extra={"event": LogEvent.JOB_INFO, "jobid": 0})
     deadline = time.monotonic() + 20
     while stream.getvalue().count("0 of 1 jobs done") < 4 and time.monotonic() < deadline:
@@ -495,8 +495,8 @@ def test_while_jobs_run_time_passes_until_the_end(monkeypatch, take_over):
     handler.close()
     handler.release()
     said = stream.getvalue()
-    handler._looking.join(20)
-    assert not handler._looking.is_alive()
+    handler._timer.join(20)
+    assert not handler._timer.is_alive()
     assert re.search(r"0 of 1 jobs done, .* to .* h left; now: phantom \(0 of 1 done\)", said)
     assert stream.getvalue() == said and said.count("0 of 1 jobs done") >= 4
 
@@ -516,8 +516,10 @@ def test_while_jobs_run_time_passes_until_the_end(monkeypatch, take_over):
 )
 def test_ranges_are_in_round_numbers(low, high, words):
     assert duration_range(low, high) == words
-    ends = {seconds for seconds, _, _ in status.ROUND}
-    assert len(ends) == len(status.ROUND) and sorted(ends) == [seconds for seconds, _, _ in status.ROUND]
+    ends = {seconds for seconds, _, _ in status.ROUND_DURATIONS}
+    assert len(ends) == len(status.ROUND_DURATIONS) and sorted(ends) == [
+        seconds for seconds, _, _ in status.ROUND_DURATIONS
+    ]
 
 
 def test_without_every_job_s_time_there_is_no_upper_end():

@@ -10,7 +10,7 @@ MAY_BE_LOADED = {
     *("base.units", "base.vectors", "base.names", "io.yaml_files"),
     *("features", "features.names"),
     *("io", "io.files", "io.hdf5", "io.schema", "io.volumes", "study", "study.config", "study.job"),
-    *("study.progress", "study.progress.said"),
+    *("study.progress", "study.progress.job_status"),
     *(
         "phantom",
         "phantom.grid_size",

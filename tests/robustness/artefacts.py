@@ -105,7 +105,7 @@ def _table(folder: Path) -> Path:
 
 
 def _level(folder: Path) -> Path:
-    matched_noise.write({"A": 1.24e-6, "A_standard_error": 2.5e-8, "rois": ["cyst_1"]}, folder / "dose.json")
+    matched_noise.write_level({"A": 1.24e-6, "A_standard_error": 2.5e-8, "rois": ["cyst_1"]}, folder / "dose.json")
     return folder / "dose.json"
 
 
@@ -156,7 +156,7 @@ ARTEFACTS = [
     Artefact("HDF5, counts", _counts, _read_counts),
     Artefact("CSV", _table, lambda path: repr(files.read_csv(path).to_dict())),
     Artefact("CSV, ROIs", _rois, lambda path: repr(phantom.read_masks(path, GRID)[0].to_dict())),
-    Artefact("JSON, noise level", _level, lambda path: repr(matched_noise.read(path))),
+    Artefact("JSON, noise level", _level, lambda path: repr(matched_noise.read_level(path))),
     Artefact("JSON, diagnosis taken elsewhere", _diagnosis("diagnosis.json"), lambda path: repr(Physics.read(path))),
     Artefact("JSON, diagnosis shown", _diagnosis("diagnosis.json"), lambda path: repr(row(path))),
     Artefact("YAML, physics", _diagnosis("physics.yaml"), _overlay),

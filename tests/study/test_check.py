@@ -99,8 +99,8 @@ CASES = {
             analyses__pca__fbp__protocols=["fbp_150", "sirt_300"],
         ),
         [
-            "analyses.optimal.sirt names 'sirt_45', which is not there; did you mean 'sirt_450'?",
-            "analyses.stability.noise names 'dose1', which is not there; did you mean 'dose10'?",
+            "analyses.optimal.sirt names 'sirt_45', which does not exist; did you mean 'sirt_450'?",
+            "analyses.stability.noise names 'dose1', which does not exist; did you mean 'dose10'?",
             "analyses.pca.fbp.protocols names 'sirt_300', whose algorithm is sirt; name a protocol of algorithm fbp",
         ],
     ),
@@ -157,10 +157,10 @@ CASES = {
     "a detector that is too small": (
         ct(scan__columns=60, scan__rows=8, scan__trajectory="circular", measured__overlay=True),
         [
-            "scan: the phantom reaches 40 mm from the isocentre, the field of view only 36 mm: 4 mm are missing; set "
+            "scan: the phantom reaches 40 mm from the isocenter, the field of view only 36 mm: 4 mm are missing; set "
             "scan.columns to at least 67 (now 60), or scan.column_pitch_mm to at least 2.7",
             "scan: ROIs bright, dark are not seen from every direction",
-            "measured.overlay is for the ROIs",
+            "measured.overlay needs exactly the ROIs",
         ],
     ),
     "recordings": (
@@ -170,7 +170,7 @@ CASES = {
         ),
         [
             "nowhere/recording.yaml: no such file",
-            "diagnosis.recordings names 'benhc', which is not there; did you mean 'bench'?",
+            "diagnosis.recordings names 'benhc', which does not exist; did you mean 'bench'?",
             "diagnosis.recordings.bench: diagnosis.effects: there is no effect 'scater'; did you mean 'scatter'?",
         ],
     ),
@@ -215,7 +215,7 @@ def lines_and_notes(settings, capsys):
     """Exit code, mistakes and notes of the command on a configuration."""
     code, lines = checked(settings, capsys)
     notes = [line for line in lines if line.startswith("Note: ")]
-    others = [line for line in lines if line not in notes and "nothing wrong was found" not in line]
+    others = [line for line in lines if line not in notes and "no errors found" not in line]
     mistakes = [re.sub(r"^(Error: | *\d+\. )", "", line) for line in others]
     return code, [line for line in mistakes if not line.endswith("mistakes")], notes
 
@@ -236,7 +236,7 @@ def test_every_mistake_is_named_in_one_run_and_nothing_else(title, desk, capsys)
 
 
 def test_without_a_mistake_it_says_so(desk, capsys):
-    assert checked(CT, capsys) == (0, ["my.yaml: nothing wrong was found"])
+    assert checked(CT, capsys) == (0, ["my.yaml: no errors found"])
     assert checked({}, capsys)[0] == 0
 
 
@@ -250,8 +250,8 @@ def test_what_keep_mm_removes_of_the_body_is_a_mistake(desk, capsys):
     code, lines, _ = lines_and_notes(settings, capsys)
     (line,) = lines
     found = re.fullmatch(
-        r"phantom.ct.keep_mm: makes air of ([\d.]+) % of the body \(voxels above -300 HU in its filled outline\), "
-        r"(\d+) mm from the nearest ROI \((\w+)\); widen it to \[\[-35, 45\], \[-72, -8\]\], or take it out "
+        r"phantom.ct.keep_mm: removes ([\d.]+) % of the body \(voxels above -300 HU in its filled outline\), "
+        r"(\d+) mm from the nearest ROI \((\w+)\); widen it to \[\[-35, 45\], \[-72, -8\]\] or delete it "
         r"\(if it is right: not_checked: \[keep_mm\]\)",
         line,
     )
@@ -262,8 +262,8 @@ def test_what_keep_mm_removes_of_the_body_is_a_mistake(desk, capsys):
     settings["phantom"]["ct"]["not_checked"] = ["keep_mm"]
     code, lines, notes = lines_and_notes(settings, capsys)
     assert code == 0 and notes == [
-        f"Note: phantom.ct.keep_mm: makes air of {found[1]} % of the tissue (voxels above -300 HU): 0 % apart from the "
-        f"body, as arms and tables are, and {found[1]} % of the body, {found[2]} mm from the nearest ROI (bright)"
+        f"Note: phantom.ct.keep_mm: removes {found[1]} % of the tissue (voxels above -300 HU): 0 % outside the "
+        f"body, such as arms and table, and {found[1]} % of the body, {found[2]} mm from the nearest ROI (bright)"
     ]
 
 
@@ -278,7 +278,7 @@ def test_a_table_that_keep_mm_removes_is_a_note_each_time(desk, capsys):
         code, lines, notes = lines_and_notes(settings, capsys)
         share = f"{100 * hu[:, 0].size / (hu[:, 0].size + body):.2g}"
         assert code == 0 and not lines and len(notes) == 1
-        assert f"makes air of {share} % of the tissue (voxels above -300 HU): {share} % apart" in notes[0]
+        assert f"removes {share} % of the tissue (voxels above -300 HU): {share} % outside" in notes[0]
         assert notes[0].endswith("and 0 % of the body")
     assert [kept.read_bytes() for kept in Path(".snakemake/virtual_phantom").iterdir()] == [b"notes"]
 
@@ -297,7 +297,7 @@ def test_a_label_map_is_looked_at_and_its_labels_may_be_numbers(desk, capsys):
         where = "Error: diagnosis.recordings.bench.object: "
         return code, [line.removeprefix(where) for line in lines]
 
-    assert said("labels.nii.gz", {1: "pmma", "2": "aluminium"}) == (0, ["my.yaml: nothing wrong was found"])
+    assert said("labels.nii.gz", {1: "pmma", "2": "aluminium"}) == (0, ["my.yaml: no errors found"])
     code, (line,) = said("labels.nii.gz", {1: "pmma"})
     assert code == 1 and line.startswith(
         "labels.nii.gz: its label 2 has no material; name one for each under materials"
@@ -336,14 +336,14 @@ def test_a_file_that_is_no_configuration_is_one_line(text, message, desk, capsys
         (
             {"bright": "cyst"},
             ["bright"],
-            "bright is of tissue_class cyst, in the study of tumour; if they are the same",
+            "bright has tissue_class cyst, in the study tumour; if they are the same",
         ),
-        ({"spine": "bone"}, None, "none of spine is an ROI of the study, so nothing could be compared"),
-        ({"spine": "bone"}, None, "the study's name and tissue_class: bright (tumour), dark (fat)"),
+        ({"spine": "bone"}, None, "none of spine is an ROI of the study, so no ROI can be compared"),
+        ({"spine": "bone"}, None, "the name and tissue_class of the study: bright (tumour), dark (fat)"),
         (
             {"bright": "tumour"},
             None,
-            "comparison.ours: the recording has no ROI dark; to compare what both have, write rois: [bright]",
+            "comparison.ours: the recording has no ROI dark; to compare the common ROIs, add rois: [bright]",
         ),
         ({"bright": "tumour", "dark": "fat", "spine": "bone"}, None, "comparison.ours: the study has no ROI spine; to"),
         ({"bright": "tumour"}, ["dark"], "comparison.ours: the recording has no ROI dark; to compare"),
@@ -364,7 +364,7 @@ def test_regions_of_a_table_are_held_against_those_of_the_study(rois, chosen, me
     asked |= {} if chosen is None else {"rois": chosen}
     code, lines = checked(changed(CT, recordings={"clinic": "clinic"}, analyses__comparison={"ours": asked}), capsys)
     assert (code, len(lines)) == (int(message is not None), 1), lines
-    assert (message or "nothing wrong") in lines[0]
+    assert (message or "no errors") in lines[0]
 
 
 @pytest.mark.parametrize("key", ["image", "labels"])
@@ -405,7 +405,7 @@ def test_every_mistake_of_a_recording_is_named_in_one_run(desk, capsys):
 def test_a_folder_without_a_configuration_takes_the_default_study(desk, capsys):
     Path("config/config.yaml").unlink()
     assert read_config.read_configs([]) == ([], yaml.safe_load(DEFAULT.read_text()))
-    assert checked(CT, capsys) == (0, ["my.yaml: nothing wrong was found"])
+    assert checked(CT, capsys) == (0, ["my.yaml: no errors found"])
     code, lines = checked(changed(CT, protocols__sirt_150={"projection": 3}), capsys)
     assert code == 1 and "unknown key 'projection' in protocols.sirt_150" in lines[0]
 

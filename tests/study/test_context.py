@@ -66,10 +66,7 @@ def test_protocols_share_noise_with_those_of_the_same_acquisitions():
 
 def test_the_next_commands_name_the_study_s_own_configuration():
     files = ["config/config.yaml", str(Path("config/tiny.yaml").absolute()), "my.yaml"]
-    assert (
-        context_of(trial=True).pages.commands()["The default study, large enough to mean something"]
-        == "snakemake --cores 2"
-    )
+    assert context_of(trial=True).pages.commands()["The default study, for real results"] == "snakemake --cores 2"
     larger = "virtual-phantom init ct --labels labels.nii.gz --size normal --out my-normal.yaml"
     assert list(context_of(trial=larger).pages.commands().values())[0] == larger
     pages = context_of().pages
@@ -124,7 +121,7 @@ def test_the_report_has_figures_with_captions_and_tables_with_titles_first():
     assert list(titles)[:3] == ["Which features to trust", "Stable features by measure", "Measures of stability"]
     assert list(titles)[-2:] == ["Separability of classes: FBP", "Separability of classes: multicentre"]
     assert titles["All features"] == "results/features.csv"
-    assert pages.diagnoses() == {} and pages.links() == {"Slices to flip through": "viewer.html"}
+    assert pages.diagnoses() == {} and pages.links() == {"Viewer of slices": "viewer.html"}
 
 
 def test_diagnoses_that_were_made_are_in_the_report(tmp_path):
@@ -150,7 +147,7 @@ def test_images_to_export_are_those_of_the_figure_of_scans_or_those_named():
     folder = "results/dicom/fbp_150/dose10/seed03"
     assert named.exported_files() == [f"{folder}/series", f"{folder}/rois.dcm"]
     assert named.series("fbp_150", "dose10", "03")["label"] == "fbp_150 dose10 seed 03 (simulated)"
-    with pytest.raises(InputError, match="dicom.images names fbp_150/dose10/seed99, which no analysis asks for"):
+    with pytest.raises(InputError, match="dicom.images names fbp_150/dose10/seed99, which the study does not make"):
         context_of(dicom={"images": ["fbp_150/dose10/seed99"]})
 
 

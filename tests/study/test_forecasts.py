@@ -27,13 +27,13 @@ from virtual_phantom.study.costs.diagnoses import (
     UNITS,
     Extent,
     extent,
-    rays_in_words,
-    source_points,
+    points_of_source,
+    rays_text,
 )
-from virtual_phantom.study.costs.forecast import beforehand
+from virtual_phantom.study.costs.forecast import forecast_line
 from virtual_phantom.study.costs.limits import FLOORS, SLOWER_NODE
 from virtual_phantom.study.costs.rates import read_rates
-from virtual_phantom.study.costs.table import listed
+from virtual_phantom.study.costs.table import diagnoses_text
 from virtual_phantom.study.progress.status import duration_range
 
 RATES = read_rates(RESOURCES / "rates.yaml")
@@ -91,8 +91,8 @@ def test_every_point_of_a_declared_source_has_rays_of_its_own(physics, rows):
     state = State(geometry, 1e5)
     for name, values in physics.items():
         load(name).apply(state, values)
-    assert source_points(physics) == len(list(sources(state)))
-    assert counted((720, rows, 32), baseline=physics).rays == source_points(physics) * counted((720, rows, 32)).rays
+    assert points_of_source(physics) == len(list(sources(state)))
+    assert counted((720, rows, 32), baseline=physics).rays == points_of_source(physics) * counted((720, rows, 32)).rays
 
 
 def test_planes_are_what_a_ray_meets(tmp_path):
@@ -199,11 +199,11 @@ def test_the_plan_lists_what_is_known_of_each(tmp_path):
         "cpu_seconds": list(bench.forecast(context.rates, 3).cpu),
     }
     assert forecasts["again"] == {"name": "again", "effects": 0, "processes": 1, "seconds": None}
-    lines = listed([*forecasts.values(), {"name": "scanner", "seconds": None}]).splitlines()
+    lines = diagnoses_text([*forecasts.values(), {"name": "scanner", "seconds": None}]).splitlines()
     assert lines[0] == "" and "processes" in lines[1] and len(lines) == 7
     assert re.fullmatch(rf"bench +3 +1.5 million rays +3 +{duration_range(*forecasts['bench']['seconds'])}", lines[2])
-    assert re.fullmatch("again +0 +1 +not known", lines[4]) and re.fullmatch("scanner +not known", lines[6])
-    assert listed([]) == ""
+    assert re.fullmatch("again +0 +1 +unknown", lines[4]) and re.fullmatch("scanner +unknown", lines[6])
+    assert diagnoses_text([]) == ""
 
 
 @pytest.mark.parametrize("load", [1.0, 3.0])
@@ -214,17 +214,17 @@ def test_the_job_says_what_the_plan_said(tmp_path, monkeypatch, load):
     fine = drawn(tmp_path / "fine.nii", 2, 256, 200)
     told = context.diagnosis.forecasts(2)[0]
     model, shape = context.diagnosis.model("bench"), (180, 16, 128)
-    line = beforehand("bench", model, shape, told["effects"], 2, fine)
+    line = forecast_line("bench", model, shape, told["effects"], 2, fine)
     time, effects = duration_range(*(load * seconds for seconds in told["seconds"])), told["effects"]
     cpu = duration_range(*told["cpu_seconds"])
     assert line == (
         f"diagnosis of bench: {time} with 2 processes (CPU time {cpu}; {effects} effects, 1.5 million rays)"
     )
-    one = beforehand("bench", model, shape, 1, 1, fine)
+    one = forecast_line("bench", model, shape, 1, 1, fine)
     assert " with 1 process (CPU time " in one and one.endswith("; 1 effect, 1.5 million rays)")
-    assert beforehand("bench", model, shape, 0, 1, fine) is None
+    assert forecast_line("bench", model, shape, 0, 1, fine) is None
     os.remove(fine)  # the job itself says that
-    assert beforehand("bench", model, shape, 3, 1, fine) is None
+    assert forecast_line("bench", model, shape, 3, 1, fine) is None
 
 
 def test_more_cores_are_less_time_and_the_console_is_told_core_seconds(tmp_path):
@@ -252,7 +252,7 @@ def test_a_cluster_is_asked_for_more_than_the_forecast(tmp_path):
 
 
 def test_rays_are_said_to_two_digits():
-    assert [rays_in_words(count) for count in (46_080, 412_345, 12_345_678)] == [
+    assert [rays_text(count) for count in (46_080, 412_345, 12_345_678)] == [
         "46 thousand rays",
         "0.41 million rays",
         "12 million rays",

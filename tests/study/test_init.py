@@ -17,10 +17,10 @@ from PIL import Image
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.cli import main
-from virtual_phantom.cli.init.command import drawn
+from virtual_phantom.cli.init.command import preview
+from virtual_phantom.cli.init.configuration_file import duration_text
 from virtual_phantom.cli.init.propose import propose, sizes
 from virtual_phantom.cli.init.regions import tissue_class
-from virtual_phantom.cli.init.written import minutes
 from virtual_phantom.config import read_config
 from virtual_phantom.config.config import complete
 from virtual_phantom.phantom import ct
@@ -121,7 +121,7 @@ def test_a_chest_is_scanned_whole(desk):
     phantom_files.write_nifti_array(hu, "chest.nii.gz")
     phantom_files.write_nifti_array(labels, "chest_labels.nii.gz")
     found = propose("chest.nii.gz", "chest_labels.nii.gz", names={"1": "lung", "2": "nodule"})
-    assert [one.region.name for one in found.taken] == ["lung", "nodule"]
+    assert [one.region.name for one in found.selected] == ["lung", "nodule"]
     (x_low, x_high), (y_low, y_high) = found.config["phantom"]["ct"]["keep_mm"]
     assert CENTRE[0] - 46 < x_low <= CENTRE[0] - 38 and CENTRE[0] + 38 <= x_high <= CENTRE[0] + 42
     assert CENTRE[1] - 40 < y_low <= CENTRE[1] - 32 and CENTRE[1] + 32 <= y_high < CENTRE[1] + 40
@@ -154,7 +154,7 @@ def test_a_ct_without_air_is_noted(desk, capsys):
 def test_a_region_that_is_too_small_is_left_out_and_told(desk):
     initialised("ct.nii.gz", "--labels", "labels.nii.gz")
     text = Path("my.yaml").read_text()
-    assert "# label_9: is too small: about 4 voxels of this grid, 128 are wanted" in text
+    assert "# label_9: is too small: about 4 voxels of this grid, at least 128 are needed" in text
     assert [roi["name"] for roi in yaml.safe_load(text)["phantom"]["ct"]["rois"]] == ["label_3", "label_5"]
 
 
@@ -162,7 +162,7 @@ def test_gas_and_tissue_is_no_region(desk):
     hu = phantom_files.object_hu()
     hu[:5][phantom_files.ball("dark")[:5]] = -900
     phantom_files.write_nifti_array(hu, "gas.nii.gz")
-    with pytest.raises(InputError, match="only the tissue class label_3 is left"):
+    with pytest.raises(InputError, match="only the tissue class label_3 is suitable"):
         propose("gas.nii.gz", "labels.nii.gz")
 
 
@@ -172,10 +172,10 @@ def test_a_region_in_another_piece_is_left_out_unless_it_is_asked_for(desk):
     phantom_files.write_nifti_array(hu, "arm.nii.gz")
     phantom_files.write_nifti_array(labels, "arm_labels.nii.gz")
     found = propose("arm.nii.gz", "arm_labels.nii.gz")
-    assert ["trunk" in reason for region, reason in found.left if region.name == "label_7"] == [True]
-    asked = propose("arm.nii.gz", "arm_labels.nii.gz", rois=["3", "label_7"])
-    assert [one.region.label for one in asked.taken] == [3, 7]
-    assert asked.box_mm[0][0] < found.box_mm[0][0] == found.config["phantom"]["ct"]["keep_mm"][0][0]
+    assert ["trunk" in reason for region, reason in found.rejected if region.name == "label_7"] == [True]
+    defaults = propose("arm.nii.gz", "arm_labels.nii.gz", rois=["3", "label_7"])
+    assert [one.region.label for one in defaults.selected] == [3, 7]
+    assert defaults.box_mm[0][0] < found.box_mm[0][0] == found.config["phantom"]["ct"]["keep_mm"][0][0]
 
 
 def test_the_file_says_what_the_proposal_is_and_what_it_costs(desk):
@@ -196,7 +196,7 @@ def test_the_file_says_what_the_proposal_is_and_what_it_costs(desk):
 def test_a_quick_study_is_a_trial_and_names_the_command_for_an_answer(desk, capsys):
     words = ["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "3=a,5=b", "--rois", "a,b"]
     settings = initialised(*words, "--size", "quick")
-    assert f"Then, for an answer: {settings['trial']}" in capsys.readouterr().out
+    assert f"Then, for real results: {settings['trial']}" in capsys.readouterr().out
     begin, *rest = shlex.split(settings["trial"])
     assert begin == "virtual-phantom" and rest[-1] == "my-normal.yaml" and main.main(rest) == 0
     lines, normal = read_config.read_configs(["my-normal.yaml"])
@@ -217,13 +217,13 @@ def test_a_region_of_more_than_one_tissue_is_doubted(desk, capsys):
 
 
 def test_the_picture_names_in_its_legend_only_what_it_shows(desk):
-    """A thin region is left out and outlined, but not where the picture ends before it."""
+    """A thin region is not used and outlined, but not where the picture ends before it."""
 
     def legend(labels, box_mm=None):
         phantom_files.write_nifti_array(labels, "some.nii.gz", flip_y=True)
         proposed = propose("ct.nii.gz", "some.nii.gz")
         proposed = replace(proposed, box_mm=box_mm or proposed.box_mm)
-        return [one.get_text() for one in drawn(proposed).legends[0].get_texts()]
+        return [one.get_text() for one in preview(proposed).legends[0].get_texts()]
 
     some, shown = labelled(), ["label 3", "label 5", "what is scanned"]
     some[some == 9] = 0
@@ -246,7 +246,7 @@ def test_files_that_are_there_stay(desk, capsys):
     words = ["init", "ct.nii.gz", "--labels", "labels.nii.gz"]
     Path("my.yaml").write_text("mine")
     assert main.main(words) == 1 and Path("my.yaml").read_text() == "mine"
-    assert "my.yaml: is there already; give another --out, or --force" in capsys.readouterr().err
+    assert "my.yaml: already exists; give another --out, or --force" in capsys.readouterr().err
     assert main.main([*words, "--force"]) == 0 and Path("my.yaml").read_text() != "mine"
 
 
@@ -255,14 +255,14 @@ def test_files_that_are_there_stay(desk, capsys):
     [
         (["nothing.nii.gz", "--labels", "labels.nii.gz"], "nothing.nii.gz: no such file"),
         (["ct.nii.gz", "--labels", "nothing.nii.gz"], "nothing.nii.gz: no such file"),
-        (["ct.nii.gz", "--labels", "config"], "config: holds no mask (NIfTI, NRRD, MetaImage)"),
+        (["ct.nii.gz", "--labels", "config"], "config: has no mask (NIfTI, NRRD, MetaImage)"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "4=liver"], "has no region '4'; there are: 3, 5, 9"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "liver"], "'liver' is not LABEL=NAME"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "3=a/b"], "'a/b' must be of letters"),
-        (["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "3=a,5=a"], "two regions would be called a"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "3=a,5=a"], "two regions have the name a"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3,liver"], "has no region 'liver'"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3,9"], "--rois: label_9 is too small"),
-        (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3"], "only the tissue class label_3 is left"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3"], "only the tissue class label_3 is suitable"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "my.txt"], "my.txt must end in .yaml"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "f.yaml", "--force"], "f.yaml: is a folder; give another"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "/proc/my.yaml"], "/proc/my.png: cannot be written"),
@@ -335,4 +335,4 @@ def test_a_clinical_ct_is_proposed_as_it_was_by_hand(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize(("hours", "words"), [(1 / 30, "30 s to 2 min"), (1.0, "15 min to 1 h")])
 def test_time_is_a_range_of_a_factor_of_two_to_either_side(hours, words):
-    assert minutes(hours) == words
+    assert duration_text(hours) == words

@@ -54,10 +54,10 @@ def test_a_contour_outside_the_ct_leaves_the_other_regions(desk, capsys):
     assert not notes(capsys)
     assert main.main(["init", "ct.nii.gz", "--labels", "rt.dcm", "--size", "quick"]) == 0
     lines = notes(capsys)
-    left_out = ["BODY is left out", "COUCH is left out", "marker is left out", "rt.dcm"]
+    left_out = ["BODY is skipped", "COUCH is skipped", "marker is skipped", "rt.dcm"]
     assert [line.split(":")[0] for line in lines] == left_out
     assert "leaves the CT" in lines[0] and "does not lie in a slice of the CT" in lines[1]
-    assert lines[3] == "rt.dcm: 1 region without voxels passed over: no"
+    assert lines[3] == "rt.dcm: 1 region without voxels skipped: no"
     assert [one["name"] for one in yaml.safe_load(Path("my.yaml").read_text())["phantom"]["ct"]["rois"]] == list(BALLS)
     assert main.main(["check", "my.yaml"]) == 0 and not notes(capsys)
     Path("my.yaml").unlink()
@@ -87,13 +87,13 @@ def test_a_folder_of_masks_with_anything_beside_them(desk, capsys):
     assert sizes == sorted([ball("bright").sum(), ball("dark").sum(), (ball("bright") ^ ball("dark")).sum()])
     text = "\n".join(notes(capsys))
     for line in (
-        "other is left out: masks/other.nii.gz: lies on another grid than the CT",
-        "broken is left out: masks/broken.nii.gz: cannot be read as NIfTI",
-        "ct is left out: masks/ct.nii.gz: has ",
-        "masks: 1 file passed over, no masks: readme.txt",
-        "masks: 1 region without voxels passed over: empty",
+        "other is skipped: masks/other.nii.gz: lies on another grid than the CT",
+        "broken is skipped: masks/broken.nii.gz: cannot be read as NIfTI",
+        "ct is skipped: masks/ct.nii.gz: has ",
+        "masks: 1 file without masks skipped: readme.txt",
+        "masks: 1 region without voxels skipped: empty",
         "is the same mask as masks/",
-        "several regions would be called dark: 'Dark' is called dark_",
+        "several regions have the name dark: 'Dark' is called dark_",
     ):
         assert line in text
     assert "._bright" not in text and "hidden" not in text
@@ -108,7 +108,7 @@ def test_a_folder_of_structure_sets_with_files_that_are_none(desk, capsys):
     Path("drawn/c.txt").write_bytes(b"")
     with console.printed_notes():
         assert list(read("drawn")) == list(BALLS)
-    assert "drawn: 2 files passed over, no masks: b.dcm, c.txt" in notes(capsys)
+    assert "drawn: 2 files without masks skipped: b.dcm, c.txt" in notes(capsys)
 
 
 def test_a_folder_in_which_no_mask_can_be_read_says_why(desk):

@@ -9,7 +9,7 @@ import pytest
 
 from virtual_phantom.base import commands
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.cli.init.options import joined, listed, paired
+from virtual_phantom.cli.init.options import format_list, parse_list, parse_pairs
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -55,8 +55,8 @@ def test_without_a_clone_one_line_says_what_is_needed(tmp_path, monkeypatch):
     ],
 )
 def test_lists_are_quoted_as_in_csv(values, names):
-    assert listed(values, "--rois") == names
-    assert listed([joined(names)], "--rois") == names
+    assert parse_list(values, "--rois") == names
+    assert parse_list([format_list(names)], "--rois") == names
 
 
 @pytest.mark.parametrize(
@@ -68,10 +68,10 @@ def test_lists_are_quoted_as_in_csv(values, names):
     ],
 )
 def test_pairs_are_quoted_as_in_csv(values, pairs):
-    assert paired(values) == pairs and paired([joined(pairs)]) == pairs
+    assert parse_pairs(values) == pairs and parse_pairs([format_list(pairs)]) == pairs
 
 
 @pytest.mark.parametrize("value", ['"GTV, left', '5,"a', 'a"'])
 def test_a_quotation_mark_that_is_open_is_one_line(value):
     with pytest.raises(InputError, match="has a quotation mark that is not closed; close it, or double it"):
-        listed([value], "--rois")
+        parse_list([value], "--rois")

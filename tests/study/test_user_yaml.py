@@ -126,7 +126,7 @@ def test_null_removes_and_what_names_the_entry_gets_one_line_each(capsys):
         ("analyses.pca.sirt.protocols", "sirt_300"),
         ("analyses.pca.fbp.protocols", "fbp_450"),
     ):
-        said = f"config: {where} names '{name}', which protocols.{name}: null removes; take it out or name another: "
+        said = f"config: {where} names '{name}', which protocols.{name}: null removes; remove it or name another: "
         assert sum(said in line for line in lines) == 1, lines
     assert not [line for line in lines if "did you mean" in line]
 
@@ -140,7 +140,7 @@ def test_null_removes_and_what_names_the_entry_gets_one_line_each(capsys):
         ),
         (
             "scans: {wide: null}\nprotocols: {sirt_150: {scan: wide}}",
-            "protocols.sirt_150.scan names 'wide', which scans.wide: null removes; take it out or name another: none",
+            "protocols.sirt_150.scan names 'wide', which scans.wide: null removes; remove it or name another: none",
         ),
         (
             "recordings: {a: null}\nanalyses: {stability: {recordings: [a]}}",

@@ -74,7 +74,7 @@ def compared(study, tmp_path_factory):
 
 def test_the_level_that_made_a_recording_is_found(compared):
     """The recording was simulated at A = 12e-6; its own sampling error over three repeats is a few per cent."""
-    level = matched_noise.read(compared / "noise" / "matched.json")
+    level = matched_noise.read_level(compared / "noise" / "matched.json")
     assert level["A"] == pytest.approx(12e-6, rel=0.1)
     table = pd.read_csv(compared / "tables" / "matched_noise.csv")
     assert table["ratio"].iloc[0] == pytest.approx(1, abs=0.1)

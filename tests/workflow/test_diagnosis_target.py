@@ -176,10 +176,10 @@ def test_the_study_runs_on_the_scanner_that_was_found(bench):
 
 def test_where_physics_cannot_come_from_is_said_in_one_line(bench):
     process = tiny(bench / "results", "-n", overlay={**STUDY, "physics": {"from": "bank"}}, beside=bench / "bank")
-    assert "physics.from names 'bank', which is not there" in process.stderr
+    assert "physics.from names 'bank', which does not exist" in process.stderr
     beside = {"from": "bank", "scatter": None}
     process = tiny(bench / "results", "-n", overlay={**STUDY, "physics": beside}, beside=bench / "bank")
-    assert "physics has from and scatter; keep the one or the other" in process.stderr
+    assert "physics has from and scatter; keep one of them" in process.stderr
 
 
 @pytest.fixture(scope="module")

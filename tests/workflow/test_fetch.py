@@ -127,10 +127,10 @@ def test_scans_that_are_not_kept_leave_their_features(alone, tmp_path):
             return process.returncode, process.stdout + process.stderr
 
         code, said = run("fetch", "-n")
-        assert code == 1 and "Error: config: keep_scans is false, so that scans are brought when" in said
+        assert code == 1 and "Error: config: keep_scans is false, so the study fetches each scan when" in said
         code, said = run("public_features")
         assert code == 0, said[-3000:]
-        assert "each is deleted once everything is made of it" in said and here(project) == []
+        assert "each scan is deleted after use" in said and here(project) == []
         for name in ("compared", "compared_2d"):
             lines = (project / f"results/public_scans/{name}/features.csv").read_text().splitlines()
             assert len(lines) == 1 + 3 * 6

@@ -15,7 +15,8 @@ from snakemake.jobs import GroupJob
 from test_rules import FILES
 from workflow_runs import ROOT
 
-from virtual_phantom.study.progress import before, words
+from virtual_phantom.study.progress import snakemake_messages as messages
+from virtual_phantom.study.progress import startup
 from virtual_phantom.study.progress.console import SILENT_EVENTS, Console
 
 SNAKEFILE = """
@@ -205,28 +206,34 @@ def test_events_have_the_names_that_are_read():
     from snakemake_interface_logger_plugins.common import LogEvent
 
     told = {"job_info", "job_finished", "job_error", "group_info", "group_error", "error"}
-    assert told | SILENT_EVENTS | before.SILENT_EVENTS <= {str(event) for event in LogEvent}
+    assert told | SILENT_EVENTS | startup.SILENT_EVENTS <= {str(event) for event in LogEvent}
     assert all(hasattr(Console, f"_{event}") for event in told)
 
 
 def test_what_has_no_event_is_said_in_the_words_that_are_known(seen):
     said = [record["msg"] for record in seen["records"] if record["event"] is None]
-    for beginning in {*words.NOISE, *words.BEFORE} - ELSEWHERE:
+    for beginning in {*messages.HIDDEN, *messages.HIDDEN_AT_STARTUP} - ELSEWHERE:
         assert any(text.startswith(beginning) for text in said), beginning
     modules = ("snakemake.workflow", "snakemake.dag", "snakemake.scheduling.job_scheduler")
     sources = "".join(inspect.getsource(sys.modules[name]) for name in modules)
-    for text in (*ELSEWHERE, *words.DRY_RUN, words.DRY_RUN_ENDS):
+    for text in (*ELSEWHERE, *messages.DRY_RUN, messages.DRY_RUN_ENDS):
         assert f'"{text}' in sources, text
     errors = {record["exception"]: record["msg"] for record in records(seen, "error")}
-    assert words.INCOMPLETE in errors["WorkflowError"]
-    assert words.ENDED_BY.search(errors["RuleException"])[2] == "1"
-    assert words.FILES_MISSING.search(errors["MissingOutputException"])[1] == str(seen["job"]["left_out"][1])
+    assert messages.INCOMPLETE in errors["WorkflowError"]
+    assert messages.ENDED_BY.search(errors["RuleException"])[2] == "1"
+    assert messages.FILES_MISSING.search(errors["MissingOutputException"])[1] == str(seen["job"]["left_out"][1])
 
 
 def test_files_that_know_snakemake_s_words_are_one():
     folder = ROOT / "workflow" / "lib" / "virtual_phantom" / "study" / "progress"
-    known = [*words.NOISE, *words.BEFORE, *words.DRY_RUN, words.DRY_RUN_ENDS, words.INCOMPLETE]
+    known = [
+        *messages.HIDDEN,
+        *messages.HIDDEN_AT_STARTUP,
+        *messages.DRY_RUN,
+        messages.DRY_RUN_ENDS,
+        messages.INCOMPLETE,
+    ]
     known += ["output files are missing", "returned non-zero exit status"]
     for path in folder.glob("*.py"):
-        if path.name != "words.py":
+        if path.name != "snakemake_messages.py":
             assert not [text for text in known if text in path.read_text()], path.name

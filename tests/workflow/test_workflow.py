@@ -404,7 +404,7 @@ def test_four_cores_and_no_compiled_kernels_make_the_same_images_and_features(st
                 "-5 is less than the minimum of 1",
             ],
         ),
-        ({"dicom": {"images": ["sirt_150/none/seed00"]}}, ["sirt_150/none/seed00, which no analysis asks for"]),
+        ({"dicom": {"images": ["sirt_150/none/seed00"]}}, ["sirt_150/none/seed00, which the study does not make"]),
         ({"engine": "astra_cuda"}, ["astra_cuda has no adjoint"]),
         ({"engine": "astra_cuda", "reconstruction": {"sirt": {"backprojector": "voxel"}}}, ["needs a CUDA device"]),
     ],

@@ -7,16 +7,16 @@ from virtual_phantom.study.context import or_exit
 scans = context.scans
 
 # Report the size of the download before it starts, in dry runs, too.
-if workflow.is_main_process and (announced := scans.announced()):
+if workflow.is_main_process and (announced := scans.fetch_text()):
     print(announced, file=sys.stderr)
 
 # Only missing scans have a rule, so that Snakemake neither fetches nor deletes existing scans.
-if scans.absent and scans.own is None:
+if scans.absent and scans.local_folder is None:
 
     rule fetch_scan:
         """Fetch one public scan of the printed phantom: CT, regions and license."""
         output:
-            (directory(scans.place) if scans.kept else temp(directory(scans.place))),
+            (directory(scans.scan_folder) if scans.keep else temp(directory(scans.scan_folder))),
         log:
             results("logs/fetch/{scan}.log"),
         wildcard_constraints:
@@ -25,8 +25,8 @@ if scans.absent and scans.own is None:
             mem_mb=500,
             runtime=120,
         params:
-            listed=lambda wildcards: scans.listed(wildcards.scan),
-            scan=lambda wildcards: scans.one(wildcards.scan),
+            listed=lambda wildcards: scans.series_text(wildcards.scan),
+            scan=lambda wildcards: scans.by_name(wildcards.scan),
             endpoint=context.config["downloads"]["endpoint"],
             bucket=context.config["downloads"]["bucket"],
         message:
@@ -46,7 +46,7 @@ elif scans.absent:
             mem_mb=1000,
             runtime=120,
         params:
-            folder=scans.own,
+            folder=scans.local_folder,
             scans=scans.absent,
         script:
             "../scripts/link_scans.py"
@@ -62,7 +62,7 @@ rule fetch:
 rule scan_features:
     """Features of one public scan on its own voxels and regions, in 3D and 2D."""
     input:
-        scan=scans.place,
+        scan=scans.scan_folder,
         parameters=context.parameter_files,
     output:
         results("public_scans/features/{scan}.csv"),
@@ -77,7 +77,7 @@ rule scan_features:
         mem_mb=4000,
         runtime=60,
     params:
-        scan=lambda wildcards: scans.one(wildcards.scan),
+        scan=lambda wildcards: scans.by_name(wildcards.scan),
         rois=scans.rois,
         regions=scans.regions,
         parameters=context.parameters,

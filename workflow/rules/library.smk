@@ -27,8 +27,8 @@ os.environ.update(
 )
 
 from virtual_phantom.base.console import show_any_character
-from virtual_phantom.study.progress.before import be_quiet
+from virtual_phantom.study.progress.startup import install_startup_handler
 
 show_any_character()
 if workflow.is_main_process:
-    be_quiet(logger, workflow.output_settings)
+    install_startup_handler(logger, workflow.output_settings)

@@ -9,8 +9,8 @@ import sys
 
 from snakemake.logging import logger
 
-from virtual_phantom.study.progress.before import DryRun, wants_snakemake_s_words
-from virtual_phantom.study.progress.console import take_over
+from virtual_phantom.study.progress.console import install_console
+from virtual_phantom.study.progress.startup import DryRunHandler, wants_snakemake_output
 from virtual_phantom.study.progress.time_left import Step
 
 
@@ -43,8 +43,8 @@ def expected():
 def say_less():
     """Once a run begins. Who asks for more words, or for none of how far it is, gets Snakemake's."""
     settings = workflow.output_settings
-    if not wants_snakemake_s_words(settings):
-        take_over(
+    if not wants_snakemake_output(settings):
+        install_console(
             logger,
             steps(),
             workflow.cores if workflow.local_exec else None,
@@ -57,7 +57,7 @@ def say_less():
 
 
 for handler in logger.handlers:
-    if isinstance(handler, DryRun):
+    if isinstance(handler, DryRunHandler):
         handler.expected, handler.folder = expected, context.results_folder
         handler.cores = lambda: workflow.resource_settings.cores
 

@@ -28,7 +28,7 @@ def main(
         )
     measured = recorded.pivot(index="image", columns="roi", values=VARIANCE)
     found = noise.match_noise_level(files.read_csv(calibration), meets["protocol"], meets["rois"], measured)
-    matched_noise.write({**asdict(found), **meets}, output)
+    matched_noise.write_level({**asdict(found), **meets}, output)
     log.info("%s: %s", noise_name, found)
     if found.extrapolated:
         log.warning("A lies outside the levels of the noise calibration; add a level beyond it")

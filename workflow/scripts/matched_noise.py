@@ -23,7 +23,7 @@ def main(*, features_file: str, levels: Sequence[str], output: str) -> None:
         )
     rows = []
     for path in levels:
-        level, name = matched_noise.read(path), Path(path).stem
+        level, name = matched_noise.read_level(path), Path(path).stem
         chosen = features[
             (features["noise"] == name)
             & (features["protocol"] == level["protocol"])

@@ -19,14 +19,14 @@ def main(
 ) -> None:
     from virtual_phantom.config.plan import Plan
     from virtual_phantom.study.costs.rates import read_rates
-    from virtual_phantom.study.costs.table import listed, readable, summary
+    from virtual_phantom.study.costs.table import cost_summary, diagnoses_text, plan_text
 
     plan = Plan(dict(config))
-    table, content = summary(plan, engine, read_rates(rates_file))
+    table, content = cost_summary(plan, engine, read_rates(rates_file))
     content["diagnoses"] = list(diagnoses)
     files.write_csv(table, table_file)
     files.write_text(json.dumps(content, indent=2) + "\n", totals_file)
-    files.write_text(readable(table, content) + listed(content["diagnoses"]), text_file)
+    files.write_text(plan_text(table, content) + diagnoses_text(content["diagnoses"]), text_file)
     log.info("%d jobs, %.3f core-hours", content["jobs"], content["core_hours"])
 
 

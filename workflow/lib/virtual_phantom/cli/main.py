@@ -1,8 +1,8 @@
-"""The command `virtual-phantom`: a first configuration, a check of one, import of recordings, export of projections.
+"""The command `virtual-phantom`: write and check configurations, import recordings, export projections.
 
-virtual-phantom init CT --labels FILE [--out my.yaml] [--size quick]   propose a configuration for your CT
-virtual-phantom check CONFIG ...                                       say all that is wrong with a configuration
-virtual-phantom import FORMAT ...                                      make a recording folder
+virtual-phantom init CT --labels FILE [--out my.yaml] [--size quick]   write a first configuration for your CT
+virtual-phantom check CONFIG ...                                       list all errors of a configuration
+virtual-phantom import FORMAT ...                                      convert scans to a recording folder
 virtual-phantom export dicom-ct-pd PROJECTIONS.h5 FOLDER               write projections of a study as DICOM-CT-PD
 """
 
@@ -19,7 +19,7 @@ SIZES = ("quick", "normal")
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Do what the command line asks for, or these words of one; returns the exit code."""
+    """Run the command given by `words`, by default the command line, and return the exit code."""
     return run_command(_run, words)
 
 
@@ -34,73 +34,73 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="virtual-phantom",
         description=__doc__,
-        epilog=f"{DEBUG}, anywhere on the line, prints the traceback of an error.",
+        epilog=f"{DEBUG}, at any position, prints the traceback of an error.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(dest="command", required=True)
-    init = commands.add_parser("init", help="propose a configuration for a CT and the regions drawn on it")
-    init.add_argument("image", metavar="CT", help="folder of one DICOM series, or NIfTI file; HU")
+    init = commands.add_parser("init", help="write a configuration for a CT and its segmented regions")
+    init.add_argument("image", metavar="CT", help="folder with one DICOM series, or NIfTI file; HU")
     init.add_argument("--labels", required=True, help="label map, DICOM SEG, RTSTRUCT, or folder of NIfTI masks")
     init.add_argument("--out", default="my.yaml", help="configuration to write; default my.yaml")
-    quoting = "; a name with a comma in double quotes, or the option several times"
+    quoting = "; put names with commas in double quotes, or repeat the option"
     init.add_argument(
         "--names",
         action="append",
         default=[],
-        help="""names of labels: 5=liver,'"GTV, left"=gtv'; they go before larger ones""" + quoting,
+        help="""names of labels: 5=liver,'"GTV, left"=gtv'; these are selected first""" + quoting,
     )
     init.add_argument(
-        "--rois", action="append", default=[], help="""take these labels or names alone: 5,'"GTV, left"'""" + quoting
+        "--rois", action="append", default=[], help="""use only these labels or names: 5,'"GTV, left"'""" + quoting
     )
-    init.add_argument("--size", choices=SIZES, default="normal", help="quick: a trial of minutes; default normal")
-    init.add_argument("--not-checked", default="", help="checks of the CT to leave out, as named in their lines")
-    init.add_argument("--fill-gaps", action="store_true", help="interpolate slices that are not drawn between two")
-    init.add_argument("--force", action="store_true", help="overwrite files that are there")
-    check = commands.add_parser("check", help="say all that is wrong with a configuration and its files")
+    init.add_argument("--size", choices=SIZES, default="normal", help="quick: a trial run of minutes; default normal")
+    init.add_argument("--not-checked", default="", help="checks of the CT to skip, with the names in their messages")
+    init.add_argument("--fill-gaps", action="store_true", help="interpolate missing slices between two drawn slices")
+    init.add_argument("--force", action="store_true", help="overwrite existing files")
+    check = commands.add_parser("check", help="list all errors of a configuration and its files")
     check.add_argument(
-        "configs", metavar="CONFIG", nargs="+", help="as after --configfile: a later one changes keys of those before"
+        "configs", metavar="CONFIG", nargs="+", help="as after --configfile: later files change keys of earlier files"
     )
     export = commands.add_parser("export", help="write projections of a study in another format")
     export.add_argument("format", choices=("dicom-ct-pd",), help="one DICOM file per view")
     export.add_argument("source", metavar="PROJECTIONS", help="projections/.../*.h5 of a study")
     export.add_argument("folder", metavar="FOLDER", help="folder to write")
-    commands.add_parser("import", help="make a recording folder from another format", add_help=False)
+    commands.add_parser("import", help="convert another format to a recording folder", add_help=False)
     return parser
 
 
 def _init(arguments: argparse.Namespace) -> int:
-    from .init.command import initialise, told  # seconds, for those who use it
-    from .init.options import listed, paired
+    from .init.command import initialize, summary_text  # imported here: takes seconds
+    from .init.options import parse_list, parse_pairs
 
-    proposed = initialise(
+    proposed = initialize(
         arguments.image,
         arguments.labels,
         arguments.out,
-        names=paired(arguments.names),
-        rois=listed(arguments.rois, "--rois"),
+        names=parse_pairs(arguments.names),
+        rois=parse_list(arguments.rois, "--rois"),
         size=arguments.size,
         force=arguments.force,
-        not_checked=listed([arguments.not_checked], "--not-checked"),
+        not_checked=parse_list([arguments.not_checked], "--not-checked"),
         fill_gaps=arguments.fill_gaps,
     )
-    print(told(proposed, arguments.out))
+    print(summary_text(proposed, arguments.out))
     return 0
 
 
 def _check(arguments: argparse.Namespace) -> int:
     from ..config.read_config import read_configs
-    from ..study.checks.preflight import problems  # seconds, for those who use it
+    from ..study.checks.preflight import problems  # imported here: takes seconds
 
     lines, settings = read_configs(arguments.configs)
     lines += problems(settings, scans=True) if settings is not None else []
     if lines:
         raise InputErrors(lines)
-    print(f"{', '.join(arguments.configs)}: nothing wrong was found")
+    print(f"{', '.join(arguments.configs)}: no errors found")
     return 0
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from ..io.dicom_ct_pd import export_projections  # half a second, for those who use it
+    from ..io.dicom_ct_pd import export_projections  # imported here: takes half a second
 
     print(f"{arguments.folder}: {export_projections(arguments.source, arguments.folder)} views")
     return 0

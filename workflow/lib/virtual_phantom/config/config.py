@@ -1,4 +1,4 @@
-"""The study's configuration: checked, mistakes told in one line, and then completed with its defaults."""
+"""Check the configuration of a study, with one line per error, and complete it with defaults."""
 
 from __future__ import annotations
 
@@ -21,48 +21,39 @@ from .plan import without_physics
 from .public_scans import made_folders
 from .read_config import REMOVABLE
 
-# Sections of entries by names of the user's.
+# Sections whose keys are names chosen by the user.
 NAMED = (("protocols",), ("noise", "levels"), ("scans",), ("diagnosis", "recordings"))
 NAMED += (("analyses", "pca"), ("analyses", "comparison"))
 
 
 def check(settings: Mapping) -> None:
-    """Say what is wrong with a configuration, and change nothing.
+    """Check a configuration without changing it.
 
     Parameters
     ----------
     settings : mapping
-        The user's, without defaults. Keys set to null in `protocols` and in each protocol, `noise.levels`, `scans`,
-        `recordings`, `public_scans`, `analyses`, `analyses.pca`, `analyses.comparison`, `diagnosis.recordings` or
-        `diagnosis.scanners` are as if they were not there, so that an overlay can remove what the file below it has.
+        Configuration without defaults. Null removes a key of a protocol or of one of these sections: `protocols`,
+        `noise.levels`, `scans`, `recordings`, `public_scans`, `analyses`, `analyses.pca`, `analyses.comparison`,
+        `diagnosis.recordings`, `diagnosis.scanners`. A configuration can thus remove entries of the files before it.
 
     Raises
     ------
     InputErrors
-        Naming the keys, for anything that the schema refuses, for names that point nowhere or to what does not fit, and
-        for sections that contradict one another.
+        For values that the schema refuses, for unknown or unsuitable names, and for contradicting sections.
     """
     _checked(settings)
 
 
 def flat_detectors(config: Mapping) -> bool:
-    """Whether the detectors of all scans are flat, and their rays spread from a focal spot: what a GPU projects."""
+    """Whether all scans have flat detectors and divergent beams, as the GPU engine requires."""
     scans = (config.get("scan", {}), *config.get("scans", {}).values())
     return all(scan.get("detector", FLAT) == FLAT and scan.get("beam") != PARALLEL for scan in scans)
 
 
 def complete(settings: Mapping) -> dict:
-    """The whole configuration: every key that the schema has a default for, and effects with all their parameters.
+    """Return the complete configuration, with all defaults of the schema and all parameters of effects.
 
-    Parameters
-    ----------
-    settings : mapping
-        As `check` takes them; they stay as they are.
-
-    Raises
-    ------
-    InputErrors
-        As `check` does.
+    `check` describes the settings, which are not changed, and the errors.
     """
     config = _checked(settings)
     protocols = config["protocols"]
@@ -71,15 +62,15 @@ def complete(settings: Mapping) -> dict:
             protocols[name] |= {"physics": {}, "physics_from": physics["from"]}
             continue
         effects = checked(physics)
-        protocols[name]["physics"] = {key: of for key, of in effects.items() if not acts_on_images(key)}
-        protocols[name]["image_physics"] = {key: of for key, of in effects.items() if acts_on_images(key)}
+        protocols[name]["physics"] = {key: value for key, value in effects.items() if not acts_on_images(key)}
+        protocols[name]["image_physics"] = {key: value for key, value in effects.items() if acts_on_images(key)}
     if config["analyses"].get("stability", {}).get("without_physics"):
         config["protocols"] = protocols | without_physics(protocols)
     return config
 
 
 def _without_nulls(settings: Mapping) -> dict:
-    """A copy without the keys that are taken away."""
+    """Return a copy without the keys that null removes."""
     config = copy.deepcopy(dict(settings))
     paths: list[tuple[str, ...]] = list(REMOVABLE)
     if isinstance(config.get("protocols"), dict):
@@ -95,26 +86,26 @@ def _without_nulls(settings: Mapping) -> dict:
 
 
 def _section(config: object, *path: str) -> dict:
-    """The section at a path of keys; an empty one where there is none, or something else."""
+    """Return the section at a path of keys; {} if there is none."""
     for key in path:
         config = config.get(key) if isinstance(config, dict) else None
     return config if isinstance(config, dict) else {}
 
 
 def _name_labels(config: dict) -> None:
-    """Labels of label maps are whole numbers to YAML. Here they are text, as all keys."""
-    for one in _section(config, "diagnosis", "recordings").values():
-        if materials := _section(one, "object", "materials"):
-            one["object"]["materials"] = {str(key) if type(key) is int else key: to for key, to in materials.items()}
+    """Convert labels of label maps, which YAML reads as whole numbers, to text like all other keys."""
+    for recording in _section(config, "diagnosis", "recordings").values():
+        if materials := _section(recording, "object", "materials"):
+            recording["object"]["materials"] = {str(k) if type(k) is int else k: name for k, name in materials.items()}
 
 
 def _name_materials(config: dict) -> None:
-    """Materials by the library's names: from here on one material has one name."""
-    places = [(_section(config, "materials"), ("soft", "dense"))]
-    for one in _section(config, "diagnosis", "recordings").values():
-        places += [(_section(one, key), ("material",)) for key in ("disc", "object")]
-    for place, keys in places:
-        place |= {key: library_name(place[key]) for key in keys if key in place}
+    """Replace alternative names of materials by the library's names."""
+    sections = [(_section(config, "materials"), ("soft", "dense"))]
+    for recording in _section(config, "diagnosis", "recordings").values():
+        sections += [(_section(recording, key), ("material",)) for key in ("disc", "object")]
+    for section, keys in sections:
+        section |= {key: library_name(section[key]) for key in keys if key in section}
 
 
 def _replace_attribute(config: dict) -> None:
@@ -149,20 +140,16 @@ def _find_resources(config: dict) -> None:
 
 
 def inspected(settings: Mapping) -> tuple[list[str], dict]:
-    """All that is wrong with a configuration, and what is left of it without that.
+    """Return all errors of a configuration, and its valid part.
 
-    Parameters
-    ----------
-    settings : mapping
-        As `check` takes them; they stay as they are.
+    `check` describes the settings, which are not changed.
 
     Returns
     -------
     lines : list of str
-        One for each mistake.
+        One line for each error.
     rest : dict
-        The configuration with the schema's defaults, without sections, entries of lists or values that the schema
-        refuses.
+        Configuration with the schema's defaults, without the sections, list entries and values that the schema refuses.
     """
     try:
         check_nesting(settings, "config")
@@ -175,7 +162,7 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
     _replace_attribute(whole)
     _find_resources(whole)
     found, rest = mistakes(whole, schema, "config", NAMED)
-    # The named scans replace keys of the default one: their own defaults would undo it.
+    # Named scans replace keys of the default scan. Their own defaults would overwrite its other keys.
     scans = rest.pop("scans", {})
     fill_defaults(rest, schema)
     _take_public_scans(rest)
@@ -188,10 +175,10 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
 
 
 def _take_public_scans(config: dict) -> None:
-    """A CT without an image is the mean of public scans, and its regions are theirs, by name; so is a recording."""
+    """Fill in the files that are made from public scans: the image and labels of a CT, and folders of recordings."""
     made = Files(config["results_dir"].rstrip("/"))
     folders = made_folders(config)
-    config["recordings"] = {name: folders.get(of, of) for name, of in config["recordings"].items()}
+    config["recordings"] = {name: folders.get(folder, folder) for name, folder in config["recordings"].items()}
     scans, ct = config["public_scans"], config.get("phantom", {}).get("ct")
     if ct is None or not {"phantom", "compared"} & set(scans) or "image" in ct:
         return
@@ -203,7 +190,7 @@ def _take_public_scans(config: dict) -> None:
 
 
 def _checked(settings: Mapping) -> dict:
-    """A copy that has been checked, with the schema's defaults."""
+    """Return a checked copy with the schema's defaults."""
     lines, config = inspected(settings)
     if lines:
         raise InputErrors(lines)
@@ -211,7 +198,7 @@ def _checked(settings: Mapping) -> dict:
 
 
 def _physics(config: dict) -> Iterator[tuple[str, dict]]:
-    """(protocol, its effects as they are stated) of the protocols that have some."""
+    """Yield (protocol, effects in the configuration) for each protocol with effects."""
     for name, settings in config["protocols"].items():
         if physics := settings.get("physics", config["physics"]):
             yield name, physics

@@ -1,6 +1,6 @@
-"""What must hold between keys of a configuration: names that are there, groups of two, sections that agree.
+"""Rules between keys of a configuration: references to existing names, required numbers, consistent sections.
 
-Each rule is a generator of lines. Sections of which something is wrong may be missing: rules pass over them.
+Each rule is a generator of error lines. Invalid sections have been removed before, so rules skip missing sections.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Entries(Collection):
     Attributes
     ----------
     path : str
-        Of the section: keys, joined by dots.
+        Keys of the section, joined by dots.
     removed : frozenset of str
         Entries that null removes.
     """
@@ -37,7 +37,7 @@ class Entries(Collection):
 
     @classmethod
     def of(cls, settings: object, *path: str) -> Entries:
-        """The entries at a path of keys."""
+        """Return the entries at a path of keys."""
         for key in path:
             settings = settings.get(key) if isinstance(settings, Mapping) else None
         section = settings if isinstance(settings, Mapping) else {}
@@ -56,7 +56,7 @@ class Entries(Collection):
 
 @dataclass(frozen=True)
 class Names:
-    """Names of what a configuration has, also of what is left out as something in it is wrong."""
+    """Names in a configuration, including those of invalid entries."""
 
     protocols: Entries
     levels: Entries
@@ -69,7 +69,7 @@ class Names:
 
     @classmethod
     def of(cls, settings: Mapping) -> Names:
-        """Those of a configuration that is not checked yet, and from which nothing is removed yet."""
+        """Return the names in an unchecked configuration."""
         return cls(
             protocols=Entries.of(settings, "protocols"),
             levels=Entries.of(settings, "noise", "levels"),
@@ -88,9 +88,9 @@ class Rules:
     Parameters
     ----------
     config : dict
-        With the schema's defaults, and without what the schema refuses.
+        Configuration with defaults, without the parts that the schema refuses.
     names : Names
-        Of the whole one.
+        Names in the whole configuration.
     """
 
     def __init__(self, config: dict, names: Names):
@@ -100,7 +100,7 @@ class Rules:
         self.analyses: dict = config["analyses"]
 
     def lines(self) -> Iterator[str]:
-        """What is wrong, a line each."""
+        """Yield one line for each error."""
         for rule in (
             self._case,
             self._files,
@@ -125,21 +125,31 @@ class Rules:
         ):
             yield from rule()
 
-    # What rules are made of
+    # Helpers
 
     def _known(self, name: str, section: Collection[str], where: str, *more: Entries) -> Iterator[str]:
-        """A line if a name is in none of these sections."""
+        """Yield a line if a name is in none of the sections."""
         sections = (section, *more)
-        if any(name in one for one in sections):
+        if any(name in entries for entries in sections):
             return
-        choices = [other for one in sections for other in one]
-        if nulls := [one for one in sections if isinstance(one, Entries) and name in one.removed]:
+        choices = [other for entries in sections for other in entries]
+        if nulls := [entries for entries in sections if isinstance(entries, Entries) and name in entries.removed]:
             yield (
-                f"config: {where} names '{name}', which {nulls[0].path}.{name}: null removes; take it out or name "
+                f"config: {where} names '{name}', which {nulls[0].path}.{name}: null removes; remove it or name "
                 f"another: {', '.join(choices) or 'none is left'}"
             )
         else:
-            yield f"config: {where} names '{name}', which is not there; {meant(name, choices)}"
+            yield f"config: {where} names '{name}', which does not exist; {meant(name, choices)}"
+
+    def _other_recording(self, name: str, other: str, key: str) -> Iterator[str]:
+        """Yield a line if the key of a diagnosed recording names no other diagnosed recording."""
+        if other == name or other not in self.names.diagnosed:
+            others = ", ".join(sorted(set(self.config["diagnosis"]["recordings"]) - {name})) or "none"
+            removed = f", which diagnosis.recordings.{other}: null removes" * (other in self.names.diagnosed.removed)
+            yield (
+                f"config: diagnosis.recordings.{name}.{key} is '{other}'{removed}; name another diagnosed recording: "
+                f"{others}"
+            )
 
     def _of_algorithm(self, name: str, algorithm: str, where: str) -> Iterator[str]:
         yield from self._known(name, self.names.protocols, where)
@@ -157,7 +167,7 @@ class Rules:
     # Rules
 
     def _case(self) -> Iterator[str]:
-        """Names that files are called after differ in more than case."""
+        """Names that are part of file names must differ in more than case."""
         names = self.names
         for section in (
             names.protocols,
@@ -172,7 +182,7 @@ class Rules:
                 yield f"config: {section.path}: {alike[0]} and {alike[1]} differ only in case; rename one of them"
 
     def _files(self) -> Iterator[str]:
-        """Recordings, scanners and comparisons write different files, and none into a folder that another writes."""
+        """Recordings, scanners and comparisons must write different files, and not into folders of each other."""
         names, compared = self.names, self.config["diagnosis"]["comparisons"]
         written: list[tuple[str, Entries, str]] = []
         for output in OUTPUTS:
@@ -189,7 +199,7 @@ class Rules:
         for path, section, name in written:
             for known in (path, *map(str, PurePosixPath(path).parents)):
                 other, others_name = owners.get(known, (section, name))
-                if others_name != name:  # _diagnosed_comparisons has the equal ones
+                if others_name != name:  # equal names are checked by _diagnosed_comparisons
                     both = sorted((f"{other.path}.{others_name}", f"{section.path}.{name}"))
                     yield f"config: {both[0]} and {both[1]} both write to {known}; rename one of them"
                     return
@@ -197,15 +207,15 @@ class Rules:
     def _levels(self) -> Iterator[str]:
         for name, level in self.levels.items():
             if ("A" in level) == ("meets" in level):
-                yield f"config: noise.levels.{name}: give it either A or meets"
+                yield f"config: noise.levels.{name}: give either A or meets"
 
     def _repositioned(self) -> Iterator[str]:
-        """Something moves, and where repeats are held against each other voxel by voxel, enough of them do not."""
+        """Re-positioning needs a motion, and analyses that compare voxels need enough repeats without it."""
         moved = self.config["repeats"]
         if not moved["repositioned"]:
             return
         if self.config.get("phantom", {}).get("source") == "object":
-            yield "config: repeats.repositioned is for phantom.source synthetic or ct, not object; take it out"
+            yield "config: repeats.repositioned is for phantom.source synthetic or ct, not object; remove it"
         if not moved["shift_mm"] and not moved["turn_deg"]:
             yield "config: repeats.repositioned moves nothing without shift_mm or turn_deg; give one of them"
         uses = dict.fromkeys(self.analyses.get("noise_calibration", {}).get("noise", []), "analyses.noise_calibration")
@@ -220,7 +230,8 @@ class Rules:
             if repeats - moved["repositioned"] < least[where]:
                 yield (
                     f"config: repeats.repositioned is {moved['repositioned']}, and noise.levels.{level} has {repeats} "
-                    f"repeats; {where} compares voxels and needs at least {least[where]} in one place, so give more"
+                    f"repeats; {where} compares voxels and needs at least {least[where]} repeats that are not "
+                    "re-positioned, so give more"
                 )
 
     def _protocols(self) -> Iterator[str]:
@@ -236,42 +247,42 @@ class Rules:
                 )
 
     def _voxels(self) -> Iterator[str]:
-        """Kernels and a scanner's voxels are of filtered back-projection, and such images are for features alone."""
+        """Kernels and scanner voxels need filtered back-projection, and such images serve for features only."""
         normalise = self.config["reconstruction"]["fbp"]["normalise"]
         for name, protocol in self.protocols.items():
             for key in ("kernel", "voxels"):
                 where = f"config: protocols.{name}.{key}"
                 if key in protocol and protocol["algorithm"] != "fbp":
-                    yield f"{where} is for algorithm fbp, and this protocol's is {protocol['algorithm']}; take it out"
+                    yield f"{where} is for algorithm fbp, and this protocol's is {protocol['algorithm']}; remove it"
                 elif key in protocol and normalise != "coverage":
                     yield f"{where} needs reconstruction.fbp.normalise: coverage"
             kernel = protocol.get("kernel")
             if kernel and kernel["mtf50_per_cm"] >= kernel["mtf10_per_cm"]:
                 yield (
-                    f"config: protocols.{name}.kernel: its MTF is a half at {kernel['mtf50_per_cm']:g} and a tenth at "
-                    f"{kernel['mtf10_per_cm']:g} per cm; the first must be less than the second"
+                    f"config: protocols.{name}.kernel: mtf50_per_cm is {kernel['mtf50_per_cm']:g}, mtf10_per_cm is "
+                    f"{kernel['mtf10_per_cm']:g}; the first must be less than the second"
                 )
             stated = protocol.get("physics", self.config["physics"]) if "voxels" in protocol else {}
             if of_images := stated and set(stated) & set(image_effects()):
                 yield (
-                    f"config: protocols.{name}.voxels: images in boxes are without {min(of_images)}, which acts on "
-                    "whole ones; take one of them out"
+                    f"config: protocols.{name}.voxels: its images are boxes around ROIs, and {min(of_images)} acts on "
+                    "whole images; remove one of them"
                 )
         boxed = {name for name, protocol in self.protocols.items() if "voxels" in protocol}
         if boxed and self.config.get("phantom", {}).get("source") == "object":
-            yield f"config: protocols.{min(boxed)}.voxels is for phantom.source synthetic or ct; take it out"
-        takers = {"analyses.optimal.fbp": self.analyses.get("optimal", {}).get("fbp")}
+            yield f"config: protocols.{min(boxed)}.voxels is for phantom.source synthetic or ct; remove it"
+        users = {"analyses.optimal.fbp": self.analyses.get("optimal", {}).get("fbp")}
         for name, comparison in self._changed_images():
-            takers[f"diagnosis.comparisons ({name})"] = comparison["protocol"]
+            users[f"diagnosis.comparisons ({name})"] = comparison["protocol"]
         for name, settings in self.config["diagnosis"]["recordings"].items():
-            takers[f"diagnosis.recordings.{name}.protocol"] = settings.get("protocol")
+            users[f"diagnosis.recordings.{name}.protocol"] = settings.get("protocol")
         for path in self.config["dicom"]["images"]:
-            takers[f"dicom.images ({path})"] = path.partition("/")[0]
-        for where, name in takers.items():
+            users[f"dicom.images ({path})"] = path.partition("/")[0]
+        for where, name in users.items():
             if name in boxed:
                 yield (
-                    f"config: {where} names '{name}', whose images are of a scanner's voxels around ROIs only; name "
-                    "a protocol without voxels"
+                    f"config: {where} names '{name}', whose images are boxes around ROIs; name a protocol without "
+                    "voxels"
                 )
 
     def _stability(self) -> Iterator[str]:
@@ -281,15 +292,14 @@ class Rules:
         yield from self._known(noise, self.names.levels, "analyses.stability.noise")
         reason = f"analyses.stability needs at least {RANKSUM_REPEATS} for a rank-sum test"
         yield from self._repeated(noise, RANKSUM_REPEATS, reason)
-        broken = set(self.names.protocols) - set(self.protocols)
-        grouped = {protocol["group"] for protocol in self.protocols.values() if "group" in protocol}
-        if len(grouped) < 2 and not broken:
+        invalid = set(self.names.protocols) - set(self.protocols)
+        grouped = [protocol for protocol in self.protocols.values() if "group" in protocol]
+        if len({protocol["group"] for protocol in grouped}) < 2 and not invalid:
             yield "config: analyses.stability needs at least two protocols with a group number"
-        if self.analyses["stability"]["without_physics"] and not broken:
-            every = [protocol for protocol in self.protocols.values() if "group" in protocol]
-            if not any(protocol.get("physics", self.config["physics"]) for protocol in every):
+        if self.analyses["stability"]["without_physics"] and not invalid:
+            if not any(protocol.get("physics", self.config["physics"]) for protocol in grouped):
                 where = "config: analyses.stability.without_physics"
-                yield f"{where}: no protocol with a group has physics; state some, or take it out"
+                yield f"{where}: no protocol with a group has physics; add physics, or remove this key"
             for name in self.protocols:
                 if name + WITHOUT_PHYSICS in self.protocols and "group" in self.protocols[name]:
                     yield (
@@ -316,18 +326,18 @@ class Rules:
             yield from self._repeated(level, MINIMUM_REPEATS, reason)
             if "meets" in self.levels.get(level, {}) and "A" not in self.levels[level]:
                 yield (
-                    f"config: analyses.noise_calibration.noise names '{level}', whose A it is to find; name levels "
-                    "that have an A"
+                    f"config: analyses.noise_calibration.noise names '{level}', whose A depends on the calibration; "
+                    "name levels that have an A"
                 )
         values = [self.levels.get(level, {}).get("A") for level in calibration["noise"]]
         if None not in values and len(set(values)) < 2:
             yield (
-                "config: analyses.noise_calibration.noise names levels of one A only; give two different ones, as no "
-                "line goes through one point"
+                "config: analyses.noise_calibration.noise names levels with the same A; the fit of a line needs two "
+                "different values"
             )
 
     def _physics(self) -> Iterator[str]:
-        """Effects and their parameters, of the first protocol that has them: those of `physics` are of all."""
+        """Check effects and parameters once for each different `physics`, because many protocols share it."""
         seen = []
         for name, protocol in self.protocols.items():
             stated = protocol.get("physics", self.config["physics"])
@@ -351,7 +361,7 @@ class Rules:
                     yield str(error)
 
     def _parallel(self) -> Iterator[str]:
-        """Effects of a focal spot need one."""
+        """Effects of the focal spot need a divergent beam."""
         for name, protocol in self.protocols.items():
             scan = self.config["scans"].get(protocol["scan"]) if protocol.get("scan") else self.config.get("scan")
             if (scan or {}).get("beam") == PARALLEL:
@@ -361,11 +371,11 @@ class Rules:
                     yield f"config: protocols.{name}.physics: {effect} needs a focal spot; the scan's beam is parallel"
 
     def _physics_from(self, stated: dict, where: str) -> Iterator[str]:
-        name, beside = stated["from"], sorted(set(stated) - {"from"})
-        if beside:
-            yield f"{where} has from and {beside[0]}; keep the one or the other"
+        name, effects = stated["from"], sorted(set(stated) - {"from"})
+        if effects:
+            yield f"{where} has from and {effects[0]}; keep one of them"
         if name in self.names.diagnosed and name in self.names.scanners:
-            yield f"{where}.from is '{name}', a recording and a scanner under diagnosis; call one of them otherwise"
+            yield f"{where}.from is '{name}', a recording and a scanner under diagnosis; rename one of them"
         yield from self._known(name, self.names.diagnosed, f"{where.split(': ')[1]}.from", self.names.scanners)
 
     def _matched(self) -> Iterator[str]:
@@ -376,8 +386,8 @@ class Rules:
                 yield from self._known(level["meets"]["recording"], self.names.recordings, where)
                 if level["meets"]["protocol"] not in calibrated:
                     yield (
-                        f"config: noise.levels.{name}.meets.protocol is '{level['meets']['protocol']}', which the "
-                        "noise calibration does not hold; add it to analyses.noise_calibration.protocols"
+                        f"config: noise.levels.{name}.meets.protocol is '{level['meets']['protocol']}', which is not "
+                        "in the noise calibration; add it to analyses.noise_calibration.protocols"
                     )
 
     def _comparisons(self) -> Iterator[str]:
@@ -390,11 +400,11 @@ class Rules:
             yield from self._repeated(comparison["noise"], COMPARED_REPEATS, reason)
 
     def _diagnosed(self) -> Iterator[str]:
-        """Recordings under diagnosis.recordings."""
+        """Check diagnosis.recordings and diagnosis.scanners."""
         diagnosed = self.config["diagnosis"]["recordings"]
         for name, settings in diagnosed.items():
             yield from self._known(name, self.names.recordings, "diagnosis.recordings")
-            yield from self._one_diagnosed(name, settings, diagnosed)
+            yield from self._diagnosed_recording(name, settings, diagnosed)
             if "protocol" in settings:
                 where = f"diagnosis.recordings.{name}.protocol"
                 yield from self._known(settings["protocol"], self.names.protocols, where)
@@ -405,7 +415,7 @@ class Rules:
                 yield from self._known(recording, self.names.diagnosed, where)
                 for key in ("physics_from", "baseline_from"):
                     if other := diagnosed.get(recording, {}).get(key):
-                        yield f"config: {where} names '{recording}', which has its {key} {other}; take that out"
+                        yield f"config: {where} names '{recording}', which has {key}: {other}; remove that key"
             yield from self._judged_of_scanner(name, scanner)
             yield from self._protocols_of_scanner(name, scanner)
 
@@ -414,7 +424,7 @@ class Rules:
         for recording in scanner["judged_on"]:
             yield from self._known(recording, scanner["recordings"], where)
         if len(set(scanner["recordings"]) - set(scanner["judged_on"])) < 2:
-            yield f"config: {where} leaves fewer than two recordings to choose by; take some out of it"
+            yield f"config: {where} leaves fewer than two recordings for the selection of effects; remove some from it"
 
     def _protocols_of_scanner(self, name: str, scanner: dict) -> Iterator[str]:
         where, seen = f"diagnosis.scanners.{name}.protocols", {}
@@ -422,53 +432,45 @@ class Rules:
             for recording in recordings:
                 yield from self._known(recording, scanner["recordings"], f"{where}.{protocol}")
                 if recording in seen:
-                    yield f"config: {where}: '{recording}' is of {seen[recording]} and of {protocol}; keep one of them"
+                    yield f"config: {where}: '{recording}' is in {seen[recording]} and in {protocol}; keep one of them"
                 seen[recording] = protocol
 
-    def _one_diagnosed(self, name: str, settings: dict, diagnosed: dict) -> Iterator[str]:
+    def _diagnosed_recording(self, name: str, settings: dict, diagnosed: dict) -> Iterator[str]:
         where = f"config: diagnosis.recordings.{name}"
         if "disc" in settings and "object" in settings:
             yield f"{where} has both disc and object; keep the one that was scanned"
         yield from self._object(settings.get("object", {"kind": ""}), f"{where}.object")
         if "baseline_from" in settings:
-            yield from self._baseline_from(name, settings, diagnosed)
-        if "physics_from" not in settings:
-            return
-        other = settings["physics_from"]
-        if other == name or other not in self.names.diagnosed:
-            others = ", ".join(sorted(set(diagnosed) - {name})) or "none"
-            removed = f", which diagnosis.recordings.{other}: null removes" * (other in self.names.diagnosed.removed)
-            yield f"{where}.physics_from is '{other}'{removed}; name another diagnosed recording: {others}"
-        elif "physics_from" in diagnosed.get(other, {}):
-            yield f"{where}.physics_from is '{other}', which has its physics from elsewhere; name that one"
-        elif "effects" in settings:
-            yield f"{where} has both effects and physics_from; effects are those of '{other}', remove effects"
-
-    def _baseline_from(self, name: str, settings: dict, diagnosed: dict) -> Iterator[str]:
-        where, other = f"config: diagnosis.recordings.{name}", settings["baseline_from"]
+            other = settings["baseline_from"]
+            if "physics_from" in settings:
+                yield f"{where} has both physics_from and baseline_from; keep one of them"
+            if unknown := list(self._other_recording(name, other, "baseline_from")):
+                yield from unknown
+            elif keys := {"physics_from", "baseline_from"} & set(diagnosed.get(other, {})):
+                yield f"{where}.baseline_from is '{other}', which has {min(keys)}; name the recording given there"
         if "physics_from" in settings:
-            yield f"{where} has both physics_from and baseline_from; keep the one or the other"
-        if other == name or other not in self.names.diagnosed:
-            others = ", ".join(sorted(set(diagnosed) - {name})) or "none"
-            removed = f", which diagnosis.recordings.{other}: null removes" * (other in self.names.diagnosed.removed)
-            yield f"{where}.baseline_from is '{other}'{removed}; name another diagnosed recording: {others}"
-        elif taken := {"physics_from", "baseline_from"} & set(diagnosed.get(other, {})):
-            yield f"{where}.baseline_from is '{other}', which has its own {min(taken)}; name that one"
+            other = settings["physics_from"]
+            if unknown := list(self._other_recording(name, other, "physics_from")):
+                yield from unknown
+            elif "physics_from" in diagnosed.get(other, {}):
+                yield f"{where}.physics_from is '{other}', which has physics_from; name the recording given there"
+            elif "effects" in settings:
+                yield f"{where} has both effects and physics_from; the effects come from '{other}', so remove effects"
 
     def _object(self, settings: dict, where: str) -> Iterator[str]:
-        """A mask with its material, a label map with its materials, or the kind of an object of shapes."""
-        masked, labelled, shaped = (
-            {drawn, of} & set(settings)
-            for drawn, of in (("mask", "material"), ("labels", "materials"), ("kind", "parameters"))
+        """An object is a mask with its material, a label map with its materials, or an object of shapes by its kind."""
+        masked, labeled, shaped = (
+            set(keys) & set(settings)
+            for keys in (("mask", "material"), ("labels", "materials"), ("kind", "parameters"))
         )
-        both = [min(keys) for keys in (masked, labelled, shaped) if keys]
+        both = [min(keys) for keys in (masked, labeled, shaped) if keys]
         if len(both) > 1:
             yield (
                 f"{where} has both {both[0]} and {both[1]}; keep mask and material, labels and materials, or kind and "
                 "parameters"
             )
-        elif "kind" not in settings and 2 not in (len(masked), len(labelled)):
-            yield f"{where} needs kind, an object of shapes, a mask and its material, or labels and their materials"
+        elif "kind" not in settings and 2 not in (len(masked), len(labeled)):
+            yield f"{where} needs kind (an object of shapes), mask and material, or labels and materials"
 
     def _changed_images(self) -> Iterator[tuple[str, dict]]:
         """Names and settings of the comparisons under diagnosis, which change the simulated images voxel by voxel."""
@@ -481,8 +483,8 @@ class Rules:
             yield from self._known(name, self.names.comparisons, "diagnosis.comparisons")
             if name in self.names.diagnosed:
                 yield (
-                    f"config: diagnosis.comparisons names '{name}', as diagnosis.recordings does; both would be "
-                    "written to one folder, so name the comparison otherwise"
+                    f"config: diagnosis.comparisons and diagnosis.recordings both have '{name}', and would write to "
+                    "the same folder; rename the comparison"
                 )
 
     def _further_recordings(self) -> Iterator[str]:
@@ -516,13 +518,13 @@ class Rules:
             yield from self._regions(phantom.get("ct", {}).get("rois", []))
 
     def _regions(self, rois: list[dict]) -> Iterator[str]:
-        """Labels of regions of public scans, which have become numbers where they are known."""
+        """Check labels of regions of public scans. Known names have already become numbers."""
         regions = self.config["public_scans"]["regions"]
         for roi in rois:
             label = roi.get("label")
             if isinstance(label, str) or label is None or label > len(regions):
                 yield (
-                    f"config: phantom.ct.rois: {roi['name']} has the label {label}, which is none of "
+                    f"config: phantom.ct.rois: {roi['name']} has the label {label}, which is not in "
                     f"public_scans.regions; {meant(str(label), map(str, regions))}"
                 )
 
@@ -532,15 +534,15 @@ class Rules:
         for name, scan in scans.items():
             if scan.get("beam") == PARALLEL:
                 if scan.get("detector", FLAT) != FLAT or scan.get("flying_focal_spot"):
-                    yield f"config: {name}.beam is parallel; take {name}.detector and {name}.flying_focal_spot out"
+                    yield f"config: {name}.beam is parallel; remove {name}.detector and {name}.flying_focal_spot"
                 continue
             if scan["source_to_detector_mm"] <= scan["source_to_isocentre_mm"]:
                 yield f"config: {name}.source_to_detector_mm must be larger than source_to_isocentre_mm"
             if scan.get("arc_radius_mm") is not None and scan.get("detector", FLAT) == FLAT:
-                yield f"config: {name}.arc_radius_mm is of a cylindrical detector; set {name}.detector: cylindrical"
+                yield f"config: {name}.arc_radius_mm is for a cylindrical detector; set {name}.detector: cylindrical"
 
     def _measured(self) -> Iterator[str]:
-        """Measured data need the printed phantom's ROIs, and components fitted on them need the data."""
+        """Measured data need the ROIs of the printed phantom, and components that are fitted on them need the data."""
         phantom = self.config.get("phantom", {})
         if not self.config["measured"]["overlay"]:
             for figure, selection in self.analyses.get("pca", {}).items():
@@ -551,24 +553,24 @@ class Rules:
                     )
         elif phantom.get("source") == "object":
             yield (
-                "config: measured.overlay is for the ROIs of the printed phantom alone, and phantom.source is object; "
+                "config: measured.overlay needs the ROIs of the printed phantom, and phantom.source is object; "
                 "set measured.overlay: false"
             )
         elif phantom.get("source") == "ct" and "ct" in phantom:
-            # Here, because they take a second to load, and every start of the workflow reads the configuration.
+            # Imported here, because the import takes a second and every start of the workflow reads the configuration.
             from ..phantom.rois import read_roi_entries
             from ..statistics.measured import TISSUE_CLASSES
 
             settings = phantom["ct"]
             try:
                 entries = read_roi_entries(settings["rois"], settings.get("labels"))
-            except InputError:  # said where the phantom's files are looked at
+            except InputError:  # reported by the checks of the phantom's files
                 return
             names = {name for entry in entries for name in entry.names}
-            for verb, odd in (("gives", names - set(TISSUE_CLASSES)), ("lacks", set(TISSUE_CLASSES) - names)):
-                if odd:
+            for verb, wrong in (("also has", names - set(TISSUE_CLASSES)), ("lacks", set(TISSUE_CLASSES) - names)):
+                if wrong:
                     yield (
-                        f"config: measured.overlay is for the ROIs {', '.join(TISSUE_CLASSES)} alone, and "
-                        f"phantom.ct.rois {verb} {', '.join(sorted(odd)[:3])}; set measured.overlay: false"
+                        f"config: measured.overlay needs exactly the ROIs {', '.join(TISSUE_CLASSES)}, and "
+                        f"phantom.ct.rois {verb} {', '.join(sorted(wrong)[:3])}; set measured.overlay: false"
                     )
                     return

@@ -1,4 +1,4 @@
-"""Which acquisitions a study needs: protocols x noise levels x seeds, and how jobs share them out."""
+"""Plan of a study: its acquisitions (protocols x noise levels x seeds) and their distribution over jobs."""
 
 from __future__ import annotations
 
@@ -7,47 +7,35 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-# Settings of a scan that came after scores were kept: at these values they change none of them.
-LATER = {"beam": "divergent", "detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None}
+# Keys of a scan that are newer than the saved scores. With these values they are not part of the hash of the settings.
+NEWER_KEYS = {"beam": "divergent", "detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None}
 
-
-OF_PHYSICS = ("physics", "image_physics", "physics_from")
-WITHOUT_PHYSICS = "_without_physics"  # what the name of a protocol gets that is scanned without its effects too
+PHYSICS_KEYS = ("physics", "image_physics", "physics_from")
+WITHOUT_PHYSICS = "_without_physics"  # suffix of protocols that are copies without effects
 
 
 def without_physics(protocols: Mapping[str, Mapping]) -> dict[str, dict]:
-    """Protocols with a group, as they are without the effects that they have.
-
-    Parameters
-    ----------
-    protocols : mapping of str to mapping
-        By name.
-
-    Returns
-    -------
-    dict of str to dict
-        By a name of their own, without a group.
-    """
+    """Return copies without effects and group of the protocols with a group and effects, under new names."""
     return {
-        f"{name}{WITHOUT_PHYSICS}": {key: of for key, of in settings.items() if key not in ("group", *OF_PHYSICS)}
+        f"{name}{WITHOUT_PHYSICS}": {k: value for k, value in settings.items() if k not in ("group", *PHYSICS_KEYS)}
         for name, settings in protocols.items()
-        if "group" in settings and any(settings.get(key) for key in OF_PHYSICS)
+        if "group" in settings and any(settings.get(key) for key in PHYSICS_KEYS)
     }
 
 
-def _without_later(geometry: dict) -> dict:
-    scan = {key: value for key, value in geometry["scan"].items() if key not in LATER or value != LATER[key]}
+def _without_newer_keys(geometry: dict) -> dict:
+    scan = {key: value for key, value in geometry["scan"].items() if key not in NEWER_KEYS or value != NEWER_KEYS[key]}
     return geometry | {"scan": scan}
 
 
 @dataclass(frozen=True)
 class Plan:
-    """All that the workflow has to know of a complete configuration (config.complete)."""
+    """Acquisitions of a complete configuration (config.complete)."""
 
     config: dict
 
     def geometry_of(self, protocol: str) -> str:
-        """Label of a protocol's geometry and physics. Protocols that differ in the reconstruction alone share it."""
+        """Return the label of a protocol's geometry and physics. Reconstructions of the same scan share it."""
         settings = self.config["protocols"][protocol]
         scan, physics = settings.get("scan"), settings.get("physics")
         label = f"{scan}_views{settings['projections']}" if scan else f"views{settings['projections']}"
@@ -59,23 +47,15 @@ class Plan:
         return label
 
     def geometry_settings(self, label: str) -> dict:
-        """What protocols of one geometry share.
+        """Return the settings of a geometry by its label (see `geometry_of`).
 
-        Parameters
-        ----------
-        label : str
-            As `geometry_of` gives it.
-
-        Returns
-        -------
-        dict
-            {scan: the whole scan section, projections: int, physics: {effect: parameters}}, and physics_from where that
-            is what a diagnosis finds.
+        They are scan (complete section), projections, physics {effect: parameters}, and physics_from for physics that a
+        diagnosis finds.
 
         Raises
         ------
         KeyError
-            For a label that no protocol has.
+            For an unknown label.
         """
         for protocol, settings in self.config["protocols"].items():
             if self.geometry_of(protocol) == label:
@@ -90,45 +70,47 @@ class Plan:
         raise KeyError(label)
 
     def has_physics(self, label: str) -> bool:
-        """Whether scans of a geometry have effects, stated or to be found."""
+        """Whether scans of a geometry have effects, from the configuration or from a diagnosis."""
         settings = self.geometry_settings(label)
         return bool(settings["physics"]) or "physics_from" in settings
 
     def voxels_of(self, protocol: str) -> str | None:
-        """Label of a protocol's own voxels; None where its images lie on the study's grid."""
+        """Return the label of a protocol's own voxels; None if its images are on the study's grid."""
         if voxels := self.config["protocols"][protocol].get("voxels"):
-            return "_".join(["voxels", *(f"{wide:g}".replace(".", "p") for wide in voxels["spacing_mm"])])
+            return "_".join(["voxels", *(f"{size:g}".replace(".", "p") for size in voxels["spacing_mm"])])
         return None
 
     def voxel_spacing(self, label: str) -> list[float] | None:
-        """The voxel size of a label of `voxels_of`, mm (z, y, x); None for any other, such as the study's grid."""
-        labelled = {self.voxels_of(protocol): of for protocol, of in self.config["protocols"].items() if "voxels" in of}
-        return labelled[label]["voxels"]["spacing_mm"] if label in labelled else None
+        """Return the voxel size of a label of `voxels_of`, mm (z, y, x); None for other labels."""
+        for protocol, settings in self.config["protocols"].items():
+            if "voxels" in settings and self.voxels_of(protocol) == label:
+                return settings["voxels"]["spacing_mm"]
+        return None
 
     def geometries(self) -> list[str]:
-        """The labels of all geometries, sorted."""
+        """Return the labels of all geometries, sorted."""
         return sorted({self.geometry_of(protocol) for protocol in self.config["protocols"]})
 
     def seeds(self, noise: str) -> list[str]:
-        """Two-digit seed labels of a noise level."""
+        """Return the two-digit seed labels of a noise level."""
         return [f"{seed:02d}" for seed in range(self.config["noise"]["levels"][noise]["repeats"])]
 
     def moved(self, noise: str) -> list[str]:
-        """Seed labels of a noise level before which the phantom is re-positioned: the last."""
+        """Return the seed labels of a noise level with a re-positioned phantom, which are the last."""
         seeds = self.seeds(noise)
         return seeds[max(len(seeds) - self.config["repeats"]["repositioned"], 0) :]
 
     def still(self, noise: str) -> list[str]:
-        """Seed labels of a noise level in which the phantom lies where it is said to."""
+        """Return the seed labels of a noise level with the phantom at its nominal position."""
         return self.seeds(noise)[: len(self.seeds(noise)) - len(self.moved(noise))]
 
     def moved_scans(self) -> list[tuple[str, str]]:
-        """Every (geometry, seed) of a re-positioned repeat that some analysis asks for, sorted."""
+        """Return (geometry, seed) of every re-positioned repeat that an analysis needs, sorted."""
         wanted = self.acquisitions()
         return sorted({(self.geometry_of(protocol), seed) for protocol, noise in wanted for seed in self.moved(noise)})
 
     def seed_batches(self) -> dict[tuple[str, ...], list[str]]:
-        """Every batch of seeds that one job handles, and the noise levels that have it."""
+        """Return {batch of seeds of one job: noise levels that have it}."""
         size = self.config["seeds_per_job"]
         batches: dict[tuple[str, ...], list[str]] = {}
         for noise in self.config["noise"]["levels"]:
@@ -138,17 +120,12 @@ class Plan:
         return batches
 
     def bundles(self) -> dict[tuple[tuple[str, str], ...], list[str]]:
-        """Every bundle of (noise level, seed) that one job reconstructs, and the protocols that have it.
+        """Return {bundle of (noise level, seed) that one job reconstructs: protocols that have it}.
 
-        Levels are kept whole where seeds_per_job allows, and fill bundles up in the order of noise.levels: realisations
-        are lanes, and full registers cost no more. Which levels go together does not depend on which of them a
-        protocol is asked for, so that another analysis does not repack what is there. Levels whose A is found from
-        other images are never in one bundle with these.
-
-        Returns
-        -------
-        dict of tuple to list of str
-            {bundle: protocols}.
+        Realizations are lanes of vector registers, so that full bundles cost no more. A noise level stays in one bundle
+        if seeds_per_job allows, and levels fill the bundles in the order of noise.levels. The grouping is the same for
+        all protocols, so that a further analysis does not change existing bundles. Levels whose A is matched to other
+        images are never in one bundle with those images.
         """
         size = self.config["seeds_per_job"]
         levels = self.config["noise"]["levels"]
@@ -166,28 +143,28 @@ class Plan:
         bundles: dict[tuple[tuple[str, str], ...], list[str]] = {}
         for protocol in self.config["protocols"]:
             for group in together:
-                if bundle := tuple(one for one in group if (protocol, one[0]) in wanted):
+                if bundle := tuple((noise, seed) for noise, seed in group if (protocol, noise) in wanted):
                     bundles.setdefault(bundle, []).append(protocol)
         return bundles
 
     def repeats(self, noise: list[str]) -> int:
-        """Seeds that all of these noise levels have."""
+        """Return the number of seeds that all of these noise levels have."""
         return min(self.config["noise"]["levels"][level]["repeats"] for level in noise)
 
     def groups(self) -> dict[str, int]:
-        """{protocol: group number} of the stability analysis."""
+        """Return {protocol: group number} of the stability analysis."""
         return {name: settings["group"] for name, settings in self.config["protocols"].items() if "group" in settings}
 
     def groups_without_physics(self) -> dict[str, int]:
-        """The same of those that are scanned without their effects too, and of those that have none."""
+        """Return {protocol: group number} with each protocol replaced by its copy without effects, if it has one."""
         if not self.config["analyses"].get("stability", {}).get("without_physics"):
             return {}
-        twins = without_physics(self.config["protocols"])
-        named = {name: f"{name}{WITHOUT_PHYSICS}" for name in self.groups()}
-        return {named[name] if named[name] in twins else name: group for name, group in self.groups().items()}
+        copies = without_physics(self.config["protocols"])
+        names = {name: f"{name}{WITHOUT_PHYSICS}" for name in self.groups()}
+        return {names[name] if names[name] in copies else name: group for name, group in self.groups().items()}
 
     def scored_settings(self) -> str:
-        """Hash of every setting that the stability analysis' scores depend on, but for the seed; "" without one."""
+        """Return a hash of all settings except the seed that affect the stability scores; "" without that analysis."""
         if "stability" not in self.config["analyses"]:
             return ""
         noise = {key: value for key, value in self.config["noise"].items() if key != "levels"}
@@ -199,7 +176,7 @@ class Plan:
             "protocols": {
                 name: {
                     **self.config["protocols"][name],
-                    **_without_later(self.geometry_settings(self.geometry_of(name))),
+                    **_without_newer_keys(self.geometry_settings(self.geometry_of(name))),
                 }
                 for name in self.groups()
             },
@@ -209,7 +186,7 @@ class Plan:
         return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:16]
 
     def acquisitions(self) -> list[tuple[str, str]]:
-        """Every (protocol, noise level) that some analysis asks for, sorted."""
+        """Return every (protocol, noise level) that an analysis needs, sorted."""
         analyses = self.config["analyses"]
         wanted = set()
         if "stability" in analyses:
@@ -220,19 +197,13 @@ class Plan:
         if "noise_calibration" in analyses:
             calibration = analyses["noise_calibration"]
             wanted |= {(protocol, noise) for protocol in calibration["protocols"] for noise in calibration["noise"]}
-        wanted |= {(one["protocol"], one["noise"]) for one in analyses.get("comparison", {}).values()}
+        comparisons = analyses.get("comparison", {}).values()
+        wanted |= {(comparison["protocol"], comparison["noise"]) for comparison in comparisons}
         for selection in analyses.get("pca", {}).values():
             wanted |= {(protocol, noise) for protocol in selection["protocols"] for noise in selection["noise"]}
         return sorted(wanted)
 
     def featured(self) -> list[tuple[str, str]]:
-        """Those of `acquisitions` whose features are used: all but the ones for the noise calibration alone."""
-        calibration_only = Plan(
-            {
-                **self.config,
-                "analyses": {
-                    key: value for key, value in self.config["analyses"].items() if key != "noise_calibration"
-                },
-            }
-        )
-        return calibration_only.acquisitions()
+        """Return the acquisitions whose features are used: all except those for the noise calibration only."""
+        analyses = {key: value for key, value in self.config["analyses"].items() if key != "noise_calibration"}
+        return Plan({**self.config, "analyses": analyses}).acquisitions()

@@ -1,4 +1,4 @@
-"""Public scans of the printed phantom that a study takes: which, where they lie, and what is still to be brought."""
+"""Public scans of the printed phantom that a study uses: selection, folders, and scans that are still to be fetched."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from ..base.errors import InputError
+from ..base.names import counted
 from ..io.published import resources_folder
 from ..recordings.document import Document, planned_document, read_document
 from ..recordings.public_scans.features import EXTRACTED, FLAT, recording_content
@@ -16,47 +17,47 @@ from .dependencies import resource
 from .outputs import Files
 from .plan import Plan
 
-COMPARED = "public_scans.compared"  # in place of a recording's folder
-NAMES = {COMPARED + way: f"compared_features{way}" for way in EXTRACTED}  # such places, and what is made for them
+COMPARED = "public_scans.compared"  # value of `recordings` instead of a folder
+NAMES = {COMPARED + way: f"compared_features{way}" for way in EXTRACTED}  # {such a value: the output made for it}
 IN_RESOURCES = "printed_phantom"  # folder of all scans, which studies share
 
 
 def made_folders(config: Mapping) -> dict[str, str]:
-    """{name in place of a recording's folder: the folder that a rule makes}."""
+    """Return {value of `recordings` instead of a folder: folder that a rule makes}."""
     made = Files(config["results_dir"].rstrip("/"))
     return {name: str(Path(made(output)).parent) for name, output in NAMES.items()}
 
 
 @dataclass(frozen=True)
 class PublicScans:
-    """Of one study."""
+    """Public scans of one study."""
 
     plan: Plan
 
     @property
     def table(self) -> str:
-        """The list of all public scans."""
+        """Path of the list of all public scans."""
         return resource("public_scans.csv")
 
     @cached_property
     def scans(self) -> tuple[PublicScan, ...]:
-        """All that the study takes.
+        """All scans that the study uses.
 
         Raises
         ------
         InputError
-            For a selection that the list cannot meet.
+            For a selection that matches no scan of the list.
         """
         return tuple(dict.fromkeys((*self.scanned, *self.compared)))
 
     @cached_property
     def scanned(self) -> tuple[PublicScan, ...]:
-        """Those whose mean is the phantom."""
+        """Scans whose mean is the phantom."""
         return self._chosen("phantom")
 
     @cached_property
     def compared(self) -> tuple[PublicScan, ...]:
-        """Those that the simulation is held against."""
+        """Scans that the simulation is compared with."""
         scans = self._chosen("compared")
         return small_subset(scans) if self.plan.config["subset"] == "small" else scans
 
@@ -65,144 +66,138 @@ class PublicScans:
         return () if selection is None else select_scans(selection, f"public_scans.{use}")
 
     def check(self) -> None:
-        """Check what the configuration asks for.
+        """Check the selected scans.
 
         Raises
         ------
         InputError
-            For what the list has not, and for an acquisition that would be held against itself.
+            For a selection that matches no scan, and for an acquisition that would be compared with itself.
         """
-        unsaid = [scan for scan in self.scanned if scan.slice_mm is None]
-        if unsaid and self.plan.config["public_scans"]["own_blur"] == "removed":
+        unknown = [scan for scan in self.scanned if scan.slice_mm is None]
+        if unknown and self.plan.config["public_scans"]["own_blur"] == "removed":
             raise InputError(
-                f"config: public_scans.phantom has scan {unsaid[0].name}, whose slice thickness the list does not say, "
-                "so that its own blur is not known; set public_scans.own_blur: kept, or take ct_phantom4radiomics"
+                f"config: public_scans.phantom has scan {unknown[0].name} with unknown slice thickness, so the blur of "
+                "its scanner is unknown; set public_scans.own_blur: kept or use ct_phantom4radiomics"
             )
-        own = {(scan.collection, scan.acquisition) for scan in self.scanned}
-        if twice := [scan for scan in self.compared if (scan.collection, scan.acquisition) in own]:
+        scanned = {(scan.collection, scan.acquisition) for scan in self.scanned}
+        if twice := [scan for scan in self.compared if (scan.collection, scan.acquisition) in scanned]:
             raise InputError(
                 f"config: public_scans.phantom and public_scans.compared both have acquisition {twice[0].acquisition} "
-                f"of {twice[0].collection}: a scan would be held against itself; take it out of one of them"
+                f"of {twice[0].collection}: a scan would be compared with itself; remove it from one of them"
             )
 
     @property
     def regions(self) -> list:
-        """Segments of each scan that are taken, by name or number."""
+        """Segments of each scan to use, by name or number."""
         return self.plan.config["public_scans"]["regions"]
 
     @property
     def slice_mm(self) -> float | None:
-        """Thickness of the slices of those whose mean is the phantom; None if there are none."""
+        """Slice thickness of the scans whose mean is the phantom; None without such scans."""
         return self.scanned[0].slice_mm if self.scanned else None
 
     @property
     def rois(self) -> list[dict]:
-        """ROIs that regions of the scans are; their labels count the regions from 1. None of a CT of one's own."""
+        """ROIs from regions of the scans, with labels that count the regions from 1; empty for a user's own CT."""
         ct = self.plan.config["phantom"].get("ct", {})
         return ct["rois"] if "rois" in ct and (self.scanned or "image" not in ct) else []
 
     def document(self, folder: str) -> Document:
-        """What recording.yaml in a folder says, which may be that of the scans that are compared.
+        """Read recording.yaml in a folder, or return the document of the compared scans for a folder made from these.
 
         Raises
         ------
         InputError
-            As recordings.document.read_document does, and if no scans are compared.
+            See recordings.document.read_document; and if no scans are compared.
         """
         made = made_folders(self.plan.config)
         if folder not in made.values():
             return read_document(folder)
         if not self.compared:
-            raise InputError(f"config: recordings names {COMPARED}, which is not there; say which scans to compare")
+            raise InputError(f"config: recordings names {COMPARED}, which is missing; select the scans to compare")
         if not self.rois:
             raise InputError(
-                f"config: recordings names {COMPARED}, and phantom.ct.rois does not say which segment is which ROI; "
-                "give --configfile config/printed_phantom.yaml first, which does"
+                f"config: recordings names {COMPARED}, but phantom.ct.rois does not assign segments to ROIs; "
+                "give --configfile config/printed_phantom.yaml first"
             )
         return planned_document(
             folder, recording_content(self.compared, FLAT if folder == made[COMPARED + FLAT] else "")
         )
 
-    # Where they lie
+    # Folders and fetching
 
     @property
-    def place(self) -> str:
-        """Folder of a scan, whose name stays a wildcard."""
+    def scan_folder(self) -> str:
+        """Folder of a scan, with its name as a wildcard."""
         return f"{resources_folder()}/{IN_RESOURCES}/{{scan}}"
 
     def folders(self, scans: Iterable[PublicScan]) -> list[str]:
-        """Folders of these scans."""
-        return [self.place.format(scan=scan.name) for scan in scans]
+        """Return the folders of scans."""
+        return [self.scan_folder.format(scan=scan.name) for scan in scans]
 
     @cached_property
     def absent(self) -> tuple[PublicScan, ...]:
-        """Those that are not here yet: a rule brings them."""
-        return tuple(scan for scan in self.scans if not Path(self.place.format(scan=scan.name), SOURCE).exists())
+        """Scans that are not fetched yet."""
+        return tuple(scan for scan in self.scans if not Path(self.scan_folder.format(scan=scan.name), SOURCE).exists())
 
     @property
-    def own(self) -> str | None:
-        """A folder of somebody's own that has them."""
+    def local_folder(self) -> str | None:
+        """A user's folder that already contains the scans."""
         return self.plan.config["downloads"]["scans"]
 
     def absent_folders(self) -> list[str]:
-        """Those of what is not here yet."""
+        """Return the folders of the scans that are not fetched yet."""
         return self.folders(self.absent)
 
     def fetched(self) -> list[str]:
-        """What `snakemake fetch` brings.
+        """Return the folders that `snakemake fetch` makes.
 
         Raises
         ------
         InputError
-            If the configuration takes no public scans, or keeps none.
+            If the configuration uses no public scans, or does not keep them.
         """
-        if not self.kept:
+        if not self.keep:
             raise InputError(
-                "config: keep_scans is false, so that scans are brought when something is made of them, and deleted "
-                "then; run the study itself, or set keep_scans: true"
+                "config: keep_scans is false, so the study fetches each scan when it needs it and then deletes it; run "
+                "the study, or set keep_scans: true"
             )
         if not self.scans:
             raise InputError(
-                "config: public_scans is empty, so that there is nothing to fetch; give --configfile "
+                "config: public_scans is empty, so there is nothing to fetch; give --configfile "
                 "config/printed_phantom.yaml"
             )
         return self.folders(self.scans)
 
     @property
-    def kept(self) -> bool:
-        """Whether scans stay once everything is made of them."""
+    def keep(self) -> bool:
+        """Whether scans are kept after use."""
         return self.plan.config["keep_scans"]
 
     @cached_property
-    def wanted(self) -> tuple[PublicScan, ...]:
-        """Those of what is absent that will be brought: of scans that are not kept, what is not yet made of."""
-        if self.kept or self.own:
+    def to_fetch(self) -> tuple[PublicScan, ...]:
+        """Absent scans that will be fetched. Scans that are not kept are fetched only if a result needs them."""
+        if self.keep or self.local_folder:
             return self.absent
         made = Files(self.plan.config["results_dir"].rstrip("/"))
-        mean_is_there = Path(made("mean_scan")).exists()
-        used = set() if mean_is_there else set(self.scanned)
+        used = set() if Path(made("mean_scan")).exists() else set(self.scanned)
         used |= {scan for scan in self.compared if not Path(made("scan_features", scan=scan.name)).exists()}
         return tuple(scan for scan in self.absent if scan in used)
 
-    # What is made of them
+    # Results
 
     def feature_tables(self, output: str) -> list[str]:
-        """Of every scan that is compared, its features.
-
-        Parameters
-        ----------
-        output : {"scan_features", "scan_features_2d"}
-        """
+        """Return the features of every compared scan; `output` is "scan_features" or "scan_features_2d"."""
         made = Files(self.plan.config["results_dir"].rstrip("/"))
         return [made(output, scan=scan.name) for scan in self.compared]
 
     def recordings(self) -> list[str]:
-        """The tables of all scans that are compared.
+        """Return the tables of all compared scans.
 
         Raises
         ------
         InputError
-            If none are, or nothing says which of their segments is which ROI.
+            If no scans are compared, or their segments are not assigned to ROIs.
         """
         folders = made_folders(self.plan.config)
         for folder in folders.values():
@@ -210,29 +205,29 @@ class PublicScans:
         made = Files(self.plan.config["results_dir"].rstrip("/"))
         return [made(name) for name in NAMES.values()]
 
-    # What is said of them
+    # Texts
 
-    def listed(self, name: str) -> str:
-        """The series of one scan, for a rehearsal."""
-        scan = self.one(name)
-        series = " and ".join(
-            f"{one.modality} {one.uid} ({one.files} file{'s'[: one.files > 1]}, {one.megabytes:.0f} MB)"
-            for one in scan.series
+    def series_text(self, name: str) -> str:
+        """Return the series of one scan in words, for a dry run."""
+        scan = self.by_name(name)
+        texts = " and ".join(
+            f"{series.modality} {series.uid} ({counted(series.files, 'file')}, {series.megabytes:.0f} MB)"
+            for series in scan.series
         )
-        return f"Scan {scan.name}, {' '.join(scan.description.split())}: {series}"
+        return f"Scan {scan.name}, {' '.join(scan.description.split())}: {texts}"
 
-    def announced(self) -> str | None:
-        """How much is to be brought, before anything is; None if nothing is."""
-        if not self.wanted:
+    def fetch_text(self) -> str | None:
+        """Return the amount of data to fetch in words; None if nothing is to be fetched."""
+        if not self.to_fetch:
             return None
-        how = f"linked from {self.own}" if self.own else "fetched"
-        lines = [f"{self._amount(self.wanted)} to be {how} to {resources_folder()}/{IN_RESOURCES}"]
-        if not self.kept and not self.own:
-            lines[0] += "; each is deleted once everything is made of it"
+        how = f"linked from {self.local_folder}" if self.local_folder else "fetched"
+        lines = [f"{self._amount(self.to_fetch)} to be {how} to {resources_folder()}/{IN_RESOURCES}"]
+        if not self.keep and not self.local_folder:
+            lines[0] += "; each scan is deleted after use"
         elif len(self.absent) < len(self.scans):
-            lines[0] += f"; {len(self.scans) - len(self.absent)} of {len(self.scans)} scans are there"
+            lines[0] += f"; {len(self.scans) - len(self.absent)} of {len(self.scans)} scans already exist"
         groups: dict[tuple[str, str], list[PublicScan]] = {}
-        for scan in self.wanted:
+        for scan in self.to_fetch:
             groups.setdefault((scan.collection, scan.group), []).append(scan)
         lines += [f"  {collection}, {group}: {self._amount(of)}" for (collection, group), of in sorted(groups.items())]
         return "\n".join(lines)
@@ -244,6 +239,6 @@ class PublicScans:
         files = sum(scan.files for scan in scans)
         return f"{len(scans)} CT and {len(scans)} SEG series, {files} files, {size:.1f} GB"
 
-    def one(self, name: str) -> PublicScan:
-        """A scan by its name."""
+    def by_name(self, name: str) -> PublicScan:
+        """Return a scan by its name."""
         return next(scan for scan in self.scans if scan.name == name)

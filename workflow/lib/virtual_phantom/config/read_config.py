@@ -1,4 +1,4 @@
-"""Configuration files put together as Snakemake does it, and what is wrong with them as files."""
+"""Read configuration files and merge them as Snakemake does."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ..base.errors import InputError, meant, refusing
 from ..io.default_study import default_study
 from ..io.yaml_files import parse_yaml
 
-DEFAULT = "config/config.yaml"  # what the Snakefile begins with
-# Sections whose entries null removes.
+DEFAULT = "config/config.yaml"  # the Snakefile's default configuration
+# Sections whose entries can be removed by null.
 REMOVABLE = (
     ("protocols",),
     ("noise", "levels"),
@@ -32,20 +32,20 @@ ADVICE = "give the path of a configuration (see config/README.md)"
 
 
 def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
-    """The configuration that `snakemake --configfile` makes of files.
+    """Return the configuration that `snakemake --configfile` reads from files.
 
     Parameters
     ----------
     paths : sequence of str or Path
-        A later one changes keys of those before it, the first one those of the default study: config/config.yaml
-        in the current folder, the clone's, or what the installed package has of it.
+        Later files change keys of earlier files. The first file changes the default study: config/config.yaml in the
+        current folder or in the clone, or the copy in the installed package.
 
     Returns
     -------
     lines : list of str
-        Mistakes of files: not there, no YAML, a key that is there twice, a number that YAML reads as another one.
+        Errors of the files: missing, no YAML, a duplicate key, a number that YAML reads as another number.
     settings : dict or None
-        None, if a file cannot be read.
+        None if a file cannot be read.
     """
     lines: list[str] = []
     default = _default()
@@ -53,49 +53,48 @@ def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
     readable = True
     for path in [*([default] if default else []), *paths]:
         try:
-            own, doubtful = parse_yaml(path, ADVICE, template=_rendered)
+            content, doubtful = parse_yaml(path, ADVICE, template=_rendered)
         except InputError as error:
             lines.append(str(error))
             readable = False
             continue
         lines += doubtful
-        for line in _idle_nulls(settings, own):
+        for line in _idle_nulls(settings, content):
             note(f"{path}: {line}")
-        settings = _updated(settings, own)
+        settings = _updated(settings, content)
     return lines, settings if readable else None
 
 
 def note_idle_nulls(paths: Sequence[str | Path]) -> None:
-    """Print a note for each null that removes nothing, for configurations that Snakemake has read."""
+    """Print a note for each null that removes nothing, in configurations that Snakemake has read."""
     default = _default()
     read_configs([path for path in paths if default is None or not Path(path).samefile(default)])
 
 
 def _default() -> Path | None:
-    """The default study's file: in the current folder or in the clone."""
+    """Return the configuration of the default study in the current folder or in the clone, if any."""
     return next((path for path in (Path(DEFAULT), (clone() or Path()) / DEFAULT) if path.exists()), None)
 
 
-def _idle_nulls(settings: Mapping, own: Mapping) -> Iterator[str]:
-    """A line for each entry that a configuration removes by null from settings that do not have it."""
+def _idle_nulls(settings: Mapping, content: Mapping) -> Iterator[str]:
+    """Yield a line for each null in the content of a file that removes no entry of the settings."""
     for path in REMOVABLE:
-        before, after = settings, own
+        before, after = settings, content
         for key in path:
             before = before.get(key) if isinstance(before, Mapping) else None
             after = after.get(key) if isinstance(after, Mapping) else None
-        there = before if isinstance(before, Mapping) else {}
+        existing = before if isinstance(before, Mapping) else {}
         for name in [key for key, value in after.items() if value is None] if isinstance(after, Mapping) else ():
-            if name not in there:
+            if name not in existing:
                 where = ".".join((*path, str(name)))
-                others = [str(key) for key, value in there.items() if value is not None]
+                others = [str(key) for key, value in existing.items() if value is not None]
                 yield f"{where}: null removes nothing, as there is no such entry; {meant(str(name), others)}"
 
 
 def doubtful_entries(path: str | Path) -> list[str]:
-    """A line for what Snakemake takes from a configuration without a word, though it is probably not meant.
+    """Return a line for each value that Snakemake probably reads differently from what is meant.
 
-    These are keys that a section has twice, of which YAML takes the last, and numbers such as 010, which YAML reads
-    as 8.
+    These are duplicate keys, of which YAML takes the last, and numbers such as 010, which YAML reads as 8.
     """
     try:
         return parse_yaml(path, ADVICE)[1]
@@ -104,7 +103,7 @@ def doubtful_entries(path: str | Path) -> list[str]:
 
 
 def shipped_default() -> dict:
-    """The default study where no clone is near: what config/config.yaml has, from the library's resources."""
+    """Return the default study from the library's resources, as in config/config.yaml, for use without a clone."""
     study = default_study()
     noise = {"model": "astra", "levels": study["levels"]}
     sections = {key: study[key] for key in ("grid", "scan", "protocols", "analyses")}
@@ -112,7 +111,7 @@ def shipped_default() -> dict:
 
 
 def _rendered(text: str) -> dict:
-    """A configuration that is a YTE template, as Snakemake renders it."""
+    """Return a configuration that is a YTE template, as Snakemake renders it."""
     try:
         import yte  # Snakemake installs it
     except ImportError:
@@ -123,10 +122,10 @@ def _rendered(text: str) -> dict:
         return yte.process_yaml(text, require_use_yte=True)
 
 
-def _updated(settings: Mapping, own: Mapping) -> dict:
-    """As snakemake.utils.update_config: sections are merged, anything else is replaced."""
+def _updated(settings: Mapping, changes: Mapping) -> dict:
+    """Merge sections and replace other values, as snakemake.utils.update_config does."""
     merged = copy.deepcopy(dict(settings))
-    for key, value in own.items():
+    for key, value in changes.items():
         if isinstance(value, Mapping) and isinstance(merged.get(key), Mapping):
             merged[key] = _updated(merged[key], value)
         else:

@@ -51,7 +51,6 @@ def align_recording(recording: ImagesRecording, phantom: Volume) -> tuple[Alignm
 
     Returns
     -------
-    alignment : Alignment
     mean : Volume
         HU, float32, on the recording's grid.
     shifts : tuple of RepeatShift

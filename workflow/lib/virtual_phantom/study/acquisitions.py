@@ -1,4 +1,4 @@
-"""The study's acquisitions as jobs share them out: images, noise levels, and what goes together on a cluster."""
+"""Files and settings of the study's acquisitions, and their grouping on a cluster."""
 
 from __future__ import annotations
 
@@ -9,45 +9,45 @@ from functools import cached_property
 from ..config.outputs import Files
 from ..config.plan import Plan
 
-GRID = "grid"  # what the study's own voxels are called where others may stand
-Bundle = tuple[tuple[str, str], ...]  # (noise level, seed) of every image that one job makes
+GRID = "grid"  # wildcard value for the voxels of the study, instead of a label of scanner voxels
+Bundle = tuple[tuple[str, str], ...]  # (noise level, seed) of all images that one job makes
 
 
 @dataclass(frozen=True)
 class Acquisitions:
-    """Of one study."""
+    """Acquisitions of one study."""
 
     plan: Plan
     files: Files
 
     @property
     def noise(self) -> dict:
-        """What all of them share."""
+        """Noise settings of all acquisitions."""
         noise = self.plan.config["noise"]
         return {"model": noise["model"], "draws": noise["draws"], "study_seed": self.plan.config["seed"]}
 
     def one(self, noise: str, seed: str) -> dict:
-        """What tells those of one geometry apart. The noise level is None where a job finds it."""
+        """Return the settings of one acquisition of a geometry. The noise level is None if a job determines it."""
         return {"noise": noise, "noise_level": self.plan.config["noise"]["levels"][noise].get("A"), "seed": int(seed)}
 
     def images(self, protocol: str, noise: str) -> list[str]:
-        """The images of all seeds in which the phantom lies in one place."""
+        """Return the images of all seeds with the phantom at its nominal position."""
         return [self.files("image", protocol=protocol, noise=noise, seed=seed) for seed in self.plan.still(noise)]
 
     def clean(self, geometry: str, noise: str, seed: str) -> str:
-        """The line integrals that a scan's noise is drawn on."""
+        """Return the noise-free line integrals of a scan."""
         if seed in self.plan.moved(noise):
             return self.files("moved_clean", geometry=geometry, seed=seed)
         return self.files("clean", geometry=geometry)
 
     def pose(self, seed: str) -> dict:
-        """Where the phantom lies in a re-positioned repeat: arguments of phantom.repositioning.random_pose."""
+        """Return the arguments of phantom.repositioning.random_pose for a re-positioned repeat."""
         config = self.plan.config
-        how = {key: config["repeats"][key] for key in ("shift_mm", "turn_deg")}
-        return {"study_seed": config["seed"], "seed": int(seed), **how}
+        motion = {key: config["repeats"][key] for key in ("shift_mm", "turn_deg")}
+        return {"study_seed": config["seed"], "seed": int(seed), **motion}
 
     def positions(self) -> list[dict]:
-        """Every repeat of every noise level, and whether the phantom is re-positioned before it."""
+        """Return all repeats of all noise levels, and whether the phantom is re-positioned."""
         levels = self.plan.config["noise"]["levels"]
         return [
             {"noise": noise, "seed": int(seed), "repositioned": seed in self.plan.moved(noise), "pose": self.pose(seed)}
@@ -56,11 +56,11 @@ class Acquisitions:
         ]
 
     def placed(self) -> list[str]:
-        """The table of places, where the phantom has more than one."""
+        """Return the table of positions, if the phantom is re-positioned."""
         return [self.files("positions")] if self.plan.config["repeats"]["repositioned"] else []
 
     def kept(self) -> list[str]:
-        """Projections that the study asks for beside its analyses."""
+        """Return the projections that keep_projections adds to the study."""
         if not self.plan.config["keep_projections"]:
             return []
         scanned = [(self.plan.geometry_of(protocol), noise) for protocol, noise in self.plan.acquisitions()]
@@ -71,7 +71,7 @@ class Acquisitions:
         ]
 
     def featured(self) -> list[str]:
-        """The tables of features that are merged."""
+        """Return the tables of features that are merged."""
         return [
             self.files("image_features", protocol=protocol, noise=noise, seed=seed)
             for protocol, noise in self.plan.featured()
@@ -79,66 +79,61 @@ class Acquisitions:
         ]
 
     def matched(self) -> list[str]:
-        """Noise levels whose A a job finds: they are to meet a recording."""
+        """Return the noise levels that are matched to a recording."""
         return [name for name, level in self.plan.config["noise"]["levels"].items() if "meets" in level]
 
     def level_files(self, levels: Iterable[str]) -> list[str]:
-        """The files of those of these noise levels whose A a job finds."""
+        """Return the files of the matched noise levels among these levels."""
         return [self.files("matched_level", noise=noise) for noise in dict.fromkeys(levels) if noise in self.matched()]
 
     def boxed(self, protocol: str, bundle: Bundle) -> tuple[list[str], list[str]]:
-        """Tables and masks of the ROIs that boxes are made around, one for each image; none without boxes."""
+        """Return tables and masks of the ROIs in boxes, one for each image; empty without boxes."""
         if self.voxels(protocol) is None:
             return [], []
         tables, masks = zip(*(self.rois(protocol, noise, seed) for noise, seed in bundle), strict=True)
         return list(tables), list(masks)
 
     def group(self, bundle: Bundle) -> str:
-        """Which jobs of a cluster a bundle's images and features may share.
+        """Return the group of cluster jobs of a bundle.
 
-        Those whose noise waits for other images do not go together with these.
-
-        Parameters
-        ----------
-        bundle : tuple of (str, str)
-            Noise level and seed of every image that one job makes.
+        Bundles with a matched noise level have their own group, because they wait for other images.
         """
-        waits = self.level_files(noise for noise, _ in bundle)
-        return "matched_acquisitions" if waits else "acquisitions"
+        matched = self.level_files(noise for noise, _ in bundle)
+        return "matched_acquisitions" if matched else "acquisitions"
 
     def group_of(self, protocol: str, noise: str, seed: str) -> str:
-        """The same of the bundle that one image is in."""
+        """Return the group of the bundle of one image."""
         return self.group(self._bundles[protocol, noise, seed])
 
     @cached_property
     def _bundles(self) -> Mapping[tuple[str, str, str], Bundle]:
         return {
-            (protocol, *one): bundle
+            (protocol, noise, seed): bundle
             for bundle, protocols in self.plan.bundles().items()
             for protocol in protocols
-            for one in bundle
+            for noise, seed in bundle
         }
 
     def image_physics(self, protocol: str) -> dict:
-        """Effects that act on a protocol's images."""
+        """Return the effects that act on the images of a protocol."""
         return self.plan.config["protocols"][protocol].get("image_physics", {})
 
     def found_in(self, protocol: str) -> str | None:
-        """The recording or scanner whose physics it is scanned with."""
+        """Return the recording or scanner whose diagnosed physics a protocol uses; None for stated physics."""
         return self.plan.config["protocols"][protocol].get("physics_from")
 
     def settings(self, protocol: str) -> dict:
-        """Of its reconstruction."""
+        """Return the settings of a protocol's reconstruction."""
         settings = self.plan.config["reconstruction"][self.algorithm(protocol)]
         kernel = self.plan.config["protocols"][protocol].get("kernel")
         return settings if kernel is None else {**settings, "kernel": kernel}
 
     def voxels(self, protocol: str) -> dict | None:
-        """A scanner's voxels that its images have; None: those of the study's grid."""
+        """Return the scanner voxels of a protocol's images; None for the study's grid."""
         return self.plan.config["protocols"][protocol].get("voxels")
 
     def rois(self, protocol: str, noise: str, seed: str) -> tuple[str, str]:
-        """The table and the masks of the ROIs on the voxels of its images, where the phantom then lies."""
+        """Return table and masks of the ROIs on the voxels of an image, at the phantom's position in that image."""
         label = self.plan.voxels_of(protocol)
         if seed in self.plan.moved(noise):
             known = {"seed": seed, "voxels": label or GRID}
@@ -148,9 +143,9 @@ class Acquisitions:
         return self.files("phantom_table"), self.files("phantom_rois")
 
     def algorithm(self, protocol: str) -> str:
-        """Of its reconstruction."""
+        """Return the algorithm of a protocol's reconstruction."""
         return self.plan.config["protocols"][protocol]["algorithm"]
 
     def gpus(self, protocol: str, engine: str) -> int:
-        """How many its reconstruction takes."""
+        """Return the number of GPUs that a protocol's reconstruction needs."""
         return int(engine == "astra_cuda" and self.algorithm(protocol) == "sirt")

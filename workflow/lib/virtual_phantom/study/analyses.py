@@ -1,4 +1,4 @@
-"""Jobs after the features: statistics, figures, and what holds a study against recordings."""
+"""Jobs that follow feature extraction: statistics, figures, and comparisons with recordings."""
 
 from __future__ import annotations
 
@@ -11,42 +11,32 @@ from ..config.plan import Plan
 
 @dataclass(frozen=True)
 class AnalysisJob:
-    """One job.
-
-    Attributes
-    ----------
-    outputs : tuple of Output
-        What it makes, of one rule.
-    known : dict of str to str
-        The wildcards of all its files.
-    images : int
-        How many it reads.
-    """
+    """One job."""
 
     outputs: tuple[Output, ...]
-    known: dict[str, str]
-    images: int = 0
+    known: dict[str, str]  # wildcards of all outputs
+    images: int = 0  # that it reads
 
     @property
     def rule(self) -> str:
-        """The rule that makes them."""
+        """Name of the rule."""
         return self.outputs[0].rule
 
     @property
     def stage(self) -> str | None:
-        """What it is counted under in a plan."""
+        """Name of the rates for a plan."""
         return self.outputs[0].stage
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Its files in results_dir."""
+        """Output files, relative to results_dir."""
         return tuple(path for output in self.outputs for path in output.paths(**self.known))
 
 
 def jobs(plan: Plan) -> Iterator[AnalysisJob]:
-    """Every job that follows the features or stands beside them.
+    """Yield all jobs that a configuration needs after feature extraction.
 
-    What reads recordings is of stage "recordings": how large they are is not in the configuration.
+    Jobs that read recordings have the stage "recordings", because the configuration does not contain their size.
     """
     yield _job("figure_rois")
     if plan.config["repeats"]["repositioned"]:
@@ -66,26 +56,26 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
     for name in analyses.get("pca", {}):
         yield _job("pca", "separability", pca=name)
         yield _job(f"figure_pca_{name}")
-    found = list(_compared(plan))
-    yield from found
-    if featured or "noise_calibration" in analyses or found:
+    with_recordings = list(_recording_jobs(plan))
+    yield from with_recordings
+    if featured or "noise_calibration" in analyses or with_recordings:
         yield _job("parquet", table="features")
     yield _job("index")
 
 
 def figures(plan: Plan) -> list[tuple[Output, dict[str, str]]]:
-    """Every figure that the configuration asks for, with its wildcards."""
-    return [(output, known) for output, known in _asked(plan) if output.pattern.startswith("figures/")]
+    """Return (figure, wildcards) for all figures of a configuration."""
+    return [(output, known) for output, known in _outputs(plan) if output.pattern.startswith("figures/")]
 
 
 def tables(plan: Plan) -> list[tuple[Output, dict[str, str]]]:
-    """Every table that the configuration asks for, with its wildcards: features first."""
-    asked = _asked(plan)
-    features = [(output, known) for output, known in asked if output.name == "features"]
-    return features + [(output, known) for output, known in asked if output.pattern.startswith("tables/")]
+    """Return (table, wildcards) for all tables of a configuration, features first."""
+    outputs = _outputs(plan)
+    features = [(output, known) for output, known in outputs if output.name == "features"]
+    return features + [(output, known) for output, known in outputs if output.pattern.startswith("tables/")]
 
 
-def _asked(plan: Plan) -> list[tuple[Output, dict[str, str]]]:
+def _outputs(plan: Plan) -> list[tuple[Output, dict[str, str]]]:
     return [(output, job.known) for job in jobs(plan) for output in job.outputs]
 
 
@@ -112,15 +102,15 @@ def _stability(plan: Plan) -> Iterator[AnalysisJob]:
         yield _job("figure_overlap_recording", recording=name)
 
 
-def _compared(plan: Plan) -> Iterator[AnalysisJob]:
-    """Everything that needs a recording's features."""
+def _recording_jobs(plan: Plan) -> Iterator[AnalysisJob]:
+    """Yield all jobs that need the features of a recording."""
     config = plan.config
     analyses = config["analyses"]
     matched = {name: level["meets"] for name, level in config["noise"]["levels"].items() if "meets" in level}
     compared = analyses.get("comparison", {})
-    read = {one["recording"] for one in (*matched.values(), *compared.values())}
-    read |= {name for selection in analyses.get("pca", {}).values() for name in selection["recordings"]}
-    for name in sorted(read):
+    recordings = {settings["recording"] for settings in (*matched.values(), *compared.values())}
+    recordings |= {name for selection in analyses.get("pca", {}).values() for name in selection["recordings"]}
+    for name in sorted(recordings):
         yield _job("recorded_features", recording=name)
     for name in matched:
         yield _job("matched_level", noise=name)

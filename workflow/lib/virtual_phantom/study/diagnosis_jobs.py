@@ -381,7 +381,7 @@ class Diagnosis:
         shape = tuple(content["scan"][key] for key in ("views", "rows", "columns"))
         config = self.plan.config
         voxels = [config["grid"]["oversampling"] * count for count in config["grid"]["shape"]]
-        phantom = voxels, diagnoses.materials_of(config["materials"])
+        phantom = voxels, diagnoses.material_count(config["materials"])
         try:
             return diagnoses.extent(settings, shape, len(self.candidates[name]), phantom)
         except InputError:

@@ -1,4 +1,4 @@
-"""The page to start with, kept up to date after every run."""
+"""Update of the index page after every run."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from .pages import Pages
 
 
 def renew(pages: Pages, config: Mapping) -> Path | None:
-    """Write the page again, where something that it shows has been made since.
+    """Write the index page again if a diagnosis or another page is newer.
 
-    Diagnoses and the pages beside it are made by targets of their own, of which its job knows nothing: as inputs, they
-    would be made by every study.
+    Diagnoses and other pages have their own targets. They are no inputs of the index page, because every study would
+    then make them.
 
     Parameters
     ----------
     config : mapping
-        The complete configuration.
+        Complete configuration.
 
     Returns
     -------
     Path or None
-        None, where it says all already, or the study has not been run.
+        None if the page is up to date or the study has not been run.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def renew(pages: Pages, config: Mapping) -> Path | None:
     if target.exists() and max(Path(path).stat().st_mtime for path in shown) <= target.stat().st_mtime:
         return None
     from ..io.files import write_text
-    from ..report import index, study  # seconds, for those who get here
+    from ..report import index, study  # slow import
 
     html = index.index_page(
         target.parent,

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..base.console import INTERRUPTED, show_any_character, unexpected
 from ..base.errors import InputError
-from .progress.said import silence
+from .progress.job_status import remove_status
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -69,7 +69,7 @@ def job(snakemake) -> Iterator[None]:
             target.removeHandler(handler)
         handler.close()
         if log_file:
-            silence(log_file)
+            remove_status(log_file)
 
 
 def _fail(message: str) -> None:

@@ -1,4 +1,4 @@
-"""Noise levels that a study takes from a recording, between the job that finds them and those that use them."""
+"""Files of noise levels that are matched to a recording."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from ..base.errors import refusing
 from ..io.files import read_text, write_text
 
 
-def write(level: dict, path: str | Path) -> None:
-    """Write a level, finite numbers and words under `A` and whatever else tells how it was found, as JSON."""
+def write_level(level: dict, path: str | Path) -> None:
+    """Write a noise level as JSON: `A` and further finite numbers and texts that document the match."""
     write_text(json.dumps(level, indent=2, allow_nan=False) + "\n", path)
 
 
-def read(path: str | Path) -> dict:
-    """A level that `write` wrote.
+def read_level(path: str | Path) -> dict:
+    """Read a noise level that `write_level` wrote.
 
     Raises
     ------
     InputError
-        If the file is missing, changed or broken.
+        If the file is missing, changed or invalid.
     """
     kinds = (OSError, ValueError, KeyError, TypeError)
     with refusing(f"{path}: is not a noise level", *kinds, advice="delete it and run again"):
@@ -31,8 +31,9 @@ def read(path: str | Path) -> dict:
 
 
 def resolve(acquisitions: Iterable[dict], paths: Iterable[str | Path]) -> list[dict]:
-    """Acquisitions whose `noise_level`, where it is None, is that of the file {noise}.json among `paths`."""
-    found = {Path(path).stem: read(path)["A"] for path in paths}
+    """Return acquisitions with each missing `noise_level` read from the file {noise}.json among `paths`."""
+    levels = {Path(path).stem: read_level(path)["A"] for path in paths}
     return [
-        {**one, "noise_level": found[one["noise"]]} if one["noise_level"] is None else dict(one) for one in acquisitions
+        {**settings, "noise_level": levels[settings["noise"]]} if settings["noise_level"] is None else dict(settings)
+        for settings in acquisitions
     ]

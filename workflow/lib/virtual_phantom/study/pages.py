@@ -1,4 +1,4 @@
-"""What the pages of the study show, and which of its images are exported as DICOM."""
+"""Content of the pages of a study, and images for the DICOM export."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from .diagnosis_jobs import Diagnosis
 from .recordings import Comparisons
 from .selections import Selections
 
-DEFAULT = "config/config.yaml"  # which a study has without being told
-WHOLE, SLICES = "Figures and tables that sort, in one file to send on", "Slices to flip through"  # of pages
+DEFAULT = "config/config.yaml"  # part of every configuration
+WHOLE, SLICES = "All figures and sortable tables in one file", "Viewer of slices"  # titles of pages
 
 
 @dataclass(frozen=True)
 class Pages:
-    """Of one study.
+    """Pages of one study.
 
     Attributes
     ----------
     captions : Path
-        Folder of the captions, templates that Snakemake's report fills in too.
+        Folder of the caption templates, which Snakemake's report also uses.
     configured_by : tuple of str
-        Files of the configuration, the default one among them.
+        Configuration files, including the default one.
     """
 
     plan: Plan
@@ -48,15 +48,15 @@ class Pages:
         return analyses.figures(self.plan)
 
     def pictures(self) -> list[str]:
-        """Figures, in the report's order."""
+        """Return the figures in the order of the report."""
         return [self.files(output.name, ".png", **known) for output, known in self._figures]
 
     def caption_files(self) -> list[str]:
-        """What is said below each."""
+        """Return the caption files of the figures."""
         return [shipped(self.captions / output.caption_file(**known)) for output, known in self._figures]
 
     def shown(self) -> list[dict]:
-        """Section and title of each, and what its caption names."""
+        """Return section, title and caption parameters of the figures."""
         return [self._shown(output, known) for output, known in self._figures]
 
     def _shown(self, output: Output, known: dict[str, str]) -> dict:
@@ -74,16 +74,16 @@ class Pages:
 
     @cached_property
     def _tables(self) -> list[tuple[Output, dict[str, str]]]:
-        """Those with a title in the order of OUTPUTS, then the others."""
+        """Tables with a title in the order of OUTPUTS, then the others."""
         tables = analyses.tables(self.plan)
         return sorted(tables, key=lambda table: OUTPUTS.index(table[0]) if table[0].title else len(OUTPUTS))
 
     def tables(self) -> list[str]:
-        """Tables, in the report's order."""
+        """Return the tables in the order of the report."""
         return [self.files(output.name, **known) for output, known in self._tables]
 
     def table_titles(self) -> list[str]:
-        """What each is called."""
+        """Return the titles of the tables."""
         return [
             filled(output.title, **{kind: label(name) for kind, name in known.items()})
             if output.title
@@ -92,93 +92,77 @@ class Pages:
         ]
 
     def diagnoses(self) -> dict[str, float]:
-        """Diagnoses that have been made. They are no inputs of the study's report, which starts none.
+        """Return {page: time of change, s since the epoch} for the existing diagnoses.
 
-        Returns
-        -------
-        dict of str to float
-            {report: when it was made, s of the epoch}.
+        They are no inputs of the study's report, which must not start a diagnosis.
         """
         paths = map(Path, self.diagnosis.reports())
         return {str(path): path.stat().st_mtime for path in paths if path.exists()}
 
     def links(self) -> dict[str, str]:
-        """Pages beside the report, by what they are called."""
+        """Return {title: page} for the pages that the report links to."""
         return {SLICES: BY_NAME["viewer"].pattern} if self.selections.optimal_images() else {}
 
     @property
     def others(self) -> dict[str, str]:
-        """Pages that may stand beside the index page, by what they are called. They are no inputs of it either."""
+        """{title: page} for other pages of the study. They are no inputs of the index page."""
         return {WHOLE: BY_NAME["report"].pattern, SLICES: BY_NAME["viewer"].pattern}
 
     def beside(self) -> dict[str, str]:
-        """Those of them that have been made."""
+        """Return {title: page} for the existing pages of `others`."""
         return {title: page for title, page in self.others.items() if Path(self.files.results, page).exists()}
 
     def commands(self) -> dict[str, str]:
-        """What may be done next: the command. What gives an answer is first, the study itself, which is done, last."""
-        # Jobs are given whole paths, and a page is to say what anybody can type.
-        here = [Path(os.path.relpath(path)) for path in self.configured_by if not path.endswith(DEFAULT)]
-        overlays = [str(Path(path).absolute() if ".." in path.parts else path) for path in here]
+        """Return {purpose: command} for the next steps, the most useful first."""
+        # Jobs get absolute paths. A page shows relative paths, which are easier to type.
+        relative = [Path(os.path.relpath(path)) for path in self.configured_by if not path.endswith(DEFAULT)]
+        overlays = [str(Path(path).absolute() if ".." in path.parts else path) for path in relative]
         settings = ["--cores", "2", *(["--configfile", *overlays] if overlays else [])]
 
         def command(*targets: str, settings: Sequence[str] = settings) -> str:
             return snakemake(*targets, *settings, snakefile=self.captions.parent / "Snakefile")
 
-        found = {}
+        commands = {}
         trial = self.plan.config["trial"]
         if isinstance(trial, str):
-            found["A study that is large enough for an answer"] = trial
+            commands["A study of normal size, for real results"] = trial
         elif trial:
-            found["The default study, large enough to mean something"] = command(settings=["--cores", "2"])
+            commands["The default study, for real results"] = command(settings=["--cores", "2"])
         if self.plan.config["recordings"]:
-            found["What your recordings hold"] = command("recordings")
+            commands["Summary of your recordings"] = command("recordings")
         if self.diagnosis.reports():
-            found["Which physics is missing between recordings and simulation"] = command("diagnosis")
-        found[WHOLE] = command("report_page")
+            commands["Diagnosis: physics that the simulation lacks"] = command("diagnosis")
+        commands[WHOLE] = command("report_page")
         if self.selections.optimal_images():
-            found[SLICES] = command("viewer")
-        found["What a larger study would cost"] = command("plan")
-        found["This study again, after a change or where something is missing"] = command()
-        return found
+            commands[SLICES] = command("viewer")
+        commands["Expected cost of the configured study"] = command("plan")
+        commands["This study again, after a change or for missing files"] = command()
+        return commands
 
     def viewed(self) -> dict[str, list[str]]:
-        """Images of the viewer.
-
-        Returns
-        -------
-        dict of str to list of str
-            {algorithm: files}.
+        """Return {algorithm: images} of the viewer.
 
         Raises
         ------
         InputError
-            If there are none.
+            Without analyses.optimal.
         """
         if not (images := self.selections.optimal_images()):
-            raise InputError(
-                "config: the viewer shows the images of analyses.optimal, which is not there; give it sirt, fbp and "
-                "noise"
-            )
+            raise InputError("config: the viewer needs analyses.optimal; add it with sirt, fbp and noise")
         return images
 
     def viewer_subtitle(self) -> str:
-        """Which images they are."""
-        return f"Noise level {self.plan.config['analyses']['optimal']['noise']}. Single scans are of seed 00."
+        """Return the subtitle of the viewer."""
+        return f"Noise level {self.plan.config['analyses']['optimal']['noise']}. Single scans have seed 00."
 
     @cached_property
     def exported(self) -> list[tuple[str, str, str]]:
-        """Images that are exported: by default those of the figure of scans.
-
-        Returns
-        -------
-        list of (str, str, str)
-            Protocol, noise level and seed.
+        """(protocol, noise level, seed) of the exported images, by default those of the figure of scans.
 
         Raises
         ------
         InputError
-            For one that is not made.
+            For an image that the study does not make.
         """
         acquired = {
             f"{protocol}/{noise}/seed{seed}": (protocol, noise, seed)
@@ -189,8 +173,8 @@ class Pages:
         for image in wanted:
             if image not in acquired:
                 raise InputError(
-                    f"config: dicom.images names {image}, which no analysis asks for; name an image that is made, as "
-                    f"the folder images has them, such as {min(acquired, default='none')}"
+                    f"config: dicom.images names {image}, which the study does not make; name an image of the folder "
+                    f"images, such as {min(acquired, default='none')}"
                 )
         optimal = self.plan.config["analyses"].get("optimal")
         if not wanted and optimal:
@@ -198,15 +182,15 @@ class Pages:
         return [acquired[image] for image in wanted]
 
     def exported_files(self) -> list[str]:
-        """All that is written of them.
+        """Return the files of the DICOM export.
 
         Raises
         ------
         InputError
-            If there are none.
+            Without images to export.
         """
         if not self.exported:
-            raise InputError("config: nothing to export; name images under dicom.images, as the folder images has them")
+            raise InputError("config: nothing to export; name images of the folder images under dicom.images")
         return [
             self.files(name, protocol=protocol, noise=noise, seed=seed)
             for protocol, noise, seed in self.exported
@@ -214,7 +198,7 @@ class Pages:
         ]
 
     def series(self, protocol: str, noise: str, seed: str) -> dict:
-        """What an exported series is called and how it was acquired."""
+        """Return names and acquisition settings of an exported series."""
         settings = self.plan.config["protocols"][protocol]
         scan = self.plan.geometry_settings(self.plan.geometry_of(protocol))["scan"]
         return {

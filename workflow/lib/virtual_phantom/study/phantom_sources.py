@@ -1,4 +1,4 @@
-"""What the phantom is made from: a layout, an object of shapes, or a CT and its regions, which may not be here yet."""
+"""Input files of the phantom: a layout, an object of shapes, or a CT and its regions, which may still be fetched."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from ..physics.scenes.object_files import object_path
 
 @dataclass(frozen=True)
 class PhantomSources:
-    """Files that a study's phantom is made from."""
+    """Input files of a study's phantom."""
 
     plan: Plan
 
     @property
     def table(self) -> str:
-        """The list of the published CT's files."""
+        """Path of the list of the published CT's files."""
         return resource("abdomen_ct.csv")
 
     @property
     def layout(self) -> list[str]:
-        """The layout of the synthetic phantom, if that is taken."""
+        """Layout of the synthetic phantom; empty for another source."""
         settings = self.plan.config["phantom"]
         return [settings["layout"] or resource("phantom.yaml")] if settings["source"] == "synthetic" else []
 
     def layout_here(self) -> list[str]:
-        """The same, if it is there."""
+        """Return `layout` if the file exists."""
         return present(self.layout)
 
     @property
     def paths(self) -> list[str]:
-        """Paths that the configuration names, files and folders."""
+        """Files and folders that the configuration names."""
         settings = self.plan.config["phantom"]
         if settings["source"] == "synthetic":
             return self.layout
@@ -50,22 +50,22 @@ class PhantomSources:
 
     @property
     def made(self) -> list[str]:
-        """Those of them that a rule makes of public scans."""
+        """Paths of `paths` that a rule makes from public scans."""
         files = Files(self.plan.config["results_dir"].rstrip("/"))
         return [path for path in self.paths if path in map(files, ("mean_scan", "sharp_scan", "mean_regions"))]
 
     @cached_property
     def published(self) -> list[PublishedFile]:
-        """Those of the published CT's files that they name."""
+        """Files of the published CT that `paths` contains."""
         return named_by(self.paths, read_published(self.table))
 
     @cached_property
     def absent(self) -> list[PublishedFile]:
-        """Those of them that are not here yet: a rule fetches them."""
+        """Files of `published` that are still to be fetched."""
         return [file for file in self.published if not Path(file.path).exists()]
 
     def absent_online(self) -> list[str]:
-        """Their addresses.
+        """Return the addresses of the `absent` files.
 
         Raises
         ------
@@ -74,18 +74,19 @@ class PhantomSources:
         """
         folder, here = self.plan.config["downloads"]["abdomen_ct"], f"{resources_folder()}/abdomen_ct"
         advice = (
-            f"where there is a network, download the files that {self.table} lists: those of {folder}/example_ct_dicom "
-            f"go to {here}/dicom, example_seg_dicom.nii.gz beside it becomes {here}/labels.nii.gz"
+            f"on a computer with a network, download the files listed in {self.table}: put those of "
+            f"{folder}/example_ct_dicom into {here}/dicom, and save example_seg_dicom.nii.gz from there as "
+            f"{here}/labels.nii.gz"
         )
         return [reachable(f"{folder}/{file.source}", advice) for file in self.absent]
 
     def check(self) -> None:
-        """Check the published files that are here.
+        """Check the published files that exist.
 
         Raises
         ------
         InputError
-            For one that is another one.
+            For a file with another content.
         """
         for file in self.published:
             if file not in self.absent:
@@ -93,15 +94,15 @@ class PhantomSources:
                     file.path,
                     file.sha256,
                     self.table,
-                    "delete it, and it is fetched again; or name a file of your own under phantom.ct",
+                    "delete it to fetch it again, or name your own file under phantom.ct",
                 )
 
     def files(self) -> list[str]:
-        """Every file that the phantom is made from; of those that a rule brings or makes, what is not here yet too."""
+        """Return all input files, including those that a rule fetches or makes."""
         fetched = [file.path for file in self.published]
         return [*dict.fromkeys(fetched + self.made + present(self.paths))]
 
 
 def present(paths: Iterable[str | None]) -> list[str]:
-    """The files at these paths, those in folders too. What is missing is left to the script, which says so."""
+    """Return the existing files at these paths and in these folders. Scripts report missing files."""
     return [str(file) for path in paths if path and Path(path).exists() for file in files_of(path)]

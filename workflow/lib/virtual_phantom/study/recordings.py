@@ -1,4 +1,4 @@
-"""The recordings of a configuration, and the study's comparisons with them, as jobs take them."""
+"""Files and settings of the recordings of a configuration, and of the comparisons with them."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from .acquisitions import Acquisitions
 
 @dataclass(frozen=True)
 class Recordings:
-    """Of one configuration.
+    """Recordings of one configuration.
 
     Attributes
     ----------
     documents : mapping of str to Document
-        {name: what its recording.yaml says}.
+        {name: content of recording.yaml}.
     """
 
     plan: Plan
@@ -32,12 +32,12 @@ class Recordings:
 
     @classmethod
     def read(cls, plan: Plan, files: Files) -> Recordings:
-        """Those of a configuration.
+        """Read the documents of all recordings.
 
         Raises
         ------
         InputError
-            For a recording.yaml that is missing or wrong.
+            For a recording.yaml that is missing or invalid.
         """
         scans = PublicScans(plan)
         documents = {name: scans.document(folder) for name, folder in plan.config["recordings"].items()}
@@ -45,31 +45,31 @@ class Recordings:
 
     @property
     def names(self) -> list[str]:
-        """All of them."""
+        """Names of all recordings."""
         return list(self.documents)
 
     def content(self, name: str) -> dict:
-        """What recording.yaml says."""
+        """Return the content of recording.yaml."""
         return self.documents[name].content
 
     def folder(self, name: str) -> str:
-        """Where it lies."""
+        """Return the folder of a recording."""
         return str(self.documents[name].folder)
 
     def sources(self, name: str) -> list[str]:
-        """Its own files."""
+        """Return the files of a recording."""
         return [str(path) for path in self.documents[name].files]
 
     def kind(self, name: str) -> str:
-        """projections, images or features."""
+        """Return the kind of a recording: projections, images or features."""
         return self.content(name)["kind"]
 
     def summaries(self) -> list[str]:
-        """What is found of each."""
+        """Return the summaries of all recordings."""
         return [self.files("summary", recording=name) for name in self.documents]
 
     def pictures(self) -> list[str]:
-        """Of those that there is something to be seen of."""
+        """Return the preview figures of recordings of projections and images."""
         return [
             self.files("figure_recording", suffix, recording=name)
             for name in self.documents
@@ -78,18 +78,14 @@ class Recordings:
         ]
 
     def alignments(self) -> list[str]:
-        """Of those of images: where the phantom lies, in numbers and as a figure."""
+        """Return the alignments of recordings of images, as numbers and as figures."""
         of_images = [name for name in self.documents if self.kind(name) == "images"]
         numbers = [self.files("alignment", recording=name) for name in of_images]
         figures = [self.files("figure_alignment", suffix, recording=name) for name in of_images for suffix in PICTURES]
         return numbers + figures
 
     def sinogram_online(self, disc: str) -> str:
-        """The address of a sinogram of the Helsinki Tomography Challenge 2022.
-
-        Parameters
-        ----------
-        disc : {"solid_disc", "ta", "tb", "tc", "td"}
+        """Return the address of a sinogram ("solid_disc", "ta" to "td") of the Helsinki Tomography Challenge 2022.
 
         Raises
         ------
@@ -97,13 +93,13 @@ class Recordings:
             Without a network.
         """
         file = f"htc2022_{disc}_full.mat"
-        advice = "where there is a network, download it there and run " + typed(
+        advice = "download it on a computer with a network and run " + typed(
             "virtual-phantom-import", "htc2022", file, self.files("sinogram", disc=disc)
         )
         return reachable(f"{self.plan.config['downloads']['htc2022']}/{file}", advice)
 
     def inputs(self, name: str) -> dict:
-        """A recording's files, and for images the ROIs that were carried over to it."""
+        """Return the files of a recording, and for images the ROIs transferred from the phantom."""
         inputs: dict = {"files": self.sources(name)}
         if self.kind(name) == "images":
             inputs |= {
@@ -113,29 +109,29 @@ class Recordings:
         return inputs
 
     def conditions(self, name: str) -> list[str]:
-        """The columns that tell its conditions apart."""
+        """Return the columns that distinguish the conditions of a recording."""
         return self.content(name).get("features", {}).get("conditions", [])
 
     def voxel_mm(self, name: str) -> list[float] | None:
-        """The size of its voxels, where that is stated."""
+        """Return the voxel size, mm; None if recording.yaml does not give it."""
         return self.content(name)["nominal"].get("voxel_mm")
 
     def megabytes(self, name: str) -> int:
-        """Memory to read it: an acquisition at a time, compressed on disk, and masks and copies beside it, MB."""
+        """Return the memory to read a recording, MB: one acquisition, which is compressed on disk, masks and copies."""
         return 1000 + 12 * self._largest(name) // 10**6
 
     def image_megabytes(self, name: str) -> int:
-        """Memory to hold an image and its mask a few times, compressed on disk, MB."""
+        """Return the memory for a few copies of an image and its mask, which are compressed on disk, MB."""
         return 40 * self._largest(name) // 10**6
 
     def _largest(self, name: str) -> int:
-        # What a job makes is a table of features, some megabytes.
+        # A file that is made by a job, and may be missing, is a table of features of some megabytes.
         return max((path.stat().st_size for path in self.documents[name].files if path.exists()), default=0)
 
 
 @dataclass(frozen=True)
 class Comparisons:
-    """The study's comparisons with recordings."""
+    """Comparisons of the study with recordings."""
 
     plan: Plan
     files: Files
@@ -144,55 +140,55 @@ class Comparisons:
 
     @property
     def settings(self) -> dict[str, dict]:
-        """{name: what the configuration asks}."""
+        """{name: settings in the configuration}."""
         return self.plan.config["analyses"].get("comparison", {})
 
     def asked(self, name: str, key: str) -> Any:
-        """A key of its settings; None if it is not given."""
+        """Return a setting of a comparison; None if it is not given."""
         return self.settings[name].get(key)
 
     def recording(self, name: str) -> str:
-        """What it compares with."""
+        """Return the name of the compared recording."""
         return self.settings[name]["recording"]
 
     def repeats(self, name: str) -> int:
-        """Of its noise level."""
+        """Return the number of repeats of the compared noise level."""
         return self.plan.repeats([self.settings[name]["noise"]])
 
     def features(self, name: str) -> str:
-        """The recording's features."""
+        """Return the features of the recording."""
         return self.files("recorded_features", recording=self.recording(name))
 
     def images(self, name: str) -> list[str]:
-        """The study's images."""
+        """Return the images of the study."""
         return self.acquisitions.images(self.settings[name]["protocol"], self.settings[name]["noise"])
 
     def title(self, name: str) -> str:
-        """What is compared with what, for the head of a figure."""
-        one = self.settings[name]
-        conditions = ", ".join(f"{label(key)} {value}" for key, value in one["where"].items())
-        recorded = label(one["recording"]) + (f" ({conditions})" if conditions else "")
-        return f"{label(one['protocol'])}, noise {label(one['noise'])}, against {recorded}"
+        """Return the title of a comparison: protocol, noise level and recording."""
+        settings = self.settings[name]
+        conditions = ", ".join(f"{label(key)} {value}" for key, value in settings["where"].items())
+        recorded = label(settings["recording"]) + (f" ({conditions})" if conditions else "")
+        return f"{label(settings['protocol'])}, noise {label(settings['noise'])}, against {recorded}"
 
     def voxel_mm(self, name: str) -> list[float] | None:
-        """The size of the recording's voxels, where that is stated."""
+        """Return the voxel size of the recording, mm; None if recording.yaml does not give it."""
         return self.recordings.voxel_mm(self.recording(name))
 
     def dimensions(self, name: str) -> int:
-        """In which the recording's features were extracted."""
+        """Return the number of dimensions (2 or 3) in which the features of the recording were extracted."""
         return self._recorded(name).get("dimensions", 3)
 
     def stored_offset_hu(self, name: str) -> float:
-        """What the images of its features were stored with on top of HU."""
+        """Return the offset of the stored values of the recording's images from HU."""
         return self._recorded(name).get("stored_offset_hu", 0)
 
     def _recorded(self, name: str) -> dict:
         return self.recordings.content(self.recording(name)).get("features", {})
 
     def met(self, noise: str) -> dict:
-        """What a matched noise level is to meet."""
+        """Return the target of a matched noise level."""
         return self.plan.config["noise"]["levels"][noise]["meets"]
 
     def met_features(self, noise: str) -> str:
-        """The features of the recording that it is to meet."""
+        """Return the features of the recording that a noise level is matched to."""
         return self.files("recorded_features", recording=self.met(noise)["recording"])

@@ -1,4 +1,4 @@
-"""Which of the study's images, and which measured data, each analysis takes."""
+"""Images and measured data of each analysis."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .phantom_sources import present
 
 @dataclass(frozen=True)
 class Selections:
-    """Of one study."""
+    """Selections of images and measured data of one study."""
 
     plan: Plan
     files: Files
@@ -29,42 +29,37 @@ class Selections:
 
     @property
     def grouped(self) -> dict:
-        """The images whose features are compared between groups of protocols."""
+        """Images whose features the stability analysis compares between groups of protocols."""
         noise = self._analyses.get("stability", {}).get("noise")
         return {"groups": self.plan.groups(), "noise": noise, "seeds": self.plan.repeats([noise]) if noise else 0}
 
     def scored(self, recording: str) -> dict:
-        """Which of a recording's images its features are scored with: values of condition columns."""
+        """Return the values of condition columns that select the images for the scores of a recording."""
         return self._analyses.get("stability", {}).get("where", {}).get(recording, {})
 
     @property
     def own_reference(self) -> str | None:
-        """The recording of public scans that stands for the measured phantom: it is of the object that is scanned."""
+        """The recording of public scans of the same object as the phantom, which replaces the measured phantom."""
         config = self.plan.config
         made = made_folders(config)[COMPARED] if "phantom" in config["public_scans"] else None
         named = self._analyses.get("stability", {}).get("recordings", [])
         return next((name for name in named if config["recordings"][name] == made), None)
 
     def measured_scores(self) -> str:
-        """Scores that stand beside the simulated ones: of these scans, or those kept here."""
+        """Return the measured scores to compare with: those of `own_reference`, or the published ones."""
         if self.own_reference is not None:
             return self.files("scores", recording=self.own_reference)
         return resource("ct_phantom4radiomics_draws.csv")
 
     def sharing(self, groups: Mapping[str, int] | None = None) -> dict[str, str]:
-        """Which protocols with a group have their noise in common.
+        """Return {protocol: label}, with the same label for protocols that share their noise.
 
-        Those that reconstruct the same acquisitions do; with common draws all do.
+        Protocols that reconstruct the same acquisitions share their noise. With common draws, all protocols do.
 
         Parameters
         ----------
         groups : mapping of str to int, optional
-            {protocol: group}; absent: those of the stability analysis.
-
-        Returns
-        -------
-        dict of str to str
-            {protocol: label}: the same label for protocols that share it.
+            {protocol: group}; by default those of the stability analysis.
         """
         draws = self.acquisitions.noise["draws"]
         return {
@@ -74,7 +69,7 @@ class Selections:
 
     @property
     def cut_offs(self) -> dict | None:
-        """From where on a measure calls a feature stable."""
+        """Thresholds of the measures above which a feature is stable."""
         return self._analyses.get("stability", {}).get("cut_offs")
 
     @property
@@ -84,7 +79,7 @@ class Selections:
 
     @cached_property
     def calibration(self) -> list[tuple[str, str, str]]:
-        """(protocol, noise level, seed) of every image that the noise is calibrated with."""
+        """(protocol, noise level, seed) of all images of the noise calibration."""
         levels = self._analyses.get("noise_calibration", {"noise": []})["noise"]
         return [
             (protocol, noise, seed)
@@ -94,29 +89,29 @@ class Selections:
         ]
 
     def calibration_images(self) -> list[str]:
-        """Their files."""
+        """Return the images of the noise calibration."""
         return [
             self.files("image", protocol=protocol, noise=noise, seed=seed) for protocol, noise, seed in self.calibration
         ]
 
     def calibration_rois(self) -> tuple[list[str], list[str]]:
-        """Tables and masks of the ROIs on the voxels of each of these protocols' images."""
+        """Return tables and masks of the ROIs for each protocol of the noise calibration."""
         firsts = {protocol: (noise, seed) for protocol, noise, seed in reversed(self.calibration)}
-        places = [self.acquisitions.rois(name, *firsts[name]) for name in self.calibrated]
-        return [table for table, _ in places], [masks for _, masks in places]
+        paths = [self.acquisitions.rois(name, *firsts[name]) for name in self.calibrated]
+        return [table for table, _ in paths], [masks for _, masks in paths]
 
     def calibration_acquisitions(self) -> list[dict]:
-        """How they were acquired."""
+        """Return protocol and acquisition settings of all images of the noise calibration."""
         return [
             {"protocol": protocol, **self.acquisitions.one(noise, seed)} for protocol, noise, seed in self.calibration
         ]
 
     def compared_noise(self) -> dict[str, float | None]:
-        """{noise level: A} of the stability analysis; None where a job finds A."""
+        """Return {noise level: A} of the stability analysis; A is None if a job determines it."""
         return self._levels(self._analyses.get("stability", {}).get("noise"))
 
     def scan_noise(self) -> dict[str, float | None]:
-        """The same of the figure of scans."""
+        """Return {noise level: A} of the figure of scans; A is None if a job determines it."""
         return self._levels(self._analyses.get("optimal", {}).get("noise"))
 
     def _levels(self, noise: str | None) -> dict[str, float | None]:
@@ -124,37 +119,33 @@ class Selections:
         return {noise: levels[noise].get("A")} if noise in levels else {}
 
     def study_levels(self) -> dict[str, float]:
-        """{noise level: A} of the stability analysis, where its A is stated."""
+        """Return {noise level: A} of the stability analysis if the configuration gives A."""
         return {noise: level for noise, level in self.compared_noise().items() if level is not None}
 
     @property
     def shown_components(self) -> tuple[str, ...]:
-        """Selections that analyses.pca may have: each has a figure of its own."""
+        """Possible entries of analyses.pca, each with its own figure."""
         return PCA
 
     def components(self, name: str) -> dict:
-        """The images whose principal components a figure shows."""
+        """Return the images whose principal components a figure shows."""
         chosen = self._analyses["pca"][name]
-        return {
-            "protocols": chosen["protocols"],
-            "noise": chosen["noise"],
-            "seeds": self.plan.repeats(chosen["noise"]),
-        }
+        return {"protocols": chosen["protocols"], "noise": chosen["noise"], "seeds": self.plan.repeats(chosen["noise"])}
 
     def fitted(self, name: str) -> dict:
-        """How its components are fitted."""
+        """Return the settings for fitting the components of a figure."""
         return {key: self._analyses["pca"][name][key] for key in ("fit_on", "standardise")}
 
     def markers(self, name: str) -> list[str]:
-        """Condition columns by which its measured markers are told apart; empty: all, and no colours."""
+        """Return the condition columns that distinguish the measured markers by color; empty for one color."""
         return self._analyses["pca"][name]["by"]
 
     def references(self, name: str) -> list[str]:
-        """Recordings that it shows."""
+        """Return the recordings that a figure of components shows."""
         return self._analyses["pca"][name]["recordings"]
 
     def reference_tables(self, name: str) -> list[str]:
-        """The measured features that it shows: of recordings, or those kept here."""
+        """Return the tables of measured features that a figure of components shows."""
         if names := self.references(name):
             return [self.files("recorded_features", recording=recording) for recording in names]
         measured = self.plan.config["measured"]
@@ -165,7 +156,7 @@ class Selections:
         return [resource("ct_phantom4radiomics_groups.csv")]
 
     def optimal_images(self) -> dict[str, list[str]]:
-        """{algorithm: all repeats} of the two images of the figure of scans; nothing without one."""
+        """Return {algorithm: images of all repeats} of the figure of scans; {} without that figure."""
         if "optimal" not in self._analyses:
             return {}
         optimal = self._analyses["optimal"]
@@ -174,7 +165,7 @@ class Selections:
         }
 
     def scan_titles(self) -> dict[str, str]:
-        """What those two are called."""
+        """Return {algorithm: title} of the figure of scans."""
         protocols, optimal = self.plan.config["protocols"], self._analyses.get("optimal", {})
         return {
             algorithm: f"{algorithm.upper()}, {protocols[optimal[algorithm]]['projections']} projections"
@@ -184,7 +175,7 @@ class Selections:
 
     @cached_property
     def measured_noise(self) -> list[dict]:
-        """The measured variances of the algorithms that the noise is calibrated with."""
+        """Measured variances of the algorithms in the noise calibration."""
         if not self.plan.config["measured"]["overlay"]:
             return []
         reconstructions = {"sirt": "iterative", "fbp": "fbp"}

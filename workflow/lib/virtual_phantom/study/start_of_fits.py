@@ -10,9 +10,9 @@ from ..diagnosis.request import DiagnosisRequest
 from ..diagnosis.selection.fit_cache import FitCache
 from ..diagnosis.selection.progress import DiagnosisProgress
 from ..recordings.recording import Recording
-from .costs.forecast import beforehand
+from .costs.forecast import forecast_line
 from .fit_cache_key import fit_cache
-from .progress.said import saying
+from .progress.job_status import status_writer
 
 LOGGER = logging.getLogger("virtual_phantom")  # of the job
 
@@ -41,10 +41,10 @@ def start_of_fits(
         cache = fit_cache(kept, placed, files)
         if request.protocol is None:
             shape = recording.geometry.shape
-            line = beforehand(name, model, shape, effects, request.threads, request.phantom)
+            line = forecast_line(name, model, shape, effects, request.threads, request.phantom)
             if line:
                 LOGGER.info("%s", line)
                 print(line, flush=True)
-        return cache, DiagnosisProgress(saying(log, name))
+        return cache, DiagnosisProgress(status_writer(log, name))
 
     return start

@@ -1,1 +1,1 @@
-"""A first configuration for a CT and the regions drawn on it: `virtual-phantom init`."""
+"""The command `virtual-phantom init`: a first configuration for a CT and its segmented regions."""

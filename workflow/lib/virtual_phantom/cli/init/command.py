@@ -1,4 +1,4 @@
-"""What `virtual-phantom init` does: read, propose, draw, write, and say what was found."""
+"""Steps of `virtual-phantom init`: read, propose, draw, write, and print a summary."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from ...base.commands import typed
 from ...base.errors import InputError
 from ...figures import axial, proposal, style
 from ...io import files
-from .entries import doubtful
-from .options import joined
+from .configuration_file import configuration_text, duration_text
+from .options import format_list
 from .propose import Proposal, propose
 from .regions import Region
-from .written import minutes, text
+from .rois import outline_warning
 
-FEWEST_SLICES, MOST_SLICES = 4, 6  # of the picture
-SHARES = (0.1, 0.9, 0.5)  # of the way from the lowest slice with a region to the highest
+FEWEST_SLICES, MOST_SLICES = 4, 6  # in the picture
+SLICE_POSITIONS = (0.1, 0.9, 0.5)  # fractions of the range of slices with a region
 
 
-def initialise(
+def initialize(
     image: str | Path,
     labels: str | Path,
     out: str | Path,
@@ -34,29 +34,25 @@ def initialise(
     not_checked: Sequence[str] = (),
     fill_gaps: bool = False,
 ) -> Proposal:
-    """Write a configuration for a CT and its regions, and a picture of them beside it.
+    """Write a configuration for a CT and its regions, and a picture of the regions.
 
     Parameters
     ----------
-    image, labels : str or Path
-        As `propose.propose` takes them.
+    image, labels, names, rois, size, not_checked, fill_gaps
+        See `propose.propose`.
     out : str or Path
-        The configuration. The picture has its name and the suffix .png.
-    names, rois, size, not_checked
-        As `propose.propose` takes them.
+        Configuration file. The picture has the same name with the suffix .png.
     force : bool, optional
-        Overwrite files that are there.
-    fill_gaps : bool, optional
-        As `propose.propose` takes it.
+        Overwrite existing files.
 
     Raises
     ------
     InputError
-        As `propose.propose`, and for files that are there already.
+        As `propose.propose`, and for existing files.
     """
-    for option, given in (("image", image), ("--labels", labels)):
-        if not str(given):
-            raise InputError(f"{option}: is empty; give a path (is a variable of the shell not set?)")
+    for option, path in (("image", image), ("--labels", labels)):
+        if not str(path):
+            raise InputError(f"{option}: is empty; give a path (is a shell variable not set?)")
     out = Path(out)
     if out.suffix not in (".yaml", ".yml"):
         raise InputError(f"--out: {out} must end in .yaml")
@@ -65,7 +61,7 @@ def initialise(
         if path.is_dir():
             raise InputError(f"{path}: is a folder; give another --out")
         if path.exists() and not force:
-            raise InputError(f"{path}: is there already; give another --out, or --force to overwrite it")
+            raise InputError(f"{path}: already exists; give another --out, or --force to overwrite it")
     proposed = propose(
         image,
         labels,
@@ -73,17 +69,17 @@ def initialise(
         rois=rois,
         size=size,
         results_dir=f"results-{out.stem}",
-        instead=normal(image, labels, out, names or {}, rois, not_checked, fill_gaps),
+        instead=normal_command(image, labels, out, names or {}, rois, not_checked, fill_gaps),
         not_checked=not_checked,
         fill_gaps=fill_gaps,
     )
-    style.save(drawn(proposed), [picture])
-    with files.replacing(out, checksum=False) as temporary:  # it is the user's, who changes it
-        temporary.write_text(text(proposed, picture.name, str(out)), encoding="utf-8")
+    style.save(preview(proposed), [picture])
+    with files.replacing(out, checksum=False) as temporary:  # no checksum, because users edit the file
+        temporary.write_text(configuration_text(proposed, picture.name, str(out)), encoding="utf-8")
     return proposed
 
 
-def normal(
+def normal_command(
     image: str | Path,
     labels: str | Path,
     out: Path,
@@ -92,12 +88,12 @@ def normal(
     not_checked: Sequence[str] = (),
     fill_gaps: bool = False,
 ) -> str:
-    """The command that proposes a normal study of the same CT and regions, beside the quick one."""
+    """Return the command that writes the configuration of a normal study for the same CT and regions."""
     words = ["virtual-phantom", "init", image, "--labels", labels]
     if names:
-        words += ["--names", joined(names)]
+        words += ["--names", format_list(names)]
     if rois:
-        words += ["--rois", joined(rois)]
+        words += ["--rois", format_list(rois)]
     if not_checked:
         words += ["--not-checked", ",".join(not_checked)]
     if fill_gaps:
@@ -105,33 +101,33 @@ def normal(
     return typed(*words, "--size", "normal", "--out", out.with_stem(f"{out.stem}-normal"))
 
 
-def drawn(proposed: Proposal):
-    """The picture: slices in which every ROI is seen well, with outlines and the box that is scanned."""
-    taken = [one.region for one in proposed.taken]
-    slices = _slices(taken)
+def preview(proposed: Proposal):
+    """Return the picture: slices that show every ROI well, with outlines and the scanned box."""
+    selected = [roi.region for roi in proposed.selected]
+    slices = _slices(selected)
     return proposal.draw(
         proposed.image,
         slices,
-        [_in_slice(taken, z) for z in slices],
-        [_in_slice([region for region, _ in proposed.left], z) for z in slices],
-        {one.name: one.tissue_class for one in taken},
+        [_in_slice(selected, z) for z in slices],
+        [_in_slice([region for region, _ in proposed.rejected], z) for z in slices],
+        {region.name: region.tissue_class for region in selected},
         proposed.box_mm,
     )
 
 
 def _slices(regions: Sequence[Region]) -> list[int]:
-    """Those in which every region is seen well, then others near the ends of them all, from the top down."""
-    first, last = min(one.box[0].start for one in regions), max(one.box[0].stop for one in regions) - 1
-    chosen = axial.choose_slices({one.name: _along(one) for one in regions})
-    for share in SHARES:
-        z = round(first + share * (last - first))
+    """Return slices that show every region well and slices near both ends, from the top down."""
+    first, last = min(region.box[0].start for region in regions), max(region.box[0].stop for region in regions) - 1
+    chosen = axial.choose_slices({region.name: _full_height(region) for region in regions})
+    for position in SLICE_POSITIONS:
+        z = round(first + position * (last - first))
         if z not in chosen and len(chosen) < FEWEST_SLICES:
             chosen.append(z)
     return sorted(chosen[:MOST_SLICES], reverse=True)
 
 
-def _along(region: Region) -> np.ndarray:
-    """The mask with all slices of the CT, but in-plane its box alone."""
+def _full_height(region: Region) -> np.ndarray:
+    """Return the mask on all slices of the CT, in-plane cropped to its box."""
     z = region.box[0]
     return np.pad(region.mask, ((z.start, region.grid.shape[0] - z.stop), (0, 0), (0, 0)))
 
@@ -141,42 +137,43 @@ def _in_slice(regions: Sequence[Region], z: int) -> dict[str, np.ndarray]:
 
 
 def table(proposed: Proposal) -> str:
-    """All regions, a line each: label, name, sizes, CT numbers, and what became of it."""
-    taken = {one.region.name: ", ".join(one.names) for one in proposed.taken}
-    left = {region.name: reason for region, reason in proposed.left}
+    """Return one line per region: label, name, sizes, CT numbers, and its ROIs or why it is none."""
+    selected = {roi.region.name: ", ".join(roi.names) for roi in proposed.selected}
+    rejected = {region.name: reason for region, reason in proposed.rejected}
     regions = sorted(
-        [one.region for one in proposed.taken] + [region for region, _ in proposed.left],
+        [roi.region for roi in proposed.selected] + [region for region, _ in proposed.rejected],
         key=lambda region: (isinstance(region.label, str), region.label if region.label is not None else region.name),
     )
     lines = [f"{'label':>8}  {'name':<24}{'voxels':>9}{'ml':>8}{'HU':>7}{'SD':>6}  {'x, y, z (mm)':<16}  ROI"]
     for region in regions:
         z, y, x = region.extent_mm
-        what = taken[region.name] if region.name in taken else f"- {left[region.name]}"
+        rois = selected[region.name] if region.name in selected else f"- {rejected[region.name]}"
         label = "" if region.label is None else str(region.label)
         lines.append(
             f"{label:>8}  {region.name:<24}{region.voxels:>9}{region.volume_ml:>8.1f}{region.mean_hu:>7.0f}"
-            f"{region.sd_hu:>6.0f}  {f'{x:.0f}, {y:.0f}, {z:.0f}':<16}  {what}"
+            f"{region.sd_hu:>6.0f}  {f'{x:.0f}, {y:.0f}, {z:.0f}':<16}  {rois}"
         )
     return "\n".join(lines)
 
 
-def told(proposed: Proposal, out: str | Path) -> str:
-    """What is printed: the table, what was written, what it costs and what comes next."""
+def summary_text(proposed: Proposal, out: str | Path) -> str:
+    """Return the printed summary: table of regions, files, cost and the next commands."""
     grid, cost, trial = proposed.config["grid"], proposed.cost, proposed.config.get("trial")
-    doubts = [f"{one.region.name}: {doubt}" for one in proposed.taken if (doubt := doubtful(one.region))]
-    shape, spacing = (" x ".join(f"{one:g}" for one in grid[key]) for key in ("shape", "spacing_mm"))
+    warnings = [f"{roi.region.name}: {text}" for roi in proposed.selected if (text := outline_warning(roi.region))]
+    shape, spacing = (" x ".join(f"{number:g}" for number in grid[key]) for key in ("shape", "spacing_mm"))
     return "\n".join(
         [
             table(proposed),
-            *doubts,
+            *warnings,
             "",
             f"{out}: {len(proposed.voxels)} ROIs on {shape} voxels of {spacing} mm (z, y, x)",
-            f"{Path(out).with_suffix('.png')}: look at the outlines and the box",
-            f"{cost['acquisitions']} scans in {cost['jobs']} jobs: {minutes(cost['core_hours'])} on two idle cores",
+            f"{Path(out).with_suffix('.png')}: check the outlines and the box",
+            f"{cost['acquisitions']} scans in {cost['jobs']} jobs: "
+            f"{duration_text(cost['core_hours'])} on two idle cores",
             "",
             f"Next: {typed('virtual-phantom', 'check', out)}",
             f"      {commands.snakemake('--cores', '2', '--configfile', out)}",
             *([needed] if (needed := commands.missing()) else []),
-            *([f"Then, for an answer: {trial}"] if isinstance(trial, str) else []),
+            *([f"Then, for real results: {trial}"] if isinstance(trial, str) else []),
         ]
     )

@@ -1,4 +1,4 @@
-"""Lists on the command line: `5,spleen`, quoted as in CSV where a name has a comma."""
+"""Lists on the command line: `5,spleen`, with quotes as in CSV for names with commas."""
 
 from __future__ import annotations
 
@@ -9,66 +9,46 @@ from collections.abc import Iterable, Mapping
 from ...base.errors import InputError
 
 
-def listed(values: Iterable[str], option: str) -> list[str]:
-    """Entries of an option that may be given several times, each time with a list.
-
-    Parameters
-    ----------
-    values : iterable of str
-        What was given, such as `5,"GTV, left"`.
-    option : str
-        For the message.
-
-    Returns
-    -------
-    list of str
-        Without empty ones.
+def parse_list(values: Iterable[str], option: str) -> list[str]:
+    """Return the non-empty entries of an option that may be repeated, each time with a list such as `5,"GTV, left"`.
 
     Raises
     ------
     InputError
         For a quotation mark that is not closed.
     """
-    found: list[str] = []
+    entries: list[str] = []
     for value in values:
         if value.count('"') % 2:
             raise InputError(f"{option}: {value!r} has a quotation mark that is not closed; close it, or double it")
         for row in csv.reader([value], skipinitialspace=True):
-            found += [one.strip() for one in row if one.strip()]
-    return found
+            entries += [entry.strip() for entry in row if entry.strip()]
+    return entries
 
 
-def paired(values: Iterable[str]) -> dict[str, str]:
-    """Names of labels.
+def parse_pairs(values: Iterable[str]) -> dict[str, str]:
+    """Return {label: name} from values of --names, such as `5=liver,"GTV, left"=gtv`.
 
-    Parameters
-    ----------
-    values : iterable of str
-        What was given to --names, such as `5=liver,"GTV, left"=gtv`. New names have no "=", labels of a file may.
-
-    Returns
-    -------
-    dict of str to str
-        {label: name}.
+    Labels may contain "=", names may not.
 
     Raises
     ------
     InputError
-        For what is not LABEL=NAME, and a label that is named twice.
+        For an entry that is not LABEL=NAME, and for a label with two names.
     """
     pairs: dict[str, str] = {}
-    for part in listed(values, "--names"):
-        label, equals, name = (one.strip() for one in part.rpartition("="))
+    for part in parse_list(values, "--names"):
+        label, equals, name = (piece.strip() for piece in part.rpartition("="))
         if not (label and equals and name):
             raise InputError(f"--names: '{part}' is not LABEL=NAME; give pairs such as 5=liver,1=spleen")
         if label in pairs:
-            raise InputError(f"--names: names the label {label} twice; give it one name")
+            raise InputError(f"--names: the label {label} has two names; give it one")
         pairs[label] = name
     return pairs
 
 
-def joined(entries: Iterable[str] | Mapping[str, str]) -> str:
-    """One value from which `listed` or `paired` reads these entries."""
+def format_list(entries: Iterable[str] | Mapping[str, str]) -> str:
+    """Return one value from which `parse_list` or `parse_pairs` reads these entries."""
     if isinstance(entries, Mapping):
         entries = [f"{label}={name}" for label, name in entries.items()]
     text = io.StringIO()

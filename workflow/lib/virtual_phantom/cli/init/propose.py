@@ -1,4 +1,4 @@
-"""A first configuration for a CT and its regions: what is scanned, on which voxels, by which detector, at what cost."""
+"""Proposal of a first configuration for a CT and its regions: scanned box, ROIs, grid, detector and cost."""
 
 from __future__ import annotations
 
@@ -25,48 +25,48 @@ from ...phantom.plausibility import note_without_air, require_known_checks
 from ...phantom.rois import read_roi_entries
 from ...study.checks.coverage import points_of, reach_mm, rows_for, worst_share
 from ...study.costs.rates import read_rates
-from ...study.costs.table import summary
-from .entries import Chosen, choose, largest
+from ...study.costs.table import cost_summary
+from .body_box import box_is_needed, keep_box, widened_box
 from .regions import Region, read_regions
+from .rois import ChosenRegion, choose, largest
 from .sampling import SPARE_ROWS, propose_grid, propose_scan, scanned_slices
-from .trunk import is_needed, keep_box, widened
 
 SIZES = ("quick", "normal")
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A configuration, and what it was made of.
+    """Proposed configuration and the data it is based on.
 
     Attributes
     ----------
     image : Volume
         The CT, HU.
     labels : str
-        The file of the regions, or the folder of their masks.
+        File with the regions, or folder of masks.
     size : str
-        Of SIZES.
-    taken : tuple of Chosen
+        One of SIZES.
+    selected : tuple of ChosenRegion
         Regions that become ROIs.
-    left : tuple of (Region, str)
-        The others, each with the reason.
+    rejected : tuple of (Region, str)
+        Other regions, each with the reason.
     voxels : dict of str to int
-        Of each ROI on the study's grid.
+        Voxels of each ROI on the study's grid.
     reach_mm : float
-        How far the body reaches from the isocentre.
+        Largest distance of the body from the isocenter.
     box_mm : list
-        The body's box, [[x, x], [y, y]], NIfTI world mm: what is scanned.
+        Scanned box around the body, [[x, x], [y, y]], NIfTI world mm.
     config : dict
-        What is written.
+        Configuration to write.
     cost : dict
-        As costs.table.summary gives it.
+        See costs.table.cost_summary.
     """
 
     image: Volume
     labels: str
     size: str
-    taken: tuple[Chosen, ...]
-    left: tuple[tuple[Region, str], ...]
+    selected: tuple[ChosenRegion, ...]
+    rejected: tuple[tuple[Region, str], ...]
     voxels: dict[str, int]
     reach_mm: float
     box_mm: list[list[float]]
@@ -86,7 +86,7 @@ def propose(
     not_checked: Sequence[str] = (),
     fill_gaps: bool = False,
 ) -> Proposal:
-    """Propose a configuration for a CT and the regions drawn on it.
+    """Propose a configuration for a CT and its segmented regions.
 
     Parameters
     ----------
@@ -95,57 +95,57 @@ def propose(
     labels : str or Path
         Label map, DICOM SEG, RTSTRUCT or mask, or a folder of masks.
     names : mapping of str to str, optional
-        {label: name}; these regions go before larger ones.
+        {label: name}; these regions are selected before larger ones.
     rois : sequence of str, optional
-        Labels or names of the regions to take; by default the largest that are suitable.
+        Labels or names of the regions to use; by default the largest suitable ones.
     size : {"normal", "quick"}, optional
-        quick: coarse voxels, few protocols and repeats; its pages say that it is a trial.
+        quick: a trial run with coarse voxels, few protocols and repeats.
     instead : str, optional
-        The command that begins a normal study of the same, which the pages of a quick one then name.
+        Command that starts a normal study of the same CT. The pages of a quick study show it.
     not_checked : sequence of str, optional
-        Checks of the CT to leave out, as phantom.ct.not_checked, where it is written.
+        Checks of the CT to skip, see phantom.ct.not_checked.
     fill_gaps : bool, optional
-        Interpolate slices of regions that are not drawn, between two that are.
+        Interpolate missing slices of a region between two drawn slices.
 
     Raises
     ------
     InputError
-        For what cannot be read, a region that is not there or that cannot be an ROI though it is asked for, and fewer
-        than two tissue classes.
+        For a file that cannot be read, a region of `rois` that is missing or unsuitable, and fewer than two tissue
+        classes.
     """
     if size not in SIZES:
         raise InputError(f"--size: '{size}' is not known; {meant(size, SIZES)}")
-    asked = sizes()[size]
+    defaults = sizes()[size]
     require_known_checks(not_checked)
     ct = read_hu(Path(image), not_checked)
     note_without_air(ct.array, image)
     ct = Volume(np.maximum(ct.array, np.float32(HU_AIR)), ct.grid)
     report_other_frame(labels, image)
-    regions = wanted = read_regions(ct, labels, names or {}, rois, fill_gaps)
-    box, outside = keep_box(ct, wanted, scanned_slices(ct.grid, wanted))
+    regions = inside = read_regions(ct, labels, names or {}, rois, fill_gaps)
+    box, outside = keep_box(ct, inside, scanned_slices(ct.grid, inside))
     if rois:
-        box, outside = widened(box, outside), []
-    left = [(one, "lies out of the trunk, as in an arm, and would widen what is scanned") for one in outside]
-    wanted = [one for one in wanted if one not in outside]
-    if not wanted:
-        raise InputError(f"{labels}: no region lies in the trunk; name the ones that you mean by --rois")
-    grid, _ = propose_grid(ct.grid, box, wanted, asked["voxels_across"])
-    taken, unfit = _fitting(wanted, grid, fill_gaps)
-    left += unfit
+        box, outside = widened_box(box, outside), []
+    rejected = [(region, "lies outside the trunk, as in an arm, and would widen the scanned box") for region in outside]
+    inside = [region for region in inside if region not in outside]
+    if not inside:
+        raise InputError(f"{labels}: no region lies in the trunk; name regions by --rois")
+    grid, _ = propose_grid(ct.grid, box, inside, defaults["voxels_across"])
+    selected, unfit = _choose_all(inside, grid, fill_gaps)
+    rejected += unfit
     if not rois:
-        taken, further = largest(taken, asked["regions"], (names or {}).values())
-        left += [(one.region, f"not among the {asked['regions']} largest that are suitable") for one in further]
+        selected, further = largest(selected, defaults["regions"], (names or {}).values())
+        rejected += [(roi.region, f"not among the {defaults['regions']} largest suitable regions") for roi in further]
     elif unfit:
         region, reason = unfit[0]
-        raise InputError(f"--rois: {region.name} {reason}; take it out, or give --size normal or a finer CT")
-    _require_classes(taken, labels)
-    grid, oversampling = propose_grid(ct.grid, box, [one.region for one in taken], asked["voxels_across"])
+        raise InputError(f"--rois: {region.name} {reason}; remove it, or use --size normal or a finer CT")
+    _require_classes(selected, labels)
+    grid, oversampling = propose_grid(ct.grid, box, [roi.region for roi in selected], defaults["voxels_across"])
     common = None if Path(labels).is_dir() else str(labels)
-    keep = is_needed(ct, box, grid)
+    keep = box_is_needed(ct, box, grid)
     body = trimmed(ct, box) if keep else ct
-    taken, found, lost = _drawn(taken, common, ct.grid, grid, kept_columns(box, ct.grid))
-    left += lost
-    _require_classes(taken, labels)
+    selected, found, lost = _on_grid(selected, common, ct.grid, grid, kept_columns(box, ct.grid))
+    rejected += lost
+    _require_classes(selected, labels)
     reach = reach_mm(body, grid)
     phantom = {
         "image": str(image),
@@ -153,16 +153,16 @@ def propose(
         **({"not_checked": list(not_checked)} if not_checked else {}),
         "centre_mm": list(grid.centre_mm),
         **({"keep_mm": box} if keep else {}),
-        "rois": [one.setting(common) for one in taken],
+        "rois": [roi.setting(common) for roi in selected],
     }
     config = {
         "phantom": {"source": "ct", "ct": phantom},
         "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing), "oversampling": oversampling},
         "scan": propose_scan(grid, reach),
-        "reconstruction": asked["reconstruction"],
-        "noise": {"model": "astra", "levels": asked["levels"]},
-        "protocols": asked["protocols"],
-        "analyses": asked["analyses"],
+        "reconstruction": defaults["reconstruction"],
+        "noise": {"model": "astra", "levels": defaults["levels"]},
+        "protocols": defaults["protocols"],
+        "analyses": defaults["analyses"],
         "measured": {"overlay": False},
         "results_dir": results_dir,
     }
@@ -170,13 +170,13 @@ def propose(
         config = {"trial": instead or True} | config
     config["scan"]["rows"] = _rows(config, grid, found)
     plan = Plan(complete(config))
-    _, cost = summary(plan, "cpu", read_rates(RESOURCES / "rates.yaml"))
+    _, cost = cost_summary(plan, "cpu", read_rates(RESOURCES / "rates.yaml"))
     return Proposal(
         image=ct,
         labels=str(labels),
         size=size,
-        taken=tuple(taken),
-        left=tuple(sorted(left, key=lambda one: [region.name for region in regions].index(one[0].name))),
+        selected=tuple(selected),
+        rejected=tuple(sorted(rejected, key=lambda pair: [region.name for region in regions].index(pair[0].name))),
         voxels={name: int(mask.sum()) for name, mask in found.items()},
         reach_mm=reach,
         box_mm=box,
@@ -185,70 +185,74 @@ def propose(
     )
 
 
-def _fitting(regions: Sequence[Region], grid: Grid, fill_gaps: bool) -> tuple[list[Chosen], list[tuple[Region, str]]]:
-    found = [(region, choose(region, grid, fill_gaps)) for region in regions]
+def _choose_all(
+    regions: Sequence[Region], grid: Grid, fill_gaps: bool
+) -> tuple[list[ChosenRegion], list[tuple[Region, str]]]:
+    """Return the suitable regions as ROIs, and the others with the reason."""
+    choices = [(region, choose(region, grid, fill_gaps)) for region in regions]
     return (
-        [one for _, one in found if isinstance(one, Chosen)],
-        [(region, one) for region, one in found if isinstance(one, str)],
+        [choice for _, choice in choices if isinstance(choice, ChosenRegion)],
+        [(region, choice) for region, choice in choices if isinstance(choice, str)],
     )
 
 
-def _require_classes(taken: Sequence[Chosen], labels: str | Path) -> None:
-    """Features are told apart between tissue classes: a study of one class ends without its tables."""
-    classes = sorted({one.region.tissue_class for one in taken})
+def _require_classes(selected: Sequence[ChosenRegion], labels: str | Path) -> None:
+    """Require two tissue classes: the study compares features between classes."""
+    classes = sorted({roi.region.tissue_class for roi in selected})
     if len(classes) < 2:
-        what = f"only the tissue class {classes[0]} is left" if classes else "no region is suitable"
+        problem = f"only the tissue class {classes[0]} is suitable" if classes else "no region is suitable"
         raise InputError(
-            f"{labels}: {what}, and the study compares two classes at least; draw more regions, or tell them apart by "
-            "--names LABEL=NAME"
+            f"{labels}: {problem}, and the study compares at least two classes; draw more regions, or give them "
+            "different names by --names LABEL=NAME"
         )
 
 
-def _drawn(
-    taken: Sequence[Chosen], common: str | None, ct: Grid, grid: Grid, kept: np.ndarray
-) -> tuple[list[Chosen], dict[str, np.ndarray], list[tuple[Region, str]]]:
-    """Regions as the study will have them: those that stay ROIs, their masks on the grid, and what is lost."""
+def _on_grid(
+    selected: Sequence[ChosenRegion], common: str | None, ct: Grid, grid: Grid, kept: np.ndarray
+) -> tuple[list[ChosenRegion], dict[str, np.ndarray], list[tuple[Region, str]]]:
+    """Return the regions that are large enough on the grid, the masks of their ROIs, and the others with the reason."""
     opened: dict = {}
-    stay, masks, lost = [], {}, []
-    for one in taken:
-        (entry,) = read_roi_entries([one.setting(common)], common)
+    suitable, masks, lost = [], {}, []
+    for chosen in selected:
+        region = chosen.region
+        (entry,) = read_roi_entries([chosen.setting(common)], common)
         try:
             rois = make_rois(entry, ct, grid, kept, opened)
         except InputError as error:
-            lost.append((one.region, str(error).removeprefix(f"ROI {one.region.name} ")))
+            lost.append((region, str(error).removeprefix(f"ROI {region.name} ")))
             continue
         few = min(int(roi.mask.sum()) for roi in rois)
         if few < MINIMUM_VOXELS:
-            lost.append((one.region, f"is too small: {few} voxels of this grid, texture needs {MINIMUM_VOXELS}"))
+            lost.append((region, f"is too small: {few} voxels of this grid, texture needs {MINIMUM_VOXELS}"))
             continue
-        stay.append(one)
+        suitable.append(chosen)
         masks |= {roi.name: roi.mask for roi in rois}
-    return stay, masks, lost
+    return suitable, masks, lost
 
 
 def _rows(config: dict, grid: Grid, masks: Mapping[str, np.ndarray]) -> int:
-    """Detector rows that see every ROI from all directions, in every protocol, and a few to spare."""
+    """Return the detector rows that see every ROI from all directions in every protocol, plus a few spare rows."""
     scan = {**defaults_of("scan"), **config["scan"]}
     points = np.concatenate(list(points_of(grid, masks).values()))
     rows = scan["rows"]
-    for projections in sorted({one["projections"] for one in config["protocols"].values()}):
+    for projections in sorted({protocol["projections"] for protocol in config["protocols"].values()}):
         if worst_share({**scan, "rows": rows}, projections, grid, points) == 1:
             continue
         least = rows_for({**scan, "rows": rows}, projections, grid, points)
         if least is None:
             raise InputError(
                 f"CT: no number of detector rows sees all regions, which span {grid.extent_mm[0]:.0f} mm along z, in "
-                f"{projections} projections; take fewer regions by --rois"
+                f"{projections} projections; use fewer regions by --rois"
             )
         rows = least + SPARE_ROWS
     return rows + rows % 2
 
 
 def _with_nulls(config: dict, size: str) -> dict:
-    """The same, with what config/config.yaml has beyond it taken away."""
+    """Return the configuration with nulls that remove the other protocols and noise levels of config/config.yaml."""
     config, default = copy.deepcopy(config), sizes()["normal"]
     if size != "normal":
         sections = ((config["protocols"], default["protocols"]), (config["noise"]["levels"], default["levels"]))
-        for own, others in sections:
-            own |= {name: None for name in others if name not in own}
+        for section, default_section in sections:
+            section |= {name: None for name in default_section if name not in section}
     return config

@@ -1,4 +1,4 @@
-"""The regions that are drawn on a CT, each with its size, CT numbers and place."""
+"""Segmented regions of a CT, each with its size, CT numbers and position."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +21,12 @@ from ...phantom.dicom_files import not_dicom, read_header
 from ...phantom.masks import KINDS, open_regions
 from ...phantom.regions import ONE_BY_ONE, CroppedRegion, report
 
-GAS_HU = -300.0  # less dense than fat (-100) by more than noise: gas, or lung
-LONGEST_NAME = 56  # of a region; with the number of a part 64, as the schema allows
-# Words of a name that say which one of several of a tissue it is: a side, a number, a vertebra or a rib.
+GAS_HU = -300.0  # gas or lung: below fat (-100) by more than the noise
+LONGEST_NAME = 56  # the schema allows 64 with the number of a part
+# Words in a name that distinguish regions of the same tissue: a side, a number, a vertebra or a rib.
 ONE_OF_SEVERAL = re.compile(r"^(left|right|l|r|\d+|[ctls]\d+)$", re.IGNORECASE)
-NAMELESS = ("label", "region", "roi")  # names that say nothing of the tissue without their number
-# Latin letters that Unicode does not decompose into a letter of ASCII and an accent.
+NAMELESS = ("label", "region", "roi")  # names that keep their number, because it alone identifies the tissue
+# Latin letters that Unicode does not decompose into an ASCII letter and an accent.
 LETTERS = str.maketrans(
     {"ø": "o", "ł": "l", "đ": "d", "ð": "d", "þ": "th", "æ": "ae", "œ": "oe", "ı": "i", "µ": "u", "μ": "u"}
 )
@@ -33,26 +34,26 @@ LETTERS = str.maketrans(
 
 @dataclass(frozen=True)
 class Region:
-    """A region of a CT.
+    """Region of a CT.
 
     Attributes
     ----------
     name : str
-        Of letters, digits and underscores.
+        Name with letters, digits and underscores.
     tissue_class : str
-        The name without side and number.
+        Name without side and number.
     file : str
-        Where it is drawn.
+        File with the segmentation.
     label : int, str or None
-        Which region of the file.
+        Label in the file; None for a file with one mask.
     box : tuple of 3 slice
-        Where it lies in the CT, (z, y, x).
+        Bounding box in the CT, (z, y, x).
     mask : ndarray of bool
-        Within the box.
+        Mask inside the box.
     gas_share : float
-        Of its voxels, those under GAS_HU.
+        Fraction of voxels below GAS_HU.
     grid : Grid
-        The CT's.
+        Grid of the CT.
     """
 
     name: str
@@ -69,29 +70,26 @@ class Region:
 
     @property
     def voxels(self) -> int:
-        """How many of the CT's voxels it has."""
+        """Number of voxels of the CT."""
         return int(np.count_nonzero(self.mask))
 
     @property
     def extent_mm(self) -> tuple[float, float, float]:
-        """Edge lengths of its box, mm (z, y, x)."""
+        """Edge lengths of the box, mm (z, y, x)."""
         return tuple((s.stop - s.start) * wide for s, wide in zip(self.box, self.grid.spacing, strict=True))
 
     @property
     def bounds_mm(self) -> tuple[tuple[float, float], ...]:
-        """From where to where it reaches, outer edges of its voxels, NIfTI world mm: z, y, x."""
+        """Limits of the box (outer edges of voxels), NIfTI world mm: z, y, x."""
         return tuple(
-            (
-                centre + (s.start - n / 2) * wide,
-                centre + (s.stop - n / 2) * wide,
-            )
-            for s, n, wide, centre in zip(
+            (center + (s.start - n / 2) * wide, center + (s.stop - n / 2) * wide)
+            for s, n, wide, center in zip(
                 self.box, self.grid.shape, self.grid.spacing, self.grid.centre_mm[::-1], strict=True
             )
         )
 
     def slice(self, z: int) -> np.ndarray:
-        """One slice of the CT, bool [y, x]."""
+        """Return the mask on one slice of the CT, bool [y, x]."""
         full = np.zeros(self.grid.shape[1:], bool)
         if self.box[0].start <= z < self.box[0].stop:
             full[self.box[1:]] = self.mask[z - self.box[0].start]
@@ -99,190 +97,187 @@ class Region:
 
 
 @dataclass(frozen=True)
-class _Found:
-    """A region of a file before its voxels are needed."""
+class _FoundRegion:
+    """Region of a file whose voxels are not read yet."""
 
     path: Path
     label: int | str | None
-    own: str  # the name that the file or its own name gives it
-    known: tuple[str, ...]  # what a user may call it
-    draw: Callable[[], CroppedRegion | None]
+    original_name: str  # given by the file or by the name of the file
+    aliases: tuple[str, ...]  # names that an option may use for it
+    crop: Callable[[], CroppedRegion | None]
 
 
 def read_regions(
-    image: Volume,
-    labels: str | Path,
-    names: Mapping[str, str],
-    rois: Sequence[str] = (),
-    fill_gaps: bool = False,
+    image: Volume, labels: str | Path, names: Mapping[str, str], rois: Sequence[str] = (), fill_gaps: bool = False
 ) -> list[Region]:
-    """Regions of a file, or of a folder of masks.
+    """Read the regions of a file or of a folder of masks.
 
-    Without `rois`, regions that cannot be read or are empty are reported and left out.
+    Without `rois`, regions that are empty or cannot be read are skipped with a note.
 
     Parameters
     ----------
     image : Volume
         The CT, HU.
     labels : str or Path
-        Label map or mask (NIfTI, NRRD, MetaImage), DICOM SEG, RTSTRUCT, or a folder of masks with a file each.
+        Label map or mask (NIfTI, NRRD, MetaImage), DICOM SEG, RTSTRUCT, or a folder with one file per mask.
     names : mapping of str to str
-        {label: name} that replace the file's own.
+        {label: name}, which replace the names in the file.
     rois : sequence of str, optional
-        Labels or names of the only regions to read.
+        Labels or names of the regions to read; by default all.
     fill_gaps : bool, optional
-        Interpolate slices that are not drawn, between two that are.
+        Interpolate missing slices between two drawn slices.
 
     Returns
     -------
     list of Region
-        In the order of the file.
+        Regions in the order of the file.
 
     Raises
     ------
     InputError
-        For a file or a region of `rois` that cannot be read, a name of `names` for a label that is not there or that is
-        not of letters, digits and underscores, a name given twice, and where there is no region at all.
+        For a file or a region of `rois` that cannot be read, and a file without regions. Also for an unknown label or
+        an invalid name in `names`, and for two regions with the same name.
     """
     labels = Path(labels)
     broken: dict[str, str] = {}
-    there = _there(labels, image.grid, fill_gaps, broken)
-    called = _called(labels, there, names, broken)
-    wanted = _wanted(labels, there, called, rois, broken)
+    found = _find_regions(labels, image.grid, fill_gaps, broken)
+    new_names = _names(labels, found, names, broken)
+    selected = _selected(labels, found, new_names, rois, broken)
     regions, empty, remarks = [], [], []
-    for done, (found, name) in enumerate(wanted):
-        progress("reading regions", done, len(wanted))
+    for done, (source, name) in enumerate(selected):
+        progress("reading regions", done, len(selected))
         try:
-            drawn = found.draw()
+            cropped = source.crop()
         except InputError as error:
             if rois:
                 raise
-            broken[found.own] = str(error)
+            broken[source.original_name] = str(error)
             continue
-        if drawn is None:
-            empty.append(found.own)
+        if cropped is None:
+            empty.append(source.original_name)
             continue
-        remarks += [(found.path, one) for one in drawn.remarks]
-        regions.append(_region(image, drawn, name, str(found.path), found.label))
+        remarks += [(source.path, remark) for remark in cropped.remarks]
+        regions.append(_region(image, cropped, name, str(source.path), source.label))
     if rois and empty:
-        raise InputError(f"--rois: {labels}: {empty[0]} has no voxel; draw it, or take it out")
+        raise InputError(f"--rois: {labels}: {empty[0]} has no voxels; draw it, or remove it from --rois")
     for path in dict.fromkeys(path for path, _ in remarks):
-        report(path, [one for source, one in remarks if source == path])
+        report(path, [remark for remark_path, remark in remarks if remark_path == path])
     if not rois:
-        _report_left_out(labels, broken)
+        _report_skipped(labels, broken)
     if empty:
-        note(f"{labels}: {counted(len(empty), 'region')} without voxels passed over: {', '.join(empty)}")
+        note(f"{labels}: {counted(len(empty), 'region')} without voxels skipped: {', '.join(empty)}")
     if not regions:
         if broken:
             reason = next(iter(broken.values()))
             raise InputError(reason if len(broken) == 1 else f"{labels}: no region can be read; the first: {reason}")
-        raise InputError(f"{labels}: holds no region; draw some on the CT")
+        raise InputError(f"{labels}: has no regions; draw regions on the CT")
     return regions
 
 
-def _there(labels: Path, grid: Grid, fill_gaps: bool, broken: dict[str, str]) -> list[_Found]:
-    """Every region; masks of a folder that cannot be read go to `broken`, with the reason."""
+def _find_regions(labels: Path, grid: Grid, fill_gaps: bool, broken: dict[str, str]) -> list[_FoundRegion]:
+    """Return all regions. Masks of a folder that cannot be read go to `broken`, with the reason."""
     folder = labels.is_dir()
     paths = _files(labels)
-    there: list[_Found] = []
+    regions: list[_FoundRegion] = []
     for done, path in enumerate(paths):
         progress("opening masks", done, len(paths))
         try:
             reader = open_regions(path, grid)
-            listed = reader.list_regions()
+            labels_of_file = reader.list_regions()
         except InputError as error:
             if not folder:
                 raise
             broken[_stem(path)] = str(error)
             continue
-        if folder and not listed:
-            there.append(_Found(path, None, _stem(path), (_stem(path),), lambda: None))
-        for label, named in listed.items():
-            alone = folder and len(listed) == 1 and named is None
-            own = _stem(path) if alone else named or f"label_{label}"
-            known = tuple(dict.fromkeys((str(label), *reader.aliases(label), own, *([_stem(path)] if alone else []))))
-            if folder:  # one mask at a time: the file need not be kept
+        if folder and not labels_of_file:
+            regions.append(_FoundRegion(path, None, _stem(path), (_stem(path),), lambda: None))
+        for label, label_name in labels_of_file.items():
+            single = folder and len(labels_of_file) == 1 and label_name is None
+            name = _stem(path) if single else label_name or f"label_{label}"
+            stem = [_stem(path)] if single else []
+            aliases = tuple(dict.fromkeys((str(label), *reader.aliases(label), name, *stem)))
+            if folder:  # read each mask now, so that its file need not stay in memory
                 try:
-                    drawn = reader.crop(label, fill_gaps)
+                    cropped = reader.crop(label, fill_gaps)
                 except InputError as error:
-                    broken[own] = str(error)
+                    broken[name] = str(error)
                     continue
-                found = _Found(path, None if alone else label, own, known, lambda drawn=drawn: drawn)
-                twin = next((one for one in there if alone and _are_twins(one, found)), None)
+                region = _FoundRegion(path, None if single else label, name, aliases, lambda cropped=cropped: cropped)
+                twin = next((other for other in regions if single and _same_mask(other, region)), None)
                 if twin is None:
-                    there.append(found)
+                    regions.append(region)
                 else:
-                    note(f"{path}: is the same mask as {twin.path}; it is passed over")
+                    note(f"{path}: is the same mask as {twin.path}; it is skipped")
             else:
-                there.append(
-                    _Found(path, label, own, known, lambda one=label, reader=reader: reader.crop(one, fill_gaps))
-                )
-    return there
+                crop = partial(reader.crop, label, fill_gaps)
+                regions.append(_FoundRegion(path, label, name, aliases, crop))
+    return regions
 
 
-def _are_twins(one: _Found, other: _Found) -> bool:
-    """Whether two masks of a folder are equal, and their file names but for case and suffix."""
-    if one.label is not None or other.label is not None or one.own.lower() != other.own.lower():
+def _same_mask(first: _FoundRegion, second: _FoundRegion) -> bool:
+    """Whether two masks of a folder are equal and their file names differ only in case or suffix."""
+    same_name = first.original_name.lower() == second.original_name.lower()
+    if first.label is not None or second.label is not None or not same_name:
         return False
-    first, second = one.draw(), other.draw()
-    if first is None or second is None:
-        return first is second
-    return first.box == second.box and np.array_equal(first.mask, second.mask)
+    mask, other = first.crop(), second.crop()
+    if mask is None or other is None:
+        return mask is other
+    return mask.box == other.box and np.array_equal(mask.mask, other.mask)
 
 
-def _wanted(
-    labels: Path, there: Sequence[_Found], called: Sequence[str], rois: Sequence[str], broken: Mapping[str, str]
-) -> list[tuple[_Found, str]]:
-    """Regions and their names, of those that `rois` asks for."""
-    pairs = list(zip(there, called, strict=True))
-    for one in rois:
-        if any(one in (*found.known, name) for found, name in pairs):
+def _selected(
+    labels: Path, found: Sequence[_FoundRegion], names: Sequence[str], rois: Sequence[str], broken: Mapping[str, str]
+) -> list[tuple[_FoundRegion, str]]:
+    """Return (region, name) for the regions named in `rois`, or for all regions."""
+    pairs = list(zip(found, names, strict=True))
+    for roi in rois:
+        if any(roi in (*region.aliases, name) for region, name in pairs):
             continue
-        reason = next((text for own, text in broken.items() if one in (own, _base(own))), None)
+        reason = next((text for name, text in broken.items() if roi in (name, _base(name))), None)
         if reason is not None:
             raise InputError(reason)
-        raise InputError(f"--rois: {labels} has no region '{one}'; {meant(one, called, 'there are')}")
-    return [(found, name) for found, name in pairs if not rois or set(rois) & {*found.known, name}]
+        raise InputError(f"--rois: {labels} has no region '{roi}'; {meant(roi, names, 'there are')}")
+    return [(region, name) for region, name in pairs if not rois or set(rois) & {*region.aliases, name}]
 
 
-def _report_left_out(labels: Path, broken: Mapping[str, str]) -> None:
-    """A line for each region that is left out; many for one reason become one line that names all of them."""
+def _report_skipped(labels: Path, broken: Mapping[str, str]) -> None:
+    """Print a note for each skipped region; many regions with the same reason share one note."""
     alike: dict[str, list[str]] = {}
-    for own, reason in broken.items():
-        alike.setdefault(re.sub(r"[-+\d.]+", "#", reason.replace(own, "@")), []).append(own)
+    for name, reason in broken.items():
+        alike.setdefault(re.sub(r"[-+\d.]+", "#", reason.replace(name, "@")), []).append(name)
     for names in alike.values():
         shown = names if len(names) <= ONE_BY_ONE else names[:1]
-        for own in shown:
-            note(f"{own} is left out: {broken[own]}")
+        for name in shown:
+            note(f"{name} is skipped: {broken[name]}")
         if more := names[len(shown) :]:
-            note(
-                f"{labels}: {len(more)} more regions are left out for the same reason as {names[0]}: {', '.join(more)}"
-            )
+            note(f"{labels}: {len(more)} more regions are skipped for the same reason as {names[0]}: {', '.join(more)}")
 
 
 def _files(labels: Path) -> list[Path]:
-    """The file, or the masks of a folder."""
+    """Return the file itself, or the mask files of a folder."""
     if not labels.is_dir():
         return [labels]
-    seen = sorted(path for path in labels.iterdir() if path.is_file() and not path.name.startswith("."))
-    heads = {path.with_suffix("").name.lower() for path in seen if path.suffix.lower() == ".hdr"}
-    masks = [path for path in seen if suffix_of(path)]
-    masks = [one for one in masks if one.suffix.lower() != ".img" or one.with_suffix("").name.lower() not in heads]
+    files = sorted(path for path in labels.iterdir() if path.is_file() and not path.name.startswith("."))
+    headers = {path.stem.lower() for path in files if path.suffix.lower() == ".hdr"}
+    masks = [path for path in files if suffix_of(path)]
+    masks = [
+        path for path in masks if path.suffix.lower() != ".img" or path.with_suffix("").name.lower() not in headers
+    ]
     if not masks:
-        masks = [path for path in seen if _is_drawn(path)]
+        masks = [path for path in files if _is_dicom_segmentation(path)]
     if not masks:
         raise InputError(
-            f"{labels}: holds no mask (NIfTI, NRRD, MetaImage), DICOM SEG or RTSTRUCT; give a file of regions or a "
+            f"{labels}: has no mask (NIfTI, NRRD, MetaImage), DICOM SEG or RTSTRUCT; give a file with regions or a "
             "folder of masks"
         )
-    others = [path.name for path in seen if path not in masks and path.suffix.lower() not in (".img", ".raw", ".json")]
+    others = [path.name for path in files if path not in masks and path.suffix.lower() not in (".img", ".raw", ".json")]
     if others:
-        some = ", ".join(others[:ONE_BY_ONE]) + (", ..." if len(others) > ONE_BY_ONE else "")
-        note(f"{labels}: {counted(len(others), 'file')} passed over, no masks: {some}")
+        names = ", ".join(others[:ONE_BY_ONE]) + (", ..." if len(others) > ONE_BY_ONE else "")
+        note(f"{labels}: {counted(len(others), 'file')} without masks skipped: {names}")
     return masks
 
 
-def _is_drawn(path: Path) -> bool:
+def _is_dicom_segmentation(path: Path) -> bool:
     """Whether a file is a DICOM SEG or RTSTRUCT."""
     try:
         header = None if not_dicom(path) else read_header(path)
@@ -292,43 +287,45 @@ def _is_drawn(path: Path) -> bool:
 
 
 def _stem(path: Path) -> str:
-    """Name of a file without the suffix of its format, and without Slicer's ".seg"."""
+    """Return the name of a file without the suffix of its format and without Slicer's ".seg"."""
     suffix = suffix_of(path)
     name = path.name[: -len(suffix)] if suffix else path.stem
     return name[:-4] if name.lower().endswith(".seg") else name
 
 
-def _called(labels: Path, there: Sequence[_Found], names: Mapping[str, str], broken: Mapping[str, str]) -> list[str]:
-    """Names that files and tables can have, each once; what the files' own names are replaced by is reported."""
+def _names(
+    labels: Path, found: Sequence[_FoundRegion], names: Mapping[str, str], broken: Mapping[str, str]
+) -> list[str]:
+    """Return unique names that are valid in files and tables. Changed names are reported."""
     unused = dict(names)
     given, bases = [], []
-    for found in there:
-        name = next((unused.pop(one) for one in found.known if one in unused), None)
+    for region in found:
+        name = next((unused.pop(alias) for alias in region.aliases if alias in unused), None)
         if name is not None and not re.fullmatch(rf"[A-Za-z0-9_]{{1,{LONGEST_NAME}}}", name):
             raise InputError(f"--names: '{name}' must be of letters, digits and underscores, {LONGEST_NAME} at most")
         given.append(name is not None)
-        bases.append(name if name is not None else _base(found.own))
-    if unknown := [one for one in unused if one not in broken]:
-        known = ", ".join(str(found.label if found.label is not None else found.own) for found in there)
+        bases.append(name if name is not None else _base(region.original_name))
+    if unknown := [label for label in unused if label not in broken]:
+        known = ", ".join(str(region.original_name if region.label is None else region.label) for region in found)
         raise InputError(f"--names: {labels} has no region '{unknown[0]}'; there are: {known}")
     if doubled := [n for n, count in Counter(n for n, g in zip(bases, given, strict=True) if g).items() if count > 1]:
-        raise InputError(f"{labels}: two regions would be called {doubled[0]}; tell them apart by --names LABEL=NAME")
-    several = Counter(base.lower() for base in bases)
-    taken = {base.lower() for base, one in zip(bases, given, strict=True) if one or several[base.lower()] == 1}
-    called = []
-    for position, (found, base, one) in enumerate(zip(there, bases, given, strict=True), 1):
+        raise InputError(f"{labels}: two regions have the name {doubled[0]}; rename one by --names LABEL=NAME")
+    counts = Counter(base.lower() for base in bases)
+    taken = {base.lower() for base, user in zip(bases, given, strict=True) if user or counts[base.lower()] == 1}
+    unique = []
+    for position, (region, base, user) in enumerate(zip(found, bases, given, strict=True), 1):
         name = base
-        if not one and (several[base.lower()] > 1 or not base):
-            name = _numbered(base or "region", _number(found, position), taken)
+        if not user and (counts[base.lower()] > 1 or not base):
+            name = _numbered(base or "region", _number(region, position), taken)
         taken.add(name.lower())
-        called.append(name)
-    _report_renamed(labels, there, bases, called)
-    return called
+        unique.append(name)
+    _report_renamed(labels, found, bases, unique)
+    return unique
 
 
-def _number(found: _Found, position: int) -> int:
-    """The number of a region in its file, else its position among all regions."""
-    return next((int(one) for one in found.known if one.isascii() and one.isdigit()), position)
+def _number(region: _FoundRegion, position: int) -> int:
+    """Return the number of a region in its file, or else its position among all regions."""
+    return next((int(alias) for alias in region.aliases if alias.isascii() and alias.isdigit()), position)
 
 
 def _numbered(base: str, number: int, taken: set[str]) -> str:
@@ -339,19 +336,19 @@ def _numbered(base: str, number: int, taken: set[str]) -> str:
         number += 1
 
 
-def _report_renamed(labels: Path, there: Sequence[_Found], bases: Sequence[str], called: Sequence[str]) -> None:
+def _report_renamed(labels: Path, found: Sequence[_FoundRegion], bases: Sequence[str], names: Sequence[str]) -> None:
     alike: dict[str, list[str]] = {}
-    for found, base, name in zip(there, bases, called, strict=True):
+    for region, base, name in zip(found, bases, names, strict=True):
         if base != name:
-            alike.setdefault(base, []).append(f"'{found.own}' is called {name}")
+            alike.setdefault(base, []).append(f"'{region.original_name}' is called {name}")
     for base, lines in alike.items():
-        why = f"several regions would be called {base}" if base else "names need letters of ASCII"
-        note(f"{labels}: {why}: {', '.join(lines)}; --names LABEL=NAME gives other names")
+        why = f"several regions have the name {base}" if base else "names need ASCII letters"
+        note(f"{labels}: {why}: {', '.join(lines)}; use --names LABEL=NAME for other names")
 
 
-def _base(own: str) -> str:
-    """A name of letters of ASCII, digits and underscores; empty if too little is left of a name in another script."""
-    decomposed = unicodedata.normalize("NFKD", own.casefold().translate(LETTERS))
+def _base(original_name: str) -> str:
+    """Return a name of ASCII letters, digits and underscores; "" if another script leaves too little of it."""
+    decomposed = unicodedata.normalize("NFKD", original_name.casefold().translate(LETTERS))
     bare = "".join(c for c in decomposed if not unicodedata.combining(c))
     name = re.sub(r"[^a-z0-9]+", "_", bare).strip("_")[:LONGEST_NAME].rstrip("_")
     lost = any(c.isalnum() and not c.isascii() for c in bare)
@@ -359,20 +356,20 @@ def _base(own: str) -> str:
 
 
 def tissue_class(name: str) -> str:
-    """The name of a region without the words that say which one of several it is: muscle of muscle_left."""
+    """Return the name of a region without words for side and number: muscle for muscle_left."""
     words = [word for word in name.split("_") if not ONE_OF_SEVERAL.match(word)]
     return name if not words or (len(words) == 1 and words[0] in NAMELESS) else "_".join(words)
 
 
-def _region(image: Volume, drawn: CroppedRegion, name: str, file: str, label: int | str | None) -> Region:
-    values = image.array[drawn.box][drawn.mask].astype(np.float64)
+def _region(image: Volume, cropped: CroppedRegion, name: str, file: str, label: int | str | None) -> Region:
+    values = image.array[cropped.box][cropped.mask].astype(np.float64)
     return Region(
         name=name,
         tissue_class=tissue_class(name),
         file=file,
         label=label,
-        box=drawn.box,
-        mask=drawn.mask,
+        box=cropped.box,
+        mask=cropped.mask,
         volume_ml=values.size * image.grid.voxel_volume_mm3 / 1000,
         mean_hu=float(values.mean()),
         sd_hu=float(values.std()),

@@ -84,7 +84,7 @@ def with_declared(model: Mapping, path: str | Path | None) -> dict:
     Parameters
     ----------
     model : mapping
-        As study.diagnosed.Diagnosis.model gives it.
+        As study.diagnosis_jobs.Diagnosis.model gives it.
     path : str, Path or None
         A diagnosis.json; None: the model as it is.
 

@@ -1,1 +1,1 @@
-"""Checks of a study before anything is computed."""
+"""Checks of a study that run before anything is computed."""

@@ -1,7 +1,7 @@
-"""Checks that found nothing wrong are not made again while settings, files and code stay as they are.
+"""Cache of successful checks, so that they run again only after a change of settings, files or code.
 
-Each is a file named by a hash of everything that it depends on, in Snakemake's own folder: names of files and settings
-do not go into it. It is empty unless the check made notes, and then `virtual-phantom check` makes it again.
+Each check is a file in Snakemake's folder, named by a hash of all its inputs. The file is empty unless the check
+printed notes; `virtual-phantom check` then repeats the check.
 """
 
 from __future__ import annotations
@@ -16,47 +16,47 @@ from ...base.console import collected_notes
 from ...config.dependencies import LIBRARY
 from ...io.files import files_of
 
-SNAKEMAKE = Path(".snakemake")  # where it runs
+SNAKEMAKE = Path(".snakemake")  # in the working folder
 FOLDER = SNAKEMAKE / "virtual_phantom"
-MOST = 100  # that are kept, the newest
+MOST = 100  # checks to keep; older ones are deleted
 WITH_NOTES = b"notes"
 
 
-def look_once(
-    settings: Mapping, paths: Iterable[str | Path], look: Callable[[], Iterable[str]], keep: bool = False
+def cached_check(
+    settings: Mapping, paths: Iterable[str | Path], check: Callable[[], Iterable[str]], keep: bool = False
 ) -> list[str]:
-    """What a check finds; nothing at once, where it has found nothing before.
+    """Return the errors that a check finds, or none if the cache holds the successful check.
 
     Parameters
     ----------
     settings : mapping
-        All that the check depends on beside files; JSON.
+        Inputs of the check other than files; JSON.
     paths : iterable of str or Path
-        Files, and folders of files, that it reads. They count as changed with their size or time.
-    look : callable
-        The check: a line for each mistake.
+        Files and folders that the check reads. A changed size or time counts as a change.
+    check : callable
+        Returns a line for each error.
     keep : bool, optional
-        Make the folder where it is not there, and do not look again for the sake of notes.
+        Create the cache folder if it is missing, and do not repeat a check that printed notes.
     """
     try:
-        kept = FOLDER / _mark(settings, paths)
-        if kept.exists() and (keep or not kept.stat().st_size):
+        entry = FOLDER / _key(settings, paths)
+        if entry.exists() and (keep or not entry.stat().st_size):
             return []
-    except OSError:  # a file that is not there: the check says which
-        return list(look())
+    except OSError:  # a missing file, which the check reports
+        return list(check())
     with collected_notes() as notes:
-        lines = list(look())
+        lines = list(check())
     if not lines and (keep or SNAKEMAKE.is_dir()):
-        with contextlib.suppress(OSError):  # where nothing may be written, the next start looks again
+        with contextlib.suppress(OSError):  # in a read-only folder the check is repeated
             FOLDER.mkdir(parents=True, exist_ok=True)
-            kept.write_bytes(WITH_NOTES if notes else b"")
+            entry.write_bytes(WITH_NOTES if notes else b"")
             for old in sorted(FOLDER.iterdir(), key=lambda path: path.stat().st_mtime)[:-MOST]:
                 old.unlink(missing_ok=True)
     return lines
 
 
-def _mark(settings: Mapping, paths: Iterable[str | Path]) -> str:
-    """A hash of settings, of the size and time of every file, and of those of the library's own code."""
+def _key(settings: Mapping, paths: Iterable[str | Path]) -> str:
+    """Return a hash of the settings and of size and time of all files and of the library's code."""
     sources = [file for path in paths for file in files_of(path)]
     code = sorted(LIBRARY.rglob("*.py"))
     states = [(str(file.resolve()), file.stat().st_size, file.stat().st_mtime_ns) for file in (*sources, *code)]

@@ -1,4 +1,4 @@
-"""What of a phantom a scan sees, and how large a detector would see all of it."""
+"""Coverage of a phantom by a scan, and the detector size that covers all of it."""
 
 from __future__ import annotations
 
@@ -19,25 +19,20 @@ from ...io.volumes import Volume
 from ...phantom.body import edges_mm, find_body
 from ...physics.scenes.line_integrals import hardest_points, share_seen
 
-TISSUE_HU = -300.0  # fat (-100) and denser, with noise; lungs and air do not count
-MOST_POINTS = 500  # of an ROI, at either extreme; jobs look at all of them again
-MOST_PIXELS = 16384  # rows or columns of a detector, as the configuration's schema allows
+TISSUE_HU = -300.0  # below fat (-100) by more than the noise; excludes lungs and air
+MOST_POINTS = 500  # points of an ROI at each extreme; jobs check all points again
+MOST_PIXELS = 16384  # maximum of detector rows or columns in the schema of the configuration
 
 
 def reach_mm(image: Volume, grid: Grid) -> float:
-    """How far voxels of the body, their centres, reach from the isocentre's axis.
+    """Return the largest distance of body voxels (their centers) from the axis of rotation, mm; 0 without a body.
 
     Parameters
     ----------
     image : Volume
-        HU; what lies above or below the grid does not count.
+        HU. Slices above and below the grid are ignored.
     grid : Grid
-        Its centre is the isocentre.
-
-    Returns
-    -------
-    float
-        mm; 0 without a body.
+        Its center is the isocenter.
     """
     z, y, x = (
         axis + here - there
@@ -51,42 +46,42 @@ def reach_mm(image: Volume, grid: Grid) -> float:
 
 
 @dataclass(frozen=True)
-class Removed:
-    """Tissue that keep_mm turns into air, in the slices that are scanned.
+class RemovedTissue:
+    """Tissue that keep_mm replaces by air, in the scanned slices.
 
     Attributes
     ----------
     share : float
-        Of all tissue.
-    apart_share : float
-        Of all tissue, what lies apart from the body, as arms and a table do.
+        Removed fraction of all tissue.
+    detached_share : float
+        Removed fraction of all tissue that is separate from the body, such as arms and a table.
     body_share : float
-        Of the body's tissue, what is removed of the body.
+        Removed fraction of the body's tissue.
     columns : ndarray of bool, shape (y, x)
         Columns of the CT that lose voxels of the body.
     box_mm : list
-        [[x, x], [y, y]], NIfTI world mm: contains the whole body.
+        Box that contains the whole body, [[x, x], [y, y]], NIfTI world mm.
     """
 
     share: float
-    apart_share: float
+    detached_share: float
     body_share: float
     columns: np.ndarray
     box_mm: list
     ct: Grid
 
     def distance_mm(self, grid: Grid, mask: np.ndarray) -> float:
-        """Return the least distance in-plane from a mask on a grid to what is removed of the body."""
-        away = distance_transform_edt(~self.columns, sampling=self.ct.spacing[1:])
+        """Return the smallest in-plane distance from a mask on a grid to removed voxels of the body."""
+        distance = distance_transform_edt(~self.columns, sampling=self.ct.spacing[1:])
         index = []
-        for axis, places in zip((1, 2), np.nonzero(mask.any(axis=0)), strict=True):
-            at = grid.axes_mm()[axis][places] + grid.centre_mm[2 - axis] - self.ct.centre_mm[2 - axis]
+        for axis, pixels in zip((1, 2), np.nonzero(mask.any(axis=0)), strict=True):
+            position = grid.axes_mm()[axis][pixels] + grid.centre_mm[2 - axis] - self.ct.centre_mm[2 - axis]
             n = self.ct.shape[axis]
-            index.append(np.clip(np.rint(at / self.ct.spacing[axis] + (n - 1) / 2).astype(int), 0, n - 1))
-        return float(away[tuple(index)].min())
+            index.append(np.clip(np.rint(position / self.ct.spacing[axis] + (n - 1) / 2).astype(int), 0, n - 1))
+        return float(distance[tuple(index)].min())
 
 
-def removed_tissue(image: Volume, grid: Grid, kept: np.ndarray) -> Removed:
+def removed_tissue(image: Volume, grid: Grid, kept: np.ndarray) -> RemovedTissue:
     """Measure the tissue that keep_mm removes.
 
     Parameters
@@ -94,9 +89,9 @@ def removed_tissue(image: Volume, grid: Grid, kept: np.ndarray) -> Removed:
     image : Volume
         The whole CT, HU.
     grid : Grid
-        The study's: slices above and below it are not scanned.
+        Grid of the study. Slices above and below it are not scanned.
     kept : ndarray of bool, shape (y, x)
-        Columns of the CT within keep_mm.
+        Columns of the CT inside keep_mm.
     """
     z = image.grid.axes_mm()[0] + image.grid.centre_mm[2] - grid.centre_mm[2]
     seen = np.flatnonzero(np.abs(z) <= (grid.extent_mm[0] + image.grid.spacing[0]) / 2)
@@ -111,15 +106,15 @@ def removed_tissue(image: Volume, grid: Grid, kept: np.ndarray) -> Removed:
     of_body = body.mask[(np.arange(last - first) // z)[:, None], (rows // y)[None], (columns // x)[None]] & lost
     cut = np.zeros(kept.shape, bool)
     cut[rows, columns] = of_body.any(axis=0)
-    own = np.count_nonzero(of_body)
+    lost_of_body = np.count_nonzero(of_body)
     box = []
     for axis in (2, 1):
         low, high = edges_mm(image.grid, axis, body.pixels_of(axis)) if body.mask.any() else (0.0, 0.0)
         box.append([math.floor(low), math.ceil(high)])
-    return Removed(
+    return RemovedTissue(
         share=np.count_nonzero(lost) / max(total, 1),
-        apart_share=(np.count_nonzero(lost) - own) / max(total, 1),
-        body_share=own / max(int(counts[body.mask].sum()), 1),
+        detached_share=(np.count_nonzero(lost) - lost_of_body) / max(total, 1),
+        body_share=lost_of_body / max(int(counts[body.mask].sum()), 1),
         columns=cut,
         box_mm=box,
         ct=image.grid,
@@ -127,19 +122,9 @@ def removed_tissue(image: Volume, grid: Grid, kept: np.ndarray) -> Removed:
 
 
 def columns_for(reach: float, scan: Mapping) -> int | None:
-    """The fewest detector columns whose field of view holds a circle.
+    """Return the smallest number of detector columns whose field of view contains a circle with radius `reach`, mm.
 
-    Parameters
-    ----------
-    reach : float
-        The circle's radius, mm.
-    scan : mapping
-        A complete `scan` section.
-
-    Returns
-    -------
-    int or None
-        None: no detector does, as the source is nearer than that or it would need too many.
+    It is None if the source lies inside the circle or the detector would need too many columns.
     """
     if reach >= scan["source_to_isocentre_mm"]:
         return None
@@ -149,52 +134,34 @@ def columns_for(reach: float, scan: Mapping) -> int | None:
 
 
 def _half_mm(fan_rad: float, scan: Mapping) -> float:
-    """How far along the detector a ray of a fan angle meets it, and a flying focal spot's beside it."""
+    """Return where a ray with a fan angle meets the detector, mm from its center, including a flying focal spot."""
     distance = scan["source_to_detector_mm"]
-    beyond = distance / scan["source_to_isocentre_mm"] - 1
-    flown = beyond * max(
-        (abs(spot.get("columns_mm", 0.0)) for spot in scan.get("flying_focal_spot") or []), default=0.0
-    )
+    spots = (abs(spot.get("columns_mm", 0.0)) for spot in scan.get("flying_focal_spot") or [])
+    shift = (distance / scan["source_to_isocentre_mm"] - 1) * max(spots, default=0.0)
     if scan.get("detector", FLAT) == FLAT:
-        return math.tan(fan_rad) * distance + flown
+        return math.tan(fan_rad) * distance + shift
     radius = scan.get("arc_radius_mm") or distance
-    return (fan_rad + math.asin((distance - radius) * math.sin(fan_rad) / radius)) * radius + flown
+    return (fan_rad + math.asin((distance - radius) * math.sin(fan_rad) / radius)) * radius + shift
 
 
 def worst_share(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarray) -> float:
-    """Of the directions of half a turn, the share that the worst of some points is seen from.
+    """Return the fraction of the directions of half a turn from which a scan sees the worst of some points.
 
-    Parameters
-    ----------
-    scan : mapping
-        A complete `scan` section.
-    points_mm : ndarray, shape (points, 3)
-        (x, y, z) from the isocentre.
+    The points have the shape (points, 3), (x, y, z) from the isocenter.
 
     Raises
     ------
     InputError
-        For a scan that lacks directions altogether.
+        For a scan that covers less than half a turn.
     """
     return share_seen(ParallelRays(scan_geometry(dict(scan), projections, grid)), points_mm)
 
 
 def rows_for(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarray) -> int | None:
-    """The fewest further detector rows that see points from every direction of half a turn, all else as it is.
+    """Return the number of rows, above that of the scan, that sees points from every direction of half a turn.
 
-    Fewer rows may do it too: a helix then has more turns.
-
-    Parameters
-    ----------
-    scan : mapping
-        A complete `scan` section, whose rows do not do it.
-    points_mm : ndarray, shape (points, 3)
-        (x, y, z) from the isocentre.
-
-    Returns
-    -------
-    int or None
-        How many rows in all; None: rows alone do not do it.
+    It is None if no number of rows suffices. Fewer rows may suffice too, because a helix then has more turns. Points
+    have the shape (points, 3), (x, y, z) from the isocenter.
     """
 
     def enough(rows: int) -> bool:
@@ -203,7 +170,7 @@ def rows_for(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarray)
         except InputError:
             return False
 
-    # From the farthest point of the orbit this many rows see the grid twice over.
+    # Seen from the far side of the orbit, twice the height of the grid.
     tall = 2 * grid.extent_mm[0] * scan["source_to_detector_mm"] / (scan["source_to_isocentre_mm"] / 2)
     most = min(MOST_PIXELS, max(2 * scan["rows"], math.ceil(2 * tall / scan["row_pitch_mm"])))
     low, high = scan["rows"], scan["rows"] + 1
@@ -218,14 +185,14 @@ def rows_for(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarray)
 
 
 def points_of(grid: Grid, masks: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """{ROI: where it is hardest to see}, shape (points, 3), mm from the isocentre."""
+    """Return {ROI: points that are hardest to see}, shape (points, 3), mm from the isocenter."""
     return {name: _thinned(hardest_points(grid, mask)) for name, mask in masks.items()}
 
 
 def _thinned(points: np.ndarray) -> np.ndarray:
-    """Of many points the ones farthest along z and farthest from the axis: the others are seen where these are."""
+    """Reduce many points to those farthest along z and from the axis: a scan that sees these sees the others too."""
     if len(points) <= 2 * MOST_POINTS:
         return points
-    along, away = np.abs(points[:, 2]), np.hypot(points[:, 0], points[:, 1])
-    chosen = {*np.argsort(-along, kind="stable")[:MOST_POINTS], *np.argsort(-away, kind="stable")[:MOST_POINTS]}
+    z, radius = np.abs(points[:, 2]), np.hypot(points[:, 0], points[:, 1])
+    chosen = {*np.argsort(-z, kind="stable")[:MOST_POINTS], *np.argsort(-radius, kind="stable")[:MOST_POINTS]}
     return points[sorted(chosen)]

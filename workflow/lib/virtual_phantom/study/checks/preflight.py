@@ -1,4 +1,4 @@
-"""All that is wrong with a study, from its configuration and the files that it names, before anything is computed."""
+"""Find all errors of a study in its configuration and the files that it names, before anything is computed."""
 
 from __future__ import annotations
 
@@ -19,44 +19,38 @@ from ...projectors import choose_engine
 from ...recordings.document import Document, read_document
 from ..phantom_sources import PhantomSources
 from ..proof import Proof
-from .check_cache import look_once
+from .check_cache import cached_check
 from .preflight_rois import roi_problems
 
 
 def problems(settings: Mapping, scans: bool = False, keep: bool = False) -> list[str]:
-    """What is wrong with a study, a line for each mistake.
+    """Return one line for each error of a study: file or key, what is wrong, what to do.
+
+    Sections that the schema refuses are reported once. Checks that depend on them are skipped.
 
     Parameters
     ----------
     settings : mapping
-        A configuration as `config.check` takes it.
+        Configuration, see `config.check`.
     scans : bool, optional
-        Whether to read the files of recordings too, and to look if scans see all of a synthetic phantom or of a
-        published CT, which takes seconds; at a CT of the user's own this is always looked.
+        Whether to read the files of recordings too, and to check that scans cover a synthetic phantom or a published
+        CT. These checks take seconds. The coverage of a user's own CT is always checked.
     keep : bool, optional
-        Whether to remember what was right, so that the next look is fast (kept_checks).
-
-    Returns
-    -------
-    list of str
-        The file or the key, what is wrong with it, and what to do. Of a section that the schema refuses, what depends
-        on it is not looked at.
+        Whether to cache successful checks (check_cache).
     """
     lines, config = inspected(settings)
     if config:
-        phantom, recordings = (
-            partial(_phantom, keep=keep, rois=_number_of_rois(settings)),
-            partial(_recordings, keep=keep),
-        )
-        for look in (_results, _engine, _layout, _shapes, phantom, _scans, _parameters, _measured, recordings, _proof):
-            lines += look(config)
+        phantom = partial(_phantom, keep=keep, rois=_number_of_rois(settings))
+        recordings = partial(_recordings, keep=keep)
+        for check in (_results, _engine, _layout, _shapes, phantom, _scans, _parameters, _measured, recordings, _proof):
+            lines += check(config)
         if scans:
             lines += _scanned(config)
     return list(dict.fromkeys(lines))
 
 
-def _said(function, *arguments) -> list[str]:
-    """What an InputError of a function says."""
+def _messages(function, *arguments) -> list[str]:
+    """Return the message of the InputError that a function raises, if any."""
     try:
         function(*arguments)
     except InputError as error:
@@ -66,45 +60,45 @@ def _said(function, *arguments) -> list[str]:
 
 def _results(config: dict) -> Iterator[str]:
     folder = Path(config["results_dir"])
-    there = next((path for path in (folder, *folder.absolute().parents) if path.exists()), folder)
-    if not there.is_dir():
-        yield f"results_dir: {there} is a file; name a folder"
-    elif not os.access(there, os.W_OK):
-        yield f"results_dir: {there} may not be written to; change its permissions or name another folder"
+    existing = next((path for path in (folder, *folder.absolute().parents) if path.exists()), folder)
+    if not existing.is_dir():
+        yield f"results_dir: {existing} is a file; name a folder"
+    elif not os.access(existing, os.W_OK):
+        yield f"results_dir: {existing} is not writable; change its permissions or name another folder"
 
 
 def _engine(config: dict) -> Iterator[str]:
     backprojector = config["reconstruction"]["sirt"]["backprojector"]
-    yield from _said(choose_engine, config["engine"], backprojector, True, flat_detectors(config))
+    yield from _messages(choose_engine, config["engine"], backprojector, True, flat_detectors(config))
 
 
 def _layout(config: dict) -> Iterator[str]:
-    """Of the synthetic phantom."""
+    """Check a user's layout of the synthetic phantom."""
     phantom = config.get("phantom", {})
-    if phantom.get("source") == "synthetic" and phantom["layout"] is not None:  # that of the library is right
-        from ...phantom.layout import read_layout  # heavy, for those who get here
+    if phantom.get("source") == "synthetic" and phantom["layout"] is not None:
+        from ...phantom.layout import read_layout  # slow import
 
-        yield from _said(read_layout, phantom["layout"])
+        yield from _messages(read_layout, phantom["layout"])
 
 
 def _shapes(config: dict) -> Iterator[str]:
-    """Of a phantom of shapes."""
+    """Check a phantom of shapes."""
     phantom = config.get("phantom", {})
     if phantom.get("source") == "object" and "object" in phantom:
-        from ...physics.scenes.objects import read_phantom_rois  # loads numba, for those who get here
+        from ...physics.scenes.objects import read_phantom_rois  # slow import (numba)
 
-        yield from (f"phantom.object: {line}" for line in _said(read_phantom_rois, phantom["object"]))
+        yield from (f"phantom.object: {line}" for line in _messages(read_phantom_rois, phantom["object"]))
 
 
 def _seen_shapes(config: dict) -> Iterator[str]:
-    """Whether scans see all of a phantom of shapes."""
+    """Check that scans cover a phantom of shapes."""
     if "grid" not in config or "object" not in config["phantom"] or list(_shapes(config)):
         return
     from ...physics.scenes.objects import read_phantom_object
-    from ...physics.scenes.voxelized import reach_mm, voxelize_rois  # heavy, for those who get here
-    from .preflight_scan import blind_spots, grid_here
+    from ...physics.scenes.voxelized import reach_mm, voxelize_rois  # slow import
+    from .preflight_scan import blind_spots, world_grid
 
-    grid, (shaped, rois) = grid_here(config), read_phantom_object(config["phantom"]["object"])
+    grid, (shaped, rois) = world_grid(config), read_phantom_object(config["phantom"]["object"])
     try:
         masks = {roi.name: roi.mask for roi in voxelize_rois(shaped, grid, rois)}
     except InputError as error:
@@ -114,12 +108,12 @@ def _seen_shapes(config: dict) -> Iterator[str]:
 
 
 def _scanned(config: dict) -> Iterator[str]:
-    """Whether recordings can be read, and scans see the synthetic phantom, or a published CT that is here already."""
+    """Check the files of recordings, and that scans cover the synthetic phantom or an available published CT."""
     yield from _recorded(config)
     phantom = config.get("phantom", {})
     if phantom.get("source") == "ct" and _has_ct(phantom):
         sources = PhantomSources(Plan(config))
-        if sources.published and not sources.absent and not _said(sources.check):
+        if sources.published and not sources.absent and not _messages(sources.check):
             from .preflight_ct import ct_problems
 
             yield from ct_problems(config)
@@ -128,67 +122,67 @@ def _scanned(config: dict) -> Iterator[str]:
     if phantom.get("source") != "synthetic" or "grid" not in config or list(_layout(config)):
         return
     from ...phantom.layout import read_layout
-    from ...phantom.synthetic import find_outline  # heavy, for those who get here
-    from .preflight_scan import blind_spots, grid_here
+    from ...phantom.synthetic import find_outline  # slow import
+    from .preflight_scan import blind_spots, world_grid
 
-    grid = grid_here(config)
+    grid = world_grid(config)
     try:
         reach, rois = find_outline(read_layout(phantom["layout"]), grid, branch(config["seed"], Branch.PHANTOM))
     except InputError as error:
         yield str(error)
         return
-    # The reach is that of shapes; voxels' centres lie farther in.
+    # `reach` is the edge of the shapes; the centers of voxels lie closer to the axis.
     slack = math.hypot(*grid.spacing[1:]) / 2
     yield from blind_spots(config, grid, reach, {roi.name: roi.mask for roi in rois}, slack)
 
 
 def _has_ct(phantom: dict) -> bool:
-    """Whether a CT and its ROIs are named, and the schema refuses neither."""
+    """Whether the configuration has a valid CT and valid ROIs."""
     return {"image", "rois"} <= phantom.get("ct", {}).keys()
 
 
 def _number_of_rois(settings: Mapping) -> int:
-    """Number of entries of phantom.ct.rois, of which the schema may refuse some."""
+    """Return the number of entries of phantom.ct.rois, including invalid ones."""
     for key in ("phantom", "ct", "rois"):
         settings = settings.get(key) if isinstance(settings, Mapping) else None
     return len(settings) if isinstance(settings, list) else 0
 
 
 def _phantom(config: dict, keep: bool, rois: int) -> Iterator[str]:
-    """Of a CT and its ROIs, of which the user gave so many."""
+    """Check a CT and its ROIs; `rois` is the number of entries before invalid ones were removed."""
     phantom = config.get("phantom", {})
     if phantom.get("source") != "ct" or not _has_ct(phantom):
         return
     classes = {roi["tissue_class"] for roi in phantom["ct"]["rois"]}
     if len(classes) == 1 and len(phantom["ct"]["rois"]) == rois and "stability" in config["analyses"]:
         yield (
-            f"config: phantom.ct.rois are all of tissue_class {min(classes)}; analyses.stability compares at least two "
-            "classes, so give ROIs of another, or set analyses.stability: null"
+            f"config: phantom.ct.rois all have tissue_class {min(classes)}; analyses.stability compares at least two "
+            "classes, so add ROIs of another class or set analyses.stability: null"
         )
     sources = PhantomSources(Plan(config))
-    if damaged := _said(sources.check):
+    if damaged := _messages(sources.check):
         yield from damaged
-    elif not sources.published and not sources.made:  # those have their SHA-256, and these are not here yet
-        yield from look_once(config, sources.paths, lambda: _ct(config), keep)
+    elif not sources.published and not sources.made:  # published files have a SHA-256; made files do not exist yet
+        yield from cached_check(config, sources.paths, lambda: _ct(config), keep)
 
 
 def _ct(config: dict) -> Iterator[str]:
-    from .preflight_ct import ct_problems  # heavy, for those who get here
+    from .preflight_ct import ct_problems  # slow import
 
     yield from ct_problems(config)
 
 
 def _parameters(config: dict) -> Iterator[str]:
-    """The parameter file of features."""
+    """Check the parameter file of features."""
     if file := config.get("features", {}).get("parameters"):
-        from ...features.parameters import read_parameters  # loads pyradiomics, for those who get here
+        from ...features.parameters import read_parameters  # slow import (pyradiomics)
 
-        yield from _said(read_parameters, file)
+        yield from _messages(read_parameters, file)
 
 
 def _scans(config: dict) -> Iterator[str]:
-    """Public scans that are asked for."""
-    yield from _said(PublicScans(Plan(config)).check)
+    """Check the selected public scans."""
+    yield from _messages(PublicScans(Plan(config)).check)
 
 
 def _measured(config: dict) -> Iterator[str]:
@@ -198,7 +192,7 @@ def _measured(config: dict) -> Iterator[str]:
 
 
 def _recordings(config: dict, keep: bool) -> Iterator[str]:
-    """Recordings and what is asked of the diagnosis of them."""
+    """Check the documents of recordings and the settings of their diagnosis."""
     documents: dict[str, Document] = {}
     scans = PublicScans(Plan(config))
     for name, folder in config["recordings"].items():
@@ -208,68 +202,68 @@ def _recordings(config: dict, keep: bool) -> Iterator[str]:
             yield from lines_of(error)
     yield from roi_problems(config, documents)
     diagnosed = config["diagnosis"]["recordings"]
-    yield from _said(check_accuracy, config["diagnosis"]["model_accuracy"])
-    for name, one in diagnosed.items():
+    yield from _messages(check_accuracy, config["diagnosis"]["model_accuracy"])
+    for name, entry in diagnosed.items():
         where = f"diagnosis.recordings.{name}"
-        yield from _object(one.get("object", {}), f"{where}.object", keep)
-        if name not in documents or one.get("physics_from", name) not in documents:
+        yield from _object(entry.get("object", {}), f"{where}.object", keep)
+        if name not in documents or entry.get("physics_from", name) not in documents:
             continue
-        if wrong := _said(check_kinds, {name: one}, documents):
-            yield from wrong
-        elif "physics_from" not in one:
-            said = _said(partial(candidates, **shown_by(documents[name].content)), one)
-            yield from (f"{where}: {line}" for line in said)
+        if lines := _messages(check_kinds, {name: entry}, documents):
+            yield from lines
+        elif "physics_from" not in entry:
+            lines = _messages(partial(candidates, **shown_by(documents[name].content)), entry)
+            yield from (f"{where}: {line}" for line in lines)
 
 
 def _recorded(config: dict) -> Iterator[str]:
-    """What is wrong in the files of recordings, which jobs read again."""
+    """Check the data files of recordings."""
     made = made_folders(config).values()
     folders = [folder for folder in config["recordings"].values() if folder not in made]
     if not folders:
         return
     from ...features.names import FEATURES
-    from ...features.parameters import read_parameters  # loads pyradiomics, for those who get here
+    from ...features.parameters import read_parameters  # slow import (pyradiomics)
     from ...recordings.reading import load_recording
 
     file, features = config.get("features", {}).get("parameters"), FEATURES
-    if file and not _said(read_parameters, file):
+    if file and not _messages(read_parameters, file):
         features = read_parameters(file).features
     for folder in dict.fromkeys(folders):
         try:
             files = read_document(folder).files
-        except InputError:  # `_recordings` says so
+        except InputError:  # reported by `_recordings`
             continue
 
-        def look(folder: str = folder) -> list[str]:
+        def check(folder: str = folder) -> list[str]:
             try:
                 load_recording(folder, features)
             except InputError as error:
                 return list(lines_of(error))
             return []
 
-        yield from look_once({"recording": folder, "features": list(features)}, files, look)
+        yield from cached_check({"recording": folder, "features": list(features)}, files, check)
 
 
 def _object(settings: Mapping, where: str, keep: bool) -> Iterator[str]:
-    """An object that was scanned."""
+    """Check the description of a scanned object."""
     mask = settings.get("mask")
     if mask is not None and not Path(mask).is_file():
         yield f"{where}.mask: {mask}: no such file; give the path of a NIfTI image"
     if {"labels", "materials"} <= set(settings):
-        wrong = look_once(settings, [settings["labels"]], lambda: _labels(settings), keep)
-        yield from (f"{where}: {line}" for line in wrong)
+        lines = cached_check(settings, [settings["labels"]], lambda: _labels(settings), keep)
+        yield from (f"{where}: {line}" for line in lines)
     if "kind" in settings:
-        from ...physics.scenes.objects import read_object  # loads numba, for those who get here
+        from ...physics.scenes.objects import read_object  # slow import (numba)
 
-        wrong = _said(read_object, settings["kind"], settings.get("parameters"))
-        yield from (f"{where}: {line}" for line in wrong)
+        lines = _messages(read_object, settings["kind"], settings.get("parameters"))
+        yield from (f"{where}: {line}" for line in lines)
 
 
 def _labels(settings: Mapping) -> list[str]:
-    from ...physics.scenes.labeled import read_label_map  # loads numba, for those who get here
+    from ...physics.scenes.labeled import read_label_map  # slow import (numba)
 
-    return _said(read_label_map, settings["labels"], settings["materials"])
+    return _messages(read_label_map, settings["labels"], settings["materials"])
 
 
 def _proof(config: dict) -> Iterator[str]:
-    yield from _said(Proof.read, Plan(config), Files(config["results_dir"]))
+    yield from _messages(Proof.read, Plan(config), Files(config["results_dir"]))

@@ -1,4 +1,4 @@
-"""All that is wrong with a CT, the regions drawn on it, and the voxels and scans that they are put on."""
+"""Find all errors of a CT and its regions, and check that grid and scans fit them."""
 
 from __future__ import annotations
 
@@ -19,22 +19,21 @@ from ...phantom.masks import open_regions, report_other_frame
 from ...phantom.plausibility import CHECKS, note_without_air
 from ...phantom.rois import RoiEntry, read_roi_entries
 from .coverage import TISSUE_HU, reach_mm, removed_tissue
-from .preflight_scan import blind_spots, grid_here
+from .preflight_scan import blind_spots, world_grid
 
 KEEP_MM = "keep_mm"  # under phantom.ct.not_checked
-# Of the body. A strip of 2 % of a body 330 mm wide is about 7 mm wide: 13 % fewer or more photons behind it (0.02 per
-# mm), more than a step of the study's noise levels should be wrong by.
+# Largest fraction of the body that keep_mm may remove. A strip with 2 % of a body of 330 mm is about 7 mm wide and
+# changes the photons behind it by 13 % (0.02 per mm).
 MOST_CUT = 0.02
 
 
 def ct_problems(config: Mapping) -> Iterator[str]:
-    """What is wrong, a line for each mistake.
+    """Yield one line for each error.
 
     Parameters
     ----------
     config : mapping
-        With the schema's defaults, and phantom.ct. Other sections may be missing, and what depends on them is not
-        looked at.
+        Configuration with defaults and phantom.ct. Checks that need other sections are skipped if these are missing.
     """
     settings = config["phantom"]["ct"]
     entries: tuple[RoiEntry, ...] = ()
@@ -59,7 +58,7 @@ def ct_problems(config: Mapping) -> Iterator[str]:
         check_hu(image, path, not_checked)
         note_without_air(image.array, path)
     except InputError as error:
-        in_hu = False  # where the body is cannot be known, so that its voxels and scans are not looked at
+        in_hu = False  # the body cannot be found, so the checks of grid and scans are skipped
         yield from (f"phantom.ct.image: {line}" for line in lines_of(error))
     whole = image = Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
     kept = np.ones(image.grid.shape[1:], bool)
@@ -71,19 +70,19 @@ def ct_problems(config: Mapping) -> Iterator[str]:
             yield str(error)
     grid = None
     if "grid" in config and in_hu:
-        grid = grid_here(config, settings.get("centre_mm", image.grid.centre_mm))
+        grid = world_grid(config, settings.get("centre_mm", image.grid.centre_mm))
         try:
             check_fit(image, grid)
         except InputError as error:
             yield str(error)
-            # ROIs beyond the grid, rows and columns for it: all of that would be said of the wrong grid.
+            # Errors of ROIs and detector would refer to the wrong grid.
             grid = None
     masks: dict[str, np.ndarray] = {}
     yield from _regions(entries, image.grid, grid, kept, masks)
     if grid is not None:
         if not kept.all():
             yield from _cut(whole, grid, kept, masks, not_checked)
-        # The phantom is scanned on finer voxels than these, whose centres may lie farther in.
+        # The scanned phantom has finer voxels, whose centers may lie closer to the axis.
         slack = (math.hypot(*image.grid.spacing[1:]) + math.hypot(*grid.spacing[1:])) / 2
         yield from blind_spots(config, grid, reach_mm(image, grid), masks, slack)
 
@@ -91,34 +90,34 @@ def ct_problems(config: Mapping) -> Iterator[str]:
 def _cut(
     image: Volume, grid: Grid, kept: np.ndarray, masks: Mapping[str, np.ndarray], not_checked: Collection[str]
 ) -> Iterator[str]:
-    """Say how much tissue keep_mm removes: a note about arms and a table, a line about the body itself."""
+    """Report how much tissue keep_mm removes: an error if much of the body is lost, otherwise a note."""
     removed = removed_tissue(image, grid, kept)
     if not removed.share:
         return
     near = ""
     if removed.columns.any() and masks:
-        away = {name: removed.distance_mm(grid, mask) for name, mask in masks.items()}
-        nearest = min(away, key=away.get)
-        near = f", {away[nearest]:.0f} mm from the nearest ROI ({nearest})"
+        distances = {name: removed.distance_mm(grid, mask) for name, mask in masks.items()}
+        nearest = min(distances, key=distances.get)
+        near = f", {distances[nearest]:.0f} mm from the nearest ROI ({nearest})"
     if removed.body_share > MOST_CUT and KEEP_MM not in not_checked:
         box = ", ".join(f"[{low:.0f}, {high:.0f}]" for low, high in removed.box_mm)
         yield (
-            f"phantom.ct.keep_mm: makes air of {100 * removed.body_share:.2g} % of the body (voxels above "
-            f"{TISSUE_HU:g} HU in its filled outline){near}; widen it to [{box}], or take it out (if it is right: "
+            f"phantom.ct.keep_mm: removes {100 * removed.body_share:.2g} % of the body (voxels above "
+            f"{TISSUE_HU:g} HU in its filled outline){near}; widen it to [{box}] or delete it (if it is right: "
             f"not_checked: [{KEEP_MM}])"
         )
         return
     note(
-        f"phantom.ct.keep_mm: makes air of {100 * removed.share:.2g} % of the tissue (voxels above {TISSUE_HU:g} HU): "
-        f"{100 * removed.apart_share:.2g} % apart from the body, as arms and tables are, and "
-        f"{100 * (removed.share - removed.apart_share):.2g} % of the body{near}"
+        f"phantom.ct.keep_mm: removes {100 * removed.share:.2g} % of the tissue (voxels above {TISSUE_HU:g} HU): "
+        f"{100 * removed.detached_share:.2g} % outside the body, such as arms and table, and "
+        f"{100 * (removed.share - removed.detached_share):.2g} % of the body{near}"
     )
 
 
 def _regions(
     entries: tuple[RoiEntry, ...], ct: Grid, grid: Grid | None, kept: np.ndarray, masks: dict[str, np.ndarray]
 ) -> Iterator[str]:
-    """What is wrong with regions; those that are right are put into `masks`."""
+    """Yield the errors of regions, and add the masks of the other regions to `masks`."""
     opened: dict = {}
     broken: set[str] = set()
     for entry in entries:
@@ -145,5 +144,5 @@ def _regions(
             if np.count_nonzero(roi.mask) == 1:
                 yield (
                     f"ROI {roi.name}: has one voxel of the grid, and texture needs {MINIMUM_VOXELS}; use a finer grid, "
-                    "or a smaller margin_mm, or fewer parts"
+                    "a smaller margin_mm or fewer parts"
                 )

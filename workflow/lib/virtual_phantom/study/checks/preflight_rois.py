@@ -1,4 +1,4 @@
-"""Whether recordings that are compared call their regions as the study's phantom does."""
+"""Check that compared recordings and the phantom use the same names and tissue classes of ROIs."""
 
 from __future__ import annotations
 
@@ -9,79 +9,76 @@ from ...recordings.document import Document
 
 
 def roi_problems(config: Mapping, documents: Mapping[str, Document]) -> Iterator[str]:
-    """What would stop a comparison once everything is simulated.
+    """Yield errors that would otherwise stop a comparison after the simulation.
+
+    These are ROIs with different tissue classes, recordings without any ROI of the phantom, and comparisons with an ROI
+    that one side lacks.
 
     Parameters
     ----------
     config : mapping
-        Complete.
+        Complete configuration.
     documents : mapping of str to Document
-        Of the recordings that could be read, by name.
-
-    Yields
-    ------
-    str
-        For each region that recording.yaml has in another tissue class than the phantom, each recording of which no
-        region has the name of one of the phantom's, and each comparison that does not choose those of both.
+        Documents of the recordings that could be read, by name.
     """
     comparisons = config["analyses"].get("comparison", {})
-    compared = {one["recording"] for one in comparisons.values()}
-    ours = _classes_of_phantom(config["phantom"]) if compared & documents.keys() else {}
+    compared = {comparison["recording"] for comparison in comparisons.values()}
+    of_study = _classes_of_phantom(config["phantom"]) if compared & documents.keys() else {}
     for name in sorted(compared & documents.keys()):
         path, entries = documents[name].path, documents[name].content.get("rois", [])
-        theirs = {one: entry["tissue_class"] for entry in entries for one in _names(entry)}
-        if not ours or not theirs:
+        recorded = {roi: entry["tissue_class"] for entry in entries for roi in _names(entry)}
+        if not of_study or not recorded:
             continue
-        common = theirs.keys() & ours.keys()
+        common = recorded.keys() & of_study.keys()
         if not common:
             yield (
-                f"{path}: rois: none of {', '.join(theirs)} is an ROI of the study, so nothing could be compared; give "
-                "those that are alike the study's name and tissue_class: "
-                + ", ".join(f"{name} ({tissue})" for name, tissue in ours.items())
+                f"{path}: rois: none of {', '.join(recorded)} is an ROI of the study, so no ROI can be compared; give "
+                "matching ROIs the name and tissue_class of the study: "
+                + ", ".join(f"{name} ({tissue})" for name, tissue in of_study.items())
             )
         for roi in sorted(common):
-            if theirs[roi] != ours[roi]:
+            if recorded[roi] != of_study[roi]:
                 yield (
-                    f"{path}: rois: {roi} is of tissue_class {theirs[roi]}, in the study of {ours[roi]}; if they are "
-                    f"the same tissue, write tissue_class: {ours[roi]}, else give the ROI another name"
+                    f"{path}: rois: {roi} has tissue_class {recorded[roi]}, in the study {of_study[roi]}; if they are "
+                    f"the same tissue, write tissue_class: {of_study[roi]}, otherwise rename the ROI"
                 )
         if common:
-            here = {key: one for key, one in comparisons.items() if one["recording"] == name}
-            yield from _not_on_both_sides(here, list(ours), list(theirs))
+            with_recording = {key: entry for key, entry in comparisons.items() if entry["recording"] == name}
+            yield from _not_on_both_sides(with_recording, list(of_study), list(recorded))
 
 
-def _not_on_both_sides(comparisons: Mapping, ours: Sequence[str], theirs: Sequence[str]) -> Iterator[str]:
-    """Of comparisons with one recording: those that would miss an ROI, after hours of simulation."""
-    common = [roi for roi in ours if roi in theirs]
-    for key, one in comparisons.items():
-        chosen = one.get("rois")
+def _not_on_both_sides(comparisons: Mapping, of_study: Sequence[str], recorded: Sequence[str]) -> Iterator[str]:
+    """Yield a line for each comparison with one recording in which one side lacks an ROI."""
+    common = [roi for roi in of_study if roi in recorded]
+    for key, comparison in comparisons.items():
+        chosen = comparison.get("rois")
         lacks = {
-            "the recording": [roi for roi in chosen or ours if roi not in theirs],
-            "the study": [roi for roi in chosen or theirs if roi not in ours],
+            "the recording": [roi for roi in chosen or of_study if roi not in recorded],
+            "the study": [roi for roi in chosen or recorded if roi not in of_study],
         }
         if missing := [f"{side} has no ROI {', '.join(rois)}" for side, rois in lacks.items() if rois]:
             yield (
-                f"config: analyses.comparison.{key}: {' and '.join(missing)}; to compare what both have, write "
-                f"rois: [{', '.join(common)}] there"
+                f"config: analyses.comparison.{key}: {' and '.join(missing)}; to compare the common ROIs, add "
+                f"rois: [{', '.join(common)}]"
             )
 
 
 def _classes_of_phantom(phantom: Mapping) -> dict[str, str]:
-    """Tissue class of every ROI; empty where the section itself is wrong, which is said elsewhere."""
+    """Return {ROI: tissue class}; empty if the section has an error, which another check reports."""
     try:
         if phantom["source"] == "ct":
-            from ...phantom.rois import read_roi_entries  # loads pandas, for those who get here
+            from ...phantom.rois import read_roi_entries  # slow import (pandas)
 
             ct = phantom["ct"]
             entries = read_roi_entries(ct["rois"], ct.get("labels"))
             return {name: entry.tissue_class for entry in entries for name in entry.names}
         if phantom["source"] == "object":
-            from ...physics.scenes.objects import read_phantom_rois  # loads numba, for those who get here
+            from ...physics.scenes.objects import read_phantom_rois  # slow import (numba)
 
             return {roi.name: roi.tissue_class for roi in read_phantom_rois(phantom["object"])}
-        from ...phantom.layout import read_layout  # heavy, for those who get here
+        from ...phantom.layout import read_layout  # slow import
 
-        return {str(one["name"]): str(one["tissue_class"]) for one in read_layout(phantom["layout"])["rois"]}
+        return {str(roi["name"]): str(roi["tissue_class"]) for roi in read_layout(phantom["layout"])["rois"]}
     except (InputError, KeyError, TypeError):
         return {}
 

@@ -1,1 +1,1 @@
-"""What a study costs before it is run: its jobs, how much each has to do and to write, and measured rates of both."""
+"""Cost of a study before it runs: its jobs, their amounts of work and output, and measured rates."""

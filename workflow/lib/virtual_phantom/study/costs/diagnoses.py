@@ -1,20 +1,20 @@
-"""How long the diagnosis of one recording of projections takes, from what is known before it starts.
+"""Forecast of the time of the diagnosis of one recording of projections.
 
-Work is counted in units that costs.rates has a rate for:
+Work is counted in units, each with a rate in costs.rates::
 
-    job               one diagnosis: its start, its page
-    compiled          kernels that are compiled, where no earlier run has done so
-    plane             what a ray meets in the scanned object, if the description of the scan is checked: voxels along
-                      the longer side in-plane x materials, or shapes; nothing of a disc
-    point             pixels that are fitted, over all views, and a share of their rays (RAYS_PER_PIXEL): alignment,
-                      verdict, images
+    job               one diagnosis: start and page
+    compiled          compilation of kernels, if no earlier run has done so
+    plane             planes of the scanned object that a ray crosses, if the scan set-up is checked: voxels along the
+                      longer side in-plane x materials, or number of shapes; 0 for a disc
+    point             fitted pixels of all views plus a fraction of their rays (RAYS_PER_PIXEL): alignment, verdict,
+                      images
     filter_point      matched filters: points x effects x rounds of the ranking
-    filter_step       their steps through the object: rays x effects x planes x rounds
-    evaluation        scans that fits simulate
-    evaluation_point  the same x points
+    filter_step       steps of the matched filters through the object: rays x effects x planes x rounds
+    evaluation        simulated scans of the fits
+    evaluation_point  evaluations x points
 
-How many scans are simulated depends on what is found, by far more than on anything that is known beforehand. A forecast
-is therefore a range, from a recording that lacks nothing to one that lacks several effects.
+The number of simulated scans depends mostly on what the diagnosis finds. A forecast is therefore a range, from a
+recording without missing effects to a recording with several.
 """
 
 from __future__ import annotations
@@ -32,31 +32,23 @@ from ...physics.scenes.sampling import MIN_POINTS
 
 STAGE = "diagnose"
 UNITS = ("job", "compiled", "plane", "point", "filter_point", "filter_step", "evaluation", "evaluation_point")
-# Units of which several processes share the work.
+# Units that several processes share.
 SHARED = ("filter_point", "filter_step", "evaluation", "evaluation_point")
-# What a pixel costs beside its rays, in rays: fits of one scan with 1, 4 and 9 rays per pixel took 5.8, 10.7 and 14.8 s
-# (benchmarks/diagnosis_rates.py --busy, "scatter"), filters 2.0, 3.3 and 4.8 s.
+# Cost of a pixel in addition to its rays, in rays. Fits of one scan with 1, 4 and 9 rays per pixel took 5.8, 10.7 and
+# 14.8 s, filters 2.0, 3.3 and 4.8 s (benchmarks/diagnosis_rates.py --busy, "scatter").
 RAYS_PER_PIXEL = 5
-# Scans that a diagnosis simulates, and rounds of ranking effects: 365 to 1,177 and 1 to 3 where nothing or one
-# effect was found (ten simulated recordings), 7,437 and 11 (of few effects each) with three on a real disc.
+# Simulated scans and rounds of ranking. Ten simulated recordings in which no or one effect was found needed 365 to
+# 1,177 scans and 1 to 3 rounds. A real disc with three effects needed 7,437 scans and 11 rounds of few effects.
 EVALUATIONS = (400, 4200)
 ROUNDS = (1, 4)
-# Rates are off, too: ten of eleven diagnoses took what is forecast with this factor either way, and the other one 0.8
+# Uncertainty of the rates. With this factor, ten of eleven diagnoses were inside the forecast; the other one took 0.8
 # times the lower end (rates.yaml, tests/study/test_forecasts.py).
 RATES_OFF = 1.25
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """How long a diagnosis takes, s.
-
-    Attributes
-    ----------
-    cpu : tuple of 2 float
-        Lower and upper end of the CPU time of all its processes.
-    wall : tuple of 2 float
-        The same of the wall time, on otherwise idle cores.
-    """
+    """Lower and upper end of the CPU time of all processes and of the wall time on otherwise idle cores, s."""
 
     cpu: tuple[float, float]
     wall: tuple[float, float]
@@ -64,19 +56,18 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Extent:
-    """How large a diagnosis is.
+    """Size of a diagnosis.
 
     Attributes
     ----------
     pixels, rays : int
-        That are fitted, over all views; rays of a pixel are counted one by one, and of a source that is declared to be
-        wide those of every point.
+        Fitted pixels and rays of all views. A pixel may have several rays, and a wide source several points per ray.
     planes : int
-        As the unit `plane`.
+        See the unit `plane`.
     effects : int
-        That are tried.
+        Candidate effects.
     checked : bool
-        Whether the description of the scan is.
+        Whether the scan set-up is checked.
     """
 
     pixels: int
@@ -86,17 +77,7 @@ class Extent:
     checked: bool
 
     def work(self, evaluations: int, rounds: int, compiled: bool = False) -> dict[str, float]:
-        """{unit: amount}.
-
-        Parameters
-        ----------
-        evaluations : int
-            Scans that fits simulate.
-        rounds : int
-            In which effects are ranked.
-        compiled : bool, optional
-            Whether kernels are compiled.
-        """
+        """Return {unit: amount} for numbers of simulated scans and of ranking rounds, with or without compilation."""
         points, filters = self.pixels + self.rays / RAYS_PER_PIXEL, self.effects * rounds
         return {
             "job": 1,
@@ -110,19 +91,9 @@ class Extent:
         }
 
     def forecast(self, rates: Mapping, processes: int = 1) -> Forecast | None:
-        """How long the diagnosis takes.
+        """Return the forecast of the diagnosis; None if `rates` (see rates.read_rates) has no rates for it.
 
-        Parameters
-        ----------
-        rates : mapping
-            As rates.read_rates gives them.
-        processes : int, optional
-            Side by side. They share fits and filters: at best evenly, at worst with half of them idle.
-
-        Returns
-        -------
-        Forecast or None
-            None without rates.
+        Parallel processes share fits and filters: in the best case evenly, in the worst case with half of them idle.
         """
         units = rates["seconds"].get(STAGE)
         if units is None:
@@ -138,79 +109,66 @@ class Extent:
 
 
 def extent(settings: Mapping, shape: tuple[int, int, int], effects: int, phantom: tuple[Sequence[int], int]) -> Extent:
-    """Of a recording of projections.
+    """Return the size of the diagnosis of a recording of projections.
 
     Parameters
     ----------
     settings : mapping
-        Its section of the configuration: samples, view_step, check_setup, disc, object, baseline.
+        Settings of the recording: samples, view_step, check_setup, disc, object, baseline.
     shape : tuple of 3 int
-        Of the scan: views, rows, columns.
+        Views, rows and columns of the scan.
     effects : int
-        That are tried.
+        Number of candidate effects.
     phantom : tuple of (sequence of 3 int, int)
-        Voxels of the study's phantom along z, y and x, and how many materials it is divided into; for a recording of
-        it.
+        Voxels along z, y and x and number of materials of the study's phantom, for a recording of it.
 
     Raises
     ------
     InputError
-        If what was scanned is a file that cannot be read.
+        If the file of the scanned object cannot be read.
     """
     views, rows, columns = shape
     samples, step = fitted(settings.get("samples"), settings.get("view_step"), is_shapes(settings), shape)
-    seen = math.ceil(views / step), rows, columns
-    rays = rays_of(seen, samples) * source_points(settings.get("baseline", {}))
-    return Extent(math.prod(seen), rays, _planes(settings, phantom), effects, settings["check_setup"])
+    fitted_shape = math.ceil(views / step), rows, columns
+    rays = rays_of(fitted_shape, samples) * points_of_source(settings.get("baseline", {}))
+    return Extent(math.prod(fitted_shape), rays, _planes(settings, phantom), effects, settings["check_setup"])
 
 
-def source_points(declared: Collection[str]) -> int:
-    """From how many points rays come in every model, at least.
-
-    Parameters
-    ----------
-    declared : collection of str
-        Effects that are known of the scanner.
-    """
-    spot = MIN_POINTS**2 if "focal_spot" in declared else 1
-    beside = MIN_POINTS if "off_focal_radiation" in declared else 0
-    return (spot + beside) * (MIN_POINTS if "view_blur" in declared else 1)
+def points_of_source(declared: Collection[str]) -> int:
+    """Return the minimum number of source points in every model, given the declared effects of the scanner."""
+    focal = MIN_POINTS**2 if "focal_spot" in declared else 1
+    off_focal = MIN_POINTS if "off_focal_radiation" in declared else 0
+    return (focal + off_focal) * (MIN_POINTS if "view_blur" in declared else 1)
 
 
-def materials_of(section: Mapping) -> int:
-    """How many materials the study's phantom is divided into.
-
-    Parameters
-    ----------
-    section : mapping
-        Of the configuration: materials.
-    """
+def material_count(section: Mapping) -> int:
+    """Return the number of materials of the study's phantom, from the section `materials`."""
     return 1 if section["dense"] is None else 2
 
 
 def _planes(settings: Mapping, phantom: tuple[Sequence[int], int]) -> int:
     if "disc" in settings:
         return 0
-    of = settings.get("object", {})
-    if "kind" in of:
-        return _shapes(of["kind"])
+    scanned = settings.get("object", {})
+    if "kind" in scanned:
+        return _shape_count(scanned["kind"])
     voxels, materials = phantom
-    if of:
-        from ...io.volumes import shape_of  # half a second, for those who need it
+    if scanned:
+        from ...io.volumes import shape_of  # slow import
 
-        voxels, materials = shape_of(of.get("mask") or of["labels"]), len(of["materials"]) if "labels" in of else 1
+        voxels = shape_of(scanned.get("mask") or scanned["labels"])
+        materials = len(scanned["materials"]) if "labels" in scanned else 1
     return max(voxels[1:]) * materials
 
 
-def _shapes(kind: str) -> int:
-    """How many an object has."""
+def _shape_count(kind: str) -> int:
     path = object_path(kind)
     with refusing(
-        f"{path}: holds no shapes", OSError, yaml.YAMLError, KeyError, TypeError, advice="see docs/how-to/objects.md"
+        f"{path}: has no shapes", OSError, yaml.YAMLError, KeyError, TypeError, advice="see docs/how-to/objects.md"
     ):
         return len(yaml.safe_load(path.read_text(encoding="utf-8"))["shapes"])
 
 
-def rays_in_words(count: int) -> str:
-    """A number of rays to two digits."""
+def rays_text(count: int) -> str:
+    """Return a number of rays in words, with two digits."""
     return f"{count / 1e6:.2g} million rays" if count >= 1e5 else f"{count / 1e3:.2g} thousand rays"

@@ -1,17 +1,17 @@
-"""Every job of a configured study with its work and what it writes, from the configuration alone.
+"""Jobs of a configured study with their amounts of work and output, from the configuration alone.
 
-Work and files are counted in units that costs.rates has a rate for:
+Amounts are counted in units, each with a rate in costs.rates::
 
     job               one job
     fine_voxel        voxels of the finely sampled phantom
     ray               rays of one scan: views x rows x columns
-    ray_step          steps of the projector: rays x voxels along the longer side in-plane; SIRT takes them once per
-                      term, once more for its weights, and for each REGISTER of realisations
-    ray_step_lane     ray steps x realisations
+    ray_step          steps of the projector: rays x voxels along the longer side in-plane; SIRT needs them once for
+                      each term and once for its weights, for every REGISTER of realizations
+    ray_step_lane     ray steps x realizations
     image             images of single acquisitions
     image_voxel       voxels of all images
-    image_voxel_view  voxels of all images x views, as back-projection takes them
-    comparison        features x ROIs x pairs of groups x repeats, as the interval of the stability takes them
+    image_voxel_view  voxels of all images x views, for back-projection
+    comparison        features x ROIs x pairs of groups x repeats, for the intervals of the stability analysis
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ class Job:
     Attributes
     ----------
     rule : str
-        Without the numbers by which rules of one kind differ.
+        Name of the rule, without the number that distinguishes rules of one kind.
     stage : str
-        What it is counted under, the name of its rates.
+        Name of its rates.
     outputs : tuple of str
-        Its files, in results_dir.
+        Output files, relative to results_dir.
     work : dict of str to float
         {unit: amount}.
     writes : dict of str to float
@@ -56,15 +56,7 @@ class Job:
 
 
 def study_jobs(plan: Plan, engine: str, rois: int) -> list[Job]:
-    """All jobs of a complete configuration's study, what `snakemake` makes without a target.
-
-    Parameters
-    ----------
-    engine : str
-        What projects, as projectors.choose_engine gives it.
-    rois : int
-        Regions of interest of the phantom.
-    """
+    """Return all jobs that `snakemake` without a target runs, with the engine and the number of ROIs of the study."""
     sizes = Sizes(plan, engine)
     jobs = [_phantom(sizes), *_rois(sizes), *_kernels(sizes), *_projections(sizes), *_reconstructions(sizes)]
     jobs += _extractions(sizes, rois)
@@ -79,22 +71,22 @@ def study_jobs(plan: Plan, engine: str, rois: int) -> list[Job]:
 def _job(
     output: Output, files: tuple[str, ...], work: dict[str, float], amount: float = 0, stage: str | None = None
 ) -> Job:
-    """A job by one of its outputs, which says its rule and what it is counted under."""
+    """Return a job, with rule and stage taken from one of its outputs."""
     return Job(output.rule, stage or output.stage, files, work, {output.counted: amount} if output.counted else {})
 
 
 class Sizes:
-    """What jobs of each kind have to do: {unit: amount}, with the stage where that depends on the configuration.
+    """Amounts of work of each kind of job, {unit: amount}, with the stage if it depends on the configuration.
 
     Parameters
     ----------
     engine : str
-        What projects, as projectors.choose_engine gives it.
+        Projector, see projectors.choose_engine.
 
     Attributes
     ----------
     voxels, fine : int
-        How many an image has, and the finely sampled phantom.
+        Voxels of an image and of the finely sampled phantom.
     across : int
         Voxels along the longer side in-plane.
     """
@@ -107,26 +99,26 @@ class Sizes:
         self.across = max(grid["shape"][1:])
 
     def rays(self, geometry: str) -> int:
-        """Of one scan of a geometry: views x rows x columns."""
+        """Return the rays of one scan of a geometry: views x rows x columns."""
         settings = self.plan.geometry_settings(geometry)
         return settings["scan"]["rows"] * settings["scan"]["columns"] * settings["projections"]
 
     def phantom(self) -> dict[str, float]:
-        """Work of making the phantom."""
+        """Return the work of making the phantom."""
         return {"job": 1, "fine_voxel": self.fine}
 
     def projection(self, geometry: str) -> tuple[str, dict[str, float]]:
-        """Stage and work of a geometry's clean projections."""
+        """Return stage and work of the noise-free projections of a geometry."""
         stage = "project_physics" if self.plan.has_physics(geometry) else "project"
         steps = self.rays(geometry) * self.across * self.plan.config["grid"]["oversampling"]
         return stage, {"job": 1, "fine_voxel": self.fine, "ray_step": steps}
 
     def noise(self, geometry: str) -> dict[str, float]:
-        """Work of one noisy scan of a geometry."""
+        """Return the work of one noisy scan of a geometry."""
         return {"job": 1, "ray": self.rays(geometry)}
 
     def reconstruction(self, protocol: str, lanes: int) -> tuple[str, dict[str, float]]:
-        """Stage and work of a protocol's images of so many realisations."""
+        """Return stage and work of the images of a protocol for a number of realizations."""
         settings = self.plan.config["protocols"][protocol]
         image_voxels = lanes * self.voxels
         if settings["algorithm"] == "fbp":
@@ -141,19 +133,19 @@ class Sizes:
             "ray_step_lane": steps * lanes,
             "image_voxel": image_voxels,
         }
-        # Another back-projector, or another machine, has rates of its own.
+        # Another back-projector or engine has its own rates.
         if self.engine != "cpu":
             return f"reconstruct_sirt_{self.engine}", work
         return "reconstruct_sirt" + ("" if sirt["backprojector"] == "adjoint" else "_voxel"), work
 
     def intervals(self, rois: int) -> dict[str, float]:
-        """Of the stability's intervals, for the 86 features."""
+        """Return the work of the intervals of the stability analysis, for the 86 features."""
         noise = self.plan.config["analyses"]["stability"]["noise"]
         pairs = math.comb(len(set(self.plan.groups().values())), 2)
         return {"job": 1, "comparison": len(FEATURES) * rois * pairs * self.plan.repeats([noise])}
 
     def images(self, count: int) -> dict[str, float]:
-        """Of a job that reads so many images, or what was made of them."""
+        """Return the work of a job that reads a number of images or data from them."""
         return {"job": 1, "image": count, "image_voxel": count * self.voxels}
 
 
@@ -164,13 +156,13 @@ def _phantom(sizes: Sizes) -> Job:
 
 
 def _rois(sizes: Sizes) -> Iterator[Job]:
-    """On the voxels of scanners, and where the phantom is re-positioned."""
+    """Yield the jobs of ROIs on scanner voxels and of ROIs of a re-positioned phantom."""
     plan = sizes.plan
     used = {(plan.voxels_of(protocol), seed) for protocol, noise in plan.acquisitions() for seed in plan.still(noise)}
     for label in sorted({label for label, _ in used if label}):
         files = tuple(path for name in ("voxel_table", "voxel_rois") for path in BY_NAME[name].paths(voxels=label))
         yield _job(BY_NAME["voxel_table"], files, sizes.phantom())
-    # The scan is looked at by the ROIs on the study's grid.
+    # The coverage of the scan is checked with the ROIs on the study's grid.
     moved = {(seed, GRID) for _, seed in plan.moved_scans()}
     moved |= {
         (seed, label)

@@ -1,4 +1,4 @@
-"""How long jobs may take: what a cluster is asked for, from measured rates with room to spare."""
+"""Time limits of jobs on a cluster, from measured rates with a safety factor."""
 
 from __future__ import annotations
 
@@ -7,52 +7,39 @@ from collections.abc import Mapping
 
 from .rates import estimate
 
-# Two because estimates far from the measured scale are good to that, and two for a slower node with busy neighbours.
+# A factor of 2 for estimates far from the measured sizes, and a factor of 2 for a slower or busy node.
 SLOWER_NODE = 2.0
 SAFETY = 2.0 * SLOWER_NODE
-# Of any job: Python from a shared file system that is slow, kernels compiled again for another processor.
+# Minimum of any job: a slow shared file system, kernels that are compiled again for another processor.
 FLOOR_MINUTES = 10
-# Of features: rates count images, and regions as large as organs take many times what those of the measured study took.
-# Of a diagnosis: one that is cut off goes on from the fits that it has kept.
+# Minimum of feature extraction: rates count images, and large ROIs take many times as long as in the measured study.
+# Minimum of a diagnosis: a job that runs out of time continues from its saved fits.
 FLOORS = {"extract": 30, "diagnose": 60}
-# Of a stage that nothing is known of: rates of one's own may leave out what one's study had no jobs of.
+# Limit of a stage without a rate: a user's own rates may lack stages that the measured study did not have.
 UNKNOWN_MINUTES = 240
-# Stages that were not measured: which rates are taken, and how many times what they give.
-STAND_INS = {
+# Stages without a measured rate: the stage whose rates are used, and a factor.
+PROXIES = {
     # Voxel-driven back-projection is faster than the adjoint (docs/explanation/performance.md).
     "reconstruct_sirt_voxel": ("reconstruct_sirt", SAFETY),
-    # An H100 took 1/16 of the time of 16 threads (docs/explanation/performance.md). Other GPUs are slower: the time of
-    # one core, without a factor.
+    # An H100 took 1/16 of the time of 16 threads (docs/explanation/performance.md). Other GPUs are slower, so the limit
+    # is the time of one core.
     "reconstruct_sirt_astra_cuda": ("reconstruct_sirt", 1.0),
-    # All eighteen effects on projections at once took up to 27 times clean projections alone (benchmarks/effects.py).
+    # Projections with all eighteen effects took up to 27 times as long as without (benchmarks/effects.py).
     "project_physics": ("project", 27 * SAFETY),
 }
 
 
 def minutes(rates: dict, stage: str, work: Mapping[str, float]) -> int:
-    """Whole minutes that a job may take, never under its floor.
+    """Return the time limit of a job in whole minutes, from rates (rates.read_rates) and work (jobs.Sizes).
 
-    Threads are not counted, as part of the work runs in one however many there are.
-
-    Parameters
-    ----------
-    rates : dict
-        As rates.read_rates gives them.
-    work : mapping of str to float
-        {unit: amount}, as jobs.Sizes gives it.
+    The number of threads does not reduce it, because part of the work runs on one thread.
     """
-    source, times = (stage, SAFETY) if stage in rates["seconds"] else STAND_INS.get(stage, (stage, SAFETY))
+    source, factor = (stage, SAFETY) if stage in rates["seconds"] else PROXIES.get(stage, (stage, SAFETY))
     seconds = estimate(rates, source, work)
     least = FLOORS.get(stage, FLOOR_MINUTES)
-    return UNKNOWN_MINUTES if seconds is None else max(least, math.ceil(times * seconds / 60))
+    return UNKNOWN_MINUTES if seconds is None else max(least, math.ceil(factor * seconds / 60))
 
 
 def diagnosis_minutes(most: float) -> int:
-    """Whole minutes that a diagnosis may take, never under its floor.
-
-    Parameters
-    ----------
-    most : float
-        The upper end of its forecast of wall time, s.
-    """
+    """Return the time limit of a diagnosis in whole minutes, from the upper end of its forecast wall time, s."""
     return max(FLOORS["diagnose"], math.ceil(SLOWER_NODE * most / 60))

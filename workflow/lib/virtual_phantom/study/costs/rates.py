@@ -1,4 +1,4 @@
-"""Measured rates: seconds of one core per unit of work, and bytes per unit of what is written."""
+"""Measured rates: core seconds per unit of work, and bytes per unit of output."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def read_rates(path: str | Path) -> dict:
     Raises
     ------
     InputError
-        Naming the file, where it is missing, is not of this form or holds a negative rate.
+        If the file is missing, has another form or a negative rate.
     """
     try:
         rates = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
@@ -33,10 +33,10 @@ def read_rates(path: str | Path) -> dict:
         raise InputError(f"{path}: is not YAML ({' '.join(str(error).split())})") from None
     try:
         numbers = [*rates["bytes"].values(), *(rate for units in rates["seconds"].values() for rate in units.values())]
-        sound = all(rate >= 0 for rate in numbers)
+        valid = all(rate >= 0 for rate in numbers)
     except (TypeError, KeyError, AttributeError):
-        sound = False
-    if not sound:
+        valid = False
+    if not valid:
         raise InputError(
             f"{path}: needs seconds (stage: {{unit: rate}}) and bytes (kind: rate), no rate under 0; write it again "
             "with benchmarks/fit_rates.py"
@@ -45,36 +45,36 @@ def read_rates(path: str | Path) -> dict:
 
 
 def seconds(job: Job, rates: dict) -> float | None:
-    """Estimated seconds of a job on one core; None if its stage has no measured rate."""
+    """Estimate the core seconds of a job; None if its stage has no measured rate."""
     return estimate(rates, job.stage, job.work)
 
 
 def estimate(rates: dict, stage: str, work: Mapping[str, float]) -> float | None:
-    """As `seconds`, of a stage and its work."""
+    """Estimate the core seconds of work of a stage; None if the stage has no measured rate."""
     units = rates["seconds"].get(stage)
     return None if units is None else sum(rate * work[unit] for unit, rate in units.items())
 
 
-def written(job: Job, rates: dict) -> float | None:
-    """Estimated bytes of all files of a job; None if one of its kinds has no measured rate."""
+def written_bytes(job: Job, rates: dict) -> float | None:
+    """Estimate the bytes of all files of a job; None if a kind of file has no measured rate."""
     if any(kind not in rates["bytes"] for kind in job.writes):
         return None
     return sum(rates["bytes"][kind] * amount for kind, amount in job.writes.items())
 
 
 def fit(measured: Iterable[tuple[Job, float]], stage_units: dict[str, Sequence[str]]) -> dict[str, dict[str, float]]:
-    """Rates from jobs and the seconds that they took.
+    """Fit rates to measured times of jobs.
 
-    Non-negative least squares of relative errors: short jobs tell a start-up time, and count as much as long ones.
-    Rates that come out as zero are left out. Of a stage with one job, of "job" and another unit, start-up is taken to
-    last as long as the shortest job of all.
+    The fit is a non-negative least-squares fit of relative errors, so that short jobs, which determine the start-up
+    time, count as much as long ones. Rates of zero are omitted. For a stage with a single job and the units "job" and
+    one other, the start-up time is the time of the shortest of all jobs.
 
     Parameters
     ----------
     measured : iterable of (Job, float)
-        Jobs, and the seconds that each took.
+        Jobs and their times, s.
     stage_units : dict of str to sequence of str
-        The units that a stage's rates are fitted in; a stage that is not named has one rate per job.
+        Units of the rates of each stage; a stage without an entry has one rate per job.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def fit(measured: Iterable[tuple[Job, float]], stage_units: dict[str, Sequence[s
     Raises
     ------
     InputError
-        For a stage with fewer jobs than units otherwise.
+        For any other stage with fewer jobs than units.
     """
     by_stage: dict[str, list[tuple[Job, float]]] = {}
     for job, took in measured:
@@ -107,21 +107,16 @@ def fit(measured: Iterable[tuple[Job, float]], stage_units: dict[str, Sequence[s
 def fit_parts(
     measured: Sequence[tuple[Mapping[str, float], Mapping[str, float]]], parts: Mapping[str, Sequence[str]]
 ) -> dict[str, float]:
-    """Rates of one stage from jobs whose parts were timed, each of which has units of its own.
+    """Fit {unit: seconds} of one stage to jobs whose parts were timed separately.
 
-    Non-negative least squares as in `fit`, of errors relative to the whole job: parts that take longest count most.
+    Non-negative least squares as in `fit`, of errors relative to the whole job, so that long parts count most.
 
     Parameters
     ----------
     measured : sequence of (mapping of str to float, mapping of str to float)
-        {unit: amount} of a job, and {part: the seconds that it took}.
+        {unit: amount} of a job, and {part: seconds}.
     parts : mapping of str to sequence of str
         {part: its units}.
-
-    Returns
-    -------
-    dict of str to float
-        {unit: seconds}.
     """
     units = [unit for of_part in parts.values() for unit in of_part]
     rows, shares = [], []
@@ -134,9 +129,9 @@ def fit_parts(
 
 
 def _least_squares(work: np.ndarray, target: np.ndarray, units: Sequence[str]) -> dict[str, float]:
-    from scipy.optimize import nnls  # takes longer to import than all else that reading a workflow needs
+    from scipy.optimize import nnls  # slow import
 
     largest = work.max(axis=0)
-    scale = np.where(largest > 0, largest, 1.0)  # nothing tells of what no job has
+    scale = np.where(largest > 0, largest, 1.0)  # avoids division by zero for units that no job has
     found, _ = nnls(work / scale, target)
     return {unit: float(rate) for unit, rate in zip(units, found / scale, strict=True) if rate > 0}

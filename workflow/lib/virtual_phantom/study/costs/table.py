@@ -1,4 +1,4 @@
-"""What a study is expected to cost, by rule and by kind of file, as a table and as text."""
+"""Expected cost of a study by rule and by kind of file, as a table and as text."""
 
 from __future__ import annotations
 
@@ -11,44 +11,39 @@ import pandas as pd
 from ...config.plan import Plan
 from ...phantom.layout import read_layout
 from ..progress.status import duration_range
-from .diagnoses import rays_in_words
+from .diagnoses import rays_text
 from .jobs import Job, study_jobs
-from .rates import seconds, written
+from .rates import seconds, written_bytes
 
 COLUMNS = ["rule", "stage", "jobs", "core_hours", "longest_job_minutes", "bytes"]
 
 
 def roi_count(phantom: dict) -> int:
-    """Regions of interest of the phantom.
-
-    Parameters
-    ----------
-    phantom : dict
-        Section of the configuration.
+    """Return the number of ROIs, from the section `phantom`.
 
     Raises
     ------
     InputError
-        For a broken layout.
+        For an invalid layout.
     """
     if phantom["source"] == "synthetic":
         return len(read_layout(phantom["layout"])["rois"])
     if phantom["source"] == "object":
-        from ...physics.scenes.objects import read_phantom_rois  # loads numba, for those who get here
+        from ...physics.scenes.objects import read_phantom_rois  # slow import (numba)
 
         return len(read_phantom_rois(phantom["object"]))
     return sum(roi["parts"] for roi in phantom["ct"]["rois"])
 
 
 def by_rule(jobs: list[Job], rates: dict) -> pd.DataFrame:
-    """COLUMNS, one row per rule and stage in the order of the work; no number where nothing was measured."""
+    """Return a table with COLUMNS and one row per rule and stage; NaN if a job has no measured rate."""
     groups: dict[tuple[str, str], list[Job]] = {}
     for job in jobs:
         groups.setdefault((job.rule, job.stage), []).append(job)
     rows = []
     for (rule, stage), members in groups.items():
         times = [seconds(job, rates) for job in members]
-        sizes = [written(job, rates) for job in members]
+        sizes = [written_bytes(job, rates) for job in members]
         known = None not in times
         hours, longest = (sum(times) / 3600, max(times) / 60) if known else (None, None)
         rows.append((rule, stage, len(members), hours, longest, None if None in sizes else sum(sizes)))
@@ -56,24 +51,24 @@ def by_rule(jobs: list[Job], rates: dict) -> pd.DataFrame:
     return table.astype({"core_hours": float, "longest_job_minutes": float, "bytes": float})
 
 
-def summary(plan: Plan, engine: str, rates: dict) -> tuple[pd.DataFrame, dict]:
-    """What a study is expected to cost, by rule and in all.
+def cost_summary(plan: Plan, engine: str, rates: dict) -> tuple[pd.DataFrame, dict]:
+    """Return the expected cost of a study, by rule and in total.
 
     Parameters
     ----------
     engine : str
-        What projects, as projectors.choose_engine gives it.
+        Projector, see projectors.choose_engine.
     rates : dict
-        As rates.read_rates gives them.
+        See rates.read_rates.
 
     Returns
     -------
     table : DataFrame
-        As `by_rule` gives it.
+        See `by_rule`.
     content : dict
-        acquisitions, jobs, core_hours, jobs_without_rate ({stage: jobs} whose time is not in core_hours), bytes ({kind:
-        {total, per_acquisition, kept}} of the kinds with a rate), bytes_written and bytes_kept (of all of these), and
-        measured (of the rates).
+        acquisitions, jobs, core_hours, jobs_without_rate, bytes, bytes_written, bytes_kept and measured (see the
+        rates). core_hours does not include jobs_without_rate, {stage: jobs}. bytes is {kind: {total, per_acquisition,
+        kept}} for kinds with a rate.
     """
     jobs = study_jobs(plan, engine, roi_count(plan.config["phantom"]))
     table = by_rule(jobs, rates)
@@ -105,8 +100,8 @@ def summary(plan: Plan, engine: str, rates: dict) -> tuple[pd.DataFrame, dict]:
     return table, content
 
 
-def readable(table: pd.DataFrame, content: dict) -> str:
-    """The plan as text for a terminal."""
+def plan_text(table: pd.DataFrame, content: dict) -> str:
+    """Return the plan as text for a terminal."""
     lines = [f"{content['acquisitions']} acquisitions, {content['jobs']} jobs", ""]
     lines.append(f"{'rule':<34}{'jobs':>7}{'core-hours':>12}{'longest job':>14}")
     for row in table.itertuples():
@@ -131,25 +126,26 @@ def readable(table: pd.DataFrame, content: dict) -> str:
     ]
     if missing := content["jobs_without_rate"]:
         names = ", ".join(f"{stage} ({jobs})" for stage, jobs in missing.items())
-        lines.append(f"Jobs that these core-hours leave out, as they were not measured: {names}.")
+        lines.append(f"Not included, because there is no measured rate: {names}.")
     return "\n".join(lines) + "\n"
 
 
-def listed(forecasts: Sequence[Mapping]) -> str:
-    """The diagnoses of a plan as text, with an empty line before them; nothing where there are none.
+def diagnoses_text(forecasts: Sequence[Mapping]) -> str:
+    """Return the diagnoses of a plan as text after an empty line; "" without diagnoses.
 
     Parameters
     ----------
     forecasts : sequence of mapping
-        As study.diagnosed.Diagnosis.forecasts gives them.
+        Forecasts of study.diagnosis_jobs.
     """
     if not forecasts:
         return ""
     lines = ["", f"{'diagnosis (snakemake diagnosis)':<34}{'effects':>8}{'rays':>21}{'processes':>11}{'time':>17}"]
-    for one in forecasts:
-        rays = rays_in_words(one["rays"]) if "rays" in one else ""
-        time = "not known" if one["seconds"] is None else duration_range(*one["seconds"])
-        lines.append(f"{one['name']:<34}{one.get('effects', ''):>8}{rays:>21}{one.get('processes', ''):>11}{time:>17}")
+    for forecast in forecasts:
+        rays = rays_text(forecast["rays"]) if "rays" in forecast else ""
+        time = "unknown" if forecast["seconds"] is None else duration_range(*forecast["seconds"])
+        effects, processes = forecast.get("effects", ""), forecast.get("processes", "")
+        lines.append(f"{forecast['name']:<34}{effects:>8}{rays:>21}{processes:>11}{time:>17}")
     return "\n".join(lines) + "\n"
 
 

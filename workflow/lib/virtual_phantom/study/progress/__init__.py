@@ -1,1 +1,1 @@
-"""What a user sees while jobs run: how far each stage is, how long the rest may take, and at last what failed."""
+"""Console output of a run: progress of each stage, estimated time left, and the reasons of failures."""

@@ -1,12 +1,12 @@
-"""Snakemake's messages for people: few lines while all goes well, and the reason as the last one when it does not.
+"""Console output while jobs run: short progress lines, and the reason of each failure at the end.
 
-Records are told apart by their `event`, which has the names of snakemake_interface_logger_plugins.common.LogEvent, and
-by the fields that come with it. That somebody stops a run is heard from the signal. What is left is in `words`. Records
-go on to Snakemake's log file as they are.
+Log records are recognized by their `event` (snakemake_interface_logger_plugins.common.LogEvent), by the fields of the
+event, and otherwise by the texts in `snakemake_messages`. A stop by the user is recognized by its signal. Snakemake's
+log file still gets every record.
 
-This is no logger plugin: Snakemake loads one by --logger alone and from an installed package, and the library beside
-the rules need not be installed (rules/library.smk). A plugin also gets no event for which jobs there are and which of
-them wait for which.
+The console is not a Snakemake logger plugin, for two reasons. The events of a plugin lack the list of jobs and their
+dependencies, which the estimate of the time left needs. Snakemake loads plugins only from installed packages, and the
+library next to the rules need not be installed (rules/library.smk).
 """
 
 from __future__ import annotations
@@ -19,38 +19,36 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 
-from . import failures, words
-from .before import Before, terminal
+from . import failures, snakemake_messages
 from .load import slowdown
-from .status import Status
+from .startup import StartupHandler, terminal_handlers
+from .status import StatusLines
 from .time_left import Progress, Step
 
-SECONDS_BETWEEN_LOOKS = 1.0  # whether it is time for a line
-
-INDEX = "index_page"  # the rule whose page is named at the end
-
+TIMER_SECONDS = 1.0  # between two checks whether a progress line is due
+INDEX = "index_page"  # rule whose page is named at the end
 SILENT_EVENTS = {"progress", "job_started", "shellcmd", "resources_info", "run_info"}
 
 
 class Console(logging.Handler):
-    """Takes the place of Snakemake's own handler for the terminal.
+    """Handler that replaces Snakemake's terminal handler while jobs run.
 
     Parameters
     ----------
     inner : StreamHandler
-        That handler, which gets what is not said here.
+        Snakemake's handler. It prints the records that this handler does not replace.
     progress : Progress
-        The run.
+        State of the run.
     logs : str
-        Folder of the jobs' logs.
+        Folder of the logs.
     keep_going : bool, optional
-        Whether further jobs are started after one has failed.
+        Whether jobs are still started after a failure.
     clock : callable, optional
-        Gives seconds since the epoch.
+        Returns seconds since the epoch.
     results : str, optional
         Folder of the results.
-    in_full : bool, optional
-        Whether Snakemake's block for a job that failed without a reason is printed too.
+    show_failed_logs : bool, optional
+        Whether Snakemake's block is also printed for a job whose log gives no reason.
     """
 
     def __init__(
@@ -61,76 +59,75 @@ class Console(logging.Handler):
         keep_going: bool = False,
         clock: Callable[[], float] = time.time,
         results: str = "",
-        in_full: bool = False,
+        show_failed_logs: bool = False,
     ):
         super().__init__()
         self.inner, self.progress, self.keep_going, self.clock = inner, progress, keep_going, clock
-        self.in_full = in_full
-        made = (file for step in progress.steps.values() if step.rule == INDEX for file in step.files)
-        self.status = Status(inner.stream, progress, clock, start=next(made, None))
+        self.show_failed_logs = show_failed_logs
+        pages = (file for step in progress.steps.values() if step.rule == INDEX for file in step.files)
+        self.status = StatusLines(inner.stream, progress, clock, start_page=next(pages, None))
         self.failed: dict[int, str] = {}
-        self.untold: list[str] = []
+        self.pending: list[str] = []
         self.ended: dict[int, logging.LogRecord] = {}
         self.groups: dict[int, list[int]] = {}
-        self.cut_short = self.let_finish = False
-        self.said_without_event = ""
+        self.interrupted = self.finishing = False
+        self.last_message = ""
         self.closed = threading.Event()
         self.handle(logging.makeLogRecord({"event": "began", "msg": "began", "results": results, "logs": logs}))
 
     def emit(self, record: logging.LogRecord) -> None:
-        # What went wrong in here must not end the run: Snakemake would cancel its jobs.
-        """Take a record."""
+        """Handle a record. An error in this handler must not end the run: Snakemake would cancel its jobs."""
         try:
-            self._take(record)
+            self._dispatch(record)
         except Exception:
             self.handleError(record)
 
-    def look_on(self) -> None:
-        """Say how far it is while jobs run, too, from a thread that ends with `close` or with the program."""
-        self._looking = threading.Thread(target=self._look, name="progress", daemon=True)
-        self._looking.start()
+    def start_timer(self) -> None:
+        """Start a thread that prints progress while jobs run. It ends with `close` or with the program."""
+        self._timer = threading.Thread(target=self._run_timer, name="progress", daemon=True)
+        self._timer.start()
 
-    def hear_of_stops(self) -> None:
-        """Hear of Ctrl-C, which ends what is under way, and of SIGTERM, which lets it finish; before Snakemake does."""
+    def catch_signals(self) -> None:
+        """Record Ctrl-C (ends running jobs) and SIGTERM (lets them finish), then call Snakemake's handler."""
         for number in (signal.SIGINT, signal.SIGTERM):
-            before = signal.getsignal(number)
-            if callable(before) and threading.current_thread() is threading.main_thread():
-                signal.signal(number, partial(self._stop, before))
+            handler = signal.getsignal(number)
+            if callable(handler) and threading.current_thread() is threading.main_thread():
+                signal.signal(number, partial(self._stop, handler))
 
-    def _stop(self, before, number, frame):
-        # No more than this: the thread that is interrupted may be saying something.
+    def _stop(self, handler, number, frame):
+        # Print nothing here: the interrupted thread may be printing.
         if number == signal.SIGINT:
-            self.cut_short = True
+            self.interrupted = True
         else:
-            self.let_finish = True
-        before(number, frame)
+            self.finishing = True
+        handler(number, frame)
 
     def close(self) -> None:
-        """End, and with it the thread that looks on."""
+        """Close the handler and end its timer thread."""
         self.closed.set()
         self.inner.close()
         super().close()
 
-    def _look(self):
-        # As a record, so that the handler's lock keeps its lines apart from others.
-        while not self.closed.wait(SECONDS_BETWEEN_LOOKS):
+    def _run_timer(self):
+        # Sent as a record, so that the handler's lock prevents mixed lines.
+        while not self.closed.wait(TIMER_SECONDS):
             self.handle(logging.makeLogRecord({"event": "time_passed", "msg": "progress"}))
 
-    def _take(self, record):
+    def _dispatch(self, record):
         event = getattr(record, "event", None)
-        act = getattr(self, f"_{event}", None)
-        if act is not None:
-            act(record)
+        method = getattr(self, f"_{event}", None)
+        if method is not None:
+            method(record)
         elif event is None:
             self._without_event(record)
         elif str(event) not in SILENT_EVENTS:
             self.inner.handle(record)
 
     def _without_event(self, record):
-        """What is said once: that jobs may finish is repeated each time that one ends."""
+        """Print a message unless it repeats the last one: Snakemake repeats some whenever a job ends."""
         text = str(record.msg)
-        if not text.startswith(words.NOISE) and text != self.said_without_event:
-            self.said_without_event = text
+        if not text.startswith(snakemake_messages.HIDDEN) and text != self.last_message:
+            self.last_message = text
             self.inner.handle(record)
 
     def _began(self, record):
@@ -138,7 +135,7 @@ class Console(logging.Handler):
 
     def _time_passed(self, record):
         if self.progress.under_way and not self.closed.is_set():
-            self._say()
+            self._report()
 
     def _group_info(self, record):
         numbers = [job.jobid for job in record.jobs]
@@ -148,25 +145,25 @@ class Console(logging.Handler):
         if record.jobid not in self.progress.steps:
             return
         self.progress.start(record.jobid, self.clock())
-        if record.jobid in self.failed:  # tried again: why, is told now
-            self._tell()
+        if record.jobid in self.failed:  # a retry: print why the job failed before
+            self._print_pending()
             del self.failed[record.jobid]
-        self._say()
+        self._report()
 
     def _job_finished(self, record):
         if record.job_id not in self.progress.steps:
             return
         self.progress.finish(record.job_id, self.clock())
-        # Between two jobs there is nothing to say: the next one is about to begin.
+        # No line between two jobs: the next one is about to start.
         if self.progress.under_way or len(self.progress.took) == len(self.progress.steps):
-            self._say()
+            self._report()
 
-    def _say(self):
-        ending = self.cut_short or self.let_finish or (bool(self.failed) and not self.keep_going)
-        self.status.say(len(self.failed), ending)
+    def _report(self):
+        ending = self.interrupted or self.finishing or (bool(self.failed) and not self.keep_going)
+        self.status.report(len(self.failed), ending)
 
     def _job_error(self, record):
-        # Of a group, the group has been told of.
+        # Indented records belong to a group, whose error is already handled.
         if not getattr(record, "indent", False):
             self._jobs_failed([vars(record)], [], record)
 
@@ -174,51 +171,51 @@ class Console(logging.Handler):
         self._jobs_failed(record.job_error_info, record.aux_logs, record)
 
     def _jobs_failed(self, jobs, more_logs, record):
-        """Remember why: the reason in the log, or else how the script ended."""
+        """Collect the reasons: from the logs, or else from how the script ended."""
         ended = self.ended.pop(record.thread, None)
-        if self.cut_short:
+        if self.interrupted:
             return
         for job in jobs:
             self.progress.fail(job["jobid"])
         lines = failures.from_logs(jobs, self.progress.began)
         if not lines:
             lines = failures.without_reason(jobs, more_logs, "" if ended is None else str(ended.msg))
-            if self.in_full:
-                for said in filter(None, (ended, record)):
-                    self.inner.handle(said)
-        self._remember(lines)
+            if self.show_failed_logs:
+                for failure in filter(None, (ended, record)):
+                    self.inner.handle(failure)
+        self._add_failures(lines)
 
-    def _remember(self, lines):
-        """Keep why jobs failed for the end, and say so now if others go on: otherwise the end is near."""
+    def _add_failures(self, lines):
+        """Keep the reasons for the summary at the end, and print them now if other jobs still run."""
         self.failed |= lines
-        self.untold += lines.values()
+        self.pending += lines.values()
         if self.progress.under_way or self.keep_going:
-            self._tell()
+            self._print_pending()
 
-    def _tell(self):
-        lines, self.untold = self.untold, []
+    def _print_pending(self):
+        lines, self.pending = self.pending, []
         for line in lines:
             self.status.write(line)
 
     def _error(self, record):
-        """The end of a run that is not complete, or an exception."""
+        """Handle an exception or the end of an incomplete run."""
         kind, text = getattr(record, "exception", ""), str(record.msg)
-        if kind == "WorkflowError" and words.INCOMPLETE in text:
+        if kind == "WorkflowError" and snakemake_messages.INCOMPLETE in text:
             self._ended(record)
-        elif kind == "RuleException" and self.cut_short:
-            pass  # how the jobs ended that were under way
-        elif kind == "RuleException" and words.ENDED_BY.search(text):
-            # What the same thread says next is that the job failed, and its log says why, if it got so far.
+        elif kind == "RuleException" and self.interrupted:
+            pass  # a running job that was stopped
+        elif kind == "RuleException" and snakemake_messages.ENDED_BY.search(text):
+            # The next record of this thread is the failure of the job, and the log of the job may give the reason.
             self.ended[record.thread] = record
         else:
             self.inner.handle(record)
-            missing = words.FILES_MISSING.search(text)
+            missing = snakemake_messages.FILES_MISSING.search(text)
             step = self.progress.steps.get(int(missing[1])) if missing else None
             if step is not None:
-                # Snakemake gives up the whole group, and says no more of it.
+                # Snakemake gives up the whole group without another record.
                 for number in self.groups.get(step.number, [step.number]):
                     self.progress.fail(number)
-                self._remember(failures.without_files(step))
+                self._add_failures(failures.without_files(step))
 
     def _ended(self, record):
         for unexplained in self.ended.values():
@@ -227,13 +224,13 @@ class Console(logging.Handler):
             self.status.write(self.status.counts(len(self.failed)))
             self.inner.stream.write("".join(f"{line}\n" for line in failures.at_end(list(self.failed.values()))))
             self.inner.stream.flush()
-        elif self.cut_short or self.let_finish:
-            self.status.write("Stopped. What is done stays; the same command goes on from there.")
+        elif self.interrupted or self.finishing:
+            self.status.write("Stopped. Finished files are kept; run the same command again to continue.")
         else:
             self.inner.handle(record)
 
 
-def take_over(
+def install_console(
     logger: logging.Logger,
     steps: Iterable[Step],
     cores: int | None,
@@ -241,36 +238,24 @@ def take_over(
     logs: str | Path,
     keep_going: bool,
     results: str = "",
-    in_full: bool = False,
+    show_failed_logs: bool = False,
 ) -> None:
-    """Say the rest of a run's messages in our words, where Snakemake writes to the terminal in its own.
-
-    Another handler, as that of a logger plugin, stays as it is.
+    """Replace the terminal handlers of Snakemake's logger by a `Console`. Handlers of logger plugins stay.
 
     Parameters
     ----------
     logger : Logger
-        Snakemake's.
-    steps : iterable of Step
-        The run's jobs.
-    cores : int or None
-        How many it may use at a time; None where that is not known, as on a cluster.
-    expected : callable
-        Gives {file: seconds of one core that its job takes}, of jobs with a measured rate.
-    logs : str or Path
-        Folder of the jobs' logs.
-    keep_going : bool
-        Whether further jobs are started after one has failed.
-    results : str, optional
-        Folder of the results.
-    in_full : bool, optional
-        Whether Snakemake's block for a job that failed without a reason is printed too.
+        Snakemake's logger.
+    steps, cores, expected
+        See `Progress`.
+    logs, keep_going, results, show_failed_logs
+        See `Console`.
     """
-    for handler in terminal(logger):
-        inner = handler.inner if isinstance(handler, Before) else handler
+    for handler in terminal_handlers(logger):
+        inner = handler.inner if isinstance(handler, StartupHandler) else handler
         progress = Progress(steps, cores, expected, time.time(), slowdown(cores))
-        console = Console(inner, progress, str(logs), keep_going, results=results, in_full=in_full)
+        console = Console(inner, progress, str(logs), keep_going, results=results, show_failed_logs=show_failed_logs)
         logger.removeHandler(handler)
         logger.addHandler(console)
-        console.hear_of_stops()
-        console.look_on()
+        console.catch_signals()
+        console.start_timer()

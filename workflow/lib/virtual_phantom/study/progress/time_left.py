@@ -1,4 +1,4 @@
-"""Jobs that are to be done, are under way and are done, and how long the rest may take."""
+"""State of the jobs of a run, and an estimate of the time left."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 
-from .said import Said, heard
+from .job_status import JobStatus, read_status
 
-# Rules of one kind differ by a number, or by the seeds of a batch.
+# Rules of one stage differ by a number or by the seeds of a batch.
 NUMBERED = re.compile(r"_\d+$|_seeds_\d+_to_\d+$")
 
-# Time taken over time expected is lognormal. Its median before any job is done, beside other work on the machine, and
-# the standard deviations of its logarithm: for a whole run (another processor), for a stage within a run, for a job
-# within its stage, and the least (other work begins and ends). Studies took 0.8 to 2.4 times what was expected
+# The ratio of actual to expected time is lognormal. SLOWER is its median before any job is done, without the slowdown
+# by other work. RUN_SD, STAGE_SD and JOB_SD are standard deviations of its logarithm: between runs, between stages of a
+# run, and between jobs of a stage. LEAST_SD is their minimum. Measured studies took 0.8 to 2.4 times the expected time
 # (docs/how-to/cluster.md).
 SLOWER, RUN_SD, STAGE_SD, JOB_SD, LEAST_SD = 1.3, 0.5, 0.3, 0.4, 0.15
-# A range contains the middle 80 percent.
+# Ranges contain the central 80 %.
 TAIL = 0.1
 NORMAL = NormalDist()
 WIDE = NORMAL.inv_cdf(1 - TAIL)
-# Seconds that are expected, or a range of them.
+# Expected seconds, or a range.
 Seconds = float | tuple[float, float]
 
 
 def stage_of(rule: str) -> str:
-    """What users know a rule as: figures are one stage, and so are rules that differ by a number."""
+    """Return the stage of a rule. All figures are one stage, and so are rules that differ by a number."""
     return "figures" if rule.startswith("figure_") else NUMBERED.sub("", rule)
 
 
@@ -39,15 +39,15 @@ class Step:
     Attributes
     ----------
     number : int
-        What Snakemake calls it.
+        Snakemake's number of the job.
     files : tuple of str
-        What it makes.
+        Output files.
     threads : int
-        Cores that it takes.
+        Cores that the job uses.
     needs : tuple of int
-        Numbers of the jobs that it waits for.
+        Numbers of the jobs that must finish first.
     log : str, optional
-        Beside which it says how far it is.
+        Log of the job, next to which it may write its status.
     """
 
     number: int
@@ -59,37 +59,37 @@ class Step:
 
     @property
     def stage(self) -> str:
-        """What users know its rule as."""
+        """Stage of the rule."""
         return stage_of(self.rule)
 
 
 class Progress:
-    """How far a run is.
+    """Jobs of a run that are waiting, running, finished or failed.
 
     Parameters
     ----------
     steps : iterable of Step
-        Its jobs.
+        Jobs of the run.
     cores : int or None
-        How many it may use at a time; None where that is not known, as on a cluster.
+        Cores that the run may use; None if unknown, as on a cluster.
     expected : callable
-        Gives {file: seconds of one core that its job takes, or the lower and upper end of them}, of jobs with a
-        measured rate; called once at most.
+        Returns {file: core seconds of its job, or their lower and upper end} for jobs with a measured rate. It is
+        called at most once.
     began : float
-        When the run began, s.
+        Start of the run, s.
     load : float, optional
-        How many times slower other work makes this run, as load.slowdown gives it.
+        Slowdown by other work on the machine, see load.slowdown.
 
     Attributes
     ----------
     steps : dict of int to Step
-        By number.
+        Jobs by number.
     under_way : dict of int to float
-        When each of these jobs was started, s.
+        Start of each running job, s.
     took : dict of int to float
-        Of each job that is done, s times the cores that it took.
+        Core seconds of each finished job.
     failed : set of int
-        Jobs that have failed and are not under way again.
+        Jobs that failed and are not running again.
     """
 
     def __init__(
@@ -111,25 +111,25 @@ class Progress:
         self._done, self._new = Paces(load), list[int]()
 
     def start(self, number: int, now: float) -> None:
-        """A job has been started, for another time perhaps."""
+        """Record the start of a job, or of its retry."""
         if number in self.steps:
             self.under_way[number] = now
             self.failed.discard(number)
 
     def finish(self, number: int, now: float) -> None:
-        """A job is done."""
+        """Record the end of a job."""
         if number in self.steps and number not in self.took:
             self.took[number] = (now - self.under_way.pop(number, now)) * self.steps[number].threads
             self._new.append(number)
 
     def fail(self, number: int) -> None:
-        """A job is no longer under way, and not done."""
+        """Record the failure of a job."""
         self.under_way.pop(number, None)
         if number in self.steps:
             self.failed.add(number)
 
     def lost(self) -> set[int]:
-        """Jobs that failed, and those that wait for them in vain."""
+        """Return the jobs that failed and the jobs that depend on them."""
         lost: set[int] = set()
         found = set(self.failed)
         while found:
@@ -138,25 +138,24 @@ class Progress:
         return lost
 
     def stages(self) -> list[tuple[str, int, int]]:
-        """(stage, jobs done, jobs) of the stages that are under way, in the order in which they began."""
+        """Return (stage, finished jobs, all jobs) for each running stage, in order of start."""
         done = Counter(self.steps[number].stage for number in self.took)
         jobs = Counter(step.stage for step in self.steps.values())
         now = dict.fromkeys(self.steps[number].stage for number in self.under_way)
         return [(stage, done[stage], jobs[stage]) for stage in now]
 
-    def said(self) -> dict[int, Said]:
-        """What jobs that are under way say of how far they are, in the order in which they began."""
+    def job_statuses(self) -> dict[int, JobStatus]:
+        """Return the statuses that running jobs have written, in order of start."""
         logs = ((number, self.steps[number].log, since) for number, since in self.under_way.items())
-        heard_of = ((number, heard(log, since)) for number, log, since in logs if log is not None)
-        return {number: said for number, said in heard_of if said is not None}
+        statuses = ((number, read_status(log, since)) for number, log, since in logs if log is not None)
+        return {number: status for number, status in statuses if status is not None}
 
     def range_left(self, now: float) -> tuple[float, float, bool]:
-        """How long it takes until all is done that can be.
+        """Estimate the time until all jobs are done that can still be done.
 
-        A job takes its expected time, times what finished jobs of this run took more than was expected of them: of its
-        stage as far as there are such jobs, or else of the run. One without an expected time takes the mean of its
-        stage, and is left out where there is none. The range is as wide as is known from these jobs, and narrows as
-        more are done. A job under way is past the time that it has had, or reports its remaining time.
+        The estimate of a job is its expected time, scaled by the ratio of actual to expected time of the finished jobs
+        of its stage, or of the run. A job without an expected time takes the mean of its stage. Running jobs are
+        conditioned on the time that they have already taken, or report their remaining time themselves.
 
         Parameters
         ----------
@@ -166,13 +165,14 @@ class Progress:
         Returns
         -------
         low, high : float
-            s: with the cores always at work, and by Graham's bound of any schedule (SIAM J. Appl. Math. 17, 416, 1969).
+            s. The lower bound assumes that all cores are always busy. The upper bound is Graham's bound, which holds
+            for every schedule (SIAM J. Appl. Math. 17, 416, 1969).
         complete : bool
-            Whether all jobs are in them.
+            Whether the estimate includes all jobs.
         """
-        paces, lost, said = self._paces(now), self.lost(), self.said()
+        paces, lost, statuses = self._paces(now), self.lost(), self.job_statuses()
         ends: dict[int, tuple[float, float]] = {}
-        alike: dict[tuple, tuple[float, float]] = {}  # jobs that have not begun, of one stage and size
+        alike: dict[tuple, tuple[float, float]] = {}  # waiting jobs, by stage, expected time and threads
         work, complete = [0.0, 0.0], True
         for number, step in self.steps.items():
             if number in self.took or number in lost or not step.files:
@@ -183,23 +183,23 @@ class Progress:
                 spent = now - self.under_way[number] if number in self.under_way else 0.0
                 pace = paces.of(step.stage, expected)
                 complete &= pace is not None
-                left = _left(pace, spent, step.threads, said.get(number))
+                left = _left(pace, spent, step.threads, statuses.get(number))
                 if number not in self.under_way:
                     alike[kind] = left
             else:
                 left = alike[kind]
             ends[number] = left
-            for place, seconds in enumerate(left):
-                work[place] += seconds * step.threads
+            for end, seconds in enumerate(left):
+                work[end] += seconds * step.threads
         at_a_time = self._at_a_time(now)
         low = self._longest({number: left[0] for number, left in ends.items()})
-        # While a job of the longest chain runs, other cores may have none.
+        # While a job of the longest chain runs, the other cores may be idle.
         idle = {number: max(1 - self.steps[number].threads / at_a_time, 0.0) for number in ends}
         high = self._longest({number: left[1] * idle[number] for number, left in ends.items()})
         return max(work[0] / at_a_time, low), work[1] / at_a_time + high, complete
 
     def _longest(self, seconds: Mapping[int, float]) -> float:
-        """The longest chain of jobs that wait for each other, s."""
+        """Return the duration of the longest chain of dependent jobs, s."""
         until: dict[int, float] = {}
         for first in seconds:
             waiting = [first]
@@ -214,9 +214,9 @@ class Progress:
         return max(until.values(), default=0.0)
 
     def _expected_log(self, step: Step) -> tuple[float, float] | None:
-        """Median and standard deviation of what is expected, of the logarithm; None without a rate."""
+        """Return median and standard deviation of the logarithm of the expected core seconds; None without a rate."""
         if self._rates is None:
-            self._rates = {}  # if there are none to be had, that is said once
+            self._rates = {}  # if the call fails, the error is reported once
             self._rates = self._expected()
         if step.number not in self._logs:
             self._logs[step.number] = self._log(step)
@@ -239,13 +239,13 @@ class Progress:
         for number, since in self.under_way.items():
             step = self.steps[number]
             expected, spent = self._expected_log(step), (now - since) * step.threads
-            # A job of known size that takes longer tells already that this run is slower.
+            # A running job that exceeds its expected time already shows that this run is slower.
             if expected is not None and not expected[1] and spent > math.exp(expected[0]):
                 paces.add(step.stage, expected, spent)
         return paces
 
     def _at_a_time(self, now):
-        """Cores at work: as many as there are, or as have been at work on average."""
+        """Return the cores of the run, or the mean number of busy cores if these are unknown."""
         if self.cores is not None:
             return self.cores
         busy = sum(self.took.values())
@@ -255,111 +255,87 @@ class Progress:
 
 @dataclass
 class Taken:
-    """Finished jobs of a stage: seconds taken, seconds expected (1 of a job without a rate), and their squares."""
+    """Sums over finished jobs of a stage: actual and expected core seconds (1 without a rate), squared expectation."""
 
     took: float = 0.0
     expected: float = 0.0
     squares: float = 0.0
 
     def add(self, took: float, expected: float) -> None:
-        """One more."""
-        self.took, self.expected, self.squares = (
-            self.took + took,
-            self.expected + expected,
-            self.squares + expected**2,
-        )
+        """Add a job."""
+        self.took += took
+        self.expected += expected
+        self.squares += expected**2
 
     @property
     def log_ratio(self) -> float:
-        """Logarithm of what they took over what was expected."""
+        """Logarithm of the ratio of actual to expected time."""
         return math.log(max(self.took, 1e-3) / self.expected)
 
     @property
     def variance(self) -> float:
-        """Of that: long jobs count most."""
+        """Variance of `log_ratio`, with jobs weighted by their expected time."""
         return JOB_SD**2 * self.squares / self.expected**2
 
 
 @dataclass
 class Paces:
-    """What jobs of this run took, over what was expected of them.
+    """Ratios of actual to expected time in this run.
 
     Attributes
     ----------
     load : float
-        How many times slower other work makes the run, before any job is done.
+        Slowdown by other work before any job is done.
     """
 
     load: float
     _stages: dict[tuple[str, bool], Taken] = field(default_factory=lambda: defaultdict(Taken))
 
     def add(self, stage: str, expected: tuple[float, float] | None, took: float) -> None:
-        """A job is done.
-
-        Parameters
-        ----------
-        expected : tuple of 2 float or None
-            As `of` takes it.
-        took : float
-            s of one core.
-        """
+        """Add a finished job: its expectation as in `of`, and its core seconds."""
         self._stages[stage, expected is None].add(took, 1.0 if expected is None else math.exp(expected[0]))
 
     def copy(self) -> Paces:
-        """One to which further jobs are added."""
+        """Return a copy to which jobs can be added."""
         return Paces(self.load, defaultdict(Taken, {key: replace(taken) for key, taken in self._stages.items()}))
 
     def of(self, stage: str, expected: tuple[float, float] | None) -> tuple[float, float] | None:
-        """What a job takes.
+        """Predict the core seconds of a job from the expected ones; None if nothing is known.
 
-        Parameters
-        ----------
-        expected : tuple of 2 float or None
-            Median and standard deviation of the logarithm of the seconds that are expected; None without a rate.
-
-        Returns
-        -------
-        tuple of 2 float or None
-            The same of what the job takes; None where nothing is known.
+        Both are median and standard deviation of the logarithm. The expectation is None without a rate.
         """
-        own = self._stages.get((stage, expected is None))
+        taken = self._stages.get((stage, expected is None))
         if expected is None:
-            return None if own is None else (own.log_ratio, math.sqrt(own.variance + LEAST_SD**2))
+            return None if taken is None else (taken.log_ratio, math.sqrt(taken.variance + LEAST_SD**2))
         mean, variance = self._run()
         variance += STAGE_SD**2
-        if own is not None:
-            mean, variance = _both(mean, variance, own.log_ratio, own.variance)
+        if taken is not None:
+            mean, variance = _combined(mean, variance, taken.log_ratio, taken.variance)
         return expected[0] + mean, math.sqrt(max(variance, LEAST_SD**2) + expected[1] ** 2)
 
     def _run(self) -> tuple[float, float]:
-        """Of the run: what is known before it, then what its stages took."""
+        """Return mean and variance of the log ratio of the run: the prior, updated by each stage."""
         mean, variance = math.log(SLOWER * self.load), RUN_SD**2
-        for (_, without), taken in self._stages.items():
-            if not without:
-                mean, variance = _both(mean, variance, taken.log_ratio, taken.variance + STAGE_SD**2)
+        for (_, without_rate), taken in self._stages.items():
+            if not without_rate:
+                mean, variance = _combined(mean, variance, taken.log_ratio, taken.variance + STAGE_SD**2)
         return mean, variance
 
 
-def _both(mean: float, variance: float, other: float, its_variance: float) -> tuple[float, float]:
-    """Two estimates of one number as one."""
-    weight = variance / (variance + its_variance)
+def _combined(mean: float, variance: float, other: float, other_variance: float) -> tuple[float, float]:
+    """Return the inverse-variance weighted mean of two estimates, and its variance."""
+    weight = variance / (variance + other_variance)
     return mean + weight * (other - mean), variance * (1 - weight)
 
 
-def _left(pace: tuple[float, float] | None, spent: float, threads: int, said: Said | None) -> tuple[float, float]:
-    """Remaining wall time of a job, s.
-
-    Parameters
-    ----------
-    pace : tuple of 2 float or None
-        Median and standard deviation of the logarithm of its seconds of one core.
-    spent : float
-        Wall time since its start, s.
-    """
+def _left(
+    pace: tuple[float, float] | None, spent: float, threads: int, status: JobStatus | None
+) -> tuple[float, float]:
+    """Return a range of the remaining wall time of a job, s, from its predicted core seconds and the time spent."""
     low, high = 0.0, 0.0
     if pace is not None:
         median, sd = pace[0] - math.log(threads), pace[1]
-        # Of jobs that took longer than this one has had.
+        # Share of jobs that take longer than the time already spent: the estimate is conditioned on it.
         longer = NORMAL.cdf((median - math.log(spent)) / sd) if spent > 0 else 1.0
         if longer > 1e-9:
             low, high = (
@@ -367,9 +343,9 @@ def _left(pace: tuple[float, float] | None, spent: float, threads: int, said: Sa
             )
         else:
             high = spent
-    if said is not None and said.seconds_left is not None:
-        low, high = said.seconds_left, max(high, 2 * said.seconds_left)
-    if said is not None and said.most_left is not None:
-        low = said.seconds_left or 0.0
-        high = max(said.most_left, low)
+    if status is not None and status.seconds_left is not None:
+        low, high = status.seconds_left, max(high, 2 * status.seconds_left)
+    if status is not None and status.most_left is not None:
+        low = status.seconds_left or 0.0
+        high = max(status.most_left, low)
     return max(low, 0.0), max(high, 0.0)

@@ -1,28 +1,28 @@
-"""What Snakemake 9 and Python say in words alone, without an event or a field that would tell.
+"""Texts of Snakemake 9 and Python that can only be recognized by their words, because no event or field marks them.
 
-Where they say it otherwise, lines are shown that say no more than others, and no failure is lost.
-tests/workflow/test_snakemake.py fails then.
+With other texts, unneeded lines are shown, but no failure is lost. tests/workflow/test_snakemake.py compares them with
+the installed Snakemake.
 """
 
 import re
 
-# Beginnings of messages that tell users nothing.
-NOISE = (
+# Beginnings of messages that are never shown.
+HIDDEN = (
     "Select jobs to execute...",
     "Removing temporary output ",
     "Exiting because a job execution failed.",
     "Shutting down, this might take some time.",
     "Elapsed time: ",
 )
-# The same of messages before the first job.
-BEFORE = (
+# Beginnings of messages that are not shown before the first job.
+HIDDEN_AT_STARTUP = (
     "Config file ",
     "Assuming unrestricted shared filesystem usage.",
     "Building DAG of jobs...",
     "Using shell: ",
     "Group jobs: inactive (local execution)",
 )
-# Of a dry run: what its summary says in a shorter form, and the message that ends it.
+# Messages of a dry run that `startup.DryRunHandler` replaces, and the last message of a dry run.
 DRY_RUN = (
     "Reasons:",
     "Some jobs were triggered by provenance",
@@ -30,9 +30,9 @@ DRY_RUN = (
     "Would remove temporary output ",
 )
 DRY_RUN_ENDS = "This was a dry-run"
-# A run has ended, and not all is done.
+# A run ended before all jobs were done.
 INCOMPLETE = "At least one job did not complete"
-# Which job ended well without its files: the exception is sent, and no failure of a job.
+# A job ended without an error but without its files. Snakemake reports the exception and no failure of the job.
 FILES_MISSING = re.compile(r"Job (\d+)\s+completed successfully, but some output files are missing")
-# How a script ended: the name of a signal, or a number.
+# How a script ended: the name of a signal or the exit status.
 ENDED_BY = re.compile(r"died with <Signals\.(SIG\w+): \d+>|returned non-zero exit status (\d+)")

@@ -28,7 +28,14 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.scene import VoxelScene
 from virtual_phantom.study.job import job
 from virtual_phantom.study.progress.console import Console
-from virtual_phantom.study.progress.said import Said, heard, place, say, saying, silence
+from virtual_phantom.study.progress.job_status import (
+    JobStatus,
+    read_status,
+    remove_status,
+    status_path,
+    status_writer,
+    write_status,
+)
 from virtual_phantom.study.progress.time_left import Progress, Step
 
 GEOMETRY = circular(
@@ -78,24 +85,24 @@ class Watched:
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_a_small_diagnosis_is_followed_to_its_verdict(processes, tmp_path):
-    run, tell = Watched(tmp_path), saying(tmp_path / "diagnose.log", "bench")
+    run, tell = Watched(tmp_path), status_writer(tmp_path / "diagnose.log", "bench")
 
-    def told(how_far):
-        tell(how_far)
+    def told(progress):
+        tell(progress)
         run.look()
 
     found = find_missing_physics(
         "bench", ready(), CANDIDATES, {"default": 0.02}, processes, progress=DiagnosisProgress(told)
     )
     assert [one["name"] for one in found.content["effects"]] == ["scatter"]
-    said = [line.partition("bench: ")[2] for line in run.lines() if "bench: " in line]
-    assert said[0] == "alignment fitted"
-    assert said[1:5] == [f"alignment fitted; {done}3 effects ranked" for done in ("0 of ", "1 of ", "2 of ", "")]
-    assert said[5].startswith("alignment fitted; 3 effects ranked; 0 of ") and said[5].endswith(" fits made")
-    assert "2 effects ranked beside scatter" in said[-1] and said[-1].endswith(" fits made; verdict found")
+    texts = [line.partition("bench: ")[2] for line in run.lines() if "bench: " in line]
+    assert texts[0] == "alignment fitted"
+    assert texts[1:5] == [f"alignment fitted; {done}3 effects ranked" for done in ("0 of ", "1 of ", "2 of ", "")]
+    assert texts[5].startswith("alignment fitted; 3 effects ranked; 0 of ") and texts[5].endswith(" fits made")
+    assert "2 effects ranked beside scatter" in texts[-1] and texts[-1].endswith(" fits made; verdict found")
     assert all(line.startswith("0 of 1 jobs done") for line in run.lines()[1:])
     # The job's end takes its words away.
-    silence(run.log)
+    remove_status(run.log)
     run.take(LogEvent.JOB_FINISHED, job_id=0)
     assert "bench" not in run.lines()[-1] and not list(tmp_path.iterdir())
 
@@ -103,8 +110,8 @@ def test_a_small_diagnosis_is_followed_to_its_verdict(processes, tmp_path):
 def test_fits_that_were_kept_are_not_counted(tmp_path):
     kept, words = FitCache(tmp_path / "fits", "this recording", lambda effect: "as it is"), []
     for _ in range(2):
-        how_far = DiagnosisProgress(lambda one: words.append(one.words))
-        find_missing_physics("bench", ready(), CANDIDATES, {"default": 0.02}, cache=kept, progress=how_far)
+        progress = DiagnosisProgress(lambda status: words.append(status.words))
+        find_missing_physics("bench", ready(), CANDIDATES, {"default": 0.02}, cache=kept, progress=progress)
     assert words[-1] == "alignment fitted; 2 effects ranked beside scatter; verdict found"
     assert "fits made" in words[words.index("alignment fitted", 1) - 1]
 
@@ -114,12 +121,12 @@ def test_time_left_is_the_forecast_s_until_fits_need_more(tmp_path):
     run.look()
     assert run.lines()[-1] == "0 of 1 jobs done, 8 min to 1.5 h left; now: diagnose (0 of 1 done)"
     run.now = 540.0
-    say(run.log, Said("bench", "1 of 6 fits made", seconds_left=3000.0))
+    write_status(run.log, JobStatus("bench", "1 of 6 fits made", seconds_left=3000.0))
     run.look()
     assert run.lines()[-1] == (
         "0 of 1 jobs done, 50 min to 2 h left; now: diagnose (0 of 1 done); bench: 1 of 6 fits made"
     )
-    say(run.log, Said("bench", "verdict found", seconds_left=0.0, most_left=100.0))
+    write_status(run.log, JobStatus("bench", "verdict found", seconds_left=0.0, most_left=100.0))
     run.now += 60.0
     run.look()
     assert run.lines()[-1] == "0 of 1 jobs done, under 2 min left; now: diagnose (0 of 1 done); bench: verdict found"
@@ -127,65 +134,65 @@ def test_time_left_is_the_forecast_s_until_fits_need_more(tmp_path):
 
 def test_after_the_verdict_little_is_left():
     times = [0.0]
-    how_far = DiagnosisProgress(clock=lambda: times[-1])
-    assert how_far.most_left is None
+    progress = DiagnosisProgress(clock=lambda: times[-1])
+    assert progress.most_left is None
     times.append(50.0)
     for rounds in (1, 2, 3):
-        how_far.begin(FITTED, 2)
-        assert how_far.most_left == pytest.approx(50 * LEFT_AFTER[FITTED] / rounds)
+        progress.begin(FITTED, 2)
+        assert progress.most_left == pytest.approx(50 * LEFT_AFTER[FITTED] / rounds)
     times.append(100.0)
-    how_far.reached(JUDGED)
-    assert how_far.most_left == pytest.approx(100 * LEFT_AFTER[JUDGED])
-    how_far.reached(COMPARED)
-    assert how_far.most_left == pytest.approx(100 * LEFT_AFTER[COMPARED])
+    progress.reached(JUDGED)
+    assert progress.most_left == pytest.approx(100 * LEFT_AFTER[JUDGED])
+    progress.reached(COMPARED)
+    assert progress.most_left == pytest.approx(100 * LEFT_AFTER[COMPARED])
 
 
 def test_time_that_fits_need_is_that_of_those_just_made():
     times = [0.0]
-    how_far = DiagnosisProgress(clock=lambda: times[-1])
-    assert how_far.seconds_left is None
-    how_far.reached(ALIGNED)
-    done = how_far.begin(FITTED, 4)
-    assert how_far.seconds_left is None
+    progress = DiagnosisProgress(clock=lambda: times[-1])
+    assert progress.seconds_left is None
+    progress.reached(ALIGNED)
+    done = progress.begin(FITTED, 4)
+    assert progress.seconds_left is None
     for now in (10.0, 30.0):
         times.append(now)
         done()
-    assert how_far.seconds_left == pytest.approx(2 * 15.0)
+    assert progress.seconds_left == pytest.approx(2 * 15.0)
     done()
     done()
-    assert how_far.seconds_left == 0
+    assert progress.seconds_left == 0
     times.append(100.0)
-    done = how_far.begin(FITTED, 3)
+    done = progress.begin(FITTED, 3)
     times.append(107.0)
     done()
-    assert how_far.seconds_left == pytest.approx(2 * 7.0)
-    assert how_far.words == "alignment fitted; 5 of 7 fits made"
+    assert progress.seconds_left == pytest.approx(2 * 7.0)
+    assert progress.words == "alignment fitted; 5 of 7 fits made"
 
 
 def test_words_are_of_what_is_done():
-    how_far = DiagnosisProgress()
-    how_far.reached(ALIGNED)
+    progress = DiagnosisProgress()
+    progress.reached(ALIGNED)
     for beside in ((), ("xray_crosstalk", "heel")):
-        done = how_far.begin(RANKED, 2, beside)
+        done = progress.begin(RANKED, 2, beside)
         done()
-    assert how_far.words == "alignment fitted; 1 of 2 effects ranked beside X-ray crosstalk and heel"
+    assert progress.words == "alignment fitted; 1 of 2 effects ranked beside X-ray crosstalk and heel"
     done()
     for what in (JUDGED, COMPARED):
-        how_far.reached(what)
-    assert how_far.words.endswith("2 effects ranked beside X-ray crosstalk and heel; verdict found; images compared")
+        progress.reached(what)
+    assert progress.words.endswith("2 effects ranked beside X-ray crosstalk and heel; verdict found; images compared")
 
 
 def test_what_was_said_before_the_job_began_or_is_no_word_is_not_heard(tmp_path):
     log = tmp_path / "logs" / "a.log"
-    assert heard(log, 0.0) is None
-    say(log, Said("bench", "alignment fitted"))
-    assert heard(log, 0.0) == Said("bench", "alignment fitted")
-    assert heard(log, os.stat(place(log)).st_mtime + 1) is None  # killed; its last words stay
+    assert read_status(log, 0.0) is None
+    write_status(log, JobStatus("bench", "alignment fitted"))
+    assert read_status(log, 0.0) == JobStatus("bench", "alignment fitted")
+    assert read_status(log, os.stat(status_path(log)).st_mtime + 1) is None  # killed; its last words stay
     for text in ("{", "[]", json.dumps({"name": "bench"}), ""):
-        place(log).write_text(text)
-        assert heard(log, 0.0) is None
-    silence(log)
-    silence(log)
+        status_path(log).write_text(text)
+        assert read_status(log, 0.0) is None
+    remove_status(log)
+    remove_status(log)
     assert [path.name for path in log.parent.iterdir()] == []
 
 
@@ -194,11 +201,11 @@ def test_a_job_leaves_no_words_behind_and_none_are_no_reason_to_fail(tmp_path):
         log, threads = [tmp_path / "a.log"], 1
 
     with job(Script):
-        say(Script.log[0], Said("bench", "alignment fitted"))
-        assert heard(Script.log[0], 0.0)
+        write_status(Script.log[0], JobStatus("bench", "alignment fitted"))
+        assert read_status(Script.log[0], 0.0)
     assert [path.name for path in tmp_path.iterdir()] == ["a.log"]
     (tmp_path / "file").touch()
-    say(tmp_path / "file" / "a.log", Said("bench", "alignment fitted"))  # no folder to write to
+    write_status(tmp_path / "file" / "a.log", JobStatus("bench", "alignment fitted"))  # no folder to write to
 
 
 def test_a_line_has_the_words_of_a_few_jobs(tmp_path):
@@ -207,7 +214,7 @@ def test_a_line_has_the_words_of_a_few_jobs(tmp_path):
     console = Console(logging.StreamHandler(stream), Progress(steps, 6, dict, 0.0), "logs", clock=lambda: 30.0)
     for step in reversed(steps):
         console.progress.start(step.number, 0.0)
-        say(step.log, Said(f"bench{step.number}", "alignment fitted"))
+        write_status(step.log, JobStatus(f"bench{step.number}", "alignment fitted"))
     console.emit(logging.makeLogRecord({"event": "time_passed"}))
     assert stream.getvalue().splitlines()[-1].partition("; bench")[2] == (
         "5: alignment fitted; bench4: alignment fitted; bench3: alignment fitted"

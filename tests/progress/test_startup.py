@@ -10,21 +10,21 @@ from snakemake.logging import DefaultFormatter
 from snakemake.settings.enums import Quietness
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from virtual_phantom.study.progress import before
-from virtual_phantom.study.progress.before import Before, DryRun, be_quiet
-from virtual_phantom.study.progress.console import Console, take_over
+from virtual_phantom.study.progress import startup
+from virtual_phantom.study.progress.console import Console, install_console
+from virtual_phantom.study.progress.startup import DryRunHandler, StartupHandler, install_startup_handler
 
 SETTINGS = {"verbose": False, "debug_dag": False, "dryrun": False, "printshellcmds": False, "quiet": {Quietness.HOST}}
 
 
 def quiet(monkeypatch, **more):
-    """A logger as Snakemake's after be_quiet, with the stream that it writes to."""
+    """A logger as Snakemake's after install_startup_handler, with the stream that it writes to."""
     logger, stream = logging.Logger("a run"), io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)
     handler = logging.StreamHandler()
     handler.setFormatter(DefaultFormatter(quiet=set()))
     logger.addHandler(handler)
-    be_quiet(logger, SimpleNamespace(**SETTINGS | more))
+    install_startup_handler(logger, SimpleNamespace(**SETTINGS | more))
     return logger, stream
 
 
@@ -39,9 +39,9 @@ def begun(logger):
 @pytest.mark.parametrize(
     "more, kind",
     [
-        ({}, Before),
-        ({"quiet": {Quietness.HOST, Quietness.RULES}}, Before),
-        ({"dryrun": True}, DryRun),
+        ({}, StartupHandler),
+        ({"quiet": {Quietness.HOST, Quietness.RULES}}, StartupHandler),
+        ({"dryrun": True}, DryRunHandler),
         ({"verbose": True}, logging.StreamHandler),
         ({"debug_dag": True}, logging.StreamHandler),
         ({"quiet": {Quietness.PROGRESS}}, logging.StreamHandler),
@@ -69,7 +69,7 @@ def test_warnings_and_errors_are_printed_and_the_console_comes_next(monkeypatch)
         "MissingInputException: x",
         "Nothing to be done (all requested files are present and up to date).",
     ]
-    take_over(logger, [], 1, dict, "logs", False)
+    install_console(logger, [], 1, dict, "logs", False)
     (handler,) = logger.handlers
     assert isinstance(handler, Console) and isinstance(handler.inner, logging.StreamHandler)
     handler.close()
@@ -81,7 +81,7 @@ def job(number, rule, reason, *files):
 
 
 def test_a_dry_run_has_a_line_for_each_stage(monkeypatch):
-    monkeypatch.setattr(before, "slowdown", lambda cores: 1.0)
+    monkeypatch.setattr(startup, "slowdown", lambda cores: 1.0)
     logger, stream = quiet(monkeypatch, dryrun=True)
     begun(logger)
     (handler,) = logger.handlers

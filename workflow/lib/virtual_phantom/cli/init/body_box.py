@@ -1,4 +1,4 @@
-"""The part of a CT that is scanned: the body with the regions in it, without arms beside it and table."""
+"""Scanned box of a CT: the body with the regions, without separate arms and the table."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from ...phantom.body import Body, edges_mm, find_body
 from ...phantom.ct import kept_columns
 from .regions import Region
 
-AROUND_MM = 3.0  # air that is left around the body
+AROUND_MM = 3.0  # air around the body
 
 
 def keep_box(image: Volume, regions: Sequence[Region], slices: tuple[int, int]) -> tuple[list, list[Region]]:
-    """Return the box around the body, and the regions that lie outside of it.
+    """Return the box around the body, and the regions outside of it.
 
     Parameters
     ----------
     image : Volume
         The CT, HU.
     slices : tuple of int
-        From which to which slice the CT is scanned.
+        First and end slice that are scanned.
 
     Returns
     -------
     box : list
-        As phantom.ct.keep_mm: [[x, x], [y, y]], NIfTI world mm.
+        [[x, x], [y, y]], NIfTI world mm, see phantom.ct.keep_mm.
     outside : list of Region
-        Regions of which a part lies in another piece, as in an arm.
+        Regions that lie at least partly outside of the box, as in an arm.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def keep_box(image: Volume, regions: Sequence[Region], slices: tuple[int, int]) 
     """
     body = find_body(image, *slices)
     if not body.mask.any():
-        raise InputError(f"CT: nothing in it is denser than {HU_BODY:g} HU; is it in HU?")
+        raise InputError(f"CT: no voxel is denser than {HU_BODY:g} HU; check that its values are in HU")
     body = _with_regions(body, regions)
     box = []
     for axis in (2, 1):
@@ -53,31 +53,21 @@ def keep_box(image: Volume, regions: Sequence[Region], slices: tuple[int, int]) 
     return box, outside
 
 
-def is_needed(image: Volume, box: list, grid: Grid) -> bool:
-    """Return whether anything that would be scanned as part of the body lies out of a box.
-
-    Parameters
-    ----------
-    image : Volume
-        The CT, HU.
-    box : list
-        As `keep_box` returns it.
-    grid : Grid
-        The study's: slices above and below it are not scanned.
-    """
+def box_is_needed(image: Volume, box: list, grid: Grid) -> bool:
+    """Return whether the slices of the study's grid contain dense voxels outside of a box of `keep_box`."""
     z = image.grid.axes_mm()[0] + image.grid.centre_mm[2] - grid.centre_mm[2]
     seen = np.abs(z) <= (grid.extent_mm[0] + image.grid.spacing[0]) / 2
     return bool(((image.array[seen] > HU_BODY).any(axis=0) & ~kept_columns(box, image.grid)).any())
 
 
 def within(region: Region, box: Sequence[Sequence[float]]) -> bool:
-    """Whether a region lies whole in a box as of `keep_box`."""
+    """Whether a region lies completely inside a box of `keep_box`."""
     _, y, x = region.bounds_mm
     return all(low <= edges[0] and edges[1] <= high for edges, (low, high) in zip((x, y), box, strict=True))
 
 
-def widened(box: Sequence[Sequence[float]], regions: Sequence[Region]) -> list[list[float]]:
-    """The smallest box around one as of `keep_box` and regions."""
+def widened_box(box: Sequence[Sequence[float]], regions: Sequence[Region]) -> list[list[float]]:
+    """Return the smallest box that contains a box of `keep_box` and the regions."""
     wide = [list(edges) for edges in box]
     for region in regions:
         _, y, x = region.bounds_mm
@@ -88,7 +78,7 @@ def widened(box: Sequence[Sequence[float]], regions: Sequence[Region]) -> list[l
 
 
 def _with_regions(body: Body, regions: Sequence[Region]) -> Body:
-    """The same body; where the regions lie mostly in a piece apart, as in a hand, with that piece."""
+    """Return the body. If most region voxels lie in one detached piece, such as a hand, the piece is added."""
     pieces, count = label(body.detached)
     if not count or not regions:
         return body
