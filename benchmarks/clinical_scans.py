@@ -1,16 +1,11 @@
-"""Clinical scans by another simulator, read as DICOM-CT-PD and diagnosed: one effect concealed, the others declared.
+"""Diagnose clinical scans that XCIST simulates, with one hidden effect each (2 hours).
 
-    python benchmarks/clinical_scans.py --seed 6 --cases 10 --out clinical
-
-XCIST scans a body of its own surfaces with the geometry of a GE LightSpeed VCT (541 and 949.075 mm, an arc of 888
-columns of 1.0239 mm and 16 rows of 1.0988 mm, column offset -1.25), with the physics of such a scanner (120 kV, bowtie,
-large focal spot, crosstalk). Every case is written as DICOM-CT-PD, imported, and diagnosed by the project's own
-commands, with what a physicist would state of the scanner. Half of the cases leave one effect of the scanner out of
-that statement; the others have an effect that no scanner states beside them. Cases that are there already are not done
-again.
+XCIST scans a body of surfaces with the geometry and physics of a GE LightSpeed VCT. Each case is written as
+DICOM-CT-PD, imported, and diagnosed by the commands of the project, with the physics that a physicist would declare for
+the scanner. In half of the cases one effect of the scanner is not declared; in the others an additional effect is
+hidden. Cases in the output folder are not repeated.
 """
 
-import argparse
 import json
 import subprocess
 import sys
@@ -20,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from benchmarks import common
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.io import dicom_ct_pd as pd
@@ -27,7 +23,6 @@ from virtual_phantom.io.dicom_export import write
 from virtual_phantom.proof.conceal.catalogue import CATALOGUE
 from virtual_phantom.proof.conceal.xcist import TARGET_ANGLE_DEG, Scan, Surface, Surfaces, simulate
 
-ROOT = Path(__file__).resolve().parents[1]
 DETECTOR = {
     "source_to_isocentre_mm": 541.0,
     "source_to_detector_mm": 949.075,
@@ -154,7 +149,7 @@ def write_config(one: dict, folder: Path, view_step: int) -> Path:
 
 def done(command: list[str]) -> None:
     """Run a command of the project in its root."""
-    subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(command, cwd=common.ROOT, check=True, stdout=subprocess.DEVNULL)
 
 
 def diagnosed(number: int, options) -> dict:
@@ -177,16 +172,16 @@ def diagnosed(number: int, options) -> dict:
     return one | {"said": said, "seconds": time.perf_counter() - began}
 
 
-def main() -> None:
-    """Scan, diagnose and count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--cases", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--view-step", type=int, default=15, help="one view of so many is fitted or held out")
     parser.add_argument("--cores", type=int, default=2, help="of one diagnosis")
     parser.add_argument("--out", type=Path, required=True, help="a folder, which keeps what was done")
-    options = parser.parse_args()
+
+
+def run(options):
     first = 0
     for number in range(options.first, options.first + options.cases):
         one = diagnosed(number, options)
@@ -195,7 +190,3 @@ def main() -> None:
         first += right
         print(f"{number}: {one['concealed']}: {one['said']['sentence']} [{one['seconds']:.0f} s]", flush=True)
     print(f"named first in {first} of {options.cases}")
-
-
-if __name__ == "__main__":
-    main()

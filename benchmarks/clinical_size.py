@@ -1,14 +1,11 @@
-"""A recording as large as a clinical one, of an object of one material, for `snakemake diagnosis`.
+"""Write a recording of clinical size for `snakemake diagnosis`, to measure its time and memory (minutes).
 
-    python benchmarks/clinical_size.py --effect scatter clinical
-    cd clinical && snakemake diagnosis --cores 2 --snakefile PROJECT/workflow/Snakefile --configfile my.yaml
-
-One turn of a GE LightSpeed VCT's geometry (888 columns of 1.0239 mm and 64 rows of 1.0988 mm on an arc, 541 and
-949.075 mm, 984 views), one repeat of 1e5 photons per pixel in air, and a map of 512 x 512 x 64 voxels: water with
-holes, edges blurred. The scan has four times the rays that the diagnosis has of each pixel.
+The scan is one turn of a GE LightSpeed VCT with one repeat of 1e5 photons per pixel in air. The object is a map of 512
+x 512 x 64 voxels: water with holes and blurred edges. The scan has four times as many rays per pixel as the model.
+Diagnose it with `cd FOLDER && snakemake diagnosis --cores 2 --snakefile PROJECT/workflow/Snakefile --configfile
+my.yaml`.
 """
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +15,8 @@ import numpy as np
 import yaml
 from scipy import ndimage
 
+from benchmarks.common import chain_scans
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
@@ -65,8 +64,7 @@ def views(geometry, first, last):
     )
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("folder", type=Path)
     parser.add_argument("--effect", default="scatter", help="'none', or one without memory from view to view")
     parser.add_argument("--strength", type=float, default=0.5, help="share of the typical one")
@@ -76,7 +74,9 @@ def main():
     parser.add_argument("--rows", type=int, default=SCAN["rows"], help="as many, as high as they are")
     parser.add_argument("--views", type=int, default=VIEWS)
     parser.add_argument("--samples", type=int, default=1, help="rays per pixel and direction of the diagnosis")
-    options = parser.parse_args()
+
+
+def run(options):
     scan = SCAN | {
         "views": options.views,
         "views_per_rotation": options.views,
@@ -101,14 +101,11 @@ def main():
             part = views(geometry, first, min(first + AT_ONCE, options.views))
             chain = Chain(scene, part, PHOTONS, samples=2 * options.samples)
             if options.effect != "none" and not physics:
-                physics[options.effect] = {
-                    one.name: one.typical
-                    if one.neutral is None
-                    else one.neutral + options.strength * (one.typical - one.neutral)
-                    for one in chain.parameters(options.effect)
-                }
+                physics[options.effect] = chain_scans.scaled(chain, options.effect, options.strength)
                 if load(options.effect).pattern:
-                    parser.error("a gain pattern would be drawn anew for every part of the views")
+                    raise InputError(
+                        "--effect gain_pattern: the parts of the views need one pattern; choose another effect"
+                    )
             state = chain.state(physics)
             data[first : first + part.views] = state.counts(random)
         file["exchange/data_white"] = PHOTONS * state.air[:1]
@@ -128,7 +125,3 @@ def main():
     overlay = {"recordings": {"clinical": "recordings/clinical"}, "diagnosis": {"recordings": {"clinical": asked}}}
     (options.folder / "my.yaml").write_text(yaml.safe_dump(overlay))
     print(f"{options.folder}: {np.prod(shape) / 1e6:.1f} million rays, {physics or 'nothing'} concealed")
-
-
-if __name__ == "__main__":
-    main()

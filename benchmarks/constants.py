@@ -1,14 +1,9 @@
-"""How many verdicts change if a constant that they rest on is halved or doubled.
+"""Count verdicts that change if a constant of the diagnosis is halved or doubled (30 minutes).
 
-    python benchmarks/constants.py --seed 81 --out constants.jsonl
-
-Scans by the proof's simulator as lacking.py has them: effects of --effects alone, pairs, nothing, and faults that the
-library lacks. Each is diagnosed once as it is, and once for each constant at half and at twice its value. A verdict
-has changed if its kind or the set of effects that it names is another one. Fits are made once: constants of fits
-(--fits) need all of them again, each time. Cases that the file has already are not done again.
+The scans come from the simulator of the blind validation. A verdict changes if its kind or the set of named effects
+changes. Constants of fits (--fits) need all fits again for each value. Cases in the output file are not repeated.
 """
 
-import argparse
 import json
 import sys
 import tempfile
@@ -19,9 +14,9 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-import lacking
-
-from virtual_phantom.diagnosis import run
+from benchmarks import common
+from benchmarks.common import simulator_scans
+from virtual_phantom.diagnosis import run as diagnosis_run
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
@@ -140,12 +135,12 @@ class Remembered:
     def of_everything(self) -> Iterator[None]:
         """While matched filters and kinds of change are asked for, those remembered are given."""
         screened, changes = forward_selection.screened, unmodelled.changes
-        forward_selection.screened = run.screened = self.once(screened)
+        forward_selection.screened = diagnosis_run.screened = self.once(screened)
         unmodelled.changes = self.once(changes)
         try:
             yield
         finally:
-            forward_selection.screened = run.screened = screened
+            forward_selection.screened = diagnosis_run.screened = screened
             unmodelled.changes = changes
 
 
@@ -154,13 +149,13 @@ def said(
 ) -> dict:
     """Kind of verdict, and effects by name, the first first."""
     recording, prepared = made or prepare_recording(asked)
-    found = run.find_missing_physics(recording.name, prepared, tried, accuracy, cache=remembered)
+    found = diagnosis_run.find_missing_physics(recording.name, prepared, tried, accuracy, cache=remembered)
     return {"verdict": found.content["verdict"], "effects": [one["name"] for one in found.content["effects"]]}
 
 
 def answers(folder: Path, truth: dict, config: dict, seed: int, of_fits: bool) -> dict[str, dict]:
     """{what was changed: what is said then}."""
-    model = lacking.recorded(folder, truth, config, seed)
+    model = simulator_scans.recorded(folder, truth, config, seed)
     asked, tried = DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1), list(candidates(model["settings"]))
     accuracy, made, remembered = config["diagnosis"]["model_accuracy"], prepare_recording(asked), Remembered()
     found = {}
@@ -202,29 +197,25 @@ def counted(rows: list[dict]) -> None:
     print(f"all: {flips} of {of} verdicts")
 
 
-def main() -> None:
-    """Scan, diagnose with every constant as it is, halved and doubled, and count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--out", type=Path, required=True)
-    lacking.add_draws(parser, ["weak", "medium"], none=4, pairs=2, unknown=4)
+    simulator_scans.add_draws(parser, ["weak", "medium"], none=4, pairs=2, unknown=4)
     parser.add_argument("--fits", action="store_true", help="constants of fits too: each needs a whole diagnosis")
-    options = parser.parse_args()
-    config = lacking.default_config()
-    rows = lacking.rows_of(options.out)
-    for case, truth in lacking.left_to_do(options, rows).items():
+
+
+def run(options):
+    config = common.configuration()
+    rows = common.read_jsonl(options.out)
+    for case, truth in simulator_scans.left_to_do(options, rows).items():
         began = time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:
             found = answers(Path(folder), truth, config, options.seed, options.fits)
         rows.append({"truth": truth, "answers": found})
-        lacking.append(options.out, rows[-1])
+        common.append_jsonl(options.out, rows[-1])
         concealed = ", ".join(one["name"] for one in truth["effects"]) or "nothing"
         stated, others = found[STATED], [key for key in found if changed(found[key], found[STATED])]
         words = f"{stated['verdict']}, {', '.join(stated['effects']) or 'no effect'}"
         seconds = time.perf_counter() - began
         print(f"{case} {concealed}: {words}; changed by {', '.join(others) or 'none'} [{seconds:.0f} s]", flush=True)
     counted(rows)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,16 +1,12 @@
-"""What the agreement with the printed phantom is worth: the default study beside further seeds and negative controls.
+"""Compare the default study's agreement with the printed phantom with further seeds and negative controls (1 hour).
 
-    python benchmarks/controls.py [--cores 2] [--keep] [--table FEATURES_2D_CSV]
-
-Runs the stability analysis of the default study, of five further values of `seed`, and of studies that are wrong on
-purpose, into results-controls; what is there already stays, and with --keep nothing is run. Prints the table of
-docs/validation/controls.md, and writes default_study_seeds.csv of the library's resources. --table, the full table of
-CT-Phantom4Radiomics, adds the phantom against itself. About 6 minutes of one core for each of the eight studies.
+Runs the stability analysis of the default study, of five further seeds and of studies that are wrong on purpose in
+results-controls. Prints the table of docs/validation/controls.md and writes default_study_seeds.csv of the library.
+--table, the full table of CT-Phantom4Radiomics, adds a comparison of the printed phantom with itself.
 """
 
 from __future__ import annotations
 
-import argparse
 import re
 import subprocess
 import sys
@@ -20,9 +16,9 @@ import numpy as np
 import pandas as pd
 import yaml
 
+from benchmarks import common
 from virtual_phantom import phantom
 from virtual_phantom.base.data import RESOURCES
-from virtual_phantom.config import config
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.features import extraction, tables
 from virtual_phantom.features.names import FEATURES
@@ -30,8 +26,6 @@ from virtual_phantom.io import volumes
 from virtual_phantom.io.files import replacing, write_csv
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.statistics import further_seeds, measured, ranking, repeats, roi_profiles, wilcoxon
-
-ROOT = Path(__file__).resolve().parents[1]
 
 RESULTS = Path("results-controls")
 SEEDS = (2023, 2024, 2025, 2026, 2027)
@@ -46,21 +40,21 @@ PAIRED = {"iterative": "sirt_300", "fbp": "fbp_300"}  # reconstructions of the d
 def studies() -> dict[str, dict]:
     """What each study changes in config/controls.yaml; None is config/tiny.yaml."""
     found = {"default": {}, **{f"seed{seed}": {"seed": seed} for seed in SEEDS}}
-    level = configuration()["noise"]["levels"]["dose10"]
+    level = common.configuration()["noise"]["levels"]["dose10"]
     found["noise_x10"] = {"noise": {"levels": {"dose10": {"A": 10 * level["A"]}}}}
     found["texture"] = {"phantom": {"layout": f"{RESULTS}/layout.yaml"}}
     found["tiny"] = None
     return found
 
 
-def run(name: str, changes: dict | None, cores: int) -> None:
+def run_study(name: str, changes: dict | None, cores: int) -> None:
     overlay = RESULTS / f"{name}.yaml"
     files = ["config/tiny.yaml"] if changes is None else ["config/controls.yaml"]
-    (ROOT / overlay).write_text(
+    (common.ROOT / overlay).write_text(
         yaml.safe_dump({**(changes or {}), "results_dir": f"{RESULTS}/{name}"}), encoding="utf-8"
     )
     command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--configfile", *files, str(overlay), "--"]
-    subprocess.run([*command, f"{RESULTS}/{name}/tables/stability.csv"], cwd=ROOT, check=True)
+    subprocess.run([*command, f"{RESULTS}/{name}/tables/stability.csv"], cwd=common.ROOT, check=True)
 
 
 def write_layout(path: Path) -> None:
@@ -71,30 +65,14 @@ def write_layout(path: Path) -> None:
     path.write_text(yaml.safe_dump(layout), encoding="utf-8")
 
 
-def configuration(*overlays: str) -> dict:
-    """The default configuration with overlays, as Snakemake merges them."""
-    merged: dict = {}
-    for path in ("config/config.yaml", *overlays):
-        merge(merged, yaml.safe_load((ROOT / path).read_text(encoding="utf-8")))
-    return config.complete(merged)
-
-
-def merge(into: dict, overlay: dict) -> None:
-    for key, value in overlay.items():
-        if isinstance(value, dict) and isinstance(into.get(key), dict):
-            merge(into[key], value)
-        else:
-            into[key] = value
-
-
 def white_noise(plan: Plan) -> pd.DataFrame:
     """Features of the default phantom with white noise added and nothing scanned.
 
     The noise of a group is that of one of the printed phantom's groups, as its large cyst shows it; SIRT takes those
     with ADMIRE (1, 3, 5, 7), FBP those with FBP (2, 4, 6, 8).
     """
-    image = volumes.read_nifti(ROOT / RESULTS / "default/phantom/image.nii.gz")
-    rois, masks = phantom.read_masks(ROOT / RESULTS / "default/phantom/rois.csv", image.grid)
+    image = volumes.read_nifti(common.ROOT / RESULTS / "default/phantom/image.nii.gz")
+    rois, masks = phantom.read_masks(common.ROOT / RESULTS / "default/phantom/rois.csv", image.grid)
     classes = dict(zip(rois["roi"], rois["tissue_class"], strict=True))
     means = measured.group_means().query("roi == 'cyst_1'").set_index("group")
     sd = np.sqrt(means["original_firstorder_Variance"])
@@ -213,25 +191,26 @@ def markdown(rows: pd.DataFrame) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--table", type=Path)
     parser.add_argument("--keep", action="store_true", help="run nothing, take what is in results-controls")
-    arguments = parser.parse_args()
-    (ROOT / RESULTS).mkdir(exist_ok=True)
-    write_layout(ROOT / RESULTS / "layout.yaml")
-    if not arguments.keep:
+
+
+def run(options):
+    (common.ROOT / RESULTS).mkdir(exist_ok=True)
+    write_layout(common.ROOT / RESULTS / "layout.yaml")
+    if not options.keep:
         for name, changes in studies().items():
-            run(name, changes, arguments.cores)
-    plan, tiny = Plan(configuration("config/controls.yaml")), Plan(configuration("config/tiny.yaml"))
-    white = ROOT / RESULTS / "white_noise.csv"
+            run_study(name, changes, options.cores)
+    plan, tiny = Plan(common.configuration("config/controls.yaml")), Plan(common.configuration("config/tiny.yaml"))
+    white = common.ROOT / RESULTS / "white_noise.csv"
     if not white.exists():
         write_csv(white_noise(plan), white)
 
     rows, scores = {}, []
     for name in (*studies(), "white_noise"):
-        path = white if name == "white_noise" else ROOT / RESULTS / name / "features.csv"
+        path = white if name == "white_noise" else common.ROOT / RESULTS / name / "features.csv"
         one = tiny if name == "tiny" else plan
         repeated = one.repeats(["dose10"])
         table = tables.select_groups(tables.read_features(path), one.groups(), noise="dose10", seeds=repeated)
@@ -245,21 +224,17 @@ def main() -> None:
             scores.append(kept.round(6))
     with replacing(RESOURCES / "default_study_seeds.csv", checksum=False) as temporary:
         pd.concat(scores).to_csv(temporary, index=False, lineterminator="\n")
-    if arguments.table:
-        rows["printed phantom, nine scans and nine others"] = against_itself(arguments.table)
+    if options.table:
+        rows["printed phantom, nine scans and nine others"] = against_itself(options.table)
     rows |= real_over_rois()
     table = pd.DataFrame(rows).T
     seeds = table.loc[[f"seed{seed}" for seed in SEEDS]]
     table = table.drop(index=seeds.index)
     table.loc["five further seeds, mean"], table.loc["five further seeds, SD"] = seeds.mean(), seeds.std(ddof=1)
-    write_csv(table.reset_index(names="study"), ROOT / RESULTS / "controls.csv")
+    write_csv(table.reset_index(names="study"), common.ROOT / RESULTS / "controls.csv")
     print(markdown(table))
     for acquisitions in measured.ACQUISITIONS:
         draws = measured.load_score_draws(10, acquisitions)
         said = ["{:.1f} +- {:.1f} %".format(*repeats.mean_over_features(draws, kind)) for kind in ranking.KINDS]
         print(f"printed phantom, 10 of {draws['of'].iloc[0]} acquisitions ({acquisitions}): {', '.join(said)}")
     print("SD of the seeds:", further_seeds.sd_over_seeds(further_seeds.read_seed_scores()))
-
-
-if __name__ == "__main__":
-    main()

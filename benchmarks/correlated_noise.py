@@ -1,22 +1,18 @@
-"""z of every domain, and verdicts, where noise is correlated and nothing is wrong: the right effect fitted to the
-library's own draws.
+"""Measure the distribution of z in every domain and the false alarms for correlated noise (minutes).
 
-    python benchmarks/correlated_noise.py --draws 40 --out correlated_noise.csv
-
-Of every setting so many scans are drawn by the chain, four repeats each. The effect that is there is given and fitted
-with the alignment; the data held out are then looked at as a diagnosis does. Every z has a mean of 0 and a standard
-deviation of 1 where the errors are right. Draws under 1000 were tuned on.
+The library's chain simulates four repeats of each scan. The true effect is fitted with the alignment, and the held-out
+data are tested as in a diagnosis. With correct errors z has mean 0 and standard deviation 1. The tests were tuned on
+realizations below 1000.
 """
 
-import argparse
-import csv
 import time
 from collections import defaultdict
 
 import numpy as np
 from scipy import ndimage, stats
 
-from virtual_phantom.base.geometry import Grid, circular
+from benchmarks import common
+from virtual_phantom.base.geometry import Grid
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.residuals.residual_tests import aligned
@@ -27,16 +23,7 @@ from virtual_phantom.physics.scenes.posed import PosedScene
 from virtual_phantom.physics.scenes.scene import VoxelScene
 
 PHOTONS, REPEATS, EDGE_MM, INTERVAL_MS = 1e5, 4, 3.0, 1.0
-GEOMETRY = circular(
-    views=72,
-    source_to_isocentre_mm=570.0,
-    source_to_detector_mm=1040.0,
-    columns=48,
-    rows=8,
-    column_pitch_mm=11.0,
-    row_pitch_mm=8.0,
-    view_interval_ms=INTERVAL_MS,
-)
+GEOMETRY = common.circular_scan(72, 48, 8, 11.0, 8.0, view_interval_ms=INTERVAL_MS)
 
 
 def crosstalk(share):
@@ -139,28 +126,22 @@ def summary(rows):
     print(f"seconds: median {np.median([row['seconds'] for row in draws])}")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--draws", type=int, default=40)
     parser.add_argument("--first", type=int, default=1000, help="number of the first draw; under 1000 were tuned on")
     parser.add_argument("--settings", nargs="+", choices=[*SETTINGS, *FURTHER], default=list(SETTINGS))
     parser.add_argument("--repeats", type=int, default=REPEATS)
     parser.add_argument("--out", default="correlated_noise.csv")
-    options = parser.parse_args()
+
+
+def run(options):
     bare = scene()
     chain, model = Chain(bare, GEOMETRY, PHOTONS), Chain(PosedScene(bare, 1), GEOMETRY, PHOTONS)
     rows = []
-    with open(options.out, "w", newline="") as file:
-        writer = csv.DictWriter(file, FIELDS)
-        writer.writeheader()
+    with common.csv_writer(options.out, FIELDS) as write:
         for name in options.settings:
             for draw in range(options.first, options.first + options.draws):
                 found = one(chain, model, name, (SETTINGS | FURTHER)[name], draw, options.repeats)
-                writer.writerows(found)
-                file.flush()
+                write(*found)
                 rows += found
     summary(rows)
-
-
-if __name__ == "__main__":
-    main()

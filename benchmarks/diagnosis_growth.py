@@ -1,20 +1,16 @@
-"""What the time of a diagnosis grows with: rays, voxels, effects, repeats and cores, one at a time.
+"""Measure the time of a diagnosis as a function of rays, voxels, effects, repeats and cores (7 minutes).
 
-    python benchmarks/diagnosis_growth.py --out results/benchmarks
-
-Scans with scatter left out, of the study's phantom, by the library's own chain, each diagnosed from its folder to its
-page in a Python of its own. Writes diagnosis_growth.csv and diagnosis_growth.png with the exponent of each: seconds go
-with size to that power, start and page included. Run it on cores that do nothing else.
+The library's chain simulates scans of the study's phantom with missing scatter. Each is diagnosed in a new Python
+process. Writes diagnosis_growth.csv and diagnosis_growth.png with the exponent of each series. Needs idle cores.
 """
 
-import argparse
-import csv
 import tempfile
 from pathlib import Path
 
 import numpy as np
-from diagnosis_rates import Case, every_effect, run, written
 
+from benchmarks import common
+from benchmarks.diagnosis_rates import Case, every_effect, run_case, written
 from virtual_phantom.figures import style
 
 # Effects in the order in which they are tried first, so that the one that is missing is always among them.
@@ -53,7 +49,7 @@ def measured(rounds):
                 case, processes = case_of(of, value)
                 place = Path(folder) / case.name
                 extent = written(case, place)
-                runs = [run(place, processes, False) for _ in range(rounds)]
+                runs = [run_case(place, processes, False) for _ in range(rounds)]
                 seconds = float(np.median([sum(parts.values()) for parts, _ in runs]))
                 row = {"of": of, "size": size_of(of, value, extent), "seconds": round(seconds, 2)}
                 rows.append(row | {"found": "+".join(runs[0]["found"]) or "none"})
@@ -92,21 +88,15 @@ def drawn(rows, powers):
     return figure
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
     parser.add_argument("--rounds", type=int, default=1, help="diagnoses of each recording")
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+
+
+def run(options):
     rows = measured(options.rounds)
     powers = exponents(rows)
-    with open(options.out / "diagnosis_growth.csv", "w", newline="") as file:
-        writer = csv.DictWriter(file, [*rows[0], "exponent"])
-        writer.writeheader()
-        writer.writerows(row | {"exponent": round(powers[row["of"]], 3)} for row in rows)
+    table = [row | {"exponent": round(powers[row["of"]], 3)} for row in rows]
+    common.write_table(options.out / "diagnosis_growth.csv", table)
     style.save(drawn(rows, powers), [options.out / "diagnosis_growth.png"])
     print({of: round(power, 2) for of, power in powers.items()})
-
-
-if __name__ == "__main__":
-    main()

@@ -1,22 +1,14 @@
-"""What a diagnosis of a recording costs: the rates by which `snakemake plan` and the console tell its time beforehand.
+"""Fit the rates by which `snakemake plan` estimates the time of a diagnosis (30 minutes).
 
-    python benchmarks/diagnosis_rates.py --machine "two cores of an AMD EPYC"
-
-Makes recordings of several sizes by the library's own chain, diagnoses each from its folder to its page with one
-process, in a separate Python, and fits the rates to the CPU time of its parts, by the scans that were simulated and
-the rounds of ranking. Some recordings are held out. Prints the forecast beside each. Writes the stage `diagnose` into
-the library's rates.yaml and leaves the others.
-
---quick takes three small recordings and writes nothing: to see that it works. --every-effect diagnoses a recording for
-each effect by the rates that there are, and writes nothing.
+The library's chain simulates recordings of several sizes. Each is diagnosed by one process in a new Python process, and
+the rates are fitted to the CPU time of its parts. Prints the forecasts, also of recordings that are held out. Writes
+the stage `diagnose` of the library's rates.yaml if --machine is given.
 """
 
 import argparse
 import json
 import os
 import resource
-import subprocess
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -25,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from fit_rates import RATES, write
 
+from benchmarks import THREAD_VARIABLES, common
+from benchmarks.fit_rates import RATES, write
 from virtual_phantom.api.simulated import draw_phantom
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.base.streams import Branch
@@ -69,7 +62,6 @@ PARTS = {
 }
 COMPILED_SECONDS = 16.0  # CPU time of a first diagnosis beyond that of the same again, on an empty cache of kernels
 SEED = 20261124
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")  # as Snakemake has them
 
 
 @dataclass(frozen=True)
@@ -263,24 +255,20 @@ def one(folder, processes):
     print(json.dumps({"parts": parts, "found": named, "scans": len(scans), "rounds": rounds}))
 
 
-def run(folder, processes=1):
+def run_case(folder, processes=1):
     """The same in a separate Python: CPU seconds by part, wall time, and what was counted and found."""
-    command = [sys.executable, __file__, "--one", str(folder), "--processes", str(processes)]
-    environment = os.environ | dict.fromkeys(THREADS, str(processes))
     began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    said = subprocess.run(command, env=environment, capture_output=True, text=True)
-    if said.returncode:
-        raise SystemExit(said.stderr)
+    arguments = "--one", folder, "--processes", processes
+    told = common.run_scenario("diagnosis_rates", *arguments, **dict.fromkeys(THREAD_VARIABLES, str(processes)))
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    told = json.loads(said.stdout.splitlines()[-1])
     parts = told["parts"] | {START: spent - sum(told["parts"].values())}
     return told | {"parts": parts, "wall": time.perf_counter() - began}
 
 
 @dataclass(frozen=True)
 class Run:
-    """One diagnosis: its recording, its size, and what `run` gives."""
+    """One diagnosis: its recording, its size, and what `run_case` gives."""
 
     case: Case
     extent: Extent
@@ -304,8 +292,8 @@ def runs_of(cases):
     with tempfile.TemporaryDirectory() as folder:
         for case in cases:
             size = written(case, Path(folder) / case.name)
-            run(Path(folder) / case.name)  # compiles what this kind of object needs
-            found.append(Run(case, size, run(Path(folder) / case.name)))
+            run_case(Path(folder) / case.name)  # compiles what this kind of object needs
+            found.append(Run(case, size, run_case(Path(folder) / case.name)))
             told = found[-1].told
             words = ", ".join(f"{part} {told['parts'][part]:.1f}" for part in PARTS if part in told["parts"])
             counts = f"{told['scans']} scans, {told['rounds']:.1f} rounds"
@@ -326,14 +314,15 @@ def report(runs, rates):
     print(f"{inside} of {len(runs)} within the forecast; the farthest is off by a factor of {max(*off, 1.0):.2f}")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--machine", help="what it is run on, for the file's head; without it nothing is written")
     parser.add_argument("--quick", action="store_true", help="three small recordings, and nothing is written")
     parser.add_argument("--every-effect", action="store_true", help="a recording for each, and nothing is written")
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--processes", type=int, default=1, help=argparse.SUPPRESS)
-    options = parser.parse_args()
+
+
+def run(options):
     if options.one:
         one(options.one, options.processes)
         return
@@ -356,7 +345,3 @@ def main():
             "simulated_scans": {one_run.case.name: one_run.told["scans"] for one_run in runs},
         }
         write(whole)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,20 +1,16 @@
-"""Whether those effects are fitted that could win: gains of first order beside gains of full fits, of all candidates.
+"""Check that the first-order forecast selects the effects that a full fit would choose (1 hour).
 
-    python benchmarks/first_order.py --seed 902 --out first_order.jsonl
-
-The scans of benchmarks/diagnosis_draws.py, each with one effect that stands a given number of standard deviations out
-of the noise, or as far as its range reaches. `choose` fits only what first order puts among the best few. Here all are
-fitted, and the best on data held out is looked for among those few. Three quarters of a minute for a draw on one core;
-goes on where it was stopped.
+Each scan of the library's chain has one effect of a given signal-to-noise ratio. `choose` only fits the effects with
+the largest forecasts. Here all effects are fitted, and the best on held-out data is looked up among the selected
+effects. A scan takes 45 s of one core. Scans in the output file are not repeated.
 """
 
-import argparse
-import json
 from pathlib import Path
 
 import numpy as np
-from diagnosis_draws import GEOMETRY, PHOTONS, scans, scene, strengths
 
+from benchmarks import common
+from benchmarks.common.chain_scans import GEOMETRY, PHOTONS, scans, scene, strengths
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
@@ -58,13 +54,14 @@ def summary(rows):
     print(f"best of all fits not among them: {lost} of {count}; of those as good: {close_lost} of {close}")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--seed", type=int, default=902)
     parser.add_argument("--wanted", type=float, nargs="+", default=WANTED)
     parser.add_argument("--out", type=Path, default=Path("first_order.jsonl"))
-    options = parser.parse_args()
-    rows = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
+
+
+def run(options):
+    rows = common.read_jsonl(options.out)
     there = {(row["effect"], row["wanted"]) for row in rows}
     exact = Chain(scene(), GEOMETRY, PHOTONS, samples=2 * SAMPLES)
     model, floor = model_and_floor(scene(), GEOMETRY, SAMPLES, photons=PHOTONS)
@@ -82,11 +79,6 @@ def main():
             print(error)
             continue
         rows.append({"effect": name, "wanted": wanted, "candidates": candidates})
-        with open(options.out, "a") as file:
-            file.write(json.dumps(rows[-1]) + "\n")
+        common.append_jsonl(options.out, rows[-1])
         print(name, wanted, flush=True)
     summary(rows)
-
-
-if __name__ == "__main__":
-    main()

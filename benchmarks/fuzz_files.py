@@ -1,27 +1,19 @@
-"""Users' files with wrong headers: how many are refused in one line, reported, or change the phantom in silence.
+"""Count how often a wrong header of a NIfTI, RTSTRUCT or SEG file is rejected, reported or misread (minutes).
 
-    python benchmarks/fuzz_files.py --format nifti --runs 1000
-    python benchmarks/fuzz_files.py --format rtstruct --runs 500
-    python benchmarks/fuzz_files.py --format seg --runs 500
-
-Each run changes one to three fields of a header: to a wrong value, an empty one, a value of another type, or one that
-disagrees with the rest. What comes of it is counted as
+Each run changes one to three fields of a header. The outcomes are:
 
 * refused: an InputError of one line
-* same: no voxel differs by more than 1 HU, lies more than one voxel elsewhere, or changes its region
-* reported: the result differs, and a note says why
-* stated: the result differs as the header says, and an independent reader gives the same voxels and positions. The file
-  is then a valid file of something else
-* silent: the result differs, and nothing says so
+* same: no voxel differs by more than 1 HU, moves by more than one voxel, or changes its region
+* reported: the result differs, and a note gives the reason
+* stated: the result differs as the header says, and an independent reader gives the same voxels and positions
+* silent: the result differs without a note
 * traceback: any other exception
 
-The last two are faults; they are printed and the exit status is 1.
+The last two are faults: they are printed, and the exit status is 1.
 """
 
-import argparse
 import copy
 import logging
-import sys
 import tempfile
 import traceback
 import warnings
@@ -393,24 +385,20 @@ def fuzz_seg(runs, seed, folder):
 FORMATS = {"nifti": fuzz_nifti, "rtstruct": fuzz_rtstruct, "seg": fuzz_seg}
 
 
-def main():
-    """Run, and print how many files had which outcome."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--format", choices=FORMATS, required=True)
     parser.add_argument("--runs", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
+
+
+def run(options):
     warnings.simplefilter("ignore")
     logging.getLogger("pydicom").setLevel(logging.CRITICAL)
     logging.getLogger("nibabel").setLevel(logging.CRITICAL)
     with tempfile.TemporaryDirectory() as folder:
-        counts, faults = FORMATS[arguments.format](arguments.runs, arguments.seed, Path(folder))
+        counts, faults = FORMATS[options.format](options.runs, options.seed, Path(folder))
     for found, count in counts.most_common():
         print(f"{found}: {count}")
     for fault in faults:
         print(*fault, sep="  ")
     return int(any(counts[one] for one in FAULTS))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

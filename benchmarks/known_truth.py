@@ -1,24 +1,19 @@
-"""A scanned phantom whose truth is known: how often a simulation of it lies within repeat error of real scans.
+"""Count features of a phantom made from scans that agree with the known true phantom within repeat error (minutes).
 
-    python benchmarks/known_truth.py [--scans 3 [--own-voxels]] [--oversampling 3] [--seed 1]
+The truth is the drawn phantom on voxels a third as wide as the study's. The mean of ten scans is the truth with a
+Gaussian blur of 0.75 voxels and noise. A feature in a region agrees if Welch's test gives p >= 0.05. Prints a row per
+phantom:
 
-The truth is the drawn phantom on voxels a third as wide as the study's. A mean of ten scans of it is the truth blurred
-by a Gaussian of 0.75 voxels, and noise. What is made of it is scanned by one scanner, as the truth is. A cell is a
-feature in a region; it lies within repeat error where Welch's test of as many repeats gives p of 0.05 at least, which
-scans of the same do in 95 % of the cells. Prints a row for each phantom:
+    the truth          scanned again with other noise: the upper limit
+    own blur kept      the mean image, which is blurred twice
+    own blur removed   the mean image after deconvolution (phantom.deconvolution)
+    and voxels         as before, and the blur of the phantom's voxels removed, as in the workflow
+    wrong kernel       own blur removed, and images blurred by a Gaussian of 3 mm
 
-    the truth          scanned again, by other photons: the best there is
-    own blur kept      the mean as it is: blurred twice
-    own blur removed   the mean without its own blur and noise (phantom.deconvolution)
-    and voxels         the same, what the phantom's voxels blur counted too, as the workflow does
-    wrong kernel       own blur removed, and images blurred by a Gaussian of 3 mm that the scanner has not
-
-With --scans the mean is of ten reconstructions of the truth in place of a Gaussian and white noise, by a scanner whose
-voxels, pixels and views are so many times as fine as the study's. With --own-voxels the study is as fine as that too:
-what is compared then has the resolution at which the phantom itself was scanned, the hardest case.
+With --scans, the mean image comes from ten simulated scans whose voxels, pixels and views are FINER times as fine as
+the study's. With --own-voxels, the study is as fine as these scans, which is the hardest case.
 """
 
-import argparse
 import warnings
 from dataclasses import replace
 
@@ -65,15 +60,16 @@ def of_own_scans(drawn, finer, seed):
     return mean, own, measure_spectra(mean.array[box], noise[box], mean.grid.spacing)
 
 
-def main(repeats, scans, own_voxels, oversampling, seed):
+def run(options):
+    repeats, scans, own_voxels, seed = options.repeats, options.scans, options.own_voxels, options.seed
     warnings.simplefilter("ignore")  # small regions: it is the comparison that is looked at
     drawn, truth, mean, own, measured = scanned(scans, own_voxels, seed) if scans else modelled()
     finer = scans if own_voxels else 1
-    spacing, fine = mean.grid.spacing, drawn.image.grid.refined(oversampling).spacing
+    spacing, fine = mean.grid.spacing, drawn.image.grid.refined(options.oversampling).spacing
     aligned = np.allclose(spacing, fine)
     print(f"own blur in the plane: SD {own[1]:.2f} mm, along z {own[0]:.2f} mm; {repeats} repeats", flush=True)
     phantoms = {"the truth": truth} | {
-        name: of_image(drawn, image, oversampling)
+        name: of_image(drawn, image, options.oversampling)
         for name, image in (
             ("own blur kept", mean),
             ("own blur removed", deconvolve(mean, own, measured)),
@@ -125,12 +121,9 @@ def drawn_finer(finer):
     return fine, drawn, replace(drawn, fine=fine.fine, image=seen)
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--repeats", type=int, default=10)
     parser.add_argument("--scans", type=int, metavar="FINER", help="2 or 3; absent: a Gaussian and white noise")
     parser.add_argument("--own-voxels", action="store_true", help="with --scans")
     parser.add_argument("--oversampling", type=int, default=2, help="of the phantom that is made of the mean")
     parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
-    main(asked.repeats, asked.scans, asked.own_voxels, asked.oversampling, asked.seed)

@@ -1,23 +1,17 @@
-"""Real discs of one bench together: what they share, each judged by the physics of the others, and what is left.
+"""Fit the shared physics of real discs jointly and predict each disc from the others (10 to 20 minutes).
 
-    python benchmarks/real_discs_jointly.py recordings --view-step 45
-    python benchmarks/real_discs_jointly.py recordings --view-step 45 --judged-on 01b 01c 02b 02c 03b 03c
-
-`recordings` holds sinograms of the Helsinki Tomography Challenge 2022, each imported as docs/validation/real-discs.md
-says. Prints tables in Markdown: every disc before, and with the physics of all others, and whether it agrees with
-theirs; the shared numbers of two disjoint halves of the discs; and what is left where lines are smooth: of it the
-constants of columns, and how alike these are from disc to disc. With --judged-on, nothing is fitted to those discs or
-chosen by them.
+The folder RECORDINGS holds sinograms of the Helsinki Tomography Challenge 2022, imported as in
+docs/validation/real-discs.md. Prints Markdown tables: the prediction of each disc, the parameters from two disjoint
+halves of the discs, and the residuals on smooth parts. Discs of --judged-on are for testing only.
 """
 
-import argparse
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from real_discs import prepared
 
+from benchmarks.real_discs import prepared
 from virtual_phantom.diagnosis.fitting.fit import Fit
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.residuals.dataset import Prepared
@@ -92,14 +86,14 @@ def print_halves(discs: Mapping[str, Prepared], effects: Sequence[str]) -> None:
             print(f"| {key} of {effect} | {one:.4g} ± {errors[0]:.2g} | {other:.4g} ± {errors[1]:.2g} | {apart:.1f} |")
 
 
-def main() -> None:
-    """Fit, judge and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("recordings", type=Path)
     parser.add_argument("--view-step", type=int, default=48, help="one view of so many is fitted or held out")
     parser.add_argument("--judged-on", nargs="+", default=[], help="discs that only judge")
     parser.add_argument("--effects", nargs="+", default=["spectrum", "dark_signal", "veiling_glare", "scatter"])
-    options = parser.parse_args()
+
+
+def run(options):
     began = time.perf_counter()
     names = sorted(one.name for one in options.recordings.iterdir() if one.is_dir())
     discs = {name: prepared(options.recordings, name, options.view_step) for name in names}
@@ -123,7 +117,3 @@ def main() -> None:
     if effects := found.choice.chosen.effects:
         print_halves(discs, effects)
     print(f"\n{(time.perf_counter() - began) / 60:.1f} min")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,35 +1,25 @@
-"""The diagnosis against simple rivals, on the same recordings.
+"""Compare the diagnosis with three simple methods on the same scans (1 hour).
 
-    python benchmarks/rivals.py --seed 51 --out rivals.jsonl
+The scans come from the simulator of the blind validation. The simple methods use all repeats:
 
-Scans by the proof's simulator as lacking.py has them: every effect of --effects alone, nothing, pairs and faults that
-the library lacks. The rivals see both halves of the repeats, and know of no numerical error beyond what is fitted:
+* `filter`: the effect with the largest matched filter, penalized by BIC, if its p-value over all effects is below 1 %.
+* `forward`: forward selection by BIC; each step fits the five effects with the largest matched filters.
+* `all`: a fit of all effects at once; effects whose removal would increase the BIC.
 
-* `filter`: the effect with the largest matched filter beside the alignment, less numbers times ln(data), if its chance
-  is under 1 % over all.
-* `forward`: effects one after the other, each time the best by chi-square plus numbers times ln(data) (BIC), while that
-  falls; each time the five of the largest matched filters beside the last fit are fitted.
-* `all`: all effects fitted at once, each begun where it alone fits best; those whose removal would raise the same sum,
-  by their standard errors.
-
-A gain pattern has as many numbers as there are pixels; `all` goes without it, and without rotation during a view, for
-which every view would be traced several times. A rival owns up to a fault if chi-square
-of its last fit is above the number of data by more than three standard deviations.
-Cases that the file has already are not done again.
+`all` omits the gain pattern (one parameter per pixel) and the rotation during a view (several rays per view). A method
+reports unexplained data if its chi-square is three standard deviations too large. Cases in the output file are not
+repeated.
 """
 
-import argparse
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-import lacking
 import numpy as np
 
+from benchmarks import common
+from benchmarks.common import simulator_scans
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.fitting.fit import Fitter
-from virtual_phantom.diagnosis.preparation import prepare_recording
-from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.selection.screening import screened
 from virtual_phantom.physics.effect import load
@@ -116,11 +106,10 @@ def all_at_once(fitter, tried):
     return named, left(fitter, fit)
 
 
-def answers(folder, truth, config, seed):
+def answers(truth, config, seed):
     """{way: (effects named, first the surest; whether something is left)}."""
-    model = lacking.recorded(folder, truth, config, seed)
+    recording, prepared, model = simulator_scans.prepared(truth, config, seed)
     tried = list(candidates(model["settings"]))
-    recording, prepared = prepare_recording(DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1))
     found = find_missing_physics(recording.name, prepared, tried, config["diagnosis"]["model_accuracy"])
     said = found.content
     equals = [[one["name"], *said["ambiguous_with"].get(one["name"], [])] for one in said["effects"]]
@@ -148,18 +137,18 @@ def judged(case, named, rest):
     return {"first": first, "all": every, "none beside": len(named) == len(true), "no false remainder": not rest}
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--out", type=Path, required=True)
-    lacking.add_draws(parser, ["medium"], none=6, pairs=5, unknown=7)
-    options = parser.parse_args()
-    config = lacking.default_config()
-    rows = lacking.rows_of(options.out)
-    for case, truth in lacking.left_to_do(options, rows).items():
-        with tempfile.TemporaryDirectory() as folder:
-            rows.append({"truth": truth, "answers": answers(Path(folder), truth, config, options.seed)})
-        lacking.append(options.out, rows[-1])
+    simulator_scans.add_draws(parser, ["medium"], none=6, pairs=5, unknown=7)
+
+
+def run(options):
+    config = common.configuration()
+    rows = common.read_jsonl(options.out)
+    for case, truth in simulator_scans.left_to_do(options, rows).items():
+        rows.append({"truth": truth, "answers": answers(truth, config, options.seed)})
+        common.append_jsonl(options.out, rows[-1])
         print(case, [one["name"] for one in truth["effects"]], rows[-1]["answers"], flush=True)
     counted: dict[tuple[str, str], dict[str, list[bool]]] = {}
     for row in rows:
@@ -169,7 +158,3 @@ def main():
                 counted.setdefault((case.category, measure), {}).setdefault(way, []).append(right)
     for (category, measure), ways in counted.items():
         print(f"{category}, {measure}: " + ", ".join(f"{way} {sum(ok)} of {len(ok)}" for way, ok in ways.items()))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,16 +1,11 @@
-"""How often mistakes in the description of a scan are named, and right descriptions let be.
+"""Count how often scan set-up errors are named, and how often correct set-ups are accepted (10 minutes).
 
-    python benchmarks/setup_mistakes.py --draws 5 --first 700
-
-Every draw has a scanner and an object of its own: an elliptic body, the quality-assurance phantom or a disc off the
-axis, at a place of its own, scanned by the library's chain with twice as many rays per pixel and direction as are
-compared, with physics that the comparison does not know, and 1e5 photons. Each kind of mistake is then made in its
-description, or in its data. Kind `none` makes no mistake, `object` holds the scan against another object, and
-`hidden` makes a mistake that a centred disc cannot tell. A description that no scanner can have is refused; it counts
-as named if the line that refuses it says what to change.
+Each scan has a random geometry, object and position, and physics that the comparison does not model. Each kind of error
+is made in the set-up or in the data. Kind `none` has no error, `object` compares with another object, and `hidden` has
+an error that a centered disc cannot show. An impossible set-up counts as named if the error message says what to
+change.
 """
 
-import argparse
 import csv
 import sys
 import time
@@ -161,28 +156,15 @@ def found(scene, scan, lines):
     return find(comparison, scan, True, float(lines.max()))
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--draws", type=int, default=5)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--kinds", nargs="*", default=[*KINDS, "object", "hidden"])
-    options = parser.parse_args()
+
+
+def run(options):
     writer = csv.writer(sys.stdout)
-    writer.writerow(
-        (
-            "draw",
-            "kind",
-            "physics",
-            "said",
-            "best",
-            "share_stated",
-            "share_best",
-            "share",
-            "alike",
-            "seconds",
-            "outcome",
-        )
-    )
+    writer.writerow("draw kind physics said best share_stated share_best share alike seconds outcome".split())
     counted = {kind: Counter() for kind in options.kinds}
     for draw in range(options.first, options.first + options.draws):
         for kind in options.kinds:
@@ -219,7 +201,3 @@ def main():
             sys.stdout.flush()
     for kind, outcomes in counted.items():
         print(f"{kind}: " + ", ".join(f"{came} {outcomes[came]}" for came in (NAMED, ALIKE, MISSED)), file=sys.stderr)
-
-
-if __name__ == "__main__":
-    main()

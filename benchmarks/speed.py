@@ -1,44 +1,20 @@
-"""Speed of the projectors and of SIRT beside other packages', and what costs grow with.
+"""Compare the projectors and SIRT with other packages, and measure how costs scale (4 minutes).
 
-    pip install -r benchmarks/requirements.txt
-    python benchmarks/speed.py --out results/benchmarks
-
-Writes projectors.csv, kinds.csv, bandwidth.csv, sirt.csv, growth.csv and speed.png, and prints them. Everything runs in
-one thread; times are processor time, medians of repeats in which the engines take turns, so that a busy machine weighs
-on all alike.
+First run `pip install -r benchmarks/requirements.txt`. Writes projectors.csv, kinds.csv, bandwidth.csv, sirt.csv,
+growth.csv and speed.png. Times are medians of CPU time with one thread; the engines take turns.
 """
 
-import argparse
-import csv
 import os
-import time
 from pathlib import Path
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
 
-import engines  # noqa: E402
-import growth  # noqa: E402
-import iterations  # noqa: E402
-import kinds  # noqa: E402
-import matplotlib  # noqa: E402
-import numpy as np  # noqa: E402
+from benchmarks import common, kinds
+from benchmarks.common import engines, growth, iterations
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-
-
-def medians(actions, repeats):
-    """Median processor time in seconds of each of several actions, which take turns."""
-    taken = [[] for _ in actions]
-    for action in actions:
-        action()
-    for _ in range(repeats):
-        for action, seconds in zip(actions, taken, strict=True):
-            began = time.process_time()
-            action()
-            seconds.append(time.process_time() - began)
-    return [float(np.median(seconds)) for seconds in taken]
+ONE_THREAD = True
 
 
 def projectors(repeats):
@@ -58,8 +34,8 @@ def projectors(repeats):
         engines.rtk(scan, transpose=True),
         engines.astra_fan(scan),
     ]
-    forward = medians([one.forward for one in contenders], repeats)
-    back = medians([one.back for one in contenders], repeats)
+    forward = common.medians([one.forward for one in contenders], repeats)
+    back = common.medians([one.back for one in contenders], repeats)
     ours = contenders[0].projected
     rows = []
     for one, ahead, behind in zip(contenders, forward, back, strict=True):
@@ -70,17 +46,13 @@ def projectors(repeats):
         rows.append(row)
     for row in rows:
         batch = "ours, 16 at once, helix" if row["engine"].endswith("helix") else "ours, 16 at once"
-        row["both_over_full_batch"] = of_a_view(row) / of_a_view(next(one for one in rows if one["engine"] == batch))
+        row["both_over_full_batch"] = engines.ns_of_a_view(row) / engines.ns_of_a_view(
+            next(one for one in rows if one["engine"] == batch)
+        )
     rows.append(
         {"engine": "XCIST, distance-driven", "forward_ns_per_ray": engines.xcist_ns_per_ray(scan, engines.GRID)}
     )
     return rows
-
-
-def of_a_view(row):
-    """ns of a view of the benchmark's scan, forwards and back."""
-    rays, voxels = engines.DETECTOR["columns"] * engines.DETECTOR["rows"], np.prod(engines.GRID.shape)
-    return float(rays * row["forward_ns_per_ray"] + voxels * row["back_ns_per_voxel_and_view"])
 
 
 # Cache lines of sixteen lanes that a sample cannot do without: two of what is read (its neighbours along the line were
@@ -99,19 +71,6 @@ def bound():
     for row in rows:
         row["ns_per_sample_of_a_lane"] = LINES * LINE_BYTES / row["bytes_per_ns"] / 16
     return rows
-
-
-def write(path, rows):
-    """A table, of the columns that any row has, and on the screen."""
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    with open(path, "w", newline="") as file:
-        writer = csv.DictWriter(file, names, restval="")
-        writer.writeheader()
-        writer.writerows(rows)
-    print(f"\n{path.name}")
-    for row in rows:
-        shown = (f"{value:.4g}" if isinstance(value, float) else str(value) for value in row.values())
-        print("  ".join(f"{name} {value}" for name, value in zip(row, shown, strict=True)), flush=True)
 
 
 def draw(path, rows, grown):
@@ -139,22 +98,19 @@ def draw(path, rows, grown):
     figure.savefig(path, dpi=150)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
     parser.add_argument("--repeats", type=int, default=7)
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+
+
+def run(options):
+    matplotlib.use("Agg")
     print(f"{engines.machine()}; load of the last minute {os.getloadavg()[0]:.1f}")
     compared = projectors(options.repeats)
-    write(options.out / "projectors.csv", compared)
-    write(options.out / "kinds.csv", kinds.measured(options.repeats))
-    write(options.out / "bandwidth.csv", bound())
-    write(options.out / "sirt.csv", iterations.compared(medians))
-    grown = growth.measured(medians, options.repeats)
-    write(options.out / "growth.csv", grown)
+    common.print_table(options.out / "projectors.csv", compared)
+    common.print_table(options.out / "kinds.csv", kinds.measured(options.repeats))
+    common.print_table(options.out / "bandwidth.csv", bound())
+    common.print_table(options.out / "sirt.csv", iterations.compared())
+    grown = growth.measured(options.repeats)
+    common.print_table(options.out / "growth.csv", grown)
     draw(options.out / "speed.png", compared, grown)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,14 +1,9 @@
-"""How the time of a study splits over its stages, from what a run of it left behind.
+"""Measure how the time of a completed study splits over its stages (seconds).
 
-    python benchmarks/stages.py --out results/benchmarks
-
-Run it after the default study. A job's seconds are those of its `benchmark:` file in results/logs where its rule has
-one, else those that Snakemake noted (.snakemake/metadata). Writes stages.csv and stages.png, and prints the table.
-Every job of the default study runs in one thread, so that its seconds by the clock are what it held a core for.
-Processor time is in the files too, but misses the end of a job, as it is read every half minute.
+Times come from the `benchmark:` files in results/logs, or from Snakemake's metadata. All jobs of the default study have
+one thread. Writes stages.csv and stages.png. The CPU time in these files is incomplete: it is sampled every 30 s.
 """
 
-import argparse
 import csv
 import sys
 from collections import defaultdict
@@ -16,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
-from fit_rates import ROOT, records
 
+from benchmarks import common
+from benchmarks.fit_rates import records
 from virtual_phantom.config.config import complete
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.figures import style
@@ -132,26 +128,19 @@ def draw(jobs, rows):
     return figure
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--config", type=Path, default=ROOT / "config" / "config.yaml")
-    parser.add_argument("--folder", type=Path, default=ROOT, help="where snakemake was run")
+def add_arguments(parser):
+    parser.add_argument("--config", type=Path, default=common.ROOT / "config" / "config.yaml")
+    parser.add_argument("--folder", type=Path, default=common.ROOT, help="where snakemake was run")
     parser.add_argument("--cores", type=int, default=2, help="what it was given")
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+
+
+def run(options):
     jobs = spans(options.folder, complete(yaml.safe_load(options.config.read_text(encoding="utf-8"))))
     rows = table(jobs, options.cores)
-    with open(options.out / "stages.csv", "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+    common.write_table(options.out / "stages.csv", rows)
     style.save(draw(jobs, rows), [options.out / "stages.png"])
     print(f"{len(jobs)} jobs in {max(job.end for job in jobs):.0f} s on {options.cores} cores")
     for row in rows:
         longest = f"{row['longest_s']:8.1f}" if row["longest_s"] else ""
         print(f"{row['stage']:34s}{row['jobs']:>5}{row['core_s']:9.1f} s{row['percent']:7.1f} %{longest}")
-
-
-if __name__ == "__main__":
-    main()

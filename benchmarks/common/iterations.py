@@ -7,9 +7,9 @@ ASTRA's time is that of a few iterations, times as many as 500 have; ASTRA's of 
 from multiprocessing import get_context
 from pathlib import Path
 
-import engines
 import numpy as np
 
+from benchmarks.common import engines, medians
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.projectors.cpu import CpuProjector
@@ -24,7 +24,7 @@ FEW, MORE = 2, 6  # iterations of RTK, whose difference is timed
 OF_ASTRA = 50
 
 
-def compared(medians):
+def compared():
     """Seconds per image of 500 iterations, over ours; and how far the Chebyshev image is from the plain one."""
     rows = []
     images = {}

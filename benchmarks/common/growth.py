@@ -8,14 +8,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-import engines
 import numpy as np
 
+from benchmarks.common import ROOT, engines, medians
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.features.extraction import FEATURES, extract
 from virtual_phantom.io.volumes import Volume
 
-ROOT = Path(__file__).resolve().parents[1]
 EDGES = (48, 64, 96, 128)  # voxels in the plane; slices in proportion
 VIEWS = (8, 16, 32, 64)
 LANES = (1, 2, 4, 8, 16, 32)
@@ -23,7 +22,7 @@ ROIS = (1, 2, 4, 8)
 RECORDINGS = (4, 16, 64)
 
 
-def measured(medians, repeats):
+def measured(repeats):
     """Rows of what, its size, seconds, and the exponent that fits all sizes of it."""
     rows = []
     for of, sizes, action in (

@@ -222,3 +222,9 @@ def machine() -> str:
         name = next(line.split(":")[1].strip() for line in file if line.startswith("model name"))
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     return f"{name}, {os.cpu_count()} cores, {memory:.0f} GiB"
+
+
+def ns_of_a_view(row):
+    """ns of a view of the benchmark's scan, forwards and back."""
+    rays, voxels = DETECTOR["columns"] * DETECTOR["rows"], np.prod(GRID.shape)
+    return float(rays * row["forward_ns_per_ray"] + voxels * row["back_ns_per_voxel_and_view"])
