@@ -28,7 +28,7 @@ START_FACTORS = (-2.0, -1.0, -0.3, 0.3, 2.0)
 
 
 def refitted(fitter, start, rival):
-    """The best held-out log score of fits with the rival alone that begin at several settings."""
+    """Best held-out log score of fits with the rival alone from several starts."""
     fit = trial(fitter, (rival,), start)
     scores = [fit.score]
     for factor in START_FACTORS:
@@ -40,7 +40,7 @@ def refitted(fitter, start, rival):
 
 
 def verdict(fitter, effect, rival):
-    """What the choice says of the rival, in words, and whether that is false."""
+    """Verdict on the rival in words, and whether it is a false exclusion."""
     start = trial(fitter, ())
     choice = choose(fitter, start, [effect, rival])
     named = choice.chosen.fit.effects

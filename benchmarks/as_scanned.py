@@ -31,13 +31,13 @@ from virtual_phantom.simulation.acquire import acquire
 from virtual_phantom.statistics import measured
 
 NAMES = {2: "B30f", 4: "B30f", 6: "B30f", 8: "B26f"}
-MET, ROI = 2, "cyst_1"  # the group whose noise is met, and where
+MET, ROI = 2, "cyst_1"  # group that the noise level is matched to, and its region
 GRAIN = "original_glcm_Correlation"
 LEVEL = "as_scanned"
 
 
 def acquisitions(config: dict, results: Path, repeats: int) -> pd.DataFrame:
-    """SD, correlation of neighbours and mean of the region in every group's image of every acquisition."""
+    """SD, GLCM correlation and mean of the region, per acquisition and group."""
     (path,) = (results / "projections").glob("*/clean.h5")
     clean, geometry = read_line_integrals(path)
     grid, parameters = grid_of(config["grid"]), read_parameters(None, "largest", config["features"]["stored_offset_hu"])
@@ -50,7 +50,7 @@ def acquisitions(config: dict, results: Path, repeats: int) -> pd.DataFrame:
         section = np.zeros_like(roi.mask)
         section[largest] = roi.mask[largest]
         groups[protocol["group"]] = protocol, voxels, section
-    # A cone of views sees the section: as far as the beam reaches at the orbit's far side, and the fan more.
+    # Views whose beam reaches the section, with a margin for the fan.
     middle = np.mean([voxels.axes_mm()[0][section.any(axis=(1, 2))][0] for _, voxels, section in groups.values()])
     reach = geometry.rows * geometry.row_pitch_mm / geometry.magnification * (0.5 * (1 + 80 / 595) + 0.1) + 3
     seen = np.flatnonzero(np.abs(geometry.source_z_mm - middle) < reach)
@@ -92,7 +92,7 @@ def acquisitions(config: dict, results: Path, repeats: int) -> pd.DataFrame:
 
 
 def summary(table: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """By group: simulated means with standard errors, and measured means."""
+    """Simulated means with standard errors, and measured means, per group."""
     images = table.assign(sd=np.sqrt(table["variance"])).groupby("group")
     simulated = images[["sd", "grain", "variance"]].mean()
     simulated[["sd_error", "grain_error"]] = images[["sd", "grain"]].sem()
@@ -102,7 +102,7 @@ def summary(table: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def text(simulated: pd.DataFrame, printed: pd.DataFrame, config: dict) -> str:
-    """The table of the page."""
+    """Markdown table for the page."""
     lines = [
         "| group | slice, mm | kernel | SD measured, HU | simulated | over group 2, measured | predicted | off | "
         "GLCM correlation, measured | simulated |",
@@ -123,7 +123,7 @@ def text(simulated: pd.DataFrame, printed: pd.DataFrame, config: dict) -> str:
 
 @style.styled(grid=True)
 def draw(simulated: pd.DataFrame, printed: pd.DataFrame, config: dict):
-    """SD and correlation of neighbours by group, simulated beside measured."""
+    """Plot simulated and measured SD and GLCM correlation per group."""
     figure = style.figure(style.DOUBLE_COLUMN_MM, 62)
     words = {"sd": "SD in the large cyst's section (HU)", "grain": "GLCM Correlation"}
     thickness = {one["group"]: one["voxels"]["thickness_mm"] for one in config["protocols"].values()}

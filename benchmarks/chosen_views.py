@@ -30,7 +30,7 @@ FIELDS = "draw truth stands step chosen equals verdict seconds".split()
 
 
 def one(task):
-    """The rows of a scan, with all views and with one of some."""
+    """Rows of one scan: with all views and with every `step`-th view."""
     draw, step = task
     random = np.random.default_rng(np.random.SeedSequence(20261124, spawn_key=(draw,)))
     scene = chain_scans.scene()
@@ -42,7 +42,7 @@ def one(task):
         wanted = common.log_uniform(random, WEAKEST, STRONGEST)
         blank = prepared.prepare(chain_scans.scans(chain, {}, random), None, model, **options)
         for name in map(str, random.permutation(LIBRARY)):
-            with contextlib.suppress(ValueError):  # it stands nowhere in its range out of this noise
+            with contextlib.suppress(ValueError):  # too weak within its range
                 physics[name] = chain_scans.strengths(name, wanted, random, blank)
                 break
     taken = chain_scans.scans(chain, physics, random)
@@ -71,7 +71,7 @@ def one(task):
 
 
 def alike(every, some):
-    """Whether both name the same effects, or one of them the other's equals, with the same verdict."""
+    """Whether the verdicts agree and name the same or indistinguishable effects."""
     if every["verdict"] != some["verdict"]:
         return False
     groups = []

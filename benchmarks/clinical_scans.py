@@ -36,9 +36,9 @@ DETECTOR = {
 VIEWS, ROTATION_MS, PHOTONS = 246, 1000.0, 3e5  # per turn, a quarter of the scanner's 984
 SENSOR = "yttrium_gadolinium_oxide"  # the simulator's Lumex
 LEAST_READING = 1e-6  # of the air scan
-# XCIST's names of materials whose attenuation is the library's to 0.2 %, and the library's.
+# XCIST's material: the library's material; attenuations agree within 0.2 %.
 MATERIALS = {"water": "water", "plexi": "pmma", "Al": "aluminium", "air": "air"}
-# Kind, material, centre and half-axes, mm: a body of 260 x 190 mm with inserts that end within the beam or do not.
+# Kind, material, center and half-axes (mm) of a body of 260 x 190 mm with inserts.
 BODY = (
     Surface("cylinder", "water", (0, 0, 0), (130, 95, 1000)),
     Surface("cylinder", "plexi", (-70, 15, 0), (20, 20, 1000)),
@@ -47,11 +47,9 @@ BODY = (
     Surface("ellipsoid", "Al", (5, -40, 1), (12, 12, 5)),
     Surface("ellipsoid", "plexi", (-20, 55, -2), (16, 16, 6)),
 )
-# The scanner: settings of the simulator, and what is stated of each effect (value, standard deviation; 0: taken for
-# exact). Of the bowtie it is the profile in its file, of the spectrum the aluminium that hardens water and aluminium on
-# the central ray as the file's spectrum and 3 mm of aluminium do, with the 2.6 mm of the bowtie's middle. The sensor is
-# stated as it is, but its thickness is not trusted: the simulator's sensor keeps all energy, the library's loses
-# fluorescence, and reads the same at 1.6 mm.
+# The scanner: settings of the simulator, and declared parameters (value, SD; 0: exact). The bowtie's profile comes from
+# its file. The filtration hardens the central ray as the file's spectrum, 3 mm of aluminum and the bowtie's 2.6 mm do.
+# The sensor's thickness is uncertain: the simulator's sensor keeps all energy, the library's loses fluorescence.
 SCANNER = {
     "spectrum": (
         {"kvp": 120.0, "aluminium_mm": 3.0},
@@ -65,12 +63,12 @@ SCANNER = {
     "xray_crosstalk": ({"crosstalk": (0.025, 0.02)}, {"column": (0.025, 0.0), "row": (0.02, 0.0)}),
     "optical_crosstalk": ({"optical_crosstalk": (0.04, 0.03)}, {"column": (0.04, 0.0), "row": (0.03, 0.0)}),
 }
-# What no scanner states, beside all of these.
+# Additional effects.
 BESIDE = ("scatter", "afterglow", "motion", "detector_offset", "current_modulation", "view_angle_error")
 
 
 def case(number: int, seed: int) -> dict:
-    """What a case conceals: the scanner's effects in turn, and between them what no scanner states."""
+    """Hidden effect of a case: an effect of the scanner in even cases, an additional effect in odd ones."""
     random = generator(branch(seed, number))
     if number % 2 == 0:
         return {"concealed": list(SCANNER)[number // 2 % len(SCANNER)], "settings": {}, "comparable": {}}
@@ -82,7 +80,6 @@ def case(number: int, seed: int) -> dict:
 
 
 def scanned(one: dict, number: int, seed: int):
-    """The case's scan, as XCIST reads it."""
     settings = {key: value for made, _ in SCANNER.values() for key, value in made.items()} | one["settings"]
     scan = Scan(VIEWS, kev=60.0, photons=PHOTONS, rotation_ms=ROTATION_MS, settings=settings, **DETECTOR)
     return simulate(scan, Surfaces(BODY, rays=4), 1, branch(seed, number, 1))
@@ -100,14 +97,14 @@ def write_dicom(taken, folder: Path) -> None:
 
 
 def state_tube(path: Path) -> None:
-    """The anode, which DICOM-CT-PD has no element for, written into the recording by hand."""
+    """Add the anode, for which DICOM-CT-PD has no element, to the recording."""
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     content["nominal"] |= {"anode": "W", "anode_angle_deg": TARGET_ANGLE_DEG, "sensor": {"material": SENSOR}}
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 
 
 def write_object(path: Path) -> None:
-    """The body as an object of shapes: an elliptic cylinder as an ellipsoid too long to differ in the beam."""
+    """Write the body as shapes; a long ellipsoid replaces the elliptic cylinder."""
     shapes = [
         {
             "kind": "ellipsoid",
@@ -129,7 +126,7 @@ def write_object(path: Path) -> None:
 
 
 def write_config(one: dict, folder: Path, view_step: int) -> Path:
-    """The configuration of the diagnosis: what a physicist states of the scanner, but for what is concealed."""
+    """Write the configuration of the diagnosis, which declares all effects of the scanner but the hidden one."""
     baseline = {
         name: {key: {"value": value, "sd": sd} for key, (value, sd) in stated.items()}
         for name, (_, stated) in SCANNER.items()
@@ -153,7 +150,7 @@ def done(command: list[str]) -> None:
 
 
 def diagnosed(number: int, options) -> dict:
-    """A case from the scan to what is said of it."""
+    """Simulate, import and diagnose a case."""
     folder = (options.out / f"case{number:02d}").resolve()
     path = folder / "results" / "diagnosis" / "clinic" / "diagnosis.json"
     one = case(number, options.seed)

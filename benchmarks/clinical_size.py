@@ -41,11 +41,11 @@ SCAN = {
 VIEWS = 984
 GRID = Grid((64, 512, 512), (1.0, 0.75, 0.75))
 EDGE_MM = 1.0
-AT_ONCE = 41  # views, of which every effect that may be concealed here knows its own alone
+AT_ONCE = 41  # views per part; effects with memory would need all views
 
 
 def shares():
-    """The share of every voxel that is water: an ellipse 300 mm wide with round holes, alike in no two slices."""
+    """Water fraction per voxel: an ellipse 300 mm wide with ellipsoidal holes."""
     z, y, x = np.meshgrid(*GRID.axes_mm(), indexing="ij", sparse=True)
     body = (x / 150) ** 2 + (y / 105) ** 2 < 1
     for centre, radius in (((60, 10, 5), 25), ((-50, -30, -8), 20), ((-10, 55, 0), 15), ((0, -60, 12), 10)):
@@ -54,7 +54,6 @@ def shares():
 
 
 def views(geometry, first, last):
-    """Some of a scan's views, each at its time."""
     some = slice(first, last)
     return replace(
         geometry,
@@ -110,12 +109,7 @@ def run(options):
             data[first : first + part.views] = state.counts(random)
         file["exchange/data_white"] = PHOTONS * state.air[:1]
         file["exchange/data_dark"] = np.zeros((1, *shape[1:]))
-    content = {
-        "name": "clinical",
-        "kind": "projections",
-        "repeats": ["scan.h5"],
-        "scan": scan,
-    }
+    content = {"name": "clinical", "kind": "projections", "repeats": ["scan.h5"], "scan": scan}
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
     asked = {
         "object": {"mask": "water.nii.gz", "material": "water"},
@@ -124,4 +118,4 @@ def run(options):
     }
     overlay = {"recordings": {"clinical": "recordings/clinical"}, "diagnosis": {"recordings": {"clinical": asked}}}
     (options.folder / "my.yaml").write_text(yaml.safe_dump(overlay))
-    print(f"{options.folder}: {np.prod(shape) / 1e6:.1f} million rays, {physics or 'nothing'} concealed")
+    print(f"{options.folder}: {np.prod(shape) / 1e6:.1f} million rays, hidden: {physics or 'nothing'}")

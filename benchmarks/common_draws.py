@@ -23,7 +23,7 @@ from virtual_phantom.simulation.reconstruct import reconstruct
 
 ONE_THREAD = True
 VIEWS, LEVEL = 150, 6e-6
-# The first two: what another processor's last digits come to (docs/reference/stability.md).
+# The first two: differences between processors (docs/reference/stability.md).
 CHANGES = {
     "line integrals times 1 + 1e-6": {"times": 1 + 1e-6},
     "line integrals times 1 + 1e-7": {"times": 1 + 1e-7},
@@ -53,7 +53,7 @@ class Study:
         )
 
     def made(self, physics=None, level=LEVEL, views=VIEWS, times=1.0):
-        """Counts of the first repeat, images [repeat, z, y, x] and features [repeat, ROI, feature], common draws."""
+        """Counts of the first repeat, images [repeat, z, y, x] and features [repeat, ROI, feature]."""
         geometry = scan_geometry(self.config["scan"], views, self.grid)
         values = {name: load(name).values(given) for name, given in (physics or {}).items()}
         state = Chain(self.scene, geometry, photons=1.0).state(values)

@@ -25,7 +25,7 @@ from virtual_phantom.diagnosis.verdict import unmodelled
 
 DIAGNOSIS = "virtual_phantom.diagnosis"
 FACTORS = (0.5, 2.0)
-# Of the choice of effects and of the verdict: module, name.
+# Constants of effect selection and verdict: module, name.
 OF_VERDICTS = (
     *(
         ("selection.forward_selection", name)
@@ -39,7 +39,7 @@ OF_VERDICTS = (
     ("verdict.object_mismatch", "BEYOND"),
     ("projections.residual_maps", "THIN"),
 )
-# Of fits, and of what is known before them.
+# Constants of fits and priors.
 OF_FITS = (
     ("fitting.nuisance", "SURE"),
     ("fitting.nuisance", "NOMINAL_PHOTONS_SD"),
@@ -50,13 +50,13 @@ OF_FITS = (
     ("projections.discretization", "MOST_STRAY"),
     ("projections.prepared", "SIZE_SD"),
 )
-ABOVE_ONE = ("MOST_CHI_SQUARE",)  # of a ratio that is 1 where nothing is wrong: what it has beyond is varied
-STATED = "stated"  # how the diagnosis without any change is called
+ABOVE_ONE = ("MOST_CHI_SQUARE",)  # a ratio with the null value 1: the excess is scaled
+STATED = "stated"  # key of the unchanged diagnosis
 
 
 @dataclass(frozen=True)
 class Constant:
-    """A number of a module, or of `model_accuracy` where there is no module."""
+    """A number of a module, or of `model_accuracy` if `module` is empty."""
 
     module: str
     name: str
@@ -67,7 +67,7 @@ class Constant:
 
     @contextmanager
     def times(self, factor: float, accuracy: dict[str, float]) -> Iterator[dict[str, float]]:
-        """With so many times its value, in its module and in all that have it from there: the accuracy to go by."""
+        """Scale the constant in all modules that import it; yields the accuracy to use."""
         if not self.module:
             yield accuracy | {self.name: accuracy[self.name] * factor}
             return
@@ -99,7 +99,7 @@ def scaled(value, factor: float, name: str = ""):
 
 
 class Remembered:
-    """Fits, matched filters and kinds of change of one recording, each worked out once."""
+    """Cache of fits, matched filters and kinds of change of one recording."""
 
     def __init__(self):
         self._trials, self._others = {}, {}
@@ -112,18 +112,16 @@ class Remembered:
         return effects, *(None if one is None else self._key(one.fit) for one in begun)
 
     def get(self, effects, given=None, against=None):
-        """As FitCache.get."""
         return self._trials.get(self._of(effects, given, against))
 
     def put(self, found, effects, given=None, against=None) -> None:
-        """As FitCache.put."""
         self._trials[self._of(effects, given, against)] = found
 
     def once(self, function: Callable) -> Callable:
-        """A function of (what is prepared, a fit, ...) that remembers its answers."""
+        """Cache a function of (prepared, fit, ...)."""
 
         def answered(one, fit, *rest, **settings):
-            # What is prepared stays in memory with its answer, so that its number is no other's.
+            # The cache keeps `one` alive, so that its id stays unique.
             key = function.__name__, id(one), self._key(fit), repr(rest[:1])
             if key not in self._others:
                 self._others[key] = one, function(one, fit, *rest, **settings)
@@ -133,7 +131,7 @@ class Remembered:
 
     @contextmanager
     def of_everything(self) -> Iterator[None]:
-        """While matched filters and kinds of change are asked for, those remembered are given."""
+        """Use the cache for matched filters and kinds of change."""
         screened, changes = forward_selection.screened, unmodelled.changes
         forward_selection.screened = diagnosis_run.screened = self.once(screened)
         unmodelled.changes = self.once(changes)
@@ -147,14 +145,14 @@ class Remembered:
 def said(
     asked: DiagnosisRequest, tried: list[str], accuracy: dict[str, float], remembered: Remembered, made=None
 ) -> dict:
-    """Kind of verdict, and effects by name, the first first."""
+    """Kind of the verdict and ranked effects."""
     recording, prepared = made or prepare_recording(asked)
     found = diagnosis_run.find_missing_physics(recording.name, prepared, tried, accuracy, cache=remembered)
     return {"verdict": found.content["verdict"], "effects": [one["name"] for one in found.content["effects"]]}
 
 
 def answers(folder: Path, truth: dict, config: dict, seed: int, of_fits: bool) -> dict[str, dict]:
-    """{what was changed: what is said then}."""
+    """{changed constant: verdict}."""
     model = simulator_scans.recorded(folder, truth, config, seed)
     asked, tried = DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1), list(candidates(model["settings"]))
     accuracy, made, remembered = config["diagnosis"]["model_accuracy"], prepare_recording(asked), Remembered()
@@ -174,12 +172,11 @@ def answers(folder: Path, truth: dict, config: dict, seed: int, of_fits: bool) -
 
 
 def changed(one: dict, stated: dict) -> bool:
-    """Whether a verdict is another one."""
     return one["verdict"] != stated["verdict"] or set(one["effects"]) != set(stated["effects"])
 
 
 def counted(rows: list[dict]) -> None:
-    """Print how many verdicts change with each constant, those that change most first."""
+    """Print the number of changed verdicts per constant, largest first."""
     names = {key.rpartition(" * ")[0] for row in rows for key in row["answers"] if key != STATED}
     table = {}
     for name in names:

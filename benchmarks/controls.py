@@ -29,7 +29,7 @@ from virtual_phantom.statistics import further_seeds, measured, ranking, repeats
 
 RESULTS = Path("results-controls")
 SEEDS = (2023, 2024, 2025, 2026, 2027)
-# Six ROIs that differ in mean HU alone: one texture for all, where the printed phantom has none (cysts) to strong ones.
+# One texture for six ROIs, which then differ in mean HU only; the printed phantom has different textures.
 TEXTURE = {"sd_hu": 15, "correlation_mm": 5, "skewness": -1.0}
 TISSUES = ("n1", "n2", "c1", "c2", "hem", "met")
 WHITE_STREAM = 1
@@ -38,7 +38,7 @@ PAIRED = {"iterative": "sirt_300", "fbp": "fbp_300"}  # reconstructions of the d
 
 
 def studies() -> dict[str, dict]:
-    """What each study changes in config/controls.yaml; None is config/tiny.yaml."""
+    """{study: overlay of config/controls.yaml}; None stands for config/tiny.yaml."""
     found = {"default": {}, **{f"seed{seed}": {"seed": seed} for seed in SEEDS}}
     level = common.configuration()["noise"]["levels"]["dose10"]
     found["noise_x10"] = {"noise": {"levels": {"dose10": {"A": 10 * level["A"]}}}}
@@ -58,7 +58,7 @@ def run_study(name: str, changes: dict | None, cores: int) -> None:
 
 
 def write_layout(path: Path) -> None:
-    """The default phantom with one texture in all six ROIs."""
+    """Write the layout of the default phantom with one texture in all six ROIs."""
     layout = yaml.safe_load((RESOURCES / "phantom.yaml").read_text(encoding="utf-8"))
     for tissue in TISSUES:
         layout["tissues"][tissue]["texture"] = [TEXTURE]
@@ -117,7 +117,7 @@ def headline(table: pd.DataFrame, draws: pd.DataFrame, features=FEATURES) -> dic
 
 
 def over_rois(table: pd.DataFrame) -> dict[str, float]:
-    """Values over ROIs against the dose series at 10 mGy, mean of the two reconstructions."""
+    """Agreement over ROIs with the dose series at 10 mGy, mean of the two reconstructions."""
     found = [
         roi_profiles.profile_agreement(
             roi_profiles.compare_profiles(
@@ -135,7 +135,7 @@ def series(reconstruction: str, dose_mgy: float) -> pd.DataFrame:
 
 
 def real_over_rois() -> dict[str, dict[str, float]]:
-    """The dose series against itself: other reconstructions and doses of the same phantom."""
+    """Agreement of the dose series with other reconstructions and doses of the same phantom."""
     others = {"the other reconstruction": lambda name: ({"iterative": "fbp", "fbp": "iterative"}[name], DOSE_MGY)}
     others |= {f"{dose} mGy": lambda name, dose=dose: (name, dose) for dose in (3, 1)}
     return {
@@ -154,7 +154,7 @@ def real_over_rois() -> dict[str, dict[str, float]]:
 
 
 def against_itself(path: Path) -> dict[str, float]:
-    """Nine or ten acquisitions of the printed phantom against others, without re-positioning; mean over 10 splits."""
+    """Agreement of two halves of the acquisitions without re-positioning; mean over 10 splits."""
     study = measured.load_full_table(path)
     study = study[study["repositioned"] == 0]
     common = np.array(sorted(set.intersection(*(set(rows["acquisition"]) for _, rows in study.groupby("group")))))

@@ -31,9 +31,9 @@ def crosstalk(share):
 
 
 def afterglow(share, memory=0.1):
-    """Of a share of a view's signal that is read with later views, of which each further view leaves `memory`."""
-    ratio = -np.log(memory)  # of the view's interval to the time constant
-    of_light = share * ratio / (1 - memory)  # what glows up within the view that brings it about is none of it
+    """Afterglow of a share of the signal; each further view retains the fraction `memory`."""
+    ratio = -np.log(memory)  # view interval / time constant
+    of_light = share * ratio / (1 - memory)  # without the part within the same view
     return {"afterglow": {"share": of_light, "time_constant_ms": INTERVAL_MS / ratio, "before": 1.0}}
 
 
@@ -59,7 +59,7 @@ FIELDS = ("setting", "draw", "verdict", "seconds", "worst", "p", "domain", "plac
 
 
 def scene():
-    """An elliptic body with a dense and a light insert, off the axis; edges blurred by a Gaussian."""
+    """Elliptic body with an off-axis dense and light insert; edges blurred by a Gaussian."""
     grid = Grid((32, 96, 96), (3.0, 3.0, 3.0))
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
     hu = np.where((x / 110) ** 2 + (y / 80) ** 2 < 1, 20.0, -1000.0)
@@ -78,7 +78,7 @@ def scans(chain, physics, random, repeats=REPEATS):
 
 
 def one(chain, model, name, physics, draw, repeats=REPEATS):
-    """A row of every place."""
+    """One row per location of the residual maps."""
     key = (list(SETTINGS | FURTHER).index(name), draw)
     random = np.random.default_rng(np.random.SeedSequence(23, spawn_key=key))
     began = time.perf_counter()
@@ -98,7 +98,7 @@ def one(chain, model, name, physics, draw, repeats=REPEATS):
         values = place.map.ravel()
         if place.domain == "pixels":
             rows.append(row | {"domain": "pixels, their sum of squares", "place": 0, "z": place.z})
-        if place.domain == "both halves":  # which stop at 0
+        if place.domain == "both halves":  # one-sided
             values = values[values > 0]
         rows += [row | {"domain": place.domain, "place": i, "z": round(float(z), 4)} for i, z in enumerate(values)]
     return rows

@@ -13,13 +13,13 @@ from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.proof.conceal.objects import OBJECTS
 from virtual_phantom.proof.conceal.suite import KNOWN
 
-STATED = 0.05  # of a parameter: standard deviation of its statement
+STATED = 0.05  # relative SD of a declared parameter
 DECLARED = 7
 PHANTOMS = tuple(OBJECTS)
 
 
 def stated(comparable: dict, random) -> dict[str, dict[str, float]]:
-    """What somebody states who knows every parameter to 5 %."""
+    """Declared values with a relative SD of STATED."""
     return {
         key: {"value": float(random.normal(value, STATED * abs(value))), "sd": STATED * abs(value)}
         for key, value in comparable.items()
@@ -27,7 +27,7 @@ def stated(comparable: dict, random) -> dict[str, dict[str, float]]:
 
 
 def drawn(number: int, draws: int, seed: int) -> tuple[dict, dict]:
-    """A case's truth, and what is declared; from number `draws` on nothing is concealed."""
+    """Truth and declared physics of a case; cases from `draws` on have no hidden effect."""
     random = generator(branch(seed, simulator_scans.TRUTH, number))
     order = generator(branch(seed, simulator_scans.ORDER)).permutation(len(KNOWN))
     concealed = KNOWN[order[number % len(KNOWN)]] if number < draws else None
@@ -43,7 +43,6 @@ def drawn(number: int, draws: int, seed: int) -> tuple[dict, dict]:
 
 
 def diagnosed(truth: dict, baseline: dict, config: dict, seed: int) -> dict:
-    """What is said of a case."""
     said, seconds = simulator_scans.diagnosed(truth, config, seed, baseline=baseline)
     return {
         "concealed": truth["concealed"],
@@ -59,14 +58,13 @@ def diagnosed(truth: dict, baseline: dict, config: dict, seed: int) -> dict:
 
 
 def counted(rows: list[dict]) -> None:
-    """Print how many were named first, and false alarms."""
     single = [row for row in rows if row["concealed"]]
     none = [row for row in rows if not row["concealed"]]
     first = sum(row["effects"][:1] == [row["concealed"]] for row in single)
     equal = sum(row["concealed"] in [*row["effects"][:1], *row["equals"]] for row in single)
     alone = sum(row["effects"] == [row["concealed"]] for row in single)
     print(f"named first: {first} of {len(single)}; first or as its equal: {equal}; and nothing beside it: {alone}")
-    print(f"nothing concealed, and an effect named: {sum(bool(row['effects']) for row in none)} of {len(none)}")
+    print(f"no hidden effect, and an effect named: {sum(bool(row['effects']) for row in none)} of {len(none)}")
     print(f"a statement called off: {sum(bool(row['off']) for row in rows)} of {len(rows)}")
 
 

@@ -41,7 +41,7 @@ from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load, names
 
-SQUARES_SD = 3.5  # of sums of squares: one in some thousand passes it by chance
+SQUARES_SD = 3.5  # threshold for sums of squares; false-positive rate below 1e-3
 LEFT_BINS = (WEAKEST, 10.0, 20.0, np.inf)
 LEFT_OPEN = ("unexplained", "mismatch partly explained")
 FIELDS = (
@@ -50,8 +50,7 @@ FIELDS = (
 
 
 def left_over(given, physics, fit):
-    """What a fit leaves of the concealed physics, without noise: its size in standard deviations, and in which domains
-    it is significant."""
+    """Hidden physics that a fit does not explain, without noise: size in SDs, and domains where it is significant."""
     fitter, held_out = given.fitter, given.held_out
     place = {one.name: one.expected for one in fitter.model.aligned}
     truth = fitter.model.predict(physics, place, held_out, Linearisation(*2 * (LinearisationPoint.of(physics, place),)))
@@ -65,7 +64,7 @@ def left_over(given, physics, fit):
     fitted = Half([part.copy() for part in parts], fitter.weights, given.data)
     more = aligned(fit, fitter.model.distortions)
     places = locate(parts, fitter.held_weights, held_out, fit.pattern_variance, fitted, more)
-    # A sum of squares has its number of terms less without noise.
+    # Without noise, a sum of squares lacks the expectation of the noise.
     weight = fitter.held_weights[0].reshape(shape)
     terms = {"edges": EDGE_SHARE * (weight > 0).sum(), "pixels": (weight.sum(axis=0) > 0).sum()}
     seen = [
@@ -87,7 +86,7 @@ def one(task):
     statable = [name for name in library if not load(name).pattern]
     beside, baseline = {}, {}
     if known:
-        if kind != "none":  # what is concealed comes first, so that all are concealed in turn
+        if kind != "none":  # each effect is hidden in turn
             statable = [name for name in statable if name != library[draw % len(library)]]
         beside = {str(name): load(str(name)).values({}) for name in random.permutation(statable)[:known]}
         baseline = stated(beside, model, random)

@@ -13,11 +13,11 @@ from benchmarks import common
 from benchmarks.diagnosis_rates import Case, every_effect, run_case, written
 from virtual_phantom.figures import style
 
-# Effects in the order in which they are tried first, so that the one that is missing is always among them.
+# The missing effect comes first, so that it is always a candidate.
 EFFECTS = tuple(["scatter", *(case.name for case in every_effect() if case.name != "scatter")])
 COLUMNS, ROWS, VIEWS, ACROSS = 64, 8, 90, 128
 SERIES = {
-    "rays": (1, 2, 4, 8),  # times as many views
+    "rays": (1, 2, 4, 8),  # factor of the number of views
     "voxels": (64, 128, 256, 384),  # across
     "effects": (3, 9, 27),
     "repeats": (4, 8, 16),
@@ -26,7 +26,7 @@ SERIES = {
 
 
 def case_of(of, value):
-    """The recording of a place of a series, and how many processes diagnose it."""
+    """Recording of a point of a series, and the number of processes."""
     views = VIEWS * (value if of == "rays" else 1)
     across = value if of == "voxels" else ACROSS
     effects = EFFECTS[: value if of == "effects" else len(EFFECTS)]
@@ -36,12 +36,11 @@ def case_of(of, value):
 
 
 def size_of(of, value, extent):
-    """What is on the axis."""
     return {"rays": extent.rays, "voxels": value**2 * 24}.get(of, value)
 
 
 def measured(rounds):
-    """Rows of what, its size, and the median of seconds by the clock."""
+    """Rows with quantity, size and median wall time."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for of, values in SERIES.items():
@@ -58,7 +57,7 @@ def measured(rounds):
 
 
 def exponents(rows):
-    """{of: the power that fits all sizes of it}."""
+    """{quantity: fitted exponent}."""
     found = {}
     for of in dict.fromkeys(row["of"] for row in rows):
         size, seconds = np.array([(row["size"], row["seconds"]) for row in rows if row["of"] == of], float).T
@@ -68,7 +67,6 @@ def exponents(rows):
 
 @style.styled(grid=True)
 def drawn(rows, powers):
-    """One panel for each, on logarithmic axes."""
     figure = style.figure(style.DOUBLE_COLUMN_MM, 48)
     axes = figure.subplots(1, len(powers), sharey=True)
     for axis, (of, power) in zip(axes, powers.items(), strict=True):

@@ -47,10 +47,10 @@ from virtual_phantom.study.costs.rates import fit_parts, read_rates
 from virtual_phantom.study.progress.status import duration_range
 
 PHOTONS, REPEATS = 1e5, 4
-WIDE_MM, HIGH_MM = 512.0, 128.0  # the detector; one row is as high as eight are
+WIDE_MM, HIGH_MM = 512.0, 128.0  # detector; a single row has the height of eight
 ACROSS_MM, SLICES = 300.0, 24  # the phantom
-HOLES = (((30, 10), 15), ((-35, -20), 10))  # of the masked object: centre and radius, mm
-# Parts of a diagnosis, each with the units that it is counted in.
+HOLES = (((30, 10), 15), ((-35, -20), 10))  # holes of the masked object: center and radius, mm
+# Parts of a diagnosis and their units of work.
 START, COMPILED, CHECK, ALONE = "start", "compiled", "check", "alone"
 PARTS = {
     START: ("job",),
@@ -60,13 +60,13 @@ PARTS = {
     RANKED: ("filter_point", "filter_step"),
     FITTED: ("evaluation", "evaluation_point"),
 }
-COMPILED_SECONDS = 16.0  # CPU time of a first diagnosis beyond that of the same again, on an empty cache of kernels
+COMPILED_SECONDS = 16.0  # additional CPU time with an empty cache of kernels
 SEED = 20261124
 
 
 @dataclass(frozen=True)
 class Case:
-    """A recording: what was scanned, its size, and what its simulation lacks."""
+    """A recording: object, size and missing effects."""
 
     name: str
     columns: int
@@ -75,7 +75,7 @@ class Case:
     lacks: tuple = ()
     across: int = 0  # voxels of the phantom or of the mask
     scanned: dict = field(default_factory=dict)
-    effects: tuple = ()  # that are tried; none: all
+    effects: tuple = ()  # candidates; empty: all
     held_out: bool = False
     repeats: int = REPEATS
 
@@ -101,7 +101,7 @@ CASES = (
     Case("held_three", 96, 8, 90, ("spectrum", "veiling_glare", "detector_offset"), 128, held_out=True),
     Case("held_shapes", 96, 8, 120, ("heel",), scanned=SHAPES, held_out=True),
 )
-SIZES = ((64, 6, 72, 128), (96, 4, 60, 192), (64, 8, 90, 128), (128, 4, 60, 96))  # of those for every effect, in turn
+SIZES = ((64, 6, 72, 128), (96, 4, 60, 192), (64, 8, 90, 128), (128, 4, 60, 96))  # for every_effect, in turn
 QUICK = (
     Case("quick", 56, 4, 48, ("scatter",), 64, effects=FEW),
     Case("quick_disc", 128, 1, 60, (), scanned=DISC, effects=FEW),
@@ -110,7 +110,7 @@ QUICK = (
 
 
 def every_effect():
-    """A recording for each effect on projections of which a recording without stated photons can tell."""
+    """A recording per effect that can be detected without declared photons."""
     shown = [name for name in names() if not acts_on_images(name) and name != "photon_flux"]
     return [
         Case(name, *SIZES[place % len(SIZES)][:3], (name,), SIZES[place % len(SIZES)][3], held_out=True)
@@ -119,7 +119,6 @@ def every_effect():
 
 
 def geometry_of(case):
-    """Of its scan: a turn in 0.9 s."""
     pitch = HIGH_MM / max(case.rows, 8)
     return circular(
         views=case.views,
@@ -134,11 +133,11 @@ def geometry_of(case):
 
 
 def written(case, folder):
-    """The recording with what was scanned, and what a job is given of it."""
+    """Write a recording with its object and the input of its job."""
     folder.mkdir()
     section, given = dict(case.scanned), {}
     if case.scanned == PHANTOM:
-        half = case.across // 2  # as it is drawn twice as fine
+        half = case.across // 2  # drawn with twice as many voxels
         write_phantom(draw_phantom((SLICES, half, half), (4.0, ACROSS_MM / half, ACROSS_MM / half)), folder)
         given = {"phantom": folder / "fine.nii.gz", "image": folder / "image.nii.gz", "rois": folder / "rois.csv"}
     elif case.scanned == MASK:
@@ -177,7 +176,7 @@ def written(case, folder):
 
 
 def masked(across):
-    """An ellipse of one material with two holes, alike along z."""
+    """Ellipse of one material with two holes."""
     grid = Grid((1, across, across), (1.0, 200 / across, 200 / across))
     _, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
     share = (x / 80) ** 2 + (y / 70) ** 2 < 1
@@ -187,19 +186,18 @@ def masked(across):
 
 
 def processor_seconds():
-    """Of this process and of those that it has waited for."""
+    """CPU time of this process and its finished children."""
     return sum(os.times()[:4])
 
 
 class Timed(DiagnosisProgress):
-    """Adds up what rankings and fits take."""
+    """Total time of rankings and fits."""
 
     def __init__(self, clock):
         super().__init__()
         self.now, self.seconds, self.counts = clock, Counter(), Counter()
 
     def begin(self, what, count, beside=()):
-        """As HowFar.begin."""
         self.counts[what] += count
         began, done, left = self.now(), super().begin(what, count, beside), count
 
@@ -214,7 +212,7 @@ class Timed(DiagnosisProgress):
 
 
 def counted_scans():
-    """A list to which each simulated scan adds an entry."""
+    """List that gets an entry per simulated scan."""
     scans, predict = [], ScansModel.predict
 
     def counted(*arguments, **options):
@@ -226,7 +224,7 @@ def counted_scans():
 
 
 def one(folder, processes):
-    """What a job does (workflow/scripts/diagnose.py); prints what its parts took, and what was found."""
+    """Diagnose as workflow/scripts/diagnose.py does; prints times, counts and named effects."""
     clock, scans = processor_seconds, counted_scans()
     case = json.loads((folder / "case.json").read_text())
     given, timed = case["given"], Timed(clock)
@@ -256,7 +254,7 @@ def one(folder, processes):
 
 
 def run_case(folder, processes=1):
-    """The same in a separate Python: CPU seconds by part, wall time, and what was counted and found."""
+    """Diagnose in a new Python; returns CPU time per part, wall time, counts and named effects."""
     began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
     arguments = "--one", folder, "--processes", processes
     told = common.run_scenario("diagnosis_rates", *arguments, **dict.fromkeys(THREAD_VARIABLES, str(processes)))
@@ -268,7 +266,7 @@ def run_case(folder, processes=1):
 
 @dataclass(frozen=True)
 class Run:
-    """One diagnosis: its recording, its size, and what `run_case` gives."""
+    """A diagnosis with its recording, size and the result of `run_case`."""
 
     case: Case
     extent: Extent
@@ -276,18 +274,16 @@ class Run:
 
     @property
     def seconds(self):
-        """CPU time in all."""
         return sum(self.told["parts"].values())
 
     @property
     def measured(self):
-        """Work and seconds by part, kernels compiled once."""
+        """Work and seconds per part; kernels count as compiled once."""
         work = self.extent.work(self.told["scans"], self.told["rounds"], compiled=True)
         return work, self.told["parts"] | {COMPILED: COMPILED_SECONDS}
 
 
 def runs_of(cases):
-    """All cases; prints what they took."""
     found = []
     with tempfile.TemporaryDirectory() as folder:
         for case in cases:
@@ -302,7 +298,6 @@ def runs_of(cases):
 
 
 def report(runs, rates):
-    """Forecasts beside what was taken."""
     print(f"{'recording':20s} {'CPU time, s':>12s} {'forecast':>18s}")
     inside, off = 0, []
     for one_run in runs:

@@ -19,12 +19,12 @@ from virtual_phantom.diagnosis.selection.screening import Screened, could_win, s
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, names
 
-WANTED = (4000.0, 8.0, 60.0, 600.0)  # standard deviations: the strongest are the least straight
+WANTED = (4000.0, 8.0, 60.0, 600.0)  # signal-to-noise ratios; the strongest are the least linear
 SAMPLES = 2
 
 
 def drawn(name, wanted, random, given, exact):
-    """One effect's row: {candidate: (gain of first order, blind, gain in log score of a full fit)}."""
+    """{candidate: (first-order gain, blind, gain of a full fit, p)} for one missing effect."""
     physics = {name: exact.fixed_parameters(name) | strengths(name, wanted, random, given)}
     model, floor = model_and_floor(scene(), GEOMETRY, SAMPLES, photons=PHOTONS)
     taken = scans(exact, physics, random)
@@ -37,7 +37,6 @@ def drawn(name, wanted, random, given, exact):
 
 
 def summary(rows):
-    """What the table of docs/validation/simulated-scans.md has."""
     count = lost = close = close_lost = fitted = 0
     for row in rows:
         found = {one: Screened(p, gain, blind) for one, (gain, blind, _, p) in row["candidates"].items()}
@@ -75,7 +74,7 @@ def run(options):
         random = np.random.default_rng(np.random.SeedSequence([options.seed, place]))
         try:
             candidates = drawn(name, wanted, random, given, exact)
-        except ValueError as error:  # stands nowhere out of this noise
+        except ValueError as error:  # too weak within its range
             print(error)
             continue
         rows.append({"effect": name, "wanted": wanted, "candidates": candidates})

@@ -22,7 +22,7 @@ from virtual_phantom.study.costs.jobs import study_jobs
 from virtual_phantom.study.costs.rates import fit, read_rates, seconds
 from virtual_phantom.study.costs.table import roi_count
 
-# What the rates of a stage are fitted in; of others, it is seconds per job.
+# Units of the rates per stage; other stages have seconds per job.
 STAGE_UNITS = {
     "phantom": ["job", "fine_voxel"],
     "project": ["job", "ray_step"],
@@ -42,7 +42,7 @@ RATES = RESOURCES / "rates.yaml"
 
 
 def records(folder):
-    """{output: what Snakemake noted in its working directory of the job that made it}."""
+    """{output: Snakemake's metadata of its job}."""
     return {
         base64.b64decode(path.name).decode(): json.loads(path.read_text(encoding="utf-8"))
         for path in (folder / ".snakemake" / "metadata").iterdir()
@@ -56,7 +56,7 @@ def size(path):
 
 
 def write(rates):
-    """Write the library's rates, to four digits."""
+    """Write the library's rates with four digits."""
     rounded = json.loads(json.dumps(rates), parse_float=lambda text: float(f"{float(text):.4g}"))
     write_text(HEAD + yaml.safe_dump(rounded, sort_keys=False), RATES)
 
@@ -104,7 +104,7 @@ def run(options):
 
 
 def by_stage(timed, rates=None):
-    """{stage: {jobs, measured, estimated}}: totals of jobs with their seconds, estimated ones if rates are given."""
+    """{stage: {jobs, measured, estimated}}; estimates only if rates are given."""
     totals = defaultdict(lambda: {"jobs": 0, "measured": 0.0, "estimated": 0.0})
     for job, took in timed:
         total = totals[job.stage]

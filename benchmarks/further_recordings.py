@@ -37,7 +37,7 @@ FIELDS = "group draw truth alone ambiguous first first_right last last_right sec
 
 
 def drawn(name, random, air):
-    """Parameters of an effect as strong as those of medium strength in the proof; a focal spot is a strong one."""
+    """Parameters of medium strength as in the blind validation; the focal spot has strong ones."""
 
     def between(low, high):
         return common.log_uniform(random, low, high)
@@ -61,14 +61,14 @@ def drawn(name, random, air):
 
 
 def scanned(group):
-    """What the first scan of a group is of."""
+    """Object of a group's first scan; centered, it would not show a rotation."""
     if group != "turn":
         return DiscScene(DISC_MM, "water")
     return ShapesScene([cylinder("water", (OFF_AXIS_MM, 0.0, 0.0), DISC_MM / 2)])
 
 
 def made_ready(scan, like, physics, random):
-    """A scan of that physics, prepared for fits; the object lies a little beside its place."""
+    """Simulate and prepare a scan with a small random shift of the object."""
     stated = scan.chain(like)
     model, floor = model_and_floor(
         scan.scene,
@@ -85,7 +85,7 @@ def made_ready(scan, like, physics, random):
 
 
 def settled(prepared, further, group):
-    """Which effect of the group two recordings together speak for."""
+    """Effect of the group that both recordings together support."""
     together = JointFitter({"first": prepared.fitter, "further": further.fitter})
     given = together.fit(())
     scores = {}
@@ -96,7 +96,7 @@ def settled(prepared, further, group):
 
 
 def one(group, draw):
-    """A draw: what the first scan alone says, and what it says with another one."""
+    """Row of one realization: the choice with one scan and with two."""
     began, effects = time.perf_counter(), GROUPS[group]
     random = np.random.default_rng(np.random.SeedSequence(20261125, spawn_key=(list(GROUPS).index(group), draw)))
     truth = effects[draw % len(effects)]
@@ -124,12 +124,10 @@ def one(group, draw):
 
 
 def right_alone(row):
-    """Whether one scan told it, and right."""
     return not row["ambiguous"] and row["alone"] == row["truth"]
 
 
 def counted(rows):
-    """Print shares of every group."""
     for group in GROUPS:
         of = [row for row in rows if row["group"] == group]
         open_ = [row for row in of if row["ambiguous"]]

@@ -81,7 +81,7 @@ OTHER_VALUES = {
 
 @dataclass(frozen=True)
 class Result:
-    """What happened in one run, and the words of the error, note or difference."""
+    """Outcome of one run, with the text of the error, note or difference."""
 
     outcome: str
     words: str
@@ -106,7 +106,7 @@ def compared(read: Callable[[], Volume], undamaged: Volume, damage: str) -> Resu
 
 
 def differs(volume: Volume, other: Volume) -> str:
-    """How two volumes differ by more than one voxel or LARGEST_HU; empty if they do not."""
+    """Difference of more than one voxel or LARGEST_HU in words; empty if there is none."""
     if volume.grid.shape != other.grid.shape:
         return f"{volume.grid} instead of {other.grid}"
     for corner in ([0, 0, 0, 1], [*(n - 1 for n in other.grid.shape[::-1]), 1]):
@@ -234,7 +234,6 @@ def spoil(slices: list[pydicom.Dataset], attribute: str, kind: str, random: np.r
 
 
 def _other(one: pydicom.Dataset, attribute: str, random: np.random.Generator) -> object:
-    """Another value that the attribute may have."""
     if attribute in OTHER_VALUES:
         return OTHER_VALUES[attribute][random.integers(len(OTHER_VALUES[attribute]))]
     if attribute == "PixelData":

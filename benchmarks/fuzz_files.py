@@ -40,7 +40,7 @@ FAULTS = ("silent", "traceback")
 
 
 def object_hu():
-    """A cylinder with two balls and noise, int16 [z, y, x], and the regions: 1 and 2."""
+    """Cylinder with two balls and noise, int16 [z, y, x], and a label map of the balls."""
     z, y, x = np.ix_(*GRID.axes_mm())
     hu = np.where((x / 28) ** 2 + (y / 24) ** 2 + 0 * z < 1, 0.0, -1000.0)
     labels = np.zeros(GRID.shape, np.uint8)
@@ -79,7 +79,7 @@ def outcome(read, same, independent=None):
 
 # NIfTI
 
-# Every field of a NIfTI-1 header but those of Analyze that no reader uses (data_type, db_name, extents, glmax, ...).
+# Fields of a NIfTI-1 header without those of Analyze that no reader uses (data_type, db_name, extents, glmax, ...).
 NIFTI_FIELDS = tuple(
     """sizeof_hdr dim_info dim intent_p1 intent_p2 intent_p3 intent_code datatype bitpix slice_start pixdim vox_offset
     scl_slope scl_inter slice_end slice_code xyzt_units cal_max cal_min slice_duration toffset descrip aux_file
@@ -109,7 +109,7 @@ def odd_nifti(header, random):
 
 
 def fuzz_nifti(runs, seed, folder):
-    """Headers of a CT and of its label map, in turns."""
+    """Fuzz headers of a CT and of its label map in turn."""
     hu, labels = object_hu()
     paths = {"ct": folder / "ct.nii", "labels": folder / "labels.nii"}
     contents = {}
@@ -136,7 +136,6 @@ def fuzz_nifti(runs, seed, folder):
 
 
 def changes(content, header):
-    """The fields of a header that differ from those of the original."""
     before = np.frombuffer(content[:348], nibabel.nifti1.header_dtype)
     return {
         key: (before[key], header[key]) for key in before.dtype.names if before[key].tobytes() != header[key].tobytes()

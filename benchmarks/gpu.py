@@ -21,7 +21,7 @@ from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction.sirt import sirt
 
 NOISE = 0.02  # standard deviation of a line integral
-VIEWS_SHARE = 8  # of the views one in so many is projected on the CPU
+VIEWS_SHARE = 8  # every eighth view is projected on the CPU
 
 
 def phantom(grid):

@@ -22,12 +22,12 @@ EFFECTS = (
     "focal_spot_wobble detector_row_offset source_drift view_angle_error dark_signal spectrum"
 ).split()
 LEVELS = (0.5, 0.8, 0.95)
-# What is counted, of noise and in all: for noise alone; with inexact models, all errors taken for normal; and as told.
+# Standard errors (noise, total) of the intervals: noise only; total as normal; as reported.
 COUNTED = (("noise", "noise"), ("whole", "whole"), ("noise", "whole"))
 
 
 def fitted(truth, config, seed):
-    """The parameters of a case's effect, fitted: its numbers, and both standard errors."""
+    """Fitted parameters of a case's effect with both standard errors."""
     _, prepared, _ = simulator_scans.prepared(truth, config, seed)
     (effect,) = truth["effects"]
     name = effect["name"]
@@ -59,14 +59,14 @@ def fitted(truth, config, seed):
 
 
 def held(rows, noise, whole):
-    """Shares of parameters that intervals of every level hold, where such standard errors are counted."""
+    """Coverage per level of the intervals from these standard errors."""
     off = np.array([abs(row["value"] - row["truth"]) for row in rows])
     halves = np.array([[half_width(level, row[noise], row[whole]) for level in LEVELS] for row in rows])
     return (off[:, None] <= halves).mean(axis=0)
 
 
 def shares(rows):
-    """What intervals of every level hold, in words, as COUNTED has them."""
+    """Coverage in words for all entries of COUNTED."""
     return "  ".join("/".join(f"{100 * one:3.0f}" for one in held(rows, *errors)) for errors in COUNTED)
 
 

@@ -23,12 +23,12 @@ from virtual_phantom.physics.effect import load
 from virtual_phantom.proof.conceal.objects import OBJECTS
 
 EFFECTS = 3
-FURTHER = 10_000  # number of the first recording of another day: no other one has its noise
+FURTHER = 10_000  # first number of recordings with other parameters; gives them other noise
 WAYS = ("both", *OBJECTS)
 
 
 def drawn(number, seed):
-    """Effects of a scanner, as a case of the proof has them, and of another day."""
+    """Effects of a scanner, and the same with other parameters of the first effect."""
     random = generator(branch(seed, number))
     shared = [name for name in simulator_scans.statable() if not load(name).of_one_scan]
     effects = [
@@ -44,7 +44,7 @@ def scanned(number, phantom, effects, config, seed):
 
 
 def fitted(made, effects, accuracy):
-    """Numbers of the effects, fitted to these recordings together: value, truth and both standard errors."""
+    """Parameters fitted jointly, and the consistency test of each recording."""
     names = tuple(one["name"] for one in effects)
 
     def fit():
@@ -77,9 +77,9 @@ def fitted(made, effects, accuracy):
 
 
 def counted(draws):
-    for way, said in (("apart", "recordings of one scanner"), ("apart_other", "with one effect drawn anew in one")):
+    for way, said in (("apart", "recordings of one scanner"), ("apart_other", "with another first effect in one")):
         found = sum(any(one["p"] < ALPHA for one in draw[way]) for draw in draws)
-        print(f"{said}: {found} of {len(draws)} pairs are said to disagree")
+        print(f"{said}: {found} of {len(draws)} pairs are inconsistent")
     print(f"{'fitted to':12} {'n':>4}  noise 50/80/95  whole 50/80/95  width over that of both (median)")
     widths = {way: np.array([row["whole"] for draw in draws for row in draw[way]]) for way in WAYS}
     for way in WAYS:

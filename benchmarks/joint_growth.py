@@ -32,7 +32,6 @@ TRIED = ("scatter", "dark_signal", "veiling_glare", "detector_offset", "optical_
 
 
 def recorded(count):
-    """So many recordings, made ready."""
     random, found = generator(Stream(count)), {}
     for number, diameter in enumerate(np.linspace(*DIAMETERS_MM, count)):
         chain = Chain(DiscScene(float(diameter), "water"), GEOMETRY, chain_scans.PHOTONS)
@@ -42,7 +41,7 @@ def recorded(count):
 
 
 def one(count):
-    """What so many recordings cost, and what is said of them."""
+    """CPU time, memory and named effects for a number of recordings."""
     prepared, accuracy = recorded(count), defaults_of("diagnosis", "model_accuracy")
     began = time.process_time()
     if count == 1:

@@ -26,7 +26,7 @@ SEED = 20261123
 
 
 def by_chain(edge_mm):
-    """Makes a scan with nothing concealed, ready to be fitted, of the number of a draw."""
+    """Function that simulates and prepares the scan of a realization without a hidden effect."""
     scene = chain_scans.scene(edge_mm)
     geometry, photons = chain_scans.GEOMETRY, chain_scans.PHOTONS
     chain = Chain(scene, geometry, photons, samples=FINER * SAMPLES)
@@ -41,7 +41,7 @@ def by_chain(edge_mm):
 
 
 def by_xcist():
-    """The same by the proof's simulator."""
+    """As by_chain, by the simulator of the blind validation."""
     config = common.configuration()
     objects = sorted(OBJECTS)
 

@@ -32,7 +32,7 @@ from virtual_phantom.statistics.surface_resolution import edge_mtf_half
 SHAPE, SPACING, FINER = (24, 80, 80), (4.0, 3.75, 3.75), 3
 SCANNER = {"columns": 100, "rows": 30, "column_pitch_mm": 6.4, "row_pitch_mm": 6.4, "projections": 150}
 LEVEL, WRONG_MM, WITHIN = 6.0e-6, 3.0, 0.05
-OWN_VOXELS, NOISE_HU, AVERAGED = 0.75, 17.0, 10  # 17 HU: of the printed phantom at 10 mGy
+OWN_VOXELS, NOISE_HU, AVERAGED = 0.75, 17.0, 10  # 17 HU: printed phantom at 10 mGy
 
 
 def images(phantom, repeats, seed, finer=1):
@@ -41,14 +41,14 @@ def images(phantom, repeats, seed, finer=1):
 
 
 def of_image(drawn, image, oversampling=2):
-    """The drawn phantom with another image, its regions kept."""
+    """Drawn phantom with another image."""
     grid = drawn.image.grid
     fine = Volume(resample(image, grid.refined(oversampling), outside=-1000.0), grid.refined(oversampling))
     return replace(drawn, fine=fine, image=Volume(block_mean(fine.array, oversampling), grid))
 
 
 def of_own_scans(drawn, finer, seed):
-    """The mean of AVERAGED scans, its own blur and the spectra of itself and its noise, as the workflow has them."""
+    """Mean of AVERAGED scans, its blur, and its spectrum and noise spectrum."""
     scans = np.stack([one.array for one in images(drawn, AVERAGED, seed, finer)]).astype(np.float64)
     noise = np.tensordot(np.resize([1, -1], AVERAGED), scans, 1) / AVERAGED
     inside = np.any([roi.mask for roi in drawn.rois], axis=0)
@@ -62,7 +62,7 @@ def of_own_scans(drawn, finer, seed):
 
 def run(options):
     repeats, scans, own_voxels, seed = options.repeats, options.scans, options.own_voxels, options.seed
-    warnings.simplefilter("ignore")  # small regions: it is the comparison that is looked at
+    warnings.simplefilter("ignore")  # about small regions
     drawn, truth, mean, own, measured = scanned(scans, own_voxels, seed) if scans else modelled()
     finer = scans if own_voxels else 1
     spacing, fine = mean.grid.spacing, drawn.image.grid.refined(options.oversampling).spacing
@@ -94,7 +94,7 @@ def show(name, series, drawn, reference):
 
 
 def modelled():
-    """The drawn phantom, it on finer voxels, and a mean that is these blurred by a Gaussian, with noise."""
+    """Drawn phantom, truth, and the mean image from a Gaussian blur and white noise."""
     fine, drawn, truth = drawn_finer(FINER)
     rng = np.random.default_rng(2022)
     noise = rng.normal(0, NOISE_HU / AVERAGED**0.5, (2, *fine.image.grid.shape))
@@ -107,14 +107,14 @@ def modelled():
 
 
 def scanned(finer, own_voxels, seed):
-    """The same, but that the mean is of scans, and how it was scanned is found from it."""
+    """As modelled, with a mean image of simulated scans, whose blur is measured."""
     fine, drawn, truth = drawn_finer(finer)
     mean, own, measured = of_own_scans(fine, finer, seed + 2)
     return (fine, fine, mean, own, measured) if own_voxels else (drawn, truth, mean, own, measured)
 
 
 def drawn_finer(finer):
-    """The phantom on finer voxels, on the study's, and on the study's as the scan of the finer one sees it."""
+    """Phantom on fine voxels, on the study's voxels, and fine phantom averaged to the study's voxels."""
     fine = vp.draw_phantom(tuple(finer * size for size in SHAPE), tuple(step / finer for step in SPACING))
     drawn = vp.draw_phantom(SHAPE, SPACING)
     seen = Volume(block_mean(fine.fine.array, 2 * finer), drawn.image.grid)

@@ -16,8 +16,8 @@ def add_arguments(parser):
     parser.add_argument("--seed", type=int, required=True)
     simulator_scans.add_draws(parser, ["medium"], none=0, pairs=0, unknown=14)
     parser.set_defaults(effects=[])
-    parser.add_argument("--kinds", nargs="*", help="of the faults; all that there are")
-    parser.add_argument("--left-out", nargs="*", default=[], help="effects that diagnoses do not try")
+    parser.add_argument("--kinds", nargs="*", help="kinds of unknown effects (default: all)")
+    parser.add_argument("--left-out", nargs="*", default=[], help="effects that are not candidates")
     parser.add_argument("--out", type=Path, required=True)
 
 
@@ -36,13 +36,13 @@ def run(options):
     cases = [Case(row["truth"], row["diagnosis"]) for row in rows]
     found = summary(cases)
     for name, one in found["by_kind"].items():
-        print(f"{name}: owned up to {one['count']} of {one['n']}")
+        print(f"{name}: reported as unexplained: {one['count']} of {one['n']}")
     singles = [case for case in cases if case.category == "single"]
     blank = [case for case in cases if case.category == "none"]
     unknown = [case for case in cases if case.category == "unknown"]
     pairs = [case for case in cases if case.category == "pair"]
-    print(f"owned up to {sum(case.owned_up for case in unknown)} of {len(unknown)}; area {found['area']}")
-    print(f"effects of the library named first {sum(case.first_right for case in singles)} of {len(singles)}")
+    print(f"reported as unexplained: {sum(case.owned_up for case in unknown)} of {len(unknown)}; area {found['area']}")
+    print(f"single effects ranked first: {sum(case.first_right for case in singles)} of {len(singles)}")
     both, alone = (sum(getattr(case, way) for case in pairs) for way in ("all_named", "exact"))
-    print(f"two effects both named {both} of {len(pairs)}, and nothing beside them in {alone}")
-    print(f"nothing concealed, no match {sum(not case.right for case in blank)} of {len(blank)}")
+    print(f"both effects of a pair named: {both} of {len(pairs)}, without others: {alone}")
+    print(f"false alarms: {sum(not case.right for case in blank)} of {len(blank)}")

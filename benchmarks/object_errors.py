@@ -30,7 +30,7 @@ FIELDS = "draw kind truth ours verdict place_off_mm width_mm hu removes mended_v
 
 
 def place(random):
-    """Somewhere in the body, away from its inserts."""
+    """Random location in the body, away from its inserts."""
     while True:
         x, y = random.uniform(-80, 80), random.uniform(-55, 55)
         near = [np.hypot(x - at[0], y - at[1]) - radius for at, radius in INSERTS.values()]
@@ -39,7 +39,7 @@ def place(random):
 
 
 def changed(kind, random):
-    """What is scanned, what of it is another than stated, and where."""
+    """Scanned shapes, and description and location of the mismatch."""
     if kind == "missing":
         name = str(random.choice(list(INSERTS)))
         return body(**{name: None}), f"{name} is missing", np.array(INSERTS[name][0])
@@ -60,7 +60,6 @@ def changed(kind, random):
 
 
 def one(task):
-    """A row."""
     draw, kind = task
     random = np.random.default_rng(np.random.SeedSequence(20261125, spawn_key=(draw,)))
     accuracy = defaults_of("diagnosis", "model_accuracy")

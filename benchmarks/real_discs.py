@@ -15,16 +15,11 @@ from virtual_phantom.diagnosis.verdict.verdict import excess_rms_removed, metric
 from virtual_phantom.io.schema import defaults_of
 
 ALIGNMENT = {"scale": 1.0, "size": 0.01, "offset": 0.02}  # as in config/htc2022.yaml
-SETS = (
-    ("spectrum", "dark_signal"),
-    ("spectrum", "veiling_glare"),
-    ("spectrum", "scatter"),
-    ("scatter",),
-)
+SETS = (("spectrum", "dark_signal"), ("spectrum", "veiling_glare"), ("spectrum", "scatter"), ("scatter",))
 
 
 def prepared(folder: Path, name: str, view_step: int):
-    """A disc as config/htc2022.yaml has it."""
+    """Disc prepared with the settings of config/htc2022.yaml."""
     scanned = {"disc": Disc(70, "pmma")}
     if name != "solid_disc":
         scanned = {"object": MaskedObject(str(folder / name / "object.nii.gz"), "pmma")}
@@ -34,7 +29,7 @@ def prepared(folder: Path, name: str, view_step: int):
 
 
 def left(one, baseline: Trial, chosen: Trial) -> str:
-    """Rms after, and the share of the excess that went."""
+    """RMS after the fit, and the share of the excess that it removes."""
     choice = Choice(baseline, {}, {}, chosen, {}, {}, {})
     rms = metrics_of(one, choice, held_out=True)["rms_line_integral"]
     return f"{rms['after']:.4f} ({100 * excess_rms_removed(**rms):.0f} %)"

@@ -18,8 +18,8 @@ from virtual_phantom.diagnosis.residuals.dataset import Prepared
 from virtual_phantom.diagnosis.scanner.scanner import run_scanner_diagnosis
 from virtual_phantom.io.schema import defaults_of
 
-SMOOTH = 0.9  # share of the rays that lie off edges
-BEHIND = 1.0  # line integral from which on rays go through the disc, not past it
+SMOOTH = 0.9  # share of rays that are not at edges
+BEHIND = 1.0  # smallest line integral inside the disc
 
 
 def smooth_left(one: Prepared, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
@@ -38,13 +38,13 @@ def smooth_left(one: Prepared, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def constants(left: np.ndarray) -> np.ndarray:
-    """Of every column, over the views that have it; NaN where fewer than half do. Shape (columns,)."""
+    """Mean per column; NaN if fewer than half of the views have it. Shape (columns,)."""
     counts = np.isfinite(left).sum(axis=0)
     return np.where(counts > counts.max() / 2, np.nansum(left, axis=0) / np.maximum(counts, 1), np.nan)
 
 
 def print_left(discs: Mapping[str, Prepared], fits: Mapping[str, Fit]) -> None:
-    """Where lines are smooth: variance over noise, and what of the rest is constant in columns or in views."""
+    """Print the excess variance on smooth parts and its share that is constant per column or view."""
     print("\n| smooth parts | variance over noise | of the rest, columns' constants | views' constants |")
     print("|---|---|---|---|")
     columns = {}
@@ -53,7 +53,7 @@ def print_left(discs: Mapping[str, Prepared], fits: Mapping[str, Fit]) -> None:
         columns[name] = constants(left)
         rest = np.nansum(left**2) - np.nansum(noise)
         shares = []
-        for axis in (0, 1):  # squares of means, less what noise puts into them
+        for axis in (0, 1):  # squared means minus their noise
             counts = np.isfinite(left).sum(axis=axis)
             sums, noises = np.nansum(left, axis=axis), np.nansum(noise, axis=axis)
             shares.append(((sums**2 - noises)[counts > 0] / counts[counts > 0]).sum() / rest)
@@ -70,7 +70,7 @@ def print_left(discs: Mapping[str, Prepared], fits: Mapping[str, Fit]) -> None:
 
 
 def print_halves(discs: Mapping[str, Prepared], effects: Sequence[str]) -> None:
-    """The shared numbers of every second disc, and of the others."""
+    """Print the shared parameters of two disjoint halves of the discs."""
     names = list(discs)
     halves = [
         JointFitter({name: discs[name].fitter for name in names[first::2]}).fit(tuple(effects)) for first in (0, 1)

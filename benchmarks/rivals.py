@@ -26,14 +26,14 @@ from virtual_phantom.physics.effect import load
 from virtual_phantom.proof.conceal.case import ADMITTED, Case
 
 CHANCE = 0.01
-MOST = 4  # effects that a rival takes one after the other, as many as the diagnosis names
-FITTED = 5  # effects that are fitted for each of them, those of the largest matched filters
-TOO_MANY = ("gain_pattern", "view_blur")  # not among all at once: as many numbers as pixels, as many rays as moments
+MOST = 4  # steps of the forward selection, as in the diagnosis
+FITTED = 5  # fits per step, with the largest matched filters
+TOO_MANY = ("gain_pattern", "view_blur")  # omitted by `all`
 WAYS = ("ours", "filter", "forward", "all")
 
 
 def without_halves(prepared):
-    """A fitter of all repeats, whose weights hold noise alone."""
+    """Fitter of all repeats, weighted by noise only."""
     one, two = prepared.data, prepared.held_out
     data = replace(
         one,
@@ -48,13 +48,13 @@ def without_halves(prepared):
 
 
 def left(fitter, fit):
-    """Whether chi-square says that something is left."""
+    """Whether chi-square is three standard deviations too large."""
     count = sum(int((weight > 0).sum()) for weight in fitter.weights)
     return bool(fit.chi_square - count > 3 * np.sqrt(2 * count))
 
 
 def priced(fitter):
-    """ln(data); and numbers that an effect has beside its parameters: a pattern's constants, one for each pixel."""
+    """BIC penalty ln(n) per parameter, and the parameters of an effect's pattern (one per pixel)."""
     pixels = fitter.data.mean[0].size
     return np.log(sum(int((weight > 0).sum()) for weight in fitter.weights)), lambda name: pixels * load(name).pattern
 
@@ -91,7 +91,9 @@ def forward(fitter, tried):
 def all_at_once(fitter, tried):
     price, _ = priced(fitter)
     aligned = fitter.fit(())
-    alone = {name: fitter.fit((name,), aligned).physics[name] for name in tried}  # all starts of all would be millions
+    alone = {
+        name: fitter.fit((name,), aligned).physics[name] for name in tried
+    }  # all combinations: millions
     fit = fitter.fit(tuple(tried), replace(aligned, physics=alone), from_farther=False)
     worth = {}
     for name in tried:
@@ -107,7 +109,7 @@ def all_at_once(fitter, tried):
 
 
 def answers(truth, config, seed):
-    """{way: (effects named, first the surest; whether something is left)}."""
+    """{method: (ranked effects, whether it reports unexplained data)}."""
     recording, prepared, model = simulator_scans.prepared(truth, config, seed)
     tried = list(candidates(model["settings"]))
     found = find_missing_physics(recording.name, prepared, tried, config["diagnosis"]["model_accuracy"])
@@ -125,14 +127,14 @@ def answers(truth, config, seed):
 
 
 def judged(case, named, rest):
-    """What of a case an answer has right, by the category's measure."""
+    """{criterion: whether the answer meets it}, by the category of the case."""
     true = [one["name"] for one in case.truth["effects"]]
     if case.category == "none":
         return {"no false alarm": not named and not rest}
     if case.category == "unknown":
         equals = [set(equal) for one in case.truth["effects"] for equal in one["equals"]]
         return {"owned up": rest or {group[0] for group in named} in equals}
-    first = bool(named) and bool(set(named[0]) & set(true))  # or as its equal
+    first = bool(named) and bool(set(named[0]) & set(true))  # or indistinguishable
     every = all(any(name in group for group in named) for name in true)
     return {"first": first, "all": every, "none beside": len(named) == len(true), "no false remainder": not rest}
 

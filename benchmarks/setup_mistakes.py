@@ -28,7 +28,7 @@ from virtual_phantom.recordings.scan import scan_geometry
 PHOTONS, REPEATS = 1e5, 4
 REACH = {"x_mm": 5.0, "y_mm": 5.0, "z_mm": 5.0, "turn_deg": 2.5}
 LN_10 = np.log(10)
-# Physics that the comparison does not know, one or two of them in each draw.
+# Physics that the comparison does not model; two per realization.
 PHYSICS = (
     {"spectrum": {"kvp": 120.0, "filtration_mm": 6.0, "sensor_mm": 0.6}},
     {"scatter": {"amount": 0.1, "width_mm": 40.0}},
@@ -47,7 +47,6 @@ KINDS = (
 
 
 def scene(kind, random):
-    """An object and, of that kind, another."""
     if kind == "disc":
         return DiscScene(float(random.uniform(60, 220)), "pmma")
     grid = Grid((40, 160, 160), (2.0, 1.8, 1.8))
@@ -66,7 +65,7 @@ def scene(kind, random):
 
 
 def scanner(random):
-    """A scan section of recording.yaml."""
+    """Random scan section of recording.yaml."""
     columns, rows = int(random.integers(60, 160)), int(random.integers(4, 20))
     isocentre = float(random.uniform(400, 700))
     detector = isocentre * float(random.choice([random.uniform(1.5, 1.95), random.uniform(2.1, 2.5)]))
@@ -99,7 +98,7 @@ def scanned(scene, scan, physics, random, pose):
 
 
 def mistaken(kind, scan, lines, random):
-    """The description and the data with a mistake of that kind."""
+    """Set-up and data with an error of this kind."""
     isocentre, detector = scan["source_to_isocentre_mm"], scan["source_to_detector_mm"]
     if kind == "direction":
         return {**scan, "direction": -scan["direction"]}, lines
@@ -129,16 +128,16 @@ def mistaken(kind, scan, lines, random):
     return scan, lines
 
 
-# What a line that refuses a description must say of the mistake.
+# Text of the error message that names the error.
 REFUSED = {
     "swapped rows and columns": "check whether rows and columns are swapped",
     "distance from the isocentre": "if it is the distance from isocentre to detector",
 }
-NAMED, ALIKE, MISSED = "named", "alike", "missed"  # what came of a mistake
+NAMED, ALIKE, MISSED = "named", "alike", "missed"
 
 
 def outcome(kind, hidden, found):
-    """What is said of a mistake that was made, or of none: right, one of several that are alike, or wrong."""
+    """Whether an error is named, listed as indistinguishable, or missed."""
     alike = {other.name for other in found.alike}
     if hidden:
         return ALIKE if found.kind == AS_STATED and kind in alike else MISSED
@@ -186,7 +185,7 @@ def run(options):
             began = time.process_time()
             try:
                 one = found(objects[1] if kind == "object" else objects[0], described, data)
-            except InputError as error:  # what the description itself cannot be
+            except InputError as error:  # an impossible set-up
                 came = NAMED if kind in REFUSED and REFUSED[kind] in str(error) else MISSED
                 counted[kind][came] += 1
                 writer.writerow((draw, kind, "+".join(physics), "refused", str(error), "", "", "", "", "", came))

@@ -15,11 +15,11 @@ from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipso
 ONE_THREAD = True
 GEOMETRY = common.circular_scan(90, 256, 16, 1.6)
 BALLS = (1, 5, 20, 80)
-VOXELS = Grid((36, 220, 220), (1.0, 1.0, 1.0))  # of a body as wide as the Catphan, 1 mm
+VOXELS = Grid((36, 220, 220), (1.0, 1.0, 1.0))  # as wide as the Catphan
 
 
 def balls(count):
-    """A cylinder with so many balls of 10 mm in it, on rings."""
+    """Cylinder with `count` balls of 10 mm."""
     random = np.random.default_rng(np.random.SeedSequence(1))
     places = random.uniform(-65, 65, (count, 2))
     return [cylinder("water", (0, 0, 0), 100.0)] + [ellipsoid("pmma", (x, y, 0.0), (5, 5, 5)) for x, y in places]

@@ -18,8 +18,7 @@ ONE_THREAD = True
 
 
 def projectors(repeats):
-    """ns per ray forwards and per voxel and view back, and both over ours in a full batch with voxel-driven back (on a
-    helix, there); how far projections are from ours."""
+    """Times per ray, and per voxel and view, also relative to a full batch; difference of the projections."""
     scan, helix = engines.geometry(), engines.helix()
     contenders = [
         engines.ours(1, scan),
@@ -55,14 +54,14 @@ def projectors(repeats):
     return rows
 
 
-# Cache lines of sixteen lanes that a sample cannot do without: two of what is read (its neighbours along the line were
-# read for the sample before), and the one that is added to, read and written.
+# Cache lines that a sample of 16 lanes needs: two are read (the previous sample has read the neighbors along the line),
+# and one is read and written.
 LINES, LINE_BYTES = 4, 64
-TILE_KIB = 800  # what a full batch works on at a time (projectors/kernels.py)
+TILE_KIB = 800  # working set of a full batch (projectors/kernels.py)
 
 
 def bound():
-    """ns per voxel and view, or sample, of one realisation in a full batch if the caches' bandwidth were all."""
+    """Lower limit of the time per sample in a full batch from the bandwidth of the caches."""
     rates = {
         f"{kib} KiB": float(np.median([engines.cache_bytes_per_ns(kib) for _ in range(5)]))
         for kib in (24, TILE_KIB, 8192)
@@ -81,7 +80,7 @@ def draw(path, rows, grown):
     left.plot([row["back_ns_per_voxel_and_view"] for row in shown], places, "s", label="back, ns per voxel and view")
     left.set_yticks(places, [row["engine"] for row in shown])
     left.set_xscale("log")
-    left.set_xlabel("processor time per realisation, ns")
+    left.set_xlabel("CPU time per realization, ns")
     left.invert_yaxis()
     left.grid(axis="x", alpha=0.3)
     for name in dict.fromkeys(row["of"] for row in grown):

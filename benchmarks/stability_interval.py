@@ -15,7 +15,7 @@ from virtual_phantom.features.names import FEATURES
 from virtual_phantom.statistics import stability_interval, stability_measures
 
 ROIS, KINDS, TRUTH, DRAWS = 6, 8, 2000, 100
-SEED, BRANCH = 1, 1000  # no study's
+SEED, BRANCH = 1, 1000  # not used by studies
 GROUPS = {
     f"{kind}_{views}": place
     for place, (kind, views) in enumerate(
@@ -35,19 +35,19 @@ def normal(rng, shape):
 
 
 def halves(rng, shape):
-    """Normal numbers of which groups g and g + G/2 share the larger part: correlation 0.8."""
+    """Normal numbers; groups g and g + G/2 have a correlation of 0.8."""
     common = rng.standard_normal((*shape[:-2], shape[-2] // 2, shape[-1]))
     return np.sqrt(0.8) * np.concatenate([common, common], axis=-2) + np.sqrt(0.2) * rng.standard_normal(shape)
 
 
 def everywhere(rng, shape):
-    """As with common draws: all groups are correlated by 0.5."""
+    """Normal numbers; all groups have a correlation of 0.5, as with common random numbers."""
     common = rng.standard_normal((*shape[:-2], 1, shape[-1]))
     return np.sqrt(0.5) * (common + rng.standard_normal(shape))
 
 
 def subsampled(x, half, rng):
-    """SD of the stability by plain subsampling of x[roi, group, repeat]; every group has a choice of its own."""
+    """SD of the stability by independent subsampling of each group of x[roi, group, repeat]."""
     rois, groups, repeats = x.shape
     size = half.noise.shape[-1]
     chosen = rng.random((DRAWS, 1, groups, repeats)).argsort(axis=-1)[..., :size]
@@ -64,7 +64,7 @@ NOISE = {
     "shared in twos": (halves, True),
     "shared by all": (everywhere, False),
 }
-# Groups, repeats, noise, and SD of the groups' means over that of the noise (times a lognormal number for each ROI).
+# Groups, repeats, noise, and SD of the group means relative to the noise (times a lognormal number per ROI).
 CASES = (
     *((8, 10, "normal", spread) for spread in (0.0, 0.3, 1.0, 3.0, 10.0)),
     (8, 10, "skewed", 1.0),
@@ -78,7 +78,7 @@ CASES = (
 
 
 def of_kinds(means, sds, noise, repeats, sharing, tables_of_each, rng):
-    """Truth, two standard errors of it, interval and plain interval of every table: one row each."""
+    """One row per table: truth, two standard errors, interval and subsampling interval."""
     _, rois, groups = means.shape
     units = [[roi] for roi in range(rois)]
     shared = np.equal.outer(sharing, sharing)
@@ -141,7 +141,7 @@ def run(options):
 
 
 def real(path, number):
-    """Features of a study as the truth: every one with its means, SDs and the correlation of SIRT and FBP."""
+    """Coverage with the means, SDs and SIRT-FBP correlation of a study's features."""
     table = tables.select_groups(tables.read_features(path), GROUPS, noise="dose10", seeds=10)
     x = stability_measures.feature_array(table, FEATURES)
     rng = generator(branch(SEED, BRANCH))

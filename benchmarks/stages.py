@@ -20,7 +20,7 @@ from virtual_phantom.figures import style
 from virtual_phantom.study.costs.jobs import study_jobs
 from virtual_phantom.study.costs.table import roi_count
 
-# What is shown as one, in the order of the work; values are stages of costs.jobs.
+# Displayed stage: stages of costs.jobs, in the order of the work.
 SHOWN = {
     "phantom, kernels, line integrals": ("phantom", "compile_kernels", "project", "project_physics"),
     "SIRT": ("reconstruct_sirt", "reconstruct_sirt_voxel", "reconstruct_sirt_astra_cuda"),
@@ -34,7 +34,7 @@ WAITING = "no job"
 
 @dataclass(frozen=True)
 class Span:
-    """One job: what it is shown as, and when it ran, in seconds since the first one began."""
+    """A job: displayed stage, and start and duration in seconds since the first job."""
 
     shown: str
     begin: float
@@ -46,7 +46,7 @@ class Span:
 
 
 def spans(folder, config):
-    """Every job of the study that ran, by its beginning."""
+    """Finished jobs, sorted by start."""
     noted, results = records(folder), Path(config["results_dir"])
     timed = benchmarked(folder / results / "logs")
     kinds = {stage: shown for shown, stages in SHOWN.items() for stage in stages}
@@ -65,8 +65,7 @@ def spans(folder, config):
 
 
 def benchmarked(logs):
-    """{log file: seconds} of jobs with a file of `benchmark:` beside their log, by the log's path in the working
-    directory."""
+    """{path of a log: seconds} of jobs with a `benchmark:` file."""
     found = {}
     for path in logs.rglob("*.benchmark.tsv"):
         with open(path, encoding="utf-8", newline="") as file:
@@ -77,8 +76,7 @@ def benchmarked(logs):
 
 
 def slots(jobs):
-    """Which slot each job may have had: the first that was free when it began. Jobs begin within a tenth of a second of
-    another's end."""
+    """Assign each job to the first free slot; a job may start 0.1 s before another one ends."""
     free, chosen = [], []
     for job in jobs:
         at = next((number for number, end in enumerate(free) if end <= job.begin + 0.1), len(free))
@@ -88,7 +86,7 @@ def slots(jobs):
 
 
 def table(jobs, cores):
-    """Rows by what is shown: jobs, their seconds, the longest, and the share of all cores' time; waiting comes last."""
+    """Rows per displayed stage with jobs, total, longest job and share of the cores' time; waiting is last."""
     wall = max(job.end for job in jobs)
     groups = defaultdict(list)
     for job in jobs:

@@ -16,7 +16,7 @@ from virtual_phantom.features.hu_offset import convert_to_hu
 from virtual_phantom.io.files import replacing
 from virtual_phantom.statistics import measured, repeats, wilcoxon
 
-# Repeats that studies have are drawn of the acquisitions without re-positioning; of all of them, those of the default.
+# Numbers of repeats: for acquisitions without re-positioning, and for all.
 DRAWN = {"fixed": range(2, 20), "all": (10,)}
 
 
@@ -55,7 +55,7 @@ def draw_scores(study: pd.DataFrame, drawn: dict = DRAWN) -> pd.DataFrame:
 
 
 def write(table: pd.DataFrame, name: str) -> None:
-    """Eight significant digits: far below the spread over scans, and half the size."""
+    """Write a table with eight significant digits, far below the spread over scans."""
     with replacing(RESOURCES / name) as temporary:
         table.to_csv(temporary, index=False, lineterminator="\n", float_format="%.8g")
 
@@ -67,10 +67,7 @@ def add_arguments(parser):
 
 def run(options):
     study = measured.load_full_table(options.study_table)
-    write(
-        summarise(convert_to_hu(study), ["group", "roi"], measured.STUDY_FEATURES),
-        "ct_phantom4radiomics_groups.csv",
-    )
+    write(summarise(convert_to_hu(study), ["group", "roi"], measured.STUDY_FEATURES), "ct_phantom4radiomics_groups.csv")
     scores = wilcoxon.scores(study, measured.STUDY_FEATURES, source=str(options.study_table))
     write(scores[["feature", "stability_percent", "discrimination_percent"]], "ct_phantom4radiomics_scores.csv")
     write(draw_scores(study), "ct_phantom4radiomics_draws.csv")

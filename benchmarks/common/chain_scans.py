@@ -23,17 +23,17 @@ from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipso
 
 PHOTONS, REPEATS = 1e5, 4
 WEAKEST, STRONGEST = 5.0, 50.0
-STATED = 0.05  # of a parameter: standard deviation by which a declared one is known
-FAINTEST, LEAST_SHARE = 1e-3, 1e-5  # standard deviations, and of a range: as good as nothing
+STATED = 0.05  # relative SD of a declared parameter
+FAINTEST, LEAST_SHARE = 1e-3, 1e-5  # lower limits of the signal-to-noise ratio and of the share of a range
 EDGE_MM = 2.0
-INSERTS = {"bone": ((50, 10, 5), 20.0), "adipose": ((-40, -20, -5), 18.0)}  # balls: place and radius, mm
+INSERTS = {"bone": ((50, 10, 5), 20.0), "adipose": ((-40, -20, -5), 18.0)}  # center and radius, mm
 ROD = ((-10, 45, 0), 12.0)
 GEOMETRY = circular_scan(90, 64, 8, 8.0, view_interval_ms=10.0)
 
 
 def scene(edge_mm=EDGE_MM, threads=1):
-    """An elliptic body with bone, fat and a dense insert, off the axis; edges blurred by a Gaussian."""
-    grid = Grid((48, 192, 192), (1.5, 1.5, 1.5))  # a third of a pixel at the isocentre, as for the proof
+    """Elliptic body with off-axis bone, fat and dense inserts; edges blurred by a Gaussian."""
+    grid = Grid((48, 192, 192), (1.5, 1.5, 1.5))  # a third of a pixel at the isocenter
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
     hu = np.where((x / 110) ** 2 + (y / 80) ** 2 < 1, 20.0, -1000.0)
     hu = np.where((x - 50) ** 2 + (y - 10) ** 2 + (z - 5) ** 2 < 20**2, 800.0, hu)
@@ -44,14 +44,13 @@ def scene(edge_mm=EDGE_MM, threads=1):
 
 
 def body(**changes):
-    """The same body of shapes: muscle, bone, fat and a rod of PMMA; with inserts changed, {name: shape or None}."""
+    """Body of shapes with muscle, bone, fat and a PMMA rod; `changes` replaces inserts (None removes one)."""
     inserts = {name: ellipsoid(name, at, [radius] * 3) for name, (at, radius) in INSERTS.items()} | changes
     muscle = ellipsoid("soft_tissue", (0, 0, 0), (110, 80, 1000))
     return [muscle, *(one for one in inserts.values() if one is not None), cylinder("pmma", *ROD)]
 
 
 def shapes_scene():
-    """The body of shapes as a scene."""
     return ShapesScene(body())
 
 
@@ -64,8 +63,7 @@ def scans(chain, physics, random, pose=IN_PLACE):
 
 
 def strengths(name, wanted, random, given):
-    """Parameters of an effect so that what it changes stands `wanted` standard deviations out of the noise, beyond what
-    the alignment takes up; or as far as its plausible range reaches."""
+    """Parameters of an effect with a signal-to-noise ratio of `wanted`, or the largest that its range allows."""
     effect = load(name)
     every = given.fitter.model.parameters(name)
     typical = given.fitter.model.chain.fixed_parameters(name) | {
@@ -86,7 +84,7 @@ def strengths(name, wanted, random, given):
         most = which.high if strength(which) > which.neutral else which.low
 
         def beyond(logarithm, rest=rest, which=which, most=most):
-            """How far that share of the range stands out over what is wanted, as logarithms: nearly a straight line."""
+            """Logarithm of the ratio of actual and wanted signal-to-noise ratio; nearly linear."""
             value = which.neutral + np.exp(logarithm) * (most - which.neutral)
             stands = stands_out(given, {name: rest | {which.name: value}})
             return np.log(max(stands, FAINTEST) / wanted)
@@ -99,7 +97,7 @@ def strengths(name, wanted, random, given):
 
 
 def stated(physics, model, random=None):
-    """What somebody states of physics who knows every parameter to STATED of its value; without `random` just that."""
+    """Declared physics with a relative SD of STATED; without `random`, the values are exact."""
     found = {}
     for name, values in physics.items():
         low_high = {one.name: (one.low, one.high) for one in model.parameters(name)}
@@ -113,8 +111,7 @@ def stated(physics, model, random=None):
 
 
 def stands_out(given, physics):
-    """How far physics stands out of the noise, in standard deviations: by a fit of the alignment to what the physics
-    gives without noise. Changes need not be linear, and what an object's size takes up of a distance's is not."""
+    """Signal-to-noise ratio of physics beyond the alignment, from a fit of the alignment to noise-free data."""
     fitter = given.fitter
     place = {one.name: one.expected for one in fitter.model.aligned}
     data, beside = fitter.data, stated_physics(fitter.model.declared)
@@ -122,11 +119,7 @@ def stands_out(given, physics):
     there = fitter.model.predict(beside | physics, place, data, there)
     clean = copy.copy(fitter)
     clean.data = replace(
-        data,
-        mean=there.mean,
-        variance=np.exp(there.log_variance),
-        correlation=there.correlation,
-        white=there.white,
+        data, mean=there.mean, variance=np.exp(there.log_variance), correlation=there.correlation, white=there.white
     )
     return float(np.sqrt(sum(clean.fit(()).parts)))
 

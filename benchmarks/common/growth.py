@@ -1,4 +1,4 @@
-"""What costs grow with: the exponent of processor time against voxels, views, realisations, ROIs and recordings."""
+"""Exponents of CPU time as a function of voxels, views, realizations, ROIs and recordings."""
 
 import json
 import os
@@ -23,7 +23,7 @@ RECORDINGS = (4, 16, 64)
 
 
 def measured(repeats):
-    """Rows of what, its size, seconds, and the exponent that fits all sizes of it."""
+    """Rows with quantity, size, seconds and the fitted exponent."""
     rows = []
     for of, sizes, action in (
         ("voxels", [edge**3 * 3 // 8 for edge in EDGES], [pair(edge=edge) for edge in EDGES]),
@@ -57,7 +57,7 @@ def pair(edge=128, views=engines.VIEWS, lanes=16):
 
 
 def features(count):
-    """The 86 features of so many balls of 8 mm radius."""
+    """Action that extracts the 86 features of `count` balls."""
     grid = engines.GRID
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
     noise = np.random.default_rng(np.random.SeedSequence(2)).normal(50, 20, grid.shape).astype(np.float32)
@@ -70,7 +70,7 @@ def features(count):
 
 
 def planned(count):
-    """Seconds of processor time of a dry run with so many recordings."""
+    """CPU time in seconds of a dry run with `count` recordings."""
     with tempfile.TemporaryDirectory() as folder:
         recordings = {}
         for number in range(count):

@@ -23,9 +23,9 @@ SCAN = {"columns": 64, "rows": 4, "views": 36, "photons": 1e5, "rotation_time_ms
 
 
 def add_draws(parser, strengths, none, pairs, unknown):
-    """Add options of what is drawn of the proof's cases, with these defaults."""
+    """Add the options that select cases of the blind validation."""
     effects = ["scatter", "spectrum", "focal_spot", "afterglow", "dark_signal"]
-    parser.add_argument("--effects", nargs="*", default=effects, help="effects of the library, each concealed alone")
+    parser.add_argument("--effects", nargs="*", default=effects, help="effects of the library, each hidden alone")
     parser.add_argument("--strengths", nargs="*", default=strengths)
     parser.add_argument("--none", type=int, default=none)
     parser.add_argument("--pairs", type=int, default=pairs, help="scans with two effects of the library")
@@ -33,7 +33,7 @@ def add_draws(parser, strengths, none, pairs, unknown):
 
 
 def left_to_do(options, rows):
-    """{case: truth} of what options of add_draws and a seed draw, without those that rows have."""
+    """{case: truth} that the options of add_draws and a seed select, without finished cases."""
     drawn = {name: getattr(options, name) for name in ("seed", "effects", "strengths", "none", "pairs", "unknown")}
     drawn["unknown_kinds"] = vars(options).get("kinds")
     done = {row["truth"]["case"] for row in rows}
@@ -41,7 +41,7 @@ def left_to_do(options, rows):
 
 
 def recorded(folder, truth, config, seed, baseline=None):
-    """A case's recording in a folder, with its object; what a diagnosis asks of it, with what is declared."""
+    """Write the recording and the object of a case; returns what a diagnosis request needs."""
     one, mu = OBJECTS[truth["phantom"]], config["mu_water_per_mm"]
     stream = branch(config["seed"], Branch.PROOF_PHANTOM)
     phantom = build(one, resource(one.layout), SCAN["columns"], SCAN["rows"], stream)
@@ -61,7 +61,7 @@ def recorded(folder, truth, config, seed, baseline=None):
 
 
 def asked_of_proof(drawn):
-    """What is drawn, as `proof` of the configuration has it: small projections alone, without pairs unless asked."""
+    """Settings of the section `proof` for small projections, with no pairs by default."""
     settings = {
         "pairs": 0,
         "unknown_kinds": None,
@@ -75,11 +75,11 @@ def asked_of_proof(drawn):
 
 
 ORDER, TRUTH = range(2)  # branches of the seed
-LEFT_OUT = ("view_blur",)  # of what is declared: each view would be traced several times in every fit
+LEFT_OUT = ("view_blur",)  # not declared: it multiplies the rays of each fit
 
 
 def statable() -> list[str]:
-    """Effects of which the simulator knows every parameter that the library has."""
+    """Effects whose parameters all exist in the simulator."""
     found = []
     for name in KNOWN:
         effect = load(name)
@@ -90,7 +90,6 @@ def statable() -> list[str]:
 
 
 def of_catalogue(name: str, strength: str, random) -> dict:
-    """An effect of that strength, as a case's truth has it."""
     settings, comparable = CATALOGUE[name].draw(strength, random)
     return {"name": str(name), "strength": strength, "settings": settings, "comparable": comparable}
 
