@@ -20,19 +20,19 @@ FOLDER = Path(__file__).parent
 
 
 def scenarios():
-    """{name: syntax tree} of all scenarios, without importing them."""
-    paths = sorted(path for path in FOLDER.glob("*.py") if not path.name.startswith("_"))
-    return {path.stem: ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+    """{name: path} of all scenarios."""
+    return {path.stem: path for path in sorted(FOLDER.glob("*.py")) if not path.name.startswith("_")}
 
 
-def summary(tree):
-    """First line of a scenario's docstring."""
-    return ast.get_docstring(tree).splitlines()[0]
+def syntax_tree(path):
+    """Syntax tree of a scenario, which is read without importing NumPy."""
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def limit_threads(tree):
+def limit_threads(path):
     """Limit this process to one thread if a scenario requests it; NumPy must not be imported yet."""
-    if any(isinstance(node, ast.Assign) and ast.unparse(node) == "ONE_THREAD = True" for node in tree.body):
+    assigned = (node for node in syntax_tree(path).body if isinstance(node, ast.Assign))
+    if any(ast.unparse(node) == "ONE_THREAD = True" for node in assigned):
         os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
 
 
@@ -53,8 +53,8 @@ def main(arguments=None):
     known = scenarios()
     if arguments in ([], ["list"]):
         width = max(map(len, known))
-        for name, tree in known.items():
-            print(f"{name:{width}}  {summary(tree)}")
+        for name, path in known.items():
+            print(f"{name:{width}}  {ast.get_docstring(syntax_tree(path)).splitlines()[0]}")
         return 0
     if len(arguments) < 2 or arguments[0] != "run" or arguments[1].replace("-", "_") not in known:
         sys.exit("usage: python -m benchmarks [list | run NAME [options]]; `list` prints the names")

@@ -6,9 +6,7 @@ range allows.
 """
 
 import contextlib
-import os
 import time
-from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
@@ -82,23 +80,18 @@ def alike(every, some):
 
 
 def add_arguments(parser):
-    parser.add_argument("--draws", type=int, default=40)
-    parser.add_argument("--first", type=int, default=0)
+    common.add_realizations(parser, 40, out="chosen_views.csv")
     parser.add_argument("--step", type=int, default=9, help="one view of so many; odd")
-    parser.add_argument("--processes", type=int, default=os.cpu_count())
-    parser.add_argument("--out", default="chosen_views.csv")
 
 
 def run(options):
     tasks = [(draw, options.step) for draw in range(options.first, options.first + options.draws)]
     same, times = [], {1: [], options.step: []}
-    with ProcessPoolExecutor(options.processes) as pool, common.csv_writer(options.out, FIELDS) as write:
-        for rows in pool.map(one, tasks):
-            write(*rows)
-            same.append(alike(*rows))
-            for row in rows:
-                times[row["step"]].append(row["seconds"])
-            said = [f"{row['chosen']} [{row['equals']}] {row['verdict']}" for row in rows]
-            print(rows[0]["draw"], rows[0]["truth"], rows[0]["stands"], said, "" if same[-1] else "DIFFER", flush=True)
+    for rows in common.parallel_rows(one, tasks, options, FIELDS):
+        same.append(alike(*rows))
+        for row in rows:
+            times[row["step"]].append(row["seconds"])
+        said = [f"{row['chosen']} [{row['equals']}] {row['verdict']}" for row in rows]
+        print(rows[0]["draw"], rows[0]["truth"], rows[0]["stands"], said, "" if same[-1] else "DIFFER", flush=True)
     medians = ", ".join(f"{np.median(seconds):.1f} s with one view of {step}" for step, seconds in times.items())
     print(f"{sum(same)} of {len(same)} verdicts are the same; median {medians}")

@@ -23,16 +23,7 @@ from virtual_phantom.io.dicom_export import write
 from virtual_phantom.proof.conceal.catalogue import CATALOGUE
 from virtual_phantom.proof.conceal.xcist import TARGET_ANGLE_DEG, Scan, Surface, Surfaces, simulate
 
-DETECTOR = {
-    "source_to_isocentre_mm": 541.0,
-    "source_to_detector_mm": 949.075,
-    "columns": 888,
-    "rows": 16,
-    "column_pitch_mm": 1.0239,
-    "row_pitch_mm": 1.0988,
-    "surface": "cylindrical",
-    "column_offset_px": -1.25,
-}
+DETECTOR = common.LIGHTSPEED | {"rows": 16, "surface": "cylindrical"}
 VIEWS, ROTATION_MS, PHOTONS = 246, 1000.0, 3e5  # per turn, a quarter of the scanner's 984
 SENSOR = "yttrium_gadolinium_oxide"  # the simulator's Lumex
 LEAST_READING = 1e-6  # of the air scan
@@ -105,22 +96,12 @@ def state_tube(path: Path) -> None:
 
 def write_object(path: Path) -> None:
     """Write the body as shapes; a long ellipsoid replaces the elliptic cylinder."""
-    shapes = [
-        {
-            "kind": "ellipsoid",
-            "material": MATERIALS[one.material],
-            "centre_mm": list(one.centre_mm),
-            "semi_axes_mm": list(one.half_axes_mm),
-        }
-        if one.kind == "ellipsoid" or one.half_axes_mm[0] != one.half_axes_mm[1]
-        else {
-            "kind": "cylinder",
-            "material": MATERIALS[one.material],
-            "centre_mm": list(one.centre_mm),
-            "diameter_mm": 2 * one.half_axes_mm[0],
-        }
-        for one in BODY
-    ]
+    shapes = []
+    for one in BODY:
+        ellipsoid = one.kind == "ellipsoid" or one.half_axes_mm[0] != one.half_axes_mm[1]
+        size = {"semi_axes_mm": list(one.half_axes_mm)} if ellipsoid else {"diameter_mm": 2 * one.half_axes_mm[0]}
+        shape = {"kind": "ellipsoid" if ellipsoid else "cylinder", "material": MATERIALS[one.material]}
+        shapes.append(shape | {"centre_mm": list(one.centre_mm)} | size)
     content = {"description": "A body with inserts.", "sources": ["made up"], "shapes": shapes}
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 

@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 from scipy import ndimage
 
+from benchmarks import common
 from benchmarks.common import chain_scans
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
@@ -24,20 +25,8 @@ from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV, VoxelScene
 from virtual_phantom.recordings.scan import scan_geometry
 
 PHOTONS = 1e5
-SCAN = {
-    "trajectory": "circular",
-    "start_angle_deg": 0,
-    "direction": 1,
-    "rotation_time_ms": 500.0,
-    "source_to_isocentre_mm": 541.0,
-    "source_to_detector_mm": 949.075,
-    "columns": 888,
-    "rows": 64,
-    "column_pitch_mm": 1.0239,
-    "row_pitch_mm": 1.0988,
-    "column_offset_px": -1.25,
-    "detector": "cylindrical",
-}
+SCAN = common.LIGHTSPEED | {"rows": 64, "trajectory": "circular", "detector": "cylindrical"}
+SCAN |= {"start_angle_deg": 0, "direction": 1, "rotation_time_ms": 500.0}
 VIEWS = 984
 GRID = Grid((64, 512, 512), (1.0, 0.75, 0.75))
 EDGE_MM = 1.0
@@ -56,10 +45,7 @@ def shares():
 def views(geometry, first, last):
     some = slice(first, last)
     return replace(
-        geometry,
-        angles_rad=geometry.angles_rad[some],
-        source_z_mm=geometry.source_z_mm[some],
-        view_times=geometry.view_times[some],
+        geometry, **{key: getattr(geometry, key)[some] for key in ("angles_rad", "source_z_mm", "view_times")}
     )
 
 
@@ -111,11 +97,8 @@ def run(options):
         file["exchange/data_dark"] = np.zeros((1, *shape[1:]))
     content = {"name": "clinical", "kind": "projections", "repeats": ["scan.h5"], "scan": scan}
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
-    asked = {
-        "object": {"mask": "water.nii.gz", "material": "water"},
-        "samples": options.samples,
-        "nominal_photons": PHOTONS,
-    }
+    asked = {"object": {"mask": "water.nii.gz", "material": "water"}, "samples": options.samples}
+    asked["nominal_photons"] = PHOTONS
     overlay = {"recordings": {"clinical": "recordings/clinical"}, "diagnosis": {"recordings": {"clinical": asked}}}
     (options.folder / "my.yaml").write_text(yaml.safe_dump(overlay))
     print(f"{options.folder}: {np.prod(shape) / 1e6:.1f} million rays, hidden: {physics or 'nothing'}")

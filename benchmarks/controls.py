@@ -168,25 +168,24 @@ def against_itself(path: Path) -> dict[str, float]:
 
 
 def markdown(rows: pd.DataFrame) -> str:
-    def number(value, digits):
-        return "" if pd.isna(value) else f"{value:.{digits}f}"
-
-    lines = [
-        "| study | stable % | told apart % | area, stability | area, discrimination | lengths above | of ten shared | "
-        "order of ROIs | alike % | distance |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    both = [f"{kind}_{{}}" for kind in ranking.KINDS]
+    columns = {  # title: columns of the table, and digits
+        "stable %": (["stability_percent"], 1),
+        "discriminative %": (["discrimination_percent"], 1),
+        "area, stability": (["stability_area"], 3),
+        "area, discrimination": (["discrimination_area"], 3),
+        "lengths above": ([name.format("above") for name in both], 0),
+        "of ten shared": ([name.format("ten") for name in both], 1),
+        "order of ROIs": (["order"], 2),
+        "alike %": (["alike_percent"], 0),
+        "distance": (["distance"], 2),
+    }
+    lines = [f"| study | {' | '.join(columns)} |", "|---" * (1 + len(columns)) + "|"]
     for name, row in rows.iterrows():
-        cells = [
-            number(row["stability_percent"], 1),
-            number(row["discrimination_percent"], 1),
-            *(f"{number(row[f'{kind}_area'], 3)}" for kind in ranking.KINDS),
-            ", ".join(number(row[f"{kind}_above"], 0) for kind in ranking.KINDS).strip(", "),
-            ", ".join(number(row[f"{kind}_ten"], 1) for kind in ranking.KINDS).strip(", "),
-            number(row["order"], 2),
-            number(row["alike_percent"], 0),
-            number(row["distance"], 2),
-        ]
+        cells = (
+            ", ".join("" if pd.isna(row[key]) else f"{row[key]:.{digits}f}" for key in keys).strip(", ")
+            for keys, digits in columns.values()
+        )
         lines.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join(lines)
 

@@ -12,9 +12,10 @@ import numpy as np
 from scipy import ndimage, stats
 
 from benchmarks import common
+from benchmarks.common import chain_scans
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.diagnosis.fitting.trial import trial
-from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.residuals.residual_tests import aligned
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.beam.materials import Segmentation
@@ -69,20 +70,14 @@ def scene():
     return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193)
 
 
-def scans(chain, physics, random, repeats=REPEATS):
-    state = chain.state(physics)
-    air = state.measured_air
-    drawn = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(repeats)]
-    white = air.mean(axis=0) * state.photons
-    return observed.Scans(np.stack(drawn).astype(np.float32), white, np.ones(drawn[0].shape, bool))
-
-
 def one(chain, model, name, physics, draw, repeats=REPEATS):
     """One row per location of the residual maps."""
     key = (list(SETTINGS | FURTHER).index(name), draw)
     random = np.random.default_rng(np.random.SeedSequence(23, spawn_key=key))
     began = time.perf_counter()
-    given = prepared.prepare(scans(chain, physics, random, repeats), None, model, nominal_photons=PHOTONS)
+    given = prepared.prepare(
+        chain_scans.scans(chain, physics, random, repeats=repeats), None, model, nominal_photons=PHOTONS
+    )
     fit = trial(given.fitter, tuple(physics), trial(given.fitter, ())).fit
     correlated = given.with_noise_of(fit)
     if correlated is not given:
@@ -127,8 +122,7 @@ def summary(rows):
 
 
 def add_arguments(parser):
-    parser.add_argument("--draws", type=int, default=40)
-    parser.add_argument("--first", type=int, default=1000, help="number of the first draw; under 1000 were tuned on")
+    common.add_realizations(parser, 40, 1000)
     parser.add_argument("--settings", nargs="+", choices=[*SETTINGS, *FURTHER], default=list(SETTINGS))
     parser.add_argument("--repeats", type=int, default=REPEATS)
     parser.add_argument("--out", default="correlated_noise.csv")

@@ -4,13 +4,12 @@ Kinds: `single` (one effect), `none`, `pair` (two effects) and `missing` (one ef
 signal-to-noise ratio of an effect, beyond what the alignment absorbs, is 5 to 50 (log-uniform). The scan has twice as
 many rays per pixel and direction as the model. Edges are blurred so that the numerical errors of the model stay small.
 In the table, `left` is the part of the hidden effects that the diagnosis does not explain, without noise, in standard
-deviations of the held-out data; `seen` are the domains in which it is significant; `worst` is the first unexplained
+deviations of the held-out data. `seen` are the domains in which it is significant. `worst` is the first unexplained
 domain.
 """
 
-import os
 import time
-from concurrent.futures import ProcessPoolExecutor
+from collections import Counter
 from itertools import pairwise
 
 import numpy as np
@@ -150,18 +149,16 @@ def summary(rows):
         told = [row for row in draws if row["left"] >= WEAKEST]
         right = [row for row in told if row["verdict"] in LEFT_OPEN and row["worst"] in row["seen"].split(";")]
         open_ = [row for row in told if row["verdict"] in LEFT_OPEN]
-        print(f"{n - len(told)} stood in for within the noise")
-        print(f"of the other {len(told)}: {len(open_)} not or partly explained, {len(right)} at the right place")
+        print(f"{n - len(told)} explained by alternatives within the noise")
+        print(f"of the other {len(told)}: {len(open_)} not or partly explained, {len(right)} in the right domain")
         for low, high in pairwise(LEFT_BINS):
             within = [row for row in told if low <= row["left"] < high]
             found = sum(row in right for row in within)
-            print(f"  left {low:g} to {high:g}: {found} of {len(within)} at the right place")
-    verdicts = {}
-    for row in draws:
-        verdicts[row["verdict"]] = verdicts.get(row["verdict"], 0) + 1
+            print(f"  left {low:g} to {high:g}: {found} of {len(within)} in the right domain")
+    verdicts = dict(Counter(row["verdict"] for row in draws))
     removed = [row["excess_removed"] or 0.0 for row in draws if row["kind"] != "none"]
     covered = [row["low"] <= row["value"] <= row["high"] for row in rows if row.get("parameter")]
-    print(f"{n} draws: named first {named / n:.1%}, first or its stand-ins {group / n:.1%}, exact set {exact / n:.1%}")
+    print(f"{n} draws: named first {named / n:.1%}, first or alike {group / n:.1%}, exact set {exact / n:.1%}")
     print("verdicts", verdicts)
     if removed:
         print(f"held-out excess removed: median {np.median(removed):.1%}")
@@ -172,8 +169,7 @@ def summary(rows):
 
 def add_arguments(parser):
     parser.add_argument("--kind", choices=("single", "none", "pair", "missing"), default="single")
-    parser.add_argument("--draws", type=int, default=100)
-    parser.add_argument("--first", type=int, default=0)
+    common.add_realizations(parser, 100, out="draws.csv")
     parser.add_argument(
         "--accuracy", type=float, help="diagnosis.model_accuracy of all effects; finite steps are exact then"
     )
@@ -185,8 +181,6 @@ def add_arguments(parser):
         "--finer", type=int, default=2, help="times as many rays per pixel and direction in the scan as in the model"
     )
     parser.add_argument("--shapes", action="store_true", help="the object as shapes; its edges are sharp")
-    parser.add_argument("--processes", type=int, default=os.cpu_count())
-    parser.add_argument("--out", default="draws.csv")
 
 
 def run(options):
@@ -195,9 +189,7 @@ def run(options):
     settings = options.only, accuracy, options.samples, options.edge_mm, options.declared, options.finer, options.shapes
     tasks = [(options.kind, draw, *settings) for draw in draws]
     rows = []
-    with ProcessPoolExecutor(options.processes) as pool, common.csv_writer(options.out, FIELDS) as write:
-        for found in pool.map(one, tasks):
-            write(*found)
-            rows += found
-            print({key: found[0][key] for key in FIELDS[:8]}, flush=True)
+    for found in common.parallel_rows(one, tasks, options, FIELDS):
+        rows += found
+        print({key: found[0][key] for key in FIELDS[:8]}, flush=True)
     summary(rows)

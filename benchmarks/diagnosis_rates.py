@@ -21,7 +21,7 @@ import yaml
 from benchmarks import THREAD_VARIABLES, common
 from benchmarks.fit_rates import RATES, write
 from virtual_phantom.api.simulated import draw_phantom
-from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.streams import Branch
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.comparison.regions import ScannedVolume
@@ -119,17 +119,8 @@ def every_effect():
 
 
 def geometry_of(case):
-    pitch = HIGH_MM / max(case.rows, 8)
-    return circular(
-        views=case.views,
-        source_to_isocentre_mm=570.0,
-        source_to_detector_mm=1040.0,
-        columns=case.columns,
-        rows=case.rows,
-        column_pitch_mm=WIDE_MM / case.columns,
-        row_pitch_mm=pitch,
-        view_interval_ms=900 / case.views,
-    )
+    pitches = WIDE_MM / case.columns, HIGH_MM / max(case.rows, 8)
+    return common.circular_scan(case.views, case.columns, case.rows, *pitches, view_interval_ms=900 / case.views)
 
 
 def written(case, folder):

@@ -10,10 +10,8 @@ import time
 import numpy as np
 
 from benchmarks import common
-from benchmarks.common.chain_scans import PHOTONS, scaled, scans, scene
+from benchmarks.common.chain_scans import PHOTONS, prepared_with_floor, scaled, scans, scene
 from virtual_phantom.diagnosis.fitting.trial import trial
-from virtual_phantom.diagnosis.projections import prepared
-from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.chain import Chain
@@ -39,8 +37,7 @@ def run(options):
         marks[name] = time.perf_counter() - began - sum(marks.values())
         print(f"{name:12s} {marks[name]:7.1f} s", flush=True)
 
-    model, floor = model_and_floor(scene(), GEOMETRY, options.samples, photons=PHOTONS)
-    given = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
+    given = prepared_with_floor(taken, scene(), GEOMETRY, options.samples)
     mark("preparation")
     baseline = trial(given.fitter, ())
     mark("alignment")

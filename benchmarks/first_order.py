@@ -10,10 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import common
-from benchmarks.common.chain_scans import GEOMETRY, PHOTONS, scans, scene, strengths
+from benchmarks.common.chain_scans import GEOMETRY, PHOTONS, prepared_with_floor, scans, scene, strengths
 from virtual_phantom.diagnosis.fitting.trial import trial
-from virtual_phantom.diagnosis.projections import prepared
-from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.selection.forward_selection import AS_GOOD, LEAST_GAIN
 from virtual_phantom.diagnosis.selection.screening import Screened, could_win, screened
 from virtual_phantom.physics.chain import Chain
@@ -26,9 +24,7 @@ SAMPLES = 2
 def drawn(name, wanted, random, given, exact):
     """{candidate: (first-order gain, blind, gain of a full fit, p)} for one missing effect."""
     physics = {name: exact.fixed_parameters(name) | strengths(name, wanted, random, given)}
-    model, floor = model_and_floor(scene(), GEOMETRY, SAMPLES, photons=PHOTONS)
-    taken = scans(exact, physics, random)
-    ready = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
+    ready = prepared_with_floor(scans(exact, physics, random), scene(), GEOMETRY, SAMPLES)
     baseline = trial(ready.fitter, ())
     library = [one for one in names() if not acts_on_images(one)]
     found = screened(ready.fitter, baseline.fit, library)
@@ -63,10 +59,9 @@ def run(options):
     rows = common.read_jsonl(options.out)
     there = {(row["effect"], row["wanted"]) for row in rows}
     exact = Chain(scene(), GEOMETRY, PHOTONS, samples=2 * SAMPLES)
-    model, floor = model_and_floor(scene(), GEOMETRY, SAMPLES, photons=PHOTONS)
     root = np.random.SeedSequence(options.seed)
     nothing = scans(exact, {}, np.random.default_rng(root))
-    given = prepared.prepare(nothing, None, model, floor_chain=floor, nominal_photons=PHOTONS)
+    given = prepared_with_floor(nothing, scene(), GEOMETRY, SAMPLES)
     tasks = [(wanted, name) for wanted in options.wanted for name in names() if not acts_on_images(name)]
     for place, (wanted, name) in enumerate(tasks):
         if (name, wanted) in there:

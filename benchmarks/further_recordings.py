@@ -141,8 +141,7 @@ def counted(rows):
 
 def add_arguments(parser):
     parser.add_argument("--groups", nargs="*", default=list(GROUPS))
-    parser.add_argument("--draws", type=int, default=10, help="of every group")
-    parser.add_argument("--first", type=int, default=100)
+    common.add_realizations(parser, 10, 100)
     parser.add_argument("--out", type=Path, required=True, help="a table; draws that it has are not done again")
 
 

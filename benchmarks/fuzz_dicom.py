@@ -27,12 +27,8 @@ from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom.ct import read_hu
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
 
-REFUSED, SAME, NOTED, CHANGED_WITH_NOTE = (
-    "refused",
-    "read the same",
-    "read the same, with a note",
-    "changed, with a note",
-)
+REFUSED, SAME, NOTED = "refused", "read the same", "read the same, with a note"
+CHANGED_WITH_NOTE = "changed, with a note"
 CHANGED, CRASHED = "CHANGED IN SILENCE", "CRASHED"
 FAULTS = (CHANGED, CRASHED)
 LARGEST_HU = 1.0
@@ -45,20 +41,8 @@ NumberOfFrames GantryDetectorTilt KVP ConvolutionKernel Manufacturer Manufacture
 CTDIvol PatientPosition LossyImageCompression SpecificCharacterSet PixelData""".split()
 KINDS = ("missing", "empty", "wrong type", "inconsistent")
 ODD_TEXTS = (
-    "0",
-    "-1",
-    "1e400",
-    "nan",
-    "a",
-    "x" * 70,
-    "1\\2",
-    "1\\2\\3",
-    "\x00",
-    "4,0",
-    " ",
-    "1e-30",
-    "65535",
-    "\xff\xfe",
+    *("0", "-1", "1e400", "nan", "a", "x" * 70, "1\\2", "1\\2\\3", "\x00", "4,0"),
+    *(" ", "1e-30", "65535", "\xff\xfe"),
 )
 OTHER_VALUES = {
     "SOPClassUID": ["1.2.840.10008.5.1.4.1.1.4", "1.2.840.10008.5.1.4.1.1.2.1", "1.2.840.10008.5.1.4.1.1.7", "1.2.3"],
@@ -118,13 +102,7 @@ def differs(volume: Volume, other: Volume) -> str:
 
 
 def run_dicom(runs: int, seed: int, scratch: Path) -> Iterator[tuple[str, Result]]:
-    """Damage a DICOM series and read it by both readers.
-
-    Yields
-    ------
-    str, Result
-        The reader's name and what happened.
-    """
+    """Yield the reader and the outcome for damaged DICOM series."""
     random = np.random.default_rng(seed)
     slices = series()
     whole = scratch / "whole"
@@ -166,17 +144,11 @@ def series() -> list[pydicom.Dataset]:
         one.file_meta = pydicom.dataset.FileMetaDataset()
         one.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
         one.SOPClassUID, one.SOPInstanceUID = CTImageStorage, f"1.2.3.{k + 1}"
-        one.file_meta.MediaStorageSOPClassUID, one.file_meta.MediaStorageSOPInstanceUID = (
-            CTImageStorage,
-            f"1.2.3.{k + 1}",
-        )
+        one.file_meta.MediaStorageSOPClassUID = one.SOPClassUID
+        one.file_meta.MediaStorageSOPInstanceUID = one.SOPInstanceUID
         one.StudyInstanceUID, one.SeriesInstanceUID, one.FrameOfReferenceUID = "1.2.4", "1.2.5", "1.2.6"
-        one.Modality, one.ImageType, one.PatientName, one.PatientPosition = (
-            "CT",
-            ["ORIGINAL", "PRIMARY", "AXIAL"],
-            "A^B",
-            "HFS",
-        )
+        one.Modality, one.ImageType = "CT", ["ORIGINAL", "PRIMARY", "AXIAL"]
+        one.PatientName, one.PatientPosition = "A^B", "HFS"
         one.SeriesNumber, one.AcquisitionNumber, one.InstanceNumber = 1, 1, k + 1
         one.ImagePositionPatient, one.ImageOrientationPatient = [-30, -20, 10 + 3 * k], [1, 0, 0, 0, 1, 0]
         one.PixelSpacing, one.SliceThickness, one.SliceLocation, one.SpacingBetweenSlices = [4, 4], 3, 10 + 3 * k, 3

@@ -18,6 +18,7 @@ import tempfile
 import traceback
 import warnings
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 import nibabel
@@ -51,16 +52,10 @@ def object_hu():
 
 
 def outcome(read, same, independent=None):
-    """What came of one file, and the text to print for a fault.
+    """Outcome of one file, and the text to print for a fault.
 
-    Parameters
-    ----------
-    read : callable
-        Returns the result.
-    same : callable
-        Whether a result is that of the unmodified file.
-    independent : callable, optional
-        Whether another reader takes the file for what the result is.
+    `read` returns the result, `same` tells whether a result is that of the unmodified file, and `independent` whether
+    another reader gives the same result.
     """
     try:
         with collected_notes() as notes:
@@ -160,9 +155,7 @@ def by_simpleitk(path):
 
     def agrees(volume):
         try:
-            image = sitk.DICOMOrient(
-                sitk.ReadImage(str(path), sitk.sitkFloat64), "LPS"
-            )  # axes to the left, posterior and superior
+            image = sitk.DICOMOrient(sitk.ReadImage(str(path), sitk.sitkFloat64), "LPS")  # left, posterior, superior
         except RuntimeError:
             return False
         if image.GetDimension() != 3:
@@ -195,21 +188,8 @@ def same_masks(labels):
 # DICOM SEG and RTSTRUCT
 
 ODD_DICOM = (
-    "",
-    None,
-    "0",
-    "-1",
-    "1",
-    "2",
-    "3",
-    "1e400",
-    "nan",
-    "a",
-    "x" * 70,
-    "1\\2",
-    "1\\2\\3",
-    "0.5",
-    "1\\0\\0\\0\\1\\0",
+    *("", None, "0", "-1", "1", "2", "3", "1e400", "nan", "a", "x" * 70),
+    *("1\\2", "1\\2\\3", "0.5", "1\\0\\0\\0\\1\\0"),
 )
 ODD_BYTES = (b"\x00", b"\xff\xff", b"\x01\x00\x00", b"\x00" * 40)
 
@@ -262,15 +242,7 @@ SEG_KEYWORDS = tuple(
 
 
 def fuzz_dicom(write, keywords, runs, seed, folder):
-    """Attributes of a file of regions.
-
-    Parameters
-    ----------
-    write : callable
-        Writes the file; takes the labels, [z, y, x], and the path.
-    keywords : sequence of str
-        Attributes.
-    """
+    """Fuzz attributes of the file that write(labels, path) makes."""
     _, labels = object_hu()
     path = folder / "regions.dcm"
     write(labels, path)
@@ -371,17 +343,11 @@ def seg(labels, path):
     ).save_as(path)
 
 
-def fuzz_rtstruct(runs, seed, folder):
-    """Attributes of an RT Structure Set."""
-    return fuzz_dicom(rtstruct, RTSTRUCT_KEYWORDS, runs, seed, folder)
-
-
-def fuzz_seg(runs, seed, folder):
-    """Attributes of a DICOM Segmentation."""
-    return fuzz_dicom(seg, SEG_KEYWORDS, runs, seed, folder)
-
-
-FORMATS = {"nifti": fuzz_nifti, "rtstruct": fuzz_rtstruct, "seg": fuzz_seg}
+FORMATS = {
+    "nifti": fuzz_nifti,
+    "rtstruct": partial(fuzz_dicom, rtstruct, RTSTRUCT_KEYWORDS),
+    "seg": partial(fuzz_dicom, seg, SEG_KEYWORDS),
+}
 
 
 def add_arguments(parser):

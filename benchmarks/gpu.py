@@ -1,8 +1,8 @@
 """Compare the GPU engine with the CPU engine and with ASTRA's SIRT3D_CUDA at the paper's scale (minutes; needs CUDA).
 
-First run `pip install -r environment-gpu.txt`. Runs the GPU tests; then prints, for each number of projections of
-config/paper.yaml: the difference of the forward projections, the time of a Chebyshev SIRT image and of its projections,
-the time of plain SIRT iterations of ASTRA, the difference of the images relative to the noise, and the memory.
+First run `pip install -r environment-gpu.txt`. Runs the GPU tests and prints, for each number of projections of
+config/paper.yaml, the difference of the forward projections and the times of Chebyshev SIRT and of its projections. For
+plain SIRT iterations of ASTRA, it prints the time, the image difference relative to noise, and memory.
 """
 
 import resource

@@ -27,15 +27,11 @@ def measured(repeats):
 def of_this_process(repeats):
     rows = []
     for scan in (engines.geometry(), engines.helix()):
-        many, *others = [
-            engines.ours(16, scan),
-            engines.ours(1, scan),
-            engines.ours(16, scan, transpose=True),
-            engines.ours(1, scan, transpose=True),
+        contenders = [
+            engines.ours(lanes, scan, transpose=transpose) for transpose in (False, True) for lanes in (16, 1)
         ]
         if scan.feed_per_rotation_mm == 0:
-            others.append(engines.rtk(scan))
-        contenders = [many, *others]
+            contenders.append(engines.rtk(scan))
         ahead = common.medians([one.forward for one in contenders], repeats)
         behind = common.medians([one.back for one in contenders], repeats)
         found = [

@@ -12,8 +12,6 @@ import numpy as np
 from benchmarks import common
 from benchmarks.common import chain_scans, simulator_scans
 from virtual_phantom.diagnosis.fitting.trial import trial
-from virtual_phantom.diagnosis.projections import prepared
-from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.selection.forward_selection import LEAST_GAIN
 from virtual_phantom.diagnosis.verdict.unmodelled import changes
 from virtual_phantom.io.schema import defaults_of
@@ -30,12 +28,11 @@ def by_chain(edge_mm):
     scene = chain_scans.scene(edge_mm)
     geometry, photons = chain_scans.GEOMETRY, chain_scans.PHOTONS
     chain = Chain(scene, geometry, photons, samples=FINER * SAMPLES)
-    model, floor = model_and_floor(scene, geometry, SAMPLES, photons=photons)
 
     def make(draw):
         random = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(draw,)))
         taken = chain_scans.scans(chain, {}, random)
-        return prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=photons)
+        return chain_scans.prepared_with_floor(taken, scene, geometry, SAMPLES)
 
     return make
 

@@ -54,16 +54,21 @@ def of_own_scans(drawn, finer, seed):
     inside = np.any([roi.mask for roi in drawn.rois], axis=0)
     print(f"noise of one scan {np.sqrt(scans[:, inside].var(axis=0, ddof=1).mean()):.1f} HU", flush=True)
     mean = Volume(scans.mean(axis=0).astype(np.float32), drawn.image.grid)
-    (box,) = find_objects(inside.astype(np.uint8))
+    return mean, *blur_and_spectra(drawn, mean, noise, SD_OF_FWHM)
+
+
+def blur_and_spectra(drawn, mean, noise, sd_voxels):
+    """Blur of a mean image (z, y, x; along z in voxels), and its spectrum and noise spectrum."""
+    (box,) = find_objects(np.any([roi.mask for roi in drawn.rois], axis=0).astype(np.uint8))
     in_plane = SD_OF_HALF / edge_mtf_half(mean)
-    own = (SD_OF_FWHM * mean.grid.spacing[0], in_plane, in_plane)
-    return mean, own, measure_spectra(mean.array[box], noise[box], mean.grid.spacing)
+    own = (sd_voxels * mean.grid.spacing[0], in_plane, in_plane)
+    return own, measure_spectra(mean.array[box], noise[box], mean.grid.spacing)
 
 
 def run(options):
     repeats, scans, own_voxels, seed = options.repeats, options.scans, options.own_voxels, options.seed
     warnings.simplefilter("ignore")  # about small regions
-    drawn, truth, mean, own, measured = scanned(scans, own_voxels, seed) if scans else modelled()
+    drawn, truth, mean, own, measured = scanned(scans, own_voxels, seed) if scans else modeled()
     finer = scans if own_voxels else 1
     spacing, fine = mean.grid.spacing, drawn.image.grid.refined(options.oversampling).spacing
     aligned = np.allclose(spacing, fine)
@@ -93,21 +98,17 @@ def show(name, series, drawn, reference):
     print(f"{name:20}{100 * share:15.1f} %     {cells['shift_sd'].abs().median():.2f}", flush=True)
 
 
-def modelled():
+def modeled():
     """Drawn phantom, truth, and the mean image from a Gaussian blur and white noise."""
     fine, drawn, truth = drawn_finer(FINER)
     rng = np.random.default_rng(2022)
     noise = rng.normal(0, NOISE_HU / AVERAGED**0.5, (2, *fine.image.grid.shape))
     mean = Volume((gaussian_filter(fine.image.array, OWN_VOXELS) + noise[0]).astype(np.float32), fine.image.grid)
-    inside = np.any([roi.mask for roi in fine.rois], axis=0)
-    (box,) = find_objects(inside.astype(np.uint8))
-    in_plane = SD_OF_HALF / edge_mtf_half(mean)
-    own = (OWN_VOXELS * mean.grid.spacing[0], in_plane, in_plane)
-    return drawn, truth, mean, own, measure_spectra(mean.array[box], noise[1][box], mean.grid.spacing)
+    return drawn, truth, mean, *blur_and_spectra(fine, mean, noise[1], OWN_VOXELS)
 
 
 def scanned(finer, own_voxels, seed):
-    """As modelled, with a mean image of simulated scans, whose blur is measured."""
+    """As modeled, with a mean image of simulated scans, whose blur is measured."""
     fine, drawn, truth = drawn_finer(finer)
     mean, own, measured = of_own_scans(fine, finer, seed + 2)
     return (fine, fine, mean, own, measured) if own_voxels else (drawn, truth, mean, own, measured)

@@ -11,6 +11,8 @@ from benchmarks.common import simulator_scans
 from virtual_phantom.proof.conceal.case import Case
 from virtual_phantom.proof.score.remainders import summary
 
+KEPT = "recording verdict sentence effects ambiguous_with remainder_sd excess_removed outside unexplained".split()
+
 
 def add_arguments(parser):
     parser.add_argument("--seed", type=int, required=True)
@@ -26,10 +28,7 @@ def run(options):
     rows = common.read_jsonl(options.out)
     for case, truth in simulator_scans.left_to_do(options, rows).items():
         said, seconds = simulator_scans.diagnosed(truth, config, options.seed, options.left_out)
-        kept = (
-            "recording verdict sentence effects ambiguous_with remainder_sd excess_removed outside unexplained"
-        ).split()
-        rows.append({"truth": truth, "diagnosis": {key: said[key] for key in kept}, "seconds": seconds})
+        rows.append({"truth": truth, "diagnosis": {key: said[key] for key in KEPT}, "seconds": seconds})
         common.append_jsonl(options.out, rows[-1])
         concealed = ", ".join(f"{one['name']} ({one['strength']})" for one in truth["effects"]) or "nothing"
         print(f"{case} {concealed}: {said['sentence']} [{seconds:.0f} s]", flush=True)
@@ -37,10 +36,8 @@ def run(options):
     found = summary(cases)
     for name, one in found["by_kind"].items():
         print(f"{name}: reported as unexplained: {one['count']} of {one['n']}")
-    singles = [case for case in cases if case.category == "single"]
-    blank = [case for case in cases if case.category == "none"]
-    unknown = [case for case in cases if case.category == "unknown"]
-    pairs = [case for case in cases if case.category == "pair"]
+    categories = ("single", "none", "unknown", "pair")
+    singles, blank, unknown, pairs = ([case for case in cases if case.category == one] for one in categories)
     print(f"reported as unexplained: {sum(case.owned_up for case in unknown)} of {len(unknown)}; area {found['area']}")
     print(f"single effects ranked first: {sum(case.first_right for case in singles)} of {len(singles)}")
     both, alone = (sum(getattr(case, way) for case in pairs) for way in ("all_named", "exact"))

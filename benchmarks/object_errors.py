@@ -5,9 +5,7 @@ insert or a rod. In every fourth scan the object is correct and one effect is mi
 scans with three times as many rays per pixel and direction as the model. The column `ours` has the diagnosis.
 """
 
-import os
 import time
-from concurrent.futures import ProcessPoolExecutor
 from itertools import cycle, islice
 
 import numpy as np
@@ -15,8 +13,6 @@ import numpy as np
 from benchmarks import common
 from benchmarks.common import chain_scans
 from benchmarks.common.chain_scans import INSERTS, ROD, body
-from virtual_phantom.diagnosis.projections import prepared
-from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
@@ -65,10 +61,7 @@ def one(task):
     accuracy = defaults_of("diagnosis", "model_accuracy")
 
     def given(scans):
-        model, floor = model_and_floor(
-            chain_scans.shapes_scene(), chain_scans.GEOMETRY, SAMPLES, photons=chain_scans.PHOTONS
-        )
-        return prepared.prepare(scans, None, model, floor_chain=floor, nominal_photons=chain_scans.PHOTONS)
+        return chain_scans.prepared_with_floor(scans, chain_scans.shapes_scene(), chain_scans.GEOMETRY, SAMPLES)
 
     physics, at = {}, None
     if kind == "physics":
@@ -99,25 +92,20 @@ def one(task):
         mended = find_missing_physics("draw", given(scans), LIBRARY, accuracy, object_may_differ=True).content
         row |= {"mended_verdict": mended["verdict"]}
         row["mended_effects"] = "+".join(effect["name"] for effect in mended["effects"]) or "none"
-    return row
+    return [row]
 
 
 def add_arguments(parser):
-    parser.add_argument("--draws", type=int, default=40)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--processes", type=int, default=os.cpu_count())
-    parser.add_argument("--out", default="object_errors.csv")
+    common.add_realizations(parser, 40, out="object_errors.csv")
 
 
 def run(options):
     order = islice(cycle([*KINDS[:3], "physics", *KINDS[3:], "physics"]), options.first + options.draws)
     tasks = [*enumerate(order)][options.first :]
     rows = []
-    with ProcessPoolExecutor(options.processes) as pool, common.csv_writer(options.out, FIELDS) as write:
-        for row in pool.map(one, tasks):
-            write(row)
-            rows.append(row)
-            print(row, flush=True)
+    for (row,) in common.parallel_rows(one, tasks, options, FIELDS):
+        rows.append(row)
+        print(row, flush=True)
     objects = [row for row in rows if row["kind"] != "physics"]
     told = sum(row["ours"] == "object" for row in objects)
     false = sum(row["ours"] == "object" for row in rows if row["kind"] == "physics")

@@ -23,7 +23,7 @@ BEHIND = 1.0  # smallest line integral inside the disc
 
 
 def smooth_left(one: Prepared, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
-    """Recorded less modelled, and the noise's variance, of data held out where lines are smooth; NaN elsewhere.
+    """Recorded less modeled, and the noise's variance, of data held out where lines are smooth; NaN elsewhere.
 
     Returns
     -------

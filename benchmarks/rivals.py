@@ -91,9 +91,7 @@ def forward(fitter, tried):
 def all_at_once(fitter, tried):
     price, _ = priced(fitter)
     aligned = fitter.fit(())
-    alone = {
-        name: fitter.fit((name,), aligned).physics[name] for name in tried
-    }  # all combinations: millions
+    alone = {name: fitter.fit((name,), aligned).physics[name] for name in tried}  # all combinations: millions
     fit = fitter.fit(tuple(tried), replace(aligned, physics=alone), from_farther=False)
     worth = {}
     for name in tried:

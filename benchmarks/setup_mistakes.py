@@ -14,6 +14,7 @@ from collections import Counter
 import numpy as np
 from scipy import ndimage
 
+from benchmarks import common
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.streams import Stream, generator
@@ -100,32 +101,27 @@ def scanned(scene, scan, physics, random, pose):
 def mistaken(kind, scan, lines, random):
     """Set-up and data with an error of this kind."""
     isocentre, detector = scan["source_to_isocentre_mm"], scan["source_to_detector_mm"]
-    if kind == "direction":
-        return {**scan, "direction": -scan["direction"]}, lines
-    if kind == "start angle":
+    if kind == "start angle":  # the only kind with a random size
         return {**scan, "start_angle_deg": scan["start_angle_deg"] + float(random.choice([90, 180, -90, 37]))}, lines
-    if kind == "mirrored columns":
-        return scan, lines[..., ::-1]
-    if kind == "mirrored rows":
-        return scan, lines[..., ::-1, :]
-    if kind == "swapped rows and columns":
-        return {**scan, "rows": scan["columns"], "columns": scan["rows"]}, np.swapaxes(lines, -1, -2)
-    if kind == "pitch at the isocentre":
-        shrunk = {key: scan[key] * isocentre / detector for key in ("column_pitch_mm", "row_pitch_mm")}
-        return {**scan, **shrunk}, lines
-    if kind == "swapped distances":
-        return {**scan, "source_to_isocentre_mm": detector - isocentre}, lines
-    if kind == "distance from the isocentre":
-        return {**scan, "source_to_detector_mm": detector - isocentre}, lines
-    if kind == "last view at the first":
-        return {**scan, "views_per_rotation": scan["views"]}, lines
-    if kind == "sign of the columns' offset":
-        return {**scan, "column_offset_px": -scan["column_offset_px"]}, lines
-    if kind == "transmissions":
-        return scan, np.exp(-lines)
-    if kind == "decadic logarithm":
-        return scan, lines / LN_10
-    return scan, lines
+    described = {
+        "direction": {"direction": -scan["direction"]},
+        "swapped rows and columns": {"rows": scan["columns"], "columns": scan["rows"]},
+        "pitch at the isocentre": {
+            key: scan[key] * isocentre / detector for key in ("column_pitch_mm", "row_pitch_mm")
+        },
+        "swapped distances": {"source_to_isocentre_mm": detector - isocentre},
+        "distance from the isocentre": {"source_to_detector_mm": detector - isocentre},
+        "last view at the first": {"views_per_rotation": scan["views"]},
+        "sign of the columns' offset": {"column_offset_px": -scan["column_offset_px"]},
+    }
+    data = {
+        "mirrored columns": lambda: lines[..., ::-1],
+        "mirrored rows": lambda: lines[..., ::-1, :],
+        "swapped rows and columns": lambda: np.swapaxes(lines, -1, -2),
+        "transmissions": lambda: np.exp(-lines),
+        "decadic logarithm": lambda: lines / LN_10,
+    }
+    return scan | described.get(kind, {}), data[kind]() if kind in data else lines
 
 
 # Text of the error message that names the error.
@@ -156,8 +152,7 @@ def found(scene, scan, lines):
 
 
 def add_arguments(parser):
-    parser.add_argument("--draws", type=int, default=5)
-    parser.add_argument("--first", type=int, default=0)
+    common.add_realizations(parser, 5, 0)
     parser.add_argument("--kinds", nargs="*", default=[*KINDS, "object", "hidden"])
 
 

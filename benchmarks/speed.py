@@ -20,19 +20,9 @@ ONE_THREAD = True
 def projectors(repeats):
     """Times per ray, and per voxel and view, also relative to a full batch; difference of the projections."""
     scan, helix = engines.geometry(), engines.helix()
-    contenders = [
-        engines.ours(1, scan),
-        engines.ours(16, scan),
-        engines.ours(1, scan, transpose=True),
-        engines.ours(16, scan, transpose=True),
-        engines.ours(1, helix),
-        engines.ours(16, helix),
-        engines.ours(1, helix, transpose=True),
-        engines.ours(16, helix, transpose=True),
-        engines.rtk(scan),
-        engines.rtk(scan, transpose=True),
-        engines.astra_fan(scan),
-    ]
+    pairs = [(where, transpose) for where in (scan, helix) for transpose in (False, True)]
+    contenders = [engines.ours(lanes, where, transpose=transpose) for where, transpose in pairs for lanes in (1, 16)]
+    contenders += [engines.rtk(scan), engines.rtk(scan, transpose=True), engines.astra_fan(scan)]
     forward = common.medians([one.forward for one in contenders], repeats)
     back = common.medians([one.back for one in contenders], repeats)
     ours = contenders[0].projected

@@ -30,10 +30,6 @@ def skewed(rng, shape):
     return (np.exp(0.5 * rng.standard_normal(shape)) - np.sqrt(variance)) / np.sqrt(variance * (variance - 1))
 
 
-def normal(rng, shape):
-    return rng.standard_normal(shape)
-
-
 def halves(rng, shape):
     """Normal numbers; groups g and g + G/2 have a correlation of 0.8."""
     common = rng.standard_normal((*shape[:-2], shape[-2] // 2, shape[-1]))
@@ -59,7 +55,7 @@ def subsampled(x, half, rng):
 
 # Name: noise, and whether groups g and g + G/2 share it.
 NOISE = {
-    "normal": (normal, False),
+    "normal": (np.random.Generator.standard_normal, False),
     "skewed": (skewed, False),
     "shared in twos": (halves, True),
     "shared by all": (everywhere, False),
@@ -105,19 +101,9 @@ def line(title, rows):
     truth, near, low, high, plain_low, plain_high = rows.T
     held = (low - near <= truth) & (truth <= high + near)
     plain = (plain_low <= truth) & (truth <= plain_high)
-    share = [
-        f"{100 * value:.1f}"
-        for value in (
-            truth.mean(),
-            held.mean(),
-            (truth < low - near).mean(),
-            (truth > high + near).mean(),
-            (high - low).mean(),
-            plain.mean(),
-            (plain_high - plain_low).mean(),
-        )
-    ]
-    print(f"| {title} | " + " | ".join(share) + " |", flush=True)
+    outside = held.mean(), (truth < low - near).mean(), (truth > high + near).mean()
+    shares = truth.mean(), *outside, (high - low).mean(), plain.mean(), (plain_high - plain_low).mean()
+    print(f"| {title} | " + " | ".join(f"{100 * value:.1f}" for value in shares) + " |", flush=True)
 
 
 def add_arguments(parser):

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -54,6 +55,17 @@ def circular_scan(views, columns, rows, column_pitch_mm, row_pitch_mm=None, **fu
     )
 
 
+# Distances and detector of a GE LightSpeed VCT.
+LIGHTSPEED = {
+    "source_to_isocentre_mm": 541.0,
+    "source_to_detector_mm": 949.075,
+    "columns": 888,
+    "column_pitch_mm": 1.0239,
+    "row_pitch_mm": 1.0988,
+    "column_offset_px": -1.25,
+}
+
+
 def log_uniform(random, low, high):
     return float(np.exp(random.uniform(np.log(low), np.log(high))))
 
@@ -71,6 +83,23 @@ def append_jsonl(path, row):
 def read_csv_rows(path):
     """Rows of a CSV as text, or none if it does not exist."""
     return list(csv.DictReader(path.open(encoding="utf-8", newline=""))) if path.is_file() else []
+
+
+def add_realizations(parser, draws, first=0, out=None):
+    """Add the options for realizations; with `out`, they run in parallel and go to a CSV."""
+    parser.add_argument("--draws", type=int, default=draws, help="number of realizations")
+    parser.add_argument("--first", type=int, default=first, help="number of the first realization")
+    if out:
+        parser.add_argument("--processes", type=int, default=os.cpu_count())
+        parser.add_argument("--out", default=out)
+
+
+def parallel_rows(function, tasks, options, fields):
+    """Rows of each task, in order, from processes; each list is written to a CSV and yielded."""
+    with ProcessPoolExecutor(options.processes) as pool, csv_writer(options.out, fields) as write:
+        for rows in pool.map(function, tasks):
+            write(*rows)
+            yield rows
 
 
 @contextmanager

@@ -54,12 +54,12 @@ def shapes_scene():
     return ShapesScene(body())
 
 
-def scans(chain, physics, random, pose=IN_PLACE):
+def scans(chain, physics, random, pose=IN_PLACE, repeats=REPEATS):
     state = chain.state(physics, pose)
     air = state.measured_air
-    repeats = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(REPEATS)]
+    lines = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(repeats)]
     white = air.mean(axis=0) * state.photons
-    return observed.Scans(np.stack(repeats).astype(np.float32), white, np.ones(repeats[0].shape, bool))
+    return observed.Scans(np.stack(lines).astype(np.float32), white, np.ones(lines[0].shape, bool))
 
 
 def strengths(name, wanted, random, given):
