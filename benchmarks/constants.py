@@ -25,31 +25,22 @@ from virtual_phantom.diagnosis.verdict import unmodelled
 
 DIAGNOSIS = "virtual_phantom.diagnosis"
 FACTORS = (0.5, 2.0)
-# Constants of effect selection and verdict: module, name.
-OF_VERDICTS = (
-    *(
-        ("selection.forward_selection", name)
-        for name in ("ALPHA", "LEAST_GAIN", "AS_GOOD", "RULED_OUT", "MOST_EFFECTS")
-    ),
-    ("selection.forward_selection", "MOST_SWAPS"),
-    *(("selection.screening", name) for name in ("SCREEN", "FEW", "LEAST_SHARE", "NEAR_BEST")),
-    *(("residuals.residual_tests", name) for name in ("ALPHA", "EDGE_SHARE", "BINS")),
-    *(("verdict.warnings", name) for name in ("WELL_KNOWN", "MOST_CHI_SQUARE")),
-    ("verdict.verdict", "LEFT_SD"),
-    ("verdict.object_mismatch", "BEYOND"),
-    ("projections.residual_maps", "THIN"),
-)
-# Constants of fits and priors.
-OF_FITS = (
-    ("fitting.nuisance", "SURE"),
-    ("fitting.nuisance", "NOMINAL_PHOTONS_SD"),
-    ("fitting.nuisance", "NUMERICAL"),
-    ("fitting.model", "DENSITY_SD"),
-    ("fitting.model", "TUBE_KVP_SD"),
-    ("projections.discretization", "LEFT"),
-    ("projections.discretization", "MOST_STRAY"),
-    ("projections.prepared", "SIZE_SD"),
-)
+# {module: constants of effect selection and verdict}.
+OF_VERDICTS = {
+    "selection.forward_selection": ("ALPHA", "LEAST_GAIN", "AS_GOOD", "RULED_OUT", "MOST_EFFECTS", "MOST_SWAPS"),
+    "selection.screening": ("SCREEN", "FEW", "LEAST_SHARE", "NEAR_BEST"),
+    "residuals.residual_tests": ("ALPHA", "EDGE_SHARE", "BINS"),
+    "verdict.warnings": ("WELL_KNOWN", "MOST_CHI_SQUARE"),
+    "verdict.verdict": ("LEFT_SD",),
+    "verdict.object_mismatch": ("BEYOND",),
+    "projections.residual_maps": ("THIN",),
+}
+OF_FITS = {  # and of priors
+    "fitting.nuisance": ("SURE", "NOMINAL_PHOTONS_SD", "NUMERICAL"),
+    "fitting.model": ("DENSITY_SD", "TUBE_KVP_SD"),
+    "projections.discretization": ("LEFT", "MOST_STRAY"),
+    "projections.prepared": ("SIZE_SD",),
+}
 ABOVE_ONE = ("MOST_CHI_SQUARE",)  # a ratio with the null value 1: the excess is scaled
 STATED = "stated"  # key of the unchanged diagnosis
 
@@ -85,6 +76,10 @@ class Constant:
         finally:
             for one in holders:
                 setattr(one, self.name, stated)
+
+
+def constants_of(modules: dict[str, tuple[str, ...]]) -> list[Constant]:
+    return [Constant(module, name) for module, names in modules.items() for name in names]
 
 
 def scaled(value, factor: float, name: str = ""):
@@ -159,11 +154,11 @@ def answers(folder: Path, truth: dict, config: dict, seed: int, of_fits: bool) -
     found = {}
     with remembered.of_everything():
         found[STATED] = said(asked, tried, accuracy, remembered, made)
-        for one in [*(Constant("", name) for name in accuracy), *(Constant(*names) for names in OF_VERDICTS)]:
+        for one in [*(Constant("", name) for name in accuracy), *constants_of(OF_VERDICTS)]:
             for factor in FACTORS:
                 with one.times(factor, accuracy) as taken:
                     found[f"{one.label} * {factor:g}"] = said(asked, tried, taken, remembered, made)
-    for one in [Constant(*names) for names in OF_FITS] if of_fits else []:
+    for one in constants_of(OF_FITS) if of_fits else []:
         for factor in FACTORS:
             fresh = Remembered()
             with one.times(factor, accuracy) as taken, fresh.of_everything():

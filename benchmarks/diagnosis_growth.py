@@ -48,8 +48,8 @@ def measured(rounds):
                 case, processes = case_of(of, value)
                 place = Path(folder) / case.name
                 extent = written(case, place)
-                runs = [run_case(place, processes, False) for _ in range(rounds)]
-                seconds = float(np.median([sum(parts.values()) for parts, _ in runs]))
+                runs = [run_case(place, processes) for _ in range(rounds)]
+                seconds = float(np.median([one["wall"] for one in runs]))
                 row = {"of": of, "size": size_of(of, value, extent), "seconds": round(seconds, 2)}
                 rows.append(row | {"found": "+".join(runs[0]["found"]) or "none"})
                 print(rows[-1], flush=True)

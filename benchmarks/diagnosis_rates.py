@@ -8,7 +8,6 @@ the stage `diagnose` of the library's rates.yaml if --machine is given.
 import argparse
 import json
 import os
-import resource
 import tempfile
 import time
 from collections import Counter
@@ -246,11 +245,10 @@ def one(folder, processes):
 
 def run_case(folder, processes=1):
     """Diagnose in a new Python; returns CPU time per part, wall time, counts and named effects."""
-    began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    began, before = time.perf_counter(), common.child_seconds()[1]
     arguments = "--one", folder, "--processes", processes
     told = common.run_scenario("diagnosis_rates", *arguments, **dict.fromkeys(THREAD_VARIABLES, str(processes)))
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    spent = common.child_seconds()[1] - before
     parts = told["parts"] | {START: spent - sum(told["parts"].values())}
     return told | {"parts": parts, "wall": time.perf_counter() - began}
 

@@ -23,22 +23,18 @@ MULTICENTRE = r"^(?P<group>\w+)_Harmonized_(?P<dose_mgy>\d+)mGy_(?P<reconstructi
 def pairs(path: Path) -> pd.DataFrame:
     """A row per study: its CT and its SEG side by side."""
     table = read_csv(path).astype({"SeriesNumber": str})
-    sides = []
-    for modality in ("CT", "SEG"):
-        side = table[table["Modality"] == modality].rename(
-            columns={
-                "SeriesInstanceUID": modality.lower(),
-                "crdc_series_uuid": f"{modality.lower()}_folder",
-                "instanceCount": f"{modality.lower()}_files",
-                "series_size_MB": f"{modality.lower()}_mb",
-            }
-        )
-        sides.append(side)
-    both = sides[0].merge(
-        sides[1].drop(columns=["SeriesNumber", "SeriesDescription", "ManufacturerModelName"]),
-        on="StudyInstanceUID",
-        validate="one_to_one",
+    columns = {
+        "SeriesInstanceUID": "",
+        "crdc_series_uuid": "_folder",
+        "instanceCount": "_files",
+        "series_size_MB": "_mb",
+    }
+    ct, seg = (
+        table[table["Modality"] == side].rename(columns={key: side.lower() + end for key, end in columns.items()})
+        for side in ("CT", "SEG")
     )
+    seg = seg.drop(columns=["SeriesNumber", "SeriesDescription", "ManufacturerModelName"])
+    both = ct.merge(seg, on="StudyInstanceUID", validate="one_to_one")
     if 2 * len(both) != len(table) or (both["seg_files"] != 1).any():
         raise SystemExit(f"{path}: is not one CT and one SEG of one file to a study")
     named = {"StudyInstanceUID": "study", "SeriesDescription": "description", "ManufacturerModelName": "model"}

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import resource
 import subprocess
 import sys
 import time
@@ -137,6 +138,12 @@ def cpu_seconds(action):
     began = time.process_time()
     action()
     return time.process_time() - began
+
+
+def child_seconds():
+    """CPU time of finished child processes, in user mode and in all."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return np.array([used.ru_utime, used.ru_utime + used.ru_stime])
 
 
 def medians(actions, repeats):

@@ -5,7 +5,6 @@ views, by which the times are divided.
 """
 
 import os
-import resource
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from benchmarks.common import child_seconds
 from virtual_phantom.base.geometry import Grid, ScanGeometry, circular, helical
 from virtual_phantom.projectors.cpu import CpuProjector
 
@@ -183,15 +183,10 @@ def xcist_ns_per_ray(scan: ScanGeometry, grid: Grid, few: int = 4, many: int = 1
 
     def seconds(views):
         order = Scan(views=views, kev=70.0, photons=1e5, **DETECTOR, **SCANNER)
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        simulate(
-            order,
-            Materials({"water": phantom(grid) * 50}, (grid.spacing[2], grid.spacing[0])),
-            1,
-            np.random.SeedSequence(1),
-        )
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return after.ru_utime - before.ru_utime
+        water = Materials({"water": phantom(grid) * 50}, (grid.spacing[2], grid.spacing[0]))
+        before = child_seconds()[0]
+        simulate(order, water, 1, np.random.SeedSequence(1))
+        return child_seconds()[0] - before
 
     rays = scan.rows * scan.columns * CELLS_DIVIDED**2
     return (seconds(many) - seconds(few)) / (many - few) / rays * 1e9

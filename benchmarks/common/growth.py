@@ -2,7 +2,6 @@
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -10,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import ROOT, engines, medians
+from benchmarks.common import ROOT, child_seconds, engines, medians
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.features.extraction import FEATURES, extract
 from virtual_phantom.io.volumes import Volume
@@ -84,7 +83,6 @@ def planned(count):
         overlay.write_text(json.dumps({"recordings": recordings, "results_dir": str(Path(folder) / "results")}))
         command = [sys.executable, "-m", "snakemake", "-n", "-q", "all", "--nolock"]
         command += ["recordings", "--configfile", ROOT / "config/config.yaml", overlay]
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        before = child_seconds()[0]
         subprocess.run(command, cwd=ROOT, check=True, env=os.environ, stdout=subprocess.DEVNULL)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime - before.ru_utime
+    return child_seconds()[0] - before
