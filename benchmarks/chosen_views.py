@@ -81,7 +81,7 @@ def alike(every, some):
 
 def add_arguments(parser):
     common.add_realizations(parser, 40, out="chosen_views.csv")
-    parser.add_argument("--step", type=int, default=9, help="one view of so many; odd")
+    parser.add_argument("--step", type=int, default=9, help="distance of the fitted views; an odd number")
 
 
 def run(options):

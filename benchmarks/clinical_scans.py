@@ -154,9 +154,9 @@ def add_arguments(parser):
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--cases", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--view-step", type=int, default=15, help="one view of so many is fitted or held out")
-    parser.add_argument("--cores", type=int, default=2, help="of one diagnosis")
-    parser.add_argument("--out", type=Path, required=True, help="a folder, which keeps what was done")
+    parser.add_argument("--view-step", type=int, default=15, help="distance of the views that are fitted or held out")
+    parser.add_argument("--cores", type=int, default=2, help="cores of one diagnosis")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the cases; finished ones are kept")
 
 
 def run(options):

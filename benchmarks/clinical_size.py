@@ -51,12 +51,10 @@ def views(geometry, first, last):
 
 def add_arguments(parser):
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--effect", default="scatter", help="'none', or one without memory from view to view")
-    parser.add_argument("--strength", type=float, default=0.5, help="share of the typical one")
-    parser.add_argument(
-        "--columns", type=int, default=SCAN["columns"], help="as many in the same fan, for a smaller copy"
-    )
-    parser.add_argument("--rows", type=int, default=SCAN["rows"], help="as many, as high as they are")
+    parser.add_argument("--effect", default="scatter", help="missing effect without memory between views, or 'none'")
+    parser.add_argument("--strength", type=float, default=0.5, help="fraction of the typical strength")
+    parser.add_argument("--columns", type=int, default=SCAN["columns"], help="number of columns in the same fan angle")
+    parser.add_argument("--rows", type=int, default=SCAN["rows"], help="number of rows of the same height")
     parser.add_argument("--views", type=int, default=VIEWS)
     parser.add_argument("--samples", type=int, default=1, help="rays per pixel and direction of the diagnosis")
 

@@ -193,7 +193,7 @@ def add_arguments(parser):
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--out", type=Path, required=True)
     simulator_scans.add_draws(parser, ["weak", "medium"], none=4, pairs=2, unknown=4)
-    parser.add_argument("--fits", action="store_true", help="constants of fits too: each needs a whole diagnosis")
+    parser.add_argument("--fits", action="store_true", help="include constants of fits; each needs a full diagnosis")
 
 
 def run(options):

@@ -193,7 +193,7 @@ def markdown(rows: pd.DataFrame) -> str:
 def add_arguments(parser):
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--table", type=Path)
-    parser.add_argument("--keep", action="store_true", help="run nothing, take what is in results-controls")
+    parser.add_argument("--keep", action="store_true", help="evaluate results-controls without new runs")
 
 
 def run(options):

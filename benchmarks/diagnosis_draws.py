@@ -171,16 +171,18 @@ def add_arguments(parser):
     parser.add_argument("--kind", choices=("single", "none", "pair", "missing"), default="single")
     common.add_realizations(parser, 100, out="draws.csv")
     parser.add_argument(
-        "--accuracy", type=float, help="diagnosis.model_accuracy of all effects; finite steps are exact then"
+        "--accuracy", type=float, help="diagnosis.model_accuracy of all effects, without discretization errors"
     )
-    parser.add_argument("--only", nargs="+", help="these effects instead of all")
+    parser.add_argument("--only", nargs="+", help="candidate effects (default: all)")
     parser.add_argument("--samples", type=int, default=2, help="rays per pixel and direction of the model")
-    parser.add_argument("--edge-mm", type=float, default=EDGE_MM, help="standard deviation by which edges are blurred")
-    parser.add_argument("--declared", type=int, default=0, help="further effects in every scan, typical and declared")
+    parser.add_argument("--edge-mm", type=float, default=EDGE_MM, help="SD of the Gaussian blur of edges")
     parser.add_argument(
-        "--finer", type=int, default=2, help="times as many rays per pixel and direction in the scan as in the model"
+        "--declared", type=int, default=0, help="number of declared effects of typical strength in each scan"
     )
-    parser.add_argument("--shapes", action="store_true", help="the object as shapes; its edges are sharp")
+    parser.add_argument(
+        "--finer", type=int, default=2, help="factor of rays per pixel and direction between scan and model"
+    )
+    parser.add_argument("--shapes", action="store_true", help="use an object of shapes with sharp edges")
 
 
 def run(options):

@@ -88,7 +88,7 @@ def drawn(rows, powers):
 
 def add_arguments(parser):
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
-    parser.add_argument("--rounds", type=int, default=1, help="diagnoses of each recording")
+    parser.add_argument("--rounds", type=int, default=1, help="diagnoses per recording")
 
 
 def run(options):

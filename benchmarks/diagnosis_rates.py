@@ -299,9 +299,9 @@ def report(runs, rates):
 
 
 def add_arguments(parser):
-    parser.add_argument("--machine", help="what it is run on, for the file's head; without it nothing is written")
-    parser.add_argument("--quick", action="store_true", help="three small recordings, and nothing is written")
-    parser.add_argument("--every-effect", action="store_true", help="a recording for each, and nothing is written")
+    parser.add_argument("--machine", help="description of the machine for rates.yaml; needed to write it")
+    parser.add_argument("--quick", action="store_true", help="diagnose three small recordings and write nothing")
+    parser.add_argument("--every-effect", action="store_true", help="diagnose a recording per effect and write nothing")
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--processes", type=int, default=1, help=argparse.SUPPRESS)
 

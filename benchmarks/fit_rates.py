@@ -63,8 +63,8 @@ def write(rates):
 
 def add_arguments(parser):
     parser.add_argument("--config", type=Path, default=common.ROOT / "config" / "config.yaml")
-    parser.add_argument("--folder", type=Path, default=common.ROOT, help="where snakemake was run")
-    parser.add_argument("--machine", required=True, help="what the study was run on, for the file's head")
+    parser.add_argument("--folder", type=Path, default=common.ROOT, help="working directory of the study")
+    parser.add_argument("--machine", required=True, help="description of the machine for rates.yaml")
 
 
 def run(options):

@@ -142,7 +142,7 @@ def counted(rows):
 def add_arguments(parser):
     parser.add_argument("--groups", nargs="*", default=list(GROUPS))
     common.add_realizations(parser, 10, 100)
-    parser.add_argument("--out", type=Path, required=True, help="a table; draws that it has are not done again")
+    parser.add_argument("--out", type=Path, required=True, help="CSV; realizations in it are not repeated")
 
 
 def run(options):

@@ -97,7 +97,9 @@ def compare(config, projections, threads):
 
 def add_arguments(parser):
     parser.add_argument("--projections", type=int, nargs="+", default=[150, 450])
-    parser.add_argument("--cpu-threads", type=int, default=0, help="reconstruct on the CPU too, with so many threads")
+    parser.add_argument(
+        "--cpu-threads", type=int, default=0, help="also reconstruct on the CPU with this number of threads"
+    )
 
 
 def run(options):

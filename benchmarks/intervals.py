@@ -91,8 +91,8 @@ def add_arguments(parser):
     parser.add_argument("--effects", nargs="*", default=EFFECTS)
     parser.add_argument("--strengths", nargs="*", default=["weak", "medium", "strong"])
     parser.add_argument("--out", type=Path)
-    parser.add_argument("--count", type=Path, nargs="*", help="files of earlier runs: nothing is scanned")
-    parser.add_argument("--without", nargs="*", default=[], help="effects that --count leaves out")
+    parser.add_argument("--count", type=Path, nargs="*", help="evaluate files of earlier runs")
+    parser.add_argument("--without", nargs="*", default=[], help="effects that --count omits")
 
 
 def run(options):

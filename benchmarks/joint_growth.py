@@ -56,7 +56,7 @@ def one(count):
 
 def add_arguments(parser):
     parser.add_argument("--counts", type=int, nargs="+", default=COUNTS)
-    parser.add_argument("--one", type=int, help="of one number of recordings, in this process")
+    parser.add_argument("--one", type=int, help="measure one number of recordings in this process")
 
 
 def run(options):

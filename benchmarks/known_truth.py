@@ -124,7 +124,9 @@ def drawn_finer(finer):
 
 def add_arguments(parser):
     parser.add_argument("--repeats", type=int, default=10)
-    parser.add_argument("--scans", type=int, metavar="FINER", help="2 or 3; absent: a Gaussian and white noise")
+    parser.add_argument("--scans", type=int, metavar="FINER", help="2 or 3 (default: a Gaussian blur and white noise)")
     parser.add_argument("--own-voxels", action="store_true", help="with --scans")
-    parser.add_argument("--oversampling", type=int, default=2, help="of the phantom that is made of the mean")
+    parser.add_argument(
+        "--oversampling", type=int, default=2, help="oversampling of the phantom made from the mean image"
+    )
     parser.add_argument("--seed", type=int, default=1)

@@ -37,7 +37,7 @@ def left(one, baseline: Trial, chosen: Trial) -> str:
 
 def add_arguments(parser):
     parser.add_argument("recordings", type=Path)
-    parser.add_argument("--view-step", type=int, default=5, help="one view of so many is fitted or held out")
+    parser.add_argument("--view-step", type=int, default=5, help="distance of the views that are fitted or held out")
 
 
 def run(options):

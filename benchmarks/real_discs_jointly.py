@@ -88,8 +88,8 @@ def print_halves(discs: Mapping[str, Prepared], effects: Sequence[str]) -> None:
 
 def add_arguments(parser):
     parser.add_argument("recordings", type=Path)
-    parser.add_argument("--view-step", type=int, default=48, help="one view of so many is fitted or held out")
-    parser.add_argument("--judged-on", nargs="+", default=[], help="discs that only judge")
+    parser.add_argument("--view-step", type=int, default=48, help="distance of the views that are fitted or held out")
+    parser.add_argument("--judged-on", nargs="+", default=[], help="discs for testing only")
     parser.add_argument("--effects", nargs="+", default=["spectrum", "dark_signal", "veiling_glare", "scatter"])
 
 

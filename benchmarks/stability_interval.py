@@ -108,7 +108,7 @@ def line(title, rows):
 
 def add_arguments(parser):
     parser.add_argument("--features", type=Path, help="features.csv of a completed default study")
-    parser.add_argument("--tables", type=int, default=400, help="simulated tables of each line")
+    parser.add_argument("--tables", type=int, default=400, help="simulated tables per row")
 
 
 def run(options):

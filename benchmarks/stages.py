@@ -128,8 +128,8 @@ def draw(jobs, rows):
 
 def add_arguments(parser):
     parser.add_argument("--config", type=Path, default=common.ROOT / "config" / "config.yaml")
-    parser.add_argument("--folder", type=Path, default=common.ROOT, help="where snakemake was run")
-    parser.add_argument("--cores", type=int, default=2, help="what it was given")
+    parser.add_argument("--folder", type=Path, default=common.ROOT, help="working directory of the study")
+    parser.add_argument("--cores", type=int, default=2, help="cores of the study")
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
 
 

@@ -64,8 +64,9 @@ def test_scripts_have_the_options():
     scripts += [["workflow/lib/virtual_phantom/recordings/importers/command.py", *line[1:]] for line in importer]
     for script, *arguments in scripts:
         text = (ROOT / script).read_text(encoding="utf-8")
-        if "simulator_scans.add_draws(" in text:
-            text += (ROOT / "benchmarks/common/simulator_scans.py").read_text(encoding="utf-8")
+        for function, module in (("simulator_scans.add_draws", "simulator_scans"), ("add_realizations", "__init__")):
+            if f"{function}(" in text:
+                text += (ROOT / "benchmarks" / "common" / f"{module}.py").read_text(encoding="utf-8")
         for option in (word for word in arguments if word.startswith("--")):
             assert f'"{option}"' in text, f"{script} has no {option}"
 
