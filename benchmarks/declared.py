@@ -65,7 +65,7 @@ def counted(rows: list[dict]) -> None:
     alone = sum(row["effects"] == [row["concealed"]] for row in single)
     print(f"named first: {first} of {len(single)}; first or as its equal: {equal}; and nothing beside it: {alone}")
     print(f"no hidden effect, and an effect named: {sum(bool(row['effects']) for row in none)} of {len(none)}")
-    print(f"a statement called off: {sum(bool(row['off']) for row in rows)} of {len(rows)}")
+    print(f"a declared value reported as inconsistent: {sum(bool(row['off']) for row in rows)} of {len(rows)}")
 
 
 def add_arguments(parser):

@@ -93,7 +93,7 @@ def strengths(name, wanted, random, given):
         if reached >= np.log(WEAKEST / wanted):
             share = np.exp(brentq(beyond, np.log(LEAST_SHARE), 0.0, xtol=0.03)) if reached > 0 else 1.0
             return rest | {which.name: float(which.neutral + share * (most - which.neutral))}
-    raise ValueError(f"{name} stands nowhere in its range {WEAKEST} standard deviations out of this noise")
+    raise ValueError(f"{name}: the signal-to-noise ratio stays below {WEAKEST} within its range")
 
 
 def stated(physics, model, random=None):
