@@ -1,24 +1,16 @@
-"""Whether an effect that imitates the hidden one is ruled out although a refit from another start explains the scan.
+"""Count effects that are ruled out although a refit from another start explains the scan (10 minutes).
 
-    python benchmarks/alike_effects.py --seed 120
-
-Each pair of effects whose templates correlate by 0.9 or more (docs/explanation/theory.md, section 3) is tried in both
-directions: a small scan by the simulator of the blind validation hides one effect, and both are offered to the
-diagnosis. Where the other one is ruled out, it is fitted again from START_FACTORS times its fitted parameters. "Ruled
-out" is false if one of these fits loses less than RULED_OUT of log score.
+Each pair of effects whose templates correlate by 0.9 or more (docs/explanation/theory.md) is tested in both directions.
+The simulator of the blind validation hides one effect, and the diagnosis may choose both. If it rules out the other
+effect, that effect is fitted again from START_FACTORS times its parameters. The exclusion is false if one of these fits
+loses less than RULED_OUT of log score.
 """
 
-import argparse
 import contextlib
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 
-import lacking
-
+from benchmarks.common import simulator_scans
 from virtual_phantom.diagnosis.fitting.trial import trial
-from virtual_phantom.diagnosis.preparation import prepare_recording
-from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.selection.forward_selection import RULED_OUT, choose
 from virtual_phantom.proof.conceal.suite import truths
 
@@ -36,7 +28,7 @@ START_FACTORS = (-2.0, -1.0, -0.3, 0.3, 2.0)
 
 
 def refitted(fitter, start, rival):
-    """The best held-out log score of fits with the rival alone that begin at several settings."""
+    """Best held-out log score of fits with the rival alone from several starts."""
     fit = trial(fitter, (rival,), start)
     scores = [fit.score]
     for factor in START_FACTORS:
@@ -48,7 +40,7 @@ def refitted(fitter, start, rival):
 
 
 def verdict(fitter, effect, rival):
-    """What the choice says of the rival, in words, and whether that is false."""
+    """Verdict on the rival in words, and whether it is a false exclusion."""
     start = trial(fitter, ())
     choice = choose(fitter, start, [effect, rival])
     named = choice.chosen.fit.effects
@@ -63,24 +55,19 @@ def verdict(fitter, effect, rival):
     )
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--strength", default="medium")
-    options = parser.parse_args()
-    config, counts = lacking.default_config(), [0, 0]
+
+
+def run(options):
+    config, counts = simulator_scans.default_config(), [0, 0]
     for pair in PAIRS:
         for effect, rival in (pair, pair[::-1]):
             drawn = {"seed": options.seed, "effects": [effect], "strengths": [options.strength]}
-            ((_, truth),) = truths(lacking.asked_of_proof(drawn | {"none": 0, "unknown": 0})).items()
-            with tempfile.TemporaryDirectory() as folder:
-                model = lacking.recorded(Path(folder), truth, config, options.seed)
-                _, prepared = prepare_recording(DiagnosisRequest.of(model, str(Path(folder) / "image.nii.gz"), 1))
-                words, false = verdict(prepared.fitter, effect, rival)
+            ((_, truth),) = truths(simulator_scans.asked_of_proof(drawn | {"none": 0, "unknown": 0})).items()
+            _, prepared, _ = simulator_scans.prepared(truth, config, options.seed)
+            words, false = verdict(prepared.fitter, effect, rival)
             counts[false] += 1
             print(f"{effect} hidden, {rival} offered: {words}{' FALSE' if false else ''}", flush=True)
     print(f"falsely ruled out: {counts[True]} of {sum(counts)}")
-
-
-if __name__ == "__main__":
-    main()

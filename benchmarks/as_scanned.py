@@ -1,27 +1,22 @@
-"""Noise of the drawn phantom, scanned and reconstructed as the printed one was, beside the printed one's.
+"""Compare the noise of the drawn phantom with the printed phantom's, scanned in the same way (2 minutes).
 
-    snakemake --cores 2 results-as-scanned/projections/views2928/clean.h5 --configfile config/as_scanned.yaml
-    python benchmarks/as_scanned.py [--repeats 4]
-
-Takes the line integrals and every setting of config/as_scanned.yaml, and of each acquisition makes the largest section
-of one region alone, of the views that it needs. All groups reconstruct the same acquisitions, as the printed ones do.
-Prints the table of docs/validation/printed-phantom.md, and the A at which group 2 has the measured variance.
-Draws docs/images/as_scanned.png. Takes about 20 s of one core and 2 GB an acquisition.
+First run `snakemake --cores 2 results-as-scanned/projections/views2928/clean.h5 --configfile config/as_scanned.yaml`.
+Each acquisition reconstructs only the largest section of one region, from the views that the section needs. All groups
+reconstruct the same acquisitions. Prints the table of docs/validation/printed-phantom.md and the A at which group 2 has
+the measured variance, and draws docs/images/as_scanned.png. An acquisition takes 20 s of one core and 2 GB.
 """
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import yaml
 
+from benchmarks import common
 from virtual_phantom.base.geometry import grid_of
 from virtual_phantom.base.streams import Branch, branch
-from virtual_phantom.config.config import complete
 from virtual_phantom.features import extraction
 from virtual_phantom.features.names import VARIANCE
 from virtual_phantom.features.parameters import read_parameters
@@ -35,29 +30,14 @@ from virtual_phantom.reconstruction.kernel import Kernel
 from virtual_phantom.simulation.acquire import acquire
 from virtual_phantom.statistics import measured
 
-ROOT = Path(__file__).resolve().parents[1]
 NAMES = {2: "B30f", 4: "B30f", 6: "B30f", 8: "B26f"}
-MET, ROI = 2, "cyst_1"  # the group whose noise is met, and where
+MET, ROI = 2, "cyst_1"  # group that the noise level is matched to, and its region
 GRAIN = "original_glcm_Correlation"
 LEVEL = "as_scanned"
 
 
-def configuration() -> dict:
-    """config/as_scanned.yaml over the default configuration, complete."""
-    whole = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
-    return complete(merged(whole, yaml.safe_load((ROOT / "config" / "as_scanned.yaml").read_text(encoding="utf-8"))))
-
-
-def merged(under: dict, over: dict) -> dict:
-    """Two configurations as Snakemake puts them together."""
-    both = dict(under)
-    for key, value in over.items():
-        both[key] = merged(under[key], value) if isinstance(value, dict) and isinstance(under.get(key), dict) else value
-    return both
-
-
 def acquisitions(config: dict, results: Path, repeats: int) -> pd.DataFrame:
-    """SD, correlation of neighbours and mean of the region in every group's image of every acquisition."""
+    """SD, GLCM correlation and mean of the region, per acquisition and group."""
     (path,) = (results / "projections").glob("*/clean.h5")
     clean, geometry = read_line_integrals(path)
     grid, parameters = grid_of(config["grid"]), read_parameters(None, "largest", config["features"]["stored_offset_hu"])
@@ -70,7 +50,7 @@ def acquisitions(config: dict, results: Path, repeats: int) -> pd.DataFrame:
         section = np.zeros_like(roi.mask)
         section[largest] = roi.mask[largest]
         groups[protocol["group"]] = protocol, voxels, section
-    # A cone of views sees the section: as far as the beam reaches at the orbit's far side, and the fan more.
+    # Views whose beam reaches the section, with a margin for the fan.
     middle = np.mean([voxels.axes_mm()[0][section.any(axis=(1, 2))][0] for _, voxels, section in groups.values()])
     reach = geometry.rows * geometry.row_pitch_mm / geometry.magnification * (0.5 * (1 + 80 / 595) + 0.1) + 3
     seen = np.flatnonzero(np.abs(geometry.source_z_mm - middle) < reach)
@@ -112,7 +92,7 @@ def acquisitions(config: dict, results: Path, repeats: int) -> pd.DataFrame:
 
 
 def summary(table: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """By group: simulated means with standard errors, and measured means."""
+    """Simulated means with standard errors, and measured means, per group."""
     images = table.assign(sd=np.sqrt(table["variance"])).groupby("group")
     simulated = images[["sd", "grain", "variance"]].mean()
     simulated[["sd_error", "grain_error"]] = images[["sd", "grain"]].sem()
@@ -122,7 +102,7 @@ def summary(table: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def text(simulated: pd.DataFrame, printed: pd.DataFrame, config: dict) -> str:
-    """The table of the page."""
+    """Markdown table for the page."""
     lines = [
         "| group | slice, mm | kernel | SD measured, HU | simulated | over group 2, measured | predicted | off | "
         "GLCM correlation, measured | simulated |",
@@ -143,7 +123,7 @@ def text(simulated: pd.DataFrame, printed: pd.DataFrame, config: dict) -> str:
 
 @style.styled(grid=True)
 def draw(simulated: pd.DataFrame, printed: pd.DataFrame, config: dict):
-    """SD and correlation of neighbours by group, simulated beside measured."""
+    """Plot simulated and measured SD and GLCM correlation per group."""
     figure = style.figure(style.DOUBLE_COLUMN_MM, 62)
     words = {"sd": "SD in the large cyst's section (HU)", "grain": "GLCM Correlation"}
     thickness = {one["group"]: one["voxels"]["thickness_mm"] for one in config["protocols"].values()}
@@ -161,20 +141,16 @@ def draw(simulated: pd.DataFrame, printed: pd.DataFrame, config: dict):
     return figure
 
 
-def main() -> None:
-    """Make, print and draw."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--results", type=Path, default=ROOT / "results-as-scanned")
-    parser.add_argument("--image", type=Path, default=ROOT / "docs" / "images" / "as_scanned.png")
+def add_arguments(parser):
+    parser.add_argument("--results", type=Path, default=common.ROOT / "results-as-scanned")
+    parser.add_argument("--image", type=Path, default=common.ROOT / "docs" / "images" / "as_scanned.png")
     parser.add_argument("--repeats", type=int, default=4)
-    arguments = parser.parse_args()
-    config = configuration()
-    simulated, printed = summary(acquisitions(config, arguments.results, arguments.repeats))
+
+
+def run(options):
+    config = common.configuration("config/as_scanned.yaml")
+    simulated, printed = summary(acquisitions(config, options.results, options.repeats))
     print(text(simulated, printed, config))
     level = config["noise"]["levels"][LEVEL]["A"] * printed.loc[MET, "variance"] / simulated.loc[MET, "variance"]
     print(f"\nGroup {MET} would have the measured variance in {ROI} at A = {level:.3g}")
-    style.save(draw(simulated, printed, config), [arguments.image])
-
-
-if __name__ == "__main__":
-    main()
+    style.save(draw(simulated, printed, config), [options.image])

@@ -1,24 +1,17 @@
-"""Whether the verdict on a few of a scan's views is the verdict on all of them.
+"""Compare the verdict on a subset of a scan's views with the verdict on all views (10 minutes).
 
-    python benchmarks/chosen_views.py --draws 40 --first 0 --out chosen_views.csv
-
-Of large scans one view of so many is fitted (`view_step`). Here scans that are small enough are diagnosed twice, with
-all of their 360 views and with one of `--step`. Every fourth has nothing concealed, the others one effect, which stands
-10 to 200 standard deviations out of the noise of the whole scan beyond what the alignment takes up (log-uniform), or as
-far as its plausible range reaches. Object, noise and strengths are made as diagnosis_draws.py makes them.
+Each scan has 360 views and is diagnosed with all of them and with every `--step`-th view. Every fourth scan has no
+hidden effect. The others have one effect with a signal-to-noise ratio of 10 to 200 (log-uniform), or as much as its
+range allows.
 """
 
-import argparse
 import contextlib
-import csv
-import os
 import time
-from concurrent.futures import ProcessPoolExecutor
 
-import diagnosis_draws as draws
 import numpy as np
 
-from virtual_phantom.base.geometry import circular
+from benchmarks import common
+from benchmarks.common import chain_scans
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
@@ -28,38 +21,29 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load, names
 
 WEAKEST, STRONGEST = 10.0, 200.0
-GEOMETRY = circular(
-    views=360,
-    source_to_isocentre_mm=570.0,
-    source_to_detector_mm=1040.0,
-    columns=64,
-    rows=4,
-    column_pitch_mm=8.0,
-    row_pitch_mm=8.0,
-    view_interval_ms=2.5,
-)
+GEOMETRY = common.circular_scan(360, 64, 4, 8.0, view_interval_ms=2.5)
 SAMPLES = 2
 LIBRARY = [name for name in names() if not acts_on_images(name)]
 FIELDS = "draw truth stands step chosen equals verdict seconds".split()
 
 
 def one(task):
-    """The rows of a scan, with all views and with one of some."""
+    """Rows of one scan: with all views and with every `step`-th view."""
     draw, step = task
     random = np.random.default_rng(np.random.SeedSequence(20261124, spawn_key=(draw,)))
-    scene = draws.scene()
-    chain = Chain(scene, GEOMETRY, draws.PHOTONS, samples=2 * SAMPLES)
-    model, floor = model_and_floor(scene, GEOMETRY, SAMPLES, photons=draws.PHOTONS)
-    options = {"floor_chain": floor, "nominal_photons": draws.PHOTONS}
+    scene = chain_scans.scene()
+    chain = Chain(scene, GEOMETRY, chain_scans.PHOTONS, samples=2 * SAMPLES)
+    model, floor = model_and_floor(scene, GEOMETRY, SAMPLES, photons=chain_scans.PHOTONS)
+    options = {"floor_chain": floor, "nominal_photons": chain_scans.PHOTONS}
     physics = {}
     if draw % 4:
-        wanted = float(np.exp(random.uniform(np.log(WEAKEST), np.log(STRONGEST))))
-        blank = prepared.prepare(draws.scans(chain, {}, random), None, model, **options)
+        wanted = common.log_uniform(random, WEAKEST, STRONGEST)
+        blank = prepared.prepare(chain_scans.scans(chain, {}, random), None, model, **options)
         for name in map(str, random.permutation(LIBRARY)):
-            with contextlib.suppress(ValueError):  # it stands nowhere in its range out of this noise
-                physics[name] = draws.strengths(name, wanted, random, blank)
+            with contextlib.suppress(ValueError):  # too weak within its range
+                physics[name] = chain_scans.strengths(name, wanted, random, blank)
                 break
-    taken = draws.scans(chain, physics, random)
+    taken = chain_scans.scans(chain, physics, random)
     rows = []
     for every in (1, step):
         began = time.perf_counter()
@@ -68,7 +52,7 @@ def one(task):
         content = diagnose("draw", given, found).content
         if every == 1:
             told = physics and not any(load(name).pattern for name in physics)
-            stands = draws.stands_out(given, physics) if told else None
+            stands = chain_scans.stands_out(given, physics) if told else None
         rows.append(
             {
                 "draw": draw,
@@ -85,7 +69,7 @@ def one(task):
 
 
 def alike(every, some):
-    """Whether both name the same effects, or one of them the other's equals, with the same verdict."""
+    """Whether the verdicts agree and name the same or indistinguishable effects."""
     if every["verdict"] != some["verdict"]:
         return False
     groups = []
@@ -95,30 +79,19 @@ def alike(every, some):
     return len(groups[0]) == len(groups[1]) and all(a & b for a, b in zip(*groups, strict=True))
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draws", type=int, default=40)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--step", type=int, default=9, help="one view of so many; odd")
-    parser.add_argument("--processes", type=int, default=os.cpu_count())
-    parser.add_argument("--out", default="chosen_views.csv")
-    options = parser.parse_args()
+def add_arguments(parser):
+    common.add_realizations(parser, 40, out="chosen_views.csv")
+    parser.add_argument("--step", type=int, default=9, help="distance of the fitted views; an odd number")
+
+
+def run(options):
     tasks = [(draw, options.step) for draw in range(options.first, options.first + options.draws)]
     same, times = [], {1: [], options.step: []}
-    with ProcessPoolExecutor(options.processes) as pool, open(options.out, "w", newline="") as file:
-        writer = csv.DictWriter(file, FIELDS)
-        writer.writeheader()
-        for rows in pool.map(one, tasks):
-            writer.writerows(rows)
-            file.flush()
-            same.append(alike(*rows))
-            for row in rows:
-                times[row["step"]].append(row["seconds"])
-            said = [f"{row['chosen']} [{row['equals']}] {row['verdict']}" for row in rows]
-            print(rows[0]["draw"], rows[0]["truth"], rows[0]["stands"], said, "" if same[-1] else "DIFFER", flush=True)
+    for rows in common.parallel_rows(one, tasks, options, FIELDS):
+        same.append(alike(*rows))
+        for row in rows:
+            times[row["step"]].append(row["seconds"])
+        said = [f"{row['chosen']} [{row['equals']}] {row['verdict']}" for row in rows]
+        print(rows[0]["draw"], rows[0]["truth"], rows[0]["stands"], said, "" if same[-1] else "DIFFER", flush=True)
     medians = ", ".join(f"{np.median(seconds):.1f} s with one view of {step}" for step, seconds in times.items())
     print(f"{sum(same)} of {len(same)} verdicts are the same; median {medians}")
-
-
-if __name__ == "__main__":
-    main()

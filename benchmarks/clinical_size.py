@@ -1,14 +1,11 @@
-"""A recording as large as a clinical one, of an object of one material, for `snakemake diagnosis`.
+"""Write a recording of clinical size for `snakemake diagnosis`, to measure its time and memory (minutes).
 
-    python benchmarks/clinical_size.py --effect scatter clinical
-    cd clinical && snakemake diagnosis --cores 2 --snakefile PROJECT/workflow/Snakefile --configfile my.yaml
-
-One turn of a GE LightSpeed VCT's geometry (888 columns of 1.0239 mm and 64 rows of 1.0988 mm on an arc, 541 and
-949.075 mm, 984 views), one repeat of 1e5 photons per pixel in air, and a map of 512 x 512 x 64 voxels: water with
-holes, edges blurred. The scan has four times the rays that the diagnosis has of each pixel.
+The scan is one turn of a GE LightSpeed VCT with one repeat of 1e5 photons per pixel in air. The object is a map of 512
+x 512 x 64 voxels: water with holes and blurred edges. The scan has four times as many rays per pixel as the model.
+Diagnose it with `cd FOLDER && snakemake diagnosis --cores 2 --snakefile PROJECT/workflow/Snakefile --configfile
+my.yaml`.
 """
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +15,9 @@ import numpy as np
 import yaml
 from scipy import ndimage
 
+from benchmarks import common
+from benchmarks.common import chain_scans
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
@@ -25,28 +25,16 @@ from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV, VoxelScene
 from virtual_phantom.recordings.scan import scan_geometry
 
 PHOTONS = 1e5
-SCAN = {
-    "trajectory": "circular",
-    "start_angle_deg": 0,
-    "direction": 1,
-    "rotation_time_ms": 500.0,
-    "source_to_isocentre_mm": 541.0,
-    "source_to_detector_mm": 949.075,
-    "columns": 888,
-    "rows": 64,
-    "column_pitch_mm": 1.0239,
-    "row_pitch_mm": 1.0988,
-    "column_offset_px": -1.25,
-    "detector": "cylindrical",
-}
+SCAN = common.LIGHTSPEED | {"rows": 64, "trajectory": "circular", "detector": "cylindrical"}
+SCAN |= {"start_angle_deg": 0, "direction": 1, "rotation_time_ms": 500.0}
 VIEWS = 984
 GRID = Grid((64, 512, 512), (1.0, 0.75, 0.75))
 EDGE_MM = 1.0
-AT_ONCE = 41  # views, of which every effect that may be concealed here knows its own alone
+AT_ONCE = 41  # views per part; effects with memory would need all views
 
 
 def shares():
-    """The share of every voxel that is water: an ellipse 300 mm wide with round holes, alike in no two slices."""
+    """Water fraction per voxel: an ellipse 300 mm wide with ellipsoidal holes."""
     z, y, x = np.meshgrid(*GRID.axes_mm(), indexing="ij", sparse=True)
     body = (x / 150) ** 2 + (y / 105) ** 2 < 1
     for centre, radius in (((60, 10, 5), 25), ((-50, -30, -8), 20), ((-10, 55, 0), 15), ((0, -60, 12), 10)):
@@ -55,28 +43,23 @@ def shares():
 
 
 def views(geometry, first, last):
-    """Some of a scan's views, each at its time."""
     some = slice(first, last)
     return replace(
-        geometry,
-        angles_rad=geometry.angles_rad[some],
-        source_z_mm=geometry.source_z_mm[some],
-        view_times=geometry.view_times[some],
+        geometry, **{key: getattr(geometry, key)[some] for key in ("angles_rad", "source_z_mm", "view_times")}
     )
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--effect", default="scatter", help="'none', or one without memory from view to view")
-    parser.add_argument("--strength", type=float, default=0.5, help="share of the typical one")
-    parser.add_argument(
-        "--columns", type=int, default=SCAN["columns"], help="as many in the same fan, for a smaller copy"
-    )
-    parser.add_argument("--rows", type=int, default=SCAN["rows"], help="as many, as high as they are")
+    parser.add_argument("--effect", default="scatter", help="missing effect without memory between views, or 'none'")
+    parser.add_argument("--strength", type=float, default=0.5, help="fraction of the typical strength")
+    parser.add_argument("--columns", type=int, default=SCAN["columns"], help="number of columns in the same fan angle")
+    parser.add_argument("--rows", type=int, default=SCAN["rows"], help="number of rows of the same height")
     parser.add_argument("--views", type=int, default=VIEWS)
     parser.add_argument("--samples", type=int, default=1, help="rays per pixel and direction of the diagnosis")
-    options = parser.parse_args()
+
+
+def run(options):
     scan = SCAN | {
         "views": options.views,
         "views_per_rotation": options.views,
@@ -101,34 +84,19 @@ def main():
             part = views(geometry, first, min(first + AT_ONCE, options.views))
             chain = Chain(scene, part, PHOTONS, samples=2 * options.samples)
             if options.effect != "none" and not physics:
-                physics[options.effect] = {
-                    one.name: one.typical
-                    if one.neutral is None
-                    else one.neutral + options.strength * (one.typical - one.neutral)
-                    for one in chain.parameters(options.effect)
-                }
+                physics[options.effect] = chain_scans.scaled(chain, options.effect, options.strength)
                 if load(options.effect).pattern:
-                    parser.error("a gain pattern would be drawn anew for every part of the views")
+                    raise InputError(
+                        "--effect gain_pattern: the parts of the views need one pattern; choose another effect"
+                    )
             state = chain.state(physics)
             data[first : first + part.views] = state.counts(random)
         file["exchange/data_white"] = PHOTONS * state.air[:1]
         file["exchange/data_dark"] = np.zeros((1, *shape[1:]))
-    content = {
-        "name": "clinical",
-        "kind": "projections",
-        "repeats": ["scan.h5"],
-        "scan": scan,
-    }
+    content = {"name": "clinical", "kind": "projections", "repeats": ["scan.h5"], "scan": scan}
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
-    asked = {
-        "object": {"mask": "water.nii.gz", "material": "water"},
-        "samples": options.samples,
-        "nominal_photons": PHOTONS,
-    }
+    asked = {"object": {"mask": "water.nii.gz", "material": "water"}, "samples": options.samples}
+    asked["nominal_photons"] = PHOTONS
     overlay = {"recordings": {"clinical": "recordings/clinical"}, "diagnosis": {"recordings": {"clinical": asked}}}
     (options.folder / "my.yaml").write_text(yaml.safe_dump(overlay))
-    print(f"{options.folder}: {np.prod(shape) / 1e6:.1f} million rays, {physics or 'nothing'} concealed")
-
-
-if __name__ == "__main__":
-    main()
+    print(f"{options.folder}: {np.prod(shape) / 1e6:.1f} million rays, hidden: {physics or 'nothing'}")

@@ -1,39 +1,29 @@
-"""How many fewer repeats show what a study changes, when scans have their draws in common (noise.draws: common).
+"""Measure how many repeats common random numbers save (noise.draws: common; minutes).
 
-    python benchmarks/common_draws.py
-
-The tiny study's phantom, one scan of 150 views at A = 6e-6 (the "physical" model) with FBP, beside the same with one
-thing changed. The mean change of a feature over n pairs has the variance Var(difference of a pair) / n. With
-independent draws that variance is the sum of both scans'. Their ratio is the share of repeats that shows the change as
-well. Prints its median and quartiles over features and ROIs, and how far counts and images are apart.
+The tiny study's phantom is scanned with 150 views at A = 6e-6 (model "physical") and reconstructed with FBP, once as it
+is and once with one change. The variance of a feature's mean change over n pairs is Var(difference of a pair) / n; with
+independent noise it is the sum of both variances. Prints the median and quartiles of the ratio over features and ROIs.
 """
 
-import argparse
-import os
-from pathlib import Path
+import numpy as np
+import pandas as pd
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
-ROOT = Path(__file__).resolve().parents[1]
+from benchmarks import common
+from virtual_phantom.base.geometry import grid_of, scan_geometry
+from virtual_phantom.config.config import complete
+from virtual_phantom.features.extraction import MINIMUM_VOXELS, extract
+from virtual_phantom.features.names import FEATURES
+from virtual_phantom.phantom import layout, synthetic
+from virtual_phantom.physics.beam.materials import Segmentation
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import load
+from virtual_phantom.physics.scenes.scene import VoxelScene
+from virtual_phantom.simulation.acquire import acquire
+from virtual_phantom.simulation.reconstruct import reconstruct
 
-import numpy as np  # noqa: E402
-import pandas as pd  # noqa: E402
-import yaml  # noqa: E402
-
-from virtual_phantom.base.geometry import grid_of, scan_geometry  # noqa: E402
-from virtual_phantom.config.config import complete  # noqa: E402
-from virtual_phantom.features.extraction import MINIMUM_VOXELS, extract  # noqa: E402
-from virtual_phantom.features.names import FEATURES  # noqa: E402
-from virtual_phantom.phantom import layout, synthetic  # noqa: E402
-from virtual_phantom.physics.beam.materials import Segmentation  # noqa: E402
-from virtual_phantom.physics.chain import Chain  # noqa: E402
-from virtual_phantom.physics.effect import load  # noqa: E402
-from virtual_phantom.physics.scenes.scene import VoxelScene  # noqa: E402
-from virtual_phantom.simulation.acquire import acquire  # noqa: E402
-from virtual_phantom.simulation.reconstruct import reconstruct  # noqa: E402
-
+ONE_THREAD = True
 VIEWS, LEVEL = 150, 6e-6
-# The first two: what another processor's last digits come to (docs/reference/stability.md).
+# The first two: differences between processors (docs/reference/stability.md).
 CHANGES = {
     "line integrals times 1 + 1e-6": {"times": 1 + 1e-6},
     "line integrals times 1 + 1e-7": {"times": 1 + 1e-7},
@@ -49,8 +39,7 @@ CHANGES = {
 
 class Study:
     def __init__(self, repeats):
-        config = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
-        tiny = yaml.safe_load((ROOT / "config" / "tiny.yaml").read_text(encoding="utf-8"))
+        config, tiny = common.read_config(), common.read_config("config/tiny.yaml")
         for key in ("grid", "scan"):
             config[key] = config[key] | tiny[key]
         self.config, self.repeats = complete(config), repeats
@@ -64,7 +53,7 @@ class Study:
         )
 
     def made(self, physics=None, level=LEVEL, views=VIEWS, times=1.0):
-        """Counts of the first repeat, images [repeat, z, y, x] and features [repeat, ROI, feature], common draws."""
+        """Counts of the first repeat, images [repeat, z, y, x] and features [repeat, ROI, feature]."""
         geometry = scan_geometry(self.config["scan"], views, self.grid)
         values = {name: load(name).values(given) for name, given in (physics or {}).items()}
         state = Chain(self.scene, geometry, photons=1.0).state(values)
@@ -81,10 +70,12 @@ class Study:
         return taken[0].data.astype(float), np.stack([image.array for image in images]).astype(float), np.stack(tables)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--repeats", type=int, default=16)
-    study = Study(parser.parse_args().repeats)
+
+
+def run(options):
+    study = Study(options.repeats)
     counts, images, features = study.made()
     rows = []
     for name, changed in CHANGES.items():
@@ -106,7 +97,3 @@ def main():
         if counts.shape == counts_there.shape:
             rows[-1]["counts the same, %"] = 100 * (counts == counts_there).mean()
         print(pd.DataFrame(rows[-1:]).to_string(index=False, float_format="%.4f"), flush=True)
-
-
-if __name__ == "__main__":
-    main()

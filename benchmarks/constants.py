@@ -1,14 +1,9 @@
-"""How many verdicts change if a constant that they rest on is halved or doubled.
+"""Count verdicts that change if a constant of the diagnosis is halved or doubled (30 minutes).
 
-    python benchmarks/constants.py --seed 81 --out constants.jsonl
-
-Scans by the proof's simulator as lacking.py has them: effects of --effects alone, pairs, nothing, and faults that the
-library lacks. Each is diagnosed once as it is, and once for each constant at half and at twice its value. A verdict
-has changed if its kind or the set of effects that it names is another one. Fits are made once: constants of fits
-(--fits) need all of them again, each time. Cases that the file has already are not done again.
+The scans come from the simulator of the blind validation. A verdict changes if its kind or the set of named effects
+changes. Constants of fits (--fits) need all fits again for each value. Cases in the output file are not repeated.
 """
 
-import argparse
 import json
 import sys
 import tempfile
@@ -19,9 +14,9 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-import lacking
-
-from virtual_phantom.diagnosis import run
+from benchmarks import common
+from benchmarks.common import simulator_scans
+from virtual_phantom.diagnosis import run as diagnosis_run
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
@@ -30,38 +25,29 @@ from virtual_phantom.diagnosis.verdict import unmodelled
 
 DIAGNOSIS = "virtual_phantom.diagnosis"
 FACTORS = (0.5, 2.0)
-# Of the choice of effects and of the verdict: module, name.
-OF_VERDICTS = (
-    *(
-        ("selection.forward_selection", name)
-        for name in ("ALPHA", "LEAST_GAIN", "AS_GOOD", "RULED_OUT", "MOST_EFFECTS")
-    ),
-    ("selection.forward_selection", "MOST_SWAPS"),
-    *(("selection.screening", name) for name in ("SCREEN", "FEW", "LEAST_SHARE", "NEAR_BEST")),
-    *(("residuals.residual_tests", name) for name in ("ALPHA", "EDGE_SHARE", "BINS")),
-    *(("verdict.warnings", name) for name in ("WELL_KNOWN", "MOST_CHI_SQUARE")),
-    ("verdict.verdict", "LEFT_SD"),
-    ("verdict.object_mismatch", "BEYOND"),
-    ("projections.residual_maps", "THIN"),
-)
-# Of fits, and of what is known before them.
-OF_FITS = (
-    ("fitting.nuisance", "SURE"),
-    ("fitting.nuisance", "NOMINAL_PHOTONS_SD"),
-    ("fitting.nuisance", "NUMERICAL"),
-    ("fitting.model", "DENSITY_SD"),
-    ("fitting.model", "TUBE_KVP_SD"),
-    ("projections.discretization", "LEFT"),
-    ("projections.discretization", "MOST_STRAY"),
-    ("projections.prepared", "SIZE_SD"),
-)
-ABOVE_ONE = ("MOST_CHI_SQUARE",)  # of a ratio that is 1 where nothing is wrong: what it has beyond is varied
-STATED = "stated"  # how the diagnosis without any change is called
+# {module: constants of effect selection and verdict}.
+OF_VERDICTS = {
+    "selection.forward_selection": ("ALPHA", "LEAST_GAIN", "AS_GOOD", "RULED_OUT", "MOST_EFFECTS", "MOST_SWAPS"),
+    "selection.screening": ("SCREEN", "FEW", "LEAST_SHARE", "NEAR_BEST"),
+    "residuals.residual_tests": ("ALPHA", "EDGE_SHARE", "BINS"),
+    "verdict.warnings": ("WELL_KNOWN", "MOST_CHI_SQUARE"),
+    "verdict.verdict": ("LEFT_SD",),
+    "verdict.object_mismatch": ("BEYOND",),
+    "projections.residual_maps": ("THIN",),
+}
+OF_FITS = {  # and of priors
+    "fitting.nuisance": ("SURE", "NOMINAL_PHOTONS_SD", "NUMERICAL"),
+    "fitting.model": ("DENSITY_SD", "TUBE_KVP_SD"),
+    "projections.discretization": ("LEFT", "MOST_STRAY"),
+    "projections.prepared": ("SIZE_SD",),
+}
+ABOVE_ONE = ("MOST_CHI_SQUARE",)  # a ratio with the null value 1: the excess is scaled
+STATED = "stated"  # key of the unchanged diagnosis
 
 
 @dataclass(frozen=True)
 class Constant:
-    """A number of a module, or of `model_accuracy` where there is no module."""
+    """A number of a module, or of `model_accuracy` if `module` is empty."""
 
     module: str
     name: str
@@ -72,7 +58,7 @@ class Constant:
 
     @contextmanager
     def times(self, factor: float, accuracy: dict[str, float]) -> Iterator[dict[str, float]]:
-        """With so many times its value, in its module and in all that have it from there: the accuracy to go by."""
+        """Scale the constant in all modules that import it; yields the accuracy to use."""
         if not self.module:
             yield accuracy | {self.name: accuracy[self.name] * factor}
             return
@@ -92,6 +78,10 @@ class Constant:
                 setattr(one, self.name, stated)
 
 
+def constants_of(modules: dict[str, tuple[str, ...]]) -> list[Constant]:
+    return [Constant(module, name) for module, names in modules.items() for name in names]
+
+
 def scaled(value, factor: float, name: str = ""):
     """A constant times a factor: whole numbers stay whole, and a pair of mean and standard deviation keeps its mean."""
     if isinstance(value, dict):
@@ -104,7 +94,7 @@ def scaled(value, factor: float, name: str = ""):
 
 
 class Remembered:
-    """Fits, matched filters and kinds of change of one recording, each worked out once."""
+    """Cache of fits, matched filters and kinds of change of one recording."""
 
     def __init__(self):
         self._trials, self._others = {}, {}
@@ -117,18 +107,16 @@ class Remembered:
         return effects, *(None if one is None else self._key(one.fit) for one in begun)
 
     def get(self, effects, given=None, against=None):
-        """As FitCache.get."""
         return self._trials.get(self._of(effects, given, against))
 
     def put(self, found, effects, given=None, against=None) -> None:
-        """As FitCache.put."""
         self._trials[self._of(effects, given, against)] = found
 
     def once(self, function: Callable) -> Callable:
-        """A function of (what is prepared, a fit, ...) that remembers its answers."""
+        """Cache a function of (prepared, fit, ...)."""
 
         def answered(one, fit, *rest, **settings):
-            # What is prepared stays in memory with its answer, so that its number is no other's.
+            # The cache keeps `one` alive, so that its id stays unique.
             key = function.__name__, id(one), self._key(fit), repr(rest[:1])
             if key not in self._others:
                 self._others[key] = one, function(one, fit, *rest, **settings)
@@ -138,39 +126,39 @@ class Remembered:
 
     @contextmanager
     def of_everything(self) -> Iterator[None]:
-        """While matched filters and kinds of change are asked for, those remembered are given."""
+        """Use the cache for matched filters and kinds of change."""
         screened, changes = forward_selection.screened, unmodelled.changes
-        forward_selection.screened = run.screened = self.once(screened)
+        forward_selection.screened = diagnosis_run.screened = self.once(screened)
         unmodelled.changes = self.once(changes)
         try:
             yield
         finally:
-            forward_selection.screened = run.screened = screened
+            forward_selection.screened = diagnosis_run.screened = screened
             unmodelled.changes = changes
 
 
 def said(
     asked: DiagnosisRequest, tried: list[str], accuracy: dict[str, float], remembered: Remembered, made=None
 ) -> dict:
-    """Kind of verdict, and effects by name, the first first."""
+    """Kind of the verdict and ranked effects."""
     recording, prepared = made or prepare_recording(asked)
-    found = run.find_missing_physics(recording.name, prepared, tried, accuracy, cache=remembered)
+    found = diagnosis_run.find_missing_physics(recording.name, prepared, tried, accuracy, cache=remembered)
     return {"verdict": found.content["verdict"], "effects": [one["name"] for one in found.content["effects"]]}
 
 
 def answers(folder: Path, truth: dict, config: dict, seed: int, of_fits: bool) -> dict[str, dict]:
-    """{what was changed: what is said then}."""
-    model = lacking.recorded(folder, truth, config, seed)
+    """{changed constant: verdict}."""
+    model = simulator_scans.recorded(folder, truth, config, seed)
     asked, tried = DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1), list(candidates(model["settings"]))
     accuracy, made, remembered = config["diagnosis"]["model_accuracy"], prepare_recording(asked), Remembered()
     found = {}
     with remembered.of_everything():
         found[STATED] = said(asked, tried, accuracy, remembered, made)
-        for one in [*(Constant("", name) for name in accuracy), *(Constant(*names) for names in OF_VERDICTS)]:
+        for one in [*(Constant("", name) for name in accuracy), *constants_of(OF_VERDICTS)]:
             for factor in FACTORS:
                 with one.times(factor, accuracy) as taken:
                     found[f"{one.label} * {factor:g}"] = said(asked, tried, taken, remembered, made)
-    for one in [Constant(*names) for names in OF_FITS] if of_fits else []:
+    for one in constants_of(OF_FITS) if of_fits else []:
         for factor in FACTORS:
             fresh = Remembered()
             with one.times(factor, accuracy) as taken, fresh.of_everything():
@@ -179,12 +167,11 @@ def answers(folder: Path, truth: dict, config: dict, seed: int, of_fits: bool) -
 
 
 def changed(one: dict, stated: dict) -> bool:
-    """Whether a verdict is another one."""
     return one["verdict"] != stated["verdict"] or set(one["effects"]) != set(stated["effects"])
 
 
 def counted(rows: list[dict]) -> None:
-    """Print how many verdicts change with each constant, those that change most first."""
+    """Print the number of changed verdicts per constant, largest first."""
     names = {key.rpartition(" * ")[0] for row in rows for key in row["answers"] if key != STATED}
     table = {}
     for name in names:
@@ -202,29 +189,25 @@ def counted(rows: list[dict]) -> None:
     print(f"all: {flips} of {of} verdicts")
 
 
-def main() -> None:
-    """Scan, diagnose with every constant as it is, halved and doubled, and count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--out", type=Path, required=True)
-    lacking.add_draws(parser, ["weak", "medium"], none=4, pairs=2, unknown=4)
-    parser.add_argument("--fits", action="store_true", help="constants of fits too: each needs a whole diagnosis")
-    options = parser.parse_args()
-    config = lacking.default_config()
-    rows = lacking.rows_of(options.out)
-    for case, truth in lacking.left_to_do(options, rows).items():
+    simulator_scans.add_draws(parser, ["weak", "medium"], none=4, pairs=2, unknown=4)
+    parser.add_argument("--fits", action="store_true", help="include constants of fits; each needs a full diagnosis")
+
+
+def run(options):
+    config = common.configuration()
+    rows = common.read_jsonl(options.out)
+    for case, truth in simulator_scans.left_to_do(options, rows).items():
         began = time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:
             found = answers(Path(folder), truth, config, options.seed, options.fits)
         rows.append({"truth": truth, "answers": found})
-        lacking.append(options.out, rows[-1])
+        common.append_jsonl(options.out, rows[-1])
         concealed = ", ".join(one["name"] for one in truth["effects"]) or "nothing"
         stated, others = found[STATED], [key for key in found if changed(found[key], found[STATED])]
         words = f"{stated['verdict']}, {', '.join(stated['effects']) or 'no effect'}"
         seconds = time.perf_counter() - began
         print(f"{case} {concealed}: {words}; changed by {', '.join(others) or 'none'} [{seconds:.0f} s]", flush=True)
     counted(rows)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,16 +1,12 @@
-"""What the agreement with the printed phantom is worth: the default study beside further seeds and negative controls.
+"""Compare the default study's agreement with the printed phantom with further seeds and negative controls (1 hour).
 
-    python benchmarks/controls.py [--cores 2] [--keep] [--table FEATURES_2D_CSV]
-
-Runs the stability analysis of the default study, of five further values of `seed`, and of studies that are wrong on
-purpose, into results-controls; what is there already stays, and with --keep nothing is run. Prints the table of
-docs/validation/controls.md, and writes default_study_seeds.csv of the library's resources. --table, the full table of
-CT-Phantom4Radiomics, adds the phantom against itself. About 6 minutes of one core for each of the eight studies.
+Runs the stability analysis of the default study, of five further seeds and of studies that are wrong on purpose in
+results-controls. Prints the table of docs/validation/controls.md and writes default_study_seeds.csv of the library.
+--table, the full table of CT-Phantom4Radiomics, adds a comparison of the printed phantom with itself.
 """
 
 from __future__ import annotations
 
-import argparse
 import re
 import subprocess
 import sys
@@ -20,9 +16,9 @@ import numpy as np
 import pandas as pd
 import yaml
 
+from benchmarks import common
 from virtual_phantom import phantom
 from virtual_phantom.base.data import RESOURCES
-from virtual_phantom.config import config
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.features import extraction, tables
 from virtual_phantom.features.names import FEATURES
@@ -31,11 +27,9 @@ from virtual_phantom.io.files import replacing, write_csv
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.statistics import further_seeds, measured, ranking, repeats, roi_profiles, wilcoxon
 
-ROOT = Path(__file__).resolve().parents[1]
-
 RESULTS = Path("results-controls")
 SEEDS = (2023, 2024, 2025, 2026, 2027)
-# Six ROIs that differ in mean HU alone: one texture for all, where the printed phantom has none (cysts) to strong ones.
+# One texture for six ROIs, which then differ in mean HU only; the printed phantom has different textures.
 TEXTURE = {"sd_hu": 15, "correlation_mm": 5, "skewness": -1.0}
 TISSUES = ("n1", "n2", "c1", "c2", "hem", "met")
 WHITE_STREAM = 1
@@ -44,47 +38,31 @@ PAIRED = {"iterative": "sirt_300", "fbp": "fbp_300"}  # reconstructions of the d
 
 
 def studies() -> dict[str, dict]:
-    """What each study changes in config/controls.yaml; None is config/tiny.yaml."""
+    """{study: overlay of config/controls.yaml}; None stands for config/tiny.yaml."""
     found = {"default": {}, **{f"seed{seed}": {"seed": seed} for seed in SEEDS}}
-    level = configuration()["noise"]["levels"]["dose10"]
+    level = common.configuration()["noise"]["levels"]["dose10"]
     found["noise_x10"] = {"noise": {"levels": {"dose10": {"A": 10 * level["A"]}}}}
     found["texture"] = {"phantom": {"layout": f"{RESULTS}/layout.yaml"}}
     found["tiny"] = None
     return found
 
 
-def run(name: str, changes: dict | None, cores: int) -> None:
+def run_study(name: str, changes: dict | None, cores: int) -> None:
     overlay = RESULTS / f"{name}.yaml"
     files = ["config/tiny.yaml"] if changes is None else ["config/controls.yaml"]
-    (ROOT / overlay).write_text(
+    (common.ROOT / overlay).write_text(
         yaml.safe_dump({**(changes or {}), "results_dir": f"{RESULTS}/{name}"}), encoding="utf-8"
     )
     command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--configfile", *files, str(overlay), "--"]
-    subprocess.run([*command, f"{RESULTS}/{name}/tables/stability.csv"], cwd=ROOT, check=True)
+    subprocess.run([*command, f"{RESULTS}/{name}/tables/stability.csv"], cwd=common.ROOT, check=True)
 
 
 def write_layout(path: Path) -> None:
-    """The default phantom with one texture in all six ROIs."""
+    """Write the layout of the default phantom with one texture in all six ROIs."""
     layout = yaml.safe_load((RESOURCES / "phantom.yaml").read_text(encoding="utf-8"))
     for tissue in TISSUES:
         layout["tissues"][tissue]["texture"] = [TEXTURE]
     path.write_text(yaml.safe_dump(layout), encoding="utf-8")
-
-
-def configuration(*overlays: str) -> dict:
-    """The default configuration with overlays, as Snakemake merges them."""
-    merged: dict = {}
-    for path in ("config/config.yaml", *overlays):
-        merge(merged, yaml.safe_load((ROOT / path).read_text(encoding="utf-8")))
-    return config.complete(merged)
-
-
-def merge(into: dict, overlay: dict) -> None:
-    for key, value in overlay.items():
-        if isinstance(value, dict) and isinstance(into.get(key), dict):
-            merge(into[key], value)
-        else:
-            into[key] = value
 
 
 def white_noise(plan: Plan) -> pd.DataFrame:
@@ -93,8 +71,8 @@ def white_noise(plan: Plan) -> pd.DataFrame:
     The noise of a group is that of one of the printed phantom's groups, as its large cyst shows it; SIRT takes those
     with ADMIRE (1, 3, 5, 7), FBP those with FBP (2, 4, 6, 8).
     """
-    image = volumes.read_nifti(ROOT / RESULTS / "default/phantom/image.nii.gz")
-    rois, masks = phantom.read_masks(ROOT / RESULTS / "default/phantom/rois.csv", image.grid)
+    image = volumes.read_nifti(common.ROOT / RESULTS / "default/phantom/image.nii.gz")
+    rois, masks = phantom.read_masks(common.ROOT / RESULTS / "default/phantom/rois.csv", image.grid)
     classes = dict(zip(rois["roi"], rois["tissue_class"], strict=True))
     means = measured.group_means().query("roi == 'cyst_1'").set_index("group")
     sd = np.sqrt(means["original_firstorder_Variance"])
@@ -139,7 +117,7 @@ def headline(table: pd.DataFrame, draws: pd.DataFrame, features=FEATURES) -> dic
 
 
 def over_rois(table: pd.DataFrame) -> dict[str, float]:
-    """Values over ROIs against the dose series at 10 mGy, mean of the two reconstructions."""
+    """Agreement over ROIs with the dose series at 10 mGy, mean of the two reconstructions."""
     found = [
         roi_profiles.profile_agreement(
             roi_profiles.compare_profiles(
@@ -157,7 +135,7 @@ def series(reconstruction: str, dose_mgy: float) -> pd.DataFrame:
 
 
 def real_over_rois() -> dict[str, dict[str, float]]:
-    """The dose series against itself: other reconstructions and doses of the same phantom."""
+    """Agreement of the dose series with other reconstructions and doses of the same phantom."""
     others = {"the other reconstruction": lambda name: ({"iterative": "fbp", "fbp": "iterative"}[name], DOSE_MGY)}
     others |= {f"{dose} mGy": lambda name, dose=dose: (name, dose) for dose in (3, 1)}
     return {
@@ -176,7 +154,7 @@ def real_over_rois() -> dict[str, dict[str, float]]:
 
 
 def against_itself(path: Path) -> dict[str, float]:
-    """Nine or ten acquisitions of the printed phantom against others, without re-positioning; mean over 10 splits."""
+    """Agreement of two halves of the acquisitions without re-positioning; mean over 10 splits."""
     study = measured.load_full_table(path)
     study = study[study["repositioned"] == 0]
     common = np.array(sorted(set.intersection(*(set(rows["acquisition"]) for _, rows in study.groupby("group")))))
@@ -190,48 +168,48 @@ def against_itself(path: Path) -> dict[str, float]:
 
 
 def markdown(rows: pd.DataFrame) -> str:
-    def number(value, digits):
-        return "" if pd.isna(value) else f"{value:.{digits}f}"
-
-    lines = [
-        "| study | stable % | told apart % | area, stability | area, discrimination | lengths above | of ten shared | "
-        "order of ROIs | alike % | distance |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    both = [f"{kind}_{{}}" for kind in ranking.KINDS]
+    columns = {  # title: columns of the table, and digits
+        "stable %": (["stability_percent"], 1),
+        "discriminative %": (["discrimination_percent"], 1),
+        "area, stability": (["stability_area"], 3),
+        "area, discrimination": (["discrimination_area"], 3),
+        "lengths above": ([name.format("above") for name in both], 0),
+        "of ten shared": ([name.format("ten") for name in both], 1),
+        "order of ROIs": (["order"], 2),
+        "alike %": (["alike_percent"], 0),
+        "distance": (["distance"], 2),
+    }
+    lines = [f"| study | {' | '.join(columns)} |", "|---" * (1 + len(columns)) + "|"]
     for name, row in rows.iterrows():
-        cells = [
-            number(row["stability_percent"], 1),
-            number(row["discrimination_percent"], 1),
-            *(f"{number(row[f'{kind}_area'], 3)}" for kind in ranking.KINDS),
-            ", ".join(number(row[f"{kind}_above"], 0) for kind in ranking.KINDS).strip(", "),
-            ", ".join(number(row[f"{kind}_ten"], 1) for kind in ranking.KINDS).strip(", "),
-            number(row["order"], 2),
-            number(row["alike_percent"], 0),
-            number(row["distance"], 2),
-        ]
+        cells = (
+            ", ".join("" if pd.isna(row[key]) else f"{row[key]:.{digits}f}" for key in keys).strip(", ")
+            for keys, digits in columns.values()
+        )
         lines.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--table", type=Path)
-    parser.add_argument("--keep", action="store_true", help="run nothing, take what is in results-controls")
-    arguments = parser.parse_args()
-    (ROOT / RESULTS).mkdir(exist_ok=True)
-    write_layout(ROOT / RESULTS / "layout.yaml")
-    if not arguments.keep:
+    parser.add_argument("--keep", action="store_true", help="evaluate results-controls without new runs")
+
+
+def run(options):
+    (common.ROOT / RESULTS).mkdir(exist_ok=True)
+    write_layout(common.ROOT / RESULTS / "layout.yaml")
+    if not options.keep:
         for name, changes in studies().items():
-            run(name, changes, arguments.cores)
-    plan, tiny = Plan(configuration("config/controls.yaml")), Plan(configuration("config/tiny.yaml"))
-    white = ROOT / RESULTS / "white_noise.csv"
+            run_study(name, changes, options.cores)
+    plan, tiny = Plan(common.configuration("config/controls.yaml")), Plan(common.configuration("config/tiny.yaml"))
+    white = common.ROOT / RESULTS / "white_noise.csv"
     if not white.exists():
         write_csv(white_noise(plan), white)
 
     rows, scores = {}, []
     for name in (*studies(), "white_noise"):
-        path = white if name == "white_noise" else ROOT / RESULTS / name / "features.csv"
+        path = white if name == "white_noise" else common.ROOT / RESULTS / name / "features.csv"
         one = tiny if name == "tiny" else plan
         repeated = one.repeats(["dose10"])
         table = tables.select_groups(tables.read_features(path), one.groups(), noise="dose10", seeds=repeated)
@@ -245,21 +223,17 @@ def main() -> None:
             scores.append(kept.round(6))
     with replacing(RESOURCES / "default_study_seeds.csv", checksum=False) as temporary:
         pd.concat(scores).to_csv(temporary, index=False, lineterminator="\n")
-    if arguments.table:
-        rows["printed phantom, nine scans and nine others"] = against_itself(arguments.table)
+    if options.table:
+        rows["printed phantom, nine scans and nine others"] = against_itself(options.table)
     rows |= real_over_rois()
     table = pd.DataFrame(rows).T
     seeds = table.loc[[f"seed{seed}" for seed in SEEDS]]
     table = table.drop(index=seeds.index)
     table.loc["five further seeds, mean"], table.loc["five further seeds, SD"] = seeds.mean(), seeds.std(ddof=1)
-    write_csv(table.reset_index(names="study"), ROOT / RESULTS / "controls.csv")
+    write_csv(table.reset_index(names="study"), common.ROOT / RESULTS / "controls.csv")
     print(markdown(table))
     for acquisitions in measured.ACQUISITIONS:
         draws = measured.load_score_draws(10, acquisitions)
         said = ["{:.1f} +- {:.1f} %".format(*repeats.mean_over_features(draws, kind)) for kind in ranking.KINDS]
         print(f"printed phantom, 10 of {draws['of'].iloc[0]} acquisitions ({acquisitions}): {', '.join(said)}")
     print("SD of the seeds:", further_seeds.sd_over_seeds(further_seeds.read_seed_scores()))
-
-
-if __name__ == "__main__":
-    main()

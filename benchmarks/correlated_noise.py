@@ -1,24 +1,21 @@
-"""z of every domain, and verdicts, where noise is correlated and nothing is wrong: the right effect fitted to the
-library's own draws.
+"""Measure the distribution of z in every domain and the false alarms for correlated noise (minutes).
 
-    python benchmarks/correlated_noise.py --draws 40 --out correlated_noise.csv
-
-Of every setting so many scans are drawn by the chain, four repeats each. The effect that is there is given and fitted
-with the alignment; the data held out are then looked at as a diagnosis does. Every z has a mean of 0 and a standard
-deviation of 1 where the errors are right. Draws under 1000 were tuned on.
+The library's chain simulates four repeats of each scan. The true effect is fitted with the alignment, and the held-out
+data are tested as in a diagnosis. With correct errors z has mean 0 and standard deviation 1. The tests were tuned on
+realizations below 1000.
 """
 
-import argparse
-import csv
 import time
 from collections import defaultdict
 
 import numpy as np
 from scipy import ndimage, stats
 
-from virtual_phantom.base.geometry import Grid, circular
+from benchmarks import common
+from benchmarks.common import chain_scans
+from virtual_phantom.base.geometry import Grid
 from virtual_phantom.diagnosis.fitting.trial import trial
-from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.residuals.residual_tests import aligned
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.beam.materials import Segmentation
@@ -27,16 +24,7 @@ from virtual_phantom.physics.scenes.posed import PosedScene
 from virtual_phantom.physics.scenes.scene import VoxelScene
 
 PHOTONS, REPEATS, EDGE_MM, INTERVAL_MS = 1e5, 4, 3.0, 1.0
-GEOMETRY = circular(
-    views=72,
-    source_to_isocentre_mm=570.0,
-    source_to_detector_mm=1040.0,
-    columns=48,
-    rows=8,
-    column_pitch_mm=11.0,
-    row_pitch_mm=8.0,
-    view_interval_ms=INTERVAL_MS,
-)
+GEOMETRY = common.circular_scan(72, 48, 8, 11.0, 8.0, view_interval_ms=INTERVAL_MS)
 
 
 def crosstalk(share):
@@ -44,9 +32,9 @@ def crosstalk(share):
 
 
 def afterglow(share, memory=0.1):
-    """Of a share of a view's signal that is read with later views, of which each further view leaves `memory`."""
-    ratio = -np.log(memory)  # of the view's interval to the time constant
-    of_light = share * ratio / (1 - memory)  # what glows up within the view that brings it about is none of it
+    """Afterglow of a share of the signal; each further view retains the fraction `memory`."""
+    ratio = -np.log(memory)  # view interval / time constant
+    of_light = share * ratio / (1 - memory)  # without the part within the same view
     return {"afterglow": {"share": of_light, "time_constant_ms": INTERVAL_MS / ratio, "before": 1.0}}
 
 
@@ -72,7 +60,7 @@ FIELDS = ("setting", "draw", "verdict", "seconds", "worst", "p", "domain", "plac
 
 
 def scene():
-    """An elliptic body with a dense and a light insert, off the axis; edges blurred by a Gaussian."""
+    """Elliptic body with an off-axis dense and light insert; edges blurred by a Gaussian."""
     grid = Grid((32, 96, 96), (3.0, 3.0, 3.0))
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
     hu = np.where((x / 110) ** 2 + (y / 80) ** 2 < 1, 20.0, -1000.0)
@@ -82,20 +70,14 @@ def scene():
     return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193)
 
 
-def scans(chain, physics, random, repeats=REPEATS):
-    state = chain.state(physics)
-    air = state.measured_air
-    drawn = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(repeats)]
-    white = air.mean(axis=0) * state.photons
-    return observed.Scans(np.stack(drawn).astype(np.float32), white, np.ones(drawn[0].shape, bool))
-
-
 def one(chain, model, name, physics, draw, repeats=REPEATS):
-    """A row of every place."""
+    """One row per location of the residual maps."""
     key = (list(SETTINGS | FURTHER).index(name), draw)
     random = np.random.default_rng(np.random.SeedSequence(23, spawn_key=key))
     began = time.perf_counter()
-    given = prepared.prepare(scans(chain, physics, random, repeats), None, model, nominal_photons=PHOTONS)
+    given = prepared.prepare(
+        chain_scans.scans(chain, physics, random, repeats=repeats), None, model, nominal_photons=PHOTONS
+    )
     fit = trial(given.fitter, tuple(physics), trial(given.fitter, ())).fit
     correlated = given.with_noise_of(fit)
     if correlated is not given:
@@ -111,7 +93,7 @@ def one(chain, model, name, physics, draw, repeats=REPEATS):
         values = place.map.ravel()
         if place.domain == "pixels":
             rows.append(row | {"domain": "pixels, their sum of squares", "place": 0, "z": place.z})
-        if place.domain == "both halves":  # which stop at 0
+        if place.domain == "both halves":  # one-sided
             values = values[values > 0]
         rows += [row | {"domain": place.domain, "place": i, "z": round(float(z), 4)} for i, z in enumerate(values)]
     return rows
@@ -139,28 +121,21 @@ def summary(rows):
     print(f"seconds: median {np.median([row['seconds'] for row in draws])}")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draws", type=int, default=40)
-    parser.add_argument("--first", type=int, default=1000, help="number of the first draw; under 1000 were tuned on")
+def add_arguments(parser):
+    common.add_realizations(parser, 40, 1000)
     parser.add_argument("--settings", nargs="+", choices=[*SETTINGS, *FURTHER], default=list(SETTINGS))
     parser.add_argument("--repeats", type=int, default=REPEATS)
     parser.add_argument("--out", default="correlated_noise.csv")
-    options = parser.parse_args()
+
+
+def run(options):
     bare = scene()
     chain, model = Chain(bare, GEOMETRY, PHOTONS), Chain(PosedScene(bare, 1), GEOMETRY, PHOTONS)
     rows = []
-    with open(options.out, "w", newline="") as file:
-        writer = csv.DictWriter(file, FIELDS)
-        writer.writeheader()
+    with common.csv_writer(options.out, FIELDS) as write:
         for name in options.settings:
             for draw in range(options.first, options.first + options.draws):
                 found = one(chain, model, name, (SETTINGS | FURTHER)[name], draw, options.repeats)
-                writer.writerows(found)
-                file.flush()
+                write(*found)
                 rows += found
     summary(rows)
-
-
-if __name__ == "__main__":
-    main()

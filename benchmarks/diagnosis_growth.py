@@ -1,27 +1,23 @@
-"""What the time of a diagnosis grows with: rays, voxels, effects, repeats and cores, one at a time.
+"""Measure the time of a diagnosis as a function of rays, voxels, effects, repeats and cores (7 minutes).
 
-    python benchmarks/diagnosis_growth.py --out results/benchmarks
-
-Scans with scatter left out, of the study's phantom, by the library's own chain, each diagnosed from its folder to its
-page in a Python of its own. Writes diagnosis_growth.csv and diagnosis_growth.png with the exponent of each: seconds go
-with size to that power, start and page included. Run it on cores that do nothing else.
+The library's chain simulates scans of the study's phantom with missing scatter. Each is diagnosed in a new Python
+process. Writes diagnosis_growth.csv and diagnosis_growth.png with the exponent of each series. Needs idle cores.
 """
 
-import argparse
-import csv
 import tempfile
 from pathlib import Path
 
 import numpy as np
-from diagnosis_rates import Case, every_effect, run, written
 
+from benchmarks import common
+from benchmarks.diagnosis_rates import Case, every_effect, run_case, written
 from virtual_phantom.figures import style
 
-# Effects in the order in which they are tried first, so that the one that is missing is always among them.
+# The missing effect comes first, so that it is always a candidate.
 EFFECTS = tuple(["scatter", *(case.name for case in every_effect() if case.name != "scatter")])
 COLUMNS, ROWS, VIEWS, ACROSS = 64, 8, 90, 128
 SERIES = {
-    "rays": (1, 2, 4, 8),  # times as many views
+    "rays": (1, 2, 4, 8),  # factor of the number of views
     "voxels": (64, 128, 256, 384),  # across
     "effects": (3, 9, 27),
     "repeats": (4, 8, 16),
@@ -30,7 +26,7 @@ SERIES = {
 
 
 def case_of(of, value):
-    """The recording of a place of a series, and how many processes diagnose it."""
+    """Recording of a point of a series, and the number of processes."""
     views = VIEWS * (value if of == "rays" else 1)
     across = value if of == "voxels" else ACROSS
     effects = EFFECTS[: value if of == "effects" else len(EFFECTS)]
@@ -40,12 +36,11 @@ def case_of(of, value):
 
 
 def size_of(of, value, extent):
-    """What is on the axis."""
     return {"rays": extent.rays, "voxels": value**2 * 24}.get(of, value)
 
 
 def measured(rounds):
-    """Rows of what, its size, and the median of seconds by the clock."""
+    """Rows with quantity, size and median wall time."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for of, values in SERIES.items():
@@ -53,8 +48,8 @@ def measured(rounds):
                 case, processes = case_of(of, value)
                 place = Path(folder) / case.name
                 extent = written(case, place)
-                runs = [run(place, processes, False) for _ in range(rounds)]
-                seconds = float(np.median([sum(parts.values()) for parts, _ in runs]))
+                runs = [run_case(place, processes) for _ in range(rounds)]
+                seconds = float(np.median([one["wall"] for one in runs]))
                 row = {"of": of, "size": size_of(of, value, extent), "seconds": round(seconds, 2)}
                 rows.append(row | {"found": "+".join(runs[0]["found"]) or "none"})
                 print(rows[-1], flush=True)
@@ -62,7 +57,7 @@ def measured(rounds):
 
 
 def exponents(rows):
-    """{of: the power that fits all sizes of it}."""
+    """{quantity: fitted exponent}."""
     found = {}
     for of in dict.fromkeys(row["of"] for row in rows):
         size, seconds = np.array([(row["size"], row["seconds"]) for row in rows if row["of"] == of], float).T
@@ -72,7 +67,6 @@ def exponents(rows):
 
 @style.styled(grid=True)
 def drawn(rows, powers):
-    """One panel for each, on logarithmic axes."""
     figure = style.figure(style.DOUBLE_COLUMN_MM, 48)
     axes = figure.subplots(1, len(powers), sharey=True)
     for axis, (of, power) in zip(axes, powers.items(), strict=True):
@@ -92,21 +86,15 @@ def drawn(rows, powers):
     return figure
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
-    parser.add_argument("--rounds", type=int, default=1, help="diagnoses of each recording")
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+    parser.add_argument("--rounds", type=int, default=1, help="diagnoses per recording")
+
+
+def run(options):
     rows = measured(options.rounds)
     powers = exponents(rows)
-    with open(options.out / "diagnosis_growth.csv", "w", newline="") as file:
-        writer = csv.DictWriter(file, [*rows[0], "exponent"])
-        writer.writeheader()
-        writer.writerows(row | {"exponent": round(powers[row["of"]], 3)} for row in rows)
+    table = [row | {"exponent": round(powers[row["of"]], 3)} for row in rows]
+    common.write_table(options.out / "diagnosis_growth.csv", table)
     style.save(drawn(rows, powers), [options.out / "diagnosis_growth.png"])
     print({of: round(power, 2) for of, power in powers.items()})
-
-
-if __name__ == "__main__":
-    main()

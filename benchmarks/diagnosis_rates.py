@@ -1,22 +1,13 @@
-"""What a diagnosis of a recording costs: the rates by which `snakemake plan` and the console tell its time beforehand.
+"""Fit the rates by which `snakemake plan` estimates the time of a diagnosis (30 minutes).
 
-    python benchmarks/diagnosis_rates.py --machine "two cores of an AMD EPYC"
-
-Makes recordings of several sizes by the library's own chain, diagnoses each from its folder to its page with one
-process, in a separate Python, and fits the rates to the CPU time of its parts, by the scans that were simulated and
-the rounds of ranking. Some recordings are held out. Prints the forecast beside each. Writes the stage `diagnose` into
-the library's rates.yaml and leaves the others.
-
---quick takes three small recordings and writes nothing: to see that it works. --every-effect diagnoses a recording for
-each effect by the rates that there are, and writes nothing.
+The library's chain simulates recordings of several sizes. Each is diagnosed by one process in a new Python process, and
+the rates are fitted to the CPU time of its parts. Prints the forecasts, also of recordings that are held out. Writes
+the stage `diagnose` of the library's rates.yaml if --machine is given.
 """
 
 import argparse
 import json
 import os
-import resource
-import subprocess
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -25,10 +16,11 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from fit_rates import RATES, write
 
+from benchmarks import THREAD_VARIABLES, common
+from benchmarks.fit_rates import RATES, write
 from virtual_phantom.api.simulated import draw_phantom
-from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.streams import Branch
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.comparison.regions import ScannedVolume
@@ -54,10 +46,10 @@ from virtual_phantom.study.costs.rates import fit_parts, read_rates
 from virtual_phantom.study.progress.status import duration_range
 
 PHOTONS, REPEATS = 1e5, 4
-WIDE_MM, HIGH_MM = 512.0, 128.0  # the detector; one row is as high as eight are
+WIDE_MM, HIGH_MM = 512.0, 128.0  # detector; a single row has the height of eight
 ACROSS_MM, SLICES = 300.0, 24  # the phantom
-HOLES = (((30, 10), 15), ((-35, -20), 10))  # of the masked object: centre and radius, mm
-# Parts of a diagnosis, each with the units that it is counted in.
+HOLES = (((30, 10), 15), ((-35, -20), 10))  # holes of the masked object: center and radius, mm
+# Parts of a diagnosis and their units of work.
 START, COMPILED, CHECK, ALONE = "start", "compiled", "check", "alone"
 PARTS = {
     START: ("job",),
@@ -67,14 +59,13 @@ PARTS = {
     RANKED: ("filter_point", "filter_step"),
     FITTED: ("evaluation", "evaluation_point"),
 }
-COMPILED_SECONDS = 16.0  # CPU time of a first diagnosis beyond that of the same again, on an empty cache of kernels
+COMPILED_SECONDS = 16.0  # additional CPU time with an empty cache of kernels
 SEED = 20261124
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")  # as Snakemake has them
 
 
 @dataclass(frozen=True)
 class Case:
-    """A recording: what was scanned, its size, and what its simulation lacks."""
+    """A recording: object, size and missing effects."""
 
     name: str
     columns: int
@@ -83,7 +74,7 @@ class Case:
     lacks: tuple = ()
     across: int = 0  # voxels of the phantom or of the mask
     scanned: dict = field(default_factory=dict)
-    effects: tuple = ()  # that are tried; none: all
+    effects: tuple = ()  # candidates; empty: all
     held_out: bool = False
     repeats: int = REPEATS
 
@@ -109,7 +100,7 @@ CASES = (
     Case("held_three", 96, 8, 90, ("spectrum", "veiling_glare", "detector_offset"), 128, held_out=True),
     Case("held_shapes", 96, 8, 120, ("heel",), scanned=SHAPES, held_out=True),
 )
-SIZES = ((64, 6, 72, 128), (96, 4, 60, 192), (64, 8, 90, 128), (128, 4, 60, 96))  # of those for every effect, in turn
+SIZES = ((64, 6, 72, 128), (96, 4, 60, 192), (64, 8, 90, 128), (128, 4, 60, 96))  # for every_effect, in turn
 QUICK = (
     Case("quick", 56, 4, 48, ("scatter",), 64, effects=FEW),
     Case("quick_disc", 128, 1, 60, (), scanned=DISC, effects=FEW),
@@ -118,7 +109,7 @@ QUICK = (
 
 
 def every_effect():
-    """A recording for each effect on projections of which a recording without stated photons can tell."""
+    """A recording per effect that can be detected without declared photons."""
     shown = [name for name in names() if not acts_on_images(name) and name != "photon_flux"]
     return [
         Case(name, *SIZES[place % len(SIZES)][:3], (name,), SIZES[place % len(SIZES)][3], held_out=True)
@@ -127,26 +118,16 @@ def every_effect():
 
 
 def geometry_of(case):
-    """Of its scan: a turn in 0.9 s."""
-    pitch = HIGH_MM / max(case.rows, 8)
-    return circular(
-        views=case.views,
-        source_to_isocentre_mm=570.0,
-        source_to_detector_mm=1040.0,
-        columns=case.columns,
-        rows=case.rows,
-        column_pitch_mm=WIDE_MM / case.columns,
-        row_pitch_mm=pitch,
-        view_interval_ms=900 / case.views,
-    )
+    pitches = WIDE_MM / case.columns, HIGH_MM / max(case.rows, 8)
+    return common.circular_scan(case.views, case.columns, case.rows, *pitches, view_interval_ms=900 / case.views)
 
 
 def written(case, folder):
-    """The recording with what was scanned, and what a job is given of it."""
+    """Write a recording with its object and the input of its job."""
     folder.mkdir()
     section, given = dict(case.scanned), {}
     if case.scanned == PHANTOM:
-        half = case.across // 2  # as it is drawn twice as fine
+        half = case.across // 2  # drawn with twice as many voxels
         write_phantom(draw_phantom((SLICES, half, half), (4.0, ACROSS_MM / half, ACROSS_MM / half)), folder)
         given = {"phantom": folder / "fine.nii.gz", "image": folder / "image.nii.gz", "rois": folder / "rois.csv"}
     elif case.scanned == MASK:
@@ -185,7 +166,7 @@ def written(case, folder):
 
 
 def masked(across):
-    """An ellipse of one material with two holes, alike along z."""
+    """Ellipse of one material with two holes."""
     grid = Grid((1, across, across), (1.0, 200 / across, 200 / across))
     _, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
     share = (x / 80) ** 2 + (y / 70) ** 2 < 1
@@ -195,19 +176,18 @@ def masked(across):
 
 
 def processor_seconds():
-    """Of this process and of those that it has waited for."""
+    """CPU time of this process and its finished children."""
     return sum(os.times()[:4])
 
 
 class Timed(DiagnosisProgress):
-    """Adds up what rankings and fits take."""
+    """Total time of rankings and fits."""
 
     def __init__(self, clock):
         super().__init__()
         self.now, self.seconds, self.counts = clock, Counter(), Counter()
 
     def begin(self, what, count, beside=()):
-        """As HowFar.begin."""
         self.counts[what] += count
         began, done, left = self.now(), super().begin(what, count, beside), count
 
@@ -222,7 +202,7 @@ class Timed(DiagnosisProgress):
 
 
 def counted_scans():
-    """A list to which each simulated scan adds an entry."""
+    """List that gets an entry per simulated scan."""
     scans, predict = [], ScansModel.predict
 
     def counted(*arguments, **options):
@@ -234,7 +214,7 @@ def counted_scans():
 
 
 def one(folder, processes):
-    """What a job does (workflow/scripts/diagnose.py); prints what its parts took, and what was found."""
+    """Diagnose as workflow/scripts/diagnose.py does; prints times, counts and named effects."""
     clock, scans = processor_seconds, counted_scans()
     case = json.loads((folder / "case.json").read_text())
     given, timed = case["given"], Timed(clock)
@@ -263,24 +243,19 @@ def one(folder, processes):
     print(json.dumps({"parts": parts, "found": named, "scans": len(scans), "rounds": rounds}))
 
 
-def run(folder, processes=1):
-    """The same in a separate Python: CPU seconds by part, wall time, and what was counted and found."""
-    command = [sys.executable, __file__, "--one", str(folder), "--processes", str(processes)]
-    environment = os.environ | dict.fromkeys(THREADS, str(processes))
-    began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    said = subprocess.run(command, env=environment, capture_output=True, text=True)
-    if said.returncode:
-        raise SystemExit(said.stderr)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    told = json.loads(said.stdout.splitlines()[-1])
+def run_case(folder, processes=1):
+    """Diagnose in a new Python; returns CPU time per part, wall time, counts and named effects."""
+    began, before = time.perf_counter(), common.child_seconds()[1]
+    arguments = "--one", folder, "--processes", processes
+    told = common.run_scenario("diagnosis_rates", *arguments, **dict.fromkeys(THREAD_VARIABLES, str(processes)))
+    spent = common.child_seconds()[1] - before
     parts = told["parts"] | {START: spent - sum(told["parts"].values())}
     return told | {"parts": parts, "wall": time.perf_counter() - began}
 
 
 @dataclass(frozen=True)
 class Run:
-    """One diagnosis: its recording, its size, and what `run` gives."""
+    """A diagnosis with its recording, size and the result of `run_case`."""
 
     case: Case
     extent: Extent
@@ -288,24 +263,22 @@ class Run:
 
     @property
     def seconds(self):
-        """CPU time in all."""
         return sum(self.told["parts"].values())
 
     @property
     def measured(self):
-        """Work and seconds by part, kernels compiled once."""
+        """Work and seconds per part; kernels count as compiled once."""
         work = self.extent.work(self.told["scans"], self.told["rounds"], compiled=True)
         return work, self.told["parts"] | {COMPILED: COMPILED_SECONDS}
 
 
 def runs_of(cases):
-    """All cases; prints what they took."""
     found = []
     with tempfile.TemporaryDirectory() as folder:
         for case in cases:
             size = written(case, Path(folder) / case.name)
-            run(Path(folder) / case.name)  # compiles what this kind of object needs
-            found.append(Run(case, size, run(Path(folder) / case.name)))
+            run_case(Path(folder) / case.name)  # compiles what this kind of object needs
+            found.append(Run(case, size, run_case(Path(folder) / case.name)))
             told = found[-1].told
             words = ", ".join(f"{part} {told['parts'][part]:.1f}" for part in PARTS if part in told["parts"])
             counts = f"{told['scans']} scans, {told['rounds']:.1f} rounds"
@@ -314,7 +287,6 @@ def runs_of(cases):
 
 
 def report(runs, rates):
-    """Forecasts beside what was taken."""
     print(f"{'recording':20s} {'CPU time, s':>12s} {'forecast':>18s}")
     inside, off = 0, []
     for one_run in runs:
@@ -326,14 +298,15 @@ def report(runs, rates):
     print(f"{inside} of {len(runs)} within the forecast; the farthest is off by a factor of {max(*off, 1.0):.2f}")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--machine", help="what it is run on, for the file's head; without it nothing is written")
-    parser.add_argument("--quick", action="store_true", help="three small recordings, and nothing is written")
-    parser.add_argument("--every-effect", action="store_true", help="a recording for each, and nothing is written")
+def add_arguments(parser):
+    parser.add_argument("--machine", help="description of the machine for rates.yaml; needed to write it")
+    parser.add_argument("--quick", action="store_true", help="diagnose three small recordings and write nothing")
+    parser.add_argument("--every-effect", action="store_true", help="diagnose a recording per effect and write nothing")
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--processes", type=int, default=1, help=argparse.SUPPRESS)
-    options = parser.parse_args()
+
+
+def run(options):
     if options.one:
         one(options.one, options.processes)
         return
@@ -356,7 +329,3 @@ def main():
             "simulated_scans": {one_run.case.name: one_run.told["scans"] for one_run in runs},
         }
         write(whole)
-
-
-if __name__ == "__main__":
-    main()

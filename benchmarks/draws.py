@@ -1,31 +1,25 @@
-"""Poisson counts by inversion beside NumPy's, by rejection, and SciPy's ppf: times per count, and over ours.
+"""Compare the time of Poisson sampling by inversion with NumPy's and SciPy's (1 minute).
 
-    python benchmarks/draws.py
-
-Medians of processor time, one thread, in repeats in which the three take turns; counts of as many different means.
-Prints as well how far counts are apart where the means differ by 1e-7 of themselves.
+Prints medians of CPU time with one thread; the three methods take turns. Also prints how much the counts change if the
+means change by a relative 1e-7.
 """
 
-import os
+import numpy as np
+from scipy import stats
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
+from benchmarks import common
+from virtual_phantom.physics.noise.poisson import poisson_counts
 
-import numpy as np  # noqa: E402
-from scipy import stats  # noqa: E402
-from speed import medians  # noqa: E402
-
-from virtual_phantom.physics.noise.poisson import poisson_counts  # noqa: E402
-
+ONE_THREAD = True
 COUNTS, FEW, REPEATS = 500_000, 2_000, 7
 MEANS = (0.1, 1, 5, 20, 1e2, 1e3, 1e4, 1e5, 1e7, 1e9)
 
 
-def main():
+def run(_options):
     random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(1)))
     for middle in MEANS:
         means = middle * random.uniform(0.8, 1.2, COUNTS)
-        ours, numpy, scipy = medians(
+        ours, numpy, scipy = common.medians(
             [
                 lambda means=means: poisson_counts(means, random),
                 lambda means=means: random.poisson(means),
@@ -47,7 +41,3 @@ def main():
             f"means of 5e4 times 1 + 1e-7, {name}: {100 * (moved > 0).mean():.2f} % of counts move, by up to "
             f"{moved.max():.0f}; correlation of the noise {np.corrcoef(here, there)[0, 1]:.4f}"
         )
-
-
-if __name__ == "__main__":
-    main()

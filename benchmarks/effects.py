@@ -1,16 +1,13 @@
-"""What effects on projections cost: processor time with effects over that of clean projections alone.
+"""Measure the CPU time of projections with effects relative to clean projections (5 minutes).
 
-    python benchmarks/effects.py --phantom results/phantom/fine.nii.gz
-
-Run it after the default study, whose fine phantom and detector it takes; effects are of typical strength, one thread.
+Needs the fine phantom of a completed default study. Effects have typical strength; one thread.
 """
 
-import argparse
-import time
 from pathlib import Path
 
 import yaml
 
+from benchmarks import common
 from virtual_phantom.base.geometry import grid_of, scan_geometry
 from virtual_phantom.config.config import complete
 from virtual_phantom.io.volumes import read_nifti
@@ -20,15 +17,14 @@ from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.physics.scenes.scene import VoxelScene
 
-ROOT = Path(__file__).resolve().parents[1]
 
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--phantom", type=Path, default=ROOT / "results" / "phantom" / "fine.nii.gz")
+def add_arguments(parser):
+    parser.add_argument("--phantom", type=Path, default=common.ROOT / "results" / "phantom" / "fine.nii.gz")
     parser.add_argument("--views", type=int, default=150)
-    options = parser.parse_args()
-    config = complete(yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
+
+
+def run(options):
+    config = complete(yaml.safe_load((common.ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
     phantom, mu_water = read_nifti(options.phantom), config["mu_water_per_mm"]
     few, geometry = (scan_geometry(config["scan"], views, grid_of(config["grid"])) for views in (2, options.views))
 
@@ -41,20 +37,10 @@ def main():
         Chain(scene, geometry, photons=1.0).state(physics).line_integrals()
 
     clean_line_integrals(phantom, few, mu_water)  # compiles
-    alone = taken(clean)
+    alone = common.cpu_seconds(clean)
     print(f"clean projections of {options.views} views: {alone:.2f} s", flush=True)
     everything = [name for name in names() if not acts_on_images(name)]
     for chosen in (["spectrum"], ["spectrum", "scatter"], ["spectrum", "focal_spot"], ["motion"], everything):
-        both = alone + taken(lambda chosen=chosen: apply_image_effects(chosen))
+        both = alone + common.cpu_seconds(lambda chosen=chosen: apply_image_effects(chosen))
         shown = " and ".join(chosen) if len(chosen) < 3 else f"all {len(chosen)} effects"
         print(f"with {shown}: {both:.2f} s, {both / alone:.1f} times", flush=True)
-
-
-def taken(action):
-    began = time.process_time()
-    action()
-    return time.process_time() - began
-
-
-if __name__ == "__main__":
-    main()

@@ -1,38 +1,30 @@
-"""Whether those effects are fitted that could win: gains of first order beside gains of full fits, of all candidates.
+"""Check that the first-order forecast selects the effects that a full fit would choose (1 hour).
 
-    python benchmarks/first_order.py --seed 902 --out first_order.jsonl
-
-The scans of benchmarks/diagnosis_draws.py, each with one effect that stands a given number of standard deviations out
-of the noise, or as far as its range reaches. `choose` fits only what first order puts among the best few. Here all are
-fitted, and the best on data held out is looked for among those few. Three quarters of a minute for a draw on one core;
-goes on where it was stopped.
+Each scan of the library's chain has one effect of a given signal-to-noise ratio. `choose` only fits the effects with
+the largest forecasts. Here all effects are fitted, and the best on held-out data is looked up among the selected
+effects. A scan takes 45 s of one core. Scans in the output file are not repeated.
 """
 
-import argparse
-import json
 from pathlib import Path
 
 import numpy as np
-from diagnosis_draws import GEOMETRY, PHOTONS, scans, scene, strengths
 
+from benchmarks import common
+from benchmarks.common.chain_scans import GEOMETRY, PHOTONS, prepared_with_floor, scans, scene, strengths
 from virtual_phantom.diagnosis.fitting.trial import trial
-from virtual_phantom.diagnosis.projections import prepared
-from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.selection.forward_selection import AS_GOOD, LEAST_GAIN
 from virtual_phantom.diagnosis.selection.screening import Screened, could_win, screened
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, names
 
-WANTED = (4000.0, 8.0, 60.0, 600.0)  # standard deviations: the strongest are the least straight
+WANTED = (4000.0, 8.0, 60.0, 600.0)  # signal-to-noise ratios; the strongest are the least linear
 SAMPLES = 2
 
 
 def drawn(name, wanted, random, given, exact):
-    """One effect's row: {candidate: (gain of first order, blind, gain in log score of a full fit)}."""
+    """{candidate: (first-order gain, blind, gain of a full fit, p)} for one missing effect."""
     physics = {name: exact.fixed_parameters(name) | strengths(name, wanted, random, given)}
-    model, floor = model_and_floor(scene(), GEOMETRY, SAMPLES, photons=PHOTONS)
-    taken = scans(exact, physics, random)
-    ready = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
+    ready = prepared_with_floor(scans(exact, physics, random), scene(), GEOMETRY, SAMPLES)
     baseline = trial(ready.fitter, ())
     library = [one for one in names() if not acts_on_images(one)]
     found = screened(ready.fitter, baseline.fit, library)
@@ -41,7 +33,6 @@ def drawn(name, wanted, random, given, exact):
 
 
 def summary(rows):
-    """What the table of docs/validation/simulated-scans.md has."""
     count = lost = close = close_lost = fitted = 0
     for row in rows:
         found = {one: Screened(p, gain, blind) for one, (gain, blind, _, p) in row["candidates"].items()}
@@ -58,19 +49,19 @@ def summary(rows):
     print(f"best of all fits not among them: {lost} of {count}; of those as good: {close_lost} of {close}")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--seed", type=int, default=902)
     parser.add_argument("--wanted", type=float, nargs="+", default=WANTED)
     parser.add_argument("--out", type=Path, default=Path("first_order.jsonl"))
-    options = parser.parse_args()
-    rows = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
+
+
+def run(options):
+    rows = common.read_jsonl(options.out)
     there = {(row["effect"], row["wanted"]) for row in rows}
     exact = Chain(scene(), GEOMETRY, PHOTONS, samples=2 * SAMPLES)
-    model, floor = model_and_floor(scene(), GEOMETRY, SAMPLES, photons=PHOTONS)
     root = np.random.SeedSequence(options.seed)
     nothing = scans(exact, {}, np.random.default_rng(root))
-    given = prepared.prepare(nothing, None, model, floor_chain=floor, nominal_photons=PHOTONS)
+    given = prepared_with_floor(nothing, scene(), GEOMETRY, SAMPLES)
     tasks = [(wanted, name) for wanted in options.wanted for name in names() if not acts_on_images(name)]
     for place, (wanted, name) in enumerate(tasks):
         if (name, wanted) in there:
@@ -78,15 +69,10 @@ def main():
         random = np.random.default_rng(np.random.SeedSequence([options.seed, place]))
         try:
             candidates = drawn(name, wanted, random, given, exact)
-        except ValueError as error:  # stands nowhere out of this noise
+        except ValueError as error:  # too weak within its range
             print(error)
             continue
         rows.append({"effect": name, "wanted": wanted, "candidates": candidates})
-        with open(options.out, "a") as file:
-            file.write(json.dumps(rows[-1]) + "\n")
+        common.append_jsonl(options.out, rows[-1])
         print(name, wanted, flush=True)
     summary(rows)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,14 +1,10 @@
-"""Write the library's rates.yaml, the costs that `snakemake plan` reckons with, from a study that was run here.
+"""Fit the rates of rates.yaml, by which `snakemake plan` estimates costs, to a completed study (seconds).
 
-    python benchmarks/fit_rates.py --machine "2 cores of an AMD EPYC"
-
-Times are those that Snakemake noted of each job (.snakemake/metadata), sizes those of the files in the results. Run it
-after the default study, on a machine that did nothing else. What the default study has no jobs of is measured if it is
-added: noisy projections by `--config keep_projections=True` and some of their files as targets. Rates of diagnoses stay
-as they are: benchmarks/diagnosis_rates.py writes them. Prints, per stage, measured and estimated totals.
+Times come from Snakemake's metadata, sizes from the files in the results. Run it after the default study on an idle
+machine. To include noisy projections, run the study with `--config keep_projections=True` and some of these files as
+targets. The rates of diagnoses stay: diagnosis_rates.py writes them. Prints measured and estimated totals per stage.
 """
 
-import argparse
 import base64
 import json
 from collections import defaultdict
@@ -16,6 +12,7 @@ from pathlib import Path
 
 import yaml
 
+from benchmarks import common
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.config.config import complete
 from virtual_phantom.config.plan import Plan
@@ -25,9 +22,7 @@ from virtual_phantom.study.costs.jobs import study_jobs
 from virtual_phantom.study.costs.rates import fit, read_rates, seconds
 from virtual_phantom.study.costs.table import roi_count
 
-ROOT = Path(__file__).resolve().parents[1]
-
-# What the rates of a stage are fitted in; of others, it is seconds per job.
+# Units of the rates per stage; other stages have seconds per job.
 STAGE_UNITS = {
     "phantom": ["job", "fine_voxel"],
     "project": ["job", "ray_step"],
@@ -47,7 +42,7 @@ RATES = RESOURCES / "rates.yaml"
 
 
 def records(folder):
-    """{output: what Snakemake noted in its working directory of the job that made it}."""
+    """{output: Snakemake's metadata of its job}."""
     return {
         base64.b64decode(path.name).decode(): json.loads(path.read_text(encoding="utf-8"))
         for path in (folder / ".snakemake" / "metadata").iterdir()
@@ -61,17 +56,18 @@ def size(path):
 
 
 def write(rates):
-    """Write the library's rates, to four digits."""
+    """Write the library's rates with four digits."""
     rounded = json.loads(json.dumps(rates), parse_float=lambda text: float(f"{float(text):.4g}"))
     write_text(HEAD + yaml.safe_dump(rounded, sort_keys=False), RATES)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--config", type=Path, default=ROOT / "config" / "config.yaml")
-    parser.add_argument("--folder", type=Path, default=ROOT, help="where snakemake was run")
-    parser.add_argument("--machine", required=True, help="what the study was run on, for the file's head")
-    options = parser.parse_args()
+def add_arguments(parser):
+    parser.add_argument("--config", type=Path, default=common.ROOT / "config" / "config.yaml")
+    parser.add_argument("--folder", type=Path, default=common.ROOT, help="working directory of the study")
+    parser.add_argument("--machine", required=True, help="description of the machine for rates.yaml")
+
+
+def run(options):
     config = complete(yaml.safe_load(options.config.read_text(encoding="utf-8")) | {"keep_projections": True})
     plan = Plan(config)
     results = Path(config["results_dir"])
@@ -108,7 +104,7 @@ def main():
 
 
 def by_stage(timed, rates=None):
-    """{stage: {jobs, measured, estimated}}: totals of jobs with their seconds, estimated ones if rates are given."""
+    """{stage: {jobs, measured, estimated}}; estimates only if rates are given."""
     totals = defaultdict(lambda: {"jobs": 0, "measured": 0.0, "estimated": 0.0})
     for job, took in timed:
         total = totals[job.stage]
@@ -122,7 +118,3 @@ def report(timed, rates):
     print(f"{'stage':20s} {'jobs':>5s} {'measured s':>11s} {'estimated s':>11s}")
     for stage, total in by_stage(timed, rates).items():
         print(f"{stage:20s} {total['jobs']:5d} {total['measured']:11.1f} {total['estimated']:11.1f}")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,24 +1,18 @@
-"""How often a second recording settles what one scan leaves ambiguous: the one that is ranked first, and the last.
+"""Count how often a second recording resolves an ambiguous diagnosis (minutes).
 
-    python benchmarks/further_recordings.py --draws 40 --first 100 --out further.csv
-
-One effect of a group whose effects look alike is in a scan of a disc of water. What the choice among the group leaves
-ambiguous is ranked against as `snakemake next_measurement` does, the scan that is ranked first and the one ranked last
-are made, and both scans together choose one effect of the ambiguous ones, by the log score of data that were not
-fitted. Of afterglow and rotation during a view the disc lies off the axis: centred, it does not show a rotation. All by
-the library's own chain, with three times as many rays per pixel and direction as the model has. Dark frames, which are
-no scan, are left out.
+A scan of a water disc has one effect of a group of similar effects. Candidates for the second scan are ranked as by
+`snakemake next_measurement`. The best and the worst are simulated, and both scans together choose among the ambiguous
+effects by the held-out log score. The library's chain simulates the scans, with three times as many rays per pixel and
+direction as the model. The ranking omits dark frames.
 """
 
-import argparse
-import csv
 import time
 from pathlib import Path
 
-import diagnosis_draws as draws
 import numpy as np
 
-from virtual_phantom.base.geometry import circular
+from benchmarks import common
+from benchmarks.common import chain_scans
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.planning.measurement import FurtherScan
@@ -32,16 +26,7 @@ from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
 
 SAMPLES, FINER = 2, 3
 DISC_MM, OFF_AXIS_MM = 160.0, 45.0
-GEOMETRY = circular(
-    views=60,
-    source_to_isocentre_mm=570.0,
-    source_to_detector_mm=1040.0,
-    columns=64,
-    rows=4,
-    column_pitch_mm=8.0,
-    row_pitch_mm=8.0,
-    view_interval_ms=10.0,
-)
+GEOMETRY = common.circular_scan(60, 64, 4, 8.0, view_interval_ms=10.0)
 GROUPS = {
     "place": ("detector_offset", "centre_of_rotation"),
     "blur": ("focal_spot", "xray_crosstalk", "optical_crosstalk"),
@@ -52,10 +37,10 @@ FIELDS = "group draw truth alone ambiguous first first_right last last_right sec
 
 
 def drawn(name, random, air):
-    """Parameters of an effect as strong as those of medium strength in the proof; a focal spot is a strong one."""
+    """Parameters of medium strength as in the blind validation; the focal spot has strong ones."""
 
     def between(low, high):
-        return float(np.exp(random.uniform(np.log(low), np.log(high))))
+        return common.log_uniform(random, low, high)
 
     sign = float(random.choice([-1, 1]))
     if name == "focal_spot":
@@ -76,14 +61,14 @@ def drawn(name, random, air):
 
 
 def scanned(group):
-    """What the first scan of a group is of."""
+    """Object of a group's first scan; centered, it would not show a rotation."""
     if group != "turn":
         return DiscScene(DISC_MM, "water")
     return ShapesScene([cylinder("water", (OFF_AXIS_MM, 0.0, 0.0), DISC_MM / 2)])
 
 
 def made_ready(scan, like, physics, random):
-    """A scan of that physics, prepared for fits; the object lies a little beside its place."""
+    """Simulate and prepare a scan with a small random shift of the object."""
     stated = scan.chain(like)
     model, floor = model_and_floor(
         scan.scene,
@@ -95,12 +80,12 @@ def made_ready(scan, like, physics, random):
         readout=stated.readout,
     )
     place = Pose(x_mm=float(random.normal(0, 0.3)), y_mm=float(random.normal(0, 0.3)))
-    taken = draws.scans(stated.copy(samples=FINER * like.samples), physics, random, place)
+    taken = chain_scans.scans(stated.copy(samples=FINER * like.samples), physics, random, place)
     return prepare(taken, None, model, floor_chain=floor, nominal_photons=model.photons, known=dict(scan.known))
 
 
 def settled(prepared, further, group):
-    """Which effect of the group two recordings together speak for."""
+    """Effect of the group that both recordings together support."""
     together = JointFitter({"first": prepared.fitter, "further": further.fitter})
     given = together.fit(())
     scores = {}
@@ -111,11 +96,11 @@ def settled(prepared, further, group):
 
 
 def one(group, draw):
-    """A draw: what the first scan alone says, and what it says with another one."""
+    """Row of one realization: the choice with one scan and with two."""
     began, effects = time.perf_counter(), GROUPS[group]
     random = np.random.default_rng(np.random.SeedSequence(20261125, spawn_key=(list(GROUPS).index(group), draw)))
     truth = effects[draw % len(effects)]
-    like = Chain(scanned(group), GEOMETRY, draws.PHOTONS, SAMPLES)
+    like = Chain(scanned(group), GEOMETRY, chain_scans.PHOTONS, SAMPLES)
     physics = {truth: drawn(truth, random, like.air_reading)}
     first = FurtherScan("first", "", like.scene, GEOMETRY)
     prepared = made_ready(first, like, physics, random)
@@ -139,12 +124,10 @@ def one(group, draw):
 
 
 def right_alone(row):
-    """Whether one scan told it, and right."""
     return not row["ambiguous"] and row["alone"] == row["truth"]
 
 
 def counted(rows):
-    """Print shares of every group."""
     for group in GROUPS:
         of = [row for row in rows if row["group"] == group]
         open_ = [row for row in of if row["ambiguous"]]
@@ -156,29 +139,21 @@ def counted(rows):
         )
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--groups", nargs="*", default=list(GROUPS))
-    parser.add_argument("--draws", type=int, default=10, help="of every group")
-    parser.add_argument("--first", type=int, default=100)
-    parser.add_argument("--out", type=Path, required=True, help="a table; draws that it has are not done again")
-    options = parser.parse_args()
-    rows = list(csv.DictReader(options.out.open(newline=""))) if options.out.is_file() else []
+    common.add_realizations(parser, 10, 100)
+    parser.add_argument("--out", type=Path, required=True, help="CSV; realizations in it are not repeated")
+
+
+def run(options):
+    rows = common.read_csv_rows(options.out)
     done = {(row["group"], int(row["draw"])) for row in rows}
-    with options.out.open("a", newline="") as file:
-        writer = csv.DictWriter(file, FIELDS, restval="")
-        if not rows:
-            writer.writeheader()
+    with common.csv_writer(options.out, FIELDS, append=True) as write:
         for draw in range(options.first, options.first + options.draws):
             for group in options.groups:
                 if (group, draw) in done:
                     continue
                 rows.append(dict.fromkeys(FIELDS, "") | one(group, draw))
-                writer.writerow(rows[-1])
-                file.flush()
+                write(rows[-1])
                 print(rows[-1], flush=True)
     counted(rows)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,31 +1,24 @@
-"""Users' files with wrong headers: how many are refused in one line, reported, or change the phantom in silence.
+"""Count how often a wrong header of a NIfTI, RTSTRUCT or SEG file is rejected, reported or misread (minutes).
 
-    python benchmarks/fuzz_files.py --format nifti --runs 1000
-    python benchmarks/fuzz_files.py --format rtstruct --runs 500
-    python benchmarks/fuzz_files.py --format seg --runs 500
-
-Each run changes one to three fields of a header: to a wrong value, an empty one, a value of another type, or one that
-disagrees with the rest. What comes of it is counted as
+Each run changes one to three fields of a header. The outcomes are:
 
 * refused: an InputError of one line
-* same: no voxel differs by more than 1 HU, lies more than one voxel elsewhere, or changes its region
-* reported: the result differs, and a note says why
-* stated: the result differs as the header says, and an independent reader gives the same voxels and positions. The file
-  is then a valid file of something else
-* silent: the result differs, and nothing says so
+* same: no voxel differs by more than 1 HU, moves by more than one voxel, or changes its region
+* reported: the result differs, and a note gives the reason
+* stated: the result differs as the header says, and an independent reader gives the same voxels and positions
+* silent: the result differs without a note
 * traceback: any other exception
 
-The last two are faults; they are printed and the exit status is 1.
+The last two are faults: they are printed, and the exit status is 1.
 """
 
-import argparse
 import copy
 import logging
-import sys
 import tempfile
 import traceback
 import warnings
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 import nibabel
@@ -48,7 +41,7 @@ FAULTS = ("silent", "traceback")
 
 
 def object_hu():
-    """A cylinder with two balls and noise, int16 [z, y, x], and the regions: 1 and 2."""
+    """Cylinder with two balls and noise, int16 [z, y, x], and a label map of the balls."""
     z, y, x = np.ix_(*GRID.axes_mm())
     hu = np.where((x / 28) ** 2 + (y / 24) ** 2 + 0 * z < 1, 0.0, -1000.0)
     labels = np.zeros(GRID.shape, np.uint8)
@@ -59,16 +52,10 @@ def object_hu():
 
 
 def outcome(read, same, independent=None):
-    """What came of one file, and the text to print for a fault.
+    """Outcome of one file, and the text to print for a fault.
 
-    Parameters
-    ----------
-    read : callable
-        Returns the result.
-    same : callable
-        Whether a result is that of the unmodified file.
-    independent : callable, optional
-        Whether another reader takes the file for what the result is.
+    `read` returns the result, `same` tells whether a result is that of the unmodified file, and `independent` whether
+    another reader gives the same result.
     """
     try:
         with collected_notes() as notes:
@@ -87,7 +74,7 @@ def outcome(read, same, independent=None):
 
 # NIfTI
 
-# Every field of a NIfTI-1 header but those of Analyze that no reader uses (data_type, db_name, extents, glmax, ...).
+# Fields of a NIfTI-1 header without those of Analyze that no reader uses (data_type, db_name, extents, glmax, ...).
 NIFTI_FIELDS = tuple(
     """sizeof_hdr dim_info dim intent_p1 intent_p2 intent_p3 intent_code datatype bitpix slice_start pixdim vox_offset
     scl_slope scl_inter slice_end slice_code xyzt_units cal_max cal_min slice_duration toffset descrip aux_file
@@ -117,7 +104,7 @@ def odd_nifti(header, random):
 
 
 def fuzz_nifti(runs, seed, folder):
-    """Headers of a CT and of its label map, in turns."""
+    """Fuzz headers of a CT and of its label map in turn."""
     hu, labels = object_hu()
     paths = {"ct": folder / "ct.nii", "labels": folder / "labels.nii"}
     contents = {}
@@ -144,7 +131,6 @@ def fuzz_nifti(runs, seed, folder):
 
 
 def changes(content, header):
-    """The fields of a header that differ from those of the original."""
     before = np.frombuffer(content[:348], nibabel.nifti1.header_dtype)
     return {
         key: (before[key], header[key]) for key in before.dtype.names if before[key].tobytes() != header[key].tobytes()
@@ -169,9 +155,7 @@ def by_simpleitk(path):
 
     def agrees(volume):
         try:
-            image = sitk.DICOMOrient(
-                sitk.ReadImage(str(path), sitk.sitkFloat64), "LPS"
-            )  # axes to the left, posterior and superior
+            image = sitk.DICOMOrient(sitk.ReadImage(str(path), sitk.sitkFloat64), "LPS")  # left, posterior, superior
         except RuntimeError:
             return False
         if image.GetDimension() != 3:
@@ -204,21 +188,8 @@ def same_masks(labels):
 # DICOM SEG and RTSTRUCT
 
 ODD_DICOM = (
-    "",
-    None,
-    "0",
-    "-1",
-    "1",
-    "2",
-    "3",
-    "1e400",
-    "nan",
-    "a",
-    "x" * 70,
-    "1\\2",
-    "1\\2\\3",
-    "0.5",
-    "1\\0\\0\\0\\1\\0",
+    *("", None, "0", "-1", "1", "2", "3", "1e400", "nan", "a", "x" * 70),
+    *("1\\2", "1\\2\\3", "0.5", "1\\0\\0\\0\\1\\0"),
 )
 ODD_BYTES = (b"\x00", b"\xff\xff", b"\x01\x00\x00", b"\x00" * 40)
 
@@ -271,15 +242,7 @@ SEG_KEYWORDS = tuple(
 
 
 def fuzz_dicom(write, keywords, runs, seed, folder):
-    """Attributes of a file of regions.
-
-    Parameters
-    ----------
-    write : callable
-        Writes the file; takes the labels, [z, y, x], and the path.
-    keywords : sequence of str
-        Attributes.
-    """
+    """Fuzz attributes of the file that write(labels, path) makes."""
     _, labels = object_hu()
     path = folder / "regions.dcm"
     write(labels, path)
@@ -380,37 +343,27 @@ def seg(labels, path):
     ).save_as(path)
 
 
-def fuzz_rtstruct(runs, seed, folder):
-    """Attributes of an RT Structure Set."""
-    return fuzz_dicom(rtstruct, RTSTRUCT_KEYWORDS, runs, seed, folder)
+FORMATS = {
+    "nifti": fuzz_nifti,
+    "rtstruct": partial(fuzz_dicom, rtstruct, RTSTRUCT_KEYWORDS),
+    "seg": partial(fuzz_dicom, seg, SEG_KEYWORDS),
+}
 
 
-def fuzz_seg(runs, seed, folder):
-    """Attributes of a DICOM Segmentation."""
-    return fuzz_dicom(seg, SEG_KEYWORDS, runs, seed, folder)
-
-
-FORMATS = {"nifti": fuzz_nifti, "rtstruct": fuzz_rtstruct, "seg": fuzz_seg}
-
-
-def main():
-    """Run, and print how many files had which outcome."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--format", choices=FORMATS, required=True)
     parser.add_argument("--runs", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
+
+
+def run(options):
     warnings.simplefilter("ignore")
     logging.getLogger("pydicom").setLevel(logging.CRITICAL)
     logging.getLogger("nibabel").setLevel(logging.CRITICAL)
     with tempfile.TemporaryDirectory() as folder:
-        counts, faults = FORMATS[arguments.format](arguments.runs, arguments.seed, Path(folder))
+        counts, faults = FORMATS[options.format](options.runs, options.seed, Path(folder))
     for found, count in counts.most_common():
         print(f"{found}: {count}")
     for fault in faults:
         print(*fault, sep="  ")
     return int(any(counts[one] for one in FAULTS))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,47 +1,27 @@
-"""The GPU engine at the paper's scale: parity with the CPU engine, seconds and memory per reconstruction.
+"""Compare the GPU engine with the CPU engine and with ASTRA's SIRT3D_CUDA at the paper's scale (minutes; needs CUDA).
 
-    pip install -r environment-gpu.txt
-    python benchmarks/gpu.py --projections 150 450
-
-For a machine with a CUDA device. Runs the tests that need one, which compare projections and SIRT images with the CPU
-engine's; then prints, for each number of projections of config/paper.yaml's scan: how far forward projections are from
-the CPU engine's (on an eighth of the views), seconds of a Chebyshev SIRT image and of its projections alone, seconds of
-500 plain iterations of ASTRA's SIRT3D_CUDA on the same data, their ratio, how far the two images are apart over the
-standard deviation of the noise, and memory. Stops with an error where ASTRA finds no device.
+First run `pip install -r environment-gpu.txt`. Runs the GPU tests and prints, for each number of projections of
+config/paper.yaml, the difference of the forward projections and the times of Chebyshev SIRT and of its projections. For
+plain SIRT iterations of ASTRA, it prints the time, the image difference relative to noise, and memory.
 """
 
-import argparse
 import resource
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import astra
 import numpy as np
-import yaml
-from snakemake.utils import update_config
 
+from benchmarks import common
 from virtual_phantom.base.geometry import grid_of, scan_geometry
-from virtual_phantom.config.config import complete
 from virtual_phantom.projectors import cupy_installed
 from virtual_phantom.projectors.astra_cuda import AstraCudaProjector, projection_geometry, volume_geometry
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction.sirt import sirt
 
-ROOT = Path(__file__).resolve().parents[1]
-
 NOISE = 0.02  # standard deviation of a line integral
-VIEWS_SHARE = 8  # of the views one in so many is projected on the CPU
-
-
-def settings():
-    """config/paper.yaml on top of the default study."""
-    config, paper = (
-        yaml.safe_load((ROOT / "config" / name).read_text(encoding="utf-8")) for name in ("config.yaml", "paper.yaml")
-    )
-    update_config(config, paper)
-    return complete(config)
+VIEWS_SHARE = 8  # every eighth view is projected on the CPU
 
 
 def phantom(grid):
@@ -115,22 +95,21 @@ def compare(config, projections, threads):
     print(f"  of the device, without ASTRA's own copies, {held / 2**30:.1f} GiB", flush=True)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--projections", type=int, nargs="+", default=[150, 450])
-    parser.add_argument("--cpu-threads", type=int, default=0, help="reconstruct on the CPU too, with so many threads")
-    options = parser.parse_args()
+    parser.add_argument(
+        "--cpu-threads", type=int, default=0, help="also reconstruct on the CPU with this number of threads"
+    )
+
+
+def run(options):
     if not astra.use_cuda():
         sys.exit("ASTRA finds no CUDA device here; run this where there is one")
     if not cupy_installed():
         sys.exit("CuPy is not installed here: pip install -r environment-gpu.txt")
-    tests = subprocess.run([sys.executable, "-m", "pytest", "-q", "-m", "gpu", "tests/projectors"], cwd=ROOT)
+    tests = subprocess.run([sys.executable, "-m", "pytest", "-q", "-m", "gpu", "tests/projectors"], cwd=common.ROOT)
     print(astra.get_gpu_info())
-    config = settings()
+    config = common.configuration("config/paper.yaml")
     for projections in options.projections:
         compare(config, projections, options.cpu_threads)
     sys.exit(tests.returncode)
-
-
-if __name__ == "__main__":
-    main()

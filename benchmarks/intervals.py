@@ -1,23 +1,17 @@
-"""How often intervals of fitted parameters hold the truth: of noise alone, and with inexact models counted.
+"""Measure the coverage of confidence intervals of fitted parameters, with and without model errors (5 minutes).
 
-    python benchmarks/intervals.py --seed 73 --out intervals.jsonl
-
-Scans by the proof's simulator as lacking.py has them, each with one effect of known numbers. The right effect is
-fitted, nothing is chosen. Cases that the file has already are not done again. Several files can be counted together:
-
-    python benchmarks/intervals.py --count intervals.jsonl more.jsonl
+Each scan of the blind validation's simulator has one effect with known parameters, and that effect is fitted. Cases in
+the output file are not repeated. `--count FILE...` evaluates files of earlier runs together.
 """
 
-import argparse
-import tempfile
 from pathlib import Path
 
-import lacking
 import numpy as np
 
+from benchmarks import common
+from benchmarks.common import simulator_scans
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.fitting.trial import trial
-from virtual_phantom.diagnosis.preparation import prepare_recording
-from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.uncertainty.intervals import half_width
 from virtual_phantom.diagnosis.uncertainty.model_error import errors_with_models
 from virtual_phantom.proof.conceal.suite import truths
@@ -28,14 +22,13 @@ EFFECTS = (
     "focal_spot_wobble detector_row_offset source_drift view_angle_error dark_signal spectrum"
 ).split()
 LEVELS = (0.5, 0.8, 0.95)
-# What is counted, of noise and in all: for noise alone; with inexact models, all errors taken for normal; and as told.
+# Standard errors (noise, total) of the intervals: noise only; total as normal; as reported.
 COUNTED = (("noise", "noise"), ("whole", "whole"), ("noise", "whole"))
 
 
-def fitted(folder, truth, config, seed):
-    """The parameters of a case's effect, fitted: its numbers, and both standard errors."""
-    model = lacking.recorded(folder, truth, config, seed)
-    _, prepared = prepare_recording(DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1))
+def fitted(truth, config, seed):
+    """Fitted parameters of a case's effect with both standard errors."""
+    _, prepared, _ = simulator_scans.prepared(truth, config, seed)
     (effect,) = truth["effects"]
     name = effect["name"]
 
@@ -66,14 +59,14 @@ def fitted(folder, truth, config, seed):
 
 
 def held(rows, noise, whole):
-    """Shares of parameters that intervals of every level hold, where such standard errors are counted."""
+    """Coverage per level of the intervals from these standard errors."""
     off = np.array([abs(row["value"] - row["truth"]) for row in rows])
     halves = np.array([[half_width(level, row[noise], row[whole]) for level in LEVELS] for row in rows])
     return (off[:, None] <= halves).mean(axis=0)
 
 
 def shares(rows):
-    """What intervals of every level hold, in words, as COUNTED has them."""
+    """Coverage in words for all entries of COUNTED."""
     return "  ".join("/".join(f"{100 * one:3.0f}" for one in held(rows, *errors)) for errors in COUNTED)
 
 
@@ -93,42 +86,38 @@ def counted(cases):
     line("all", [row for rows in by_effect.values() for row in rows])
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--seed", type=int)
     parser.add_argument("--effects", nargs="*", default=EFFECTS)
     parser.add_argument("--strengths", nargs="*", default=["weak", "medium", "strong"])
     parser.add_argument("--out", type=Path)
-    parser.add_argument("--count", type=Path, nargs="*", help="files of earlier runs: nothing is scanned")
-    parser.add_argument("--without", nargs="*", default=[], help="effects that --count leaves out")
-    options = parser.parse_args()
+    parser.add_argument("--count", type=Path, nargs="*", help="evaluate files of earlier runs")
+    parser.add_argument("--without", nargs="*", default=[], help="effects that --count omits")
+
+
+def run(options):
     if options.count:
         if missing := [str(path) for path in options.count if not path.is_file()]:
-            parser.error(f"--count: there is no {', '.join(missing)}")
-        cases = [case for path in options.count for case in lacking.rows_of(path)]
+            raise InputError(f"--count: {', '.join(missing)} not found; run with --seed and --out first")
+        cases = [case for path in options.count for case in common.read_jsonl(path)]
         counted([case for case in cases if case["effect"] not in options.without])
         return
     if options.seed is None or options.out is None:
-        parser.error("give --seed and --out, or --count")
-    config = lacking.default_config()
+        raise InputError("--seed and --out are missing; give both, or --count")
+    config = common.configuration()
     drawn = {"seed": options.seed, "effects": options.effects, "strengths": options.strengths, "none": 0, "unknown": 0}
-    cases = lacking.rows_of(options.out)
+    cases = common.read_jsonl(options.out)
     done = {case["case"] for case in cases}
-    for case, truth in truths(lacking.asked_of_proof(drawn)).items():
+    for case, truth in truths(simulator_scans.asked_of_proof(drawn)).items():
         (effect,) = truth["effects"]
         if case in done or not effect["comparable"]:
             continue
-        with tempfile.TemporaryDirectory() as folder:
-            found = fitted(Path(folder), truth, config, options.seed)
+        found = fitted(truth, config, options.seed)
         cases.append({"case": case, "effect": effect["name"], "strength": effect["strength"]} | found)
-        lacking.append(options.out, cases[-1])
+        common.append_jsonl(options.out, cases[-1])
         said = (
             f"{one['name']} {one['value']:.4g} +- {one['noise']:.2g} ({one['whole']:.2g}), {one['truth']:.4g}"
             for one in found["parameters"]
         )
         print(f"{case} {effect['name']} ({effect['strength']}): {'; '.join(said)}", flush=True)
     counted(cases)
-
-
-if __name__ == "__main__":
-    main()

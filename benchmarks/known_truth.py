@@ -1,24 +1,19 @@
-"""A scanned phantom whose truth is known: how often a simulation of it lies within repeat error of real scans.
+"""Count features of a phantom made from scans that agree with the known true phantom within repeat error (minutes).
 
-    python benchmarks/known_truth.py [--scans 3 [--own-voxels]] [--oversampling 3] [--seed 1]
+The truth is the drawn phantom on voxels a third as wide as the study's. The mean of ten scans is the truth with a
+Gaussian blur of 0.75 voxels and noise. A feature in a region agrees if Welch's test gives p >= 0.05. Prints a row per
+phantom:
 
-The truth is the drawn phantom on voxels a third as wide as the study's. A mean of ten scans of it is the truth blurred
-by a Gaussian of 0.75 voxels, and noise. What is made of it is scanned by one scanner, as the truth is. A cell is a
-feature in a region; it lies within repeat error where Welch's test of as many repeats gives p of 0.05 at least, which
-scans of the same do in 95 % of the cells. Prints a row for each phantom:
+    the truth          scanned again with other noise: the upper limit
+    own blur kept      the mean image, which is blurred twice
+    own blur removed   the mean image after deconvolution (phantom.deconvolution)
+    and voxels         as before, and the blur of the phantom's voxels removed, as in the workflow
+    wrong kernel       own blur removed, and images blurred by a Gaussian of 3 mm
 
-    the truth          scanned again, by other photons: the best there is
-    own blur kept      the mean as it is: blurred twice
-    own blur removed   the mean without its own blur and noise (phantom.deconvolution)
-    and voxels         the same, what the phantom's voxels blur counted too, as the workflow does
-    wrong kernel       own blur removed, and images blurred by a Gaussian of 3 mm that the scanner has not
-
-With --scans the mean is of ten reconstructions of the truth in place of a Gaussian and white noise, by a scanner whose
-voxels, pixels and views are so many times as fine as the study's. With --own-voxels the study is as fine as that too:
-what is compared then has the resolution at which the phantom itself was scanned, the hardest case.
+With --scans, the mean image comes from ten simulated scans whose voxels, pixels and views are FINER times as fine as
+the study's. With --own-voxels, the study is as fine as these scans, which is the hardest case.
 """
 
-import argparse
 import warnings
 from dataclasses import replace
 
@@ -37,7 +32,7 @@ from virtual_phantom.statistics.surface_resolution import edge_mtf_half
 SHAPE, SPACING, FINER = (24, 80, 80), (4.0, 3.75, 3.75), 3
 SCANNER = {"columns": 100, "rows": 30, "column_pitch_mm": 6.4, "row_pitch_mm": 6.4, "projections": 150}
 LEVEL, WRONG_MM, WITHIN = 6.0e-6, 3.0, 0.05
-OWN_VOXELS, NOISE_HU, AVERAGED = 0.75, 17.0, 10  # 17 HU: of the printed phantom at 10 mGy
+OWN_VOXELS, NOISE_HU, AVERAGED = 0.75, 17.0, 10  # 17 HU: printed phantom at 10 mGy
 
 
 def images(phantom, repeats, seed, finer=1):
@@ -46,34 +41,40 @@ def images(phantom, repeats, seed, finer=1):
 
 
 def of_image(drawn, image, oversampling=2):
-    """The drawn phantom with another image, its regions kept."""
+    """Drawn phantom with another image."""
     grid = drawn.image.grid
     fine = Volume(resample(image, grid.refined(oversampling), outside=-1000.0), grid.refined(oversampling))
     return replace(drawn, fine=fine, image=Volume(block_mean(fine.array, oversampling), grid))
 
 
 def of_own_scans(drawn, finer, seed):
-    """The mean of AVERAGED scans, its own blur and the spectra of itself and its noise, as the workflow has them."""
+    """Mean of AVERAGED scans, its blur, and its spectrum and noise spectrum."""
     scans = np.stack([one.array for one in images(drawn, AVERAGED, seed, finer)]).astype(np.float64)
     noise = np.tensordot(np.resize([1, -1], AVERAGED), scans, 1) / AVERAGED
     inside = np.any([roi.mask for roi in drawn.rois], axis=0)
     print(f"noise of one scan {np.sqrt(scans[:, inside].var(axis=0, ddof=1).mean()):.1f} HU", flush=True)
     mean = Volume(scans.mean(axis=0).astype(np.float32), drawn.image.grid)
-    (box,) = find_objects(inside.astype(np.uint8))
+    return mean, *blur_and_spectra(drawn, mean, noise, SD_OF_FWHM)
+
+
+def blur_and_spectra(drawn, mean, noise, sd_voxels):
+    """Blur of a mean image (z, y, x; along z in voxels), and its spectrum and noise spectrum."""
+    (box,) = find_objects(np.any([roi.mask for roi in drawn.rois], axis=0).astype(np.uint8))
     in_plane = SD_OF_HALF / edge_mtf_half(mean)
-    own = (SD_OF_FWHM * mean.grid.spacing[0], in_plane, in_plane)
-    return mean, own, measure_spectra(mean.array[box], noise[box], mean.grid.spacing)
+    own = (sd_voxels * mean.grid.spacing[0], in_plane, in_plane)
+    return own, measure_spectra(mean.array[box], noise[box], mean.grid.spacing)
 
 
-def main(repeats, scans, own_voxels, oversampling, seed):
-    warnings.simplefilter("ignore")  # small regions: it is the comparison that is looked at
-    drawn, truth, mean, own, measured = scanned(scans, own_voxels, seed) if scans else modelled()
+def run(options):
+    repeats, scans, own_voxels, seed = options.repeats, options.scans, options.own_voxels, options.seed
+    warnings.simplefilter("ignore")  # about small regions
+    drawn, truth, mean, own, measured = scanned(scans, own_voxels, seed) if scans else modeled()
     finer = scans if own_voxels else 1
-    spacing, fine = mean.grid.spacing, drawn.image.grid.refined(oversampling).spacing
+    spacing, fine = mean.grid.spacing, drawn.image.grid.refined(options.oversampling).spacing
     aligned = np.allclose(spacing, fine)
     print(f"own blur in the plane: SD {own[1]:.2f} mm, along z {own[0]:.2f} mm; {repeats} repeats", flush=True)
     phantoms = {"the truth": truth} | {
-        name: of_image(drawn, image, oversampling)
+        name: of_image(drawn, image, options.oversampling)
         for name, image in (
             ("own blur kept", mean),
             ("own blur removed", deconvolve(mean, own, measured)),
@@ -97,40 +98,35 @@ def show(name, series, drawn, reference):
     print(f"{name:20}{100 * share:15.1f} %     {cells['shift_sd'].abs().median():.2f}", flush=True)
 
 
-def modelled():
-    """The drawn phantom, it on finer voxels, and a mean that is these blurred by a Gaussian, with noise."""
+def modeled():
+    """Drawn phantom, truth, and the mean image from a Gaussian blur and white noise."""
     fine, drawn, truth = drawn_finer(FINER)
     rng = np.random.default_rng(2022)
     noise = rng.normal(0, NOISE_HU / AVERAGED**0.5, (2, *fine.image.grid.shape))
     mean = Volume((gaussian_filter(fine.image.array, OWN_VOXELS) + noise[0]).astype(np.float32), fine.image.grid)
-    inside = np.any([roi.mask for roi in fine.rois], axis=0)
-    (box,) = find_objects(inside.astype(np.uint8))
-    in_plane = SD_OF_HALF / edge_mtf_half(mean)
-    own = (OWN_VOXELS * mean.grid.spacing[0], in_plane, in_plane)
-    return drawn, truth, mean, own, measure_spectra(mean.array[box], noise[1][box], mean.grid.spacing)
+    return drawn, truth, mean, *blur_and_spectra(fine, mean, noise[1], OWN_VOXELS)
 
 
 def scanned(finer, own_voxels, seed):
-    """The same, but that the mean is of scans, and how it was scanned is found from it."""
+    """As modeled, with a mean image of simulated scans, whose blur is measured."""
     fine, drawn, truth = drawn_finer(finer)
     mean, own, measured = of_own_scans(fine, finer, seed + 2)
     return (fine, fine, mean, own, measured) if own_voxels else (drawn, truth, mean, own, measured)
 
 
 def drawn_finer(finer):
-    """The phantom on finer voxels, on the study's, and on the study's as the scan of the finer one sees it."""
+    """Phantom on fine voxels, on the study's voxels, and fine phantom averaged to the study's voxels."""
     fine = vp.draw_phantom(tuple(finer * size for size in SHAPE), tuple(step / finer for step in SPACING))
     drawn = vp.draw_phantom(SHAPE, SPACING)
     seen = Volume(block_mean(fine.fine.array, 2 * finer), drawn.image.grid)
     return fine, drawn, replace(drawn, fine=fine.fine, image=seen)
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--repeats", type=int, default=10)
-    parser.add_argument("--scans", type=int, metavar="FINER", help="2 or 3; absent: a Gaussian and white noise")
+    parser.add_argument("--scans", type=int, metavar="FINER", help="2 or 3 (default: a Gaussian blur and white noise)")
     parser.add_argument("--own-voxels", action="store_true", help="with --scans")
-    parser.add_argument("--oversampling", type=int, default=2, help="of the phantom that is made of the mean")
+    parser.add_argument(
+        "--oversampling", type=int, default=2, help="oversampling of the phantom made from the mean image"
+    )
     parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
-    main(asked.repeats, asked.scans, asked.own_voxels, asked.oversampling, asked.seed)

@@ -1,18 +1,13 @@
-"""Write the library's list of the printed phantom's public scans. Run by hand when the collections change:
+"""Write the library's list of public scans of the printed phantom; run it if the collections change (seconds).
 
-    python benchmarks/list_public_scans.py TANDEM MULTICENTRE
-
-TANDEM        series of CT-Phantom4Radiomics (`ct_phantom4radiomics.csv`)
-MULTICENTRE   series of CT4Harmonization-Multicentric (`ct4harmonization_multicentric.csv`)
-
-Both are tables of the Imaging Data Commons, a row a series, with the columns of its package idc-index-data:
-StudyInstanceUID, SeriesInstanceUID, crdc_series_uuid, Modality, SeriesNumber, SeriesDescription, ManufacturerModelName,
-instanceCount, series_size_MB. README.md of the library's resources says what is written.
+TANDEM lists the series of CT-Phantom4Radiomics (ct_phantom4radiomics.csv), MULTICENTRE those of
+CT4Harmonization-Multicentric (ct4harmonization_multicentric.csv). Both are tables of the package idc-index-data, with a
+row per series: StudyInstanceUID, SeriesInstanceUID, crdc_series_uuid, Modality, SeriesNumber, SeriesDescription,
+ManufacturerModelName, instanceCount and series_size_MB.
 """
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import pandas as pd
@@ -28,22 +23,18 @@ MULTICENTRE = r"^(?P<group>\w+)_Harmonized_(?P<dose_mgy>\d+)mGy_(?P<reconstructi
 def pairs(path: Path) -> pd.DataFrame:
     """A row per study: its CT and its SEG side by side."""
     table = read_csv(path).astype({"SeriesNumber": str})
-    sides = []
-    for modality in ("CT", "SEG"):
-        side = table[table["Modality"] == modality].rename(
-            columns={
-                "SeriesInstanceUID": modality.lower(),
-                "crdc_series_uuid": f"{modality.lower()}_folder",
-                "instanceCount": f"{modality.lower()}_files",
-                "series_size_MB": f"{modality.lower()}_mb",
-            }
-        )
-        sides.append(side)
-    both = sides[0].merge(
-        sides[1].drop(columns=["SeriesNumber", "SeriesDescription", "ManufacturerModelName"]),
-        on="StudyInstanceUID",
-        validate="one_to_one",
+    columns = {
+        "SeriesInstanceUID": "",
+        "crdc_series_uuid": "_folder",
+        "instanceCount": "_files",
+        "series_size_MB": "_mb",
+    }
+    ct, seg = (
+        table[table["Modality"] == side].rename(columns={key: side.lower() + end for key, end in columns.items()})
+        for side in ("CT", "SEG")
     )
+    seg = seg.drop(columns=["SeriesNumber", "SeriesDescription", "ManufacturerModelName"])
+    both = ct.merge(seg, on="StudyInstanceUID", validate="one_to_one")
     if 2 * len(both) != len(table) or (both["seg_files"] != 1).any():
         raise SystemExit(f"{path}: is not one CT and one SEG of one file to a study")
     named = {"StudyInstanceUID": "study", "SeriesDescription": "description", "ManufacturerModelName": "model"}
@@ -84,18 +75,15 @@ COLUMNS = """collection scan group acquisition dose_mgy reconstruction kernel sl
 ct ct_folder ct_files ct_mb seg seg_folder seg_mb""".split()
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("tandem", type=Path)
     parser.add_argument("multicentre", type=Path)
-    arguments = parser.parse_args()
-    parts = [tandem(arguments.tandem), multicentre(arguments.multicentre)]
+
+
+def run(options):
+    parts = [tandem(options.tandem), multicentre(options.multicentre)]
     table = pd.concat([part[COLUMNS].astype(str) for part in parts]).sort_values(["collection", "scan"])
     if table["scan"].duplicated().any():
         raise SystemExit("two scans have one name")
     with replacing(RESOURCES / "public_scans.csv", checksum=False) as temporary:
         table.to_csv(temporary, index=False, lineterminator="\n")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,26 +1,18 @@
-"""Whether a diagnosis tells an object that differs from physics that was left out.
+"""Count how often a diagnosis distinguishes a local object mismatch from missing physics (30 minutes).
 
-    python benchmarks/object_errors.py --draws 40 --first 0 --out object_errors.csv
-
-Scans of the body of shapes that diagnosis_draws.py has, taken with three times as many rays per pixel and direction as
-the model has. In turn an insert is missing, a bubble or something denser is somewhere in the body, an insert is of
-another material or lies a few mm beside its place, a rod is in the body, or (every fourth draw) the object is as stated
-and one effect is left out. `ours` is what is said: object, or the effects named.
+The scanned body differs from the model by a missing insert, a bubble or dense ball, another material, a displaced
+insert or a rod. In every fourth scan the object is correct and one effect is missing. The library's chain simulates the
+scans with three times as many rays per pixel and direction as the model. The column `ours` has the diagnosis.
 """
 
-import argparse
-import csv
-import os
 import time
-from concurrent.futures import ProcessPoolExecutor
 from itertools import cycle, islice
 
-import diagnosis_draws as draws
 import numpy as np
-from diagnosis_draws import INSERTS, ROD, body
 
-from virtual_phantom.diagnosis.projections import prepared
-from virtual_phantom.diagnosis.projections.discretization import model_and_floor
+from benchmarks import common
+from benchmarks.common import chain_scans
+from benchmarks.common.chain_scans import INSERTS, ROD, body
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
@@ -34,7 +26,7 @@ FIELDS = "draw kind truth ours verdict place_off_mm width_mm hu removes mended_v
 
 
 def place(random):
-    """Somewhere in the body, away from its inserts."""
+    """Random location in the body, away from its inserts."""
     while True:
         x, y = random.uniform(-80, 80), random.uniform(-55, 55)
         near = [np.hypot(x - at[0], y - at[1]) - radius for at, radius in INSERTS.values()]
@@ -43,7 +35,7 @@ def place(random):
 
 
 def changed(kind, random):
-    """What is scanned, what of it is another than stated, and where."""
+    """Scanned shapes, and description and location of the mismatch."""
     if kind == "missing":
         name = str(random.choice(list(INSERTS)))
         return body(**{name: None}), f"{name} is missing", np.array(INSERTS[name][0])
@@ -64,26 +56,26 @@ def changed(kind, random):
 
 
 def one(task):
-    """A row."""
     draw, kind = task
     random = np.random.default_rng(np.random.SeedSequence(20261125, spawn_key=(draw,)))
     accuracy = defaults_of("diagnosis", "model_accuracy")
 
     def given(scans):
-        model, floor = model_and_floor(draws.shapes_scene(), draws.GEOMETRY, SAMPLES, photons=draws.PHOTONS)
-        return prepared.prepare(scans, None, model, floor_chain=floor, nominal_photons=draws.PHOTONS)
+        return chain_scans.prepared_with_floor(scans, chain_scans.shapes_scene(), chain_scans.GEOMETRY, SAMPLES)
 
     physics, at = {}, None
     if kind == "physics":
         shapes = body()
-        blank = given(draws.scans(Chain(ShapesScene(shapes), draws.GEOMETRY, draws.PHOTONS), {}, random))
-        wanted = float(np.exp(random.uniform(np.log(15.0), np.log(150.0))))
+        blank = given(
+            chain_scans.scans(Chain(ShapesScene(shapes), chain_scans.GEOMETRY, chain_scans.PHOTONS), {}, random)
+        )
+        wanted = common.log_uniform(random, 15.0, 150.0)
         truth = str(random.choice([name for name in LIBRARY if name != "gain_pattern"]))
-        physics = {truth: draws.strengths(truth, wanted, random, blank)}
+        physics = {truth: chain_scans.strengths(truth, wanted, random, blank)}
     else:
         shapes, truth, at = changed(kind, random)
-    scanned = Chain(ShapesScene(shapes), draws.GEOMETRY, draws.PHOTONS, samples=FINER * SAMPLES)
-    scans = draws.scans(scanned, physics, random)
+    scanned = Chain(ShapesScene(shapes), chain_scans.GEOMETRY, chain_scans.PHOTONS, samples=FINER * SAMPLES)
+    scans = chain_scans.scans(scanned, physics, random)
     began = time.perf_counter()
     content = find_missing_physics("draw", given(scans), LIBRARY, accuracy).content
     row = {"draw": draw, "kind": kind, "truth": truth, "verdict": content["verdict"]}
@@ -100,27 +92,20 @@ def one(task):
         mended = find_missing_physics("draw", given(scans), LIBRARY, accuracy, object_may_differ=True).content
         row |= {"mended_verdict": mended["verdict"]}
         row["mended_effects"] = "+".join(effect["name"] for effect in mended["effects"]) or "none"
-    return row
+    return [row]
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draws", type=int, default=40)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--processes", type=int, default=os.cpu_count())
-    parser.add_argument("--out", default="object_errors.csv")
-    options = parser.parse_args()
+def add_arguments(parser):
+    common.add_realizations(parser, 40, out="object_errors.csv")
+
+
+def run(options):
     order = islice(cycle([*KINDS[:3], "physics", *KINDS[3:], "physics"]), options.first + options.draws)
     tasks = [*enumerate(order)][options.first :]
     rows = []
-    with ProcessPoolExecutor(options.processes) as pool, open(options.out, "w", newline="") as file:
-        writer = csv.DictWriter(file, FIELDS, restval="")
-        writer.writeheader()
-        for row in pool.map(one, tasks):
-            writer.writerow(row)
-            file.flush()
-            rows.append(row)
-            print(row, flush=True)
+    for (row,) in common.parallel_rows(one, tasks, options, FIELDS):
+        rows.append(row)
+        print(row, flush=True)
     objects = [row for row in rows if row["kind"] != "physics"]
     told = sum(row["ours"] == "object" for row in objects)
     false = sum(row["ours"] == "object" for row in rows if row["kind"] == "physics")
@@ -135,7 +120,3 @@ def main():
     match = sum(row["mended_verdict"] == "match" for row in mended)
     named = sum(row["mended_effects"] != "none" for row in mended)
     print(f"with the object mended: a match in {match} of {len(mended)}, effects named in {named}")
-
-
-if __name__ == "__main__":
-    main()

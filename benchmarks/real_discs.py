@@ -1,13 +1,9 @@
-"""Compare sets of effects on the three discs of docs/validation/real-discs.md: fit to one, test on the others.
+"""Compare sets of effects on three real discs: fit one disc, test on the others (10 minutes).
 
-    python benchmarks/real_discs.py recordings
-
-`recordings` holds solid_disc, ta and tb, imported as docs/validation/real-discs.md says. A diagnosis chooses effects;
-here sets are given, so that the chosen one stands beside others. Prints a table in Markdown: rms of the line integrals
-on views that were not fitted, and the share of the excess over noise that is removed.
+The folder RECORDINGS holds solid_disc, ta and tb, imported as in docs/validation/real-discs.md. Prints a Markdown table
+with the RMS of held-out line integrals and the share of the excess over noise that each set removes.
 """
 
-import argparse
 from pathlib import Path
 
 from virtual_phantom.diagnosis.fitting.trial import Trial, trial
@@ -19,16 +15,11 @@ from virtual_phantom.diagnosis.verdict.verdict import excess_rms_removed, metric
 from virtual_phantom.io.schema import defaults_of
 
 ALIGNMENT = {"scale": 1.0, "size": 0.01, "offset": 0.02}  # as in config/htc2022.yaml
-SETS = (
-    ("spectrum", "dark_signal"),
-    ("spectrum", "veiling_glare"),
-    ("spectrum", "scatter"),
-    ("scatter",),
-)
+SETS = (("spectrum", "dark_signal"), ("spectrum", "veiling_glare"), ("spectrum", "scatter"), ("scatter",))
 
 
 def prepared(folder: Path, name: str, view_step: int):
-    """A disc as config/htc2022.yaml has it."""
+    """Disc prepared with the settings of config/htc2022.yaml."""
     scanned = {"disc": Disc(70, "pmma")}
     if name != "solid_disc":
         scanned = {"object": MaskedObject(str(folder / name / "object.nii.gz"), "pmma")}
@@ -38,18 +29,18 @@ def prepared(folder: Path, name: str, view_step: int):
 
 
 def left(one, baseline: Trial, chosen: Trial) -> str:
-    """Rms after, and the share of the excess that went."""
+    """RMS after the fit, and the share of the excess that it removes."""
     choice = Choice(baseline, {}, {}, chosen, {}, {}, {})
     rms = metrics_of(one, choice, held_out=True)["rms_line_integral"]
     return f"{rms['after']:.4f} ({100 * excess_rms_removed(**rms):.0f} %)"
 
 
-def main() -> None:
-    """Fit the sets and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def add_arguments(parser):
     parser.add_argument("recordings", type=Path)
-    parser.add_argument("--view-step", type=int, default=5, help="one view of so many is fitted or held out")
-    options = parser.parse_args()
+    parser.add_argument("--view-step", type=int, default=5, help="distance of the views that are fitted or held out")
+
+
+def run(options):
     discs = {name: prepared(options.recordings, name, options.view_step) for name in ("solid_disc", "ta", "tb")}
     baselines = {name: trial(one.fitter, ()) for name, one in discs.items()}
     print("| effects | solid disc | ta, physics of the solid disc | tb | ta, fitted to it |")
@@ -66,7 +57,3 @@ def main() -> None:
             row.append(left(discs[name], baselines[name], chosen))
         row.append(left(discs["ta"], baselines["ta"], found["ta"]))
         print(f"| {', '.join(effects).replace('_', ' ')} | {' | '.join(row)} |", flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,35 +1,29 @@
-"""Real discs of one bench together: what they share, each judged by the physics of the others, and what is left.
+"""Fit the shared physics of real discs jointly and predict each disc from the others (10 to 20 minutes).
 
-    python benchmarks/real_discs_jointly.py recordings --view-step 45
-    python benchmarks/real_discs_jointly.py recordings --view-step 45 --judged-on 01b 01c 02b 02c 03b 03c
-
-`recordings` holds sinograms of the Helsinki Tomography Challenge 2022, each imported as docs/validation/real-discs.md
-says. Prints tables in Markdown: every disc before, and with the physics of all others, and whether it agrees with
-theirs; the shared numbers of two disjoint halves of the discs; and what is left where lines are smooth: of it the
-constants of columns, and how alike these are from disc to disc. With --judged-on, nothing is fitted to those discs or
-chosen by them.
+The folder RECORDINGS holds sinograms of the Helsinki Tomography Challenge 2022, imported as in
+docs/validation/real-discs.md. Prints Markdown tables: the prediction of each disc, the parameters from two disjoint
+halves of the discs, and the residuals on smooth parts. Discs of --judged-on are for testing only.
 """
 
-import argparse
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from real_discs import prepared
 
+from benchmarks.real_discs import prepared
 from virtual_phantom.diagnosis.fitting.fit import Fit
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.residuals.dataset import Prepared
 from virtual_phantom.diagnosis.scanner.scanner import run_scanner_diagnosis
 from virtual_phantom.io.schema import defaults_of
 
-SMOOTH = 0.9  # share of the rays that lie off edges
-BEHIND = 1.0  # line integral from which on rays go through the disc, not past it
+SMOOTH = 0.9  # share of rays that are not at edges
+BEHIND = 1.0  # smallest line integral inside the disc
 
 
 def smooth_left(one: Prepared, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
-    """Recorded less modelled, and the noise's variance, of data held out where lines are smooth; NaN elsewhere.
+    """Recorded less modeled, and the noise's variance, of data held out where lines are smooth; NaN elsewhere.
 
     Returns
     -------
@@ -44,13 +38,13 @@ def smooth_left(one: Prepared, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def constants(left: np.ndarray) -> np.ndarray:
-    """Of every column, over the views that have it; NaN where fewer than half do. Shape (columns,)."""
+    """Mean per column; NaN if fewer than half of the views have it. Shape (columns,)."""
     counts = np.isfinite(left).sum(axis=0)
     return np.where(counts > counts.max() / 2, np.nansum(left, axis=0) / np.maximum(counts, 1), np.nan)
 
 
 def print_left(discs: Mapping[str, Prepared], fits: Mapping[str, Fit]) -> None:
-    """Where lines are smooth: variance over noise, and what of the rest is constant in columns or in views."""
+    """Print the excess variance on smooth parts and its share that is constant per column or view."""
     print("\n| smooth parts | variance over noise | of the rest, columns' constants | views' constants |")
     print("|---|---|---|---|")
     columns = {}
@@ -59,7 +53,7 @@ def print_left(discs: Mapping[str, Prepared], fits: Mapping[str, Fit]) -> None:
         columns[name] = constants(left)
         rest = np.nansum(left**2) - np.nansum(noise)
         shares = []
-        for axis in (0, 1):  # squares of means, less what noise puts into them
+        for axis in (0, 1):  # squared means minus their noise
             counts = np.isfinite(left).sum(axis=axis)
             sums, noises = np.nansum(left, axis=axis), np.nansum(noise, axis=axis)
             shares.append(((sums**2 - noises)[counts > 0] / counts[counts > 0]).sum() / rest)
@@ -76,7 +70,7 @@ def print_left(discs: Mapping[str, Prepared], fits: Mapping[str, Fit]) -> None:
 
 
 def print_halves(discs: Mapping[str, Prepared], effects: Sequence[str]) -> None:
-    """The shared numbers of every second disc, and of the others."""
+    """Print the shared parameters of two disjoint halves of the discs."""
     names = list(discs)
     halves = [
         JointFitter({name: discs[name].fitter for name in names[first::2]}).fit(tuple(effects)) for first in (0, 1)
@@ -92,14 +86,14 @@ def print_halves(discs: Mapping[str, Prepared], effects: Sequence[str]) -> None:
             print(f"| {key} of {effect} | {one:.4g} ± {errors[0]:.2g} | {other:.4g} ± {errors[1]:.2g} | {apart:.1f} |")
 
 
-def main() -> None:
-    """Fit, judge and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("recordings", type=Path)
-    parser.add_argument("--view-step", type=int, default=48, help="one view of so many is fitted or held out")
-    parser.add_argument("--judged-on", nargs="+", default=[], help="discs that only judge")
+    parser.add_argument("--view-step", type=int, default=48, help="distance of the views that are fitted or held out")
+    parser.add_argument("--judged-on", nargs="+", default=[], help="discs for testing only")
     parser.add_argument("--effects", nargs="+", default=["spectrum", "dark_signal", "veiling_glare", "scatter"])
-    options = parser.parse_args()
+
+
+def run(options):
     began = time.perf_counter()
     names = sorted(one.name for one in options.recordings.iterdir() if one.is_dir())
     discs = {name: prepared(options.recordings, name, options.view_step) for name in names}
@@ -123,7 +117,3 @@ def main() -> None:
     if effects := found.choice.chosen.effects:
         print_halves(discs, effects)
     print(f"\n{(time.perf_counter() - began) / 60:.1f} min")
-
-
-if __name__ == "__main__":
-    main()

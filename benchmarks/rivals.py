@@ -1,49 +1,39 @@
-"""The diagnosis against simple rivals, on the same recordings.
+"""Compare the diagnosis with three simple methods on the same scans (1 hour).
 
-    python benchmarks/rivals.py --seed 51 --out rivals.jsonl
+The scans come from the simulator of the blind validation. The simple methods use all repeats:
 
-Scans by the proof's simulator as lacking.py has them: every effect of --effects alone, nothing, pairs and faults that
-the library lacks. The rivals see both halves of the repeats, and know of no numerical error beyond what is fitted:
+* `filter`: the effect with the largest matched filter, penalized by BIC, if its p-value over all effects is below 1 %.
+* `forward`: forward selection by BIC; each step fits the five effects with the largest matched filters.
+* `all`: a fit of all effects at once; effects whose removal would increase the BIC.
 
-* `filter`: the effect with the largest matched filter beside the alignment, less numbers times ln(data), if its chance
-  is under 1 % over all.
-* `forward`: effects one after the other, each time the best by chi-square plus numbers times ln(data) (BIC), while that
-  falls; each time the five of the largest matched filters beside the last fit are fitted.
-* `all`: all effects fitted at once, each begun where it alone fits best; those whose removal would raise the same sum,
-  by their standard errors.
-
-A gain pattern has as many numbers as there are pixels; `all` goes without it, and without rotation during a view, for
-which every view would be traced several times. A rival owns up to a fault if chi-square
-of its last fit is above the number of data by more than three standard deviations.
-Cases that the file has already are not done again.
+`all` omits the gain pattern (one parameter per pixel) and the rotation during a view (several rays per view). A method
+reports unexplained data if its chi-square is three standard deviations too large. Cases in the output file are not
+repeated.
 """
 
-import argparse
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-import lacking
 import numpy as np
 
+from benchmarks import common
+from benchmarks.common import simulator_scans
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.fitting.fit import Fitter
-from virtual_phantom.diagnosis.preparation import prepare_recording
-from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.selection.screening import screened
 from virtual_phantom.physics.effect import load
 from virtual_phantom.proof.conceal.case import ADMITTED, Case
 
 CHANCE = 0.01
-MOST = 4  # effects that a rival takes one after the other, as many as the diagnosis names
-FITTED = 5  # effects that are fitted for each of them, those of the largest matched filters
-TOO_MANY = ("gain_pattern", "view_blur")  # not among all at once: as many numbers as pixels, as many rays as moments
+MOST = 4  # steps of the forward selection, as in the diagnosis
+FITTED = 5  # fits per step, with the largest matched filters
+TOO_MANY = ("gain_pattern", "view_blur")  # omitted by `all`
 WAYS = ("ours", "filter", "forward", "all")
 
 
 def without_halves(prepared):
-    """A fitter of all repeats, whose weights hold noise alone."""
+    """Fitter of all repeats, weighted by noise only."""
     one, two = prepared.data, prepared.held_out
     data = replace(
         one,
@@ -58,13 +48,13 @@ def without_halves(prepared):
 
 
 def left(fitter, fit):
-    """Whether chi-square says that something is left."""
+    """Whether chi-square is three standard deviations too large."""
     count = sum(int((weight > 0).sum()) for weight in fitter.weights)
     return bool(fit.chi_square - count > 3 * np.sqrt(2 * count))
 
 
 def priced(fitter):
-    """ln(data); and numbers that an effect has beside its parameters: a pattern's constants, one for each pixel."""
+    """BIC penalty ln(n) per parameter, and the parameters of an effect's pattern (one per pixel)."""
     pixels = fitter.data.mean[0].size
     return np.log(sum(int((weight > 0).sum()) for weight in fitter.weights)), lambda name: pixels * load(name).pattern
 
@@ -101,7 +91,7 @@ def forward(fitter, tried):
 def all_at_once(fitter, tried):
     price, _ = priced(fitter)
     aligned = fitter.fit(())
-    alone = {name: fitter.fit((name,), aligned).physics[name] for name in tried}  # all starts of all would be millions
+    alone = {name: fitter.fit((name,), aligned).physics[name] for name in tried}  # all combinations: millions
     fit = fitter.fit(tuple(tried), replace(aligned, physics=alone), from_farther=False)
     worth = {}
     for name in tried:
@@ -116,11 +106,10 @@ def all_at_once(fitter, tried):
     return named, left(fitter, fit)
 
 
-def answers(folder, truth, config, seed):
-    """{way: (effects named, first the surest; whether something is left)}."""
-    model = lacking.recorded(folder, truth, config, seed)
+def answers(truth, config, seed):
+    """{method: (ranked effects, whether it reports unexplained data)}."""
+    recording, prepared, model = simulator_scans.prepared(truth, config, seed)
     tried = list(candidates(model["settings"]))
-    recording, prepared = prepare_recording(DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1))
     found = find_missing_physics(recording.name, prepared, tried, config["diagnosis"]["model_accuracy"])
     said = found.content
     equals = [[one["name"], *said["ambiguous_with"].get(one["name"], [])] for one in said["effects"]]
@@ -136,30 +125,30 @@ def answers(folder, truth, config, seed):
 
 
 def judged(case, named, rest):
-    """What of a case an answer has right, by the category's measure."""
+    """{criterion: whether the answer meets it}, by the category of the case."""
     true = [one["name"] for one in case.truth["effects"]]
     if case.category == "none":
         return {"no false alarm": not named and not rest}
     if case.category == "unknown":
         equals = [set(equal) for one in case.truth["effects"] for equal in one["equals"]]
         return {"owned up": rest or {group[0] for group in named} in equals}
-    first = bool(named) and bool(set(named[0]) & set(true))  # or as its equal
+    first = bool(named) and bool(set(named[0]) & set(true))  # or indistinguishable
     every = all(any(name in group for group in named) for name in true)
     return {"first": first, "all": every, "none beside": len(named) == len(true), "no false remainder": not rest}
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--out", type=Path, required=True)
-    lacking.add_draws(parser, ["medium"], none=6, pairs=5, unknown=7)
-    options = parser.parse_args()
-    config = lacking.default_config()
-    rows = lacking.rows_of(options.out)
-    for case, truth in lacking.left_to_do(options, rows).items():
-        with tempfile.TemporaryDirectory() as folder:
-            rows.append({"truth": truth, "answers": answers(Path(folder), truth, config, options.seed)})
-        lacking.append(options.out, rows[-1])
+    simulator_scans.add_draws(parser, ["medium"], none=6, pairs=5, unknown=7)
+
+
+def run(options):
+    config = common.configuration()
+    rows = common.read_jsonl(options.out)
+    for case, truth in simulator_scans.left_to_do(options, rows).items():
+        rows.append({"truth": truth, "answers": answers(truth, config, options.seed)})
+        common.append_jsonl(options.out, rows[-1])
         print(case, [one["name"] for one in truth["effects"]], rows[-1]["answers"], flush=True)
     counted: dict[tuple[str, str], dict[str, list[bool]]] = {}
     for row in rows:
@@ -169,7 +158,3 @@ def main():
                 counted.setdefault((case.category, measure), {}).setdefault(way, []).append(right)
     for (category, measure), ways in counted.items():
         print(f"{category}, {measure}: " + ", ".join(f"{way} {sum(ok)} of {len(ok)}" for way, ok in ways.items()))
-
-
-if __name__ == "__main__":
-    main()

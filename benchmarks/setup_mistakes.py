@@ -1,16 +1,11 @@
-"""How often mistakes in the description of a scan are named, and right descriptions let be.
+"""Count how often scan set-up errors are named, and how often correct set-ups are accepted (10 minutes).
 
-    python benchmarks/setup_mistakes.py --draws 5 --first 700
-
-Every draw has a scanner and an object of its own: an elliptic body, the quality-assurance phantom or a disc off the
-axis, at a place of its own, scanned by the library's chain with twice as many rays per pixel and direction as are
-compared, with physics that the comparison does not know, and 1e5 photons. Each kind of mistake is then made in its
-description, or in its data. Kind `none` makes no mistake, `object` holds the scan against another object, and
-`hidden` makes a mistake that a centred disc cannot tell. A description that no scanner can have is refused; it counts
-as named if the line that refuses it says what to change.
+Each scan has a random geometry, object and position, and physics that the comparison does not model. Each kind of error
+is made in the set-up or in the data. Kind `none` has no error, `object` compares with another object, and `hidden` has
+an error that a centered disc cannot show. An impossible set-up counts as named if the error message says what to
+change.
 """
 
-import argparse
 import csv
 import sys
 import time
@@ -19,6 +14,7 @@ from collections import Counter
 import numpy as np
 from scipy import ndimage
 
+from benchmarks import common
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.streams import Stream, generator
@@ -33,7 +29,7 @@ from virtual_phantom.recordings.scan import scan_geometry
 PHOTONS, REPEATS = 1e5, 4
 REACH = {"x_mm": 5.0, "y_mm": 5.0, "z_mm": 5.0, "turn_deg": 2.5}
 LN_10 = np.log(10)
-# Physics that the comparison does not know, one or two of them in each draw.
+# Physics that the comparison does not model; two per realization.
 PHYSICS = (
     {"spectrum": {"kvp": 120.0, "filtration_mm": 6.0, "sensor_mm": 0.6}},
     {"scatter": {"amount": 0.1, "width_mm": 40.0}},
@@ -52,7 +48,6 @@ KINDS = (
 
 
 def scene(kind, random):
-    """An object and, of that kind, another."""
     if kind == "disc":
         return DiscScene(float(random.uniform(60, 220)), "pmma")
     grid = Grid((40, 160, 160), (2.0, 1.8, 1.8))
@@ -71,7 +66,7 @@ def scene(kind, random):
 
 
 def scanner(random):
-    """A scan section of recording.yaml."""
+    """Random scan section of recording.yaml."""
     columns, rows = int(random.integers(60, 160)), int(random.integers(4, 20))
     isocentre = float(random.uniform(400, 700))
     detector = isocentre * float(random.choice([random.uniform(1.5, 1.95), random.uniform(2.1, 2.5)]))
@@ -104,46 +99,41 @@ def scanned(scene, scan, physics, random, pose):
 
 
 def mistaken(kind, scan, lines, random):
-    """The description and the data with a mistake of that kind."""
+    """Set-up and data with an error of this kind."""
     isocentre, detector = scan["source_to_isocentre_mm"], scan["source_to_detector_mm"]
-    if kind == "direction":
-        return {**scan, "direction": -scan["direction"]}, lines
-    if kind == "start angle":
+    if kind == "start angle":  # the only kind with a random size
         return {**scan, "start_angle_deg": scan["start_angle_deg"] + float(random.choice([90, 180, -90, 37]))}, lines
-    if kind == "mirrored columns":
-        return scan, lines[..., ::-1]
-    if kind == "mirrored rows":
-        return scan, lines[..., ::-1, :]
-    if kind == "swapped rows and columns":
-        return {**scan, "rows": scan["columns"], "columns": scan["rows"]}, np.swapaxes(lines, -1, -2)
-    if kind == "pitch at the isocentre":
-        shrunk = {key: scan[key] * isocentre / detector for key in ("column_pitch_mm", "row_pitch_mm")}
-        return {**scan, **shrunk}, lines
-    if kind == "swapped distances":
-        return {**scan, "source_to_isocentre_mm": detector - isocentre}, lines
-    if kind == "distance from the isocentre":
-        return {**scan, "source_to_detector_mm": detector - isocentre}, lines
-    if kind == "last view at the first":
-        return {**scan, "views_per_rotation": scan["views"]}, lines
-    if kind == "sign of the columns' offset":
-        return {**scan, "column_offset_px": -scan["column_offset_px"]}, lines
-    if kind == "transmissions":
-        return scan, np.exp(-lines)
-    if kind == "decadic logarithm":
-        return scan, lines / LN_10
-    return scan, lines
+    described = {
+        "direction": {"direction": -scan["direction"]},
+        "swapped rows and columns": {"rows": scan["columns"], "columns": scan["rows"]},
+        "pitch at the isocentre": {
+            key: scan[key] * isocentre / detector for key in ("column_pitch_mm", "row_pitch_mm")
+        },
+        "swapped distances": {"source_to_isocentre_mm": detector - isocentre},
+        "distance from the isocentre": {"source_to_detector_mm": detector - isocentre},
+        "last view at the first": {"views_per_rotation": scan["views"]},
+        "sign of the columns' offset": {"column_offset_px": -scan["column_offset_px"]},
+    }
+    data = {
+        "mirrored columns": lambda: lines[..., ::-1],
+        "mirrored rows": lambda: lines[..., ::-1, :],
+        "swapped rows and columns": lambda: np.swapaxes(lines, -1, -2),
+        "transmissions": lambda: np.exp(-lines),
+        "decadic logarithm": lambda: lines / LN_10,
+    }
+    return scan | described.get(kind, {}), data[kind]() if kind in data else lines
 
 
-# What a line that refuses a description must say of the mistake.
+# Text of the error message that names the error.
 REFUSED = {
     "swapped rows and columns": "check whether rows and columns are swapped",
     "distance from the isocentre": "if it is the distance from isocentre to detector",
 }
-NAMED, ALIKE, MISSED = "named", "alike", "missed"  # what came of a mistake
+NAMED, ALIKE, MISSED = "named", "alike", "missed"
 
 
 def outcome(kind, hidden, found):
-    """What is said of a mistake that was made, or of none: right, one of several that are alike, or wrong."""
+    """Whether an error is named, listed as indistinguishable, or missed."""
     alike = {other.name for other in found.alike}
     if hidden:
         return ALIKE if found.kind == AS_STATED and kind in alike else MISSED
@@ -161,28 +151,14 @@ def found(scene, scan, lines):
     return find(comparison, scan, True, float(lines.max()))
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draws", type=int, default=5)
-    parser.add_argument("--first", type=int, default=0)
+def add_arguments(parser):
+    common.add_realizations(parser, 5, 0)
     parser.add_argument("--kinds", nargs="*", default=[*KINDS, "object", "hidden"])
-    options = parser.parse_args()
+
+
+def run(options):
     writer = csv.writer(sys.stdout)
-    writer.writerow(
-        (
-            "draw",
-            "kind",
-            "physics",
-            "said",
-            "best",
-            "share_stated",
-            "share_best",
-            "share",
-            "alike",
-            "seconds",
-            "outcome",
-        )
-    )
+    writer.writerow("draw kind physics said best share_stated share_best share alike seconds outcome".split())
     counted = {kind: Counter() for kind in options.kinds}
     for draw in range(options.first, options.first + options.draws):
         for kind in options.kinds:
@@ -204,7 +180,7 @@ def main():
             began = time.process_time()
             try:
                 one = found(objects[1] if kind == "object" else objects[0], described, data)
-            except InputError as error:  # what the description itself cannot be
+            except InputError as error:  # an impossible set-up
                 came = NAMED if kind in REFUSED and REFUSED[kind] in str(error) else MISSED
                 counted[kind][came] += 1
                 writer.writerow((draw, kind, "+".join(physics), "refused", str(error), "", "", "", "", "", came))
@@ -219,7 +195,3 @@ def main():
             sys.stdout.flush()
     for kind, outcomes in counted.items():
         print(f"{kind}: " + ", ".join(f"{came} {outcomes[came]}" for came in (NAMED, ALIKE, MISSED)), file=sys.stderr)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,65 +1,30 @@
-"""Speed of the projectors and of SIRT beside other packages', and what costs grow with.
+"""Compare the projectors and SIRT with other packages, and measure how costs scale (4 minutes).
 
-    pip install -r benchmarks/requirements.txt
-    python benchmarks/speed.py --out results/benchmarks
-
-Writes projectors.csv, kinds.csv, bandwidth.csv, sirt.csv, growth.csv and speed.png, and prints them. Everything runs in
-one thread; times are processor time, medians of repeats in which the engines take turns, so that a busy machine weighs
-on all alike.
+First run `pip install -r benchmarks/requirements.txt`. Writes projectors.csv, kinds.csv, bandwidth.csv, sirt.csv,
+growth.csv and speed.png. Times are medians of CPU time with one thread; the engines take turns.
 """
 
-import argparse
-import csv
 import os
-import time
 from pathlib import Path
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
 
-import engines  # noqa: E402
-import growth  # noqa: E402
-import iterations  # noqa: E402
-import kinds  # noqa: E402
-import matplotlib  # noqa: E402
-import numpy as np  # noqa: E402
+from benchmarks import common, kinds
+from benchmarks.common import engines, growth, iterations
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-
-
-def medians(actions, repeats):
-    """Median processor time in seconds of each of several actions, which take turns."""
-    taken = [[] for _ in actions]
-    for action in actions:
-        action()
-    for _ in range(repeats):
-        for action, seconds in zip(actions, taken, strict=True):
-            began = time.process_time()
-            action()
-            seconds.append(time.process_time() - began)
-    return [float(np.median(seconds)) for seconds in taken]
+ONE_THREAD = True
 
 
 def projectors(repeats):
-    """ns per ray forwards and per voxel and view back, and both over ours in a full batch with voxel-driven back (on a
-    helix, there); how far projections are from ours."""
+    """Times per ray, and per voxel and view, also relative to a full batch; difference of the projections."""
     scan, helix = engines.geometry(), engines.helix()
-    contenders = [
-        engines.ours(1, scan),
-        engines.ours(16, scan),
-        engines.ours(1, scan, transpose=True),
-        engines.ours(16, scan, transpose=True),
-        engines.ours(1, helix),
-        engines.ours(16, helix),
-        engines.ours(1, helix, transpose=True),
-        engines.ours(16, helix, transpose=True),
-        engines.rtk(scan),
-        engines.rtk(scan, transpose=True),
-        engines.astra_fan(scan),
-    ]
-    forward = medians([one.forward for one in contenders], repeats)
-    back = medians([one.back for one in contenders], repeats)
+    pairs = [(where, transpose) for where in (scan, helix) for transpose in (False, True)]
+    contenders = [engines.ours(lanes, where, transpose=transpose) for where, transpose in pairs for lanes in (1, 16)]
+    contenders += [engines.rtk(scan), engines.rtk(scan, transpose=True), engines.astra_fan(scan)]
+    forward = common.medians([one.forward for one in contenders], repeats)
+    back = common.medians([one.back for one in contenders], repeats)
     ours = contenders[0].projected
     rows = []
     for one, ahead, behind in zip(contenders, forward, back, strict=True):
@@ -70,27 +35,23 @@ def projectors(repeats):
         rows.append(row)
     for row in rows:
         batch = "ours, 16 at once, helix" if row["engine"].endswith("helix") else "ours, 16 at once"
-        row["both_over_full_batch"] = of_a_view(row) / of_a_view(next(one for one in rows if one["engine"] == batch))
+        row["both_over_full_batch"] = engines.ns_of_a_view(row) / engines.ns_of_a_view(
+            next(one for one in rows if one["engine"] == batch)
+        )
     rows.append(
         {"engine": "XCIST, distance-driven", "forward_ns_per_ray": engines.xcist_ns_per_ray(scan, engines.GRID)}
     )
     return rows
 
 
-def of_a_view(row):
-    """ns of a view of the benchmark's scan, forwards and back."""
-    rays, voxels = engines.DETECTOR["columns"] * engines.DETECTOR["rows"], np.prod(engines.GRID.shape)
-    return float(rays * row["forward_ns_per_ray"] + voxels * row["back_ns_per_voxel_and_view"])
-
-
-# Cache lines of sixteen lanes that a sample cannot do without: two of what is read (its neighbours along the line were
-# read for the sample before), and the one that is added to, read and written.
+# Cache lines that a sample of 16 lanes needs: two are read (the previous sample has read the neighbors along the line),
+# and one is read and written.
 LINES, LINE_BYTES = 4, 64
-TILE_KIB = 800  # what a full batch works on at a time (projectors/kernels.py)
+TILE_KIB = 800  # working set of a full batch (projectors/kernels.py)
 
 
 def bound():
-    """ns per voxel and view, or sample, of one realisation in a full batch if the caches' bandwidth were all."""
+    """Lower limit of the time per sample in a full batch from the bandwidth of the caches."""
     rates = {
         f"{kib} KiB": float(np.median([engines.cache_bytes_per_ns(kib) for _ in range(5)]))
         for kib in (24, TILE_KIB, 8192)
@@ -101,19 +62,6 @@ def bound():
     return rows
 
 
-def write(path, rows):
-    """A table, of the columns that any row has, and on the screen."""
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    with open(path, "w", newline="") as file:
-        writer = csv.DictWriter(file, names, restval="")
-        writer.writeheader()
-        writer.writerows(rows)
-    print(f"\n{path.name}")
-    for row in rows:
-        shown = (f"{value:.4g}" if isinstance(value, float) else str(value) for value in row.values())
-        print("  ".join(f"{name} {value}" for name, value in zip(row, shown, strict=True)), flush=True)
-
-
 def draw(path, rows, grown):
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
     shown = [row for row in rows if "back_ns_per_voxel_and_view" in row]
@@ -122,7 +70,7 @@ def draw(path, rows, grown):
     left.plot([row["back_ns_per_voxel_and_view"] for row in shown], places, "s", label="back, ns per voxel and view")
     left.set_yticks(places, [row["engine"] for row in shown])
     left.set_xscale("log")
-    left.set_xlabel("processor time per realisation, ns")
+    left.set_xlabel("CPU time per realization, ns")
     left.invert_yaxis()
     left.grid(axis="x", alpha=0.3)
     for name in dict.fromkeys(row["of"] for row in grown):
@@ -139,22 +87,19 @@ def draw(path, rows, grown):
     figure.savefig(path, dpi=150)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
     parser.add_argument("--repeats", type=int, default=7)
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+
+
+def run(options):
+    matplotlib.use("Agg")
     print(f"{engines.machine()}; load of the last minute {os.getloadavg()[0]:.1f}")
     compared = projectors(options.repeats)
-    write(options.out / "projectors.csv", compared)
-    write(options.out / "kinds.csv", kinds.measured(options.repeats))
-    write(options.out / "bandwidth.csv", bound())
-    write(options.out / "sirt.csv", iterations.compared(medians))
-    grown = growth.measured(medians, options.repeats)
-    write(options.out / "growth.csv", grown)
+    common.print_table(options.out / "projectors.csv", compared)
+    common.print_table(options.out / "kinds.csv", kinds.measured(options.repeats))
+    common.print_table(options.out / "bandwidth.csv", bound())
+    common.print_table(options.out / "sirt.csv", iterations.compared())
+    grown = growth.measured(options.repeats)
+    common.print_table(options.out / "growth.csv", grown)
     draw(options.out / "speed.png", compared, grown)
-
-
-if __name__ == "__main__":
-    main()

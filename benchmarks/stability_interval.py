@@ -1,15 +1,10 @@
-"""How often the interval of a feature's stability holds the truth, on tables of features whose truth is known.
+"""Measure the coverage of the confidence interval of a feature's stability on simulated tables (30 minutes).
 
-python benchmarks/stability_interval.py
-python benchmarks/stability_interval.py --features results/features.csv
-
-Each table has features of six ROIs. Means of groups are drawn anew for every eighth of the features, and the truth of
-these is the mean over 2000 further tables. Beside the interval stands the one of plain subsampling: half of the repeats
-without replacement, the SD over 100 draws divided by sqrt(1 - m/n), and 1.96 of it on either side. With --features,
-the means, SDs and shared noise are those of a completed default study.
+Each table has features of six ROIs. Every eighth feature gets new group means, whose true stability is the mean over
+2000 further tables. For comparison, the interval of plain subsampling: 1.96 times the SD over 100 subsamples of half
+the repeats, divided by sqrt(1 - m/n). With --features, means, SDs and shared noise come from a completed default study.
 """
 
-import argparse
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +15,7 @@ from virtual_phantom.features.names import FEATURES
 from virtual_phantom.statistics import stability_interval, stability_measures
 
 ROIS, KINDS, TRUTH, DRAWS = 6, 8, 2000, 100
-SEED, BRANCH = 1, 1000  # no study's
+SEED, BRANCH = 1, 1000  # not used by studies
 GROUPS = {
     f"{kind}_{views}": place
     for place, (kind, views) in enumerate(
@@ -35,24 +30,20 @@ def skewed(rng, shape):
     return (np.exp(0.5 * rng.standard_normal(shape)) - np.sqrt(variance)) / np.sqrt(variance * (variance - 1))
 
 
-def normal(rng, shape):
-    return rng.standard_normal(shape)
-
-
 def halves(rng, shape):
-    """Normal numbers of which groups g and g + G/2 share the larger part: correlation 0.8."""
+    """Normal numbers; groups g and g + G/2 have a correlation of 0.8."""
     common = rng.standard_normal((*shape[:-2], shape[-2] // 2, shape[-1]))
     return np.sqrt(0.8) * np.concatenate([common, common], axis=-2) + np.sqrt(0.2) * rng.standard_normal(shape)
 
 
 def everywhere(rng, shape):
-    """As with common draws: all groups are correlated by 0.5."""
+    """Normal numbers; all groups have a correlation of 0.5, as with common random numbers."""
     common = rng.standard_normal((*shape[:-2], 1, shape[-1]))
     return np.sqrt(0.5) * (common + rng.standard_normal(shape))
 
 
 def subsampled(x, half, rng):
-    """SD of the stability by plain subsampling of x[roi, group, repeat]; every group has a choice of its own."""
+    """SD of the stability by independent subsampling of each group of x[roi, group, repeat]."""
     rois, groups, repeats = x.shape
     size = half.noise.shape[-1]
     chosen = rng.random((DRAWS, 1, groups, repeats)).argsort(axis=-1)[..., :size]
@@ -64,12 +55,12 @@ def subsampled(x, half, rng):
 
 # Name: noise, and whether groups g and g + G/2 share it.
 NOISE = {
-    "normal": (normal, False),
+    "normal": (np.random.Generator.standard_normal, False),
     "skewed": (skewed, False),
     "shared in twos": (halves, True),
     "shared by all": (everywhere, False),
 }
-# Groups, repeats, noise, and SD of the groups' means over that of the noise (times a lognormal number for each ROI).
+# Groups, repeats, noise, and SD of the group means relative to the noise (times a lognormal number per ROI).
 CASES = (
     *((8, 10, "normal", spread) for spread in (0.0, 0.3, 1.0, 3.0, 10.0)),
     (8, 10, "skewed", 1.0),
@@ -83,7 +74,7 @@ CASES = (
 
 
 def of_kinds(means, sds, noise, repeats, sharing, tables_of_each, rng):
-    """Truth, two standard errors of it, interval and plain interval of every table: one row each."""
+    """One row per table: truth, two standard errors, interval and subsampling interval."""
     _, rois, groups = means.shape
     units = [[roi] for roi in range(rois)]
     shared = np.equal.outer(sharing, sharing)
@@ -110,29 +101,20 @@ def line(title, rows):
     truth, near, low, high, plain_low, plain_high = rows.T
     held = (low - near <= truth) & (truth <= high + near)
     plain = (plain_low <= truth) & (truth <= plain_high)
-    share = [
-        f"{100 * value:.1f}"
-        for value in (
-            truth.mean(),
-            held.mean(),
-            (truth < low - near).mean(),
-            (truth > high + near).mean(),
-            (high - low).mean(),
-            plain.mean(),
-            (plain_high - plain_low).mean(),
-        )
-    ]
-    print(f"| {title} | " + " | ".join(share) + " |", flush=True)
+    outside = held.mean(), (truth < low - near).mean(), (truth > high + near).mean()
+    shares = truth.mean(), *outside, (high - low).mean(), plain.mean(), (plain_high - plain_low).mean()
+    print(f"| {title} | " + " | ".join(f"{100 * value:.1f}" for value in shares) + " |", flush=True)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def add_arguments(parser):
     parser.add_argument("--features", type=Path, help="features.csv of a completed default study")
-    parser.add_argument("--tables", type=int, default=400, help="simulated tables of each line")
-    arguments = parser.parse_args()
+    parser.add_argument("--tables", type=int, default=400, help="simulated tables per row")
+
+
+def run(options):
     print("| | truth | held | below | above | width | subsampling: held | width |\n|---|---|---|---|---|---|---|---|")
-    if arguments.features:
-        real(arguments.features, arguments.tables)
+    if options.features:
+        real(options.features, options.tables)
         return
     for number, (groups, repeats, name, spread) in enumerate(CASES):
         noise, twos = NOISE[name]
@@ -140,12 +122,12 @@ def main():
         rng = generator(branch(SEED, BRANCH, number))
         means = spread * rng.standard_normal((KINDS, ROIS, groups))
         means *= np.exp(0.5 * rng.standard_normal((KINDS, ROIS, 1)))
-        rows = of_kinds(means, np.ones_like(means), noise, repeats, sharing, arguments.tables // KINDS, rng)
+        rows = of_kinds(means, np.ones_like(means), noise, repeats, sharing, options.tables // KINDS, rng)
         line(f"{groups} groups, {repeats} repeats, {name}, {spread:g}", rows)
 
 
 def real(path, number):
-    """Features of a study as the truth: every one with its means, SDs and the correlation of SIRT and FBP."""
+    """Coverage with the means, SDs and SIRT-FBP correlation of a study's features."""
     table = tables.select_groups(tables.read_features(path), GROUPS, noise="dose10", seeds=10)
     x = stability_measures.feature_array(table, FEATURES)
     rng = generator(branch(SEED, BRANCH))
@@ -164,7 +146,3 @@ def real(path, number):
     line("all features", rows)
     for least, most in ((0, 0.02), (0.02, 0.05), (0.05, 0.15), (0.15, 1)):
         line(f"truth {100 * least:g} to {100 * most:g} %", rows[(rows[:, 0] >= least) & (rows[:, 0] < most)])
-
-
-if __name__ == "__main__":
-    main()

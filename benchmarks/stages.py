@@ -1,14 +1,9 @@
-"""How the time of a study splits over its stages, from what a run of it left behind.
+"""Measure how the time of a completed study splits over its stages (seconds).
 
-    python benchmarks/stages.py --out results/benchmarks
-
-Run it after the default study. A job's seconds are those of its `benchmark:` file in results/logs where its rule has
-one, else those that Snakemake noted (.snakemake/metadata). Writes stages.csv and stages.png, and prints the table.
-Every job of the default study runs in one thread, so that its seconds by the clock are what it held a core for.
-Processor time is in the files too, but misses the end of a job, as it is read every half minute.
+Times come from the `benchmark:` files in results/logs, or from Snakemake's metadata. All jobs of the default study have
+one thread. Writes stages.csv and stages.png. The CPU time in these files is incomplete: it is sampled every 30 s.
 """
 
-import argparse
 import csv
 import sys
 from collections import defaultdict
@@ -16,15 +11,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
-from fit_rates import ROOT, records
 
+from benchmarks import common
+from benchmarks.fit_rates import records
 from virtual_phantom.config.config import complete
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.figures import style
 from virtual_phantom.study.costs.jobs import study_jobs
 from virtual_phantom.study.costs.table import roi_count
 
-# What is shown as one, in the order of the work; values are stages of costs.jobs.
+# Displayed stage: stages of costs.jobs, in the order of the work.
 SHOWN = {
     "phantom, kernels, line integrals": ("phantom", "compile_kernels", "project", "project_physics"),
     "SIRT": ("reconstruct_sirt", "reconstruct_sirt_voxel", "reconstruct_sirt_astra_cuda"),
@@ -38,7 +34,7 @@ WAITING = "no job"
 
 @dataclass(frozen=True)
 class Span:
-    """One job: what it is shown as, and when it ran, in seconds since the first one began."""
+    """A job: displayed stage, and start and duration in seconds since the first job."""
 
     shown: str
     begin: float
@@ -50,7 +46,7 @@ class Span:
 
 
 def spans(folder, config):
-    """Every job of the study that ran, by its beginning."""
+    """Finished jobs, sorted by start."""
     noted, results = records(folder), Path(config["results_dir"])
     timed = benchmarked(folder / results / "logs")
     kinds = {stage: shown for shown, stages in SHOWN.items() for stage in stages}
@@ -69,8 +65,7 @@ def spans(folder, config):
 
 
 def benchmarked(logs):
-    """{log file: seconds} of jobs with a file of `benchmark:` beside their log, by the log's path in the working
-    directory."""
+    """{path of a log: seconds} of jobs with a `benchmark:` file."""
     found = {}
     for path in logs.rglob("*.benchmark.tsv"):
         with open(path, encoding="utf-8", newline="") as file:
@@ -81,8 +76,7 @@ def benchmarked(logs):
 
 
 def slots(jobs):
-    """Which slot each job may have had: the first that was free when it began. Jobs begin within a tenth of a second of
-    another's end."""
+    """Assign each job to the first free slot; a job may start 0.1 s before another one ends."""
     free, chosen = [], []
     for job in jobs:
         at = next((number for number, end in enumerate(free) if end <= job.begin + 0.1), len(free))
@@ -92,7 +86,7 @@ def slots(jobs):
 
 
 def table(jobs, cores):
-    """Rows by what is shown: jobs, their seconds, the longest, and the share of all cores' time; waiting comes last."""
+    """Rows per displayed stage with jobs, total, longest job and share of the cores' time; waiting is last."""
     wall = max(job.end for job in jobs)
     groups = defaultdict(list)
     for job in jobs:
@@ -132,26 +126,19 @@ def draw(jobs, rows):
     return figure
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--config", type=Path, default=ROOT / "config" / "config.yaml")
-    parser.add_argument("--folder", type=Path, default=ROOT, help="where snakemake was run")
-    parser.add_argument("--cores", type=int, default=2, help="what it was given")
+def add_arguments(parser):
+    parser.add_argument("--config", type=Path, default=common.ROOT / "config" / "config.yaml")
+    parser.add_argument("--folder", type=Path, default=common.ROOT, help="working directory of the study")
+    parser.add_argument("--cores", type=int, default=2, help="cores of the study")
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+
+
+def run(options):
     jobs = spans(options.folder, complete(yaml.safe_load(options.config.read_text(encoding="utf-8"))))
     rows = table(jobs, options.cores)
-    with open(options.out / "stages.csv", "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+    common.write_table(options.out / "stages.csv", rows)
     style.save(draw(jobs, rows), [options.out / "stages.png"])
     print(f"{len(jobs)} jobs in {max(job.end for job in jobs):.0f} s on {options.cores} cores")
     for row in rows:
         longest = f"{row['longest_s']:8.1f}" if row["longest_s"] else ""
         print(f"{row['stage']:34s}{row['jobs']:>5}{row['core_s']:9.1f} s{row['percent']:7.1f} %{longest}")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,15 +1,11 @@
-"""Write the library's summaries of the measured feature tables. Run by hand when a source table changes:
+"""Write the library's summaries of the measured feature tables; run it if a source table changes (minutes).
 
-    python benchmarks/summarise_measurements.py STUDY_TABLE DOSE_TABLE
-
-STUDY_TABLE   features of CT-Phantom4Radiomics (`features_2d.csv`)
-DOSE_TABLE    features of the dose series on the SOMATOM Definition Edge (`features_3d.csv`)
-Sources, licences and what each written file holds: README.md of the library's resources.
+STUDY_TABLE has the features of CT-Phantom4Radiomics (features_2d.csv), DOSE_TABLE those of the dose series on the
+SOMATOM Definition Edge (features_3d.csv). The README of the library's resources has sources, licenses and contents.
 """
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import pandas as pd
@@ -20,7 +16,7 @@ from virtual_phantom.features.hu_offset import convert_to_hu
 from virtual_phantom.io.files import replacing
 from virtual_phantom.statistics import measured, repeats, wilcoxon
 
-# Repeats that studies have are drawn of the acquisitions without re-positioning; of all of them, those of the default.
+# Numbers of repeats: for acquisitions without re-positioning, and for all.
 DRAWN = {"fixed": range(2, 20), "all": (10,)}
 
 
@@ -59,31 +55,23 @@ def draw_scores(study: pd.DataFrame, drawn: dict = DRAWN) -> pd.DataFrame:
 
 
 def write(table: pd.DataFrame, name: str) -> None:
-    """Eight significant digits: far below the spread over scans, and half the size."""
+    """Write a table with eight significant digits, far below the spread over scans."""
     with replacing(RESOURCES / name) as temporary:
         table.to_csv(temporary, index=False, lineterminator="\n", float_format="%.8g")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser):
     parser.add_argument("study_table", type=Path)
     parser.add_argument("dose_table", type=Path)
-    arguments = parser.parse_args()
-    study = measured.load_full_table(arguments.study_table)
-    write(
-        summarise(convert_to_hu(study), ["group", "roi"], measured.STUDY_FEATURES),
-        "ct_phantom4radiomics_groups.csv",
-    )
-    scores = wilcoxon.scores(study, measured.STUDY_FEATURES, source=str(arguments.study_table))
+
+
+def run(options):
+    study = measured.load_full_table(options.study_table)
+    write(summarise(convert_to_hu(study), ["group", "roi"], measured.STUDY_FEATURES), "ct_phantom4radiomics_groups.csv")
+    scores = wilcoxon.scores(study, measured.STUDY_FEATURES, source=str(options.study_table))
     write(scores[["feature", "stability_percent", "discrimination_percent"]], "ct_phantom4radiomics_scores.csv")
     write(draw_scores(study), "ct_phantom4radiomics_draws.csv")
     write(
-        summarise(
-            measured.load_full_dose_series(arguments.dose_table), ["dose_mgy", "reconstruction", "roi"], FEATURES
-        ),
+        summarise(measured.load_full_dose_series(options.dose_table), ["dose_mgy", "reconstruction", "roi"], FEATURES),
         "edge_dose_series_summary.csv",
     )
-
-
-if __name__ == "__main__":
-    main()

@@ -56,12 +56,17 @@ def test_make_has_the_targets():
 
 def test_scripts_have_the_options():
     scripts = [line[1:] for line in words("python") if line[1].endswith(".py")]
-    assert len(scripts) > 15
+    scenarios = [line[4:] for line in words("python") if line[1:4] == ["-m", "benchmarks", "run"]]
+    assert len(scripts) > 10 and len(scenarios) > 35
+    scripts += [[f"benchmarks/{name}.py", *arguments] for name, *arguments in scenarios]
     importer = words("virtual-phantom-import")
     assert len(importer) > 3
     scripts += [["workflow/lib/virtual_phantom/recordings/importers/command.py", *line[1:]] for line in importer]
     for script, *arguments in scripts:
         text = (ROOT / script).read_text(encoding="utf-8")
+        for function, module in (("simulator_scans.add_draws", "simulator_scans"), ("add_realizations", "__init__")):
+            if f"{function}(" in text:
+                text += (ROOT / "benchmarks" / "common" / f"{module}.py").read_text(encoding="utf-8")
         for option in (word for word in arguments if word.startswith("--")):
             assert f'"{option}"' in text, f"{script} has no {option}"
 

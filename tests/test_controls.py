@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
-import controls
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
+from benchmarks import common, controls
 from virtual_phantom.config import config
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.phantom.layout import read_layout
@@ -17,10 +16,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def plan(changes=None, *files):
-    merged: dict = {}
-    for path in ("config/config.yaml", *files):
-        controls.merge(merged, yaml.safe_load((ROOT / path).read_text(encoding="utf-8")))
-    controls.merge(merged, changes or {})
+    merged = common.read_config()
+    for overlay in (*map(common.read_config, files), changes or {}):
+        common.merge(merged, overlay)
     return Plan(config.complete(merged))
 
 

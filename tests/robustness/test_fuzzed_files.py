@@ -2,8 +2,9 @@
 
 import logging
 
-import fuzz_files
 import pytest
+
+from benchmarks import fuzz_files
 
 
 @pytest.mark.filterwarnings("ignore")  # of pydicom and numpy, about values that are wrong by intent

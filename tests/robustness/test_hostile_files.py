@@ -3,7 +3,6 @@
 import gzip
 import resource
 
-import fuzz_dicom
 import h5py
 import nibabel
 import numpy as np
@@ -14,6 +13,7 @@ import recording_folders as folders
 from hostile import EXAMPLES, outcome, outcomes
 from pydicom.dataelem import RawDataElement
 
+from benchmarks import fuzz_dicom
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.phantom.ct import read_hu

@@ -39,7 +39,7 @@ def read_rates(path: str | Path) -> dict:
     if not valid:
         raise InputError(
             f"{path}: needs seconds (stage: {{unit: rate}}) and bytes (kind: rate), no rate under 0; write it again "
-            "with benchmarks/fit_rates.py"
+            "with python -m benchmarks run fit_rates"
         )
     return rates
 

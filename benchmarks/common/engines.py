@@ -1,11 +1,10 @@
-"""Projectors on the same rays: ours, RTK's CPU filters, ASTRA's 2D fan beam and XCIST's, one thread each.
+"""Projectors of Virtual Phantom, RTK (CPU), ASTRA (2D fan beam) and XCIST, with one thread each.
 
-Every engine is a pair of functions that project or back-project the whole scan once, with the number of rays and of
-voxels times views that this takes, so that engines which take other numbers of either can be compared.
+An engine has functions that project or back-project the whole scan once, and the numbers of rays and of voxels times
+views, by which the times are divided.
 """
 
 import os
-import resource
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from benchmarks.common import child_seconds
 from virtual_phantom.base.geometry import Grid, ScanGeometry, circular, helical
 from virtual_phantom.projectors.cpu import CpuProjector
 
-# The default study's grid and detector; a circle, whose middle slice ASTRA's fan beam shares.
+# The default study's grid and detector, on a circle.
 GRID = Grid((48, 128, 128), (2.0, 2.35, 2.35))
 SCANNER = dict(source_to_isocentre_mm=500.0, source_to_detector_mm=1000.0)
 DETECTOR = dict(columns=160, rows=48, column_pitch_mm=4.0, row_pitch_mm=4.0)
@@ -25,8 +25,7 @@ VIEWS = 16
 
 @dataclass(frozen=True)
 class Engine:
-    """forward and back are None where an engine has none; `projected` is what forward gives of the object, [view, row,
-    column], None where its rays are others."""
+    """A projector; missing functions are None. `projected`, [view, row, column], is None if the rays are others."""
 
     name: str
     forward: Callable[[], object] | None
@@ -41,7 +40,7 @@ def geometry(views: int = VIEWS) -> ScanGeometry:
 
 
 def helix() -> ScanGeometry:
-    """The default study's turns about the same grid: rays leave its ends, which cuts their lines short."""
+    """Helix with the default study's rotations; rays leave the ends of the grid."""
     return helical(views=3 * VIEWS, volume_height_mm=GRID.extent_mm[0], **DETECTOR, **SCANNER)
 
 
@@ -54,7 +53,7 @@ def phantom(grid: Grid = GRID) -> np.ndarray:
 
 
 def ours(lanes: int, scan: ScanGeometry, grid: Grid = GRID, transpose: bool = False) -> Engine:
-    """The library's, `lanes` realisations at once; transpose: the exact adjoint instead of voxel-driven."""
+    """Virtual Phantom's projector with a batch of `lanes`; transpose: the exact adjoint, not the voxel-driven one."""
     projector = CpuProjector(scan, grid, lanes)
     volume = projector.pack_volume(np.repeat(phantom(grid)[None], lanes, 0))
     projections, out = projector.forward(volume), projector.empty_volume()
@@ -114,7 +113,7 @@ def rtk(scan: ScanGeometry, grid: Grid = GRID, transpose: bool = False) -> Engin
     dz, dy, dx = grid.spacing
     filters = RTK.JosephBackProjectionImageFilter if transpose else RTK.BackProjectionImageFilter
 
-    # Filters take the memory of their first input, so that each run needs one of its own.
+    # Filters reuse the memory of their first input, so each run needs a new one.
     def forward():
         ahead = RTK.JosephForwardProjectionImageFilter[kind, kind].New()
         ahead.SetInput(0, rtk_projections(np.zeros((scan.views, scan.rows, scan.columns)), scan))
@@ -179,21 +178,15 @@ def astra_fan(scan: ScanGeometry, grid: Grid = GRID) -> Engine:
 
 
 def xcist_ns_per_ray(scan: ScanGeometry, grid: Grid, few: int = 4, many: int = 16) -> float:
-    """Of XCIST's distance-driven projector, from what more views cost: a scan of one energy, begun anew, has other
-    costs too. It has no back-projection."""
+    """Time per ray of XCIST's distance-driven projector, from the additional time of more views."""
     from virtual_phantom.proof.conceal.xcist import CELLS_DIVIDED, Materials, Scan, simulate
 
     def seconds(views):
         order = Scan(views=views, kev=70.0, photons=1e5, **DETECTOR, **SCANNER)
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        simulate(
-            order,
-            Materials({"water": phantom(grid) * 50}, (grid.spacing[2], grid.spacing[0])),
-            1,
-            np.random.SeedSequence(1),
-        )
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return after.ru_utime - before.ru_utime
+        water = Materials({"water": phantom(grid) * 50}, (grid.spacing[2], grid.spacing[0]))
+        before = child_seconds()[0]
+        simulate(order, water, 1, np.random.SeedSequence(1))
+        return child_seconds()[0] - before
 
     rays = scan.rows * scan.columns * CELLS_DIVIDED**2
     return (seconds(many) - seconds(few)) / (many - few) / rays * 1e9
@@ -207,8 +200,7 @@ def _add(total, more, times):
 
 
 def cache_bytes_per_ns(kib: int, times: int = 400) -> float:
-    """Bytes that one core reads and writes per ns of two arrays of so many KiB together, one added to the other: the
-    bandwidth of the cache that they fit into."""
+    """Bandwidth of one core for the sum of two arrays of `kib` in total."""
     one, other = np.ones((2, kib * 1024 // 8), np.float32)
     _add(one, other, 1)
     began = time.process_time()
@@ -222,3 +214,9 @@ def machine() -> str:
         name = next(line.split(":")[1].strip() for line in file if line.startswith("model name"))
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     return f"{name}, {os.cpu_count()} cores, {memory:.0f} GiB"
+
+
+def ns_of_a_view(row):
+    """Time of forward and back-projection of one view, ns."""
+    rays, voxels = DETECTOR["columns"] * DETECTOR["rows"], np.prod(GRID.shape)
+    return float(rays * row["forward_ns_per_ray"] + voxels * row["back_ns_per_voxel_and_view"])

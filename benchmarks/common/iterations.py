@@ -1,15 +1,15 @@
-"""500 iterations of SIRT: ours by Chebyshev polynomials and plain, RTK's SART of one subset, ASTRA's 2D; and memory.
+"""Time of 500 SIRT iterations: Virtual Phantom (Chebyshev and plain), RTK (SART, one subset) and ASTRA (2D); memory.
 
-On a grid of half the default study's size in every direction, half as many pixels either way and 75 views. RTK's and
-ASTRA's time is that of a few iterations, times as many as 500 have; ASTRA's of one slice, times the slices.
+The grid has half of the default study's size in each direction, with half of the pixels and 75 views. The times of RTK
+and ASTRA are extrapolated from a few iterations, ASTRA's from one slice.
 """
 
 from multiprocessing import get_context
 from pathlib import Path
 
-import engines
 import numpy as np
 
+from benchmarks.common import engines, medians
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.projectors.cpu import CpuProjector
@@ -24,8 +24,8 @@ FEW, MORE = 2, 6  # iterations of RTK, whose difference is timed
 OF_ASTRA = 50
 
 
-def compared(medians):
-    """Seconds per image of 500 iterations, over ours; and how far the Chebyshev image is from the plain one."""
+def compared():
+    """Seconds per image of 500 iterations, and the difference of the Chebyshev and the plain image."""
     rows = []
     images = {}
     for lanes in (LANES, 1):
@@ -91,8 +91,7 @@ def astra_slice():
 
 
 def memory():
-    """Of a Chebyshev reconstruction, what a process needs more than before, over the arrays it must hold: the line
-    integrals as given and as the kernels take them, four volumes, two sets of weights, and a block of views."""
+    """Additional memory of a Chebyshev reconstruction relative to the arrays that it must hold."""
     with get_context("spawn").Pool(1) as pool:
         needed, held = pool.apply(_memory)
     return {"solver": "ours, memory", "needed_mib": needed / 2**20, "over_arrays": needed / held}
@@ -103,7 +102,7 @@ def _memory():
     small = CpuProjector(engines.geometry(64), Grid((4, 16, 16), (2.0, 2.0, 2.0)), LANES)
     shape = (LANES, 64, engines.DETECTOR["rows"], engines.DETECTOR["columns"])
     sirt(small, np.zeros((LANES, 64, *shape[2:]), np.float32), **(SETTINGS | {"iterations": 2, "terms": 2}))  # compiled
-    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
+    Path("/proc/self/clear_refs").write_text("5")  # resets the peak
     before = _peak()
     lines = np.ones(shape, np.float32)
     sirt(projector, lines, **(SETTINGS | {"terms": 3}))
@@ -115,6 +114,6 @@ def _memory():
 
 
 def _peak():
-    """Most memory of this process so far, bytes."""
+    """Peak memory of this process, bytes."""
     status = Path("/proc/self/status").read_text()
     return 1024 * int(status.split("VmHWM:")[1].split()[0])

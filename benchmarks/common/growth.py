@@ -1,21 +1,19 @@
-"""What costs grow with: the exponent of processor time against voxels, views, realisations, ROIs and recordings."""
+"""Exponents of CPU time as a function of voxels, views, realizations, ROIs and recordings."""
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-import engines
 import numpy as np
 
+from benchmarks.common import ROOT, child_seconds, engines, medians
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.features.extraction import FEATURES, extract
 from virtual_phantom.io.volumes import Volume
 
-ROOT = Path(__file__).resolve().parents[1]
 EDGES = (48, 64, 96, 128)  # voxels in the plane; slices in proportion
 VIEWS = (8, 16, 32, 64)
 LANES = (1, 2, 4, 8, 16, 32)
@@ -23,8 +21,8 @@ ROIS = (1, 2, 4, 8)
 RECORDINGS = (4, 16, 64)
 
 
-def measured(medians, repeats):
-    """Rows of what, its size, seconds, and the exponent that fits all sizes of it."""
+def measured(repeats):
+    """Rows with quantity, size, seconds and the fitted exponent."""
     rows = []
     for of, sizes, action in (
         ("voxels", [edge**3 * 3 // 8 for edge in EDGES], [pair(edge=edge) for edge in EDGES]),
@@ -58,7 +56,7 @@ def pair(edge=128, views=engines.VIEWS, lanes=16):
 
 
 def features(count):
-    """The 86 features of so many balls of 8 mm radius."""
+    """Action that extracts the 86 features of `count` balls."""
     grid = engines.GRID
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
     noise = np.random.default_rng(np.random.SeedSequence(2)).normal(50, 20, grid.shape).astype(np.float32)
@@ -71,7 +69,7 @@ def features(count):
 
 
 def planned(count):
-    """Seconds of processor time of a dry run with so many recordings."""
+    """CPU time in seconds of a dry run with `count` recordings."""
     with tempfile.TemporaryDirectory() as folder:
         recordings = {}
         for number in range(count):
@@ -85,7 +83,6 @@ def planned(count):
         overlay.write_text(json.dumps({"recordings": recordings, "results_dir": str(Path(folder) / "results")}))
         command = [sys.executable, "-m", "snakemake", "-n", "-q", "all", "--nolock"]
         command += ["recordings", "--configfile", ROOT / "config/config.yaml", overlay]
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        before = child_seconds()[0]
         subprocess.run(command, cwd=ROOT, check=True, env=os.environ, stdout=subprocess.DEVNULL)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime - before.ru_utime
+    return child_seconds()[0] - before

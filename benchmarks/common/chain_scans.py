@@ -1,0 +1,138 @@
+"""Scans that the library's own chain simulates, of a small body, and effects of a given signal-to-noise ratio."""
+
+import copy
+import math
+from dataclasses import replace
+
+import numpy as np
+from scipy import ndimage
+from scipy.optimize import brentq
+
+from benchmarks.common import circular_scan
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearisation, LinearisationPoint
+from virtual_phantom.diagnosis.fitting.priors import stated_physics
+from virtual_phantom.diagnosis.fitting.templates import strength, varied
+from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections.discretization import model_and_floor
+from virtual_phantom.io.volumes import Volume
+from virtual_phantom.physics.beam.materials import Segmentation
+from virtual_phantom.physics.effect import load
+from virtual_phantom.physics.scenes.scene import IN_PLACE, VoxelScene
+from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
+
+PHOTONS, REPEATS = 1e5, 4
+WEAKEST, STRONGEST = 5.0, 50.0
+STATED = 0.05  # relative SD of a declared parameter
+FAINTEST, LEAST_SHARE = 1e-3, 1e-5  # lower limits of the signal-to-noise ratio and of the share of a range
+EDGE_MM = 2.0
+INSERTS = {"bone": ((50, 10, 5), 20.0), "adipose": ((-40, -20, -5), 18.0)}  # center and radius, mm
+ROD = ((-10, 45, 0), 12.0)
+GEOMETRY = circular_scan(90, 64, 8, 8.0, view_interval_ms=10.0)
+
+
+def scene(edge_mm=EDGE_MM, threads=1):
+    """Elliptic body with off-axis bone, fat and dense inserts; edges blurred by a Gaussian."""
+    grid = Grid((48, 192, 192), (1.5, 1.5, 1.5))  # a third of a pixel at the isocenter
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    hu = np.where((x / 110) ** 2 + (y / 80) ** 2 < 1, 20.0, -1000.0)
+    hu = np.where((x - 50) ** 2 + (y - 10) ** 2 + (z - 5) ** 2 < 20**2, 800.0, hu)
+    hu = np.where((x + 40) ** 2 + (y + 20) ** 2 + (z + 5) ** 2 < 18**2, -80.0, hu)
+    hu = np.where((x + 10) ** 2 + (y - 45) ** 2 < 12**2, 300.0, hu)
+    hu = ndimage.gaussian_filter(hu, np.array(edge_mm) / grid.spacing, mode="nearest")
+    return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193, threads)
+
+
+def body(**changes):
+    """Body of shapes with muscle, bone, fat and a PMMA rod; `changes` replaces inserts (None removes one)."""
+    inserts = {name: ellipsoid(name, at, [radius] * 3) for name, (at, radius) in INSERTS.items()} | changes
+    muscle = ellipsoid("soft_tissue", (0, 0, 0), (110, 80, 1000))
+    return [muscle, *(one for one in inserts.values() if one is not None), cylinder("pmma", *ROD)]
+
+
+def shapes_scene():
+    return ShapesScene(body())
+
+
+def scans(chain, physics, random, pose=IN_PLACE, repeats=REPEATS):
+    state = chain.state(physics, pose)
+    air = state.measured_air
+    lines = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(repeats)]
+    white = air.mean(axis=0) * state.photons
+    return observed.Scans(np.stack(lines).astype(np.float32), white, np.ones(lines[0].shape, bool))
+
+
+def strengths(name, wanted, random, given):
+    """Parameters of an effect with a signal-to-noise ratio of `wanted`, or the largest that its range allows."""
+    effect = load(name)
+    every = given.fitter.model.parameters(name)
+    typical = given.fitter.model.chain.fixed_parameters(name) | {
+        parameter.name: parameter.typical for parameter in every
+    }
+    parameters = varied(every)
+    if effect.pattern:
+        pixels = math.prod(given.data.mean.shape[1:])
+        noise = np.sqrt(1 / given.fitter.weights[0].reshape(given.data.mean.shape).sum(axis=0)).mean()
+        return typical | {"rms": float(noise * np.sqrt(wanted * np.sqrt(2 / pixels)))}
+    if not parameters:
+        return {
+            parameter.name: float(random.uniform(low, high))
+            for parameter, (low, high) in zip(effect.parameters, ((80.0, 140.0), (3.0, 12.0), (0.3, 1.2)), strict=True)
+        }
+    for which in random.permutation(np.array(parameters, object)):
+        rest = typical | {other.name: other.neutral for other in parameters}
+        most = which.high if strength(which) > which.neutral else which.low
+
+        def beyond(logarithm, rest=rest, which=which, most=most):
+            """Logarithm of the ratio of actual and wanted signal-to-noise ratio; nearly linear."""
+            value = which.neutral + np.exp(logarithm) * (most - which.neutral)
+            stands = stands_out(given, {name: rest | {which.name: value}})
+            return np.log(max(stands, FAINTEST) / wanted)
+
+        reached = beyond(0.0)
+        if reached >= np.log(WEAKEST / wanted):
+            share = np.exp(brentq(beyond, np.log(LEAST_SHARE), 0.0, xtol=0.03)) if reached > 0 else 1.0
+            return rest | {which.name: float(which.neutral + share * (most - which.neutral))}
+    raise ValueError(f"{name}: the signal-to-noise ratio stays below {WEAKEST} within its range")
+
+
+def stated(physics, model, random=None):
+    """Declared physics with a relative SD of STATED; without `random`, the values are exact."""
+    found = {}
+    for name, values in physics.items():
+        low_high = {one.name: (one.low, one.high) for one in model.parameters(name)}
+        found[name] = {}
+        for key, value in values.items():
+            sd = STATED * abs(value)
+            low, high = low_high.get(key, (-np.inf, np.inf))
+            drawn = value if random is None else random.normal(value, sd)
+            found[name][key] = {"value": float(np.clip(drawn, low, high)), "sd": sd}
+    return found
+
+
+def stands_out(given, physics):
+    """Signal-to-noise ratio of physics beyond the alignment, from a fit of the alignment to noise-free data."""
+    fitter = given.fitter
+    place = {one.name: one.expected for one in fitter.model.aligned}
+    data, beside = fitter.data, stated_physics(fitter.model.declared)
+    there = Linearisation(*2 * (LinearisationPoint.of(beside, place),)) if beside else BASE
+    there = fitter.model.predict(beside | physics, place, data, there)
+    clean = copy.copy(fitter)
+    clean.data = replace(
+        data, mean=there.mean, variance=np.exp(there.log_variance), correlation=there.correlation, white=there.white
+    )
+    return float(np.sqrt(sum(clean.fit(()).parts)))
+
+
+def scaled(chain, name, share):
+    """Parameters of an effect at a share of its typical strength; those without a neutral value are typical."""
+    return {
+        one.name: one.typical if one.neutral is None else one.neutral + share * (one.typical - one.neutral)
+        for one in chain.parameters(name)
+    }
+
+
+def prepared_with_floor(taken, scene, geometry, samples, **options):
+    """Prepare a scan for fits, with the model's numerical error."""
+    model, floor = model_and_floor(scene, geometry, samples, photons=PHOTONS)
+    return prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS, **options)

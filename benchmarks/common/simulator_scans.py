@@ -1,0 +1,115 @@
+"""Small scans by the simulator of the blind validation."""
+
+import os
+import tempfile
+from pathlib import Path
+
+from virtual_phantom.base.streams import Branch, branch, generator
+from virtual_phantom.config.dependencies import resource
+from virtual_phantom.diagnosis.candidate_effects import candidates
+from virtual_phantom.diagnosis.preparation import prepare_recording
+from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.run import run_diagnosis
+from virtual_phantom.io.volumes import write_nifti
+from virtual_phantom.physics.effect import load
+from virtual_phantom.proof.conceal.catalogue import CATALOGUE
+from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_section, write
+from virtual_phantom.proof.conceal.objects import OBJECTS
+from virtual_phantom.proof.conceal.phantoms import build
+from virtual_phantom.proof.conceal.suite import KNOWN, scan_seed, truths
+from virtual_phantom.proof.conceal.xcist import energy_of_water
+
+SCAN = {"columns": 64, "rows": 4, "views": 36, "photons": 1e5, "rotation_time_ms": 1000.0, "repeats": 4}
+
+
+def add_draws(parser, strengths, none, pairs, unknown):
+    """Add the options that select cases of the blind validation."""
+    effects = ["scatter", "spectrum", "focal_spot", "afterglow", "dark_signal"]
+    parser.add_argument("--effects", nargs="*", default=effects, help="effects of the library, each hidden alone")
+    parser.add_argument("--strengths", nargs="*", default=strengths)
+    parser.add_argument("--none", type=int, default=none)
+    parser.add_argument("--pairs", type=int, default=pairs, help="scans with two effects of the library")
+    parser.add_argument("--unknown", type=int, default=unknown)
+
+
+def left_to_do(options, rows):
+    """{case: truth} that the options of add_draws and a seed select, without finished cases."""
+    drawn = {name: getattr(options, name) for name in ("seed", "effects", "strengths", "none", "pairs", "unknown")}
+    drawn["unknown_kinds"] = vars(options).get("kinds")
+    done = {row["truth"]["case"] for row in rows}
+    return {case: truth for case, truth in truths(asked_of_proof(drawn)).items() if case not in done}
+
+
+def recorded(folder, truth, config, seed, baseline=None):
+    """Write the recording and the object of a case; returns what a diagnosis request needs."""
+    one, mu = OBJECTS[truth["phantom"]], config["mu_water_per_mm"]
+    stream = branch(config["seed"], Branch.PROOF_PHANTOM)
+    phantom = build(one, resource(one.layout), SCAN["columns"], SCAN["rows"], stream)
+    kev, views = energy_of_water(mu), SCAN["views"]
+    scan = scan_section(one, SCAN, views, SCAN["photons"], SCAN["rotation_time_ms"], kev, concealed_settings(truth))
+    write(
+        folder,
+        truth["case"],
+        scan,
+        acquire(scan, one, phantom.fine, mu, SCAN["repeats"], scan_seed(seed, truth["number"])),
+    )
+    write_nifti(phantom.image, folder / "image.nii.gz")
+    settings = {"samples": 2, "view_step": 1, "nominal_photons": SCAN["photons"], "alignment": {}}
+    settings["baseline"] = baseline or {}
+    model = {"folder": str(folder), "settings": settings, "mu_water_per_mm": mu, "materials": one.stated}
+    return model | {"seed": config["seed"], "protocol": None}
+
+
+def asked_of_proof(drawn):
+    """Settings of the section `proof` for small projections, with no pairs by default."""
+    settings = {
+        "pairs": 0,
+        "unknown_kinds": None,
+        "images": {"strengths": [], "effects": [], "views_times": 1},
+        "scan": SCAN,
+        "held_out_protocol": {"views": 30},
+    } | drawn
+    if not settings["effects"]:  # none alone
+        settings |= {"effects": ["scatter"], "strengths": []}
+    return settings
+
+
+ORDER, TRUTH = range(2)  # branches of the seed
+LEFT_OUT = ("view_blur",)  # not declared: it multiplies the rays of each fit
+
+
+def statable() -> list[str]:
+    """Effects whose parameters all exist in the simulator."""
+    found = []
+    for name in KNOWN:
+        effect = load(name)
+        _, comparable = CATALOGUE[name].draw("medium", generator(branch(0, TRUTH)))
+        if name not in LEFT_OUT and not effect.pattern and {one.name for one in effect.parameters} <= set(comparable):
+            found.append(name)
+    return found
+
+
+def of_catalogue(name: str, strength: str, random) -> dict:
+    settings, comparable = CATALOGUE[name].draw(strength, random)
+    return {"name": str(name), "strength": strength, "settings": settings, "comparable": comparable}
+
+
+def prepared(truth, config, seed):
+    """Recording of a case, its preparation for fits, and what the diagnosis needs."""
+    with tempfile.TemporaryDirectory() as folder:
+        model = recorded(Path(folder), truth, config, seed)
+        return *prepare_recording(request(model)), model
+
+
+def request(model):
+    return DiagnosisRequest.of(model, str(Path(model["folder"]) / "image.nii.gz"), 1)
+
+
+def diagnosed(truth, config, seed, left_out=(), baseline=None):
+    """Content of the diagnosis of a case, without some candidate effects, and its CPU time."""
+    with tempfile.TemporaryDirectory() as folder:
+        model = recorded(Path(folder), truth, config, seed, baseline)
+        tried = [name for name in candidates(model["settings"]) if name not in left_out]
+        began = sum(os.times()[:4])
+        found = run_diagnosis(request(model), tried, config["diagnosis"]["model_accuracy"], images=False)
+        return found.content, sum(os.times()[:4]) - began
