@@ -20,7 +20,7 @@ from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.selection.forward_selection import RULED_OUT, choose
-from virtual_phantom.proof.conceal.suite import truths
+from virtual_phantom.proof.hiding.suite import truths
 
 PAIRS = (
     ("centre_of_rotation", "detector_offset"),

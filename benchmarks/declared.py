@@ -20,9 +20,9 @@ from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import run_diagnosis
 from virtual_phantom.physics.effect import load
-from virtual_phantom.proof.conceal.catalogue import CATALOGUE
-from virtual_phantom.proof.conceal.objects import OBJECTS
-from virtual_phantom.proof.conceal.suite import KNOWN
+from virtual_phantom.proof.hiding.catalogue import CATALOGUE
+from virtual_phantom.proof.hiding.objects import OBJECTS
+from virtual_phantom.proof.hiding.suite import KNOWN
 
 STATED = 0.05  # of a parameter: standard deviation of its statement
 DECLARED = 7

@@ -21,13 +21,13 @@ from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import run_diagnosis
 from virtual_phantom.io.volumes import write_nifti
-from virtual_phantom.proof.conceal.case import Case
-from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_section, write
-from virtual_phantom.proof.conceal.objects import OBJECTS
-from virtual_phantom.proof.conceal.phantoms import build
-from virtual_phantom.proof.conceal.suite import scan_seed, truths
-from virtual_phantom.proof.conceal.xcist import energy_of_water
-from virtual_phantom.proof.score.remainders import summary
+from virtual_phantom.proof.hiding.case import Case
+from virtual_phantom.proof.hiding.generate import acquire, concealed_settings, scan_section, write
+from virtual_phantom.proof.hiding.objects import OBJECTS
+from virtual_phantom.proof.hiding.phantoms import build
+from virtual_phantom.proof.hiding.suite import scan_seed, truths
+from virtual_phantom.proof.hiding.xcist import energy_of_water
+from virtual_phantom.proof.scoring.remainders import summary
 
 ROOT = Path(__file__).resolve().parents[1]
 SCAN = {"columns": 64, "rows": 4, "views": 36, "photons": 1e5, "rotation_time_ms": 1000.0, "repeats": 4}

@@ -33,7 +33,7 @@ from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.selection.screening import screened
 from virtual_phantom.physics.effect import load
-from virtual_phantom.proof.conceal.case import ADMITTED, Case
+from virtual_phantom.proof.hiding.case import ADMITTED, Case
 
 CHANCE = 0.01
 MOST = 4  # effects that a rival takes one after the other, as many as the diagnosis names

@@ -7,14 +7,14 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.effect import load, names
-from virtual_phantom.proof.conceal.catalogue import CATALOGUE
-from virtual_phantom.proof.conceal.changed_object import AIR_HU, changed
-from virtual_phantom.proof.conceal.faults import charge_shared, chosen, displaced_tile, faulty, refracted, warmed
-from virtual_phantom.proof.conceal.lacking import LACKING
-from virtual_phantom.proof.conceal.objects import OBJECTS
-from virtual_phantom.proof.conceal.suite import truths
-from virtual_phantom.proof.conceal.unsteady import breathed, jittered, swung, turned
-from virtual_phantom.proof.conceal.xcist import Acquired, Scan
+from virtual_phantom.proof.hiding.catalogue import CATALOGUE
+from virtual_phantom.proof.hiding.changed_object import AIR_HU, changed
+from virtual_phantom.proof.hiding.faults import charge_shared, chosen, displaced_tile, faulty, refracted, warmed
+from virtual_phantom.proof.hiding.lacking import LACKING
+from virtual_phantom.proof.hiding.objects import OBJECTS
+from virtual_phantom.proof.hiding.suite import truths
+from virtual_phantom.proof.hiding.unsteady import breathed, jittered, swung, turned
+from virtual_phantom.proof.hiding.xcist import Acquired, Scan
 
 VIEWS, COLUMNS, KEV = 40, 30, 70.0
 

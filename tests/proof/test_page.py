@@ -16,12 +16,12 @@ from proof_suite import DIAGNOSES, TRUTHS, diagnosis, truth, write_suite
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures.before_after import thumbnail
-from virtual_phantom.proof.conceal.case import Case, collect
-from virtual_phantom.proof.conceal.catalogue import REPEATED, XCIST
-from virtual_phantom.proof.conceal.suite import check_recordings
-from virtual_phantom.proof.score.example import example, in_words, residual_maps
-from virtual_phantom.proof.score.real import minutes, row
-from virtual_phantom.proof.score.score import score
+from virtual_phantom.proof.hiding.case import Case, collect
+from virtual_phantom.proof.hiding.catalogue import REPEATED, XCIST
+from virtual_phantom.proof.hiding.suite import check_recordings
+from virtual_phantom.proof.scoring.example import example, in_words, residual_maps
+from virtual_phantom.proof.scoring.real import minutes, row
+from virtual_phantom.proof.scoring.score import score
 from virtual_phantom.report.proof import blind_validation_page, percent
 from virtual_phantom.statistics.proof_record import pooled_counts, read_proof_record
 

@@ -14,11 +14,11 @@ from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.names import label
 from virtual_phantom.physics.effect import names
-from virtual_phantom.proof.conceal import seal
-from virtual_phantom.proof.conceal.case import collect
-from virtual_phantom.proof.conceal.catalogue import MODELS, never_concealed
-from virtual_phantom.proof.score.record import add, coverage_table, summary
-from virtual_phantom.proof.score.score import score
+from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.hiding.case import collect
+from virtual_phantom.proof.hiding.catalogue import MODELS, never_concealed
+from virtual_phantom.proof.scoring.record import add, coverage_table, summary
+from virtual_phantom.proof.scoring.score import score
 from virtual_phantom.report.html import render_diagnosis
 from virtual_phantom.report.proof import percent
 from virtual_phantom.statistics.proof_record import (

@@ -7,8 +7,8 @@ import pytest
 from proof_suite import SALT, TRUTHS, write_suite
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.proof.conceal import seal
-from virtual_phantom.proof.conceal.case import collect
+from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.hiding.case import collect
 
 
 def changed(path, change):

@@ -12,11 +12,11 @@ import yaml
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.config.config import complete
 from virtual_phantom.physics.effect import acts_on_images, load, names
-from virtual_phantom.proof.conceal import seal
-from virtual_phantom.proof.conceal.catalogue import CATALOGUE, MODELS, XCIST, never_concealed
-from virtual_phantom.proof.conceal.generate import scan_section, write, write_images
-from virtual_phantom.proof.conceal.objects import OBJECTS
-from virtual_phantom.proof.conceal.suite import (
+from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.hiding.catalogue import CATALOGUE, MODELS, XCIST, never_concealed
+from virtual_phantom.proof.hiding.generate import scan_section, write, write_images
+from virtual_phantom.proof.hiding.objects import OBJECTS
+from virtual_phantom.proof.hiding.suite import (
     KERNEL,
     KNOWN,
     PHANTOMS,
@@ -28,7 +28,7 @@ from virtual_phantom.proof.conceal.suite import (
     truths,
     views_of,
 )
-from virtual_phantom.proof.conceal.xcist import Acquired
+from virtual_phantom.proof.hiding.xcist import Acquired
 from virtual_phantom.recordings.reading import load_recording
 
 SETTINGS = {
@@ -129,7 +129,7 @@ def test_whose_models_are_whose():
     """XCIST's own are the effects of which no callback and no readout of the proof reads a setting."""
     assert sorted(name for made in MODELS.values() for name in made) == sorted(CATALOGUE)
     ours = set()
-    folder = LIBRARY / "conceal"
+    folder = LIBRARY / "hiding"
     for path in [*(folder / "hooks").glob("*.py"), *(folder / f"{one}.py" for one in OF_ITS_OWN)]:
         for node in ast.walk(ast.parse(path.read_text())):
             ours |= {node.attr} if isinstance(node, ast.Attribute) else set()

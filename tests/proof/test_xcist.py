@@ -14,9 +14,9 @@ from virtual_phantom.physics.effect import load
 from virtual_phantom.physics.scenes.scene import DiscScene
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
 from virtual_phantom.physics.state import State
-from virtual_phantom.proof.conceal.catalogue import CATALOGUE
-from virtual_phantom.proof.conceal.generate import NOMINAL
-from virtual_phantom.proof.conceal.xcist import (
+from virtual_phantom.proof.hiding.catalogue import CATALOGUE
+from virtual_phantom.proof.hiding.generate import NOMINAL
+from virtual_phantom.proof.hiding.xcist import (
     Materials,
     Scan,
     Surface,

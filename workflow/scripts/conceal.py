@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 
 from virtual_phantom.io.volumes import read_nifti
-from virtual_phantom.proof.conceal import seal
-from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_section, write, write_images
-from virtual_phantom.proof.conceal.objects import OBJECTS
-from virtual_phantom.proof.conceal.suite import PROTOCOLS, scan_seed, views_of
-from virtual_phantom.proof.conceal.xcist import energy_of_water
+from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.hiding.generate import acquire, concealed_settings, scan_section, write, write_images
+from virtual_phantom.proof.hiding.objects import OBJECTS
+from virtual_phantom.proof.hiding.suite import PROTOCOLS, scan_seed, views_of
+from virtual_phantom.proof.hiding.xcist import energy_of_water
 from virtual_phantom.study.job import job
 
 

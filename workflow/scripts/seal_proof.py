@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from virtual_phantom.proof.conceal import seal
-from virtual_phantom.proof.conceal.suite import salt, truths
+from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.hiding.suite import salt, truths
 from virtual_phantom.study.job import job, log
 
 

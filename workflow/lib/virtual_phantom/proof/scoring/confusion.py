@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from ..conceal.case import MATCH, Case
-from ..conceal.catalogue import STRENGTHS
+from ..hiding.case import MATCH, Case
+from ..hiding.catalogue import STRENGTHS
 
 NOTHING = "nothing"  # row: nothing concealed; column: a match
 NOTHING_FITS = "no effect fits"  # column: a difference, and no effect named

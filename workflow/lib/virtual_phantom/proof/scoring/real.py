@@ -7,8 +7,8 @@ from pathlib import Path
 
 from ...base.errors import InputError
 from ...io.files import check_unchanged
-from ..conceal import seal
-from ..conceal.case import complete
+from ..hiding import seal
+from ..hiding.case import complete
 
 
 def row(path: str | Path) -> dict:

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 from ...physics.effect import names
 from ...statistics.proof_record import SeedResult
-from ..conceal.case import ADMITTED, CATEGORIES, KINDS, MATCH, Case
-from ..conceal.catalogue import CATALOGUE, MODELS, STRENGTHS, never_concealed
+from ..hiding.case import ADMITTED, CATEGORIES, KINDS, MATCH, Case
+from ..hiding.catalogue import CATALOGUE, MODELS, STRENGTHS, never_concealed
 from . import agreement, calibration, confusion, parameters, record, remainders
 from .intervals import median, quantile, share
 from .missed import why

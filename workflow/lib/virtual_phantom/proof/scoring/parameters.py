@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...physics.effect import load
-from ..conceal.case import Case
-from ..conceal.catalogue import MODELS
+from ..hiding.case import Case
+from ..hiding.catalogue import MODELS
 from .intervals import median, share
 
 MEANING = (

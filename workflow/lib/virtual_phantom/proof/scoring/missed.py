@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...base.names import label
 from ...diagnosis.selection.forward_selection import AS_GOOD, RULED_OUT
 from ...figures.style import number
-from ..conceal.case import MATCH, UNEXPLAINED, Case
+from ..hiding.case import MATCH, UNEXPLAINED, Case
 
 
 def why(case: Case) -> list[str]:

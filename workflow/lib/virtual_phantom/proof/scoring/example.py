@@ -11,7 +11,7 @@ from ...base.errors import InputError
 from ...base.names import label
 from ...diagnosis.selection.store import RESIDUAL_MAPS
 from ...io.files import check_unchanged
-from ..conceal.case import Case
+from ..hiding.case import Case
 
 MEAN = "projections"  # the domain of the mean, ray by ray
 SHOWN_FIRST = ("strong", "medium", "weak", None)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import expit
 
 from ...diagnosis.selection.forward_selection import AS_GOOD
-from ..conceal.case import EXPLAINED, MATCH, PARTLY, UNEXPLAINED, Case
+from ..hiding.case import EXPLAINED, MATCH, PARTLY, UNEXPLAINED, Case
 from .intervals import share
 
 GAINS = (-np.inf, 10.0, 30.0, 100.0, 1000.0, np.inf)

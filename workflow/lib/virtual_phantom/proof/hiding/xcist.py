@@ -1,7 +1,7 @@
 """Scans by XCIST/CatSim [1]_, the simulator that the proof conceals with.
 
 Its projector (distance-driven), cross-sections, spectra, scatter kernel, crosstalk, lag and noise are used as they are;
-what it lacks is made by `conceal.hooks`.
+what it lacks is made by `hiding.hooks`.
 
 References
 ----------
@@ -28,7 +28,7 @@ from ...base.streams import Stream
 from ...base.vectors import FLAT
 
 CELLS_DIVIDED = 4  # finer cells per detector cell and direction, whose transmissions are averaged
-HOOKS = "virtual_phantom.proof.conceal.hooks."
+HOOKS = "virtual_phantom.proof.hiding.hooks."
 ENERGY_BINS = 20
 TARGET_ANGLE_DEG = 7.0  # of its anode, whose spectra are tabulated
 FOCAL_SPOT_SAMPLES = 3  # along either side, evenly spaced

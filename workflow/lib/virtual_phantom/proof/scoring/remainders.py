@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from ..conceal.case import Case
+from ..hiding.case import Case
 from .intervals import share
 
 MEANING = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..conceal.case import Case
+from ..hiding.case import Case
 from .intervals import median
 
 # Of |simulated / recorded - 1|, as the work is held to them.
