@@ -60,16 +60,16 @@ def drawn(number: int, draws: int, seed: int) -> tuple[dict, dict]:
     """A case's truth, and what is declared; from number `draws` on nothing is concealed."""
     random = generator(branch(seed, TRUTH, number))
     order = generator(branch(seed, ORDER)).permutation(len(KNOWN))
-    concealed = KNOWN[order[number % len(KNOWN)]] if number < draws else None
+    hidden = KNOWN[order[number % len(KNOWN)]] if number < draws else None
     effects, baseline = [], {}
-    if concealed:
-        effects.append(of_catalogue(concealed, str(random.choice(["medium", "strong"])), random))
-    others = [name for name in statable() if name != concealed]
+    if hidden:
+        effects.append(of_catalogue(hidden, str(random.choice(["medium", "strong"])), random))
+    others = [name for name in statable() if name != hidden]
     for name in random.choice(others, DECLARED, replace=False):
         effects.append(of_catalogue(name, "medium", random))
         baseline[str(name)] = stated(effects[-1]["comparable"], random)
     truth = {"case": f"case_{number:02d}", "number": number, "phantom": PHANTOMS[number % 2], "effects": effects}
-    return truth | {"concealed": concealed}, baseline
+    return truth | {"concealed": hidden}, baseline
 
 
 def diagnosed(folder: Path, truth: dict, baseline: dict, config: dict, seed: int) -> dict:

@@ -22,7 +22,7 @@ from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import run_diagnosis
 from virtual_phantom.io.volumes import write_nifti
 from virtual_phantom.proof.hiding.case import Case
-from virtual_phantom.proof.hiding.generate import acquire, concealed_settings, scan_section, write
+from virtual_phantom.proof.hiding.generate import acquire, hidden_settings, scan_section, write
 from virtual_phantom.proof.hiding.objects import OBJECTS
 from virtual_phantom.proof.hiding.phantoms import build
 from virtual_phantom.proof.hiding.suite import scan_seed, truths
@@ -62,7 +62,7 @@ def recorded(folder, truth, config, seed, baseline=None):
     stream = branch(config["seed"], Branch.PROOF_PHANTOM)
     phantom = build(one, resource(one.layout), SCAN["columns"], SCAN["rows"], stream)
     kev, views = energy_of_water(mu), SCAN["views"]
-    scan = scan_section(one, SCAN, views, SCAN["photons"], SCAN["rotation_time_ms"], kev, concealed_settings(truth))
+    scan = scan_section(one, SCAN, views, SCAN["photons"], SCAN["rotation_time_ms"], kev, hidden_settings(truth))
     write(
         folder,
         truth["case"],
@@ -130,17 +130,17 @@ def main():
         ).split()
         rows.append({"truth": truth, "diagnosis": {key: said[key] for key in kept}, "seconds": seconds})
         append(options.out, rows[-1])
-        concealed = ", ".join(f"{one['name']} ({one['strength']})" for one in truth["effects"]) or "nothing"
-        print(f"{case} {concealed}: {said['sentence']} [{seconds:.0f} s]", flush=True)
+        hidden = ", ".join(f"{one['name']} ({one['strength']})" for one in truth["effects"]) or "nothing"
+        print(f"{case} {hidden}: {said['sentence']} [{seconds:.0f} s]", flush=True)
     cases = [Case(row["truth"], row["diagnosis"]) for row in rows]
     found = summary(cases)
     for name, one in found["by_kind"].items():
-        print(f"{name}: owned up to {one['count']} of {one['n']}")
+        print(f"{name}: reported as unexplained {one['count']} of {one['n']}")
     singles = [case for case in cases if case.category == "single"]
     blank = [case for case in cases if case.category == "none"]
     unknown = [case for case in cases if case.category == "unknown"]
     pairs = [case for case in cases if case.category == "pair"]
-    print(f"owned up to {sum(case.owned_up for case in unknown)} of {len(unknown)}; area {found['area']}")
+    print(f"reported as unexplained {sum(case.owned_up for case in unknown)} of {len(unknown)}; area {found['area']}")
     print(f"effects of the library named first {sum(case.first_right for case in singles)} of {len(singles)}")
     both, alone = (sum(getattr(case, way) for case in pairs) for way in ("all_named", "exact"))
     print(f"two effects both named {both} of {len(pairs)}, and nothing beside them in {alone}")

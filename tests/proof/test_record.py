@@ -16,7 +16,7 @@ from virtual_phantom.base.names import label
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.case import collect
-from virtual_phantom.proof.hiding.catalogue import MODELS, never_concealed
+from virtual_phantom.proof.hiding.catalogue import MODELS, never_hidden
 from virtual_phantom.proof.scoring.record import add, coverage_table, summary
 from virtual_phantom.proof.scoring.score import score
 from virtual_phantom.report.html import render_diagnosis
@@ -187,7 +187,7 @@ def test_readme_has_the_pooled_counts():
     readme = (ROOT / "README.md").read_text()
     for name, share in summary(read_proof_record(RECORD))["pooled"].items():
         assert name == "exact" or f"{share['count']} of {share['n']} ({percent(share['share'])}; " in readme, name
-    assert f"{len(names()) - len(never_concealed())} of the {len(names())} effects" in " ".join(readme.split())
+    assert f"{len(names()) - len(never_hidden())} of the {len(names())} effects" in " ".join(readme.split())
 
 
 def test_docs_have_the_pooled_counts():
@@ -197,9 +197,9 @@ def test_docs_have_the_pooled_counts():
     for name, share in shown["pooled"].items():
         assert f"| {share['count']} of {share['n']} ({percent(share['share'])}; " in page, name
     assert all(f"seed {one['seed']}" in page or f"seeds {one['seed']}" in page for one in shown["seeds"])
-    known, all_ = len(names()) - len(never_concealed()), len(names())
+    known, all_ = len(names()) - len(never_hidden()), len(names())
     never = page.split(f"{known} of the library's {all_} effects. Never hidden are ")[1].split(". ###")[0]
-    assert all(part in never for name in never_concealed() for part in label(name).split()), never
+    assert all(part in never for name in never_hidden() for part in label(name).split()), never
 
 
 def test_docs_count_the_seed_that_was_scored_last_and_the_worst():

@@ -81,7 +81,7 @@ def test_two_stand_ins_need_two_named_effects():
     one = diagnosis("a", "mismatch explained", {"scatter": {}}, {"scatter": ["bowtie", "heel"]})
     two = diagnosis("a", "mismatch explained", {"scatter": {}, "heel": {}}, {"scatter": ["bowtie"]})
     swapped = diagnosis("a", "mismatch explained", {"scatter": {}, "heel": {}}, {"heel": ["bowtie"]})
-    assert [Case(pair, said).all_or_stand_ins_named for said in (one, two, swapped)] == [False, True, False]
+    assert [Case(pair, said).all_or_alternatives_named for said in (one, two, swapped)] == [False, True, False]
 
 
 def test_a_difference_without_a_name_is_no_exact_answer_where_nothing_is_concealed():
@@ -138,10 +138,10 @@ def test_parameters(found):
 
 def test_errors_are_of_what_was_concealed():
     """A scale of 1 changes nothing: to find 1.01 for 1.03 is to miss two thirds."""
-    hidden = truth("a", "single", {"hu_calibration": {"scale": 1.03, "offset_hu": 0.0}}, "strong", kind="images")
+    hidden_truth = truth("a", "single", {"hu_calibration": {"scale": 1.03, "offset_hu": 0.0}}, "strong", kind="images")
     values = {"scale": (1.01, 1.0, 1.02), "offset_hu": (0.5, -1.0, 2.0)}
     said = diagnosis("a", "mismatch explained", {"hu_calibration": values})
-    scale, offset = score([Case(hidden, said)])["parameters"]["parameters"]
+    scale, offset = score([Case(hidden_truth, said)])["parameters"]["parameters"]
     assert scale["relative_error"] == pytest.approx(-2 / 3) and offset["relative_error"] is None
 
 
@@ -184,8 +184,8 @@ def test_confusion(found):
 
 
 def test_an_equal_that_was_written_down_before_owns_up():
-    hidden = truth("a", "unknown", {"!charge_sharing": {}})
-    hidden["effects"][0]["equals"] = [["optical_crosstalk"], ["optical_crosstalk", "photon_flux"]]
+    hidden_truth = truth("a", "unknown", {"!charge_sharing": {}})
+    hidden_truth["effects"][0]["equals"] = [["optical_crosstalk"], ["optical_crosstalk", "photon_flux"]]
     said = {
         "an equal": diagnosis("a", "mismatch explained", {"optical_crosstalk": {}}),
         "and another": diagnosis("a", "mismatch explained", {"optical_crosstalk": {}, "heel": {}}),
@@ -193,9 +193,9 @@ def test_an_equal_that_was_written_down_before_owns_up():
         "left": diagnosis("a", "mismatch partly explained", {"heel": {}}),
         "nothing": diagnosis("a", "match"),
     }
-    owned = {name: Case(hidden, one).owned_up for name, one in said.items()}
+    owned = {name: Case(hidden_truth, one).reported_unexplained for name, one in said.items()}
     assert owned == {"an equal": True, "and another": False, "half of one": False, "left": True, "nothing": False}
-    assert Case(hidden, said["an equal"]).right
+    assert Case(hidden_truth, said["an equal"]).right
 
 
 def test_remainders_tell_what_the_library_lacks(found):

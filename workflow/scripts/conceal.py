@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.proof.hiding import seal
-from virtual_phantom.proof.hiding.generate import acquire, concealed_settings, scan_section, write, write_images
+from virtual_phantom.proof.hiding.generate import acquire, hidden_settings, scan_section, write, write_images
 from virtual_phantom.proof.hiding.objects import OBJECTS
 from virtual_phantom.proof.hiding.suite import PROTOCOLS, scan_seed, views_of
 from virtual_phantom.proof.hiding.xcist import energy_of_water
@@ -26,10 +26,10 @@ def main(
     fine = read_nifti(fine_file)
     kev = energy_of_water(mu_water_per_mm)
     seeds = scan_seed(settings["seed"], truth["number"]).spawn(2)
-    concealed, many = concealed_settings(truth), views_of(truth["kind"], settings)
+    hidden, many = hidden_settings(truth), views_of(truth["kind"], settings)
     for folder, protocol, views, seed in zip(folders, PROTOCOLS, many, seeds, strict=True):
         photons, rotation_ms, repeats = (settings[protocol][key] for key in ("photons", "rotation_time_ms", "repeats"))
-        scan = scan_section(phantom_object, settings["scan"], views, photons, rotation_ms, kev, concealed)
+        scan = scan_section(phantom_object, settings["scan"], views, photons, rotation_ms, kev, hidden)
         taken = acquire(scan, phantom_object, fine, mu_water_per_mm, repeats, seed)
         if truth["kind"] == "images":
             write_images(folder, case, phantom_object, scan, taken, mu_water_per_mm)

@@ -1,1 +1,1 @@
-"""Recordings of an independent simulator, in which physics is concealed and sealed."""
+"""Recordings of an independent simulator with hidden effects, whose truths are sealed."""

@@ -1,4 +1,4 @@
-"""One case of the blind test: its truth, what the diagnosis said of it, and how the physics did on another protocol."""
+"""One case of the blind validation: its truth, its diagnosis and its agreement on another protocol."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from .catalogue import STRENGTHS
 CATEGORIES = ("single", "none", "pair", "unknown")
 KINDS = ("projections", "images")
 MATCH, EXPLAINED, PARTLY, UNEXPLAINED = VERDICTS
-ADMITTED = (PARTLY, UNEXPLAINED)  # verdicts that own up to something the library does not explain
-CONCEALED = {"single": 1, "none": 0, "pair": 2}  # number of effects, all of them in the library
+ADMITTED = (PARTLY, UNEXPLAINED)  # verdicts that report unexplained differences
+EFFECTS_OF = {"single": 1, "none": 0, "pair": 2}  # number of effects, all of them in the library
 
 
 @dataclass(frozen=True)
 class Case:
-    """What counts for the score.
+    """A scored case.
 
     Attributes
     ----------
     truth : dict
-        As sealed.
+        Content of the sealed document.
     diagnosis : dict
         Content of diagnosis.json.
     other : dict or None
@@ -41,7 +41,7 @@ class Case:
 
     @property
     def name(self) -> str:
-        """As published."""
+        """Published name of the case."""
         return self.truth["case"]
 
     @property
@@ -56,7 +56,7 @@ class Case:
 
     @property
     def strength(self) -> str | None:
-        """One of STRENGTHS; None of pairs, and where nothing is concealed."""
+        """One of STRENGTHS; None for pairs and for cases without a hidden effect."""
         return self.truth["strength"]
 
     @property
@@ -66,82 +66,83 @@ class Case:
 
     @property
     def in_library(self) -> bool:
-        """Whether everything concealed, if anything, could have been named."""
+        """Whether the library has every hidden effect."""
         return self.category != "unknown"
 
     @property
-    def concealed(self) -> tuple[str, ...]:
-        """Effects that were concealed."""
+    def hidden(self) -> tuple[str, ...]:
+        """Names of the hidden effects."""
         return tuple(effect["name"] for effect in self.truth["effects"])
 
     @property
     def named(self) -> tuple[str, ...]:
-        """Effects in the order in which they were chosen."""
+        """Names of the effects in the order of selection."""
         return tuple(effect["name"] for effect in self.diagnosis["effects"])
 
     @property
     def first(self) -> str | None:
-        """The effect that was named first, if any was."""
+        """Effect that was named first, or None."""
         return self.named[0] if self.named else None
 
-    def with_stand_ins(self, effect: str) -> set[str]:
-        """A named effect and those reported to explain the data as well in its place."""
+    def with_alternatives(self, effect: str) -> set[str]:
+        """Return a named effect and its reported alternatives, which explain the data as well."""
         return {effect, *self.diagnosis["ambiguous_with"].get(effect, ())}
 
     @property
     def first_right(self) -> bool:
-        """Whether the effect named first was concealed."""
-        return self.first in self.concealed
+        """Whether the effect named first is a hidden effect."""
+        return self.first in self.hidden
 
     @property
-    def first_or_stand_in_right(self) -> bool:
-        """Whether the effect named first, or one reported to explain the data as well, was concealed."""
-        return self.first is not None and bool(self.with_stand_ins(self.first) & set(self.concealed))
+    def first_or_alternative_right(self) -> bool:
+        """Whether the effect named first, or one of its alternatives, is a hidden effect."""
+        return self.first is not None and bool(self.with_alternatives(self.first) & set(self.hidden))
 
     @property
     def exact(self) -> bool:
-        """Whether precisely the effects concealed were named; of nothing concealed, whether the verdict is a match."""
-        return set(self.named) == set(self.concealed) and (bool(self.concealed) or self.verdict == MATCH)
+        """Whether precisely the hidden effects were named. Without a hidden effect: whether the verdict is a match."""
+        return set(self.named) == set(self.hidden) and (bool(self.hidden) or self.verdict == MATCH)
 
     @property
     def all_named(self) -> bool:
-        """Whether every concealed effect was named."""
-        return set(self.concealed) <= set(self.named)
+        """Whether every hidden effect was named."""
+        return set(self.hidden) <= set(self.named)
 
     @property
-    def all_or_stand_ins_named(self) -> bool:
-        """Whether each concealed effect is, or stands in for, a named one of its own."""
-        groups = [self.with_stand_ins(name) for name in self.named]
+    def all_or_alternatives_named(self) -> bool:
+        """Whether each hidden effect belongs to a named effect of its own, as itself or as an alternative."""
+        groups = [self.with_alternatives(name) for name in self.named]
         return any(
-            all(effect in group for effect, group in zip(self.concealed, chosen, strict=True))
-            for chosen in permutations(groups, len(self.concealed))
+            all(effect in group for effect, group in zip(self.hidden, chosen, strict=True))
+            for chosen in permutations(groups, len(self.hidden))
         )
 
     @property
     def located(self) -> bool:
-        """Whether a significant difference was found in one of the domains where it should show."""
+        """Whether a significant difference was found in one of the domains where the effect should show."""
         return any(
-            place["domain"] in self.truth["where"] and place["p"] < ALPHA for place in self.diagnosis["locations"]
+            location["domain"] in self.truth["where"] and location["p"] < ALPHA
+            for location in self.diagnosis["locations"]
         )
 
     @property
-    def equal_named(self) -> bool:
-        """Whether effects that stand by right for what the library lacks were named, and nothing else."""
-        equals = [set(one) for effect in self.truth["effects"] for one in effect.get("equals", ())]
-        return set(self.named) in equals
+    def equivalent_named(self) -> bool:
+        """Whether precisely a set of effects that is equivalent to the missing physics was named."""
+        equivalents = [set(names) for effect in self.truth["effects"] for names in effect.get("equals", ())]
+        return set(self.named) in equivalents
 
     @property
-    def owned_up(self) -> bool:
-        """Whether the verdict says that something outside of the library is left, or names an equal of it."""
-        return self.verdict in ADMITTED or self.equal_named
+    def reported_unexplained(self) -> bool:
+        """Whether the verdict reports unexplained differences or names an equivalent of the missing physics."""
+        return self.verdict in ADMITTED or self.equivalent_named
 
     @property
     def right(self) -> bool:
-        """Whether the answer was the best one: of what the library lacks, that something is left, or an equal."""
+        """Whether the answer was the best possible one for the category of the case."""
         if self.category == "none":
             return self.verdict == MATCH
         if self.category == "unknown":
-            return self.owned_up
+            return self.reported_unexplained
         return self.first_right if self.category == "single" else self.all_named
 
 
@@ -157,19 +158,20 @@ def collect(
     Parameters
     ----------
     seals : str or Path
-        The published ones.
+        File of the published seals.
     diagnoses, others : iterable of str or Path
-        Files in a folder of the case's name each; `others` are tables of agreement by another protocol.
+        Files in one folder per case, which has the name of the case. `others` are tables of agreement on another
+        protocol.
 
     Returns
     -------
     list of Case
-        In the order of their names.
+        Sorted by name.
 
     Raises
     ------
     InputError
-        For what was tampered with, is missing (every published case counts) or makes no sense.
+        If a file was changed, is missing (every published case counts) or has invalid content.
     """
     published = seal.read(seals)
     truths = {}
@@ -177,16 +179,16 @@ def collect(
         truth = checked(seal.open_seal(path, published), path)
         truths[truth["case"]] = truth
     bound = {seal.read(path).get("case"): path for path in verdicts}
-    said = {Path(path).parent.name: path for path in diagnoses}
+    diagnosed = {Path(path).parent.name: path for path in diagnoses}
     tables = {Path(path).parent.name: path for path in others}
     for case in published:
-        for what, found in (("sealed truth", truths), ("diagnosis", said), ("verdict", bound)):
-            if case not in found:
-                raise InputError(f"{seals}: {case} was published, but it has no {what}; every published case counts")
+        for kind, files in (("sealed truth", truths), ("diagnosis", diagnosed), ("verdict", bound)):
+            if case not in files:
+                raise InputError(f"{seals}: {case} was published but has no {kind}; run the missing jobs")
     return [
         Case(
             truths[case],
-            complete(seal.check_verdict(said[case], bound[case], tables.get(case)), said[case], case),
+            complete(seal.check_verdict(diagnosed[case], bound[case], tables.get(case)), diagnosed[case], case),
             metrics(tables[case]) if case in tables else None,
         )
         for case in sorted(published)
@@ -194,45 +196,47 @@ def collect(
 
 
 def checked(truth: dict, source: str | Path) -> dict:
-    """The truth, if it makes sense; else InputError naming `source`."""
+    """Return the truth if it is consistent, else raise an InputError that names `source`."""
     try:
         effects, category = truth["effects"], truth["category"]
         known = [effect["known"] for effect in effects]
         if truth["kind"] not in KINDS or category not in CATEGORIES or truth["strength"] not in (*STRENGTHS, None):
-            raise ValueError("kind, category or strength is none that there is")
+            raise ValueError("kind, category or strength is unknown")
         for effect in effects:
             if effect["known"] != (effect["name"] in names()):
                 has = "has" if effect["name"] in names() else "lacks"
-                raise ValueError(f"the library {has} {effect['name']}, and `known` says otherwise")
+                raise ValueError(f"the library {has} {effect['name']}, but `known` says otherwise")
             if not isinstance(effect["comparable"], Mapping):
-                raise ValueError(f"comparable of {effect['name']} is no table")
+                raise ValueError(f"comparable of {effect['name']} is not a mapping")
         if category == "unknown" and all(known):
-            raise ValueError("nothing that the library lacks is concealed, and the category is unknown")
-        if category in CONCEALED and (len(effects) != CONCEALED[category] or not all(known)):
-            raise ValueError(f"category {category} does not fit the effects {[one['name'] for one in effects]}")
+            raise ValueError("the category is unknown, but the library has every hidden effect")
+        if category in EFFECTS_OF and (len(effects) != EFFECTS_OF[category] or not all(known)):
+            raise ValueError(f"category {category} does not fit the effects {[effect['name'] for effect in effects]}")
         if category == "single" and truth["strength"] is None:
             raise ValueError("a single effect has no strength")
         if not isinstance(truth["where"], list) or not isinstance(truth["phantom"], str):
-            raise ValueError("where is no list, or phantom no name")
+            raise ValueError("where is not a list, or phantom is not a name")
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{source}: is no truth of a case ({' '.join(str(error).split())}); make it again") from None
+        raise InputError(
+            f"{source}: is not the truth of a case ({' '.join(str(error).split())}); make the suite again"
+        ) from None
     return truth
 
 
 def complete(diagnosis: dict, source: str | Path, recording: str | None = None) -> dict:
-    """The diagnosis, if it has what is scored, and is of this recording.
+    """Return the diagnosis if it has every scored key and belongs to the recording.
 
     Parameters
     ----------
     source : str or Path
-        What the message begins with.
+        File that an error message names.
     recording : str, optional
-        None: of any.
+        None accepts any recording.
 
     Raises
     ------
     InputError
-        If it has not, or is of another.
+        If a key is missing or the recording is another one.
     """
     needed = (
         "recording",
@@ -248,14 +252,14 @@ def complete(diagnosis: dict, source: str | Path, recording: str | None = None) 
     missing = [key for key in needed if key not in diagnosis]
     if missing or diagnosis["verdict"] not in VERDICTS:
         what = f"it has no {', '.join(missing)}" if missing else f"verdict {diagnosis['verdict']!r}"
-        raise InputError(f"{source}: is no diagnosis that can be scored ({what}); diagnose the case again")
+        raise InputError(f"{source}: is not a diagnosis that can be scored ({what}); diagnose the case again")
     if recording not in (None, diagnosis["recording"]):
         raise InputError(f"{source}: is the diagnosis of {diagnosis['recording']!r}; diagnose {recording} again")
     return diagnosis
 
 
 def metrics(path: str | Path) -> dict:
-    """Metrics of a table of agreement, or of its metrics alone.
+    """Read the metrics of a table of agreement, or of a file with metrics alone.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""What can be concealed: every effect with its strengths, in the simulator's own settings.
+"""Effects that can be hidden, with their strengths in the settings of the simulator.
 
-Ranges were set from the change of the readings of the suite's scans (docs/validation/blind-validation.md), not from
+Ranges follow from the change of the readings in the scans of the suite (docs/validation/blind-validation.md), not from
 results of the diagnosis.
 """
 
@@ -9,18 +9,18 @@ from __future__ import annotations
 import numpy as np
 
 from ...physics.effect import names
-from .concealable import IMAGE, MEAN, NOISE, STRENGTHS, Concealable, ranges, sign
-from .lacking import LACKING
+from .hidden_effect import IMAGE, MEAN, NOISE, STRENGTHS, HiddenEffect, ranges, sign
+from .missing_effects import MISSING_EFFECTS
 from .objects import READOUT_KEV
 
-__all__ = ["CATALOGUE", "IMAGE", "MODELS", "STRENGTHS", "XCIST", "Concealable", "never_concealed"]
+__all__ = ["CATALOGUE", "IMAGE", "MODELS", "STRENGTHS", "XCIST", "HiddenEffect", "never_hidden"]
 
-COLLIMATOR_MM = 200.0  # of the scanner, from the focal spot, as the diagnosis takes it to be
-AT_PHOTONS = 1e5  # per pixel in air, of which a saturation takes the share that it is told by
+COLLIMATOR_MM = 200.0  # distance from the focal spot, as the diagnosis assumes
+AT_PHOTONS = 1e5  # per pixel in air, at which a saturation loses its share
 
 
 def _same(setting: str, parameter: str, signed: bool = False):
-    """One number that simulator and library define alike."""
+    """Make one parameter with the same definition in simulator and library."""
 
     def make(size, random):
         value = size * (sign(random) if signed else 1.0)
@@ -31,7 +31,7 @@ def _same(setting: str, parameter: str, signed: bool = False):
 
 def _spectrum(size, random):
     kvp = float(random.choice([80, 100, 120, 140]))
-    # Hardening shrinks as filtration grows: the size is that of the filter, in mm of aluminium, inverted.
+    # Beam hardening decreases with filtration: the size is inverse to the thickness of the aluminum filter.
     return {"kvp": kvp, "aluminium_mm": 20 / size}, {"kvp": kvp}
 
 
@@ -64,13 +64,13 @@ def _modulation(size, random):
 
 def _heel(size, random):
     depth_mm = size * sign(random)
-    # The library's anode is on the side that its angle says; the simulator's positive depth has it on the other.
+    # The anode angle sets the anode's side in the library. A positive depth in the simulator is the other side.
     return {"heel_depth_mm": depth_mm}, {"depth_um": -1000 * depth_mm}
 
 
 def _afterglow(size, random):
     constant = float(random.uniform(6, 14))  # ms, around the 10 of XCIST's example
-    comparable = {"share": size, "time_constant_ms": constant, "before": 0.0}  # its scans begin without a glow
+    comparable = {"share": size, "time_constant_ms": constant, "before": 0.0}  # the scans begin without afterglow
     return {"lag_share": size, "lag_ms": constant}, comparable
 
 
@@ -97,7 +97,7 @@ def _dark(size, random):
 
 
 def _kernel(size, random):
-    return {"kernel_pixels": size}, {}  # the library's blurs on top of its own interpolation
+    return {"kernel_pixels": size}, {}  # not comparable: the library blurs in addition to its interpolation
 
 
 def _hu(size, random):
@@ -106,14 +106,14 @@ def _hu(size, random):
 
 
 def _off_focal(size, random):
-    # A Gaussian's full width at half maximum; the library's source is even.
+    # Full width at half maximum of a Gaussian; the source in the library is uniform.
     width = float(random.uniform(15, 30))
     settings = {"off_focal_share": size, "off_focal_width_mm": width, "off_focal_collimator_mm": COLLIMATOR_MM}
     return settings, {"share": size}
 
 
 def _saturation(size, random):
-    """Half of them lose readings in proportion to what arrives; half read a power of it."""
+    """With equal chance, a loss in proportion to the photons that arrive or a power law of the reading."""
     if random.random() < 0.5:
         return {"saturation_per_photon": size / AT_PHOTONS}, {}
     exponent = 1 + size * sign(random)
@@ -122,7 +122,7 @@ def _saturation(size, random):
 
 def _wobble(size, random):
     side = size * sign(random)
-    # The simulator's spot lies on one side by so much, and then on the other.
+    # The spot of the simulator alternates between +side and -side.
     return {"wobble_mm": side}, {"columns_mm": 2 * side, "rows_mm": 0.0}
 
 
@@ -139,79 +139,79 @@ def _angle_wave(size, random):
     return {"angle_wave_deg": (cosine, sine)}, {"cosine_deg": cosine, "sine_deg": sine}
 
 
-CATALOGUE: dict[str, Concealable] = {
-    "spectrum": Concealable(True, ranges((1.0, 1.5), (2.5, 4.0), (5.0, 8.0)), _spectrum, MEAN, "haze"),
-    "scatter": Concealable(True, ranges((0.3, 0.6), (1.5, 3.0), (5.0, 10.0)), _scatter, MEAN, "haze"),
-    "veiling_glare": Concealable(True, ranges((0.002, 0.004), (0.01, 0.02), (0.03, 0.06)), _glare, MEAN, "haze"),
-    "dark_signal": Concealable(True, ranges((20, 40), (100, 200), (400, 800)), _dark, MEAN, "haze"),
-    "focal_spot": Concealable(True, ranges((1.0, 1.3), (1.8, 2.3), (3.0, 3.8)), _focal_spot, MEAN, "blur"),
-    "xray_crosstalk": Concealable(
+CATALOGUE: dict[str, HiddenEffect] = {
+    "spectrum": HiddenEffect(True, ranges((1.0, 1.5), (2.5, 4.0), (5.0, 8.0)), _spectrum, MEAN, "haze"),
+    "scatter": HiddenEffect(True, ranges((0.3, 0.6), (1.5, 3.0), (5.0, 10.0)), _scatter, MEAN, "haze"),
+    "veiling_glare": HiddenEffect(True, ranges((0.002, 0.004), (0.01, 0.02), (0.03, 0.06)), _glare, MEAN, "haze"),
+    "dark_signal": HiddenEffect(True, ranges((20, 40), (100, 200), (400, 800)), _dark, MEAN, "haze"),
+    "focal_spot": HiddenEffect(True, ranges((1.0, 1.3), (1.8, 2.3), (3.0, 3.8)), _focal_spot, MEAN, "blur"),
+    "xray_crosstalk": HiddenEffect(
         True, ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.12)), _crosstalk("crosstalk"), MEAN, "blur"
     ),
-    "optical_crosstalk": Concealable(
+    "optical_crosstalk": HiddenEffect(
         True,
         ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.12)),
         _crosstalk("optical_crosstalk"),
         (*MEAN, "noise correlation"),
         "blur",
     ),
-    "afterglow": Concealable(True, ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.15)), _afterglow, MEAN),
-    "electronic_noise": Concealable(
+    "afterglow": HiddenEffect(True, ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.15)), _afterglow, MEAN),
+    "electronic_noise": HiddenEffect(
         True, ranges((12, 16), (25, 40), (80, 150)), _same("electronic_photons", "photons"), NOISE, "noise"
     ),
-    "photon_flux": Concealable(
+    "photon_flux": HiddenEffect(
         True,
         ranges((0.85, 0.9), (0.65, 0.75), (0.35, 0.5)),
         _same("flux_factor", "factor"),
         (*NOISE, "alignment"),
         "noise",
     ),
-    "current_modulation": Concealable(True, ranges((0.1, 0.15), (0.25, 0.35), (0.5, 0.6)), _modulation, NOISE),
-    "bowtie": Concealable(True, ranges((0.05, 0.1), (0.2, 0.4), (0.7, 1.0)), _bowtie, (*NOISE, "white field")),
-    "heel": Concealable(True, ranges((1e-3, 2e-3), (4e-3, 7e-3), (0.012, 0.02)), _heel, (*NOISE, "white field")),
-    "gain_pattern": Concealable(
+    "current_modulation": HiddenEffect(True, ranges((0.1, 0.15), (0.25, 0.35), (0.5, 0.6)), _modulation, NOISE),
+    "bowtie": HiddenEffect(True, ranges((0.05, 0.1), (0.2, 0.4), (0.7, 1.0)), _bowtie, (*NOISE, "white field")),
+    "heel": HiddenEffect(True, ranges((1e-3, 2e-3), (4e-3, 7e-3), (0.012, 0.02)), _heel, (*NOISE, "white field")),
+    "gain_pattern": HiddenEffect(
         True, ranges((6e-4, 1e-3), (2e-3, 4e-3), (8e-3, 0.015)), _same("gain_rms", "rms"), ("pixels", "columns")
     ),
-    "centre_of_rotation": Concealable(
+    "centre_of_rotation": HiddenEffect(
         True, ranges((0.05, 0.08), (0.15, 0.3), (0.6, 1.2)), _same("axis_shift_mm", "shift_mm", True), MEAN, "place"
     ),
-    "detector_offset": Concealable(
+    "detector_offset": HiddenEffect(
         True,
         ranges((0.03, 0.05), (0.1, 0.2), (0.4, 0.8)),
         _same("detector_columns_px", "columns_px", True),
         MEAN,
         "place",
     ),
-    "source_distance": Concealable(
+    "source_distance": HiddenEffect(
         True, ranges((0.6, 1.0), (2.0, 4.0), (8.0, 15.0)), _source_distance, (*MEAN, "alignment")
     ),
-    "motion": Concealable(True, ranges((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _motion, MEAN, "drift"),
-    "reconstruction_kernel": Concealable(
+    "motion": HiddenEffect(True, ranges((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _motion, MEAN, "drift"),
+    "reconstruction_kernel": HiddenEffect(
         True, ranges((0.75, 0.85), (0.9, 1.0), (1.1, 1.2)), _kernel, IMAGE, of_images=True
     ),
-    "hu_calibration": Concealable(True, ranges((0.005, 0.01), (0.02, 0.03), (0.05, 0.08)), _hu, IMAGE, of_images=True),
-    "off_focal_radiation": Concealable(
+    "hu_calibration": HiddenEffect(True, ranges((0.005, 0.01), (0.02, 0.03), (0.05, 0.08)), _hu, IMAGE, of_images=True),
+    "off_focal_radiation": HiddenEffect(
         True, ranges((0.01, 0.02), (0.04, 0.06), (0.1, 0.15)), _off_focal, (*MEAN, "white field"), "haze"
     ),
-    "view_blur": Concealable(
+    "view_blur": HiddenEffect(
         True,
         ranges((0.2, 0.3), (0.5, 0.6), (0.9, 1.0)),
         lambda size, _: ({"duty": size, "subviews": 8}, {"duty": size}),
         MEAN,
         "blur",
     ),
-    "detector_saturation": Concealable(
+    "detector_saturation": HiddenEffect(
         True, ranges((0.002, 0.004), (0.01, 0.02), (0.04, 0.08)), _saturation, (*MEAN, "alignment"), "haze"
     ),
-    "focal_spot_wobble": Concealable(True, ranges((0.1, 0.2), (0.4, 0.6), (1.0, 1.5)), _wobble, MEAN),
-    "detector_row_offset": Concealable(
+    "focal_spot_wobble": HiddenEffect(True, ranges((0.1, 0.2), (0.4, 0.6), (1.0, 1.5)), _wobble, MEAN),
+    "detector_row_offset": HiddenEffect(
         True, ranges((0.5, 0.8), (1.5, 2.5), (5.0, 8.0)), _same("detector_rows_mm", "rows_mm", True), MEAN
     ),
-    "source_drift": Concealable(True, ranges((0.1, 0.2), (0.5, 1.0), (2.0, 4.0)), _source_drift, MEAN, "drift"),
-    "view_angle_error": Concealable(True, ranges((0.02, 0.04), (0.1, 0.2), (0.4, 0.8)), _angle_wave, MEAN),
-} | LACKING
+    "source_drift": HiddenEffect(True, ranges((0.1, 0.2), (0.5, 1.0), (2.0, 4.0)), _source_drift, MEAN, "drift"),
+    "view_angle_error": HiddenEffect(True, ranges((0.02, 0.04), (0.1, 0.2), (0.4, 0.8)), _angle_wave, MEAN),
+} | MISSING_EFFECTS
 
-# Whose model of an effect makes the recordings.
+# Source of the equation that makes the recordings. The names are keys in score.json.
 XCIST = "XCIST's own"
 OTHER = "an equation of the proof's own, which is not the library's"
 REPEATED = "the library's equation, written again"
@@ -235,7 +235,7 @@ MODELS: dict[str, tuple[str, ...]] = {
         "veiling_glare",
         "off_focal_radiation",
         "detector_saturation",
-        *(name for name in LACKING if name != "k_edge_filter"),
+        *(name for name in MISSING_EFFECTS if name != "k_edge_filter"),
     ),
     REPEATED: (
         "dark_signal",
@@ -254,9 +254,10 @@ MODELS: dict[str, tuple[str, ...]] = {
 }
 
 
-def never_concealed() -> list[str]:
-    """Effects of the library that cannot be concealed, so that the proof says nothing of them.
+def never_hidden() -> list[str]:
+    """List the effects of the library that cannot be hidden, so that the blind validation does not test them.
 
-    XCIST's projector of voxels cannot turn a flat detector: on one rolled by 4 degrees, a ball's shadow is nearly gone.
+    XCIST's projector of voxels cannot rotate a flat detector: at a roll of 4 degrees, the shadow of a ball nearly
+    vanishes.
     """
     return [name for name in names() if name not in CATALOGUE]

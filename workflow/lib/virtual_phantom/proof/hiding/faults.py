@@ -1,4 +1,4 @@
-"""Faults of detector and read-out that the library has no effect for, each from an equation of its own."""
+"""Faults of detector and readout that the library has no effect for, from equations of this package."""
 
 from __future__ import annotations
 
@@ -9,50 +9,44 @@ from .xcist import Acquired, Scan
 
 
 def faulty(taken: Acquired, scan: Scan, random: np.random.Generator) -> Acquired:
-    """The readings with the faults that are concealed.
+    """Return the readings with the hidden faults.
 
     Parameters
     ----------
     random : numpy.random.Generator
-        Draws which quanta share their charge.
+        Draws the quanta that share their charge.
     """
     settings, readings, air = scan.settings, taken.readings, taken.air
     if share := settings.get("charge_share", 0.0):
-        # Of the air scan, which has no noise, the mean.
-        readings, air = charge_shared(readings, share, scan.kev, random), air + share * _from_beside(air)
+        # The air scan has no noise, so that the expected value is added.
+        readings, air = charge_shared(readings, share, scan.kev, random), air + share * _mean_of_neighbors(air)
     if rise := settings.get("warming", 0.0):
         readings = readings * warmed(scan.views, scan.columns, rise, settings["warming_turns"])[:, None]
     if share := settings.get("dim_share", 0.0):
         readings = readings.copy()
         readings[:, chosen(scan.views, settings["dim_views"], settings["dim_seed"])] *= 1 - share
-    if many := settings.get("lost_views", 0.0):
+    if lost := settings.get("lost_views", 0.0):
         readings = readings.copy()
-        for view in chosen(scan.views, many, settings["lost_seed"]):
+        for view in chosen(scan.views, lost, settings["lost_seed"]):
             readings[:, view] = readings[:, view - 1]
     return Acquired(readings.astype(np.float32), air.astype(np.float32), current=taken.current)
 
 
 def chosen(views: int, share: float, seed: int) -> np.ndarray:
-    """Some views, in order, one at least and never the first.
-
-    Parameters
-    ----------
-    share : float
-        Of them.
-    """
+    """Return the sorted numbers of a share of the views: at least one view, never the first."""
     count = max(1, round(share * views))
     return np.sort(1 + generator(branch(seed, 0)).choice(views - 1, count, replace=False))
 
 
 def warmed(views: int, columns: int, rise: float, turns: float) -> np.ndarray:
-    """Gains of a detector that warms up: ends that lie farther from the fan gain more, towards a limit.
+    """Gains of a detector that warms up: gains change with the distance from the fan's center, towards a limit.
 
     Parameters
     ----------
     rise : float
-        Of the last column in the end, and with the other sign of the first one.
+        Limit for the last column; the first column has the opposite sign.
     turns : float
-        In which a part 1 - 1/e of that is reached.
+        Time constant, turns.
 
     Returns
     -------
@@ -64,33 +58,33 @@ def warmed(views: int, columns: int, rise: float, turns: float) -> np.ndarray:
 
 
 def charge_shared(readings: np.ndarray, share: float, kev: float, random: np.random.Generator) -> np.ndarray:
-    """Quanta near an edge of their pixel are counted in the pixel beside it too.
+    """Count quanta near the edge of their pixel in the adjacent pixel, too.
 
     Parameters
     ----------
     readings : ndarray, shape (..., columns)
         Energies, keV.
     share : float
-        Of all quanta, to either side alike.
+        Share of all quanta that are counted twice, half of them on either side.
     kev : float
-        Of one quantum.
+        Energy of one quantum.
 
     Returns
     -------
     ndarray
-        Shaped as `readings`, keV. What crosses the detector's edge is lost.
+        keV, same shape as `readings`. Quanta beyond the edge of the detector are lost.
     """
     quanta = np.rint(np.maximum(readings, 0) / kev).astype(np.int64)
     crossing = random.binomial(quanta, share)
     right = random.binomial(crossing, 0.5)
-    more = np.zeros(quanta.shape)
-    more[..., 1:] += right[..., :-1]
-    more[..., :-1] += (crossing - right)[..., 1:]
-    return readings + kev * more
+    added = np.zeros(quanta.shape)
+    added[..., 1:] += right[..., :-1]
+    added[..., :-1] += (crossing - right)[..., 1:]
+    return readings + kev * added
 
 
-def _from_beside(values: np.ndarray) -> np.ndarray:
-    """Half of what each neighbour along the columns holds."""
+def _mean_of_neighbors(values: np.ndarray) -> np.ndarray:
+    """Return half of the sum of the two neighbors along the columns."""
     found = np.zeros(values.shape)
     found[..., 1:] += values[..., :-1] / 2
     found[..., :-1] += values[..., 1:] / 2
@@ -98,21 +92,21 @@ def _from_beside(values: np.ndarray) -> np.ndarray:
 
 
 def refracted(photons: np.ndarray, amount: float) -> np.ndarray:
-    """Photons that refraction at edges has moved to the brighter side of them.
+    """Move photons at edges to the brighter side, as refraction does.
 
     Free propagation through one material: I' = I - k Laplacian of I [1]_, a divergence, so that no photon is lost.
 
     Parameters
     ----------
     photons : ndarray, shape (columns, rows, energies)
-        Means, before they are counted.
+        Means of the Poisson counts.
     amount : float
-        k, in squares of a pixel.
+        k, pixels squared.
 
     Returns
     -------
     ndarray
-        Shaped as `photons`.
+        Same shape as `photons`.
 
     References
     ----------
@@ -129,26 +123,26 @@ def refracted(photons: np.ndarray, amount: float) -> np.ndarray:
 
 
 def displaced_tile(transmission: np.ndarray, first: float, last: float, shift: float) -> np.ndarray:
-    """A tile of the detector beside its place: its cells see what lies farther along the columns.
+    """Displace a tile of the detector along the columns.
 
     Parameters
     ----------
     transmission : ndarray, shape (columns, ...)
     first, last : float
-        Where the tile begins and ends, shares of the columns.
+        Limits of the tile, shares of the columns.
     shift : float
         Columns, by linear interpolation.
 
     Returns
     -------
     ndarray
-        Shaped as `transmission`.
+        Same shape as `transmission`.
     """
     columns = len(transmission)
     inside = np.arange(round(first * columns), round(last * columns))
-    place = np.clip(inside + shift, 0, columns - 1)
-    low = np.minimum(place.astype(int), columns - 2)
-    rest = (place - low).reshape(-1, *[1] * (transmission.ndim - 1))
+    position = np.clip(inside + shift, 0, columns - 1)
+    low = np.minimum(position.astype(int), columns - 2)
+    rest = (position - low).reshape(-1, *[1] * (transmission.ndim - 1))
     result = transmission.copy()
     result[inside] = (1 - rest) * transmission[low] + rest * transmission[low + 1]
     return result

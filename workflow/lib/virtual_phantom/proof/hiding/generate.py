@@ -1,4 +1,4 @@
-"""One concealed recording: scanned by XCIST, written as any recording of projections is."""
+"""Scan of one case by XCIST, written as any other recording."""
 
 from __future__ import annotations
 
@@ -22,59 +22,65 @@ from .readout import read_out
 from .reconstruction import images_hu
 from .xcist import TARGET_ANGLE_DEG, Acquired, Scan, simulate
 
-LEAST_READING = 1e-6  # of the air scan: less has no logarithm
-NOMINAL = {"anode": "W", "anode_angle_deg": TARGET_ANGLE_DEG}  # the tube, of all cases alike
-RECONSTRUCTED = {"kernel_pixels": 0.0, "hu_scale": 1.0, "hu_offset": 0.0}  # settings, and what does nothing
+LEAST_READING = 1e-6  # share of the air scan, since the logarithm needs positive values
+NOMINAL = {"anode": "W", "anode_angle_deg": TARGET_ANGLE_DEG}  # the tube of all cases
+RECONSTRUCTED = {"kernel_pixels": 0.0, "hu_scale": 1.0, "hu_offset": 0.0}  # settings with their neutral values
 NOISE, PIXELS = range(2)  # branches of a scan's seed
 
 
 def scan_section(
-    one: Object, settings: Mapping, views: int, photons: float, rotation_ms: float, kev: float, concealed: Mapping
+    scanned_object: Object,
+    settings: Mapping,
+    views: int,
+    photons: float,
+    rotation_ms: float,
+    kev: float,
+    hidden: Mapping,
 ) -> Scan:
-    """What XCIST is asked for.
+    """Return the scan for XCIST.
 
     Parameters
     ----------
     settings : mapping
-        The section proof.scan of the configuration.
+        Section proof.scan of the configuration.
     photons, rotation_ms, kev : float
-        As Scan has them.
-    concealed : mapping
-        The simulator's settings.
+        As in Scan.
+    hidden : mapping
+        Hidden settings of the simulator.
     """
     return Scan(
         views=views,
-        **one.detector(settings["columns"], settings["rows"]),
+        **scanned_object.detector(settings["columns"], settings["rows"]),
         kev=kev,
         photons=photons,
         rotation_ms=rotation_ms,
-        settings=dict(concealed),
+        settings=dict(hidden),
     )
 
 
-def concealed_settings(truth: Mapping) -> dict:
-    """All that a truth asks the simulator for."""
+def hidden_settings(truth: Mapping) -> dict:
+    """Merge the settings of the simulator for all effects of a truth."""
     merged: dict = {}
     for effect in truth["effects"]:
         merged |= effect["settings"]
     return merged
 
 
-def acquire(scan: Scan, one: Object, fine: Volume, mu_water_per_mm: float, repeats: int, seed: Stream) -> Acquired:
-    """Scan the fine phantom and read it out.
+def acquire(
+    scan: Scan, scanned_object: Object, fine: Volume, mu_water_per_mm: float, repeats: int, seed: Stream
+) -> Acquired:
+    """Scan the fine phantom and read out the detector.
 
     Parameters
     ----------
     fine : Volume
         HU.
-    mu_water_per_mm : float
-        1/mm.
     seed : Stream
-        Of this scan's noise; the pixels' own gains are drawn from it too.
+        Branches of it draw the noise, the gains of the pixels and the faults.
     """
     noise, pixels, faults = seed.spawn(3)
-    scanned = changed(fine, one, scan.settings)
-    taken = simulate(scan, materials(scanned, one, scan.kev, mu_water_per_mm), repeats, noise)
+    scanned = changed(fine, scanned_object, scan.settings)
+    taken = simulate(scan, materials(scanned, scanned_object, scan.kev, mu_water_per_mm), repeats, noise)
     return read_out(
         faulty(taken, scan, generator(faults)),
         scan.settings,
@@ -85,11 +91,11 @@ def acquire(scan: Scan, one: Object, fine: Volume, mu_water_per_mm: float, repea
 
 
 def write_images(
-    folder: str | Path, name: str, one: Object, scan: Scan, taken: Acquired, mu_water_per_mm: float
+    folder: str | Path, name: str, scanned_object: Object, scan: Scan, taken: Acquired, mu_water_per_mm: float
 ) -> None:
-    """Write recording.yaml and one image per repeat, in HU and not compressed, so that sizes are alike."""
-    folder, grid = Path(folder), grid_of(one.image_grid(scan.columns))
-    blur, scale, offset = (scan.settings.get(key, none) for key, none in RECONSTRUCTED.items())
+    """Write recording.yaml and one uncompressed image in HU per repeat, so that all files have the same size."""
+    folder, grid = Path(folder), grid_of(scanned_object.image_grid(scan.columns))
+    blur, scale, offset = (scan.settings.get(key, neutral) for key, neutral in RECONSTRUCTED.items())
     files = [f"scan{number:02d}.nii" for number in range(1, 1 + len(taken.readings))]
     for file, readings in zip(files, taken.readings, strict=True):
         lines = -np.log(np.maximum(readings, LEAST_READING * taken.air) / taken.air)
@@ -102,8 +108,9 @@ def write_images(
 def write(folder: str | Path, name: str, scan: Scan, taken: Acquired) -> None:
     """Write recording.yaml and one HDF5 file per repeat.
 
-    Nothing of what is concealed is in them: files are not compressed, so that their sizes are alike too. The importers'
-    writer loads what it wrote, by files that know the library's noise, and is not used.
+    The files do not depend on the hidden effects, and they are uncompressed, so that all have the same size. The writer
+    of the importers is not used, since it reads back what it wrote with modules that contain the library's noise
+    models.
     """
     folder = Path(folder)
     files = [f"scan{number:02d}.h5" for number in range(1, 1 + len(taken.readings))]
@@ -134,7 +141,7 @@ def write(folder: str | Path, name: str, scan: Scan, taken: Acquired) -> None:
             "start_angle_deg": 0.0,
             "direction": 1,
             "rotation_time_ms": scan.rotation_ms,
-            "exposure_ms": 0.0,  # one flash in the middle of every view's interval, as it simulates
+            "exposure_ms": 0.0,  # one flash in the middle of each interval, as XCIST simulates
         },
     }
     write_text(yaml.safe_dump(content, sort_keys=False), folder / FILE_NAME)

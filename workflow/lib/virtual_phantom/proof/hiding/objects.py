@@ -1,6 +1,6 @@
-"""What the proof scans: two phantoms and what they are made of.
+"""The two phantoms of the blind validation and their materials.
 
-Apart from building them, which the start of the workflow would pay a second for.
+The code that builds them is in `phantoms`, since its imports would delay the start of the workflow by a second.
 """
 
 from __future__ import annotations
@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 SOURCE_TO_ISOCENTRE_MM, SOURCE_TO_DETECTOR_MM = 541.0, 949.0
-READOUT_KEV = 60.0  # readout units of a dark signal that is told in photons: the simulator reads energy, in keV
-MARGIN = 1.06  # of the beam over the phantom's width
-SLICES = 4  # of images: those that the beam sees from everywhere
+READOUT_KEV = 60.0  # converts a dark signal from photons to readout units: the simulator reads energy, in keV
+MARGIN = 1.06  # width of the beam over the width of the phantom
+SLICES = 4  # of images: slices that the beam covers in all views
 
 
 @dataclass(frozen=True)
@@ -20,17 +20,17 @@ class Object:
     Attributes
     ----------
     layout : str
-        File under resources.
+        File in the package's resources.
     extent_mm : tuple of 2 float
-        (y, x) that it fills, mm.
+        Extent along (y, x), mm.
     least_mm : float
-        Height that its layout asks for, before it is cut to what the beam sees, mm.
+        Height that the layout needs, before the phantom is cut to the height of the beam, mm.
     soft, dense : str
-        XCIST's materials: `soft`, its density following the HU, with `dense` mixed in from dense_from_hu on.
+        XCIST's materials. The density of `soft` follows the HU; above dense_from_hu, `dense` is mixed in.
     dense_from_hu : float
         HU.
     told : tuple of 2 str
-        The same two as the diagnosis is told, in the library's names.
+        The same materials by the library's names, as the diagnosis knows them.
     """
 
     layout: str
@@ -43,16 +43,16 @@ class Object:
 
     @property
     def stated(self) -> dict:
-        """How HU are divided, as the section `materials` of the configuration."""
+        """Division of HU into materials, as the section `materials` of the configuration."""
         soft, dense = self.told
         return {"soft": soft, "dense": dense, "dense_from_hu": self.dense_from_hu}
 
     def pixel_mm(self, columns: int) -> float:
-        """Width of a detector pixel at the isocentre that lets the beam pass the whole phantom."""
+        """Return the width of a detector pixel at the isocenter for a beam that covers the phantom."""
         return max(self.extent_mm) * MARGIN / columns
 
     def detector(self, columns: int, rows: int) -> dict:
-        """The scanner, as the section `scan` of the configuration names it."""
+        """Return the scanner with the keys of the section `scan` of the configuration."""
         pitch = self.pixel_mm(columns) * SOURCE_TO_DETECTOR_MM / SOURCE_TO_ISOCENTRE_MM
         return {
             "source_to_isocentre_mm": SOURCE_TO_ISOCENTRE_MM,
@@ -64,20 +64,20 @@ class Object:
         }
 
     def image_grid(self, columns: int) -> dict:
-        """Of reconstructed images, as the section `grid`: voxels as wide as pixels at the isocentre."""
+        """Return the section `grid` of images: voxels as wide as a detector pixel at the isocenter."""
         return {"shape": [SLICES, columns, columns], "spacing_mm": [self.pixel_mm(columns)] * 3}
 
     def protocol(self, columns: int, rows: int, views: int, rotation_ms: float, engine: str) -> dict:
-        """What the diagnosis is told of images (diagnosis.images.setting.Protocol).
+        """Return the settings that the diagnosis of images knows (diagnosis.images.setting.Protocol).
 
-        That is the scan, and a filtered back-projection, which is not theirs.
+        They describe the scan and a filtered back-projection. The hidden reconstruction is another one.
 
         Parameters
         ----------
         rotation_ms : float
-            Time of the turn, ms.
+            Rotation time, ms.
         engine : str
-            Of the reconstruction.
+            Engine of the reconstruction.
         """
         circle = {"trajectory": "circular", "turns": 1.0, "pitch": 1.0, "start_angle_deg": 0.0}
         circle["rotation_time_ms"] = rotation_ms

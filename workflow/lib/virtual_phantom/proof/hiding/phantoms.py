@@ -1,4 +1,4 @@
-"""The phantoms of the proof, finer than the diagnosis sees them, as XCIST takes them."""
+"""Phantoms of the blind validation on fine voxels, as materials of XCIST."""
 
 from __future__ import annotations
 
@@ -13,34 +13,37 @@ from ...phantom import Phantom, Roi, layout, synthetic
 from .objects import Object
 from .xcist import Materials, attenuation_per_mm
 
-LEAST_FRACTION = 1e-4  # below it a voxel is air, which is not scanned
-FINER = 2  # voxels of the scanned phantom over those that the diagnosis is given
-VOXELS_PER_PIXEL = 3  # that the diagnosis is given, at the isocentre
-REACH = 1.3  # of the beam's height at the isocentre: what its cone sees of the phantom's near and far side
-# Beyond it, mm: what rows that lie up to 8 mm off see of the far side. Where rays leave through the ends, two
-# simulators differ by how they end an object, which no effect is.
+LEAST_FRACTION = 1e-4  # smaller volume fractions are set to 0
+FINER = 2  # subdivision of the known voxels in the scanned phantom
+VOXELS_PER_PIXEL = 3  # known voxels per detector pixel at the isocenter
+REACH = 1.3  # height of the cone beam at the phantom's far side over its height at the isocenter
+# Additional height for detector rows that are displaced by up to 8 mm. Rays that leave through the end faces would show
+# how the two simulators end an object, which is no effect.
 BEYOND_MM = 6.0
 
 
-def build(one: Object, layout_file: str | Path, columns: int, rows: int, seed: Stream) -> Phantom:
-    """The phantom cut to the height that a detector of columns x rows sees: `fine` is scanned, `image` is known.
+def build(scanned_object: Object, layout_file: str | Path, columns: int, rows: int, seed: Stream) -> Phantom:
+    """Build a phantom, cut to the height that a detector of columns x rows sees.
+
+    `fine` of the result is scanned, `image` is known to the diagnosis.
 
     Parameters
     ----------
     seed : Stream
-        Of the textures.
+        Draws the textures.
 
     Raises
     ------
     InputError
         As synthetic.build.
     """
-    pixel = one.pixel_mm(columns)
+    pixel = scanned_object.pixel_mm(columns)
     voxel = pixel / VOXELS_PER_PIXEL
     slices, seen = (
-        int(np.ceil(height / voxel / 2)) * 2 for height in (one.least_mm, rows * pixel * REACH + 2 * BEYOND_MM)
+        int(np.ceil(height / voxel / 2)) * 2
+        for height in (scanned_object.least_mm, rows * pixel * REACH + 2 * BEYOND_MM)
     )
-    across = (int(np.ceil(extent / voxel / 2)) * 2 for extent in one.extent_mm)
+    across = (int(np.ceil(extent / voxel / 2)) * 2 for extent in scanned_object.extent_mm)
     grid = Grid((max(slices, seen), *across), (voxel,) * 3)
     whole = synthetic.build(layout.read_layout(layout_file), grid, FINER, seed)
     image = _middle(whole.image, seen)
@@ -54,8 +57,8 @@ def _middle(volume: Volume, slices: int) -> Volume:
     return Volume(np.ascontiguousarray(volume.array[first : first + slices]), grid)
 
 
-def materials(hu: Volume, one: Object, kev: float, mu_water_per_mm: float) -> Materials:
-    """Divide HU so that a beam of one energy finds mu_water_per_mm (1 + HU / 1000) in every voxel.
+def materials(hu: Volume, scanned_object: Object, kev: float, mu_water_per_mm: float) -> Materials:
+    """Divide HU into materials whose attenuation at one energy is mu_water_per_mm (1 + HU / 1000) in every voxel.
 
     Parameters
     ----------
@@ -63,15 +66,13 @@ def materials(hu: Volume, one: Object, kev: float, mu_water_per_mm: float) -> Ma
         float32, with square voxels in the plane.
     kev : float
         Energy of the beam, keV.
-    mu_water_per_mm : float
-        1/mm.
     """
     mu = np.maximum(mu_water_per_mm * (1 + hu.array.astype(np.float64) / 1000), 0)
-    soft_mu, dense_mu = (attenuation_per_mm(name, kev) for name in (one.soft, one.dense))
-    from_mu = mu_water_per_mm * (1 + one.dense_from_hu / 1000)
+    soft_mu, dense_mu = (attenuation_per_mm(name, kev) for name in (scanned_object.soft, scanned_object.dense))
+    from_mu = mu_water_per_mm * (1 + scanned_object.dense_from_hu / 1000)
     dense = np.clip(mu - from_mu, 0, None) / (dense_mu - from_mu)  # a mixture by volume, up to all bone
     soft = (mu - dense * dense_mu) / soft_mu
-    fractions = {one.soft: soft, one.dense: dense}
+    fractions = {scanned_object.soft: soft, scanned_object.dense: dense}
     for fraction in fractions.values():
         fraction[fraction < LEAST_FRACTION] = 0
     height, plane = hu.grid.spacing[:2]

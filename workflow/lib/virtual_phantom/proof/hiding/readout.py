@@ -1,4 +1,4 @@
-"""What happens to the readings after the detection, by equations of our own: glare, saturation, drifting pixels."""
+"""Changes of the readings after the detection, from equations of this package: glare, saturation, drifts, gains."""
 
 from __future__ import annotations
 
@@ -10,38 +10,38 @@ from scipy.signal import fftconvolve
 from .objects import READOUT_KEV
 from .xcist import Acquired
 
-GLARE_REACH = 4.0  # ranges of the spread that are kept
+GLARE_REACH = 4.0  # radius of the kernel, in units of the range
 
 
 def read_out(
     taken: Acquired, settings: Mapping, pitch_mm: tuple[float, float], rotation_s: float, random: np.random.Generator
 ) -> Acquired:
-    """The readings as a detector gives them.
+    """Return the readings with the hidden effects of the readout.
 
     Parameters
     ----------
     settings : mapping
-        What is concealed, by the names of Scan.settings.
+        Hidden settings, as Scan.settings.
     pitch_mm : tuple of 2 float
-        Of columns and rows, mm.
+        Pitch of columns and rows, mm.
     rotation_s : float
-        Time of the one turn that the views share, s.
+        Rotation time, s.
     random : numpy.random.Generator
-        Draws the drift of the pixels' gains.
+        Draws the gains of the pixels.
     """
     readings, air = taken.readings, taken.air
-    # The detector reads what the tube gave; the monitor corrects that afterwards.
+    # The readout sees the modulated current; the monitor corrects it afterwards.
     current = 1.0 if taken.current is None else taken.current[:, None, None]
     readings = readings * current
     if share := settings.get("glare_share", 0.0):
         spread = glare(settings["glare_range_mm"], pitch_mm)
-        readings, air = ((1 - share) * one + share * wide(one, spread) for one in (readings, air))
+        readings, air = ((1 - share) * signal + share * wide(signal, spread) for signal in (readings, air))
     if loss := settings.get("saturation_per_photon", 0.0) / READOUT_KEV:
-        # A detector that counts short the more it gets: S' = S (1 - a S), in the air scan too.
-        readings, air = (one * (1 - loss * one) for one in (readings, air))
+        # Loss in proportion to the signal: S' = S (1 - a S), also in the air scan.
+        readings, air = (signal * (1 - loss * signal) for signal in (readings, air))
     if power := settings.get("reading_power", 0.0):
         most = float(air.max())
-        readings, air = (most * np.sign(one) * np.abs(one / most) ** power for one in (readings, air))
+        readings, air = (most * np.sign(signal) * np.abs(signal / most) ** power for signal in (readings, air))
     if rms := settings.get("gain_rms", 0.0):
         readings = readings * np.exp(random.normal(0, rms, air.shape))
     level, drift = (settings.get(key, 0.0) * READOUT_KEV for key in ("dark_photons", "dark_photons_per_s"))
@@ -54,21 +54,21 @@ def read_out(
 
 
 def glare(range_mm: float, pitch_mm: tuple[float, float]) -> np.ndarray:
-    """Point spread exp(-r / k) / r of veiling glare [1]_.
+    """Point spread function exp(-r / k) / r of veiling glare [1]_.
 
-    The central pixel takes the mean over a disc of its area.
+    The central pixel has the mean over a disc of the same area.
 
     Parameters
     ----------
     range_mm : float
         k, mm.
     pitch_mm : tuple of 2 float
-        Of columns and rows, mm.
+        Pitch of columns and rows, mm.
 
     Returns
     -------
     ndarray, shape (rows, columns)
-        Its sum is 1.
+        The sum is 1.
 
     References
     ----------
@@ -85,7 +85,7 @@ def glare(range_mm: float, pitch_mm: tuple[float, float]) -> np.ndarray:
 
 
 def wide(array: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """Spread over the last two axes; what lies beyond the detector goes on as its edge."""
+    """Convolve the last two axes with the spread; edge values continue beyond the detector."""
     rows, columns = (n // 2 for n in spread.shape)
     around = [(0, 0)] * (array.ndim - 2) + [(rows, rows), (columns, columns)]
     padded = np.pad(array, around, mode="edge")

@@ -1,6 +1,6 @@
-"""Images of the proof: filtered back-projection of every voxel's own rays [1]_, by cubic splines.
+"""Images of the blind validation: Feldkamp reconstruction along the rays of each voxel [1]_, with cubic splines.
 
-The library's own reconstruction, which the fits use, rebins rays to parallel ones and interpolates linearly.
+It differs from the library's reconstruction, which rebins to parallel rays and interpolates linearly.
 
 References
 ----------
@@ -19,16 +19,14 @@ SPLINE = 3
 
 
 def images_hu(lines: np.ndarray, scan: Scan, grid: Grid, mu_water_per_mm: float, blur_mm: float = 0.0) -> np.ndarray:
-    """Images of the line integrals of a full circle.
+    """Reconstruct the line integrals of a full circle.
 
     Parameters
     ----------
     lines : ndarray, shape (views, rows, columns)
-        The first view from +y.
-    mu_water_per_mm : float
-        1/mm.
+        The source of the first view is at +y.
     blur_mm : float, optional
-        Standard deviation of the Gaussian that apodises the ramp, mm.
+        Standard deviation of the Gaussian that apodizes the ramp, mm.
 
     Returns
     -------
@@ -43,30 +41,32 @@ def images_hu(lines: np.ndarray, scan: Scan, grid: Grid, mu_water_per_mm: float,
     z, y, x = grid.axes_mm()
     mu = np.zeros(grid.shape)
     for angle, view in zip(2 * np.pi * np.arange(scan.views) / scan.views, filtered, strict=True):
-        away = radius + x * np.sin(angle) - (y * np.cos(angle))[:, None]  # from the source, along the central ray
-        column = distance / away * (x * np.cos(angle) + (y * np.sin(angle))[:, None]) / scan.column_pitch_mm
-        row = distance / away * z[:, None, None] / scan.row_pitch_mm
-        places = [row + (scan.rows - 1) / 2, np.broadcast_to(column + (scan.columns - 1) / 2, grid.shape)]
-        mu += (radius / away) ** 2 * ndimage.map_coordinates(view, places, order=SPLINE, mode="nearest")
+        depth = (
+            radius + x * np.sin(angle) - (y * np.cos(angle))[:, None]
+        )  # distance from the source along the central ray
+        column = distance / depth * (x * np.cos(angle) + (y * np.sin(angle))[:, None]) / scan.column_pitch_mm
+        row = distance / depth * z[:, None, None] / scan.row_pitch_mm
+        positions = [row + (scan.rows - 1) / 2, np.broadcast_to(column + (scan.columns - 1) / 2, grid.shape)]
+        mu += (radius / depth) ** 2 * ndimage.map_coordinates(view, positions, order=SPLINE, mode="nearest")
     mu *= np.pi / scan.views
     return (1000 * (mu / mu_water_per_mm - 1)).astype(np.float32)
 
 
 def ramp(rows: np.ndarray, pitch_mm: float, blur_mm: float) -> np.ndarray:
-    """Band-limited ramp along the last axis [1]_, times exp(-2 (pi s f)^2).
+    """Apply the band-limited ramp filter along the last axis [1]_, times exp(-2 (pi s f)^2).
 
     Parameters
     ----------
     rows : ndarray, shape (..., columns)
     pitch_mm : float
-        Of the columns, mm.
+        Pitch of the columns, mm.
     blur_mm : float
         s, mm.
 
     Returns
     -------
     ndarray, shape (..., columns)
-        Per mm.
+        1/mm.
 
     References
     ----------

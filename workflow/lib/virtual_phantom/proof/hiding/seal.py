@@ -1,7 +1,8 @@
-"""Seals: a truth is bound by a published salted SHA-256 before it is tested, a verdict by its own before it is scored.
+"""Seals: published hashes bind each truth before the diagnosis and each verdict before the score.
 
-The digest of a truth is SHA-256 of its salt followed by the canonical JSON of the truth: sorted keys, no spaces, floats
-as the shortest text that reads back to the same number. Without the salt, the few possible truths could be tried.
+The digest of a truth is the SHA-256 of its salt, followed by the truth as canonical JSON. Canonical JSON has sorted
+keys, no spaces, and the shortest text of a float that reads back to the same number. Without the salt, the few possible
+truths could be guessed from the digest.
 """
 
 from __future__ import annotations
@@ -19,23 +20,23 @@ SALT = re.compile(r"[0-9a-f]{64}")
 
 
 def canonical(truth: Mapping) -> str:
-    """The one text of a truth.
+    """Return the canonical JSON of a truth.
 
     Raises
     ------
     ValueError
-        For what JSON cannot hold, NaN and infinity among it.
+        For values that JSON cannot represent, such as NaN and infinity.
     """
     return json.dumps(truth, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
 
 
 def sealed(truth: Mapping, salt: str) -> dict:
-    """The document that is kept shut.
+    """Return the sealed document of a truth.
 
     Parameters
     ----------
     truth : mapping
-        With its `case`.
+        Includes the key `case`.
     salt : str
         64 hexadecimal digits, drawn for this case alone.
 
@@ -47,7 +48,7 @@ def sealed(truth: Mapping, salt: str) -> dict:
     Raises
     ------
     ValueError
-        For another salt.
+        If the salt has another form.
     """
     if not SALT.fullmatch(salt):
         raise ValueError("a salt is 64 hexadecimal digits in lower case")
@@ -56,17 +57,12 @@ def sealed(truth: Mapping, salt: str) -> dict:
 
 
 def digest(document: Mapping) -> str:
-    """SHA-256 of a sealed document, hexadecimal."""
+    """Return the SHA-256 of a sealed document, hexadecimal."""
     return hashlib.sha256((document["salt"] + canonical(document["truth"])).encode("ascii")).hexdigest()
 
 
 def publish(documents: Iterable[Mapping]) -> dict[str, str]:
-    """What is published before any recording is made.
-
-    Parameters
-    ----------
-    documents : iterable of mapping
-        From `sealed`.
+    """Return the digests of sealed documents, which are published before any recording is made.
 
     Returns
     -------
@@ -76,7 +72,7 @@ def publish(documents: Iterable[Mapping]) -> dict[str, str]:
     Raises
     ------
     ValueError
-        For a case that comes twice.
+        If a case occurs twice.
     """
     seals: dict[str, str] = {}
     for document in documents:
@@ -87,19 +83,17 @@ def publish(documents: Iterable[Mapping]) -> dict[str, str]:
 
 
 def verdict_of(case: str, diagnosis: str | Path, other: str | Path | None = None) -> dict[str, str]:
-    """The document that binds a diagnosis before its seal is opened.
+    """Return the document that binds a diagnosis before its seal is opened.
 
     Parameters
     ----------
-    diagnosis : str or Path
-        Of the case.
     other : str or Path, optional
-        Its table of agreement by another protocol, if there is one, which is bound too.
+        Table of agreement on another protocol, which is bound, too.
 
     Raises
     ------
     InputError
-        If there is no such file, or it was changed since it was written.
+        If a file is missing or was changed after it was written.
     """
     for _, path in _bound(diagnosis, other):
         check_unchanged(path, "diagnose it again")
@@ -107,7 +101,7 @@ def verdict_of(case: str, diagnosis: str | Path, other: str | Path | None = None
 
 
 def _bound(diagnosis: str | Path, other: str | Path | None) -> list[tuple[str, str | Path]]:
-    """The files that a verdict binds, by their keys in it."""
+    """List the files that a verdict binds, with their keys."""
     files = [("diagnosis_sha256", diagnosis), ("held_out_protocol_sha256", other)]
     return [(key, path) for key, path in files if path is not None]
 
@@ -118,18 +112,18 @@ def write(document: Mapping, path: str | Path) -> None:
 
 
 def read(path: str | Path) -> dict:
-    """Read what `write` wrote.
+    """Read a document that `write` has written.
 
     Raises
     ------
     InputError
-        If it is missing or no JSON object.
+        If the file is missing or not a JSON object.
     """
     return _object(_bytes(path), path)
 
 
 def open_seal(path: str | Path, seals: Mapping[str, str]) -> dict:
-    """The truth of a sealed document, checked against the published digests.
+    """Return the truth of a sealed document after a check against the published digests.
 
     Parameters
     ----------
@@ -139,8 +133,8 @@ def open_seal(path: str | Path, seals: Mapping[str, str]) -> dict:
     Raises
     ------
     InputError
-        If the document is broken, of another case than its file's name, its case was not published, or truth or salt
-        are not those published.
+        If the document is broken, its case differs from the file's name or was not published, or truth or salt were
+        changed.
     """
     document = read(path)
     try:
@@ -148,43 +142,43 @@ def open_seal(path: str | Path, seals: Mapping[str, str]) -> dict:
         found = digest(document)
         same = truth["case"] == case
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: is no sealed truth ({error!r}); make the suite again") from None
+        raise InputError(f"{path}: is not a sealed truth ({error!r}); make the suite again") from None
     if case != Path(path).stem:
-        raise InputError(f"{path}: holds the truth of {case}; put every sealed file back in its place")
+        raise InputError(f"{path}: contains case {case}; restore the original names of the sealed files")
     if case not in seals:
-        raise InputError(f"{path}: {case} is not among the published seals; only what was published before counts")
+        raise InputError(f"{path}: {case} is not among the published seals; use only published cases")
     if not same or found != seals[case]:
         raise InputError(
-            f"{path}: truth or salt of {case} were changed after the seal was published (SHA-256 {found[:12]}..., "
-            f"published {seals[case][:12]}...); restore the file or make the suite again"
+            f"{path}: the truth or the salt of {case} was changed after the seal was published (SHA-256 "
+            f"{found[:12]}..., published {seals[case][:12]}...); restore the file or make the suite again"
         )
     return truth
 
 
 def check_verdict(diagnosis: str | Path, verdict: str | Path, other: str | Path | None = None) -> dict:
-    """The diagnosis, checked against the digests that were taken before the seal was opened.
+    """Return the diagnosis after a check against the digests of its verdict.
 
     Parameters
     ----------
     other : str or Path, optional
-        Its table by another protocol, which is checked too.
+        Table of agreement on another protocol, which is checked, too.
 
     Raises
     ------
     InputError
-        If one was changed since, came or went, or if a file is broken.
+        If a file was changed, added or removed, or is broken.
     """
     bound = read(verdict)
     if "diagnosis_sha256" not in bound or "case" not in bound:
-        raise InputError(f"{verdict}: is no verdict; diagnose the case again")
+        raise InputError(f"{verdict}: is not a verdict; diagnose the case again")
     given = dict(_bound(diagnosis, other))
     if set(given) != set(bound) - {"case"}:
-        raise InputError(f"{verdict}: is not of the files that {bound['case']} has now; diagnose it again")
+        raise InputError(f"{verdict}: does not match the present files of {bound['case']}; diagnose it again")
     contents = {key: _bytes(path) for key, path in given.items()}
     for key, content in contents.items():
         if hashlib.sha256(content).hexdigest() != bound[key]:
             raise InputError(
-                f"{given[key]}: was changed after its verdict was given ({verdict}); restore the file or diagnose "
+                f"{given[key]}: was changed after its verdict was written ({verdict}); restore the file or diagnose "
                 f"{bound['case']} again"
             )
     return _object(contents["diagnosis_sha256"], diagnosis)
@@ -201,7 +195,7 @@ def _object(content: bytes, path: str | Path) -> dict:
     try:
         found = json.loads(content)
     except ValueError as error:
-        raise InputError(f"{path}: is no JSON ({' '.join(str(error).split())})") from None
+        raise InputError(f"{path}: is not valid JSON ({' '.join(str(error).split())})") from None
     if not isinstance(found, dict):
-        raise InputError(f"{path}: is no JSON object")
+        raise InputError(f"{path}: is not a JSON object")
     return found

@@ -1,4 +1,4 @@
-"""Which cases a suite has, and what is concealed in each: drawn from the suite's seed alone."""
+"""Cases of a suite and the effects hidden in each, drawn from the seed of the suite alone."""
 
 from __future__ import annotations
 
@@ -10,52 +10,48 @@ import numpy as np
 from ...base.errors import InputError
 from ...base.streams import Stream, branch, generator
 from .catalogue import CATALOGUE, IMAGE, STRENGTHS
-from .lacking import LACKING
+from .missing_effects import MISSING_EFFECTS
 from .objects import OBJECTS
 
 PHANTOMS = tuple(OBJECTS)
 KERNEL = "reconstruction_kernel"
-LEAST_ROWS = 6  # for the four slices of an image
+LEAST_ROWS = 6  # needed for the slices of an image
 PROTOCOLS = ("scan", "held_out_protocol")  # sections of the configuration
 TRUTH, SALT, SCAN = range(3)  # branches of a case's seed
-KNOWN = tuple(name for name, one in CATALOGUE.items() if one.known and not one.of_images)
-UNKNOWN = tuple(LACKING)
+KNOWN = tuple(name for name, effect in CATALOGUE.items() if effect.known and not effect.of_images)
+UNKNOWN = tuple(MISSING_EFFECTS)
 
 
 def cases(settings: Mapping) -> list[str]:
-    """Names of all cases, which tell nothing of what is concealed."""
+    """List the names of all cases. A name does not reveal the hidden effects."""
     count = len(_plan(settings)) + len(_plan_of_images(settings))
     return [f"case_{number:02d}" for number in range(1, 1 + count)]
 
 
 def kind_of(case: str, settings: Mapping) -> str:
-    """What a case records: no secret, and told by its number. Images come after all projections."""
+    """Return the kind of the recording, which is no secret: images follow after all projections."""
     return "projections" if _number(case) <= len(_plan(settings)) else "images"
 
 
 def phantom_of(case: str) -> str:
-    """What is scanned in a case: no secret, and told by its number alone."""
+    """Return the phantom of a case, which is no secret: it follows from the case's number."""
     return PHANTOMS[_number(case) % len(PHANTOMS)]
 
 
 def views_of(kind: str, settings: Mapping) -> tuple[int, int]:
-    """Views of the scans by PROTOCOLS.
+    """Return the number of views for each of PROTOCOLS.
 
-    Images of few views are mostly streaks, which no two reconstructions share.
+    Images have more views: with few views, streaks dominate, which differ between reconstructions.
 
     Parameters
     ----------
     kind : str
-        Of case.KINDS.
+        One of case.KINDS.
     settings : mapping
-        As `truths` takes them.
-
-    Returns
-    -------
-    tuple of 2 int
+        As in `truths`.
     """
     times = settings["images"]["views_times"] if kind == "images" else 1
-    return tuple(settings[one]["views"] * times for one in PROTOCOLS)
+    return tuple(settings[protocol]["views"] * times for protocol in PROTOCOLS)
 
 
 def _number(case: str) -> int:
@@ -63,7 +59,7 @@ def _number(case: str) -> int:
 
 
 def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
-    """Check the names of recordings that are shown beside the cases.
+    """Check the names of recordings that are shown next to the cases.
 
     Parameters
     ----------
@@ -73,7 +69,7 @@ def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
     Raises
     ------
     InputError
-        For names that are not there, or are like those of cases.
+        If a name is missing there or has the form of a case's name.
     """
     for name in names:
         if re.fullmatch(r"case_[0-9]+", name):
@@ -84,38 +80,38 @@ def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
 
 
 def check_tried(settings: Mapping) -> None:
-    """Check that what is concealed in images is tried there.
+    """Check that the effects hidden in images are candidates there.
 
     Raises
     ------
     InputError
-        For effects that are not.
+        If an effect is no candidate.
     """
     images = settings["images"]
-    concealed = [KERNEL, *images["effects"]] if images["strengths"] or images["effects"] else []
-    for name in concealed:
+    hidden = [KERNEL, *images["effects"]] if images["strengths"] or images["effects"] else []
+    for name in hidden:
         if name not in images["tried"]:
-            raise InputError(f"proof.images.tried: lacks '{name}', which is concealed; add it")
+            raise InputError(f"proof.images.tried: lacks '{name}', which the cases hide; add it")
 
 
 def truths(settings: Mapping) -> dict[str, dict]:
-    """What is concealed in each case.
+    """Return the truth of each case.
 
     Parameters
     ----------
     settings : mapping
-        The section `proof` of the configuration: seed, effects, strengths, and how many cases of nothing, of pairs and
-        of unknown effects.
+        Section `proof` of the configuration: seed, effects, strengths, and the numbers of cases without effect, with
+        pairs and with unknown effects.
 
     Returns
     -------
     dict of str to dict
-        {case: truth}, as seal.sealed takes them.
+        {case: truth}, as for seal.sealed.
     """
     plan = []
     for purpose, part in ((0, _plan(settings)), (2, _plan_of_images(settings))):
         order = generator(branch(settings["seed"], purpose)).permutation(len(part))
-        plan += [part[place] for place in order]
+        plan += [part[index] for index in order]
     return {
         case: _truth(case, kind_of(case, settings), *plan[number], settings["seed"], number)
         for number, case in enumerate(cases(settings))
@@ -123,33 +119,28 @@ def truths(settings: Mapping) -> dict[str, dict]:
 
 
 def salt(seed: int, number: int) -> str:
-    """64 hexadecimal digits of a case of its own."""
+    """Return the salt of a case: 64 hexadecimal digits."""
     words = branch(seed, 1, number, SALT).generate_state(8)
     return "".join(f"{word:08x}" for word in words)
 
 
 def scan_seed(seed: int, number: int) -> Stream:
-    """Of the noise of a case's scans."""
+    """Return the stream of the noise in the scans of a case."""
     return branch(seed, 1, number, SCAN)
 
 
 def _plan(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
-    """Category, strength and effect of cases of projections; effects of pairs are drawn later.
-
-    Parameters
-    ----------
-    settings : mapping
-        As `truths` takes them.
+    """Category, strength and effect of each case of projections; the effects of pairs are drawn later.
 
     Raises
     ------
     InputError
-        For effects that cannot be concealed.
+        For effects that cannot be hidden.
     """
     effects = settings.get("effects") or list(KNOWN)
     for name in effects:
         if name not in KNOWN:
-            raise InputError(f"proof.effects: '{name}' cannot be concealed; use some of {', '.join(KNOWN)}")
+            raise InputError(f"proof.effects: '{name}' cannot be hidden; use some of {', '.join(KNOWN)}")
     plan = [("single", strength, name) for name in effects for strength in settings["strengths"]]
     plan += [("none", None, None)] * settings["none"]
     plan += [("pair", None, None)] * settings["pairs"]
@@ -157,17 +148,12 @@ def _plan(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
 
 
 def _unknown(settings: Mapping) -> list[str]:
-    """Kinds that the library lacks, of cases in turn: each as often as the others, in an order drawn from the seed.
-
-    Parameters
-    ----------
-    settings : mapping
-        As `truths` takes them.
+    """Return the unknown effect of each case: all equally often, in an order drawn from the seed.
 
     Raises
     ------
     InputError
-        For a kind that there is not.
+        For an effect that does not exist.
     """
     kinds = settings.get("unknown_kinds") or list(UNKNOWN)
     for name in kinds:
@@ -178,31 +164,28 @@ def _unknown(settings: Mapping) -> list[str]:
 
 
 def _plan_of_images(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
-    """As _plan, of images.
+    """As _plan, for images.
 
-    Other reconstructions than the library's have other kernels, so that each case conceals one, and a pair is that and
-    an effect.
-
-    Parameters
-    ----------
-    settings : mapping
-        As `truths` takes them.
+    The simulated reconstruction has another kernel than the library's. Each case therefore hides a kernel, and a pair
+    is a kernel and an effect.
 
     Raises
     ------
     InputError
-        For too few rows, and effects that cannot be concealed.
+        For too few rows and for effects that cannot be hidden.
     """
     wanted = settings["images"]
     if (wanted["strengths"] or wanted["effects"]) and settings["scan"]["rows"] < LEAST_ROWS:
         raise InputError(
-            f"proof.scan.rows: {settings['scan']['rows']} rows see too few slices from everywhere for proof.images; "
-            f"give {LEAST_ROWS}, or no images: {{strengths: [], effects: []}}"
+            f"proof.scan.rows: {settings['scan']['rows']} rows cover too few slices in all views for proof.images; "
+            f"give {LEAST_ROWS}, or set proof.images to {{strengths: [], effects: []}}"
         )
     for name in wanted["effects"]:
         if name == KERNEL or name not in CATALOGUE or not CATALOGUE[name].known:
-            names = ", ".join(one for one in CATALOGUE if one != KERNEL and CATALOGUE[one].known)
-            raise InputError(f"proof.images.effects: '{name}' cannot be concealed beside a kernel; use some of {names}")
+            names = ", ".join(other for other in CATALOGUE if other != KERNEL and CATALOGUE[other].known)
+            raise InputError(
+                f"proof.images.effects: '{name}' cannot be hidden together with a kernel; use some of {names}"
+            )
     plan = [("single", strength, KERNEL) for strength in wanted["strengths"]]
     return plan + [("pair", None, name) for name in wanted["effects"]]
 
@@ -214,12 +197,12 @@ def _truth(case, kind, category, strength, effect, seed, number) -> dict:
         names = _pair(random) if effect is None else [KERNEL, effect]
     drawn = []
     for name in names:
-        # Of pairs and unknown effects no weak ones: what cannot be seen cannot be told apart. But the kernel beside an
-        # effect on images is as near the diagnosis's own as a reconstruction gets.
-        near = kind == "images" and name == KERNEL
-        size = strength or ("weak" if near else str(random.choice(STRENGTHS[1:])))
+        # Pairs and unknown effects are not weak, since undetectable effects cannot be distinguished. The kernel of a
+        # pair on images is weak: it is as close to the assumed kernel as the simulated reconstruction can be.
+        weak_kernel = kind == "images" and name == KERNEL
+        size = strength or ("weak" if weak_kernel else str(random.choice(STRENGTHS[1:])))
         made, comparable = CATALOGUE[name].draw(size, random)
-        if kind == "images":  # which have no readout units
+        if kind == "images":  # images have no readout units
             comparable = {key: value for key, value in comparable.items() if "_units" not in key}
         drawn.append(
             {
@@ -229,7 +212,7 @@ def _truth(case, kind, category, strength, effect, seed, number) -> dict:
                 "settings": made,
                 "comparable": comparable,
                 "right": CATALOGUE[name].right,
-                "equals": [list(one) for one in CATALOGUE[name].equals],
+                "equals": [list(equivalent) for equivalent in CATALOGUE[name].equals],
             }
         )
     where = {domain for name in names for domain in CATALOGUE[name].where}
@@ -248,7 +231,7 @@ def _truth(case, kind, category, strength, effect, seed, number) -> dict:
 
 
 def _pair(random: np.random.Generator) -> list[str]:
-    """Two effects of different groups, in the order of the catalogue."""
+    """Draw two effects of different groups, in the order of the catalogue."""
     while True:
         first, second = sorted(random.choice(len(KNOWN), 2, replace=False))
         groups = [CATALOGUE[KNOWN[index]].alike for index in (first, second)]

@@ -1,7 +1,7 @@
-"""Scans by XCIST/CatSim [1]_, the simulator that the proof conceals with.
+"""Scans by XCIST/CatSim [1]_, the simulator of the blind validation.
 
-Its projector (distance-driven), cross-sections, spectra, scatter kernel, crosstalk, lag and noise are used as they are;
-what it lacks is made by `hiding.hooks`.
+Its distance-driven projector, cross-sections, spectra, scatter kernel, crosstalk, lag and noise are used unchanged.
+`hiding.hooks` adds physics that XCIST lacks.
 
 References
 ----------
@@ -27,15 +27,15 @@ from ...base.errors import InputError
 from ...base.streams import Stream
 from ...base.vectors import FLAT
 
-CELLS_DIVIDED = 4  # finer cells per detector cell and direction, whose transmissions are averaged
+CELLS_DIVIDED = 4  # subdivision of a detector cell per direction; transmissions are averaged
 HOOKS = "virtual_phantom.proof.hiding.hooks."
 ENERGY_BINS = 20
-TARGET_ANGLE_DEG = 7.0  # of its anode, whose spectra are tabulated
-FOCAL_SPOT_SAMPLES = 3  # along either side, evenly spaced
-SPOT_STRETCHED = (1 - FOCAL_SPOT_SAMPLES**-2) ** -0.5  # so that they vary as much as the whole side
-ENERGIES_KEV = (40.0, 120.0)  # between which that of the monochromatic beam is looked for
-SURFACES = {"ellipsoid": 1, "cylinder": 2}  # its numbers for them
-# What the hooks do when nothing is asked of them.
+TARGET_ANGLE_DEG = 7.0  # anode angle of XCIST's tabulated spectra
+FOCAL_SPOT_SAMPLES = 3  # per direction, uniformly spaced
+SPOT_STRETCHED = (1 - FOCAL_SPOT_SAMPLES**-2) ** -0.5  # gives the samples the variance of a uniform focal spot
+ENERGIES_KEV = (40.0, 120.0)  # range of the monochromatic beam's energy
+SURFACES = {"ellipsoid": 1, "cylinder": 2}  # XCIST's numbers
+# Neutral settings of the hooks.
 IDLE = {
     "detector_columns_px": 0.0,
     "axis_shift_mm": 0.0,
@@ -43,7 +43,7 @@ IDLE = {
     "modulation": (0.0, 0.0),
     "off_focal_share": 0.0,
     "off_focal_width_mm": 20.0,
-    "off_focal_collimator_mm": 0.0,  # from the spot; 0: there is none
+    "off_focal_collimator_mm": 0.0,  # distance from the focal spot; 0: no collimator
     "heel_depth_mm": 0.0,
     "detector_rows_mm": 0.0,
     "source_mm_per_s": (0.0, 0.0, 0.0),  # along columns, rows and away from the detector
@@ -53,24 +53,24 @@ IDLE = {
 
 @dataclass(frozen=True)
 class Scan:
-    """What XCIST is asked for: a detector on a circle, one turn from +y.
+    """A scan for XCIST: one turn of a detector on a circle, starting at +y.
 
     Attributes
     ----------
     column_pitch_mm, row_pitch_mm, source_to_isocentre_mm, source_to_detector_mm : float
-        As ScanGeometry has them, mm.
+        As in ScanGeometry, mm.
     kev : float
-        Energy of the monochromatic beam, keV; ignored with a `kvp` among the settings.
+        Energy of the monochromatic beam, keV; ignored if the settings contain `kvp`.
     photons : float
-        Noise-equivalent quanta per pixel in air, in the middle of the detector.
+        Noise-equivalent quanta per pixel in air, in the center of the detector.
     rotation_ms : float
-        Time of the turn, ms.
+        Rotation time, ms.
     settings : dict
-        {name: value} of what is concealed: those of IDLE, and what this module, `readout` and `generate` read.
+        {name: value} of the hidden effects: keys of IDLE, and keys that this module, `readout` and `generate` read.
     surface : {"flat", "cylindrical"}, optional
-        Of the detector; an arc is about the source.
+        Shape of the detector; the axis of a cylinder passes through the source.
     column_offset_px : float, optional
-        As ScanGeometry has it.
+        As in ScanGeometry.
     """
 
     views: int
@@ -90,16 +90,16 @@ class Scan:
 
 @dataclass(frozen=True)
 class Acquired:
-    """What was read, in the detector's linear unit.
+    """Readings of a scan, in the linear unit of the detector.
 
     Attributes
     ----------
     readings : ndarray of float32, shape (repeats, views, rows, columns)
     air : ndarray of float32, shape (rows, columns)
     quanta : ndarray, shape (rows, columns), or None
-        Noise-equivalent quanta in air, per view; None where nobody asked.
+        Noise-equivalent quanta in air, per view; None if unknown.
     current : ndarray, shape (views,), or None
-        Tube current over its mean, which the readings are divided by; None if it is the same in all views.
+        Relative tube current, by which the readings are divided; None if it is constant.
     """
 
     readings: np.ndarray
@@ -129,40 +129,40 @@ class Surface:
 
 @dataclass(frozen=True)
 class Surfaces:
-    """An object for XCIST by its surfaces: what comes later takes the place of what is there.
+    """An object for XCIST, given by surfaces. Later surfaces replace earlier ones where they overlap.
 
-    At least one is a cylinder: without the planes of its ends XCIST's reader stops.
+    At least one surface must be a cylinder: XCIST's reader fails without the planes of its ends.
 
     Attributes
     ----------
     rays : int, optional
-        Of every cell of the detector, in either direction.
+        Rays per detector cell and direction.
     """
 
     parts: tuple[Surface, ...]
     rays: int = 2
 
     def configure(self, cfg, folder: Path) -> None:
-        """Have the configuration scan this object, described by a file in the folder."""
+        """Set the configuration to scan this object; write its file to the folder."""
         cfg.phantom.filename = str(self.write(folder))
         cfg.phantom.callback, cfg.phantom.projectorCallback = "Phantom_Analytic", "C_Projector_Analytic"
         cfg.physics.colSampleCount = cfg.physics.rowSampleCount = self.rays
 
     def write(self, folder: Path) -> Path:
-        """XCIST's file: objects are numbered from 1."""
-        names = sorted({one.material for one in self.parts})
+        """Write XCIST's file, in which objects are numbered from 1."""
+        names = sorted({surface.material for surface in self.parts})
         lines = [f"materialList = {{{' '.join(repr(name) for name in names)} }};"]
-        for number, one in enumerate(self.parts, start=1):
-            x, y, z = one.centre_mm
-            along, across, up = one.half_axes_mm
+        for number, surface in enumerate(self.parts, start=1):
+            x, y, z = surface.centre_mm
+            along, across, up = surface.half_axes_mm
             lines += [
                 "",
                 f"object.center({number},:) = [{x:.6f} {y:.6f} {z:.6f}];",
                 f"object.half_axes({number},:) = [{along:.6f} {across:.6f} {up:.6f}];",
                 f"object.euler_angs({number},:) = [0.000000 0.000000 0.000000];",
                 f"object.density({number}) = 1.000000;",
-                f"object.type({number}) = {SURFACES[one.kind]};",
-                f"object.material({number}) = {1 + names.index(one.material)};",
+                f"object.type({number}) = {SURFACES[surface.kind]};",
+                f"object.material({number}) = {1 + names.index(surface.material)};",
                 f"object.axial_lims({number},:) = [0 0];",
                 f"object.shape({number}) = 0;",
                 f"object.clip{{{number}}} = [];",
@@ -179,26 +179,26 @@ class Materials:
     Attributes
     ----------
     fractions : dict of str to ndarray of float32, shape (z, y, x)
-        By XCIST's name of the material, axes along the scanner frame.
+        By XCIST's name of the material, in the scanner frame.
     voxel_mm : tuple of 2 float
-        Edge in the plane, and height along z, mm.
+        Size in the plane and height along z, mm.
     """
 
     fractions: dict[str, np.ndarray]
     voxel_mm: tuple[float, float]
 
     def configure(self, cfg, folder: Path) -> None:
-        """Have the configuration scan this object, described by files in the folder."""
+        """Set the configuration to scan this object; write its files to the folder."""
         cfg.phantom.filename = str(self.write(folder))
         cfg.phantom.projectorCallback = HOOKS + "projector"
         cfg.physics.colSampleCount = cfg.physics.rowSampleCount = 1
 
     def write(self, folder: Path) -> Path:
-        """XCIST's files: row 0 at +y, slice 0 at -z, x fastest."""
+        """Write XCIST's files: row 0 at +y, slice 0 at -z, x fastest."""
         names = list(self.fractions)
         slices, rows, columns = self.fractions[names[0]].shape
         plane, height = self.voxel_mm
-        many = {
+        content = {
             "volumefractionmap_filename": [f"{number}.raw" for number in range(len(names))],
             "volumefractionmap_datatype": ["float"] * len(names),
             "cols": [columns] * len(names),
@@ -211,54 +211,50 @@ class Materials:
             "y_offset": [(rows + 1) / 2] * len(names),
             "z_offset": [(slices + 1) / 2] * len(names),
         }
-        for file, fraction in zip(many["volumefractionmap_filename"], self.fractions.values(), strict=True):
+        for file, fraction in zip(content["volumefractionmap_filename"], self.fractions.values(), strict=True):
             np.ascontiguousarray(fraction[:, ::-1], np.float32).tofile(folder / file)
         path = folder / "object.json"
-        path.write_text(json.dumps({"n_materials": len(names), "mat_name": names, **many}))
+        path.write_text(json.dumps({"n_materials": len(names), "mat_name": names, **content}))
         return path
 
 
 def attenuation_per_mm(material: str, kev: float) -> float:
-    """XCIST's linear attenuation of one of its materials, 1/mm."""
+    """Return XCIST's linear attenuation of a material, 1/mm."""
     from gecatsim.pyfiles.GetMu import GetMu
 
     return float(GetMu(material, np.array([kev], np.float32))[0]) / 10
 
 
 def energy_of_water(mu_per_mm: float) -> float:
-    """Energy at which XCIST's water attenuates so much.
+    """Return the energy at which XCIST's water has an attenuation, keV.
 
     Parameters
     ----------
     mu_per_mm : float
         1/mm.
 
-    Returns
-    -------
-    float
-        keV.
-
     Raises
     ------
     InputError
-        If there is none.
+        If there is no such energy between ENERGIES_KEV.
     """
     most, least = (attenuation_per_mm("water", kev) for kev in ENERGIES_KEV)
     if not least <= mu_per_mm <= most:
         raise InputError(
-            f"mu_water_per_mm: the proof's water attenuates {least:.4f} to {most:.4f} per mm "
-            f"({ENERGIES_KEV[0]:g} to {ENERGIES_KEV[1]:g} keV), not {mu_per_mm:g}; change it or leave the proof out"
+            f"mu_water_per_mm: the water of the blind validation attenuates {least:.4f} to {most:.4f} per mm "
+            f"({ENERGIES_KEV[0]:g} to {ENERGIES_KEV[1]:g} keV), not {mu_per_mm:g}; change it or switch the blind "
+            "validation off"
         )
     return brentq(lambda kev: attenuation_per_mm("water", kev) - mu_per_mm, *ENERGIES_KEV)
 
 
 def simulate(scan: Scan, materials: Materials | Surfaces, repeats: int, seed: Stream) -> Acquired:
-    """Scan an object, in a process of its own: XCIST's library keeps one scan's state.
+    """Scan an object in a separate process, since XCIST's library keeps the state of one scan.
 
     Parameters
     ----------
     seed : Stream
-        Of the noise.
+        Stream of the noise.
     """
     with get_context("fork").Pool(1) as pool:
         return pool.apply(_simulate, (scan, materials, repeats, seed))
@@ -268,11 +264,11 @@ def _simulate(scan, materials, repeats, seed):
     from .hooks.flux import tube_current
 
     with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 1)  # the C library tells of every allocation; this process is its own
+        os.dup2(nowhere.fileno(), 1)  # the C library prints each allocation
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
         folder = Path(folder)
         cfg = _air(_configured(scan, materials, folder))
-        # XCIST's quanta grow with the tube current; each stands for so much of the reading.
+        # Quanta are proportional to the tube current. quantum_kev is the reading per quantum.
         quanta = central(cfg.hooks.quanta, scan)
         current = scan.photons * scan.settings.get("flux_factor", 1.0) / quanta
         quantum_kev = central(cfg.hooks.views[0][0].T, scan) / quanta
@@ -289,7 +285,7 @@ def _simulate(scan, materials, repeats, seed):
 
 
 def central(values: np.ndarray, scan: Scan) -> float:
-    """Mean over the detector's middle.
+    """Return the mean over the center of the detector.
 
     Parameters
     ----------
@@ -312,7 +308,7 @@ def _one_scan(cfg):
 
 
 def _seed(cfg, seed):
-    """Quantum noise comes from XCIST's C library, electronic noise from numpy's global state."""
+    """Seed the quantum noise of XCIST's C library and the electronic noise, which uses NumPy's global state."""
     from gecatsim.pyfiles.C_set_random_seed import C_set_random_seed
 
     first, second, third = (int(word) for word in seed.generate_state(3) >> 2)
@@ -353,7 +349,7 @@ def _configured(
     protocol.bowtie = "" if "bowtie" not in settings else _scaled_bowtie(settings, folder)
     protocol.wobbleDistance = settings.get("wobble_mm", 0.0)
     protocol.dutyRatio = settings.get("duty", 1.0)
-    # XCIST begins to expose with the view's interval; views are named by the middle of their exposure.
+    # XCIST exposes from the start of a view's interval; recordings give the angle at the middle of the exposure.
     protocol.startAngle = 360 / scan.views * (1 - protocol.dutyRatio) / 2
     physics.fluxCallback = HOOKS + "flux"
     physics.recalcFlux = 1
@@ -392,7 +388,7 @@ def _configured(
 
 
 def _scaled_bowtie(settings: dict, folder: Path) -> str:
-    """One of XCIST's bowties, all thicknesses scaled."""
+    """Write one of XCIST's bowtie filters with scaled thicknesses."""
     from gecatsim.pyfiles.CommonTools import my_path
 
     table = np.loadtxt(my_path.find("bowtie", settings["bowtie"], ".txt"), comments=["#", "%"])

@@ -1,1 +1,1 @@
-"""Seals opened, and verdicts held against what was concealed."""
+"""Comparison of verdicts with the hidden effects after the seals are opened."""

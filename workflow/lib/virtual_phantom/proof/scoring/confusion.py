@@ -1,4 +1,4 @@
-"""What was concealed against what was named first."""
+"""Confusion matrix of the hidden effect and the effect named first."""
 
 from __future__ import annotations
 
@@ -8,58 +8,58 @@ from collections.abc import Sequence
 from ..hiding.case import MATCH, Case
 from ..hiding.catalogue import STRENGTHS
 
-NOTHING = "nothing"  # row: nothing concealed; column: a match
-NOTHING_FITS = "no effect fits"  # column: a difference, and no effect named
+NOTHING = "nothing"  # row: nothing hidden; column: a match
+NOTHING_FITS = "no effect fits"  # column: a difference without a named effect
 NOT_IN_LIBRARY = "{} (not in library)"
-OUTCOMES = ("right", "stand-in", "wrong")
+OUTCOMES = ("right", "stand-in", "wrong")  # keys in score.json; `stand-in`: a reported alternative
 MEANING = (
-    "Cases with one concealed effect, one that the library lacks, or nothing; cases with two are not in the matrix. "
-    "Right: the concealed effect named first; nothing concealed and a match; of effects that the library lacks, that "
-    "something is left unexplained. Stand-in: the concealed effect is reported to explain the data as well as the one "
-    "named first."
+    "Cases with one hidden effect of the library, one that the library lacks, or nothing. Cases with two are not in "
+    "the matrix. Right: the hidden effect was named first; a match if nothing is hidden; unexplained differences if "
+    "the library lacks the effect. Alternative: the hidden effect is reported to explain the data as well as the "
+    "effect named first."
 )
 
 
 def row_of(case: Case) -> str:
-    """The matrix's row of a case."""
+    """Return the row of a case in the matrix."""
     if case.category == "none":
         return NOTHING
     if case.category == "single":
-        return case.concealed[0]
+        return case.hidden[0]
     missing = [effect["name"] for effect in case.truth["effects"] if not effect["known"]]
     return NOT_IN_LIBRARY.format(" + ".join(missing))
 
 
 def column_of(case: Case) -> str:
-    """The matrix's column of a case."""
+    """Return the column of a case in the matrix."""
     return case.first or (NOTHING if case.verdict == MATCH else NOTHING_FITS)
 
 
 def outcome(case: Case) -> str:
-    """One of OUTCOMES."""
+    """Return one of OUTCOMES."""
     if case.right:
         return "right"
-    return "stand-in" if case.category == "single" and case.first_or_stand_in_right else "wrong"
+    return "stand-in" if case.category == "single" and case.first_or_alternative_right else "wrong"
 
 
 def matrix(cases: Sequence[Case]) -> dict:
-    """Counts by row, column and strength.
+    """Count cases by row, column and strength.
 
     Returns
     -------
     dict
-        Beside its meaning and the number of pairs_left_out
+        Meaning, number of pairs_left_out, and
 
-        * rows, columns: names, effects of the library, in one order, then nothing; then rows of effects that the
-          library lacks, and the column of differences without a name
+        * rows, columns: effects of the library in the same order, then nothing; then rows of effects that the library
+          lacks, and the column of differences without a named effect
         * counts: [row][column]
-        * cells: those that are not empty, by row, column, strength (None where there is none), count, outcomes
+        * cells: nonzero cells with row, column, strength (or None), count and outcomes
     """
-    taken = [case for case in cases if case.category != "pair"]
-    placed = [(row_of(case), column_of(case), case) for case in taken]
+    shown = [case for case in cases if case.category != "pair"]
+    placed = [(row_of(case), column_of(case), case) for case in shown]
     in_library = {row for row, _, case in placed if case.category == "single"}
     missing = sorted({row for row, _, case in placed if case.category == "unknown"})
-    named = {case.first for case in taken if case.first}
+    named = {case.first for case in shown if case.first}
     columns = [*sorted(in_library | named), NOTHING, NOTHING_FITS]
     rows = [*sorted(in_library), NOTHING, *missing]
     groups = Counter((row, column, case.strength, outcome(case)) for row, column, case in placed)
@@ -67,7 +67,7 @@ def matrix(cases: Sequence[Case]) -> dict:
     for row in rows:
         for column in columns:
             for strength in (*STRENGTHS, None):
-                counts = {one: groups[row, column, strength, one] for one in OUTCOMES}
+                counts = {outcome_name: groups[row, column, strength, outcome_name] for outcome_name in OUTCOMES}
                 if total := sum(counts.values()):
                     cells.append(
                         {"row": row, "column": column, "strength": strength, "count": total, "outcomes": counts}
@@ -82,5 +82,5 @@ def matrix(cases: Sequence[Case]) -> dict:
         "columns": columns,
         "counts": counts,
         "cells": cells,
-        "pairs_left_out": len(cases) - len(taken),
+        "pairs_left_out": len(cases) - len(shown),
     }

@@ -1,4 +1,4 @@
-"""The case that is shown, and its maps."""
+"""The case that the page shows as an example, and its residual maps."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ SHOWN_FIRST = ("strong", "medium", "weak", None)
 
 
 def example(cases: Sequence[Case]) -> Case:
-    """A typical case.
+    """Return a typical case.
 
-    Of those with one effect (else of all) that changes the mean, which maps show, of the largest strength there is, the
-    one whose excess removed is the median (the lower of two). Never the best one, and whether it is right plays no
-    part.
+    Candidates are cases with one effect (else all cases) that changes the mean, which maps show, of the largest
+    available strength. The result has the median of the excess removed (the lower of two). The correctness of the
+    answer plays no part.
 
     Raises
     ------
@@ -30,29 +30,24 @@ def example(cases: Sequence[Case]) -> Case:
         If there are no cases.
     """
     if not cases:
-        raise InputError("proof: there are no cases; nothing can be scored")
-    taken = [case for case in cases if case.category == "single"] or list(cases)
-    taken = [case for case in taken if MEAN in case.truth["where"]] or taken
-    strength = next(one for one in SHOWN_FIRST if any(case.strength == one for case in taken))
-    taken = [case for case in taken if case.strength == strength]
-    ranked = sorted(taken, key=lambda case: (case.diagnosis["excess_removed"] or 0.0, case.name))
+        raise InputError("proof: there are no cases to score; set proof.effects or proof.none")
+    candidates = [case for case in cases if case.category == "single"] or list(cases)
+    candidates = [case for case in candidates if MEAN in case.truth["where"]] or candidates
+    strength = next(strength for strength in SHOWN_FIRST if any(case.strength == strength for case in candidates))
+    candidates = [case for case in candidates if case.strength == strength]
+    ranked = sorted(candidates, key=lambda case: (case.diagnosis["excess_removed"] or 0.0, case.name))
     return ranked[(len(ranked) - 1) // 2]
 
 
 def in_words(case: Case) -> tuple[str, str]:
-    """What is concealed, and what was named."""
-    strength = f" ({case.strength})" if case.strength and case.concealed else ""
-    concealed = " and ".join(map(label, case.concealed)) or "nothing"
-    return concealed + strength, " and ".join(map(label, case.named)) or "nothing"
+    """Return the hidden and the named effects in words."""
+    strength = f" ({case.strength})" if case.strength and case.hidden else ""
+    hidden = " and ".join(map(label, case.hidden)) or "nothing"
+    return hidden + strength, " and ".join(map(label, case.named)) or "nothing"
 
 
 def residual_maps(folder: str | Path) -> tuple[np.ndarray, np.ndarray]:
-    """Standardised residuals before and after, from the maps of a diagnosis.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Of the maps.
+    """Read the standardized residuals before and after the fit from a folder of maps.
 
     Returns
     -------
@@ -61,7 +56,7 @@ def residual_maps(folder: str | Path) -> tuple[np.ndarray, np.ndarray]:
     Raises
     ------
     InputError
-        If one is missing or no such map.
+        If a map is missing or invalid.
     """
     found = []
     for name in RESIDUAL_MAPS:
@@ -72,6 +67,6 @@ def residual_maps(folder: str | Path) -> tuple[np.ndarray, np.ndarray]:
         except Exception as error:  # numpy raises many types on broken files
             raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())}); diagnose it again") from None
         if values.ndim != 2 or not np.isfinite(values).all():
-            raise InputError(f"{path}: is no map of finite numbers; diagnose the recording again")
+            raise InputError(f"{path}: is not a map of finite numbers; diagnose it again")
         found.append(values)
     return found[0], found[1]

@@ -1,4 +1,4 @@
-"""Shares with their intervals, medians and other quantiles."""
+"""Shares with confidence intervals, medians and other quantiles."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from scipy.stats import binomtest
 
 
 def share(flags: Iterable[bool]) -> dict:
-    """How many are true.
+    """Return the share of true flags.
 
     Returns
     -------
     dict
-        {"count", "n", "share", "ci95"}; share and ci95, Wilson's 95 % score interval [1]_, are None of none.
+        {"count", "n", "share", "ci95"}. ci95 is Wilson's 95 % score interval [1]_. share and ci95 are None if n is 0.
 
     References
     ----------
@@ -25,7 +25,7 @@ def share(flags: Iterable[bool]) -> dict:
 
 
 def share_of(count: int, n: int) -> dict:
-    """As `share`, of so many that are true."""
+    """As `share`, from counts."""
     if not n:
         return {"count": 0, "n": 0, "share": None, "ci95": None}
     interval = binomtest(count, n).proportion_ci(0.95, method="wilson")
@@ -33,11 +33,11 @@ def share_of(count: int, n: int) -> dict:
 
 
 def median(values: Iterable[float | None]) -> float | None:
-    """Of the values that are known; None if there are none."""
+    """Return the median of the values that are not None, or None without any."""
     return quantile(values, 0.5)
 
 
 def quantile(values: Iterable[float | None], share: float) -> float | None:
-    """Of the values that are known, linear between neighbours; None if there are none."""
+    """Return a quantile of the values that are not None, with linear interpolation, or None without any."""
     known = [value for value in values if value is not None]
     return float(np.quantile(known, share)) if known else None

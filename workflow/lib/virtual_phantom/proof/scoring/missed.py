@@ -1,4 +1,4 @@
-"""Cases that were not answered rightly: what was concealed, what was said, and why, by the diagnosis' numbers."""
+"""Reasons for wrong answers, from the numbers of the diagnosis."""
 
 from __future__ import annotations
 
@@ -9,51 +9,53 @@ from ..hiding.case import MATCH, UNEXPLAINED, Case
 
 
 def why(case: Case) -> list[str]:
-    """Sentences on a case that is not right; none of one that is."""
+    """Explain why the answer of a case is wrong; an empty list if it is right."""
     if case.right:
         return []
     if case.category == "none":
         worst = case.diagnosis["locations"][0]
         return [
-            "A difference between the two simulators, or noise, was taken for physics. It stood out most in "
+            "A difference between the two simulators, or noise, was mistaken for physics. It was most significant in "
             f"{worst['domain']} ({worst['where']})."
         ]
     if case.verdict == MATCH:
-        return ["Too little signal: with alignment alone, nothing stands out of the noise on data not fitted."]
+        return ["Too little signal: with alignment alone, no difference on data not fitted is significant."]
     if case.category == "unknown":
         names = " and ".join(label(name) for name in case.named)
-        return [f"On data not fitted, nothing significant is left beside {names}: it takes up the whole difference."]
+        return [f"On data not fitted, {names} explains the whole difference: no significant difference is left."]
     if case.verdict == UNEXPLAINED:
-        return ["A difference was seen, but no effect gained enough on data not fitted to be named."]
+        return [
+            "A difference was detected, but no effect improved the log score on data not fitted enough to be named."
+        ]
     enough = {case.first} if case.category == "single" else set(case.named)
-    return [_of(effect, case) for effect in case.concealed if effect not in enough]
+    return [_not_named(effect, case) for effect in case.hidden if effect not in enough]
 
 
-def _of(effect: str, case: Case) -> str:
-    """Why one concealed effect was not named (first)."""
+def _not_named(effect: str, case: Case) -> str:
+    """Explain why a hidden effect was not named (first)."""
     name = label(effect)
     name = name[:1].upper() + name[1:]
     if effect in case.named:
         return f"{name} was named, but not first."
-    hosts = [named for named in case.named if effect in case.with_stand_ins(named)]
+    hosts = [named for named in case.named if effect in case.with_alternatives(named)]
     if hosts:
         return (
-            f"{name} was reported as a stand-in of {label(hosts[0])}: in its place it loses less than {AS_GOOD:g} of "
-            "log score."
+            f"{name} was reported as an alternative to {label(hosts[0])}: it lowers the log score by less than "
+            f"{AS_GOOD:g}."
         )
-    promised = case.diagnosis.get("undecided", {}).get(effect)
-    if promised is not None:
+    improvement = case.diagnosis.get("undecided", {}).get(effect)
+    if improvement is not None:
         return (
-            f"{name} was left undecided: beside what was named it promised {number(promised)} of log score, as much as "
-            "an inexact model of that might leave."
+            f"{name} was left undecided: the expected improvement in log score is {number(improvement)}, which an "
+            "inexact model of the named effects could also cause."
         )
     lost = case.diagnosis["ruled_out"].get(effect)
     if lost is not None:
         return (
-            f"{name} was ruled out: in its best place it would lose {number(lost)} of log score. What was recorded of "
-            "it is nearer to the library's model of something else."
+            f"{name} was ruled out: as a replacement, it would lower the log score by at least "
+            f"{number(lost)}. In the recording, it resembles the library's model of another effect."
         )
     return (
-        f"{name} was neither named nor ruled out: in its best place it loses under {RULED_OUT:g} of log score, or it "
-        "was not among the candidates."
+        f"{name} was neither named nor ruled out: as a replacement, it lowers the log score by less than "
+        f"{RULED_OUT:g}, or it was not a candidate."
     )

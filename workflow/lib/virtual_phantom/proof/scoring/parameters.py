@@ -1,4 +1,4 @@
-"""How far fitted parameters lie from the concealed ones, and whether their intervals hold them."""
+"""Errors of fitted parameters and coverage of their intervals."""
 
 from __future__ import annotations
 
@@ -10,23 +10,26 @@ from ..hiding.catalogue import MODELS
 from .intervals import median, share
 
 MEANING = (
-    "Of effects that were concealed and named: parameters that the generator defines as the library does. Relative "
-    "error: fitted - concealed over what was concealed beyond the value that changes nothing. In half-widths: fitted - "
-    "concealed over half of the 95 % interval's width."
+    "Hidden effects that were named: parameters with the same definition in both simulators. Relative error: (fitted - "
+    "hidden) / (hidden - neutral). In half-widths: (fitted - hidden) over half of the width of the 95 % interval."
 )
 
 
 def errors(case: Case) -> list[dict]:
-    """Parameters of a case whose truth is comparable, those of effects that were not named left out.
+    """Compare the fitted parameters of a case with the hidden values.
+
+    Parameters without a comparable definition and effects that were not named are skipped.
 
     Returns
     -------
     list of dict
-        Each has case, effect, parameter, unit, concealed, fitted, ci95, relative_error (None of what changes nothing),
-        half_widths (None of an interval without width) and covered.
+        case, effect, parameter, unit, `concealed`, fitted, ci95, relative_error (None for a neutral value), half_widths
+        (None for an interval of zero width) and covered.
     """
     fitted = {effect["name"]: effect["parameters"] for effect in case.diagnosis["effects"]}
-    neutral = {(name, one.name): one.neutral or 0.0 for name in fitted for one in load(name).parameters}
+    neutral = {
+        (name, parameter.name): parameter.neutral or 0.0 for name in fitted for parameter in load(name).parameters
+    }
     found = []
     for effect in case.truth["effects"]:
         for name, truth in effect["comparable"].items():
@@ -53,19 +56,21 @@ def errors(case: Case) -> list[dict]:
 
 
 def summary(cases: Sequence[Case]) -> dict:
-    """Medians of the absolute errors, coverage in all, by effect and by whose model it is, and every parameter."""
+    """Return median absolute errors and coverage in all, by effect and by source of the equation, and all rows."""
     rows = [row for case in cases for row in errors(case)]
     effects = sorted({row["effect"] for row in rows})
     return {
         "meaning": MEANING,
-        "all": _of(rows),
-        "by_effect": {name: _of([row for row in rows if row["effect"] == name]) for name in effects},
-        "by_model": {model: _of([row for row in rows if row["effect"] in made]) for model, made in MODELS.items()},
+        "all": _accuracy(rows),
+        "by_effect": {name: _accuracy([row for row in rows if row["effect"] == name]) for name in effects},
+        "by_model": {
+            model: _accuracy([row for row in rows if row["effect"] in made]) for model, made in MODELS.items()
+        },
         "parameters": rows,
     }
 
 
-def _of(rows: list[dict]) -> dict:
+def _accuracy(rows: list[dict]) -> dict:
     return {
         "median_absolute_relative_error": median(_size(row["relative_error"]) for row in rows),
         "median_absolute_half_widths": median(_size(row["half_widths"]) for row in rows),

@@ -1,4 +1,4 @@
-"""Real recordings beside the concealed ones: shown by the same page, not scored, since nobody knows their truth."""
+"""Real recordings that the page shows next to the cases. They are not scored, since their truth is unknown."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..hiding.case import complete
 
 
 def row(path: str | Path) -> dict:
-    """What a diagnosis.json says, in short.
+    """Summarize a diagnosis.json.
 
     Raises
     ------
@@ -34,17 +34,17 @@ def row(path: str | Path) -> dict:
 
 
 def minutes(benchmarks: Sequence[str | Path], cores: int = 2) -> float | None:
-    """What jobs took by Snakemake's benchmarks, shared by so many cores.
+    """Return the duration of jobs from Snakemake's benchmarks, divided by the number of cores.
 
     Returns
     -------
     float or None
-        Minutes; None without any.
+        Minutes; None without benchmarks.
 
     Raises
     ------
     InputError
-        For a file that is none.
+        If a file is not a benchmark.
     """
     seconds = []
     for path in benchmarks:
@@ -52,5 +52,5 @@ def minutes(benchmarks: Sequence[str | Path], cores: int = 2) -> float | None:
             header, *lines = Path(path).read_text().splitlines()
             seconds += [float(line.split("\t")[header.split("\t").index("s")]) for line in lines]
         except (OSError, ValueError, IndexError):
-            raise InputError(f"{path}: is no benchmark of a job; delete it and run the job again") from None
+            raise InputError(f"{path}: is not a benchmark of a job; delete it and run the job again") from None
     return sum(seconds) / 60 / cores if seconds else None

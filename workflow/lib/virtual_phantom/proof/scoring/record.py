@@ -1,4 +1,4 @@
-"""What a score adds to the record of the proof, what the page shows of it, and two scores' coverage side by side."""
+"""The record of all scored seeds, its summary for the page, and a comparison of coverage in two scores."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ...statistics.proof_record import QUANTITIES, SeedResult, pooled_counts, re
 from .intervals import share_of
 
 MEANING = (
-    "Every seed that was looked at, counted as it was first scored. Pooled are those that were unseen then. Their "
-    "states of the code differ: Wilson's interval of a pooled count takes all cases to be alike, and is that of the "
-    "code as it was on average, not of its last state."
+    "All seeds that were inspected, with the counts of their first score. Pooled counts contain the seeds that were "
+    "unseen then, scored by different states of the code. Wilson's interval of a pooled count assumes equal cases, and "
+    "holds for the average state of the code, not for the last one."
 )
 
 
 def counts_of(score: Mapping) -> dict[str, tuple[int, int]]:
-    """The counts of a score that the record keeps, {name of QUANTITIES: (how many, of how many)}."""
+    """Return the counts that the record keeps of a score, {name of QUANTITIES: (count, n)}."""
     accuracy = score["accuracy"]
     shares = {
         "first_medium_or_strong": accuracy["first"]["medium_or_strong"],
@@ -35,25 +35,23 @@ def counts_of(score: Mapping) -> dict[str, tuple[int, int]]:
 
 
 def add(path: str | Path, score: Mapping, state: str, note: str, unseen: bool = True) -> None:
-    """Add the entry of a score to a record, after those that are there.
+    """Append a score to a record.
 
     Parameters
     ----------
     path : str or Path
-        Of the record.
+        File of the record.
     score : mapping
         Content of score.json.
-    state, note : str
-        As SeedResult has them.
-    unseen : bool, optional
-        As SeedResult has it.
+    state, note, unseen
+        As in SeedResult.
 
     Raises
     ------
     InputError
-        If the record is broken or has the seed, or the score is none that says its seed.
+        If the record is broken or has the seed, or if the score is not valid.
     """
-    with refusing("the score: is none that the record could keep", KeyError, TypeError, advice="score the suite again"):
+    with refusing("the score: is not valid", KeyError, TypeError, advice="score the suite again"):
         entry = {
             "seed": score["suite"]["seed"],
             "unseen": unseen,
@@ -62,19 +60,19 @@ def add(path: str | Path, score: Mapping, state: str, note: str, unseen: bool = 
             "note": note,
             "counts": {name: list(pair) for name, pair in counts_of(score).items()},
             "coverage": [
-                {"effects": [name], "held": [one["covered"]["count"], one["covered"]["n"]]}
-                for name, one in score["parameters"]["by_effect"].items()
+                {"effects": [name], "held": [entry["covered"]["count"], entry["covered"]["n"]]}
+                for name, entry in score["parameters"]["by_effect"].items()
             ],
         }
-    if entry["seed"] in [one.seed for one in read_proof_record(path)]:
-        raise InputError(f"{path}: has seed {entry['seed']} already; a seed counts once, as it was first scored")
+    if entry["seed"] in [entry.seed for entry in read_proof_record(path)]:
+        raise InputError(f"{path}: already has seed {entry['seed']}; add each seed once, with its first score")
     text = yaml.safe_dump([entry], sort_keys=False, width=120, default_flow_style=None, allow_unicode=True)
     with replacing(path, checksum=False) as made:
         made.write_text(Path(path).read_text(encoding="utf-8") + text, encoding="utf-8")
 
 
 def summary(entries: Sequence[SeedResult]) -> dict:
-    """What the page shows: every seed's counts, and the pooled ones with Wilson's 95 % intervals."""
+    """Return the counts of each seed and the pooled counts with Wilson's 95 % intervals."""
     return {
         "meaning": MEANING,
         "quantities": QUANTITIES,
@@ -94,16 +92,18 @@ def summary(entries: Sequence[SeedResult]) -> dict:
 
 
 def coverage_table(first: Mapping, second: Mapping) -> list[str]:
-    """Lines of a table: which 95 % intervals held the truth, by effect, in one score and in another."""
-    tables = [one["parameters"] for one in (first, second)]
+    """Return the lines of a table of the coverage of 95 % intervals by effect, in two scores."""
+    tables = [score["parameters"] for score in (first, second)]
     names = sorted(set(tables[0]["by_effect"]) | set(tables[1]["by_effect"]))
     rows = [(name, [table["by_effect"].get(name) for table in tables]) for name in names]
     rows.append(("all", [table["all"] for table in tables]))
-    seeds = [f"seed {one['suite']['seed']}" for one in (first, second)]
+    seeds = [f"seed {score['suite']['seed']}" for score in (first, second)]
     width = max(len(name) for name, _ in rows)
-    lines = [f"{'95 % intervals that held':{width}}  {seeds[0]:>16}  {seeds[1]:>16}"]
-    return lines + [f"{name:{width}}  " + "  ".join(f"{_of(one):>16}" for one in pair) for name, pair in rows]
+    lines = [f"{'95 % intervals: coverage':{width}}  {seeds[0]:>16}  {seeds[1]:>16}"]
+    return lines + [f"{name:{width}}  " + "  ".join(f"{_count(entry):>16}" for entry in pair) for name, pair in rows]
 
 
-def _of(one: Mapping | None) -> str:
-    return "-" if one is None or not one["covered"]["n"] else f"{one['covered']['count']} of {one['covered']['n']}"
+def _count(entry: Mapping | None) -> str:
+    return (
+        "-" if entry is None or not entry["covered"]["n"] else f"{entry['covered']['count']} of {entry['covered']['n']}"
+    )

@@ -1,4 +1,4 @@
-"""How well what is left tells cases that the library lacks something for from those that it has everything for."""
+"""How well the unexplained difference separates cases with missing physics from cases that the library explains."""
 
 from __future__ import annotations
 
@@ -8,41 +8,45 @@ from ..hiding.case import Case
 from .intervals import share
 
 MEANING = (
-    "By the standard deviations that are left (remainder_sd), for every bound on them: the share of cases with a fault "
-    "that the library lacks, without an equal among what is named, that lie over it, and the share of cases of the "
-    "library's effects, all named and none beside, or of nothing, that do. Area: the chance that one of the first has "
-    "more left than one of the second, equal numbers counted as half."
+    "Unexplained difference (remainder_sd), compared with each bound. Lacking: share of the cases above the bound that "
+    "have a fault that the library lacks, if no equivalent was named. Had: share of the other cases above the bound, "
+    "if precisely the hidden effects were named. Area: probability that a case of the first group has the larger "
+    "unexplained difference, with ties counted as half."
 )
 
 
 def summary(cases: Sequence[Case]) -> dict:
-    """Owned-up cases by kind, and the curve of remainders.
+    """Return the share of cases reported as unexplained, by fault, and the curve of unexplained differences.
 
     Returns
     -------
     dict
-        by_kind, {kind: share}; lacking and had, their numbers; curve, [{bound, lacking, had}], bounds falling; area,
-        None where either is missing.
+        by_kind, {fault: share}; lacking and had, numbers of cases; curve, [{bound, lacking, had}] with decreasing
+        bounds; area, None if a group is empty.
     """
     unknown = [case for case in cases if case.category == "unknown"]
-    kinds = sorted({name for case in unknown for name in case.concealed})
-    lacking = _left(case for case in unknown if not case.equal_named)
-    had = _left(case for case in cases if case.in_library and set(case.named) == set(case.concealed))
-    bounds = sorted({*lacking, *had}, reverse=True) if lacking and had else []
+    kinds = sorted({name for case in unknown for name in case.hidden})
+    missing = _left(case for case in unknown if not case.equivalent_named)
+    explained = _left(case for case in cases if case.in_library and set(case.named) == set(case.hidden))
+    bounds = sorted({*missing, *explained}, reverse=True) if missing and explained else []
     return {
         "meaning": MEANING,
-        "by_kind": {name: share(case.owned_up for case in unknown if name in case.concealed) for name in kinds},
-        "lacking": len(lacking),
-        "had": len(had),
-        "curve": [{"bound": bound, "lacking": _over(lacking, bound), "had": _over(had, bound)} for bound in bounds],
-        "area": area(lacking, had),
+        "by_kind": {
+            name: share(case.reported_unexplained for case in unknown if name in case.hidden) for name in kinds
+        },
+        "lacking": len(missing),
+        "had": len(explained),
+        "curve": [
+            {"bound": bound, "lacking": _over(missing, bound), "had": _over(explained, bound)} for bound in bounds
+        ],
+        "area": area(missing, explained),
     }
 
 
 def _left(cases: Iterable[Case]) -> list[float]:
-    """What is left of cases, but for those whose halves share no ray."""
-    left = (case.diagnosis["remainder_sd"] for case in cases)
-    return [one for one in left if one is not None]
+    """Unexplained differences of cases, except for cases whose two halves share no ray."""
+    remainders = (case.diagnosis["remainder_sd"] for case in cases)
+    return [value for value in remainders if value is not None]
 
 
 def _over(values: Sequence[float], bound: float) -> float:
@@ -50,14 +54,8 @@ def _over(values: Sequence[float], bound: float) -> float:
 
 
 def area(more: Sequence[float], less: Sequence[float]) -> float | None:
-    """The chance that a value of the first is larger than one of the second, equal ones counted as half.
-
-    Returns
-    -------
-    float or None
-        None if either is empty.
-    """
+    """Probability that a value of `more` exceeds one of `less`; ties count as half. None if either is empty."""
     if not more or not less:
         return None
-    wins = sum((one > other) + 0.5 * (one == other) for one in more for other in less)
+    wins = sum((value > other) + 0.5 * (value == other) for value in more for other in less)
     return wins / len(more) / len(less)

@@ -1,4 +1,4 @@
-"""The score of the blind test: every number that score.json holds."""
+"""The score of the blind validation: all numbers in score.json."""
 
 from __future__ import annotations
 
@@ -8,38 +8,40 @@ from collections.abc import Callable, Mapping, Sequence
 from ...physics.effect import names
 from ...statistics.proof_record import SeedResult
 from ..hiding.case import ADMITTED, CATEGORIES, KINDS, MATCH, Case
-from ..hiding.catalogue import CATALOGUE, MODELS, STRENGTHS, never_concealed
+from ..hiding.catalogue import CATALOGUE, MODELS, STRENGTHS, never_hidden
 from . import agreement, calibration, confusion, parameters, record, remainders
 from .intervals import median, quantile, share
 from .missed import why
 from .targets import targets
 
 MEANING = {
-    "first": "Cases with one concealed effect of the library: it was named first.",
-    "first_or_stand_in": "The same, or it was reported to explain the data as well as the one named first.",
-    "exact": "Cases whose concealed effects the library has, or with none: precisely these were named, in any order; "
-    "of nothing, a match.",
-    "pairs": "Cases with two concealed effects.",
-    "beside": "Cases with one or two concealed effects of the library: something was named that is not among them.",
-    "left_open": "Cases with one or two concealed effects of the library, all of them named: the verdict left "
-    "something unexplained all the same.",
-    "false_alarms": "Cases with nothing concealed: the verdict was not a match.",
-    "unknown": "Cases with a fault that the library lacks: the verdict says that something is left unexplained, or "
-    "names what the catalogue had called an equal before the run, and nothing else.",
+    "first": "Cases with one hidden effect of the library: it was named first.",
+    "first_or_stand_in": "The same, or it was reported as an alternative to the effect named first.",
+    "exact": "Cases without a hidden effect that the library lacks: precisely the hidden effects were named, in any "
+    "order. If nothing is hidden: the verdict is a match.",
+    "pairs": "Cases with two hidden effects.",
+    "beside": "Cases with one or two hidden effects of the library: another effect was named.",
+    "left_open": "Cases with one or two hidden effects of the library, all of them named: the verdict reports "
+    "unexplained differences.",
+    "false_alarms": "Cases without a hidden effect: the verdict was not a match.",
+    "unknown": "Cases with a fault that the library lacks: the verdict reports unexplained differences, or precisely "
+    "effects were named that the catalogue declares as equivalent before the run.",
     "located": "Cases with stated domains: a significant difference was found in one of them.",
     "excess_removed": (
-        "Share of the difference beyond noise, on data not fitted, that the named effects remove. Where something was "
-        "concealed and nothing named, or nothing gained, it counts as 0. What is left counts from three standard "
-        "deviations of its noise on: of a weak effect, all may seem removed where much is not seen. One case in ten "
-        "lies under the tenth percentile. Compare right with wrong names before a share is taken to show anything."
+        "Share of the difference beyond noise, on data not fitted, that the named effects remove. It is 0 if an "
+        "effect was hidden but none was named, or if nothing was removed. A remaining difference counts if it "
+        "exceeds three standard deviations of its noise. A share of 100 % can therefore hide a weak remaining "
+        "difference. One case in ten is below the tenth percentile. Compare cases with right and with wrong names "
+        "before you interpret a share."
     ),
     "remainder_sd": (
-        "What is left in common on fitted data and data not fitted, over all rays or voxels, in standard deviations of "
-        "what noise alone gives: 0 in half of the cases and under 1.3 in nine of ten if nothing is left."
+        "Unexplained difference that fitted data and data not fitted share, over all rays or voxels. The unit is the "
+        "standard deviation for noise alone. Without an unexplained difference, it is 0 in half of the cases and below "
+        "1.3 in nine of ten."
     ),
     "models": (
-        "Where the library's equation is written again, a right name shows that the effect is found in another "
-        "simulator's scans, not that the equation is right."
+        "If the recordings use the equation of the library, written again, a right name shows that the effect is found "
+        "in the scans of another simulator. It does not show that the equation is right."
     ),
 }
 
@@ -51,18 +53,18 @@ def score(
     suite: Mapping | None = None,
     entries: Sequence[SeedResult] = (),
 ) -> dict:
-    """What score.json holds.
+    """Return the content of score.json.
 
     Parameters
     ----------
     minutes : float, optional
-        That the suite's scans and diagnoses took over two cores; None: not measured.
+        Wall time of the scans and diagnoses on two cores; None if it was not measured.
     real : sequence of dict, optional
         Rows of real recordings (real.row).
     suite : mapping, optional
-        The section `proof` of the configuration; None: not known, and no entry of the record can be made of it.
+        Section `proof` of the configuration. None: unknown, and the score cannot be added to the record.
     entries : sequence of SeedResult, optional
-        Of the record of the proof.
+        Entries of the record.
     """
     found = {
         "suite": dict(suite or {}),
@@ -83,11 +85,11 @@ def score(
 
 
 def counts(cases: Sequence[Case]) -> dict:
-    """How many cases there are: in all, by category, kind and phantom, and of one effect by strength."""
-    singles = _of(cases, "single")
+    """Count the cases in all, by category, kind and phantom, and cases with one effect by strength."""
+    singles = _in_category(cases, "single")
     return {
         "cases": len(cases),
-        "by_category": {name: len(_of(cases, name)) for name in CATEGORIES},
+        "by_category": {name: len(_in_category(cases, name)) for name in CATEGORIES},
         "by_kind": {kind: sum(case.kind == kind for case in cases) for kind in KINDS},
         "by_phantom": dict(sorted(Counter(case.truth["phantom"] for case in cases).items())),
         "single_by_strength": {name: sum(case.strength == name for case in singles) for name in STRENGTHS},
@@ -95,24 +97,24 @@ def counts(cases: Sequence[Case]) -> dict:
 
 
 def effects(cases: Sequence[Case]) -> dict:
-    """How many effects the library has, which the suite can and does conceal, and whose models make the recordings.
+    """Return the numbers of effects that the library has and that can be hidden, and the sources of their equations.
 
     Returns
     -------
     dict
-        Among the rest, models, {model: {concealed, lacking}}: names of the effects that this suite conceals, those that
-        the library has and those that it lacks.
+        Includes models, `{source: {concealed, lacking}}`: hidden effects that the library has, and faults
+        that it lacks.
     """
-    concealed = sorted({effect for case in cases for effect in case.concealed})
+    hidden = sorted({effect for case in cases for effect in case.hidden})
     return {
         "meaning": MEANING["models"],
         "library": len(names()),
-        "can_be_concealed": sum(one.known for one in CATALOGUE.values()),
-        "never_concealed": never_concealed(),
+        "can_be_concealed": sum(effect.known for effect in CATALOGUE.values()),
+        "never_concealed": never_hidden(),
         "models": {
             model: {
-                "concealed": [name for name in concealed if name in made and name in names()],
-                "lacking": [name for name in concealed if name in made and name not in names()],
+                "concealed": [name for name in hidden if name in made and name in names()],
+                "lacking": [name for name in hidden if name in made and name not in names()],
             }
             for model, made in MODELS.items()
         },
@@ -120,50 +122,50 @@ def effects(cases: Sequence[Case]) -> dict:
 
 
 def accuracy(cases: Sequence[Case]) -> dict:
-    """Shares with Wilson's 95 % intervals, and what each means."""
-    singles, pairs, blank = (_of(cases, name) for name in ("single", "pair", "none"))
+    """Return shares with Wilson's 95 % intervals, and the meaning of each."""
+    singles, pairs, blank = (_in_category(cases, name) for name in ("single", "pair", "none"))
     stated = [case for case in cases if case.truth["where"]]
-    tested = {place["domain"] for case in cases for place in case.diagnosis["locations"]}
+    tested = {location["domain"] for case in cases for location in case.diagnosis["locations"]}
     return {
         "meaning": MEANING,
         "first": _broken_down(singles, lambda case: case.first_right),
-        "first_or_stand_in": _broken_down(singles, lambda case: case.first_or_stand_in_right),
+        "first_or_stand_in": _broken_down(singles, lambda case: case.first_or_alternative_right),
         "exact": {"all": share(case.exact for case in cases if case.in_library)}
-        | {name: share(case.exact for case in _of(cases, name)) for name in CATEGORIES if name != "unknown"},
+        | {name: share(case.exact for case in _in_category(cases, name)) for name in CATEGORIES if name != "unknown"},
         "pairs": {
             "both_named": share(case.all_named for case in pairs),
-            "both_named_or_stand_ins": share(case.all_or_stand_ins_named for case in pairs),
-            "one_named": share(bool(set(case.named) & set(case.concealed)) for case in pairs),
+            "both_named_or_stand_ins": share(case.all_or_alternatives_named for case in pairs),
+            "one_named": share(bool(set(case.named) & set(case.hidden)) for case in pairs),
         },
-        "beside": share(bool(set(case.named) - set(case.concealed)) for case in (*singles, *pairs)),
+        "beside": share(bool(set(case.named) - set(case.hidden)) for case in (*singles, *pairs)),
         "left_open": share(case.verdict in ADMITTED for case in (*singles, *pairs) if case.all_named),
         "false_alarms": share(case.verdict != MATCH for case in blank),
-        "unknown": share(case.owned_up for case in _of(cases, "unknown")),
+        "unknown": share(case.reported_unexplained for case in _in_category(cases, "unknown")),
         "located": share(case.located for case in stated),
         "domains_never_tested": sorted({domain for case in stated for domain in case.truth["where"]} - tested),
     }
 
 
 def excess_removed(cases: Sequence[Case]) -> dict:
-    """How much the named effects remove and what they leave, by group of cases.
+    """Return how much the named effects remove and leave, by group of cases.
 
     Returns
     -------
     dict
-        Beside its meanings
+        Meanings, and
 
         * in_library: one or two effects of the library; projections and images are the same by kind
         * lacking: an effect that the library lacks
-        * right: something concealed, precisely that named
-        * wrong: something named that was not concealed, whatever the case
+        * right: precisely the hidden effects were named, at least one
+        * wrong: an effect was named that is not hidden, in any case
     """
     known = [case for case in cases if case.category in ("single", "pair")]
     groups = {
         "in_library": known,
         **{kind: [case for case in known if case.kind == kind] for kind in KINDS},
-        "lacking": _of(cases, "unknown"),
-        "right": [case for case in cases if case.concealed and case.exact],
-        "wrong": [case for case in cases if set(case.named) - set(case.concealed)],
+        "lacking": _in_category(cases, "unknown"),
+        "right": [case for case in cases if case.hidden and case.exact],
+        "wrong": [case for case in cases if set(case.named) - set(case.hidden)],
     }
     meaning = {"meaning": MEANING["excess_removed"], "meaning_of_remainder": MEANING["remainder_sd"]}
     return meaning | {name: _removed(group) for name, group in groups.items()}
@@ -172,7 +174,7 @@ def excess_removed(cases: Sequence[Case]) -> dict:
 def _removed(cases: Sequence[Case]) -> dict:
     values = [case.diagnosis["excess_removed"] for case in cases]
     counted = [value or 0.0 for value in values]
-    left = [case.diagnosis["remainder_sd"] for case in cases]
+    remainders_sd = [case.diagnosis["remainder_sd"] for case in cases]
     return {
         "n": len(values),
         "counted_as_0": values.count(None),
@@ -180,26 +182,26 @@ def _removed(cases: Sequence[Case]) -> dict:
         "median_where_named": median(values),
         "tenth_percentile": quantile(counted, 0.1),
         "remainder_sd": {
-            "median": median(left),
-            "ninetieth_percentile": quantile(left, 0.9),
-            "most": quantile(left, 1),
+            "median": median(remainders_sd),
+            "ninetieth_percentile": quantile(remainders_sd, 0.9),
+            "most": quantile(remainders_sd, 1),
         },
     }
 
 
 def row(case: Case) -> dict:
-    """One case in short."""
+    """Summarize a case."""
     return {
         "case": case.name,
         "category": case.category,
         "kind": case.kind,
         "phantom": case.truth["phantom"],
         "strength": case.strength,
-        "concealed": list(case.concealed),
+        "concealed": list(case.hidden),
         "verdict": case.verdict,
         "sentence": case.diagnosis["sentence"],
         "named": list(case.named),
-        "ambiguous_with": {name: sorted(case.with_stand_ins(name) - {name}) for name in case.named},
+        "ambiguous_with": {name: sorted(case.with_alternatives(name) - {name}) for name in case.named},
         "right": case.right,
         "located": case.located if case.truth["where"] else None,
         "excess_removed": case.diagnosis["excess_removed"],
@@ -209,19 +211,19 @@ def row(case: Case) -> dict:
     }
 
 
-def _of(cases: Sequence[Case], category: str) -> list[Case]:
+def _in_category(cases: Sequence[Case], category: str) -> list[Case]:
     return [case for case in cases if case.category == category]
 
 
 def _broken_down(singles: Sequence[Case], right: Callable[[Case], bool]) -> dict:
-    effects = sorted({case.concealed[0] for case in singles})
+    effects = sorted({case.hidden[0] for case in singles})
     return {
         "all": share(map(right, singles)),
         "medium_or_strong": share(right(case) for case in singles if case.strength in STRENGTHS[1:]),
         "by_strength": {name: share(right(case) for case in singles if case.strength == name) for name in STRENGTHS},
         "by_kind": {kind: share(right(case) for case in singles if case.kind == kind) for kind in KINDS},
-        "by_effect": {name: share(right(case) for case in singles if case.concealed[0] == name) for name in effects},
+        "by_effect": {name: share(right(case) for case in singles if case.hidden[0] == name) for name in effects},
         "by_model": {
-            model: share(right(case) for case in singles if case.concealed[0] in made) for model, made in MODELS.items()
+            model: share(right(case) for case in singles if case.hidden[0] in made) for model, made in MODELS.items()
         },
     }

@@ -1,4 +1,4 @@
-"""What the blind test must reach, and whether it did."""
+"""Targets of the blind validation, and whether they are reached."""
 
 from __future__ import annotations
 
@@ -7,32 +7,31 @@ from collections.abc import Mapping
 from ...base.names import label
 from .agreement import TARGETS as AGREEMENT_TARGETS
 
-MINUTES = 90.0  # of the whole suite on two cores
+MINUTES = 90.0  # wall time of the whole suite on two cores
 
 
 def targets(score: Mapping, minutes: float | None = None) -> list[dict]:
-    """Targets of the blind test, and what was reached of them.
+    """Compare the score with the targets of the blind validation.
 
     Parameters
     ----------
     score : mapping
-        What score.score has found so far.
+        Numbers that score.score has computed so far.
     minutes : float, optional
-        That the suite's scans and diagnoses took over two cores; None: not measured.
+        Wall time of the scans and diagnoses on two cores; None if it was not measured.
 
     Returns
     -------
     list of dict
-        Each {name, what, value, target, sense, unit, n, ci95, reached}; value and reached are None where nothing
-        counts.
+        {name, what, value, target, sense, unit, n, ci95, reached}. value and reached are None without a measurement.
     """
     accuracy = score["accuracy"]
     stronger = accuracy["first"]["medium_or_strong"]
     found = [
         _share("first", "named first, one effect of medium or strong strength", stronger, 0.9),
         _share("pairs", "both of two effects named", accuracy["pairs"]["both_named"], 0.75),
-        _share("false_alarms", "false alarms where nothing is concealed", accuracy["false_alarms"], 0.05, "at most"),
-        _share("unknown", "something left unexplained where the library lacks the effect", accuracy["unknown"], 0.8),
+        _share("false_alarms", "false alarms if nothing is hidden", accuracy["false_alarms"], 0.05, "at most"),
+        _share("unknown", "reported as unexplained if the library lacks the effect", accuracy["unknown"], 0.8),
     ]
     removed = score["excess_removed"]["in_library"]
     found.append(_target("excess_removed", "held-out excess removed, median", removed["median"], 0.85, n=removed["n"]))
@@ -40,9 +39,7 @@ def targets(score: Mapping, minutes: float | None = None) -> list[dict]:
         entry = score["agreement"]["metrics"][metric]
         what = f"{label(metric)} on the held-out protocol, median difference after the fit"
         found.append(_target(metric, what, entry["after"], limit, "at most", n=entry["n"]))
-    found.append(
-        _target("minutes", "its scans and diagnoses on two cores", minutes, MINUTES, "at most", unit="minutes")
-    )
+    found.append(_target("minutes", "scans and diagnoses on two cores", minutes, MINUTES, "at most", unit="minutes"))
     return found
 
 

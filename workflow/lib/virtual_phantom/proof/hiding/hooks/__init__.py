@@ -1,4 +1,4 @@
-"""Callbacks that XCIST finds by name: one module each, holding a function of the module's name.
+"""Callbacks that XCIST finds by name: one module per callback, with a function of the same name.
 
-They make what XCIST lacks, each from its own equation, and read their settings from `cfg.hooks`.
+They add physics that XCIST lacks, from equations of this package. Settings come from `cfg.hooks`.
 """

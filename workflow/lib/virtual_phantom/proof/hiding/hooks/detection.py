@@ -1,4 +1,4 @@
-"""Every repeat's reading of a view from one projection: XCIST's own detection, run once per repeat."""
+"""Readings of a view for all repeats from one projection: XCIST's detection, run once per repeat."""
 
 import numpy as np
 from gecatsim.pyfiles.Detection_EI import Detection_EI
@@ -7,7 +7,7 @@ from ..faults import refracted
 
 
 def detection(cfg, view, subview):
-    """Add up a view's subviews, then let XCIST detect them once per repeat, each with its own noise and lag.
+    """Add up the subviews of a view, then run XCIST's detection once per repeat, each with its own noise and lag.
 
     Readings are appended to `cfg.hooks.views`, shape (repeats, rows, columns).
     """
@@ -21,7 +21,7 @@ def detection(cfg, view, subview):
         hooks.photons = refracted(hooks.photons.reshape(shape), amount).reshape(hooks.photons.shape)
     readings = []
     repeats = 1 if cfg.sim.isAirScan else hooks.repeats
-    cfg.sim.subViewCount = 1  # detection sees them as one: sums of Poisson counts are Poisson counts
+    cfg.sim.subViewCount = 1  # one detection for their sum: a sum of Poisson counts is a Poisson count
     for repeat in range(repeats):
         cfg.thisSubView = hooks.photons.copy()
         if view > cfg.sim.startViewId and cfg.physics.lagCallback:

@@ -1,4 +1,4 @@
-"""Photons per pixel and view: XCIST's own, with the anode's heel, a collimator, and a modulated tube current."""
+"""Photons per pixel and view: XCIST's flux with heel effect, collimator and tube current modulation."""
 
 import numpy as np
 from gecatsim.pyfiles.Detection_Flux import Detection_Flux
@@ -8,11 +8,11 @@ from .source import seen
 
 
 def flux(cfg):
-    """XCIST's flux, times the heel and the tube current.
+    """Multiply XCIST's flux by the heel effect and the tube current.
 
-    The heel: electrons stop at a depth d in the tungsten, whose angle is t; a ray at the cone angle a then passes d /
-    sin(t + a) of it [1]_, relative to the central ray. The current is modulated in the scan of the object: a monitor
-    corrects that in the mean.
+    Electrons stop at a depth d in tungsten with anode angle t. A ray at the cone angle a passes d / sin(t + a) of
+    tungsten [1]_, here relative to the central ray. The current is modulated in the scan of the object only; a monitor
+    corrects its mean.
 
     References
     ----------
@@ -37,7 +37,7 @@ def flux(cfg):
 
 
 def tube_current(cfg, view):
-    """The current of a view, or of several, over its mean: 1 + c cos 2b + s sin 2b at the gantry's angle b."""
+    """Relative current of one or more views: 1 + c cos 2b + s sin 2b at the gantry angle b."""
     cosine, sine = cfg.hooks.modulation
     turned = view / cfg.protocol.viewsPerRotation
     angle = np.deg2rad(cfg.protocol.startAngle) + 2 * np.pi * cfg.protocol.rotationDirection * turned

@@ -1,4 +1,4 @@
-"""Places of source and detector in every view: XCIST's own, then what is displaced."""
+"""Positions of source and detector in each view: XCIST's rotation with hidden displacements."""
 
 import numpy as np
 from gecatsim.pyfiles.Gantry_Helical import Gantry_Helical
@@ -7,16 +7,18 @@ from ..unsteady import breathed, jittered, swung, turned
 
 
 def gantry(cfg):
-    """XCIST's rotation, with parts that are displaced or turned, and an unsteady object.
+    """Add displacements and rotations to XCIST's gantry; they also model a moving object.
 
-    An object displaced by d is a source and a detector displaced by -d, and one turned by an angle these turned back.
+    An object displaced by d equals a source and a detector displaced by -d. The same holds for rotations.
     """
     cfg = Gantry_Helical(cfg)
     hooks = cfg.hooks
     along, up = cfg.detNew.uvecs[0], cfg.detNew.vvecs[0]  # the directions of growing columns and rows
     shift = hooks.detector_columns_px * cfg.scanner.detectorColSize * along + hooks.detector_rows_mm * up
     interval = cfg.protocol.rotationTime / cfg.protocol.viewsPerRotation  # s
-    time = cfg.time + interval / 2 - interval * cfg.sim.viewCount / 2  # of the view's middle, from the scan's
+    time = (
+        cfg.time + interval / 2 - interval * cfg.sim.viewCount / 2
+    )  # middle of the view, relative to the middle of the scan
     displaced = hooks.axis_shift_mm * along + time * np.asarray(hooks.velocity_mm_per_s)
     drift = time * np.asarray(hooks.source_mm_per_s) @ [along, up, np.cross(up, along)]
     settings, turns, angle = vars(hooks), cfg.time / cfg.protocol.rotationTime, 0.0

@@ -1,4 +1,4 @@
-"""XCIST's output callback: nothing is written, the readings are kept by `detection`."""
+"""XCIST's output callback: writes nothing, since `detection` keeps the readings."""
 
 
 def output(cfg, view):

@@ -1,7 +1,7 @@
-"""XCIST's projection on cells finer than the detector's, whose transmissions are averaged.
+"""XCIST's projection on subdivided detector cells, with averaged transmissions.
 
-Its distance-driven projector averages path lengths over a cell; a detector adds up photons. Finer cells bring the one
-close to the other.
+XCIST's distance-driven projector averages path lengths over a cell, while a detector adds up photons. Smaller cells
+reduce the difference.
 """
 
 import copy
@@ -20,13 +20,13 @@ def projector(cfg, view, subview):
     divided = cfg.hooks.cells_divided
     if view == cfg.sim.startViewId and subview == 0:
         cfg.hooks.fine = _divided(cfg, divided)
-        set_detector_voxelized(cfg.hooks.fine)  # the library projects onto these cells from here on
+        set_detector_voxelized(cfg.hooks.fine)  # XCIST's C library projects onto these cells from here on
     fine, scanner = cfg.hooks.fine, cfg.scanner
     finer = copy.copy(cfg)
     finer.detNew = copy.copy(cfg.detNew)
     finer.detNew.totalNumCells = fine.det.totalNumCells
     finer.thisSubView = np.ones((fine.det.totalNumCells, cfg.spec.nEbin), np.float32)
-    if cfg.hooks.beside_mm:  # points of the source that not every cell sees: weights of each cell's own
+    if cfg.hooks.beside_mm:  # off-focal points, which not every cell sees: weights per cell
         finer.srcNew = copy.copy(cfg.srcNew)
         cells = np.repeat(seen(cfg, divided), scanner.detectorRowCount * divided, axis=1)
         finer.srcNew.weights = (cfg.src.weights[0][:, None] * cells)[None, :, :, None]
@@ -38,14 +38,14 @@ def projector(cfg, view, subview):
         transmission = moved.reshape(transmission.shape)
     shape = scanner.detectorColCount, divided, scanner.detectorRowCount, divided, cfg.spec.nEbin
     mean = transmission.reshape(shape).mean(axis=(1, 3)).reshape(-1, cfg.spec.nEbin)
-    if cfg.hooks.beside_mm:  # which the flux holds already
+    if cfg.hooks.beside_mm:  # already part of the flux
         mean = mean / cfg.hooks.open
     cfg.thisSubView = cfg.thisSubView * mean
     return cfg
 
 
 def _divided(cfg, divided):
-    """A configuration with a detector of the same size and `divided` times as many cells each way."""
+    """Return a configuration whose detector has the same size and `divided` times as many cells per direction."""
     finer = copy.copy(cfg)
     finer.scanner = scanner = copy.copy(cfg.scanner)
     finer.det = None

@@ -1,4 +1,4 @@
-"""What can be concealed: an effect or a kind of fault, how strong, and how the simulator is asked for it."""
+"""An effect or fault that can be hidden: its strengths and the settings of the simulator."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ IMAGE = ("image", "slices", "distance from the axis", "tissue", "edges")
 
 
 @dataclass(frozen=True)
-class Concealable:
-    """An effect that can be concealed.
+class HiddenEffect:
+    """An effect that can be hidden.
 
     Attributes
     ----------
     known : bool
-        The library has an effect of this name.
+        Whether the library has an effect of this name.
     ranges : mapping of str to tuple of 2 float
-        {strength: (low, high)} from which its size is drawn, log-uniform.
+        {strength: (low, high)}: bounds of the log-uniform distribution of the size.
     make : callable
-        (size, random generator) to the simulator's settings, and those of the library's parameters that are defined
-        alike.
+        Maps (size, random generator) to the settings of the simulator and to the parameters of the library that have
+        the same definition.
     where : tuple of str
-        Domains of the diagnosis, at least one of which must show it.
+        Domains of the diagnosis, at least one of which must show the effect.
     alike : str
-        Effects of one group change the readings nearly alike, and no pair is drawn from it.
+        Effects with the same group change the readings in nearly the same way. No pair has two effects of one group.
     of_images : bool
-        It is the reconstruction's, and images alone show it.
+        Whether the effect belongs to the reconstruction, so that only images show it.
     right : str
-        Of what the library lacks: the verdict that is right, written down before any run.
+        For effects that the library lacks: the best verdict, written down before any run.
     equals : tuple of tuple of str
-        Of what the library lacks: sets of its effects, each of which stands for it by right.
+        For effects that the library lacks: sets of its effects that are equivalent.
     """
 
     known: bool
@@ -48,22 +48,16 @@ class Concealable:
     equals: tuple[tuple[str, ...], ...] = ()
 
     def draw(self, strength: str, random: np.random.Generator) -> tuple[dict, dict]:
-        """A size of this strength, as `make` gives it.
-
-        Parameters
-        ----------
-        strength : str
-            Of STRENGTHS.
-        """
+        """Draw a size for one of STRENGTHS and return the result of `make`."""
         low, high = self.ranges[strength]
         return self.make(float(np.exp(random.uniform(np.log(low), np.log(high)))), random)
 
 
 def ranges(*bounds: tuple[float, float]) -> dict[str, tuple[float, float]]:
-    """Bounds by STRENGTHS."""
+    """Return the bounds by strength, in the order of STRENGTHS."""
     return dict(zip(STRENGTHS, bounds, strict=True))
 
 
 def sign(random: np.random.Generator) -> float:
-    """1 or -1."""
+    """Return 1 or -1 with equal chance."""
     return float(random.choice([-1.0, 1.0]))

@@ -1,14 +1,15 @@
-"""Kinds of faults that the library has no effect for, each with the verdict that is right.
+"""Faults that the library has no effect for, each with the best possible verdict.
 
-Strengths were set, as those of effects, from what they do to the readings of the suite's scans.
+Strengths follow from the change of the readings in the scans of the suite, as for the other effects.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from .concealable import MEAN, NOISE, Concealable, ranges, sign
+from .hidden_effect import MEAN, NOISE, HiddenEffect, ranges, sign
 
+# Verdicts are part of the sealed truths: another text changes the published hashes.
 LEFT = "something outside of the library is left"
 K_EDGES = {"Gd": 0.1, "Sn": 0.3, "W": 0.05}  # filters with a K edge in the beam (50, 29 and 70 keV), mm at strength 1
 
@@ -79,17 +80,17 @@ def _arm(size, random):
 
 
 def _insert(size, random):
-    place, hu = random.uniform(-0.35, 0.35, 2).tolist(), size * sign(random)
-    return {"insert_hu": hu, "insert_at": place, "insert_radius_mm": float(random.uniform(8, 15))}
+    position, hu = random.uniform(-0.35, 0.35, 2).tolist(), size * sign(random)
+    return {"insert_hu": hu, "insert_at": position, "insert_radius_mm": float(random.uniform(8, 15))}
 
 
 def _kind(strengths, make, where, right=LEFT, equals=()):
-    return Concealable(
+    return HiddenEffect(
         False, ranges(*strengths), lambda size, random: (make(size, random), {}), where, right=right, equals=equals
     )
 
 
-LACKING: dict[str, Concealable] = {
+MISSING_EFFECTS: dict[str, HiddenEffect] = {
     "periodic_motion": _kind(((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _breathing, MEAN),
     "swinging_object": _kind(((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _swing, MEAN),
     "timing_jitter": _kind(((0.05, 0.1), (0.2, 0.4), (0.8, 1.5)), _jitter, MEAN),
@@ -103,7 +104,7 @@ LACKING: dict[str, Concealable] = {
         _charge,
         (*MEAN, *NOISE, "noise correlation"),
         "crosstalk of either kind, with or without another flux, is its equal; or " + LEFT,
-        tuple((one, *more) for one in ("optical_crosstalk", "xray_crosstalk") for more in ((), ("photon_flux",))),
+        tuple((kind, *flux) for kind in ("optical_crosstalk", "xray_crosstalk") for flux in ((), ("photon_flux",))),
     ),
     "k_edge_filter": _kind(
         ((0.5, 0.8), (1.0, 1.5), (2.0, 3.0)),
