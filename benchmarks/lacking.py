@@ -140,7 +140,8 @@ def main():
     blank = [case for case in cases if case.category == "none"]
     unknown = [case for case in cases if case.category == "unknown"]
     pairs = [case for case in cases if case.category == "pair"]
-    print(f"reported as unexplained {sum(case.owned_up for case in unknown)} of {len(unknown)}; area {found['area']}")
+    reported = sum(case.reported_unexplained for case in unknown)
+    print(f"reported as unexplained {reported} of {len(unknown)}; area {found['area']}")
     print(f"effects of the library named first {sum(case.first_right for case in singles)} of {len(singles)}")
     both, alone = (sum(getattr(case, way) for case in pairs) for way in ("all_named", "exact"))
     print(f"two effects both named {both} of {len(pairs)}, and nothing beside them in {alone}")

@@ -180,5 +180,5 @@ def test_minutes_are_those_of_the_jobs_over_two_cores(tmp_path):
     assert minutes([tmp_path / "a", tmp_path / "b"]) == pytest.approx(2.0)
     assert minutes([]) is None
     (tmp_path / "c").write_text("")
-    with pytest.raises(InputError, match="c: is no benchmark"):
+    with pytest.raises(InputError, match="c: is not a benchmark"):
         minutes([tmp_path / "c"])

@@ -128,9 +128,9 @@ def test_a_score_is_added_once_below_what_is_there(record, found):
     assert second.counts["exact"] == (3, 7) and second.counts["intervals"] == (1, 2)
     assert interval_coverage([second], "scatter") == IntervalCoverage(("scatter",), 1, 2)
     assert pooled_counts([first, second])["first_medium_or_strong"] == (4, 6)
-    with pytest.raises(InputError, match="record.yaml: has seed 14 already"):
+    with pytest.raises(InputError, match="record.yaml: already has seed 14"):
         add(path, found, "abc1235", "again")
-    with pytest.raises(InputError, match="is none that the record could keep"):
+    with pytest.raises(InputError, match="the score: is not valid"):
         add(path, {"counts": {}}, "abc1235", "again")
 
 
@@ -154,7 +154,7 @@ def test_from_the_command_line(record, found, tmp_path, capsys, monkeypatch):
     table = said.out.splitlines()
     assert code == 0 and {line.count("|") for line in table} == {5}
     assert "| both of two effects named | 1 of 2 (50 %; 9.5 to 91 %) | at least 75 % | **missed** |" in table
-    wrong = "held-out excess removed, median and tenth percentile: something named that was not concealed"
+    wrong = "held-out excess removed, median and tenth percentile: an effect named that is not hidden"
     assert f"| {wrong} | 65 %, 53 % of 4 cases |  |  |" in table
     assert run("pooled")[0] == 0
     code, said = run("coverage", tmp_path / "score.json", tmp_path / "score.json")

@@ -266,17 +266,19 @@ def test_targets_without_cases_are_open(tmp_path):
 def test_why_cases_were_missed(found):
     reasons = {row["case"]: " ".join(row["why_missed"]) for row in found["cases"]}
     assert [case for case, reason in reasons.items() if not reason] == ["case_01", "case_04", "case_06", "case_08"]
-    assert reasons["case_02"].startswith("Focal spot was reported as a stand-in of X-ray crosstalk")
+    assert reasons["case_02"].startswith("Focal spot was reported as an alternative to X-ray crosstalk")
     assert reasons["case_03"].startswith("Too little signal")
     assert "columns (column 3 of 64)" in reasons["case_05"]
-    assert reasons["case_07"].startswith("Bowtie was reported as a stand-in of heel")
-    assert "beside focal spot" in reasons["case_09"]
+    assert reasons["case_07"].startswith("Bowtie was reported as an alternative to heel")
+    assert "focal spot explains the whole difference" in reasons["case_09"]
 
 
 def test_a_ruled_out_truth_is_said_with_its_loss():
     said = diagnosis("a", "mismatch explained", {"heel": {}}, ruled_out={"bowtie": 123.4})
     (row,) = score([Case(truth("a", "single", {"bowtie": {}}, "strong"), said)])["cases"]
-    assert "Bowtie was ruled out: in its best place it would lose 123 of log score" in row["why_missed"][0]
+    assert (
+        "Bowtie was ruled out: as a replacement, it would lower the log score by at least 123." in row["why_missed"][0]
+    )
 
 
 @pytest.mark.parametrize(
@@ -285,7 +287,7 @@ def test_a_ruled_out_truth_is_said_with_its_loss():
         (lambda t: t["effects"][0].update(name="scattering"), "the library lacks scattering"),
         (lambda t: t["effects"][0].update(known=False), "the library has scatter"),
         (lambda t: t.update(category="pair"), "category pair does not fit"),
-        (lambda t: t.update(category="unknown"), "nothing that the library lacks"),
+        (lambda t: t.update(category="unknown"), "the library has every hidden effect"),
         (lambda t: t.update(strength="huge"), "strength"),
         (lambda t: t.update(strength=None), "no strength"),
         (lambda t: t.pop("where"), "where"),
@@ -294,7 +296,7 @@ def test_a_ruled_out_truth_is_said_with_its_loss():
 def test_truths_that_make_no_sense_are_refused(change, said):
     content = copy.deepcopy(TRUTHS[0])
     change(content)
-    with pytest.raises(InputError, match=f"case.json: is no truth of a case .*{said}"):
+    with pytest.raises(InputError, match=f"case.json: is not the truth of a case .*{said}"):
         checked(content, "case.json")
 
 

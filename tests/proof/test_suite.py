@@ -111,14 +111,16 @@ def test_truths_can_be_sealed(suite):
 
 
 def test_an_unknown_effect_is_refused():
-    with pytest.raises(InputError, match=r"proof.effects: 'scater' cannot be concealed"):
+    with pytest.raises(InputError, match=r"proof.effects: 'scater' cannot be hidden"):
         cases(SETTINGS | {"effects": ["scater"]})
     for name in ("scater", KERNEL, "periodic_motion"):
-        with pytest.raises(InputError, match=rf"proof.images.effects: '{name}' cannot be concealed beside a kernel"):
+        with pytest.raises(
+            InputError, match=rf"proof.images.effects: '{name}' cannot be hidden together with a kernel"
+        ):
             cases(SETTINGS | {"images": {"strengths": [], "effects": [name], "tried": [KERNEL, name]}})
     with pytest.raises(InputError, match=r"proof.images.tried: lacks 'scatter'"):
         check_tried(SETTINGS | {"images": SETTINGS["images"] | {"tried": [KERNEL, "hu_calibration", "motion"]}})
-    with pytest.raises(InputError, match=r"proof.scan.rows: 4 rows see too few slices"):
+    with pytest.raises(InputError, match=r"proof.scan.rows: 4 rows cover too few slices"):
         cases(SETTINGS | {"scan": {"views": 72, "rows": 4}})
 
 
@@ -140,7 +142,7 @@ def test_whose_models_are_whose():
 
 
 def test_recordings_differ_in_readings_alone(tmp_path):
-    """Same keys, attributes and sizes, whatever is concealed."""
+    """Same keys, attributes and sizes, whatever is hidden."""
     said, sizes = [], []
     random = np.random.default_rng(1)
     for name, hidden in (("plain", {}), ("other", {"scatter_scale": 4.0, "kvp": 80, "aluminium_mm": 3})):

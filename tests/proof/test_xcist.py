@@ -118,7 +118,8 @@ def test_water_attenuates_as_published():
 
 def test_no_energy_gives_any_attenuation():
     with pytest.raises(
-        InputError, match="mu_water_per_mm: the proof's water attenuates 0.016. to 0.026. per mm .*not 0.03"
+        InputError,
+        match="mu_water_per_mm: the water of the blind validation attenuates 0.016. to 0.026. per mm .*not 0.03",
     ):
         energy_of_water(0.03)
 

@@ -1,4 +1,4 @@
-"""Scan one concealed case by both protocols and write the recordings, which say nothing of what is concealed."""
+"""Scan one blind case by both protocols and write the recordings, which do not reveal the hidden effects."""
 
 from collections.abc import Mapping, Sequence
 
@@ -26,8 +26,8 @@ def main(
     fine = read_nifti(fine_file)
     kev = energy_of_water(mu_water_per_mm)
     seeds = scan_seed(settings["seed"], truth["number"]).spawn(2)
-    hidden, many = hidden_settings(truth), views_of(truth["kind"], settings)
-    for folder, protocol, views, seed in zip(folders, PROTOCOLS, many, seeds, strict=True):
+    hidden, numbers_of_views = hidden_settings(truth), views_of(truth["kind"], settings)
+    for folder, protocol, views, seed in zip(folders, PROTOCOLS, numbers_of_views, seeds, strict=True):
         photons, rotation_ms, repeats = (settings[protocol][key] for key in ("photons", "rotation_time_ms", "repeats"))
         scan = scan_section(phantom_object, settings["scan"], views, photons, rotation_ms, kev, hidden)
         taken = acquire(scan, phantom_object, fine, mu_water_per_mm, repeats, seed)

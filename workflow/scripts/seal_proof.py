@@ -1,4 +1,4 @@
-"""Draw what is concealed in every case, seal it and publish the seals."""
+"""Draw the hidden effects of each case, seal the truths and publish the seals."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
