@@ -277,16 +277,21 @@ def check(text: Text) -> Iterator[Finding]:
             yield Finding(text.line, "spelling", f"{match[0]!r} is not American English")
 
 
+def _kind(path: Path) -> str:
+    """Return the suffix without that of a template. A Snakefile counts as rules."""
+    return ".smk" if path.name == "Snakefile" else Path(path.name.removesuffix(".j2")).suffix
+
+
 def findings(path: Path) -> list[Finding]:
     """Everything that is wrong in a file, by line."""
-    reader = rules if path.name == "Snakefile" else READERS[path.suffix]
+    reader = READERS[_kind(path)]
     return sorted(finding for text in reader(path.read_text(encoding="utf-8")) for finding in check(text))
 
 
 def files(places: list[Path]) -> list[Path]:
     """List the files that can be checked: the files named, and those in the folders named."""
     found = [path for place in places for path in ([place] if place.is_file() else sorted(place.rglob("*")))]
-    known = [path for path in found if path.suffix in READERS or path.name == "Snakefile"]
+    known = [path for path in found if _kind(path) in READERS]
     return [path for path in known if path.is_file() and "__pycache__" not in path.parts]
 
 
