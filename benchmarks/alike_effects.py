@@ -12,7 +12,7 @@ from dataclasses import replace
 from benchmarks.common import simulator_scans
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.selection.forward_selection import RULED_OUT, choose
-from virtual_phantom.proof.conceal.suite import truths
+from virtual_phantom.proof.hiding.suite import truths
 
 PAIRS = (
     ("centre_of_rotation", "detector_offset"),

@@ -20,8 +20,8 @@ from virtual_phantom.base.geometry import circular
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.io import dicom_ct_pd as pd
 from virtual_phantom.io.dicom_export import write
-from virtual_phantom.proof.conceal.catalogue import CATALOGUE
-from virtual_phantom.proof.conceal.xcist import TARGET_ANGLE_DEG, Scan, Surface, Surfaces, simulate
+from virtual_phantom.proof.hiding.catalogue import CATALOGUE
+from virtual_phantom.proof.hiding.xcist import TARGET_ANGLE_DEG, Scan, Surface, Surfaces, simulate
 
 DETECTOR = common.LIGHTSPEED | {"rows": 16, "surface": "cylindrical"}
 VIEWS, ROTATION_MS, PHOTONS = 246, 1000.0, 3e5  # per turn, a quarter of the scanner's 984

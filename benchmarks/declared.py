@@ -10,8 +10,8 @@ from pathlib import Path
 from benchmarks import common
 from benchmarks.common import simulator_scans
 from virtual_phantom.base.streams import branch, generator
-from virtual_phantom.proof.conceal.objects import OBJECTS
-from virtual_phantom.proof.conceal.suite import KNOWN
+from virtual_phantom.proof.hiding.objects import OBJECTS
+from virtual_phantom.proof.hiding.suite import KNOWN
 
 STATED = 0.05  # relative SD of a declared parameter
 DECLARED = 7

@@ -14,7 +14,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.uncertainty.intervals import half_width
 from virtual_phantom.diagnosis.uncertainty.model_error import errors_with_models
-from virtual_phantom.proof.conceal.suite import truths
+from virtual_phantom.proof.hiding.suite import truths
 
 EFFECTS = (
     "focal_spot xray_crosstalk optical_crosstalk afterglow electronic_noise photon_flux current_modulation heel "

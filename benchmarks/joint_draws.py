@@ -20,7 +20,7 @@ from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA
 from virtual_phantom.diagnosis.scanner.consistency import alone
 from virtual_phantom.diagnosis.uncertainty.model_error import errors_of_pulled, pulled_of_recordings
 from virtual_phantom.physics.effect import load
-from virtual_phantom.proof.conceal.objects import OBJECTS
+from virtual_phantom.proof.hiding.objects import OBJECTS
 
 EFFECTS = 3
 FURTHER = 10_000  # first number of recordings with other parameters; gives them other noise

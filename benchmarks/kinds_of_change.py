@@ -16,7 +16,7 @@ from virtual_phantom.diagnosis.selection.forward_selection import LEAST_GAIN
 from virtual_phantom.diagnosis.verdict.unmodelled import changes
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.proof.conceal.objects import OBJECTS
+from virtual_phantom.proof.hiding.objects import OBJECTS
 
 FIELDS = ("maker", "draw", "kind", "z", "p", "gain")
 FINER, SAMPLES = 4, 2

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from benchmarks import common
 from benchmarks.common import simulator_scans
-from virtual_phantom.proof.conceal.case import Case
-from virtual_phantom.proof.score.remainders import summary
+from virtual_phantom.proof.hiding.case import Case
+from virtual_phantom.proof.scoring.remainders import summary
 
 KEPT = "recording verdict sentence effects ambiguous_with remainder_sd excess_removed outside unexplained".split()
 
@@ -38,7 +38,8 @@ def run(options):
         print(f"{name}: reported as unexplained: {one['count']} of {one['n']}")
     categories = ("single", "none", "unknown", "pair")
     singles, blank, unknown, pairs = ([case for case in cases if case.category == one] for one in categories)
-    print(f"reported as unexplained: {sum(case.owned_up for case in unknown)} of {len(unknown)}; area {found['area']}")
+    reported = sum(case.reported_unexplained for case in unknown)
+    print(f"reported as unexplained: {reported} of {len(unknown)}; area {found['area']}")
     print(f"single effects ranked first: {sum(case.first_right for case in singles)} of {len(singles)}")
     both, alone = (sum(getattr(case, way) for case in pairs) for way in ("all_named", "exact"))
     print(f"both effects of a pair named: {both} of {len(pairs)}, without others: {alone}")

@@ -23,7 +23,7 @@ from virtual_phantom.diagnosis.fitting.fit import Fitter
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.selection.screening import screened
 from virtual_phantom.physics.effect import load
-from virtual_phantom.proof.conceal.case import ADMITTED, Case
+from virtual_phantom.proof.hiding.case import ADMITTED, Case
 
 CHANCE = 0.01
 MOST = 4  # steps of the forward selection, as in the diagnosis

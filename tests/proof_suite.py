@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 from virtual_phantom.io.files import write_text
-from virtual_phantom.proof.conceal import seal
+from virtual_phantom.proof.hiding import seal
 
 SALT = "5a" * 32
 

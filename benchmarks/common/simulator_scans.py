@@ -12,12 +12,12 @@ from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import run_diagnosis
 from virtual_phantom.io.volumes import write_nifti
 from virtual_phantom.physics.effect import load
-from virtual_phantom.proof.conceal.catalogue import CATALOGUE
-from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_section, write
-from virtual_phantom.proof.conceal.objects import OBJECTS
-from virtual_phantom.proof.conceal.phantoms import build
-from virtual_phantom.proof.conceal.suite import KNOWN, scan_seed, truths
-from virtual_phantom.proof.conceal.xcist import energy_of_water
+from virtual_phantom.proof.hiding.catalogue import CATALOGUE
+from virtual_phantom.proof.hiding.generate import acquire, hidden_settings, scan_section, write
+from virtual_phantom.proof.hiding.objects import OBJECTS
+from virtual_phantom.proof.hiding.phantoms import build
+from virtual_phantom.proof.hiding.suite import KNOWN, scan_seed, truths
+from virtual_phantom.proof.hiding.xcist import energy_of_water
 
 SCAN = {"columns": 64, "rows": 4, "views": 36, "photons": 1e5, "rotation_time_ms": 1000.0, "repeats": 4}
 
@@ -46,7 +46,7 @@ def recorded(folder, truth, config, seed, baseline=None):
     stream = branch(config["seed"], Branch.PROOF_PHANTOM)
     phantom = build(one, resource(one.layout), SCAN["columns"], SCAN["rows"], stream)
     kev, views = energy_of_water(mu), SCAN["views"]
-    scan = scan_section(one, SCAN, views, SCAN["photons"], SCAN["rotation_time_ms"], kev, concealed_settings(truth))
+    scan = scan_section(one, SCAN, views, SCAN["photons"], SCAN["rotation_time_ms"], kev, hidden_settings(truth))
     write(
         folder,
         truth["case"],

@@ -18,7 +18,7 @@ SECTIONS = {  # package: heading
     "features": "Features",
     "physics": "Physics: validity of formulas, discretization",
     "simulation": "Simulation",
-    "proof/score": "Blind validation",
+    "proof/scoring": "Blind validation",
 }
 INTRODUCTION = """# Thresholds
 

@@ -13,8 +13,8 @@ import yaml
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.names import label
 from virtual_phantom.physics.effect import names
-from virtual_phantom.proof.conceal.catalogue import MODELS
-from virtual_phantom.proof.score.record import summary
+from virtual_phantom.proof.hiding.catalogue import MODELS
+from virtual_phantom.proof.scoring.record import summary
 from virtual_phantom.report.proof import tally
 from virtual_phantom.statistics.proof_record import read_proof_record
 

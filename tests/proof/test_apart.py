@@ -37,8 +37,8 @@ def of_the_proof(names):
 
 
 def test_what_makes_recordings_loads_no_physics_of_the_library():
-    found = loaded(SCRIPTS / "conceal.py", named=modules("proof/conceal/hooks"))
-    assert {"proof.conceal.xcist", "proof.conceal.readout", "proof.conceal.hooks.flux"} <= found
+    found = loaded(SCRIPTS / "conceal.py", named=modules("proof/hiding/hooks"))
+    assert {"proof.hiding.xcist", "proof.hiding.readout", "proof.hiding.hooks.flux"} <= found
     assert found - of_the_proof(found) <= MAY_BE_LOADED
 
 

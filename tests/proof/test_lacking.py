@@ -7,14 +7,14 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.effect import load, names
-from virtual_phantom.proof.conceal.catalogue import CATALOGUE
-from virtual_phantom.proof.conceal.changed_object import AIR_HU, changed
-from virtual_phantom.proof.conceal.faults import charge_shared, chosen, displaced_tile, faulty, refracted, warmed
-from virtual_phantom.proof.conceal.lacking import LACKING
-from virtual_phantom.proof.conceal.objects import OBJECTS
-from virtual_phantom.proof.conceal.suite import truths
-from virtual_phantom.proof.conceal.unsteady import breathed, jittered, swung, turned
-from virtual_phantom.proof.conceal.xcist import Acquired, Scan
+from virtual_phantom.proof.hiding.catalogue import CATALOGUE
+from virtual_phantom.proof.hiding.changed_object import AIR_HU, changed
+from virtual_phantom.proof.hiding.faults import charge_shared, chosen, displaced_tile, faulty, refracted, warmed
+from virtual_phantom.proof.hiding.missing_effects import MISSING_EFFECTS
+from virtual_phantom.proof.hiding.objects import OBJECTS
+from virtual_phantom.proof.hiding.suite import truths
+from virtual_phantom.proof.hiding.unsteady import breathed, jittered, swung, turned
+from virtual_phantom.proof.hiding.xcist import Acquired, Scan
 
 VIEWS, COLUMNS, KEV = 40, 30, 70.0
 
@@ -40,8 +40,8 @@ def test_nothing_asked_changes_nothing(taken):
 
 
 def test_ten_kinds_or_more_have_a_right_verdict_and_no_effect_of_their_name():
-    assert len(LACKING) >= 10 and not set(LACKING) & set(names())
-    for name, one in LACKING.items():
+    assert len(MISSING_EFFECTS) >= 10 and not set(MISSING_EFFECTS) & set(names())
+    for name, one in MISSING_EFFECTS.items():
         assert not one.known and "left" in one.right, name
         for effect in {effect for group in one.equals for effect in group}:
             assert load(effect) and effect.replace("_", " ").split()[-1] in one.right
@@ -189,7 +189,7 @@ SUITE = {
     "strengths": [],
     "none": 0,
     "pairs": 0,
-    "unknown": 2 * len(LACKING),
+    "unknown": 2 * len(MISSING_EFFECTS),
     "images": {"strengths": [], "effects": [], "tried": ["scatter"], "views_times": 2},
     "scan": {"views": 36, "rows": 4},
     "held_out_protocol": {"views": 30},
@@ -199,8 +199,8 @@ SUITE = {
 def test_every_kind_is_drawn_as_often_and_its_right_verdict_is_sealed():
     drawn = [truth["effects"][0] for truth in truths(SUITE).values()]
     counted = [one["name"] for one in drawn]
-    assert {counted.count(name) for name in LACKING} == {2}
-    assert all(one["right"] == LACKING[one["name"]].right and not one["known"] for one in drawn)
+    assert {counted.count(name) for name in MISSING_EFFECTS} == {2}
+    assert all(one["right"] == MISSING_EFFECTS[one["name"]].right and not one["known"] for one in drawn)
     other = [truth["effects"][0]["name"] for truth in truths(SUITE | {"seed": 4, "unknown": 5}).values()]
     assert len(set(other)) == 5
     few = truths(SUITE | {"unknown_kinds": ["dim_views"], "unknown": 3})

@@ -16,12 +16,12 @@ from proof_suite import DIAGNOSES, TRUTHS, diagnosis, truth, write_suite
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures.before_after import thumbnail
-from virtual_phantom.proof.conceal.case import Case, collect
-from virtual_phantom.proof.conceal.catalogue import REPEATED, XCIST
-from virtual_phantom.proof.conceal.suite import check_recordings
-from virtual_phantom.proof.score.example import example, in_words, residual_maps
-from virtual_phantom.proof.score.real import minutes, row
-from virtual_phantom.proof.score.score import score
+from virtual_phantom.proof.hiding.case import Case, collect
+from virtual_phantom.proof.hiding.catalogue import REPEATED, XCIST
+from virtual_phantom.proof.hiding.suite import check_recordings
+from virtual_phantom.proof.scoring.example import example, in_words, residual_maps
+from virtual_phantom.proof.scoring.real import minutes, row
+from virtual_phantom.proof.scoring.score import score
 from virtual_phantom.report.proof import blind_validation_page, percent
 from virtual_phantom.statistics.proof_record import pooled_counts, read_proof_record
 
@@ -61,11 +61,14 @@ def test_the_page_shows_all_seeds_and_whose_models_they_are(made):
     text = made["page"].read_text().replace("\N{NO-BREAK SPACE}", " ")
     entries = read_proof_record(RESOURCES / "proof_record.yaml")
     count, n = pooled_counts(entries)["intervals"]
-    assert f"{count} of {n} (" in text and "What had to be reached, seed 4711" in text
+    assert f"{count} of {n} (" in text and "Targets, seed 4711" in text
     for entry in entries:
         assert f"Seed {entry.seed} (" in text
-    never = "detector roll, detector skew, detector tilt, slice thickness, slow afterglow, water correction, of which"
-    assert f"never concealed: anti scatter grid, current along z, {never}" in text and "shares no physics" not in text
+    never = "detector roll, detector skew, detector tilt, slice thickness, slow afterglow, water correction."
+    assert (
+        f"never hidden, and therefore not tested: anti scatter grid, current along z, {never}" in text
+        and "shares no physics" not in text
+    )
     assert REPEATED in unescape(text) and XCIST in unescape(text)
     assert "tenth percentile" in text and "53 %" in text  # of wrong names
 
@@ -180,5 +183,5 @@ def test_minutes_are_those_of_the_jobs_over_two_cores(tmp_path):
     assert minutes([tmp_path / "a", tmp_path / "b"]) == pytest.approx(2.0)
     assert minutes([]) is None
     (tmp_path / "c").write_text("")
-    with pytest.raises(InputError, match="c: is no benchmark"):
+    with pytest.raises(InputError, match="c: is not a benchmark"):
         minutes([tmp_path / "c"])

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from virtual_phantom.proof.conceal.readout import glare, read_out, wide
-from virtual_phantom.proof.conceal.xcist import Acquired
+from virtual_phantom.proof.hiding.readout import glare, read_out, wide
+from virtual_phantom.proof.hiding.xcist import Acquired
 
 PITCH = (2.0, 3.0)
 

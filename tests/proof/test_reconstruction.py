@@ -5,8 +5,8 @@ import pytest
 from scipy.special import ndtri
 
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.proof.conceal.reconstruction import images_hu, ramp
-from virtual_phantom.proof.conceal.xcist import Scan
+from virtual_phantom.proof.hiding.reconstruction import images_hu, ramp
+from virtual_phantom.proof.hiding.xcist import Scan
 
 MU = 0.0193
 SCAN = Scan(

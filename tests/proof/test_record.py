@@ -14,11 +14,11 @@ from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.names import label
 from virtual_phantom.physics.effect import names
-from virtual_phantom.proof.conceal import seal
-from virtual_phantom.proof.conceal.case import collect
-from virtual_phantom.proof.conceal.catalogue import MODELS, never_concealed
-from virtual_phantom.proof.score.record import add, coverage_table, summary
-from virtual_phantom.proof.score.score import score
+from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.hiding.case import collect
+from virtual_phantom.proof.hiding.catalogue import MODELS, never_hidden
+from virtual_phantom.proof.scoring.record import add, coverage_table, summary
+from virtual_phantom.proof.scoring.score import score
 from virtual_phantom.report.html import render_diagnosis
 from virtual_phantom.report.proof import percent
 from virtual_phantom.statistics.proof_record import (
@@ -128,9 +128,9 @@ def test_a_score_is_added_once_below_what_is_there(record, found):
     assert second.counts["exact"] == (3, 7) and second.counts["intervals"] == (1, 2)
     assert interval_coverage([second], "scatter") == IntervalCoverage(("scatter",), 1, 2)
     assert pooled_counts([first, second])["first_medium_or_strong"] == (4, 6)
-    with pytest.raises(InputError, match="record.yaml: has seed 14 already"):
+    with pytest.raises(InputError, match="record.yaml: already has seed 14"):
         add(path, found, "abc1235", "again")
-    with pytest.raises(InputError, match="is none that the record could keep"):
+    with pytest.raises(InputError, match="the score: is not valid"):
         add(path, {"counts": {}}, "abc1235", "again")
 
 
@@ -154,7 +154,7 @@ def test_from_the_command_line(record, found, tmp_path, capsys, monkeypatch):
     table = said.out.splitlines()
     assert code == 0 and {line.count("|") for line in table} == {5}
     assert "| both of two effects named | 1 of 2 (50 %; 9.5 to 91 %) | at least 75 % | **missed** |" in table
-    wrong = "held-out excess removed, median and tenth percentile: something named that was not concealed"
+    wrong = "held-out excess removed, median and tenth percentile: an effect named that is not hidden"
     assert f"| {wrong} | 65 %, 53 % of 4 cases |  |  |" in table
     assert run("pooled")[0] == 0
     code, said = run("coverage", tmp_path / "score.json", tmp_path / "score.json")
@@ -187,7 +187,7 @@ def test_readme_has_the_pooled_counts():
     readme = (ROOT / "README.md").read_text()
     for name, share in summary(read_proof_record(RECORD))["pooled"].items():
         assert name == "exact" or f"{share['count']} of {share['n']} ({percent(share['share'])}; " in readme, name
-    assert f"{len(names()) - len(never_concealed())} of the {len(names())} effects" in " ".join(readme.split())
+    assert f"{len(names()) - len(never_hidden())} of the {len(names())} effects" in " ".join(readme.split())
 
 
 def test_docs_have_the_pooled_counts():
@@ -197,9 +197,9 @@ def test_docs_have_the_pooled_counts():
     for name, share in shown["pooled"].items():
         assert f"| {share['count']} of {share['n']} ({percent(share['share'])}; " in page, name
     assert all(f"seed {one['seed']}" in page or f"seeds {one['seed']}" in page for one in shown["seeds"])
-    known, all_ = len(names()) - len(never_concealed()), len(names())
+    known, all_ = len(names()) - len(never_hidden()), len(names())
     never = page.split(f"{known} of the library's {all_} effects. Never hidden are ")[1].split(". ###")[0]
-    assert all(part in never for name in never_concealed() for part in label(name).split()), never
+    assert all(part in never for name in never_hidden() for part in label(name).split()), never
 
 
 def test_docs_count_the_seed_that_was_scored_last_and_the_worst():

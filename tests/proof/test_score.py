@@ -9,11 +9,11 @@ from proof_suite import DIAGNOSES, OTHERS, TRUTHS, diagnosis, metric, truth, wri
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.physics.effect import names
-from virtual_phantom.proof.conceal.case import Case, checked, collect
-from virtual_phantom.proof.conceal.catalogue import MODELS, OTHER, REPEATED, XCIST
-from virtual_phantom.proof.score.intervals import share
-from virtual_phantom.proof.score.remainders import area
-from virtual_phantom.proof.score.score import score
+from virtual_phantom.proof.hiding.case import Case, checked, collect
+from virtual_phantom.proof.hiding.catalogue import MODELS, OTHER, REPEATED, XCIST
+from virtual_phantom.proof.scoring.intervals import share
+from virtual_phantom.proof.scoring.remainders import area
+from virtual_phantom.proof.scoring.score import score
 
 NEVER = ["anti_scatter_grid", "current_along_z", "detector_roll", "detector_skew", "detector_tilt", "slice_thickness"]
 NEVER += ["slow_afterglow", "water_correction"]
@@ -81,7 +81,7 @@ def test_two_stand_ins_need_two_named_effects():
     one = diagnosis("a", "mismatch explained", {"scatter": {}}, {"scatter": ["bowtie", "heel"]})
     two = diagnosis("a", "mismatch explained", {"scatter": {}, "heel": {}}, {"scatter": ["bowtie"]})
     swapped = diagnosis("a", "mismatch explained", {"scatter": {}, "heel": {}}, {"heel": ["bowtie"]})
-    assert [Case(pair, said).all_or_stand_ins_named for said in (one, two, swapped)] == [False, True, False]
+    assert [Case(pair, said).all_or_alternatives_named for said in (one, two, swapped)] == [False, True, False]
 
 
 def test_a_difference_without_a_name_is_no_exact_answer_where_nothing_is_concealed():
@@ -138,10 +138,10 @@ def test_parameters(found):
 
 def test_errors_are_of_what_was_concealed():
     """A scale of 1 changes nothing: to find 1.01 for 1.03 is to miss two thirds."""
-    hidden = truth("a", "single", {"hu_calibration": {"scale": 1.03, "offset_hu": 0.0}}, "strong", kind="images")
+    hidden_truth = truth("a", "single", {"hu_calibration": {"scale": 1.03, "offset_hu": 0.0}}, "strong", kind="images")
     values = {"scale": (1.01, 1.0, 1.02), "offset_hu": (0.5, -1.0, 2.0)}
     said = diagnosis("a", "mismatch explained", {"hu_calibration": values})
-    scale, offset = score([Case(hidden, said)])["parameters"]["parameters"]
+    scale, offset = score([Case(hidden_truth, said)])["parameters"]["parameters"]
     assert scale["relative_error"] == pytest.approx(-2 / 3) and offset["relative_error"] is None
 
 
@@ -184,8 +184,8 @@ def test_confusion(found):
 
 
 def test_an_equal_that_was_written_down_before_owns_up():
-    hidden = truth("a", "unknown", {"!charge_sharing": {}})
-    hidden["effects"][0]["equals"] = [["optical_crosstalk"], ["optical_crosstalk", "photon_flux"]]
+    hidden_truth = truth("a", "unknown", {"!charge_sharing": {}})
+    hidden_truth["effects"][0]["equals"] = [["optical_crosstalk"], ["optical_crosstalk", "photon_flux"]]
     said = {
         "an equal": diagnosis("a", "mismatch explained", {"optical_crosstalk": {}}),
         "and another": diagnosis("a", "mismatch explained", {"optical_crosstalk": {}, "heel": {}}),
@@ -193,9 +193,9 @@ def test_an_equal_that_was_written_down_before_owns_up():
         "left": diagnosis("a", "mismatch partly explained", {"heel": {}}),
         "nothing": diagnosis("a", "match"),
     }
-    owned = {name: Case(hidden, one).owned_up for name, one in said.items()}
+    owned = {name: Case(hidden_truth, one).reported_unexplained for name, one in said.items()}
     assert owned == {"an equal": True, "and another": False, "half of one": False, "left": True, "nothing": False}
-    assert Case(hidden, said["an equal"]).right
+    assert Case(hidden_truth, said["an equal"]).right
 
 
 def test_remainders_tell_what_the_library_lacks(found):
@@ -266,17 +266,19 @@ def test_targets_without_cases_are_open(tmp_path):
 def test_why_cases_were_missed(found):
     reasons = {row["case"]: " ".join(row["why_missed"]) for row in found["cases"]}
     assert [case for case, reason in reasons.items() if not reason] == ["case_01", "case_04", "case_06", "case_08"]
-    assert reasons["case_02"].startswith("Focal spot was reported as a stand-in of X-ray crosstalk")
+    assert reasons["case_02"].startswith("Focal spot was reported as an alternative to X-ray crosstalk")
     assert reasons["case_03"].startswith("Too little signal")
     assert "columns (column 3 of 64)" in reasons["case_05"]
-    assert reasons["case_07"].startswith("Bowtie was reported as a stand-in of heel")
-    assert "beside focal spot" in reasons["case_09"]
+    assert reasons["case_07"].startswith("Bowtie was reported as an alternative to heel")
+    assert "focal spot explains the whole difference" in reasons["case_09"]
 
 
 def test_a_ruled_out_truth_is_said_with_its_loss():
     said = diagnosis("a", "mismatch explained", {"heel": {}}, ruled_out={"bowtie": 123.4})
     (row,) = score([Case(truth("a", "single", {"bowtie": {}}, "strong"), said)])["cases"]
-    assert "Bowtie was ruled out: in its best place it would lose 123 of log score" in row["why_missed"][0]
+    assert (
+        "Bowtie was ruled out: as a replacement, it would lower the log score by at least 123." in row["why_missed"][0]
+    )
 
 
 @pytest.mark.parametrize(
@@ -285,7 +287,7 @@ def test_a_ruled_out_truth_is_said_with_its_loss():
         (lambda t: t["effects"][0].update(name="scattering"), "the library lacks scattering"),
         (lambda t: t["effects"][0].update(known=False), "the library has scatter"),
         (lambda t: t.update(category="pair"), "category pair does not fit"),
-        (lambda t: t.update(category="unknown"), "nothing that the library lacks"),
+        (lambda t: t.update(category="unknown"), "the library has every hidden effect"),
         (lambda t: t.update(strength="huge"), "strength"),
         (lambda t: t.update(strength=None), "no strength"),
         (lambda t: t.pop("where"), "where"),
@@ -294,7 +296,7 @@ def test_a_ruled_out_truth_is_said_with_its_loss():
 def test_truths_that_make_no_sense_are_refused(change, said):
     content = copy.deepcopy(TRUTHS[0])
     change(content)
-    with pytest.raises(InputError, match=f"case.json: is no truth of a case .*{said}"):
+    with pytest.raises(InputError, match=f"case.json: is not the truth of a case .*{said}"):
         checked(content, "case.json")
 
 

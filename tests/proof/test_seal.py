@@ -7,8 +7,8 @@ import pytest
 from proof_suite import SALT, TRUTHS, write_suite
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.proof.conceal import seal
-from virtual_phantom.proof.conceal.case import collect
+from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.hiding.case import collect
 
 
 def changed(path, change):
@@ -49,7 +49,7 @@ def test_a_case_is_sealed_once():
         seal.publish([document, document])
 
 
-CHANGED = "truth or salt of case_01 were changed"
+CHANGED = "the truth or the salt of case_01 was changed"
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ CHANGED = "truth or salt of case_01 were changed"
         (lambda c: c["truth"]["where"].reverse(), CHANGED),
         (lambda c: c.update(salt="5b" + SALT[2:]), CHANGED),
         (lambda c: c["truth"].update(case="case_02"), CHANGED),
-        (lambda c: c.update(case="case_02"), "holds the truth of case_02"),
+        (lambda c: c.update(case="case_02"), "contains case case_02"),
     ],
 )
 def test_tampered_truth_or_salt_is_caught(tmp_path, change, message):
@@ -71,10 +71,10 @@ def test_tampered_truth_or_salt_is_caught(tmp_path, change, message):
 
 
 def test_exchanged_truths_are_caught(tmp_path):
-    """Each is as published, but the scan that reads one by its name would conceal the other."""
+    """Each is as published, but the scan that reads one by its name would hide the other."""
     given = write_suite(tmp_path)
     exchange(*given["sealed"][:2])
-    with pytest.raises(InputError, match="case_01.json: holds the truth of case_02"):
+    with pytest.raises(InputError, match="case_01.json: contains case case_02"):
         collect(**given)
 
 
@@ -137,7 +137,7 @@ def test_a_table_by_another_protocol_is_bound_too(tmp_path):
     with pytest.raises(InputError, match="case_01/held_out_protocol.json: was changed after its verdict"):
         collect(**given)
     del given["others"][0]
-    with pytest.raises(InputError, match="verdicts/case_01.json: is not of the files that case_01 has now"):
+    with pytest.raises(InputError, match="verdicts/case_01.json: does not match the present files of case_01"):
         collect(**given)
 
 
@@ -147,5 +147,5 @@ def test_a_table_by_another_protocol_is_bound_too(tmp_path):
 def test_every_published_case_counts(tmp_path, key, what):
     given = write_suite(tmp_path)
     del given[key][4]
-    with pytest.raises(InputError, match=f"seals.json: case_05 was published, but it has no {what}"):
+    with pytest.raises(InputError, match=f"seals.json: case_05 was published but has no {what}"):
         collect(**given)

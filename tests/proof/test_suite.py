@@ -12,11 +12,11 @@ import yaml
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.config.config import complete
 from virtual_phantom.physics.effect import acts_on_images, load, names
-from virtual_phantom.proof.conceal import seal
-from virtual_phantom.proof.conceal.catalogue import CATALOGUE, MODELS, XCIST, never_concealed
-from virtual_phantom.proof.conceal.generate import scan_section, write, write_images
-from virtual_phantom.proof.conceal.objects import OBJECTS
-from virtual_phantom.proof.conceal.suite import (
+from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.hiding.catalogue import CATALOGUE, MODELS, XCIST, never_hidden
+from virtual_phantom.proof.hiding.generate import scan_section, write, write_images
+from virtual_phantom.proof.hiding.objects import OBJECTS
+from virtual_phantom.proof.hiding.suite import (
     KERNEL,
     KNOWN,
     PHANTOMS,
@@ -28,7 +28,7 @@ from virtual_phantom.proof.conceal.suite import (
     truths,
     views_of,
 )
-from virtual_phantom.proof.conceal.xcist import Acquired
+from virtual_phantom.proof.hiding.xcist import Acquired
 from virtual_phantom.recordings.reading import load_recording
 
 SETTINGS = {
@@ -53,7 +53,7 @@ def suite():
 
 
 def test_every_effect_on_projections_can_be_concealed_at_every_strength(suite):
-    assert set(KNOWN) == {name for name in names() if not acts_on_images(name)} - set(never_concealed())
+    assert set(KNOWN) == {name for name in names() if not acts_on_images(name)} - set(never_hidden())
     lines = [t for t in suite.values() if t["kind"] == "projections"]
     singles = Counter((t["effects"][0]["name"], t["strength"]) for t in lines if t["category"] == "single")
     assert singles == {(name, strength): 1 for name in KNOWN for strength in SETTINGS["strengths"]}
@@ -111,14 +111,16 @@ def test_truths_can_be_sealed(suite):
 
 
 def test_an_unknown_effect_is_refused():
-    with pytest.raises(InputError, match=r"proof.effects: 'scater' cannot be concealed"):
+    with pytest.raises(InputError, match=r"proof.effects: 'scater' cannot be hidden"):
         cases(SETTINGS | {"effects": ["scater"]})
     for name in ("scater", KERNEL, "periodic_motion"):
-        with pytest.raises(InputError, match=rf"proof.images.effects: '{name}' cannot be concealed beside a kernel"):
+        with pytest.raises(
+            InputError, match=rf"proof.images.effects: '{name}' cannot be hidden together with a kernel"
+        ):
             cases(SETTINGS | {"images": {"strengths": [], "effects": [name], "tried": [KERNEL, name]}})
     with pytest.raises(InputError, match=r"proof.images.tried: lacks 'scatter'"):
         check_tried(SETTINGS | {"images": SETTINGS["images"] | {"tried": [KERNEL, "hu_calibration", "motion"]}})
-    with pytest.raises(InputError, match=r"proof.scan.rows: 4 rows see too few slices"):
+    with pytest.raises(InputError, match=r"proof.scan.rows: 4 rows cover too few slices"):
         cases(SETTINGS | {"scan": {"views": 72, "rows": 4}})
 
 
@@ -129,7 +131,7 @@ def test_whose_models_are_whose():
     """XCIST's own are the effects of which no callback and no readout of the proof reads a setting."""
     assert sorted(name for made in MODELS.values() for name in made) == sorted(CATALOGUE)
     ours = set()
-    folder = LIBRARY / "conceal"
+    folder = LIBRARY / "hiding"
     for path in [*(folder / "hooks").glob("*.py"), *(folder / f"{one}.py" for one in OF_ITS_OWN)]:
         for node in ast.walk(ast.parse(path.read_text())):
             ours |= {node.attr} if isinstance(node, ast.Attribute) else set()
@@ -140,12 +142,12 @@ def test_whose_models_are_whose():
 
 
 def test_recordings_differ_in_readings_alone(tmp_path):
-    """Same keys, attributes and sizes, whatever is concealed."""
+    """Same keys, attributes and sizes, whatever is hidden."""
     said, sizes = [], []
     random = np.random.default_rng(1)
-    for name, concealed in (("plain", {}), ("other", {"scatter_scale": 4.0, "kvp": 80, "aluminium_mm": 3})):
+    for name, hidden in (("plain", {}), ("other", {"scatter_scale": 4.0, "kvp": 80, "aluminium_mm": 3})):
         settings = {"columns": 40, "rows": 4}
-        scan = scan_section(OBJECTS["quality_assurance"], settings, 30, 1e5, 800.0, 70.0, concealed)
+        scan = scan_section(OBJECTS["quality_assurance"], settings, 30, 1e5, 800.0, 70.0, hidden)
         readings = random.uniform(1, 2, (2, 30, 4, 40)).astype(np.float32)
         write(tmp_path / name, "case_01", scan, Acquired(readings, np.full((4, 40), 2, np.float32)))
         recording = load_recording(tmp_path / name)
@@ -163,8 +165,8 @@ def test_recordings_differ_in_readings_alone(tmp_path):
 def test_images_tell_nothing_but_their_voxels(tmp_path):
     said, headers = [], []
     one, random = OBJECTS["quality_assurance"], np.random.default_rng(1)
-    for name, concealed in (("plain", {}), ("other", {"kernel_pixels": 1.0, "hu_scale": 1.1, "hu_offset": 20.0})):
-        scan = scan_section(one, {"columns": 60, "rows": 6}, 24, 1e5, 800.0, 70.0, concealed)
+    for name, hidden in (("plain", {}), ("other", {"kernel_pixels": 1.0, "hu_scale": 1.1, "hu_offset": 20.0})):
+        scan = scan_section(one, {"columns": 60, "rows": 6}, 24, 1e5, 800.0, 70.0, hidden)
         readings = random.uniform(1, 2, (2, 24, 6, 60)).astype(np.float32)
         readings[0, 0, 0, 0] = 0  # no count has no logarithm
         write_images(tmp_path / name, "case_01", one, scan, Acquired(readings, np.full((6, 60), 2, np.float32)), 0.0193)
@@ -179,7 +181,7 @@ def test_images_tell_nothing_but_their_voxels(tmp_path):
 def test_the_quick_set_has_fifteen_cases_of_every_kind():
     config = Path(__file__).resolve().parents[2] / "config"
     whole, quick = (yaml.safe_load((config / f"{name}.yaml").read_text()) for name in ("config", "quick_proof"))
-    concealed = truths(complete(whole | quick)["proof"])
-    assert len(concealed) == 15
-    kinds = Counter(one["category"] for one in concealed.values())
+    hidden = truths(complete(whole | quick)["proof"])
+    assert len(hidden) == 15
+    kinds = Counter(one["category"] for one in hidden.values())
     assert kinds == {"single": 10, "none": 2, "pair": 2, "unknown": 1}

@@ -14,9 +14,9 @@ from virtual_phantom.physics.effect import load
 from virtual_phantom.physics.scenes.scene import DiscScene
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
 from virtual_phantom.physics.state import State
-from virtual_phantom.proof.conceal.catalogue import CATALOGUE
-from virtual_phantom.proof.conceal.generate import NOMINAL
-from virtual_phantom.proof.conceal.xcist import (
+from virtual_phantom.proof.hiding.catalogue import CATALOGUE
+from virtual_phantom.proof.hiding.generate import NOMINAL
+from virtual_phantom.proof.hiding.xcist import (
     Materials,
     Scan,
     Surface,
@@ -118,7 +118,8 @@ def test_water_attenuates_as_published():
 
 def test_no_energy_gives_any_attenuation():
     with pytest.raises(
-        InputError, match="mu_water_per_mm: the proof's water attenuates 0.016. to 0.026. per mm .*not 0.03"
+        InputError,
+        match="mu_water_per_mm: the water of the blind validation attenuates 0.016. to 0.026. per mm .*not 0.03",
     ):
         energy_of_water(0.03)
 

@@ -11,7 +11,7 @@ import pytest
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.physics.beam.spectra import Spectrum
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.proof.conceal.xcist import Materials, Scan, _air, _configured, simulate
+from virtual_phantom.proof.hiding.xcist import Materials, Scan, _air, _configured, simulate
 
 WATER_MM, VOXEL_MM = np.arange(50, 351, 50), 2.0
 WIDTH, ROWS, REPEATS, PHOTONS = 20, 16, 250, 2e5  # columns of each step of water

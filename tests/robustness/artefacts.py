@@ -17,8 +17,8 @@ from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.selection.store import write_diagnosis
 from virtual_phantom.diagnosis.selection.transfer import Physics
 from virtual_phantom.io import exchange, files, volumes
-from virtual_phantom.proof.score.example import residual_maps
-from virtual_phantom.proof.score.real import row
+from virtual_phantom.proof.scoring.example import residual_maps
+from virtual_phantom.proof.scoring.real import row
 from virtual_phantom.recordings.document import read_document
 from virtual_phantom.simulation.acquire import simulate_counts
 from virtual_phantom.study import matched_noise

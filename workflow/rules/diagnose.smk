@@ -31,7 +31,7 @@ rule diagnose:
         gpu=lambda wildcards: diagnosis.gpus(wildcards.recording),
     params:
         model=lambda wildcards: diagnosis.model(wildcards.recording),
-        # Cached fits. They are no output, since Snakemake would delete them before an interrupted job continues.
+        # Cached fits. They are not an output, since Snakemake would delete them before an interrupted job continues.
         kept=lambda wildcards: diagnosis.kept(wildcards.recording),
         effects=lambda wildcards: diagnosis.candidates[wildcards.recording],
         same_material=lambda wildcards: diagnosis.same_material(wildcards.recording),

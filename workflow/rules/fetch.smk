@@ -1,5 +1,5 @@
-# Public scans of the printed phantom (docs/how-to/printed-phantom.md). Other rules do not distinguish fetched scans from
-# scans that a user has added.
+# Public scans of the printed phantom (docs/how-to/printed-phantom.md). Other rules treat them like scans that a user has
+# added.
 import sys
 
 from virtual_phantom.study.context import or_exit

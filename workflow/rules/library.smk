@@ -1,4 +1,4 @@
-"""The library on the path, and a quiet console from the first line on. It is included before anything else."""
+"""Put the library on the path and set up the console. This file is included before all others."""
 
 import os
 import sys
@@ -7,21 +7,21 @@ from pathlib import Path
 
 from snakemake.logging import logger
 
-# Where these rules lie, whoever's Snakefile uses them and wherever it runs.
+# Folder of the rules, which does not depend on the working folder or on the Snakefile that uses them.
 RULES = workflow.current_basedir.get_path_or_uri(secret_free=True)
 if not os.path.isdir(RULES):
     sys.exit(
-        f"Error: {RULES}: the rules need the library beside them; clone the repository and name the workflow/Snakefile of "
-        "the clone by its path"
+        f"Error: {RULES}: the rules need the library next to them; clone the repository and pass the path of its "
+        "workflow/Snakefile"
     )
 LIBRARY = str(Path(RULES).parent / "lib")
-# The library beside the rules, whether one is installed or not: they change together. Scripts run in processes of their
-# own and find it by the variable. Without sys.path there is no way: Snakemake adds the folders of Snakefiles alone.
+# Use the library next to the rules, even if another version is installed. Scripts run in separate processes and find it
+# by PYTHONPATH. The rules need sys.path, since Snakemake adds only the folders of Snakefiles.
 sys.path.insert(0, LIBRARY)
 os.environ.update(
     PYTHONPATH=os.pathsep.join([LIBRARY, *filter(None, [os.environ.get("PYTHONPATH")])])
 )
-# Snakemake's scheduler and its jobs take these as they are, usable or not. Python takes a folder that it can write to.
+# Snakemake uses these variables unchecked. tempfile.gettempdir() returns a folder that is writable.
 os.environ.update(
     dict.fromkeys({"TMPDIR", "TMP"} & os.environ.keys(), tempfile.gettempdir())
 )

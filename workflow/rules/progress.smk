@@ -1,7 +1,7 @@
-"""What is said while jobs run: virtual_phantom.study.progress in place of a block of lines for each job.
+"""Console output while jobs run: virtual_phantom.study.progress replaces Snakemake's block of lines per job.
 
-Snakemake documents neither what a run will do nor its options to a Snakefile. All that is taken of them stands here, and
-tests/workflow/test_snakemake.py says what another version has no more.
+A Snakefile has no documented access to the jobs of a run and to the command line options. All access to undocumented
+attributes is in this file; tests/workflow/test_snakemake.py checks them for each version of Snakemake.
 """
 
 import shutil
@@ -15,7 +15,7 @@ from virtual_phantom.study.progress.time_left import Step
 
 
 def steps():
-    """The jobs of this run. What only lists files to be made, as `all`, is none."""
+    """List the jobs of this run, without rules such as `all` that only have inputs."""
     jobs = [job for job in workflow.dag.needrun_jobs() if not job.is_norun]
     numbers = {job: job.jobid for job in jobs}
     return [
@@ -36,12 +36,12 @@ def steps():
 
 
 def expected():
-    """What each job is expected to take, by the file that it makes."""
+    """Return the expected duration of each job, by its output file."""
     return context.expected_seconds(workflow.resource_settings.cores)
 
 
-def say_less():
-    """Once a run begins. Who asks for more words, or for none of how far it is, gets Snakemake's."""
+def show_progress():
+    """Replace Snakemake's console output, unless the options ask for its own output or for no progress."""
     settings = workflow.output_settings
     if not wants_snakemake_output(settings):
         install_console(
@@ -63,17 +63,17 @@ for handler in logger.handlers:
 
 
 onstart:
-    # The default limit of 100 jobs per second makes the scheduler look for jobs once more in every second for each job
-    # that has finished: after some dozens it takes a core of its own. On one machine nothing has to be limited. There is
-    # no setting for that: a Snakefile cannot see the limit, and a longer span would keep Snakemake waiting at the end.
+    # With the default limit of 100 jobs per second, the scheduler looks for jobs every second for each finished job.
+    # After a few dozen jobs, this occupies a core. One machine needs no limit, and no option switches it off: a
+    # Snakefile cannot read the limit, and a longer period would delay the end of the run.
     if workflow.local_exec:
         workflow.scheduler.job_rate_limiter = None
-    # Without it the plugin would retry, wait, and end in a traceback of another command.
+    # Without sbatch, the plugin would retry, wait and end with the traceback of another command.
     elif (
         workflow.executor_plugin.name == "slurm" and shutil.which("sbatch") is None
     ):
         sys.exit(
-            "Error: --executor slurm: there is no sbatch here; run this where jobs can be submitted, or leave --profile "
-            "workflow/profiles/slurm out"
+            "Error: --executor slurm: sbatch was not found; run this on a submit host, or without --profile "
+            "workflow/profiles/slurm"
         )
-    say_less()
+    show_progress()

@@ -1,4 +1,4 @@
-"""Compile every projector kernel for one number of realisations."""
+"""Compile all projector kernels for one number of realizations."""
 
 from virtual_phantom.study.job import job
 

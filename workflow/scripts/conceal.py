@@ -1,13 +1,13 @@
-"""Scan one concealed case by both protocols and write the recordings, which say nothing of what is concealed."""
+"""Scan one blind case by both protocols and write the recordings, which do not reveal the hidden effects."""
 
 from collections.abc import Mapping, Sequence
 
 from virtual_phantom.io.volumes import read_nifti
-from virtual_phantom.proof.conceal import seal
-from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_section, write, write_images
-from virtual_phantom.proof.conceal.objects import OBJECTS
-from virtual_phantom.proof.conceal.suite import PROTOCOLS, scan_seed, views_of
-from virtual_phantom.proof.conceal.xcist import energy_of_water
+from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.hiding.generate import acquire, hidden_settings, scan_section, write, write_images
+from virtual_phantom.proof.hiding.objects import OBJECTS
+from virtual_phantom.proof.hiding.suite import PROTOCOLS, scan_seed, views_of
+from virtual_phantom.proof.hiding.xcist import energy_of_water
 from virtual_phantom.study.job import job
 
 
@@ -26,10 +26,10 @@ def main(
     fine = read_nifti(fine_file)
     kev = energy_of_water(mu_water_per_mm)
     seeds = scan_seed(settings["seed"], truth["number"]).spawn(2)
-    concealed, many = concealed_settings(truth), views_of(truth["kind"], settings)
-    for folder, protocol, views, seed in zip(folders, PROTOCOLS, many, seeds, strict=True):
+    hidden, numbers_of_views = hidden_settings(truth), views_of(truth["kind"], settings)
+    for folder, protocol, views, seed in zip(folders, PROTOCOLS, numbers_of_views, seeds, strict=True):
         photons, rotation_ms, repeats = (settings[protocol][key] for key in ("photons", "rotation_time_ms", "repeats"))
-        scan = scan_section(phantom_object, settings["scan"], views, photons, rotation_ms, kev, concealed)
+        scan = scan_section(phantom_object, settings["scan"], views, photons, rotation_ms, kev, hidden)
         taken = acquire(scan, phantom_object, fine, mu_water_per_mm, repeats, seed)
         if truth["kind"] == "images":
             write_images(folder, case, phantom_object, scan, taken, mu_water_per_mm)

@@ -1,4 +1,4 @@
-"""One public scan, fetched and held against the list."""
+"""Fetch one public scan and check it against the list of files."""
 
 from virtual_phantom.recordings.public_scans.fetch import fetch_scan
 from virtual_phantom.recordings.public_scans.table import PublicScan

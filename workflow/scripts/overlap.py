@@ -30,8 +30,8 @@ def main(
     for kind in ranking.KINDS:
         first, ten = table.iloc[0], table.iloc[min(9, len(table) - 1)]
         log.info(
-            "%s at %d repeats: area %.3f, SD %.3f (unrelated lists %.3f, 97.5 %% of them below %.3f), above their band "
-            "at %d of %d lengths; %.1f of the %d best shared, SD %.1f",
+            "%s at %d repeats: area %.3f, SD %.3f (unrelated lists %.3f, 97.5 %% of them below %.3f). Above their band "
+            "at %d of %d lengths. Shared: %.1f of the %d best, SD %.1f",
             kind,
             repeats,
             *(first[f"area_{kind}{what}"] for what in ("", "_sd", "_expected", "_upper")),

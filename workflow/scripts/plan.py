@@ -1,4 +1,4 @@
-"""What the configured study would cost, as a table, as JSON and as text."""
+"""Write the expected cost of the configured study as a table, as JSON and as text."""
 
 import json
 from collections.abc import Mapping, Sequence

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from virtual_phantom.base.streams import Branch, branch
 from virtual_phantom.phantom import write_phantom
-from virtual_phantom.proof.conceal.objects import OBJECTS
-from virtual_phantom.proof.conceal.phantoms import build
+from virtual_phantom.proof.hiding.objects import OBJECTS
+from virtual_phantom.proof.hiding.phantoms import build
 from virtual_phantom.study.job import job, log
 
 

@@ -12,9 +12,9 @@ import sys
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.io.documents import SCORE, read_document
-from virtual_phantom.proof.conceal import seal
-from virtual_phantom.proof.score import record
-from virtual_phantom.proof.score.rows import rows
+from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.scoring import record
+from virtual_phantom.proof.scoring.rows import rows
 from virtual_phantom.report.proof import tally
 from virtual_phantom.statistics.proof_record import read_proof_record
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from virtual_phantom.proof.conceal import seal
+from virtual_phantom.proof.hiding import seal
 from virtual_phantom.study.job import job
 
 

@@ -42,7 +42,7 @@ def main(
             f"repeats: ROI {rois[lost[0]].name} leaves the grid where the phantom is re-positioned by {pose}; enlarge "
             "grid.shape, or make repeats.shift_mm smaller"
         )
-    # Interpolated at the voxels' centres: for the mean within each ROI, no more.
+    # Interpolated at the voxel centers, which is sufficient for the mean within each ROI.
     there = itk_resample(itk_image(fine.array, fine.grid), grid, world_to_object(pose, grid.centre_mm), HU_AIR)
     write_rois(rois, Volume(there, grid), Path(output).parent)
     log.info("%d ROIs on %s, %s", len(rois), grid, pose)

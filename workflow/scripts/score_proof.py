@@ -7,10 +7,10 @@ from pathlib import Path
 from virtual_phantom.figures import before_after, confusion, style
 from virtual_phantom.io.documents import SCORE, write_document
 from virtual_phantom.io.files import write_text
-from virtual_phantom.proof.conceal.case import collect
-from virtual_phantom.proof.score.example import example, in_words, residual_maps
-from virtual_phantom.proof.score.real import minutes, row
-from virtual_phantom.proof.score.score import score
+from virtual_phantom.proof.hiding.case import collect
+from virtual_phantom.proof.scoring.example import example, in_words, residual_maps
+from virtual_phantom.proof.scoring.real import minutes, row
+from virtual_phantom.proof.scoring.score import score
 from virtual_phantom.report.proof import blind_validation_page
 from virtual_phantom.statistics.proof_record import read_proof_record
 from virtual_phantom.study.job import job, log

@@ -1,10 +1,10 @@
-"""Draw what is concealed in every case, seal it and publish the seals."""
+"""Draw the hidden effects of each case, seal the truths and publish the seals."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from virtual_phantom.proof.conceal import seal
-from virtual_phantom.proof.conceal.suite import salt, truths
+from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.hiding.suite import salt, truths
 from virtual_phantom.study.job import job, log
 
 

@@ -23,7 +23,7 @@ from ..base.data import RESOURCES
 
 LIBRARY = Path(__file__).resolve().parents[1]
 EFFECTS = LIBRARY / "physics" / "effects"
-HOOKS = LIBRARY / "proof" / "conceal" / "hooks"
+HOOKS = LIBRARY / "proof" / "hiding" / "hooks"
 TEMPLATES = "templates"  # folder of page templates, beside the modules that fill them in
 # Modules that word errors, write logs or report progress. No result depends on them.
 WITHOUT_EFFECT = (

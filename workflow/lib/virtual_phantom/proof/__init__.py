@@ -1,5 +1,5 @@
-"""The proof: recordings of an independent simulator in which physics is concealed, the diagnosis of them, the score.
+"""The blind validation: an independent simulator hides physics, the diagnosis runs, and the result is scored.
 
-Nothing here that makes recordings uses the library's own physics, projectors or solvers, and nothing of the diagnosis
+Modules that make recordings use none of Virtual Phantom's physics, projectors or solvers. No module of the diagnosis
 imports this package.
 """

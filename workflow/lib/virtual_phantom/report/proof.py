@@ -22,7 +22,7 @@ def blind_validation_page(
     Parameters
     ----------
     score : mapping
-        Result of proof.score.score.
+        Result of proof.scoring.score.
     maps : mapping of str to tuple of 2 ndarray, shape (down, across)
         {case: standardized residuals before and after}.
     reports : mapping of str to str

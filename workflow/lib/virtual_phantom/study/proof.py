@@ -10,8 +10,8 @@ from ..config.dependencies import resource
 from ..config.outputs import Files
 from ..config.plan import Plan
 from ..diagnosis.candidate_effects import candidates
-from ..proof.conceal.objects import OBJECTS
-from ..proof.conceal.suite import (
+from ..proof.hiding.objects import OBJECTS
+from ..proof.hiding.suite import (
     PHANTOMS,
     PROTOCOLS,
     cases,

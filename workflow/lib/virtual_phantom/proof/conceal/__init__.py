@@ -1,1 +1,0 @@
-"""Recordings of an independent simulator, in which physics is concealed and sealed."""

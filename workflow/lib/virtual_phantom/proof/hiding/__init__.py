@@ -1,0 +1,1 @@
+"""Recordings of an independent simulator with hidden effects, whose truths are sealed."""

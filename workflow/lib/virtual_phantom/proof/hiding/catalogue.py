@@ -1,0 +1,263 @@
+"""Effects that can be hidden, with their strengths in the settings of the simulator.
+
+Ranges follow from the change of the readings in the scans of the suite (docs/validation/blind-validation.md), not from
+results of the diagnosis.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...physics.effect import names
+from .hidden_effect import IMAGE, MEAN, NOISE, STRENGTHS, HiddenEffect, ranges, sign
+from .missing_effects import MISSING_EFFECTS
+from .objects import READOUT_KEV
+
+__all__ = ["CATALOGUE", "IMAGE", "MODELS", "STRENGTHS", "XCIST", "HiddenEffect", "never_hidden"]
+
+COLLIMATOR_MM = 200.0  # distance from the focal spot, as the diagnosis assumes
+AT_PHOTONS = 1e5  # per pixel in air, at which a saturation loses its share
+
+
+def _same(setting: str, parameter: str, signed: bool = False):
+    """Make one parameter with the same definition in simulator and library."""
+
+    def make(size, random):
+        value = size * (sign(random) if signed else 1.0)
+        return {setting: value}, {parameter: value}
+
+    return make
+
+
+def _spectrum(size, random):
+    kvp = float(random.choice([80, 100, 120, 140]))
+    # Beam hardening decreases with filtration: the size is inverse to the thickness of the aluminum filter.
+    return {"kvp": kvp, "aluminium_mm": 20 / size}, {"kvp": kvp}
+
+
+def _scatter(size, random):
+    return {"scatter_scale": size}, {}
+
+
+def _focal_spot(size, random):
+    length = size * float(random.uniform(0.6, 1.0))
+    return {"focal_spot_mm": (size, length)}, {"width_mm": size, "length_mm": length}
+
+
+def _crosstalk(setting):
+    def make(size, random):
+        row = size * float(random.uniform(0.5, 1.0))
+        return {setting: (size, row)}, {"column": size, "row": row}
+
+    return make
+
+
+def _bowtie(size, random):
+    return {"bowtie": str(random.choice(["small", "medium", "large"])), "bowtie_scale": size}, {}
+
+
+def _modulation(size, random):
+    phase = float(random.uniform(0, 2 * np.pi))
+    cosine, sine = size * np.cos(phase), size * np.sin(phase)
+    return {"modulation": (cosine, sine)}, {"cosine": cosine, "sine": sine}
+
+
+def _heel(size, random):
+    depth_mm = size * sign(random)
+    # The anode angle sets the anode's side in the library. A positive depth in the simulator is the other side.
+    return {"heel_depth_mm": depth_mm}, {"depth_um": -1000 * depth_mm}
+
+
+def _afterglow(size, random):
+    constant = float(random.uniform(6, 14))  # ms, around the 10 of XCIST's example
+    comparable = {"share": size, "time_constant_ms": constant, "before": 0.0}  # the scans begin without afterglow
+    return {"lag_share": size, "lag_ms": constant}, comparable
+
+
+def _source_distance(size, random):
+    isocentre, detector = size * sign(random), 0.5 * size * float(random.uniform(-1, 1))
+    return {"isocentre_mm": isocentre, "detector_mm": detector}, {"isocentre_mm": isocentre, "detector_mm": detector}
+
+
+def _motion(size, random):
+    direction = random.normal(size=3) * (1.0, 1.0, 0.5)
+    velocity = (size * direction / np.linalg.norm(direction)).tolist()
+    names = ("x_mm_per_s", "y_mm_per_s", "z_mm_per_s")
+    return {"velocity_mm_per_s": tuple(velocity)}, dict(zip(names, velocity, strict=True))
+
+
+def _glare(size, random):
+    return {"glare_share": size, "glare_range_mm": float(random.uniform(20, 40))}, {}
+
+
+def _dark(size, random):
+    drift = size * float(random.uniform(-0.5, 0.5))
+    settings = {"dark_photons": size, "dark_photons_per_s": drift}
+    return settings, {"level_units": size * READOUT_KEV, "drift_units_per_s": drift * READOUT_KEV}
+
+
+def _kernel(size, random):
+    return {"kernel_pixels": size}, {}  # not comparable: the library blurs in addition to its interpolation
+
+
+def _hu(size, random):
+    scale, offset = 1 + size * sign(random), 500 * size * sign(random)
+    return {"hu_scale": scale, "hu_offset": offset}, {"scale": scale, "offset_hu": offset}
+
+
+def _off_focal(size, random):
+    # Full width at half maximum of a Gaussian; the source in the library is uniform.
+    width = float(random.uniform(15, 30))
+    settings = {"off_focal_share": size, "off_focal_width_mm": width, "off_focal_collimator_mm": COLLIMATOR_MM}
+    return settings, {"share": size}
+
+
+def _saturation(size, random):
+    """With equal chance, a loss in proportion to the photons that arrive or a power law of the reading."""
+    if random.random() < 0.5:
+        return {"saturation_per_photon": size / AT_PHOTONS}, {}
+    exponent = 1 + size * sign(random)
+    return {"reading_power": exponent}, {"exponent": exponent}
+
+
+def _wobble(size, random):
+    side = size * sign(random)
+    # The spot of the simulator alternates between +side and -side.
+    return {"wobble_mm": side}, {"columns_mm": 2 * side, "rows_mm": 0.0}
+
+
+def _source_drift(size, random):
+    direction = random.normal(size=3)
+    velocity = (size * direction / np.linalg.norm(direction)).tolist()
+    names = ("columns_mm_per_s", "rows_mm_per_s", "away_mm_per_s")
+    return {"source_mm_per_s": tuple(velocity)}, dict(zip(names, velocity, strict=True))
+
+
+def _angle_wave(size, random):
+    phase = float(random.uniform(0, 2 * np.pi))
+    cosine, sine = size * np.cos(phase), size * np.sin(phase)
+    return {"angle_wave_deg": (cosine, sine)}, {"cosine_deg": cosine, "sine_deg": sine}
+
+
+CATALOGUE: dict[str, HiddenEffect] = {
+    "spectrum": HiddenEffect(True, ranges((1.0, 1.5), (2.5, 4.0), (5.0, 8.0)), _spectrum, MEAN, "haze"),
+    "scatter": HiddenEffect(True, ranges((0.3, 0.6), (1.5, 3.0), (5.0, 10.0)), _scatter, MEAN, "haze"),
+    "veiling_glare": HiddenEffect(True, ranges((0.002, 0.004), (0.01, 0.02), (0.03, 0.06)), _glare, MEAN, "haze"),
+    "dark_signal": HiddenEffect(True, ranges((20, 40), (100, 200), (400, 800)), _dark, MEAN, "haze"),
+    "focal_spot": HiddenEffect(True, ranges((1.0, 1.3), (1.8, 2.3), (3.0, 3.8)), _focal_spot, MEAN, "blur"),
+    "xray_crosstalk": HiddenEffect(
+        True, ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.12)), _crosstalk("crosstalk"), MEAN, "blur"
+    ),
+    "optical_crosstalk": HiddenEffect(
+        True,
+        ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.12)),
+        _crosstalk("optical_crosstalk"),
+        (*MEAN, "noise correlation"),
+        "blur",
+    ),
+    "afterglow": HiddenEffect(True, ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.15)), _afterglow, MEAN),
+    "electronic_noise": HiddenEffect(
+        True, ranges((12, 16), (25, 40), (80, 150)), _same("electronic_photons", "photons"), NOISE, "noise"
+    ),
+    "photon_flux": HiddenEffect(
+        True,
+        ranges((0.85, 0.9), (0.65, 0.75), (0.35, 0.5)),
+        _same("flux_factor", "factor"),
+        (*NOISE, "alignment"),
+        "noise",
+    ),
+    "current_modulation": HiddenEffect(True, ranges((0.1, 0.15), (0.25, 0.35), (0.5, 0.6)), _modulation, NOISE),
+    "bowtie": HiddenEffect(True, ranges((0.05, 0.1), (0.2, 0.4), (0.7, 1.0)), _bowtie, (*NOISE, "white field")),
+    "heel": HiddenEffect(True, ranges((1e-3, 2e-3), (4e-3, 7e-3), (0.012, 0.02)), _heel, (*NOISE, "white field")),
+    "gain_pattern": HiddenEffect(
+        True, ranges((6e-4, 1e-3), (2e-3, 4e-3), (8e-3, 0.015)), _same("gain_rms", "rms"), ("pixels", "columns")
+    ),
+    "centre_of_rotation": HiddenEffect(
+        True, ranges((0.05, 0.08), (0.15, 0.3), (0.6, 1.2)), _same("axis_shift_mm", "shift_mm", True), MEAN, "place"
+    ),
+    "detector_offset": HiddenEffect(
+        True,
+        ranges((0.03, 0.05), (0.1, 0.2), (0.4, 0.8)),
+        _same("detector_columns_px", "columns_px", True),
+        MEAN,
+        "place",
+    ),
+    "source_distance": HiddenEffect(
+        True, ranges((0.6, 1.0), (2.0, 4.0), (8.0, 15.0)), _source_distance, (*MEAN, "alignment")
+    ),
+    "motion": HiddenEffect(True, ranges((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _motion, MEAN, "drift"),
+    "reconstruction_kernel": HiddenEffect(
+        True, ranges((0.75, 0.85), (0.9, 1.0), (1.1, 1.2)), _kernel, IMAGE, of_images=True
+    ),
+    "hu_calibration": HiddenEffect(True, ranges((0.005, 0.01), (0.02, 0.03), (0.05, 0.08)), _hu, IMAGE, of_images=True),
+    "off_focal_radiation": HiddenEffect(
+        True, ranges((0.01, 0.02), (0.04, 0.06), (0.1, 0.15)), _off_focal, (*MEAN, "white field"), "haze"
+    ),
+    "view_blur": HiddenEffect(
+        True,
+        ranges((0.2, 0.3), (0.5, 0.6), (0.9, 1.0)),
+        lambda size, _: ({"duty": size, "subviews": 8}, {"duty": size}),
+        MEAN,
+        "blur",
+    ),
+    "detector_saturation": HiddenEffect(
+        True, ranges((0.002, 0.004), (0.01, 0.02), (0.04, 0.08)), _saturation, (*MEAN, "alignment"), "haze"
+    ),
+    "focal_spot_wobble": HiddenEffect(True, ranges((0.1, 0.2), (0.4, 0.6), (1.0, 1.5)), _wobble, MEAN),
+    "detector_row_offset": HiddenEffect(
+        True, ranges((0.5, 0.8), (1.5, 2.5), (5.0, 8.0)), _same("detector_rows_mm", "rows_mm", True), MEAN
+    ),
+    "source_drift": HiddenEffect(True, ranges((0.1, 0.2), (0.5, 1.0), (2.0, 4.0)), _source_drift, MEAN, "drift"),
+    "view_angle_error": HiddenEffect(True, ranges((0.02, 0.04), (0.1, 0.2), (0.4, 0.8)), _angle_wave, MEAN),
+} | MISSING_EFFECTS
+
+# Source of the equation that makes the recordings. The names are keys in score.json.
+XCIST = "XCIST's own"
+OTHER = "an equation of the proof's own, which is not the library's"
+REPEATED = "the library's equation, written again"
+MODELS: dict[str, tuple[str, ...]] = {
+    XCIST: (
+        "spectrum",
+        "scatter",
+        "focal_spot",
+        "xray_crosstalk",
+        "optical_crosstalk",
+        "afterglow",
+        "electronic_noise",
+        "photon_flux",
+        "bowtie",
+        "source_distance",
+        "view_blur",
+        "focal_spot_wobble",
+        "k_edge_filter",
+    ),
+    OTHER: (
+        "veiling_glare",
+        "off_focal_radiation",
+        "detector_saturation",
+        *(name for name in MISSING_EFFECTS if name != "k_edge_filter"),
+    ),
+    REPEATED: (
+        "dark_signal",
+        "current_modulation",
+        "heel",
+        "gain_pattern",
+        "centre_of_rotation",
+        "detector_offset",
+        "motion",
+        "detector_row_offset",
+        "source_drift",
+        "view_angle_error",
+        "reconstruction_kernel",
+        "hu_calibration",
+    ),
+}
+
+
+def never_hidden() -> list[str]:
+    """List the effects of the library that cannot be hidden, so that the blind validation does not test them.
+
+    XCIST's projector of voxels cannot rotate a flat detector: at a roll of 4 degrees, the shadow of a ball nearly
+    vanishes.
+    """
+    return [name for name in names() if name not in CATALOGUE]

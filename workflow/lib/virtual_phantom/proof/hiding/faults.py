@@ -1,0 +1,148 @@
+"""Faults of detector and readout that the library has no effect for, from equations of this package."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...base.streams import branch, generator
+from .xcist import Acquired, Scan
+
+
+def faulty(taken: Acquired, scan: Scan, random: np.random.Generator) -> Acquired:
+    """Return the readings with the hidden faults.
+
+    Parameters
+    ----------
+    random : numpy.random.Generator
+        Draws the quanta that share their charge.
+    """
+    settings, readings, air = scan.settings, taken.readings, taken.air
+    if share := settings.get("charge_share", 0.0):
+        # The air scan has no noise, so that the expected value is added.
+        readings, air = charge_shared(readings, share, scan.kev, random), air + share * _mean_of_neighbors(air)
+    if rise := settings.get("warming", 0.0):
+        readings = readings * warmed(scan.views, scan.columns, rise, settings["warming_turns"])[:, None]
+    if share := settings.get("dim_share", 0.0):
+        readings = readings.copy()
+        readings[:, chosen(scan.views, settings["dim_views"], settings["dim_seed"])] *= 1 - share
+    if lost := settings.get("lost_views", 0.0):
+        readings = readings.copy()
+        for view in chosen(scan.views, lost, settings["lost_seed"]):
+            readings[:, view] = readings[:, view - 1]
+    return Acquired(readings.astype(np.float32), air.astype(np.float32), current=taken.current)
+
+
+def chosen(views: int, share: float, seed: int) -> np.ndarray:
+    """Return the sorted numbers of a share of the views: at least one view, never the first."""
+    count = max(1, round(share * views))
+    return np.sort(1 + generator(branch(seed, 0)).choice(views - 1, count, replace=False))
+
+
+def warmed(views: int, columns: int, rise: float, turns: float) -> np.ndarray:
+    """Gains of a detector that warms up: gains change with the distance from the fan's center, towards a limit.
+
+    Parameters
+    ----------
+    rise : float
+        Limit for the last column; the first column has the opposite sign.
+    turns : float
+        Time constant, turns.
+
+    Returns
+    -------
+    ndarray, shape (views, columns)
+        The mean of a view is 1.
+    """
+    time = (np.arange(views) + 0.5) / views
+    return 1 + rise * -np.expm1(-time / turns)[:, None] * np.linspace(-1, 1, columns)
+
+
+def charge_shared(readings: np.ndarray, share: float, kev: float, random: np.random.Generator) -> np.ndarray:
+    """Count quanta near the edge of their pixel in the adjacent pixel, too.
+
+    Parameters
+    ----------
+    readings : ndarray, shape (..., columns)
+        Energies, keV.
+    share : float
+        Share of all quanta that are counted twice, half of them on either side.
+    kev : float
+        Energy of one quantum.
+
+    Returns
+    -------
+    ndarray
+        keV, same shape as `readings`. Quanta beyond the edge of the detector are lost.
+    """
+    quanta = np.rint(np.maximum(readings, 0) / kev).astype(np.int64)
+    crossing = random.binomial(quanta, share)
+    right = random.binomial(crossing, 0.5)
+    added = np.zeros(quanta.shape)
+    added[..., 1:] += right[..., :-1]
+    added[..., :-1] += (crossing - right)[..., 1:]
+    return readings + kev * added
+
+
+def _mean_of_neighbors(values: np.ndarray) -> np.ndarray:
+    """Return half of the sum of the two neighbors along the columns."""
+    found = np.zeros(values.shape)
+    found[..., 1:] += values[..., :-1] / 2
+    found[..., :-1] += values[..., 1:] / 2
+    return found
+
+
+def refracted(photons: np.ndarray, amount: float) -> np.ndarray:
+    """Move photons at edges to the brighter side, as refraction does.
+
+    Free propagation through one material: I' = I - k Laplacian of I [1]_, a divergence, so that no photon is lost.
+
+    Parameters
+    ----------
+    photons : ndarray, shape (columns, rows, energies)
+        Means of the Poisson counts.
+    amount : float
+        k, pixels squared.
+
+    Returns
+    -------
+    ndarray
+        Same shape as `photons`.
+
+    References
+    ----------
+    .. [1] D. Paganin et al., J. Microsc. 206, 33, 2002.
+    """
+    moved = photons.copy()
+    for axis in (0, 1):
+        flow = amount * np.diff(photons, axis=axis)
+        first, last = ([slice(None)] * photons.ndim for _ in range(2))
+        first[axis], last[axis] = slice(None, -1), slice(1, None)
+        moved[tuple(first)] -= flow
+        moved[tuple(last)] += flow
+    return moved
+
+
+def displaced_tile(transmission: np.ndarray, first: float, last: float, shift: float) -> np.ndarray:
+    """Displace a tile of the detector along the columns.
+
+    Parameters
+    ----------
+    transmission : ndarray, shape (columns, ...)
+    first, last : float
+        Limits of the tile, shares of the columns.
+    shift : float
+        Columns, by linear interpolation.
+
+    Returns
+    -------
+    ndarray
+        Same shape as `transmission`.
+    """
+    columns = len(transmission)
+    inside = np.arange(round(first * columns), round(last * columns))
+    position = np.clip(inside + shift, 0, columns - 1)
+    low = np.minimum(position.astype(int), columns - 2)
+    rest = (position - low).reshape(-1, *[1] * (transmission.ndim - 1))
+    result = transmission.copy()
+    result[inside] = (1 - rest) * transmission[low] + rest * transmission[low + 1]
+    return result

@@ -1,0 +1,63 @@
+"""An effect or fault that can be hidden: its strengths and the settings of the simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+STRENGTHS = ("weak", "medium", "strong")
+MEAN = ("projections", "columns", "views", "rows", "path length", "edges")
+NOISE = ("noise variance", "noise level")
+IMAGE = ("image", "slices", "distance from the axis", "tissue", "edges")
+
+
+@dataclass(frozen=True)
+class HiddenEffect:
+    """An effect that can be hidden.
+
+    Attributes
+    ----------
+    known : bool
+        Whether the library has an effect of this name.
+    ranges : mapping of str to tuple of 2 float
+        {strength: (low, high)}: bounds of the log-uniform distribution of the size.
+    make : callable
+        Maps (size, random generator) to the settings of the simulator and to the parameters of the library that have
+        the same definition.
+    where : tuple of str
+        Domains of the diagnosis, at least one of which must show the effect.
+    alike : str
+        Effects with the same group change the readings in nearly the same way. No pair has two effects of one group.
+    of_images : bool
+        Whether the effect belongs to the reconstruction, so that only images show it.
+    right : str
+        For effects that the library lacks: the best verdict, written down before any run.
+    equals : tuple of tuple of str
+        For effects that the library lacks: sets of its effects that are equivalent.
+    """
+
+    known: bool
+    ranges: Mapping[str, tuple[float, float]]
+    make: Callable[[float, np.random.Generator], tuple[dict, dict]]
+    where: tuple[str, ...]
+    alike: str = ""
+    of_images: bool = False
+    right: str = ""
+    equals: tuple[tuple[str, ...], ...] = ()
+
+    def draw(self, strength: str, random: np.random.Generator) -> tuple[dict, dict]:
+        """Draw a size for one of STRENGTHS and return the result of `make`."""
+        low, high = self.ranges[strength]
+        return self.make(float(np.exp(random.uniform(np.log(low), np.log(high)))), random)
+
+
+def ranges(*bounds: tuple[float, float]) -> dict[str, tuple[float, float]]:
+    """Return the bounds by strength, in the order of STRENGTHS."""
+    return dict(zip(STRENGTHS, bounds, strict=True))
+
+
+def sign(random: np.random.Generator) -> float:
+    """Return 1 or -1 with equal chance."""
+    return float(random.choice([-1.0, 1.0]))

@@ -1,0 +1,58 @@
+"""XCIST's projection on subdivided detector cells, with averaged transmissions.
+
+XCIST's distance-driven projector averages path lengths over a cell, while a detector adds up photons. Smaller cells
+reduce the difference.
+"""
+
+import copy
+
+import numpy as np
+from gecatsim.pyfiles.C_Projector_SetData import set_detector_voxelized
+from gecatsim.pyfiles.C_Projector_Voxelized import C_Projector_Voxelized
+from gecatsim.pyfiles.Detector_ThirdgenCurved import Detector_ThirdgenCurved
+
+from ..faults import displaced_tile
+from .source import seen
+
+
+def projector(cfg, view, subview):
+    """Multiply `cfg.thisSubView`, shape (cells, energies), by the mean transmission over each cell."""
+    divided = cfg.hooks.cells_divided
+    if view == cfg.sim.startViewId and subview == 0:
+        cfg.hooks.fine = _divided(cfg, divided)
+        set_detector_voxelized(cfg.hooks.fine)  # XCIST's C library projects onto these cells from here on
+    fine, scanner = cfg.hooks.fine, cfg.scanner
+    finer = copy.copy(cfg)
+    finer.detNew = copy.copy(cfg.detNew)
+    finer.detNew.totalNumCells = fine.det.totalNumCells
+    finer.thisSubView = np.ones((fine.det.totalNumCells, cfg.spec.nEbin), np.float32)
+    if cfg.hooks.beside_mm:  # off-focal points, which not every cell sees: weights per cell
+        finer.srcNew = copy.copy(cfg.srcNew)
+        cells = np.repeat(seen(cfg, divided), scanner.detectorRowCount * divided, axis=1)
+        finer.srcNew.weights = (cfg.src.weights[0][:, None] * cells)[None, :, :, None]
+    transmission = C_Projector_Voxelized(finer, view, subview).thisSubView
+    settings = vars(cfg.hooks)
+    if shift := settings.get("tile_px", 0.0):
+        columns = transmission.reshape(scanner.detectorColCount * divided, -1)
+        moved = displaced_tile(columns, settings["tile_from"], settings["tile_to"], shift * divided)
+        transmission = moved.reshape(transmission.shape)
+    shape = scanner.detectorColCount, divided, scanner.detectorRowCount, divided, cfg.spec.nEbin
+    mean = transmission.reshape(shape).mean(axis=(1, 3)).reshape(-1, cfg.spec.nEbin)
+    if cfg.hooks.beside_mm:  # already part of the flux
+        mean = mean / cfg.hooks.open
+    cfg.thisSubView = cfg.thisSubView * mean
+    return cfg
+
+
+def _divided(cfg, divided):
+    """Return a configuration whose detector has the same size and `divided` times as many cells per direction."""
+    finer = copy.copy(cfg)
+    finer.scanner = scanner = copy.copy(cfg.scanner)
+    finer.det = None
+    modules = cfg.scanner.detectorColCount // cfg.scanner.detectorColsPerMod
+    scanner.detectorColCount = cfg.scanner.detectorColCount * divided
+    scanner.detectorColsPerMod = scanner.detectorColCount // modules
+    scanner.detectorRowsPerMod = scanner.detectorRowCount = cfg.scanner.detectorRowCount * divided
+    scanner.detectorColSize = cfg.scanner.detectorColSize / divided
+    scanner.detectorRowSize = cfg.scanner.detectorRowSize / divided
+    return Detector_ThirdgenCurved(finer)

@@ -1,0 +1,398 @@
+"""Scans by XCIST/CatSim [1]_, the simulator of the blind validation.
+
+Its distance-driven projector, cross-sections, spectra, scatter kernel, crosstalk, lag and noise are used unchanged.
+`hiding.hooks` adds physics that XCIST lacks.
+
+References
+----------
+.. [1] M. Wu et al., Phys. Med. Biol. 67, 194002, 2022.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import tempfile
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ...base.errors import InputError
+from ...base.streams import Stream
+from ...base.vectors import FLAT
+
+CELLS_DIVIDED = 4  # subdivision of a detector cell per direction; transmissions are averaged
+HOOKS = "virtual_phantom.proof.hiding.hooks."
+ENERGY_BINS = 20
+TARGET_ANGLE_DEG = 7.0  # anode angle of XCIST's tabulated spectra
+FOCAL_SPOT_SAMPLES = 3  # per direction, uniformly spaced
+SPOT_STRETCHED = (1 - FOCAL_SPOT_SAMPLES**-2) ** -0.5  # gives the samples the variance of a uniform focal spot
+ENERGIES_KEV = (40.0, 120.0)  # range of the monochromatic beam's energy
+SURFACES = {"ellipsoid": 1, "cylinder": 2}  # XCIST's numbers
+# Neutral settings of the hooks.
+IDLE = {
+    "detector_columns_px": 0.0,
+    "axis_shift_mm": 0.0,
+    "velocity_mm_per_s": (0.0, 0.0, 0.0),
+    "modulation": (0.0, 0.0),
+    "off_focal_share": 0.0,
+    "off_focal_width_mm": 20.0,
+    "off_focal_collimator_mm": 0.0,  # distance from the focal spot; 0: no collimator
+    "heel_depth_mm": 0.0,
+    "detector_rows_mm": 0.0,
+    "source_mm_per_s": (0.0, 0.0, 0.0),  # along columns, rows and away from the detector
+    "angle_wave_deg": (0.0, 0.0),
+}
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A scan for XCIST: one turn of a detector on a circle, starting at +y.
+
+    Attributes
+    ----------
+    column_pitch_mm, row_pitch_mm, source_to_isocentre_mm, source_to_detector_mm : float
+        As in ScanGeometry, mm.
+    kev : float
+        Energy of the monochromatic beam, keV; ignored if the settings contain `kvp`.
+    photons : float
+        Noise-equivalent quanta per pixel in air, in the center of the detector.
+    rotation_ms : float
+        Rotation time, ms.
+    settings : dict
+        {name: value} of the hidden effects: keys of IDLE, and keys that this module, `readout` and `generate` read.
+    surface : {"flat", "cylindrical"}, optional
+        Shape of the detector; the axis of a cylinder passes through the source.
+    column_offset_px : float, optional
+        As in ScanGeometry.
+    """
+
+    views: int
+    columns: int
+    rows: int
+    column_pitch_mm: float
+    row_pitch_mm: float
+    source_to_isocentre_mm: float
+    source_to_detector_mm: float
+    kev: float
+    photons: float
+    rotation_ms: float = 1000.0
+    settings: dict = field(default_factory=dict)
+    surface: str = FLAT
+    column_offset_px: float = 0.0
+
+
+@dataclass(frozen=True)
+class Acquired:
+    """Readings of a scan, in the linear unit of the detector.
+
+    Attributes
+    ----------
+    readings : ndarray of float32, shape (repeats, views, rows, columns)
+    air : ndarray of float32, shape (rows, columns)
+    quanta : ndarray, shape (rows, columns), or None
+        Noise-equivalent quanta in air, per view; None if unknown.
+    current : ndarray, shape (views,), or None
+        Relative tube current, by which the readings are divided; None if it is constant.
+    """
+
+    readings: np.ndarray
+    air: np.ndarray
+    quanta: np.ndarray | None = None
+    current: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Surface:
+    """An ellipsoid or an elliptic cylinder along z.
+
+    Attributes
+    ----------
+    kind : {"ellipsoid", "cylinder"}
+    material : str
+        XCIST's name.
+    centre_mm, half_axes_mm : tuple of 3 float
+        Along x, y and z, mm.
+    """
+
+    kind: str
+    material: str
+    centre_mm: tuple[float, float, float]
+    half_axes_mm: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """An object for XCIST, given by surfaces. Later surfaces replace earlier ones where they overlap.
+
+    At least one surface must be a cylinder: XCIST's reader fails without the planes of its ends.
+
+    Attributes
+    ----------
+    rays : int, optional
+        Rays per detector cell and direction.
+    """
+
+    parts: tuple[Surface, ...]
+    rays: int = 2
+
+    def configure(self, cfg, folder: Path) -> None:
+        """Set the configuration to scan this object; write its file to the folder."""
+        cfg.phantom.filename = str(self.write(folder))
+        cfg.phantom.callback, cfg.phantom.projectorCallback = "Phantom_Analytic", "C_Projector_Analytic"
+        cfg.physics.colSampleCount = cfg.physics.rowSampleCount = self.rays
+
+    def write(self, folder: Path) -> Path:
+        """Write XCIST's file, in which objects are numbered from 1."""
+        names = sorted({surface.material for surface in self.parts})
+        lines = [f"materialList = {{{' '.join(repr(name) for name in names)} }};"]
+        for number, surface in enumerate(self.parts, start=1):
+            x, y, z = surface.centre_mm
+            along, across, up = surface.half_axes_mm
+            lines += [
+                "",
+                f"object.center({number},:) = [{x:.6f} {y:.6f} {z:.6f}];",
+                f"object.half_axes({number},:) = [{along:.6f} {across:.6f} {up:.6f}];",
+                f"object.euler_angs({number},:) = [0.000000 0.000000 0.000000];",
+                f"object.density({number}) = 1.000000;",
+                f"object.type({number}) = {SURFACES[surface.kind]};",
+                f"object.material({number}) = {1 + names.index(surface.material)};",
+                f"object.axial_lims({number},:) = [0 0];",
+                f"object.shape({number}) = 0;",
+                f"object.clip{{{number}}} = [];",
+            ]
+        path = folder / "object.ppm"
+        path.write_text("\n".join(lines) + "\n")
+        return path
+
+
+@dataclass(frozen=True)
+class Materials:
+    """An object for XCIST: volume fractions of its materials.
+
+    Attributes
+    ----------
+    fractions : dict of str to ndarray of float32, shape (z, y, x)
+        By XCIST's name of the material, in the scanner frame.
+    voxel_mm : tuple of 2 float
+        Size in the plane and height along z, mm.
+    """
+
+    fractions: dict[str, np.ndarray]
+    voxel_mm: tuple[float, float]
+
+    def configure(self, cfg, folder: Path) -> None:
+        """Set the configuration to scan this object; write its files to the folder."""
+        cfg.phantom.filename = str(self.write(folder))
+        cfg.phantom.projectorCallback = HOOKS + "projector"
+        cfg.physics.colSampleCount = cfg.physics.rowSampleCount = 1
+
+    def write(self, folder: Path) -> Path:
+        """Write XCIST's files: row 0 at +y, slice 0 at -z, x fastest."""
+        names = list(self.fractions)
+        slices, rows, columns = self.fractions[names[0]].shape
+        plane, height = self.voxel_mm
+        content = {
+            "volumefractionmap_filename": [f"{number}.raw" for number in range(len(names))],
+            "volumefractionmap_datatype": ["float"] * len(names),
+            "cols": [columns] * len(names),
+            "rows": [rows] * len(names),
+            "slices": [slices] * len(names),
+            "x_size": [plane] * len(names),
+            "y_size": [plane] * len(names),
+            "z_size": [height] * len(names),
+            "x_offset": [(columns + 1) / 2] * len(names),
+            "y_offset": [(rows + 1) / 2] * len(names),
+            "z_offset": [(slices + 1) / 2] * len(names),
+        }
+        for file, fraction in zip(content["volumefractionmap_filename"], self.fractions.values(), strict=True):
+            np.ascontiguousarray(fraction[:, ::-1], np.float32).tofile(folder / file)
+        path = folder / "object.json"
+        path.write_text(json.dumps({"n_materials": len(names), "mat_name": names, **content}))
+        return path
+
+
+def attenuation_per_mm(material: str, kev: float) -> float:
+    """Return XCIST's linear attenuation of a material, 1/mm."""
+    from gecatsim.pyfiles.GetMu import GetMu
+
+    return float(GetMu(material, np.array([kev], np.float32))[0]) / 10
+
+
+def energy_of_water(mu_per_mm: float) -> float:
+    """Return the energy at which XCIST's water has an attenuation, keV.
+
+    Parameters
+    ----------
+    mu_per_mm : float
+        1/mm.
+
+    Raises
+    ------
+    InputError
+        If there is no such energy between ENERGIES_KEV.
+    """
+    most, least = (attenuation_per_mm("water", kev) for kev in ENERGIES_KEV)
+    if not least <= mu_per_mm <= most:
+        raise InputError(
+            f"mu_water_per_mm: the water of the blind validation attenuates {least:.4f} to {most:.4f} per mm "
+            f"({ENERGIES_KEV[0]:g} to {ENERGIES_KEV[1]:g} keV), not {mu_per_mm:g}; change it or switch the blind "
+            "validation off"
+        )
+    return brentq(lambda kev: attenuation_per_mm("water", kev) - mu_per_mm, *ENERGIES_KEV)
+
+
+def simulate(scan: Scan, materials: Materials | Surfaces, repeats: int, seed: Stream) -> Acquired:
+    """Scan an object in a separate process, since XCIST's library keeps the state of one scan.
+
+    Parameters
+    ----------
+    seed : Stream
+        Stream of the noise.
+    """
+    with get_context("fork").Pool(1) as pool:
+        return pool.apply(_simulate, (scan, materials, repeats, seed))
+
+
+def _simulate(scan, materials, repeats, seed):
+    from .hooks.flux import tube_current
+
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)  # the C library prints each allocation
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
+        folder = Path(folder)
+        cfg = _air(_configured(scan, materials, folder))
+        # Quanta are proportional to the tube current. quantum_kev is the reading per quantum.
+        quanta = central(cfg.hooks.quanta, scan)
+        current = scan.photons * scan.settings.get("flux_factor", 1.0) / quanta
+        quantum_kev = central(cfg.hooks.views[0][0].T, scan) / quanta
+        cfg = _air(_configured(scan, materials, folder, current))
+        air, quanta = cfg.hooks.views[0][0], cfg.hooks.quanta.reshape(scan.columns, scan.rows).T
+        cfg = _configured(scan, materials, folder, current, quantum_kev)
+        cfg.hooks.repeats = repeats
+        cfg.hooks.lag = [None] * repeats
+        _seed(cfg, seed.spawn(1)[0])
+        cfg.sim.thisScanType = [0, 0, 1, 0]
+        _one_scan(cfg)
+        current = tube_current(cfg, np.arange(scan.views)) if any(cfg.hooks.modulation) else None
+    return Acquired(np.stack(cfg.hooks.views, axis=1), air, quanta, current)
+
+
+def central(values: np.ndarray, scan: Scan) -> float:
+    """Return the mean over the center of the detector.
+
+    Parameters
+    ----------
+    values : ndarray, shape (columns * rows,)
+        Column by column.
+    """
+    middle = values.reshape(scan.columns, scan.rows)[(scan.columns - 1) // 2 : scan.columns // 2 + 1]
+    return float(middle[:, (scan.rows - 1) // 2 : scan.rows // 2 + 1].mean())
+
+
+def _air(cfg):
+    cfg.sim.thisScanType = [1, 0, 0, 0]
+    return _one_scan(cfg)
+
+
+def _one_scan(cfg):
+    from gecatsim.pyfiles.OneScan import one_scan
+
+    return one_scan(cfg)
+
+
+def _seed(cfg, seed):
+    """Seed the quantum noise of XCIST's C library and the electronic noise, which uses NumPy's global state."""
+    from gecatsim.pyfiles.C_set_random_seed import C_set_random_seed
+
+    first, second, third = (int(word) for word in seed.generate_state(3) >> 2)
+    C_set_random_seed(cfg, first + 1, second + 1)
+    np.random.seed(third)  # noqa: NPY002
+
+
+def _configured(
+    scan: Scan, materials: Materials | Surfaces, folder: Path, current: float = 1.0, quantum_kev: float = 0.0
+):
+    from gecatsim import CFG
+
+    cfg = CFG()
+    settings = IDLE | scan.settings
+    physics, scanner, protocol = cfg.physics, cfg.scanner, cfg.protocol
+    materials.configure(cfg, folder)
+    cfg.phantom.projectorNumThreads = 1
+    scanner.sid = scan.source_to_isocentre_mm + settings.get("isocentre_mm", 0.0)
+    scanner.sdd = scan.source_to_detector_mm + settings.get("detector_mm", 0.0)
+    scanner.detectorColCount = scan.columns
+    scanner.detectorColsPerMod = scan.columns if scan.surface == FLAT else 1  # a single module is flat
+    scanner.detectorRowsPerMod = scanner.detectorRowCount = scan.rows
+    scanner.detectorColSize, scanner.detectorRowSize = scan.column_pitch_mm, scan.row_pitch_mm
+    scanner.detectorColOffset, scanner.detectorRowOffset = scan.column_offset_px, 0.0
+    scanner.detectorColFillFraction = scanner.detectorRowFillFraction = 1.0
+    scanner.detectorPrefilter = []
+    scanner.detectionGain = 1.0
+    scanner.detectionCallback = HOOKS + "detection"
+    scanner.focalspotCallback = HOOKS + "source"
+    scanner.focalspotShape = "uniform"
+    scanner.targetAngle = TARGET_ANGLE_DEG
+    protocol.scanTrajectory = HOOKS + "gantry"
+    protocol.viewsPerRotation = protocol.viewCount = scan.views
+    protocol.stopViewId = scan.views - 1
+    protocol.rotationTime = scan.rotation_ms / 1000
+    protocol.mA = current
+    protocol.flatFilter = []
+    protocol.bowtie = "" if "bowtie" not in settings else _scaled_bowtie(settings, folder)
+    protocol.wobbleDistance = settings.get("wobble_mm", 0.0)
+    protocol.dutyRatio = settings.get("duty", 1.0)
+    # XCIST exposes from the start of a view's interval; recordings give the angle at the middle of the exposure.
+    protocol.startAngle = 360 / scan.views * (1 - protocol.dutyRatio) / 2
+    physics.fluxCallback = HOOKS + "flux"
+    physics.recalcFlux = 1
+    physics.outputCallback = HOOKS + "output"
+    physics.viewSampleCount = settings.get("subviews", 1)
+    if "kvp" in settings:
+        physics.energyCount = ENERGY_BINS
+        protocol.spectrumFilename = f"tungsten_tar{TARGET_ANGLE_DEG:.1f}_{settings['kvp']:.0f}_filt.dat"
+        protocol.flatFilter = ["Al", settings["aluminium_mm"], *settings.get("plate", ())]
+    else:
+        physics.energyCount = 1
+        physics.monochromatic = scan.kev
+    width, length = settings.get("focal_spot_mm", (0.0, 0.0))
+    samples = FOCAL_SPOT_SAMPLES if width or length else 1
+    physics.srcXSampleCount = physics.srcYSampleCount = samples
+    scanner.focalspotWidth, scanner.focalspotLength = (max(SPOT_STRETCHED * side, 1e-3) for side in (width, length))
+    if "scatter_scale" in settings:
+        physics.scatterCallback = "Scatter_ConvolutionModel"
+        physics.scatterScaleFactor = settings["scatter_scale"]
+    if "crosstalk" in settings:
+        physics.crosstalkCallback = "CalcCrossTalk"
+        physics.col_crosstalk, physics.row_crosstalk = settings["crosstalk"]
+    if "optical_crosstalk" in settings:
+        physics.opticalCrosstalkCallback = "CalcOptCrossTalk"
+        physics.col_crosstalk_opt, physics.row_crosstalk_opt = settings["optical_crosstalk"]
+    if "lag_share" in settings:
+        physics.lagCallback = "Detection_Lag"
+        physics.lag_taus = [np.float32(settings["lag_ms"]), np.float32(settings.get("slow_lag_ms", 1.0))]
+        physics.lag_alphas = [settings["lag_share"], settings.get("slow_lag_share", 0.0)]
+    physics.enableElectronicNoise = int("electronic_photons" in settings)
+    scanner.eNoise = settings.get("electronic_photons", 0.0) * quantum_kev
+    cfg.hooks = SimpleNamespace(
+        **settings, cells_divided=CELLS_DIVIDED, views=[], lag=[None], current=1.0, repeats=1, quanta=None, photons=None
+    )
+    return cfg
+
+
+def _scaled_bowtie(settings: dict, folder: Path) -> str:
+    """Write one of XCIST's bowtie filters with scaled thicknesses."""
+    from gecatsim.pyfiles.CommonTools import my_path
+
+    table = np.loadtxt(my_path.find("bowtie", settings["bowtie"], ".txt"), comments=["#", "%"])
+    table[:, 1:] *= settings["bowtie_scale"]
+    path = folder / "bowtie.txt"
+    np.savetxt(path, table)
+    return str(path)

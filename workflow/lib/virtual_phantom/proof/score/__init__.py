@@ -1,1 +1,0 @@
-"""Seals opened, and verdicts held against what was concealed."""

@@ -1,0 +1,1 @@
+"""Comparison of verdicts with the hidden effects after the seals are opened."""

@@ -1,0 +1,86 @@
+"""Confusion matrix of the hidden effect and the effect named first."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from ..hiding.case import MATCH, Case
+from ..hiding.catalogue import STRENGTHS
+
+NOTHING = "nothing"  # row: nothing hidden; column: a match
+NOTHING_FITS = "no effect fits"  # column: a difference without a named effect
+NOT_IN_LIBRARY = "{} (not in library)"
+OUTCOMES = ("right", "stand-in", "wrong")  # keys in score.json; `stand-in`: a reported alternative
+MEANING = (
+    "Cases with one hidden effect of the library, one that the library lacks, or nothing. Cases with two are not in "
+    "the matrix. Right: the hidden effect was named first; a match if nothing is hidden; unexplained differences if "
+    "the library lacks the effect. Alternative: the hidden effect is reported to explain the data as well as the "
+    "effect named first."
+)
+
+
+def row_of(case: Case) -> str:
+    """Return the row of a case in the matrix."""
+    if case.category == "none":
+        return NOTHING
+    if case.category == "single":
+        return case.hidden[0]
+    missing = [effect["name"] for effect in case.truth["effects"] if not effect["known"]]
+    return NOT_IN_LIBRARY.format(" + ".join(missing))
+
+
+def column_of(case: Case) -> str:
+    """Return the column of a case in the matrix."""
+    return case.first or (NOTHING if case.verdict == MATCH else NOTHING_FITS)
+
+
+def outcome(case: Case) -> str:
+    """Return one of OUTCOMES."""
+    if case.right:
+        return "right"
+    return "stand-in" if case.category == "single" and case.first_or_alternative_right else "wrong"
+
+
+def matrix(cases: Sequence[Case]) -> dict:
+    """Count cases by row, column and strength.
+
+    Returns
+    -------
+    dict
+        Meaning, number of pairs_left_out, and
+
+        * rows, columns: effects of the library in the same order, then nothing; then rows of effects that the library
+          lacks, and the column of differences without a named effect
+        * counts: [row][column]
+        * cells: nonzero cells with row, column, strength (or None), count and outcomes
+    """
+    shown = [case for case in cases if case.category != "pair"]
+    placed = [(row_of(case), column_of(case), case) for case in shown]
+    in_library = {row for row, _, case in placed if case.category == "single"}
+    missing = sorted({row for row, _, case in placed if case.category == "unknown"})
+    named = {case.first for case in shown if case.first}
+    columns = [*sorted(in_library | named), NOTHING, NOTHING_FITS]
+    rows = [*sorted(in_library), NOTHING, *missing]
+    groups = Counter((row, column, case.strength, outcome(case)) for row, column, case in placed)
+    cells = []
+    for row in rows:
+        for column in columns:
+            for strength in (*STRENGTHS, None):
+                counts = {outcome_name: groups[row, column, strength, outcome_name] for outcome_name in OUTCOMES}
+                if total := sum(counts.values()):
+                    cells.append(
+                        {"row": row, "column": column, "strength": strength, "count": total, "outcomes": counts}
+                    )
+    counts = [
+        [sum(cell["count"] for cell in cells if (cell["row"], cell["column"]) == (row, column)) for column in columns]
+        for row in rows
+    ]
+    return {
+        "meaning": MEANING,
+        "rows": rows,
+        "columns": columns,
+        "counts": counts,
+        "cells": cells,
+        "pairs_left_out": len(cases) - len(shown),
+    }

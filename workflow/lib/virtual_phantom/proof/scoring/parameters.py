@@ -1,0 +1,82 @@
+"""Errors of fitted parameters and coverage of their intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ...physics.effect import load
+from ..hiding.case import Case
+from ..hiding.catalogue import MODELS
+from .intervals import median, share
+
+MEANING = (
+    "Hidden effects that were named: parameters with the same definition in both simulators. Relative error: (fitted - "
+    "hidden) / (hidden - neutral). In half-widths: (fitted - hidden) over half of the width of the 95 % interval."
+)
+
+
+def errors(case: Case) -> list[dict]:
+    """Compare the fitted parameters of a case with the hidden values.
+
+    Parameters without a comparable definition and effects that were not named are skipped.
+
+    Returns
+    -------
+    list of dict
+        case, effect, parameter, unit, `concealed`, fitted, ci95, relative_error (None for a neutral value), half_widths
+        (None for an interval of zero width) and covered.
+    """
+    fitted = {effect["name"]: effect["parameters"] for effect in case.diagnosis["effects"]}
+    neutral = {
+        (name, parameter.name): parameter.neutral or 0.0 for name in fitted for parameter in load(name).parameters
+    }
+    found = []
+    for effect in case.truth["effects"]:
+        for name, truth in effect["comparable"].items():
+            if name not in fitted.get(effect["name"], {}):
+                continue
+            entry = fitted[effect["name"]][name]
+            low, high = entry["ci95"]
+            error, size = entry["value"] - truth, truth - neutral.get((effect["name"], name), 0.0)
+            found.append(
+                {
+                    "case": case.name,
+                    "effect": effect["name"],
+                    "parameter": name,
+                    "unit": entry["unit"],
+                    "concealed": truth,
+                    "fitted": entry["value"],
+                    "ci95": [low, high],
+                    "relative_error": error / size if size else None,
+                    "half_widths": 2 * error / (high - low) if high > low else None,
+                    "covered": low <= truth <= high,
+                }
+            )
+    return found
+
+
+def summary(cases: Sequence[Case]) -> dict:
+    """Return median absolute errors and coverage in all, by effect and by source of the equation, and all rows."""
+    rows = [row for case in cases for row in errors(case)]
+    effects = sorted({row["effect"] for row in rows})
+    return {
+        "meaning": MEANING,
+        "all": _accuracy(rows),
+        "by_effect": {name: _accuracy([row for row in rows if row["effect"] == name]) for name in effects},
+        "by_model": {
+            model: _accuracy([row for row in rows if row["effect"] in made]) for model, made in MODELS.items()
+        },
+        "parameters": rows,
+    }
+
+
+def _accuracy(rows: list[dict]) -> dict:
+    return {
+        "median_absolute_relative_error": median(_size(row["relative_error"]) for row in rows),
+        "median_absolute_half_widths": median(_size(row["half_widths"]) for row in rows),
+        "covered": share(row["covered"] for row in rows),
+    }
+
+
+def _size(value: float | None) -> float | None:
+    return None if value is None else abs(value)

@@ -1,0 +1,61 @@
+"""How well the unexplained difference separates cases with missing physics from cases that the library explains."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from ..hiding.case import Case
+from .intervals import share
+
+MEANING = (
+    "Unexplained difference (remainder_sd), compared with each bound. Lacking: share of the cases above the bound that "
+    "have a fault that the library lacks, if no equivalent was named. Had: share of the other cases above the bound, "
+    "if precisely the hidden effects were named. Area: probability that a case of the first group has the larger "
+    "unexplained difference, with ties counted as half."
+)
+
+
+def summary(cases: Sequence[Case]) -> dict:
+    """Return the share of cases reported as unexplained, by fault, and the curve of unexplained differences.
+
+    Returns
+    -------
+    dict
+        by_kind, {fault: share}; lacking and had, numbers of cases; curve, [{bound, lacking, had}] with decreasing
+        bounds; area, None if a group is empty.
+    """
+    unknown = [case for case in cases if case.category == "unknown"]
+    kinds = sorted({name for case in unknown for name in case.hidden})
+    missing = _left(case for case in unknown if not case.equivalent_named)
+    explained = _left(case for case in cases if case.in_library and set(case.named) == set(case.hidden))
+    bounds = sorted({*missing, *explained}, reverse=True) if missing and explained else []
+    return {
+        "meaning": MEANING,
+        "by_kind": {
+            name: share(case.reported_unexplained for case in unknown if name in case.hidden) for name in kinds
+        },
+        "lacking": len(missing),
+        "had": len(explained),
+        "curve": [
+            {"bound": bound, "lacking": _over(missing, bound), "had": _over(explained, bound)} for bound in bounds
+        ],
+        "area": area(missing, explained),
+    }
+
+
+def _left(cases: Iterable[Case]) -> list[float]:
+    """Unexplained differences of cases, except for cases whose two halves share no ray."""
+    remainders = (case.diagnosis["remainder_sd"] for case in cases)
+    return [value for value in remainders if value is not None]
+
+
+def _over(values: Sequence[float], bound: float) -> float:
+    return sum(value >= bound for value in values) / len(values)
+
+
+def area(more: Sequence[float], less: Sequence[float]) -> float | None:
+    """Probability that a value of `more` exceeds one of `less`; ties count as half. None if either is empty."""
+    if not more or not less:
+        return None
+    wins = sum((value > other) + 0.5 * (value == other) for value in more for other in less)
+    return wins / len(more) / len(less)

@@ -1,0 +1,76 @@
+"""A score as a Markdown table for docs/validation/blind-validation.md."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ...base.names import label
+from ...report.agreement_table import NAMES
+from ...report.html import number
+from ...report.proof import percent, reached, tally, valued
+
+LEFT = "unexplained, standard deviations of noise: median, 90th percentile, maximum"
+
+
+def rows(score: Mapping) -> list[str]:
+    """Return the lines of a Markdown table: quantity, result, target, and whether the target is reached."""
+    lines = ["| | result | target | |", "|---|---|---|---|"]
+    targets = {target["name"]: target for target in score["targets"]}
+    accuracy, removed, agreement = score["accuracy"], score["excess_removed"], score["agreement"]
+
+    def line(quantity: str, found: str, target: str | None = None) -> None:
+        limit, word = "", ""
+        if target is not None:
+            entry = targets[target]
+            limit, word = f"{entry['sense']} {valued(entry['target'], entry)}", reached(entry)[1]
+            word = f"**{word}**" if word == "missed" else word
+        lines.append(f"| {quantity} | {found} | {limit} | {word} |".replace("\N{NO-BREAK SPACE}", " "))
+
+    first, stand_in = accuracy["first"], accuracy["first_or_stand_in"]
+    line("named first, one effect of medium or strong strength", tally(first["medium_or_strong"]), "first")
+    line("named first, or reported as an alternative", tally(stand_in["medium_or_strong"]))
+    line("named first, one weak effect", tally(first["by_strength"]["weak"]))
+    line("named first, or reported as an alternative", tally(stand_in["by_strength"]["weak"]))
+    for model, share in first["by_model"].items():
+        line(f"named first, effects made by {model}", tally(share))
+    line("both of two effects named", tally(accuracy["pairs"]["both_named"]), "pairs")
+    line("false alarms if nothing is hidden", tally(accuracy["false_alarms"]), "false_alarms")
+    line("reported as unexplained if the library lacks the effect", tally(accuracy["unknown"]), "unknown")
+    for name, entry in score["remainders"]["by_kind"].items():
+        line(f"the same, {name.replace('_', ' ')}", tally(entry))
+    if (area := score["remainders"]["area"]) is not None:
+        line("area under the curve of unexplained differences, missing and available effects", f"{area:.2f}")
+    line("precisely the hidden effects named", tally(accuracy["exact"]["all"]))
+    for key, group in (
+        ("in_library", "one or two effects of the library"),
+        ("right", "precisely the hidden effects named"),
+        ("wrong", "an effect named that is not hidden"),
+        ("lacking", "an effect that the library lacks"),
+    ):
+        entry = removed[key]
+        found = f"{percent(entry['median'])}, {percent(entry['tenth_percentile'])} of {entry['n']} cases"
+        target = "excess_removed" if key == "in_library" else None
+        line(f"held-out excess removed, median and tenth percentile: {group}", found, target)
+        remainders = [entry["remainder_sd"][part] for part in ("median", "ninetieth_percentile", "most")]
+        line(LEFT, ", ".join("–" if value is None else number(value) for value in remainders))
+    for metric, entry in agreement["metrics"].items():
+        for name, values in (
+            ("", entry),
+            *((f", {name}", metrics[metric]) for name, metrics in agreement["by_phantom"].items()),
+        ):
+            rest = f"noise alone {percent(values['floor'])}, before the fit {percent(values['before'])}"
+            found = f"{percent(values['after'])} ({rest}; {values['n']} cases)"
+            line(
+                f"by another protocol, {NAMES[metric]}{name}", found, metric if metric in targets and not name else None
+            )
+    parameters = score["parameters"]
+    line("error of parameters, median", percent(parameters["all"]["median_absolute_relative_error"]))
+    line("95 % intervals that cover the true value", tally(parameters["all"]["covered"]))
+    for model, entry in parameters["by_model"].items():
+        line(f"the same, effects made by {model}", tally(entry["covered"]))
+    for name, entry in parameters["by_effect"].items():
+        line(f"the same, {label(name)}", tally(entry["covered"]))
+    for key in ("first_named", "gain", "ruled_out"):
+        for entry in score["calibration"][key]:
+            line(f"came true, {label(key)}: {entry['stated']}", tally(entry["came_true"]))
+    return lines
