@@ -32,7 +32,7 @@ from scipy import ndimage
 from scipy.optimize import brentq
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearisation, LinearisationPoint
+from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearization, LinearizationPoint
 from virtual_phantom.diagnosis.fitting.priors import declared, stated_physics
 from virtual_phantom.diagnosis.fitting.templates import strength, varied, whitened
 from virtual_phantom.diagnosis.fitting.trial import trial
@@ -161,7 +161,7 @@ def stands_out(given, physics):
     fitter = given.fitter
     place = {one.name: one.expected for one in fitter.model.aligned}
     data, beside = fitter.data, stated_physics(fitter.model.declared)
-    there = Linearisation(*2 * (LinearisationPoint.of(beside, place),)) if beside else BASE
+    there = Linearization(*2 * (LinearizationPoint.of(beside, place),)) if beside else BASE
     there = fitter.model.predict(beside | physics, place, data, there)
     clean = copy.copy(fitter)
     clean.data = replace(
@@ -179,9 +179,9 @@ def left_over(given, physics, fit):
     it is significant."""
     fitter, held_out = given.fitter, given.held_out
     place = {one.name: one.expected for one in fitter.model.aligned}
-    truth = fitter.model.predict(physics, place, held_out, Linearisation(*2 * (LinearisationPoint.of(physics, place),)))
+    truth = fitter.model.predict(physics, place, held_out, Linearization(*2 * (LinearizationPoint.of(physics, place),)))
     gain = fitter.model.chain.state(physics).gain
-    found = fitter.model.predict(fit.physics, fit.nuisance, held_out, fit.linearisation)
+    found = fitter.model.predict(fit.physics, fit.nuisance, held_out, fit.linearization)
     parts = [there - here for there, here in zip(held_out.residuals(found), held_out.residuals(truth), strict=True)]
     shape = held_out.mean.shape
     pattern = (0 if fit.pattern is None else -fit.pattern) - (0 if gain is None else np.log(gain))

@@ -25,7 +25,7 @@ from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.selection.forward_selection import LEAST_GAIN
-from virtual_phantom.diagnosis.verdict.unmodelled import changes
+from virtual_phantom.diagnosis.verdict.unmodeled import changes
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.proof.conceal.objects import OBJECTS

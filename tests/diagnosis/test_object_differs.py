@@ -9,7 +9,7 @@ import pytest
 from simulated_scans import scans_of
 
 from virtual_phantom.base.geometry import Grid, circular, helical
-from virtual_phantom.diagnosis.fitting.linearization import LinearisationPoint
+from virtual_phantom.diagnosis.fitting.linearization import LinearizationPoint
 from virtual_phantom.diagnosis.fitting.nuisance import Nuisance
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import local_mismatch as piece_module
@@ -18,7 +18,7 @@ from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.projections.local_mismatch import Left, Piece, found, reach_of
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.verdict.object_mismatch import excess, explains_all
-from virtual_phantom.diagnosis.verdict.unmodelled import changes
+from virtual_phantom.diagnosis.verdict.unmodeled import changes
 from virtual_phantom.figures.diagnosis import draw_pieces
 from virtual_phantom.io import documents
 from virtual_phantom.io.schema import defaults_of
@@ -239,7 +239,7 @@ def test_errors_of_steps_are_those_of_the_mended_object():
     fat, tissue = (float(attenuation_per_mm(one, [60.0])[0]) for one in ("adipose", "soft_tissue"))
     piece = Piece((-35.0, -20.0, -3.0), 15.0, False)
     mended = model.with_piece(Nuisance("piece_1", "1/mm", 0.0, np.inf), piece).numerical
-    at = LinearisationPoint(nuisance={"piece_1": tissue - fat})
+    at = LinearizationPoint(nuisance={"piece_1": tissue - fat})
     bare = ready((), {}, stated=()).fitter.model.numerical
     np.testing.assert_allclose(mended.at(at)["rays"], bare.at()["rays"], atol=2e-6)
     assert np.abs(mended.at()["rays"] - bare.at()["rays"]).max() > 1e-4

@@ -38,7 +38,7 @@ from .verdict.object_mismatch import (
     explains_all,
     no_physics,
 )
-from .verdict.unmodelled import ChangesOfFits
+from .verdict.unmodeled import ChangesOfFits
 from .verdict.verdict import Diagnosis, diagnose
 from .verdict_text import SETUP_VERDICTS, recording_lines, with_verdict_text
 

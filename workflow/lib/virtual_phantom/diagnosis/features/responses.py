@@ -67,7 +67,7 @@ class Responses:
         return np.stack([spread(one) for one in self.recorded])
 
     @cached_property
-    def centre(self) -> np.ndarray:
+    def center(self) -> np.ndarray:
         """Recorded means, shape (rois, features)."""
         return np.stack([one.mean(axis=0) for one in self.recorded])
 

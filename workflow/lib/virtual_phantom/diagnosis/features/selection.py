@@ -108,7 +108,7 @@ def shift(data: Responses, values: np.ndarray) -> np.ndarray:
     -------
     ndarray, shape (..., rois, features)
     """
-    return (values.mean(axis=-3) - data.centre) / data.unit
+    return (values.mean(axis=-3) - data.center) / data.unit
 
 
 def stand_ins(found: Mapping[Property, Trial]) -> list[Property]:

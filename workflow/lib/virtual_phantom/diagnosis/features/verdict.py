@@ -186,9 +186,9 @@ def _strength(data: Responses, one: Property):
     def fit(rois, ours, theirs):
         after, before = own
         if ours is not None:
-            centre = np.stack([each[rows].mean(axis=0) for each, rows in zip(data.recorded, theirs, strict=True)])
-            after = (curve.values[:, ours].mean(axis=1) - centre) / data.unit
-            before = (data.baseline[ours].mean(axis=0) - centre) / data.unit
+            center = np.stack([each[rows].mean(axis=0) for each, rows in zip(data.recorded, theirs, strict=True)])
+            after = (curve.values[:, ours].mean(axis=1) - center) / data.unit
+            before = (data.baseline[ours].mean(axis=0) - center) / data.unit
         gains = removed(before[rois], after[:, rois], data.floor[rois]).sum(axis=(1, 2))
         return {one.parameter[0]: float(curve.strengths[np.argmax(gains)])}
 

@@ -110,19 +110,19 @@ class Condenser:
             expected=self.expected,
         )
 
-    def noise(self, realisations) -> NoiseStatistics:
+    def noise(self, realizations) -> NoiseStatistics:
         """Return the statistics of realizations of noise, HU with mean 0, each of shape (z, y, x)."""
         square, products, total = 0.0, np.zeros(len(LAGS)), 0.0
-        for one in realisations:
+        for one in realizations:
             over = self.white.over_sd(one)
             square = square + over**2
             total += float((over**2).sum())
             for place, (lag, pairs) in enumerate(zip(LAGS, self._pairs, strict=True)):
                 products[place] += float((over * np.roll(over, [-step for step in lag], (0, 1, 2)))[pairs].sum())
         with np.errstate(invalid="ignore"):
-            variance = self.blocks.sum(square) / (self._counts * len(realisations))
-        count = np.array([pairs.sum() for pairs in self._pairs]) * len(realisations)
-        mean_square = total / (self.white.used.sum() * len(realisations))
+            variance = self.blocks.sum(square) / (self._counts * len(realizations))
+        count = np.array([pairs.sum() for pairs in self._pairs]) * len(realizations)
+        mean_square = total / (self.white.used.sum() * len(realizations))
         return NoiseStatistics(variance, products / np.maximum(count, 1) / mean_square)
 
 

@@ -55,7 +55,7 @@ def image_whitening(noise: np.ndarray, used: np.ndarray, floor: np.ndarray, repe
 
     Parameters
     ----------
-    noise : ndarray, shape (realisations, z, y, x)
+    noise : ndarray, shape (realizations, z, y, x)
         HU, mean 0.
     used : ndarray of bool, shape (z, y, x)
     floor : ndarray, shape (z, y, x)

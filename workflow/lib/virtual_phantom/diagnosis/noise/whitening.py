@@ -136,7 +136,7 @@ class Correlations:
         part = self.covariance(axis, min(length, LONG) if places == slice(None) else length)[places, places]
         return float(len(part) * (part**2).sum() / np.trace(part) ** 2)
 
-    def variance_of_neighbours(self, axis: int, lengths: tuple[int, int, int]) -> float:
+    def variance_of_neighbors(self, axis: int, lengths: tuple[int, int, int]) -> float:
         """Return the variance of the sample correlation of neighbors along an axis, times the number of pairs.
 
         It is to first order that of a ratio a / b of quadratic forms x'Mx, whose covariances are 2 tr(M C M' C); C is a
@@ -181,16 +181,16 @@ def of_state(state: State, apart: int | None = None) -> Correlations:
     electronic = (
         (state.electronic / state.photons) ** 2 / state.signal_per_line_integral**2 if state.electronic else 0.0
     )
-    coloured = 1 - float(np.mean(electronic / variance))
+    colored = 1 - float(np.mean(electronic / variance))
     pixels = []
     for share, length in zip(state.neighbours, variance.shape[:0:-1], strict=True):
         share = share if length > 1 else 0.0
         square = (1 - 2 * share) ** 2 + 2 * share**2
-        pixels.append((coloured * 2 * share * (1 - 2 * share) / square, coloured * share**2 / square))
+        pixels.append((colored * 2 * share * (1 - 2 * share) / square, colored * share**2 / square))
     # For weights 1 - k, k (1 - d), k (1 - d) d, ...: those of views that follow each other, over the squares.
     glow = share**2 * (1 - memory) / (1 + memory)
     views = (share * (1 - share) * (1 - memory) + glow * memory) / ((1 - share) ** 2 + glow)
-    found = Correlations(*pixels, (coloured * views, memory if share else 0.0))
+    found = Correlations(*pixels, (colored * views, memory if share else 0.0))
     return found.of_every(state.geometry.views_apart if apart is None else apart)
 
 

@@ -176,7 +176,7 @@ class FurtherScan:
                         physics[name][parameter.name] = parameter.neutral
             expected = {number.name: number.expected for number in further.alignment(effects)}
             nuisance = {name: one.nuisance[name] if again else value for name, value in expected.items()}
-            return replace(one, effects=effects, physics=physics, nuisance=nuisance, linearisation=model.nominal)
+            return replace(one, effects=effects, physics=physics, nuisance=nuisance, linearization=model.nominal)
 
         fitter = _expecting(further, here(weighed or fit), conditions, step)
         return Problem(fitter, effects, here(fit))

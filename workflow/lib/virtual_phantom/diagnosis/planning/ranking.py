@@ -303,7 +303,7 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
     keys = [("template", *key) if key[0] in weak else key for key in beside.keys]
     rows = []
     problem = scan.problem(model, (), fit, conditions, again=True)
-    point = replace(fit, nuisance=_named(problem), linearisation=problem.linearisation)
+    point = replace(fit, nuisance=_named(problem), linearization=problem.linearization)
     for name in names:
         if name in weak or name in fit.physics:
             continue

@@ -170,7 +170,7 @@ def observe(
                 for d in deviations
             )
             correlation[place] = products / (pairs * square[taken.usable].mean())
-            fewer = correlations.variance_of_neighbours(axis, taken.usable.shape)
+            fewer = correlations.variance_of_neighbors(axis, taken.usable.shape)
             correlation_error[place] = np.sqrt(fewer / (pairs * (n - 1)))
     return ObservedScans(
         mean=mean,

@@ -15,7 +15,7 @@ from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
 from ...physics.scenes.sampling import sources
 from ..fitting.fit import Fit, Fitter
-from ..fitting.linearization import LinearisationPoint, before_images
+from ..fitting.linearization import LinearizationPoint, before_images
 from ..fitting.nuisance import NOMINAL_PHOTONS_SD, PIECE, Nuisance, nuisances, pose_of
 from ..fitting.priors import Statement, stated_physics
 from ..noise.condensed import FEWEST, Blocks
@@ -314,7 +314,7 @@ def prepare(
     whole = observe(taken, reference, blocks)
     variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
     numerical = Numerical(chain, floor_chain, coarse_chain, anode)
-    left = numerical.left(LinearisationPoint({}, location or {}))
+    left = numerical.left(LinearizationPoint({}, location or {}))
     fitted, held, words = split(taken, further)
     if single:
         correlations = of_state(chain.state(stated, place, photons=photons, anode=anode))

@@ -261,7 +261,7 @@ def _shared(scan: ModelErrorInfluence, fit: Fit, shared: np.ndarray) -> _Shared:
         one = scan.problem.unknowns[index]
         values[place] = one.of(fit.physics[one.effect][one.name])
         # At the minimum, the gradient of the data balances that of the prior.
-        score[place] = scan.knowledge[index] * (values[place] - scan.problem.centre[index]) / excess
+        score[place] = scan.knowledge[index] * (values[place] - scan.problem.center[index]) / excess
     score += information @ values
     pulls = {key: marginal(pull) for key, pull in scan.pulls.items()}
     return _Shared(score, information, pulls, [marginal(pull) for pull in scan.own], excess)

@@ -17,7 +17,7 @@ from ..residuals.dataset import Change, Prepared
 from ..residuals.residual_tests import ALPHA
 from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..selection.screening import Screened
-from .unmodelled import ChangesOfFits
+from .unmodeled import ChangesOfFits
 
 MOST_PIECES = 3  # that are corrected; with more mismatches the object is another one
 BEYOND = 2.0  # ratio to the first-order gain of the best effect, as a fit may gain twice as much
@@ -32,7 +32,7 @@ def differing(found: Sequence[Change], least: float = LEAST_GAIN) -> Change | No
     Parameters
     ----------
     found : sequence of Change
-        Result of unmodelled.changes.
+        Result of unmodeled.changes.
     least : float, optional
         Least gain in log score.
     """

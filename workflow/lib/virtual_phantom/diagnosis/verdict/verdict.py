@@ -19,7 +19,7 @@ from ..uncertainty.intervals import intervals
 from ..uncertainty.model_error import Errors
 from ..verdict_text import MATCH, UNEXPLAINED, effect_name, recording_lines, with_verdict_text
 from .object_mismatch import content_of, excess
-from .unmodelled import ChangesOfFits, better, standing_out
+from .unmodeled import ChangesOfFits, better, standing_out
 from .warnings import caveats, doubts, statements
 
 LEFT_SD = 3.0  # by which a sum of products must stand above 0 to count as left: 1 in 740 by chance

@@ -72,8 +72,8 @@ def caveats(
 def likeness(prepared: Prepared, choice: Choice) -> float:
     """Return the correlation of the recorded data with the selected model's."""
     recorded = prepared.recorded()
-    modelled = recorded - prepared.difference(choice.chosen.fit, held_out=False)
-    return float(np.corrcoef(recorded, modelled)[0, 1])
+    modeled = recorded - prepared.difference(choice.chosen.fit, held_out=False)
+    return float(np.corrcoef(recorded, modeled)[0, 1])
 
 
 def _along_edges(prepared: Prepared, choice: Choice) -> bool:
