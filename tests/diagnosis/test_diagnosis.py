@@ -307,6 +307,6 @@ def test_an_alignment_that_had_to_give_way_changes_what_is_said(scene):
     content = found.content
     assert [one["name"] for one in content["effects"]] == ["scatter"]
     assert content["verdict"] == "mismatch partly explained"
-    assert any(line.startswith("log photons of the alignment had to be pulled") for line in content["doubts"])
+    assert any(line.startswith("log photons of the alignment reached the limit") for line in content["doubts"])
     assert content["verdict_lines"][0].startswith("Best explanation: scatter")
     assert "RMS" in content["sentence"]

@@ -13,7 +13,7 @@ from ..diagnosis.residuals.residual_tests import ALPHA
 from ..diagnosis.selection.store import RESIDUAL_MAPS, write_diagnosis
 from ..diagnosis.verdict.verdict import Diagnosis
 from ..diagnosis.verdict.warnings import advice
-from ..diagnosis.verdict_text import PRACTICAL, UNITS
+from ..diagnosis.verdict_text import DIFFERENCES, PRACTICAL
 from ..figures import diagnosis as figures
 from ..physics.effect import load
 from .agreement_table import agreement_table
@@ -87,7 +87,7 @@ def diagnosis_page(diagnosis: Diagnosis, maps: tuple[np.ndarray, np.ndarray]) ->
         pieces=picture(figures.draw_pieces(image, pieces)) if pieces and image is not None else None,
         object=None if image is None else picture(figures.draw_object(image)),
         domains=DOMAINS,
-        quantities=UNITS,
+        quantities={name: text.replace("{} ", "") for name, text in DIFFERENCES.items()},
         one_sided=ONE_SIDED,
         nuisances=NUISANCES,
         version=__version__,

@@ -71,7 +71,7 @@ def locate(
     of_views = (weight**2 * left).sum((1, 2))
     numbers = () if uncertain is None else uncertain[0].reshape(-1, *shape)
     alike = Alike(weight, [*data.numerical, *numbers], data.scatter)
-    of = f" of {shape[0]}" if step == 1 else f", one in {step} being compared"
+    of = f" of {shape[0]}" if step == 1 else f", 1 of {step} views compared"
     found = [
         extreme(
             "columns", _marginal(residual, weight, (0, 1), extra.sum(0), alike), lambda i: f"column {i} of {shape[2]}"
@@ -87,7 +87,7 @@ def locate(
         common = Half(residuals, weights, data).in_common(fitted)
         if common.there.any():  # halves of the views share no ray
             found.append(_both_halves(common, steep(weight, _slope(predicted)).ravel()))
-    pairs = [f"neighbouring {name}" for name in AXES[::-1]]
+    pairs = [f"neighboring {name}" for name in AXES[::-1]]
     found += noise_places(residuals, weights, data, pairs, AXES, fitted, uncertain, step)
     if data.white is not None:
         z = residuals[-1] * np.sqrt(weights[-1])

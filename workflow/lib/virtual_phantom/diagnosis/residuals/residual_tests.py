@@ -123,7 +123,7 @@ def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
     if not z:
         return []
     names, values = list(z), np.array(list(z.values()))
-    words = "{}, {:.1f} standard deviations off the known"
+    words = "{}, {:.1f} standard deviations from its prior"
     return [extreme("alignment", values, lambda i: words.format(names[i], abs(values[i])))]
 
 

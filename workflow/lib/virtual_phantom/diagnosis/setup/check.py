@@ -94,7 +94,7 @@ def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupCheck |
         grid = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
         return orientation(repeats, phantom.array, phantom.grid, grid)
     taken = scans(recording.repeats)
-    known = {one.name: SURE * one.sd for one in nuisances(0.0, 1.0, request.settings.alignment)}
+    known = {number.name: SURE * number.sd for number in nuisances(0.0, 1.0, request.settings.alignment)}
     reach = {name: known[name] for name in (*PLACE, "scale")}
     comparison = Comparison(scene_of(request), taken.repeats, taken.usable, MOST, reach, request.settings.location)
     scan = recording.document.content["scan"]
@@ -121,13 +121,13 @@ def _mistakes_of_data(recording: ProjectionsRecording, taken: Scans) -> dict[str
     names = [str(path.name) for path in recording.document.repeats]
     mistakes = {}
     for first, second in copied_repeats(taken.repeats):
-        mistakes["copied repeat"] = f"repeats: take out {names[second]}, which holds the same numbers as {names[first]}"
+        mistakes["copied repeat"] = f"repeats: remove {names[second]}, which is a copy of {names[first]}"
     if not mistakes:
         for which, _ in outlying_repeats(taken.repeats, taken.usable):
-            mistakes["a repeat of another scan"] = f"repeats: take out {names[which]}, or compare it with the others"
+            mistakes["a repeat of another scan"] = f"repeats: remove {names[which]}, or compare it with the others"
     lit = wrong_illumination(taken.white, recording.geometry, recording.scan)
     if lit is not None:
-        mistakes["illumination"] = f"scan.illumination: {lit[0]} (the white field falls off like that)"
+        mistakes["illumination"] = f"scan.illumination: {lit[0]} (from the shape of the white field)"
     return mistakes
 
 
