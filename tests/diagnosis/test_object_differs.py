@@ -15,7 +15,7 @@ from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import local_mismatch as piece_module
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
-from virtual_phantom.diagnosis.projections.local_mismatch import Left, Piece, found, reach_of
+from virtual_phantom.diagnosis.projections.local_mismatch import FitResidual, Piece, found, reach_of
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.verdict.object_mismatch import excess, explains_all
 from virtual_phantom.diagnosis.verdict.unmodeled import changes
@@ -93,7 +93,7 @@ missing = cache(lambda differ=False: told((), differ=differ))
 )
 def test_the_piece_of_its_own_projections_is_found(geometry, piece):
     residual = piece.more_per_mm * piece.lengths_mm(geometry)
-    one = found(Left(residual, np.full(residual.shape, 1e5), geometry, 90.0))
+    one = found(FitResidual(residual, np.full(residual.shape, 1e5), geometry, 90.0))
     assert one.more_per_mm == pytest.approx(piece.more_per_mm, rel=0.15)
     assert one.radius_mm == pytest.approx(piece.radius_mm, rel=0.1)
     axes = 2 if one.rod or piece.rod else 3
@@ -109,7 +109,9 @@ def test_place_and_radius_come_from_some_views_of_a_large_scan(monkeypatch):
     seen_from = replace(geometry, column_offset_px=geometry.column_offset_px + 0.5)
     lengths = truth.lengths_mm(seen_from, samples=2, motion_mm=moved)
     weight = np.full(lengths.shape, 1e5) * (np.arange(144) % 2)[:, None, None]
-    left = Left(truth.more_per_mm * lengths, weight, geometry, 90.0, samples=2, seen_from=seen_from, motion_mm=moved)
+    left = FitResidual(
+        truth.more_per_mm * lengths, weight, geometry, 90.0, samples=2, seen_from=seen_from, motion_mm=moved
+    )
     one = found(left)
     np.testing.assert_allclose(one.place_mm, truth.place_mm, atol=0.1)
     assert one.more_per_mm == pytest.approx(truth.more_per_mm, rel=0.05)
@@ -140,7 +142,7 @@ def test_a_piece_s_lengths_are_means_over_pixels():
 
 def test_rays_of_a_turned_detector_say_nothing():
     turned = Chain(shapes_scene(), GEOMETRY).state({"detector_roll": {"angle_deg": 1.0}}).mounting.of(GEOMETRY)
-    assert found(Left(np.ones(GEOMETRY.shape), np.ones(GEOMETRY.shape), turned, 90.0)) is None
+    assert found(FitResidual(np.ones(GEOMETRY.shape), np.ones(GEOMETRY.shape), turned, 90.0)) is None
 
 
 def test_hu_are_those_of_water():

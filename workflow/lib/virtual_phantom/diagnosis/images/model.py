@@ -63,7 +63,10 @@ class ImagesModel(Model):
         """Return the nuisance parameters: beside absolute attenuation the scale is free, as water is set to 0 HU."""
         if not absolute_attenuation(self.whole(effects)):
             return self.aligned
-        return tuple(replace(one, sd=max(one.sd, WATER_SD)) if one.name == "scale" else one for one in self.aligned)
+        return tuple(
+            replace(number, sd=max(number.sd, WATER_SD)) if number.name == "scale" else number
+            for number in self.aligned
+        )
 
     def predict(
         self,
@@ -138,7 +141,9 @@ class ImagesModel(Model):
         if not on_images:
             return image, realizations
         zero = apply_image_effects(np.zeros_like(image), self.spacing_mm, on_images)
-        changed = np.stack([apply_image_effects(one, self.spacing_mm, on_images) - zero for one in realizations])
+        changed = np.stack(
+            [apply_image_effects(realization, self.spacing_mm, on_images) - zero for realization in realizations]
+        )
         return apply_image_effects(image, self.spacing_mm, on_images), changed
 
 
@@ -166,10 +171,10 @@ def noise_lines(state: State, count: int, seed: Stream) -> np.ndarray:
     earlier = generator(below(seed, EARLIER))
     signal = state.signal_per_line_integral
     lines = np.empty((count, *signal.shape), np.float32)
-    for one in lines:
+    for line in lines:
         variance = state.noise / state.photons
         before = state.sample_earlier_signal(np.zeros(signal.shape[1:]), variance[0], earlier)
         read = state.read_out(random.standard_normal(signal.shape) * np.sqrt(variance), before_scan=before)
         read += random.standard_normal(signal.shape) * (state.electronic / state.photons)
-        one[...] = -read / signal
+        line[...] = -read / signal
     return lines

@@ -32,7 +32,7 @@ TRIAL_PHOTONS = 1e5  # of simulated noise before it is scaled to the recording
 NULLS = 4  # batches of realizations for the scatter of noise statistics
 
 
-LOOK = ResidualMaps(
+DISPLAY = ResidualMaps(
     unit="hu",
     summed=0,
     down="row",
@@ -51,7 +51,7 @@ LOOK = ResidualMaps(
 class PreparedImages(Prepared):
     """Images prepared for fits."""
 
-    look: ClassVar[ResidualMaps] = LOOK
+    display: ClassVar[ResidualMaps] = DISPLAY
 
     def domains(
         self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
@@ -130,7 +130,7 @@ def prepare(
         ratios = (noise**2).mean(axis=0)[valid] / (simulated**2).mean(axis=0)[valid]
         ratio = float(np.median(ratios) / stats.f.median(len(taken) - 1, len(simulated)))
     else:
-        ratio = _fine_power(taken[0] - expected, valid) / np.mean([_fine_power(one, valid) for one in simulated])
+        ratio = _fine_power(taken[0] - expected, valid) / np.mean([_fine_power(noise, valid) for noise in simulated])
         noise = simulated * np.sqrt(ratio)
     if not ratio > 1e-9:
         raise InputError("the repeats of the recording do not vary: are they copies of one file?")

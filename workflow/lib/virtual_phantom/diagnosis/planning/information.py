@@ -87,10 +87,10 @@ def measurement_information(
 
 def keys_of(problem: Problem, name: str, own: Collection[str] = (), protocol: str = "") -> tuple[Key, ...]:
     """Return the keys of the parameters of a measurement; see measurement_information."""
-    owners = [name if one.effect in own else one.owner(name, protocol) for one in problem.unknowns]
-    numbers = ((one.effect, one.name) for one in problem.unknowns)
+    owners = [name if unknown.effect in own else unknown.owner(name, protocol) for unknown in problem.unknowns]
+    numbers = ((unknown.effect, unknown.name) for unknown in problem.unknowns)
     keys = [(owner, *number) if owner else number for owner, number in zip(owners, numbers, strict=True)]
-    return (*keys, *((name, "alignment", one.name) for one in problem.aligned))
+    return (*keys, *((name, "alignment", number.name) for number in problem.aligned))
 
 
 def changes(problem: Problem) -> np.ndarray:

@@ -49,10 +49,10 @@ def described(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list[Template]:
         if load(name).pattern:
             labels, rows = [None], _drawn(fitter, fit, name)[None]
         else:
-            labels = [one.name for one in varied(fitter.model.parameters(name))] or [None]
+            labels = [parameter.name for parameter in varied(fitter.model.parameters(name))] or [None]
             rows = templates(fitter, fit, name)
         left = projected(rows, basis)
-        found += [Template(name, *one) for one in zip(labels, rows, left, strict=True)]
+        found += [Template(name, *row) for row in zip(labels, rows, left, strict=True)]
     return found
 
 

@@ -71,7 +71,7 @@ class Numerical:
     def __init__(self, chain: Chain, finer: Chain | None, coarser: Chain | None, anode: Anode = TUNGSTEN):
         self._chain, self._finer, self._coarser, self._anode = chain, finer, coarser, anode
         self._kept, self._pieces = LRUCache(KEPT), {}
-        self.names = tuple(name for name, one in (("rays", finer), ("voxels", coarser)) if one is not None)
+        self.names = tuple(name for name, chain in (("rays", finer), ("voxels", coarser)) if chain is not None)
 
     def with_pieces(self, pieces: Mapping[str, Inclusion]) -> Numerical:
         """Return the errors for an object with more pieces, by parameter of the alignment."""

@@ -145,7 +145,7 @@ def observe(
     if n > 1:
         weight = taken.usable / reference
         rays = blocks.sum(taken.usable)
-        deviations = [(one - mean) * np.sqrt(weight) for one in taken.repeats]
+        deviations = [(repeat - mean) * np.sqrt(weight) for repeat in taken.repeats]
         square = sum(deviation**2 for deviation in deviations)
         together, within = _fewer(correlations, blocks)
         half = rays * (n - 1) / 2 / within

@@ -107,7 +107,7 @@ def recording_content(prepared: Prepared, before: Fit, fit: Fit, log_score: Mapp
     # Corrected for the number of recordings.
     left = [place for place in places if bonferroni(place.p, compared) < ALPHA]
     return {
-        f"rms_{prepared.look.unit}": rms,
+        f"rms_{prepared.display.unit}": rms,
         "excess_rms_removed": excess_rms_removed(**rms),
         "log_score": dict(log_score),
         "unexplained": [{"domain": place.domain, "where": place.where, "z": place.z} for place in left],

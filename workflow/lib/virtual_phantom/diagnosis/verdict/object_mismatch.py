@@ -105,7 +105,7 @@ def beside(prepared: Prepared, choice: Choice, changes: ChangesOfFits) -> Change
 
 
 def _piece(found: Sequence[Change]) -> Change | None:
-    return next((one for one in found if one.piece is not None), None)
+    return next((change for change in found if change.piece is not None), None)
 
 
 def content_of(pieces: Sequence[Change], mended: bool, excess: float | None = None) -> dict:
@@ -118,6 +118,8 @@ def content_of(pieces: Sequence[Change], mended: bool, excess: float | None = No
     excess : float, optional
         Held-out log score beyond noise, of which the first piece explains a share.
     """
-    listed = [{**one.piece.content, "what": one.words, "held_out_gain": one.gain, "z": one.z} for one in pieces]
+    listed = [
+        {**piece.piece.content, "what": piece.words, "held_out_gain": piece.gain, "z": piece.z} for piece in pieces
+    ]
     removes = {} if excess is None else {"removes": min(1.0, pieces[0].gain / max(excess, pieces[0].gain))}
     return {"mended": mended, "pieces": listed} | removes

@@ -103,7 +103,7 @@ def diagnose(
     known = statements(choice.chosen.fit, fitter.model, errors.physics)
     beside = {name: kinds(fit) for name, fit in choice.without.items()}
     outside = better(choice, beside, max(AS_GOOD, choice.tolerance))
-    off = any(one["off"] for parameters in known.values() for one in parameters.values())
+    off = any(parameter["off"] for parameters in known.values() for parameter in parameters.values())
     verdict = VERDICTS[(2 if left or doubted or outside else 1) if effects or off else (0 if not left else 3)]
     ambiguous = {name: choice.ambiguous_with(name) for name in effects}
     content = {
@@ -113,8 +113,8 @@ def diagnose(
         "effects": [_effect(name, choice, fitter.model) for name in effects],
         "ambiguous_with": ambiguous,
         "outside": {
-            name: {"what": one.words, "better_by": one.gain - choice.gains[name], "z": one.z}
-            for name, one in outside.items()
+            name: {"what": change.words, "better_by": change.gain - choice.gains[name], "z": change.z}
+            for name, change in outside.items()
         },
         "ruled_out": choice.ruled_out,
         "undecided": choice.undecided,
@@ -124,15 +124,15 @@ def diagnose(
         },
         **metrics,
         "excess_removed": removed,
-        "excess_rms_removed": excess_rms_removed(**metrics["held_out"][f"rms_{prepared.look.unit}"])
+        "excess_rms_removed": excess_rms_removed(**metrics["held_out"][f"rms_{prepared.display.unit}"])
         if effects
         else None,
         "remainder_sd": remainder_sd(prepared, choice.chosen),
         "unexplained": [_location(place) for place in left],
         "doubts": doubted,
         "declared": known,
-        "next_measurement": next_measurements(choice, bool(left), prepared.look.ranked),
-        "held_out_data": prepared.held,
+        "next_measurement": next_measurements(choice, bool(left), prepared.display.ranked),
+        "held_out_data": prepared.held_out_text,
         "noise_from_one_repeat": prepared.single,
         "caveats": caveats(prepared, choice, fitter.model.tube_kvp, left),
     }
@@ -214,14 +214,14 @@ def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
     -------
     dict of str to dict of str to float
         {metric: {"before", "after", "floor": value}}, where the floor is the value for noise alone: RMS in the unit of
-        `look`, chi-square per datum by part, and for held-out data the log score, which has no floor.
+        `display`, chi-square per datum by part, and for held-out data the log score, which has no floor.
     """
     fits = {"before": choice.baseline.fit, "after": choice.chosen.fit}
     halves = {key: prepared.half(fit, held_out) for key, fit in fits.items()}
     data, weights = halves["after"].data, halves["after"].weights
     rms = {key: float(np.sqrt((prepared.difference(fit, held_out) ** 2).mean())) for key, fit in fits.items()}
     floor = float(np.sqrt((prepared.variance[data.usable] / data.n).mean()))
-    found = {f"rms_{prepared.look.unit}": {**rms, "floor": floor}}
+    found = {f"rms_{prepared.display.unit}": {**rms, "floor": floor}}
     for place, name in enumerate(data.parts):
         count = int((weights[place] > 0).sum())
         if not count:

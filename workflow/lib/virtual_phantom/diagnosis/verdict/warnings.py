@@ -51,8 +51,8 @@ def caveats(
         Locations of the remaining mismatch, the worst first.
     """
     found = prepared.caveats()
-    if prepared.lacking:
-        found.append(f"In recording.yaml {prepared.lacking}.")
+    if prepared.time_remark:
+        found.append(f"In recording.yaml {prepared.time_remark}.")
     alike = likeness(prepared, choice)
     if alike < ALIKE:
         found.append(
