@@ -71,7 +71,7 @@ def run_diagnosis(
     Parameters
     ----------
     effects : sequence of str
-        Candidates. Effects that the request declares are left out.
+        Candidates. Effects that the request declares are ignored.
     accuracy : mapping of str to float
         Relative model error by effect (`diagnosis.model_accuracy`).
     physics : Physics, optional

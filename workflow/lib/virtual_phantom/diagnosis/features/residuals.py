@@ -89,8 +89,8 @@ def compare_features(data: Responses, simulated: np.ndarray) -> FeatureLocations
     """Compare simulated features with the recording.
 
     Means are compared by Welch's test, SDs by the Brown-Forsythe test (statistics.comparison.compare). The order of two
-    ROIs differs if simulation and recording both distinguish them with opposite sign; p is the larger of both
-    (intersection-union test). p-values are corrected over all cells of a domain (Holm) and over domains (Bonferroni).
+    ROIs differs if simulation and recording both distinguish them with opposite sign. Its p is the larger of both
+    (intersection-union test). All p are corrected over the cells of a domain (Holm) and over domains (Bonferroni).
 
     Parameters
     ----------

@@ -4,8 +4,8 @@ The strength of each property is fitted on half of the ROIs and tested on the ot
 repeats would not do, as all repeats have the same difference.
 
 Correlated features let a property explain part of an unrelated difference. Each property is therefore also tested on
-random shifts: equal in all ROIs, with the feature correlation of repeats, the typical size of property responses in
-each cell, and the same overall size as the observed difference.
+random shifts. These are equal in all ROIs and have the feature correlation of repeats. In each cell they have the
+typical size of property responses, and overall the size of the observed difference.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ DISPLAY = ResidualMaps(
     down="row",
     across="column",
     profiles=(
-        ("distance from the axis", "ring around the isocentre", 1),
+        ("distance from the axis", "ring around the isocenter", 1),
         ("slices", "slice", 0),
         ("tissue", "voxels by HU (tenths)", 1),
     ),

@@ -100,7 +100,7 @@ def central_slices(valid: np.ndarray) -> slice:
     away = max(away, (count - MOST_SLICES) // 2)
     if count - 2 * away < LEAST_SLICES:
         raise InputError(
-            f"scan: {count - 2 * away} slices around the isocentre are seen from every direction; a diagnosis of "
+            f"scan: {count - 2 * away} slices around the isocenter are seen from every direction; a diagnosis of "
             f"images needs {LEAST_SLICES}: give the protocol the scanner's rows and pitch"
         )
     return slice(away, count - away)

@@ -1,9 +1,9 @@
 """Expected information of measurements about similar effects, and the log score that distinguishes them.
 
-First-order quantities, evaluated at the fitted parameters: the Fisher information of parameters that measurements
-share, with the parameters of each measurement profiled out, and the part of a difference that no parameter of the other
-explanation can describe. Designs by these two criteria are called D_s-optimal (A. C. Atkinson and A. N. Donev, Optimum
-Experimental Designs, Oxford, 1992) and T-optimal (A. C. Atkinson and V. V. Fedorov, Biometrika 62, 57, 1975).
+Both are of first order at the fitted parameters. The first is the Fisher information of shared parameters, with the
+parameters of each measurement profiled out. Designs by it are called D_s-optimal (A. C. Atkinson and A. N. Donev,
+Optimum Experimental Designs, Oxford, 1992). The second is the part of a difference that no parameter of the other
+explanation can describe: T-optimal designs (A. C. Atkinson and V. V. Fedorov, Biometrika 62, 57, 1975).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class MeasurementInformation:
     Attributes
     ----------
     keys : tuple of tuple of str
-        Of the parameters.
+        Keys of the parameters.
     changes : ndarray, shape (data, parameters)
         Change of the whitened data per unit of each parameter.
     predicted : ndarray, shape (data,)

@@ -18,10 +18,10 @@ from ..fitting.nuisance import Nuisance
 from ..fitting.problem import Problem
 from ..noise.condensed import Blocks
 from ..projections.model import ScansModel
-from ..projections.observed import PARTS, ObservedScans, white_shape
+from ..projections.observed import PARTS, ObservedScans, neighbors, white_shape
 from .information import MeasurementInformation, keys_of, measurement_information, slope
 
-# Rays and views used for expectations, weighted for those left out. A choice that limits the run time.
+# Rays and views used for expectations, with weights for all rays. A choice that limits the run time.
 MOST_RAYS, LEAST_VIEWS = 1.5e4, 24
 # Rays per pixel and direction for objects with sharp edges. With few, the change by a displacement depends on rays that
 # graze an edge. Voxels have no such edges, and use the rays of the recording's own model.
@@ -285,7 +285,7 @@ def _expecting(model: ScansModel, fit: Fit, conditions: Conditions, step: int) -
         rays = np.maximum(blocks.sum(usable), 1)
         spread = np.where(blocks.sum(usable) > 0, 1.0, np.nan)
         spread_error = np.sqrt(special.polygamma(1, rays * (n - 1) / 2))
-        pairs = [_pairs(usable, axis) for axis in (2, 1, 0)]
+        pairs = [int(neighbors(usable, axis).sum()) for axis in (2, 1, 0)]
         alike = np.array([0.0 if count else np.nan for count in pairs])
         alike_error = np.array([1 / np.sqrt(count * (n - 1)) if count else np.nan for count in pairs])
     white = np.zeros_like(white_shape(state.measured_air[0])) if conditions.white else None
@@ -297,9 +297,3 @@ def _expecting(model: ScansModel, fit: Fit, conditions: Conditions, step: int) -
     more = [step * conditions.share if part < of_views else 1.0 for part in range(len(fitter.weights))]
     fitter.weights = [weight * factor for weight, factor in zip(fitter.weights, more, strict=True)]
     return fitter
-
-
-def _pairs(usable: np.ndarray, axis: int) -> int:
-    length = usable.shape[axis]
-    low, high = (np.take(usable, range(a, length - 1 + a), axis) for a in (0, 1))
-    return int((low & high).sum())

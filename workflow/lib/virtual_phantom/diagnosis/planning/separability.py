@@ -70,7 +70,7 @@ def _drawn(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
 
 
 def split(fitter: Fitter, row: np.ndarray) -> dict[str, np.ndarray]:
-    """Split a whitened row by the parts of the data; entries below the data are left out."""
+    """Split a whitened row by the parts of the data, without entries below the data."""
     names = fitter.data.parts
     ends = np.cumsum([weight.size for weight in fitter.weights])
     return {name: row[end - w.size : end] for name, end, w in zip(names, ends, fitter.weights, strict=True)}

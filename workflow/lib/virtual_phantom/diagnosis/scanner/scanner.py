@@ -74,7 +74,7 @@ def run_scanner_diagnosis(
     protocols : mapping of str to sequence of str, optional
         See protocols_of.
     objects : mapping of str to str, optional
-        Scanned object of each recording. Recordings of one object are left out together.
+        Scanned object of each recording. Recordings of one object are held out together.
     judged_on : sequence of str, optional
         Recordings that serve as a test only: no effect is selected by them, and no physics fitted to them.
 

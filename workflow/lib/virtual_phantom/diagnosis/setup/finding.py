@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -58,6 +60,51 @@ class Finding:
     share: float
     alike: tuple[SetupMismatch, ...] = ()
     location: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SetupResult(ABC):
+    """Result of the set-up check of a recording.
+
+    Attributes
+    ----------
+    kind : {"as stated", "description", "object", "empty"}
+    mistakes : dict of str to str
+        {mistake: correction}.
+    alike : tuple of str
+        Mistakes that this object cannot show.
+    share_stated, share : float
+        Unexplained share of the variance, as described and as corrected.
+    of : str
+        Data whose variance this is.
+    location : dict of str to float
+        See Finding.location.
+    """
+
+    kind: str
+    mistakes: Mapping[str, str]
+    alike: tuple[str, ...]
+    share_stated: float
+    share: float
+    of: ClassVar[str]
+    location: ClassVar[Mapping[str, float]] = {}
+
+    @property
+    def content(self) -> dict:
+        """Section `setup` of diagnosis.json."""
+        return {
+            "of": self.of,
+            "kind": self.kind,
+            "mistakes": dict(self.mistakes),
+            "alike": list(self.alike),
+            "share_stated": self.share_stated,
+            "share": self.share,
+            "location": dict(self.location),
+        }
+
+    @abstractmethod
+    def maps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the residual as described and as corrected."""
 
 
 def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Finding:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from scipy import ndimage
@@ -18,7 +19,7 @@ from ...physics.scenes.scene import Pose
 from ...recordings.levels import correlation
 from ..comparison.regions import sampled
 from ..verdict.warnings import ALIKE
-from .finding import AS_STATED, DESCRIPTION, OBJECT
+from .finding import AS_STATED, DESCRIPTION, OBJECT, SetupResult
 
 COARSE_MM = 5.0  # side of compared voxels, which keep organs and average noise
 FINE = 8  # subdivision of a coarse voxel for shifts
@@ -78,41 +79,15 @@ CHANGE = "repeats: {} in the image files or in their affine"
 
 
 @dataclass(frozen=True)
-class OrientationFound:
-    """Orientation of images, the counterpart of SetupCheck.
+class OrientationFound(SetupResult):
+    """Result of the check of images; `stated` and `best` are the middle slice of images minus phantom, HU."""
 
-    Attributes
-    ----------
-    kind : {"as stated", "description", "object"}
-    share_stated, share : float
-        Unexplained share of the variance inside the body, as described and as corrected.
-    stated, best : ndarray, shape (y, x)
-        Middle slice of images less phantom, HU.
-    """
-
-    kind: str
-    mistakes: dict[str, str]
-    alike: tuple[str, ...]
-    share_stated: float
-    share: float
     stated: np.ndarray = field(repr=False)
     best: np.ndarray = field(repr=False)
-
-    @property
-    def content(self) -> dict:
-        """See SetupCheck.content."""
-        return {
-            "of": "HU inside the body",
-            "kind": self.kind,
-            "mistakes": self.mistakes,
-            "alike": list(self.alike),
-            "share_stated": self.share_stated,
-            "share": self.share,
-            "location": {},
-        }
+    of: ClassVar[str] = "HU inside the body"
 
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """See SetupCheck.maps."""
+        """See SetupResult.maps."""
         return self.stated, self.best
 
 

@@ -21,8 +21,8 @@ from .unmodeled import ChangesOfFits
 
 MOST_PIECES = 3  # that are corrected; with more mismatches the object is another one
 BEYOND = 2.0  # ratio to the first-order gain of the best effect, as a fit may gain twice as much
-# Standard deviations of the noise of chi-square: of a difference larger than FAR, a piece that leaves less than NOISE
-# explains everything, which physics of the whole object does not by chance.
+# In standard deviations of the noise of chi-square: a piece explains everything if it reduces a difference above FAR to
+# less than NOISE. Physics of the whole object does not do that by chance.
 FAR, NOISE = 100.0, 3.0
 
 

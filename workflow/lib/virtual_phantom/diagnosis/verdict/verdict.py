@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ...physics.effect import load
+from ..fitting.fit import Fit
 from ..fitting.model import Model
 from ..fitting.steps import interval
 from ..fitting.trial import Trial
@@ -47,8 +48,8 @@ class Diagnosis:
         The recording with the noise by which it was judged.
     scanned : ScannedVolume or None
         The object as images show it (comparison.regions).
-    setup : SetupCheck, OrientationFound or None
-        The check that ended the diagnosis (setup.check).
+    setup : SetupResult or None
+        The check that ended the diagnosis.
     """
 
     choice: Choice | None
@@ -147,9 +148,9 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
     """Return the share of the held-out chi-square beyond noise that the effects remove; None if they remove nothing.
 
     The removed part is twice the gain in log score. The remaining part is a sum of products of fitted and held-out
-    standardized residuals, whose noise is independent, if it exceeds LEFT_SD standard deviations. It is the largest
-    sum over the locations of a domain that is still significant, as noise of all rays would hide a local difference, or
-    over all rays, less the numerical errors of the model in both halves.
+    standardized residuals, whose noise is independent, if it exceeds LEFT_SD standard deviations. The sum is over all
+    rays or over the locations of a significant domain, the largest one, as noise of all rays would hide a local
+    difference. Numerical errors of the model are subtracted.
 
     Parameters
     ----------
@@ -202,6 +203,13 @@ def excess_rms_removed(before: float, after: float, floor: float) -> float | Non
     return float(1 - np.sqrt(max(0.0, after**2 - floor**2) / (before**2 - floor**2)))
 
 
+def rms_of(prepared: Prepared, fits: Mapping[str, Fit], held_out: bool) -> dict[str, float]:
+    """Return the RMS difference of each fit, and that of noise alone as "floor"."""
+    data = prepared.held_out if held_out else prepared.data
+    rms = {key: float(np.sqrt((prepared.difference(fit, held_out) ** 2).mean())) for key, fit in fits.items()}
+    return rms | {"floor": float(np.sqrt((prepared.variance[data.usable] / data.n).mean()))}
+
+
 def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
     """Return the goodness of fit with alignment alone and with the chosen effects.
 
@@ -213,21 +221,19 @@ def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
     Returns
     -------
     dict of str to dict of str to float
-        {metric: {"before", "after", "floor": value}}, where the floor is the value for noise alone: RMS in the unit of
-        `display`, chi-square per datum by part, and for held-out data the log score, which has no floor.
+        {metric: {"before", "after", "floor": value}}; the floor is the value for noise alone. Metrics: RMS in the unit
+        of `display`, chi-square per datum by part, and for held-out data the log score, which has no floor.
     """
     fits = {"before": choice.baseline.fit, "after": choice.chosen.fit}
     halves = {key: prepared.half(fit, held_out) for key, fit in fits.items()}
     data, weights = halves["after"].data, halves["after"].weights
-    rms = {key: float(np.sqrt((prepared.difference(fit, held_out) ** 2).mean())) for key, fit in fits.items()}
-    floor = float(np.sqrt((prepared.variance[data.usable] / data.n).mean()))
-    found = {f"rms_{prepared.display.unit}": {**rms, "floor": floor}}
-    for place, name in enumerate(data.parts):
-        count = int((weights[place] > 0).sum())
+    found = {f"rms_{prepared.display.unit}": rms_of(prepared, fits, held_out)}
+    for part, name in enumerate(data.parts):
+        count = int((weights[part] > 0).sum())
         if not count:
             continue
         found[f"chi_square_{name.replace(' ', '_')}"] = {
-            key: float((weights[place] * half.residuals[place] ** 2).sum()) / count for key, half in halves.items()
+            key: float((weights[part] * half.residuals[part] ** 2).sum()) / count for key, half in halves.items()
         } | {"floor": 1.0}
     found["log_score"] = {"before": choice.baseline.score, "after": choice.chosen.score} if held_out else {}
     return {key: value for key, value in found.items() if value}
