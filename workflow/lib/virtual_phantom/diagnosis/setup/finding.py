@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -87,7 +88,7 @@ class SetupResult(ABC):
     share_stated: float
     share: float
     of: ClassVar[str]
-    location: ClassVar[Mapping[str, float]] = {}
+    location = MappingProxyType({})  # a field of SetupCheck
 
     @property
     def content(self) -> dict:
