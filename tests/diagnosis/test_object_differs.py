@@ -167,7 +167,7 @@ def test_an_insert_that_is_missing_is_the_object_and_no_physics():
     assert piece["width_mm"] == pytest.approx(30, abs=3)
     fat, muscle, water = (float(attenuation_per_mm(one, [60.0])[0]) for one in ("adipose", "soft_tissue", "water"))
     assert piece["hu"] == pytest.approx(1000 * (muscle - fat) / water, rel=0.15)
-    assert content["verdict_lines"][0].startswith("Local object mismatch: ball of ")
+    assert content["verdict_lines"][0].startswith("Local object mismatch: ") and " mm ball at x " in content["sentence"]
     assert "turned by 90 degrees" in content["next_measurement"][0]
 
 
@@ -191,7 +191,7 @@ def test_a_large_insert_that_is_missing_explains_all(monkeypatch):
 def test_it_is_mended_if_the_user_says_so():
     content = missing(True)
     assert content["verdict"] == "match" and content["object"]["mended"]
-    assert "Object corrected before the fit: ball of " in content["sentence"]
+    assert "Object corrected before the fit: " in content["sentence"] and " mm ball at x " in content["sentence"]
     low, high = content["alignment"]["piece_1"]["ci95"]
     assert 0 < low < high
 

@@ -91,35 +91,16 @@ class ImagesModel(Model):
         return bool((np.abs(moved) > self.spacing_mm).any())
 
     def repeats(self, physics, nuisance, linearization: Linearization, count: int) -> np.ndarray:
-        """Return simulated images of a repeated scan.
-
-        Parameters
-        ----------
-        physics, nuisance, linearization
-            See `predict`.
-        count : int
-            At most REALIZATIONS.
-
-        Returns
-        -------
-        ndarray, shape (count, z, y, x)
-            HU.
-        """
+        """Return at most REALIZATIONS simulated images of a repeated scan, HU, shape (count, z, y, x)."""
         mean, noise = self.images(physics, nuisance, linearization)
         return scaled(mean + noise[:count], nuisance)
 
     def images(self, physics, nuisance, linearization: Linearization = BASE) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean and noise of images before scale and offset.
-
-        Parameters
-        ----------
-        physics, nuisance, linearization
-            See `predict`.
+        """Return mean and noise of images before scale and offset; arguments as in `predict`.
 
         Returns
         -------
         mean : ndarray, shape (z, y, x)
-            HU.
         noise : ndarray, shape (realizations, z, y, x)
             HU; for the object location in the linearization's `errors`.
         """

@@ -38,13 +38,7 @@ class ObservedImages(Observed):
 
 @dataclass(frozen=True)
 class NoiseStatistics:
-    """Statistics of noise over the SD of an ImageWhitening.
-
-    Attributes
-    ----------
-    variance : ndarray, shape (blocks,)
-    correlation : ndarray, shape (lags,)
-    """
+    """Variance by block and correlation by lag of noise over the SD of an ImageWhitening."""
 
     variance: np.ndarray
     correlation: np.ndarray
@@ -117,8 +111,8 @@ class Condenser:
             over = self.white.over_sd(realization)
             square = square + over**2
             total += float((over**2).sum())
-            for place, (lag, pairs) in enumerate(zip(LAGS, self._pairs, strict=True)):
-                products[place] += float((over * np.roll(over, [-step for step in lag], (0, 1, 2)))[pairs].sum())
+            for index, (lag, pairs) in enumerate(zip(LAGS, self._pairs, strict=True)):
+                products[index] += float((over * np.roll(over, [-step for step in lag], (0, 1, 2)))[pairs].sum())
         with np.errstate(invalid="ignore"):
             variance = self.blocks.sum(square) / (self._counts * len(realizations))
         count = np.array([pairs.sum() for pairs in self._pairs]) * len(realizations)

@@ -44,7 +44,7 @@ class Ambiguity:
     Attributes
     ----------
     fits : dict of str to dict of str to Fit
-        {effect: {recording: the fit with it}}, the chosen effect first.
+        {effect: {recording: fit with this effect}}, the chosen effect first.
     """
 
     fits: dict[str, Fits]

@@ -39,8 +39,6 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
     ----------
     samples : int
         Rays per pixel and direction of the first chain.
-    **more
-        Keyword arguments of Chain.
     """
     voxels = hasattr(scene, "slopes")
     return (

@@ -36,8 +36,8 @@ HALVES = 4  # repeats from which every second one is held out; with fewer, every
 MOST_PHOTONS = 1e12  # per pixel; more means data without noise
 SIZE_SD = 5e-4  # of the object, 0.1 mm in 200 mm; without it, errors of 1 in 20 000 appear as distances or offsets
 BY_VIEW = "every second view"
-MOST_MOVES = 6  # of a piece of the object, each with a fit of the alignment
-SETTLED = 1.0  # gain in chi-square below which a piece is no longer moved
+MOST_MOVES = 6  # refinements of a local object mismatch, each with a fit of the alignment
+SETTLED = 1.0  # gain in chi-square that ends the refinement
 # Least number of rows to estimate the noise of a single repeat from differences of rows, too. Few objects change from
 # row to row as they do from view to view, so that misplaced objects contribute nothing.
 LEAST_ROWS = 4
