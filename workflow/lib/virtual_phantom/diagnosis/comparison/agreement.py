@@ -134,6 +134,7 @@ def agreement(
           single repeats
 
         noise_spectrum has only relative_difference: the RMS difference of the spectra's shapes over the recorded RMS.
+
         features has only value: the share of features and ROIs whose simulated mean lies within one repeat SD of the
         recorded mean. Its floor is the share that is expected from noise alone.
     """
