@@ -21,7 +21,7 @@ from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.selection import forward_selection
-from virtual_phantom.diagnosis.verdict import unmodelled
+from virtual_phantom.diagnosis.verdict import unmodeled
 
 DIAGNOSIS = "virtual_phantom.diagnosis"
 FACTORS = (0.5, 2.0)
@@ -127,14 +127,14 @@ class Remembered:
     @contextmanager
     def of_everything(self) -> Iterator[None]:
         """Use the cache for matched filters and kinds of change."""
-        screened, changes = forward_selection.screened, unmodelled.changes
+        screened, changes = forward_selection.screened, unmodeled.changes
         forward_selection.screened = diagnosis_run.screened = self.once(screened)
-        unmodelled.changes = self.once(changes)
+        unmodeled.changes = self.once(changes)
         try:
             yield
         finally:
             forward_selection.screened = diagnosis_run.screened = screened
-            unmodelled.changes = changes
+            unmodeled.changes = changes
 
 
 def said(

@@ -27,7 +27,7 @@ from benchmarks.common.chain_scans import (
     stated,
     strengths,
 )
-from virtual_phantom.diagnosis.fitting.linearization import Linearisation, LinearisationPoint
+from virtual_phantom.diagnosis.fitting.linearization import Linearization, LinearizationPoint
 from virtual_phantom.diagnosis.fitting.priors import declared
 from virtual_phantom.diagnosis.fitting.templates import whitened
 from virtual_phantom.diagnosis.fitting.trial import trial
@@ -52,7 +52,7 @@ def left_over(given, physics, fit):
     """Hidden physics that a fit does not explain, without noise: size in SDs, and domains where it is significant."""
     fitter, held_out = given.fitter, given.held_out
     place = {one.name: one.expected for one in fitter.model.aligned}
-    truth = fitter.model.predict(physics, place, held_out, Linearisation(*2 * (LinearisationPoint.of(physics, place),)))
+    truth = fitter.model.predict(physics, place, held_out, Linearization(*2 * (LinearizationPoint.of(physics, place),)))
     gain = fitter.model.chain.state(physics).gain
     found = fitter.model.predict(fit.physics, fit.nuisance, held_out, fit.linearisation)
     parts = [there - here for there, here in zip(held_out.residuals(found), held_out.residuals(truth), strict=True)]

@@ -13,7 +13,7 @@ from benchmarks import common
 from benchmarks.common import chain_scans, simulator_scans
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.selection.forward_selection import LEAST_GAIN
-from virtual_phantom.diagnosis.verdict.unmodelled import changes
+from virtual_phantom.diagnosis.verdict.unmodeled import changes
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.proof.hiding.objects import OBJECTS

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from benchmarks.common import circular_scan
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearisation, LinearisationPoint
+from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearization, LinearizationPoint
 from virtual_phantom.diagnosis.fitting.priors import stated_physics
 from virtual_phantom.diagnosis.fitting.templates import strength, varied
 from virtual_phantom.diagnosis.projections import observed, prepared
@@ -115,7 +115,7 @@ def stands_out(given, physics):
     fitter = given.fitter
     place = {one.name: one.expected for one in fitter.model.aligned}
     data, beside = fitter.data, stated_physics(fitter.model.declared)
-    there = Linearisation(*2 * (LinearisationPoint.of(beside, place),)) if beside else BASE
+    there = Linearization(*2 * (LinearizationPoint.of(beside, place),)) if beside else BASE
     there = fitter.model.predict(beside | physics, place, data, there)
     clean = copy.copy(fitter)
     clean.data = replace(

@@ -144,7 +144,7 @@ def test_white_noise_is_left_as_it_is():
         noise = random.normal(size=(4, *shape))
         found.append(estimated(list(noise - noise.mean(axis=0)), np.zeros(shape), ones, 3))
     assert sum(not one.white for one in found) <= 1
-    assert WHITE.white and WHITE.variance_of_neighbours(2, shape) == 1
+    assert WHITE.white and WHITE.variance_of_neighbors(2, shape) == 1
 
 
 def test_sums_of_squares_and_correlations_of_correlated_noise_vary_as_said():
@@ -164,7 +164,7 @@ def test_sums_of_squares_and_correlations_of_correlated_noise_vary_as_said():
         low, high = (np.take(noise, range(a, noise.shape[axis + 1] - 1 + a), axis + 1) for a in (0, 1))
         ratio = (low * high).mean(axis=(1, 2, 3)) / mean
         pairs = low[0].size
-        assert ratio.var() * pairs == pytest.approx(true.variance_of_neighbours(axis, (24, 8, 24)), rel=0.2)
+        assert ratio.var() * pairs == pytest.approx(true.variance_of_neighbors(axis, (24, 8, 24)), rel=0.2)
 
 
 def test_rays_beside_missing_ones_do_not_count():

@@ -11,7 +11,7 @@ from simulated_scans import body, chosen
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.fitting.linearization import Linearisation, LinearisationPoint
+from virtual_phantom.diagnosis.fitting.linearization import Linearization, LinearizationPoint
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.noise.gain_pattern import estimate
 from virtual_phantom.diagnosis.projections import observed, prepared
@@ -235,13 +235,13 @@ def test_one_repeat_that_is_fitted_is_held_against_several(scene):
 
 def test_fits_come_back_from_files_and_the_report_says_what_was_found(scene, tmp_path):
     given, found = diagnosed(scene, {"gain_pattern": CONCEALED["gain_pattern"]}, ("gain_pattern", "scatter"))
-    errors = LinearisationPoint({"detector_offset": {"columns_px": 0.3}}, {"x_mm": 0.1})
-    moved = Linearisation(errors, LinearisationPoint({}, {"y_mm": 0.2}))
-    elsewhere = replace(found.choice.chosen, fit=replace(found.choice.chosen.fit, linearisation=moved, corrected=2.5))
+    errors = LinearizationPoint({"detector_offset": {"columns_px": 0.3}}, {"x_mm": 0.1})
+    moved = Linearization(errors, LinearizationPoint({}, {"y_mm": 0.2}))
+    elsewhere = replace(found.choice.chosen, fit=replace(found.choice.chosen.fit, linearization=moved, corrected=2.5))
     write_trial(elsewhere, tmp_path / "fit.json", "of this")
     again, made_of = read_trial(tmp_path / "fit.json")
     assert made_of == "of this"
-    assert again.fit.linearisation == moved and again.fit.linearisation.errors.key == errors.key
+    assert again.fit.linearization == moved and again.fit.linearization.errors.key == errors.key
     assert again.fit.corrected == 2.5
     assert again.fit.physics == found.choice.chosen.fit.physics and again.score == found.choice.chosen.score
     np.testing.assert_array_equal(again.fit.pattern, found.choice.chosen.fit.pattern)
@@ -307,6 +307,6 @@ def test_an_alignment_that_had_to_give_way_changes_what_is_said(scene):
     content = found.content
     assert [one["name"] for one in content["effects"]] == ["scatter"]
     assert content["verdict"] == "mismatch partly explained"
-    assert any(line.startswith("log photons of the alignment had to be pulled") for line in content["doubts"])
+    assert any(line.startswith("log photons of the alignment reached the limit") for line in content["doubts"])
     assert content["verdict_lines"][0].startswith("Best explanation: scatter")
     assert "RMS" in content["sentence"]

@@ -129,12 +129,12 @@ def test_misses_are_counted_by_family(scene, tables):
     for key in ("cells", "misses", "repaired", "broken"):
         assert families["all"][key] == sum(one[key] for family, one in families.items() if family != "all")
     column = data.features.index(MEAN)
-    means = {"recorded": data.centre[:, column], "simulated": data.baseline[..., column].mean(axis=0)}
+    means = {"recorded": data.center[:, column], "simulated": data.baseline[..., column].mean(axis=0)}
     missed = np.abs(means["simulated"] - means["recorded"]) > data.unit[:, column]
     assert missed.all()  # by 30 HU, and each is repaired
     unchanged = misses(data, data.baseline, 1.0)["all"]
     assert unchanged["repaired"] == unchanged["broken"] == unchanged["median_removed_share"] == 0
-    exact = np.broadcast_to(data.centre, data.baseline.shape)
+    exact = np.broadcast_to(data.center, data.baseline.shape)
     assert misses(data, exact, 1.0)["all"]["repaired"] == unchanged["misses"]
     assert misses(data, exact, 1.0)["all"]["median_removed_share"] == 1
     assert misses(data, data.baseline, 1e9)["all"] == {

@@ -10,7 +10,7 @@ from simulated_scans import body, chosen, noisy_lines
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.comparison.regions import complete
-from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearisation, LinearisationPoint
+from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearization, LinearizationPoint
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.images.model import noise_lines
 from virtual_phantom.diagnosis.images.observed import LAGS, Condenser
@@ -200,11 +200,11 @@ def test_noise_depends_on_what_is_said_and_not_on_what_was_asked_before(scene):
     fresh, used = (prepared(scene, {}).fitter.model for _ in range(2))
     expected = {one.name: one.expected for one in fresh.aligned}
     moved = expected | {"x_mm": 4.0}
-    there = Linearisation(LinearisationPoint({}, {"x_mm": 4.0}))
+    there = Linearization(LinearizationPoint({}, {"x_mm": 4.0}))
     used.images({}, moved)
     used.images({}, moved, there)
-    for nuisance, linearisation in ((expected, BASE), (moved, BASE), (moved, there)):
-        for one, other in zip(*(m.images({}, nuisance, linearisation) for m in (fresh, used)), strict=True):
+    for nuisance, linearization in ((expected, BASE), (moved, BASE), (moved, there)):
+        for one, other in zip(*(m.images({}, nuisance, linearization) for m in (fresh, used)), strict=True):
             np.testing.assert_array_equal(one, other)
     assert not np.array_equal(fresh.images({}, moved)[1], fresh.images({}, moved, there)[1])
     assert fresh.strayed(BASE.errors, expected | {"x_mm": 7.0}, None, None)

@@ -46,8 +46,8 @@ def test_it_is_said_what_voxels_leave_along_edges(tmp_path):
     path = drawn(tmp_path / "labels.nii.gz", 1.0)
     found = vp.diagnose(folder, labels=(path, MATERIALS), samples=2, effects=["scatter"], check_setup=False)
     assert of_voxels(found) == [
-        "What is left lies along edges, as the voxels of labels.nii.gz (1 mm) leave it: finer voxels or an object of "
-        "shapes would show whether anything else is left (docs/how-to/objects.md)."
+        "The remaining mismatch lies along edges, as caused by the voxels of labels.nii.gz (1 mm); finer voxels or an "
+        "object of shapes would show whether anything else remains (docs/how-to/objects.md)."
     ]
 
 
@@ -56,7 +56,7 @@ def test_of_a_mask_it_is_said_where_it_has_no_shares(tmp_path):
     known = dict(samples=2, effects=["scatter"], check_setup=False, alignment={"scale": 1.0})
     whole = vp.diagnose(folder, mask=(drawn(tmp_path / "whole.nii.gz", 1.0, 1), "pmma"), **known)
     (line,) = of_voxels(whole)
-    assert "whole.nii.gz (1 mm) leave it: finer voxels, shares of voxels (0 to 1) or an object of shapes" in line
+    assert "whole.nii.gz (1 mm); finer voxels, shares of voxels (0 to 1) or an object of shapes" in line
     shares = vp.diagnose(folder, mask=(drawn(tmp_path / "shares.nii.gz", 1.0, 8), "pmma"), **known)
     assert not of_voxels(shares)
     after = [one.content["held_out"]["chi_square_mean"]["after"] for one in (whole, shares)]

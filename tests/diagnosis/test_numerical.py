@@ -7,7 +7,7 @@ import pytest
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.fitting.linearization import BASE, NOMINAL, LinearisationPoint
+from virtual_phantom.diagnosis.fitting.linearization import BASE, NOMINAL, LinearizationPoint
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.noise.gain_pattern import estimate
 from virtual_phantom.diagnosis.projections import observed, prepared
@@ -90,7 +90,7 @@ def test_uneven_errors_of_steps_shift_numbers_by_what_is_counted(known, monkeypa
     fit = trial(fitter, ()).fit
     share = 0.5
     whole = harmonics(fitter.model.turned_rad, fitter.data.mean.shape)
-    steps = fitter.model.errors_of_steps(fit.linearisation)
+    steps = fitter.model.errors_of_steps(fit.linearization)
     monkeypatch.setattr(type(fitter.model), "errors_of_steps", lambda *_: {name: steps[name]})
     monkeypatch.setattr(model_error, "shapes", lambda mean: {})
     monkeypatch.setattr(model_error, "harmonics", lambda *_: {"sin 2": whole["sin 2"]})
@@ -108,7 +108,7 @@ def test_uneven_errors_of_steps_shift_numbers_by_what_is_counted(known, monkeypa
 
 
 def offset(pixels):
-    return LinearisationPoint.of(
+    return LinearizationPoint.of(
         {"detector_offset": {"columns_px": pixels}, "gain_pattern": {"rms": 0.01}}, {"offset": 0.1}
     )
 
@@ -142,10 +142,10 @@ def test_a_fit_takes_errors_along(known):
     state = Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY, illumination=SOLID_ANGLE).state(truth)
     fitter = prepared_from(known, state).fitter
     fit = fitter.fit(("detector_offset",), fitter.fit(()))
-    assert fit.linearisation.errors.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
+    assert fit.linearization.errors.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
     blurred = fitter.fit(("detector_offset", "focal_spot"), fit)
     assert fit.chi_square - blurred.chi_square < 12  # one in 400 by chance, of two numbers
-    left_behind = replace(fit, linearisation=BASE)
+    left_behind = replace(fit, linearization=BASE)
     worse, better = (
         sum((w * r**2).sum() for w, r in zip(fitter.weights, fitter.residuals(one, False), strict=True))
         for one in (left_behind, fit)
@@ -159,7 +159,7 @@ def test_a_gain_pattern_is_estimated_of_the_errors_that_are_taken_along(known):
     state = Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY, illumination=SOLID_ANGLE).state(truth)
     fitter = prepared_from(known, state).fitter
     fit = fitter.fit(("detector_offset", "gain_pattern"), fitter.fit(()))
-    assert fit.linearisation.errors.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
+    assert fit.linearization.errors.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
     bare = fitter.residuals(replace(fit, pattern=None), held_out=False)[0].reshape(GEOMETRY.shape)
     weight = fitter.weights[0].reshape(GEOMETRY.shape)
     np.testing.assert_allclose(fit.pattern, estimate(bare, weight).values, atol=2e-5)

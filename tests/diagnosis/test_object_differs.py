@@ -9,16 +9,16 @@ import pytest
 from simulated_scans import scans_of
 
 from virtual_phantom.base.geometry import Grid, circular, helical
-from virtual_phantom.diagnosis.fitting.linearization import LinearisationPoint
+from virtual_phantom.diagnosis.fitting.linearization import LinearizationPoint
 from virtual_phantom.diagnosis.fitting.nuisance import Nuisance
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import local_mismatch as piece_module
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
-from virtual_phantom.diagnosis.projections.local_mismatch import Left, Piece, found, reach_of
+from virtual_phantom.diagnosis.projections.local_mismatch import FitResidual, Piece, found, reach_of
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.verdict.object_mismatch import excess, explains_all
-from virtual_phantom.diagnosis.verdict.unmodelled import changes
+from virtual_phantom.diagnosis.verdict.unmodeled import changes
 from virtual_phantom.figures.diagnosis import draw_pieces
 from virtual_phantom.io import documents
 from virtual_phantom.io.schema import defaults_of
@@ -93,7 +93,7 @@ missing = cache(lambda differ=False: told((), differ=differ))
 )
 def test_the_piece_of_its_own_projections_is_found(geometry, piece):
     residual = piece.more_per_mm * piece.lengths_mm(geometry)
-    one = found(Left(residual, np.full(residual.shape, 1e5), geometry, 90.0))
+    one = found(FitResidual(residual, np.full(residual.shape, 1e5), geometry, 90.0))
     assert one.more_per_mm == pytest.approx(piece.more_per_mm, rel=0.15)
     assert one.radius_mm == pytest.approx(piece.radius_mm, rel=0.1)
     axes = 2 if one.rod or piece.rod else 3
@@ -109,7 +109,9 @@ def test_place_and_radius_come_from_some_views_of_a_large_scan(monkeypatch):
     seen_from = replace(geometry, column_offset_px=geometry.column_offset_px + 0.5)
     lengths = truth.lengths_mm(seen_from, samples=2, motion_mm=moved)
     weight = np.full(lengths.shape, 1e5) * (np.arange(144) % 2)[:, None, None]
-    left = Left(truth.more_per_mm * lengths, weight, geometry, 90.0, samples=2, seen_from=seen_from, motion_mm=moved)
+    left = FitResidual(
+        truth.more_per_mm * lengths, weight, geometry, 90.0, samples=2, seen_from=seen_from, motion_mm=moved
+    )
     one = found(left)
     np.testing.assert_allclose(one.place_mm, truth.place_mm, atol=0.1)
     assert one.more_per_mm == pytest.approx(truth.more_per_mm, rel=0.05)
@@ -140,7 +142,7 @@ def test_a_piece_s_lengths_are_means_over_pixels():
 
 def test_rays_of_a_turned_detector_say_nothing():
     turned = Chain(shapes_scene(), GEOMETRY).state({"detector_roll": {"angle_deg": 1.0}}).mounting.of(GEOMETRY)
-    assert found(Left(np.ones(GEOMETRY.shape), np.ones(GEOMETRY.shape), turned, 90.0)) is None
+    assert found(FitResidual(np.ones(GEOMETRY.shape), np.ones(GEOMETRY.shape), turned, 90.0)) is None
 
 
 def test_hu_are_those_of_water():
@@ -165,7 +167,7 @@ def test_an_insert_that_is_missing_is_the_object_and_no_physics():
     assert piece["width_mm"] == pytest.approx(30, abs=3)
     fat, muscle, water = (float(attenuation_per_mm(one, [60.0])[0]) for one in ("adipose", "soft_tissue", "water"))
     assert piece["hu"] == pytest.approx(1000 * (muscle - fat) / water, rel=0.15)
-    assert content["verdict_lines"][0].startswith("Local object mismatch: ball of ")
+    assert content["verdict_lines"][0].startswith("Local object mismatch: ") and " mm ball at x " in content["sentence"]
     assert "turned by 90 degrees" in content["next_measurement"][0]
 
 
@@ -189,7 +191,7 @@ def test_a_large_insert_that_is_missing_explains_all(monkeypatch):
 def test_it_is_mended_if_the_user_says_so():
     content = missing(True)
     assert content["verdict"] == "match" and content["object"]["mended"]
-    assert "Object corrected before the fit: ball of " in content["sentence"]
+    assert "Object corrected before the fit: " in content["sentence"] and " mm ball at x " in content["sentence"]
     low, high = content["alignment"]["piece_1"]["ci95"]
     assert 0 < low < high
 
@@ -239,7 +241,7 @@ def test_errors_of_steps_are_those_of_the_mended_object():
     fat, tissue = (float(attenuation_per_mm(one, [60.0])[0]) for one in ("adipose", "soft_tissue"))
     piece = Piece((-35.0, -20.0, -3.0), 15.0, False)
     mended = model.with_piece(Nuisance("piece_1", "1/mm", 0.0, np.inf), piece).numerical
-    at = LinearisationPoint(nuisance={"piece_1": tissue - fat})
+    at = LinearizationPoint(nuisance={"piece_1": tissue - fat})
     bare = ready((), {}, stated=()).fitter.model.numerical
     np.testing.assert_allclose(mended.at(at)["rays"], bare.at()["rays"], atol=2e-6)
     assert np.abs(mended.at()["rays"] - bare.at()["rays"]).max() > 1e-4

@@ -100,8 +100,8 @@ def test_images_far_off_the_isocenter_are_reported_with_their_shift(shift, where
     of = body(PHANTOM, (50, 40), 20.0, small).array
     found = orientation(recorded(10, shift=shift, axes=(50, 40), inserts=small), of, PHANTOM, IMAGES)
     assert (found.kind, list(found.mistakes)) == (DESCRIPTION, ["location"])
-    told = [float(one) for one in found.mistakes["location"].split("they lie ")[1].split(" mm")[0].split(", ")]
-    assert told == pytest.approx([float(one) for one in where.split(", ")], abs=2.0)
+    off = [float(number) for number in found.mistakes["location"].split("(it is ")[1].split(" mm")[0].split(", ")]
+    assert off == pytest.approx([float(one) for one in where.split(", ")], abs=2.0)
 
 
 def test_undone_is_the_inverse():

@@ -8,7 +8,7 @@ from test_declared import GEOMETRY, PHOTONS, inserts_in_muscle
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.residuals.residual_tests import KINDS
-from virtual_phantom.diagnosis.verdict.unmodelled import changes
+from virtual_phantom.diagnosis.verdict.unmodeled import changes
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.recordings.projections import Projections
@@ -67,8 +67,8 @@ def a_module_beside_its_place(chain):
     ("made", "called"),
     [
         (lambda chain: 0.02 * np.sin(lines(chain)), "depends on the line integral alone"),
-        (lambda chain: 0.01 * np.sin(2 * TURN + 1) * np.ones_like(lines(chain)), "changes from view to view"),
-        (lambda chain: -np.log(np.where(np.arange(48)[:, None, None] % 17 == 5, 0.97, 1.0)), "some views alone"),
+        (lambda chain: 0.01 * np.sin(2 * TURN + 1) * np.ones_like(lines(chain)), "varies from view to view"),
+        (lambda chain: -np.log(np.where(np.arange(48)[:, None, None] % 17 == 5, 0.97, 1.0)), "single views only"),
         (a_module_beside_its_place, "moves along columns, in a part of the columns"),
         (lambda chain: 0.02 * lines(chain) + 0.003, None),  # another density and a drift: alignment takes that up
     ],

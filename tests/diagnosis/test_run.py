@@ -8,7 +8,7 @@ import pytest
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearisation, LinearisationPoint
+from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearization, LinearizationPoint
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
@@ -104,8 +104,8 @@ SETTINGS = (
 def test_predictions_do_not_depend_on_what_was_asked_before(scene):
     fresh, used = (ready(scene, {}) for _ in range(2))
     expected = {one.name: one.expected for one in fresh.fitter.model.aligned}
-    points = [LinearisationPoint(physics, {"x_mm": 0.4, **off}) for physics, off in SETTINGS[:2]]
-    places = [BASE, *(Linearisation(BASE.errors, rays) for rays in points)]
+    points = [LinearizationPoint(physics, {"x_mm": 0.4, **off}) for physics, off in SETTINGS[:2]]
+    places = [BASE, *(Linearization(BASE.errors, rays) for rays in points)]
 
     def predicted(one, settings, place):
         physics, off = settings

@@ -86,7 +86,7 @@ def test_recordings_that_only_judge_have_no_part_in_choice_and_fit():
     judged = found["excess_rms_removed_judged"]
     assert plain["excess_rms_removed_judged"] is None and judged["median"] == judged["worst"] > 0.8
     assert found["recordings"]["small"]["own"] == {} and not found["recordings"]["small"]["agreement"]["disagrees"]
-    assert "in 2 recordings." in found["sentence"] and "Fit on small (not used for the choice): " in found["sentence"]
+    assert "in 2 recordings." in found["sentence"] and "Fit on small (not used for selection): " in found["sentence"]
     assert "(judges only)" in scanner_page(found) and "(judges only)" not in scanner_page(plain)
 
 

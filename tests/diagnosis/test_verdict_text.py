@@ -115,9 +115,9 @@ def test_a_match_and_a_match_for_practical_purposes():
     ]
     found = lines_of("dark_signal", verdict="match for practical purposes", **practice(["dark_signal"]))
     assert found == [
-        "Missing physics: none of relevance; image differences are below all thresholds.",
+        "Missing physics: none that is clinically relevant; image differences are below all thresholds.",
         "Also significant, below the relevance thresholds: dark signal.",
-        "Relevance thresholds: 1 HU, 1 % of contrast, 1 % of noise, 1 % of resolution, 0.2 repeat SDs of a feature.",
+        "Relevance thresholds: 1 HU, contrast 1 %, noise 1 %, resolution 1 %, features 0.2 SD of repeats.",
     ]
 
 
@@ -129,7 +129,7 @@ def test_a_difference_that_no_effect_explains():
     )
     assert found == [
         "Missing physics: unknown; no effect of Virtual Phantom explains the difference.",
-        "Largest mismatch: detector columns (column 3 of 64); in images 12.3 HU, -1.23 % of resolution.",
+        "Largest mismatch: detector columns (column 3 of 64); in images: 12.3 HU, resolution -1.23 %.",
         "Next: repeat the scan.",
     ]
 
@@ -156,12 +156,12 @@ def test_the_object_and_its_location():
         verdict="unexplained", object={"mended": False, "removes": 0.97, "pieces": [PIECE]}, next_measurement=["turn"]
     )
     assert found == [
-        "Local object mismatch: rod along z of 30 mm at x -35.2, y -20 mm, 91.2 HU less than stated.",
+        "Local object mismatch: 30 mm rod along z at x -35.2, y -20 mm, 91.2 HU less than stated.",
         "Fit on held-out data: correcting the object removes 97 % of the difference, more than any effect.",
         "Next: turn.",
     ]
     corrected = lines_of(verdict="match", object={"mended": True, "pieces": [PIECE]})
-    assert corrected[1].startswith("Object corrected before the fit: rod along z of 30 mm")
+    assert corrected[1].startswith("Object corrected before the fit: 30 mm rod along z at x -35.2")
     moved = {"location": {"x_mm": 12.0, "y_mm": 0.0}}
     found = lines_of(verdict="match", setup=moved, alignment={"x_mm": {"value": 12.34}, "y_mm": {"value": 0.2}})
     assert found[1] == (
@@ -171,11 +171,11 @@ def test_the_object_and_its_location():
 
 def test_declared_and_transferred_physics():
     found = lines_of(declared={"scatter": {"amount": DECLARED}})
-    assert found[0] == "Missing physics: none; a declared value does not fit the data."
+    assert found[0] == "Missing physics: none; a declared value contradicts the data."
     assert found[1] == ("Contradicts declared physics: scatter: amount 0.02 (0.019 to 0.021), declared 0.005 ± 0.001.")
     taken = lines_of(effects=[{"name": "scatter", "taken_from": "disc"}], not_taken=["gain_pattern"])
     assert (
-        "Source of the physics: found on disc; only the alignment is fitted here; not transferred: gain pattern."
+        "Source of the physics: transferred from disc; only the alignment is fitted; not transferred: gain pattern."
         in (taken)
     )
     assert not [line for line in taken if line.startswith("Next")]
@@ -205,26 +205,27 @@ def test_of_many_lines_the_most_important_five_are_shown():
         (
             {"kind": "description", "mistakes": {"direction": "scan.direction: -1"}},
             [
-                "Scan set-up error: change scan.direction: -1.",
+                "Scan set-up error: direction.",
+                "Correction: scan.direction: -1.",
                 "Unexplained variance of line integrals: 88 % as described, 23 % as corrected.",
-                "Effects: none tried; correct the set-up first.",
+                "Effects: none fitted; correct the set-up first.",
             ],
         ),
         (
             {"kind": "object", "of": "HU inside the body"},
             [
                 "Wrong object: the scan does not show the study's phantom.",
-                "Unexplained variance of HU inside the body: 23 % for every voxel order and location tried.",
+                "Unexplained variance of HU inside the body: at least 23 % for all tested voxel orders and locations.",
                 "Next: name the scanned object in the configuration.",
-                "Effects: none tried; correct the set-up first.",
+                "Effects: none fitted; correct the set-up first.",
             ],
         ),
         (
             {"kind": "empty"},
             [
-                "Empty beam: line integrals do not follow those of the study's phantom.",
+                "Empty beam: line integrals are not correlated with those of the study's phantom.",
                 "Next: check that the repeats in recording.yaml are scans of the object, not air scans.",
-                "Effects: none tried; correct the set-up first.",
+                "Effects: none fitted; correct the set-up first.",
             ],
         ),
     ],
@@ -250,7 +251,7 @@ def test_features_and_their_properties():
     assert written(feature_lines(given)) == [
         "Differing image property: unknown; no single property explains the difference.",
         "Largest mismatch: family (texture of liver).",
-        "Closest property: noise texture comes closest (12 % removed on held-out regions).",
+        "Closest property: noise texture, which removes 12 % of the difference on held-out regions.",
         "Next: scan again.",
     ]
     effect = {"name": "noise_texture", "evidence": {"held_out_gain": 0.8}}
@@ -333,13 +334,13 @@ def test_a_stated_sensor_is_called_stated():
 def test_what_the_alignment_had_to_be_pulled_by_is_said_with_what_to_state():
     found, advised = doubted({}, {"scale": 0.975, "offset": 0.01, "log_photons": np.log(PHOTONS) - 0.1})
     assert found == [
-        "log photons, scale and offset of the alignment had to be pulled as far as a fit may (5 standard deviations: "
-        "to 12.1, known: 12.2 ± 0.02; to 0.975, known: 1 ± 0.005; to 0.01, known: 0 ± 0.002)"
+        "log photons, scale and offset of the alignment reached the limit of the fit (5 SD of the prior: 12.1, prior "
+        "12.2 ± 0.02; 0.975, prior 1 ± 0.005; 0.01, prior 0 ± 0.002)"
     ]
     # Photons are stated elsewhere.
     assert [line.split()[0] for line in advised] == ["Scale", "Offset"]
-    assert "density of the object" in advised[0] and "alignment: {scale: ...}" in advised[0]
-    assert "known to 0.002. If it may be farther off" in advised[1] and "alignment: {offset: ...}" in advised[1]
+    assert "density of the object" in advised[0] and "alignment: {scale: SD}" in advised[0]
+    assert "prior SD of 0.002. If its error may be larger" in advised[1] and "alignment: {offset: SD}" in advised[1]
     assert doubted({}, {"scale": 0.98}) == ([], [])
     # A density that was found on another recording is known otherwise than the model's own.
     assert doubted({}, {"scale": 0.9}, pulled={"scale": -0.1}) == ([], [])
@@ -359,7 +360,7 @@ def stepped():
 def test_places_have_the_recording_s_numbers(stepped):
     _, found = stepped
     where = {place.domain: place.where for place in found.after}
-    assert where["views"] == "view 20, one in 2 being compared"
+    assert where["views"] == "view 20, 1 of 2 views compared"
     first, last = map(int, where["projections"].partition(",")[0].removeprefix("views ").split(" to "))
     assert first <= 20 <= last and first % 2 == last % 2 == 0
 

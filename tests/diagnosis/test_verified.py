@@ -109,7 +109,7 @@ def test_physics_of_another_recording_removes_the_excess(other):
     content = stated(diagnose("notch", given, choice).content, physics)
     json.dumps(content, allow_nan=False)
     assert content["excess_removed"] > 0.9 and content["excess_rms_removed"] > 0.8
-    assert "Source of the physics: found on disc" in content["sentence"]
+    assert "Source of the physics: transferred from disc" in content["sentence"]
     for effect in content["effects"]:
         assert effect["taken_from"] == "disc" and effect["evidence"]["p"] is None
         low, high = effect["parameters"][next(iter(effect["parameters"]))]["ci95"]

@@ -265,7 +265,7 @@ def test_a_scan_described_wrong_ends_in_the_line_to_change(bench):
     found = json.loads((folder / "diagnosis.json").read_text())
     assert (found["verdict"], found["effects"]) == ("description wrong", [])
     assert found["setup"]["mistakes"] == {"direction": f"scan.direction: {-turned}"}
-    assert found["verdict_lines"][0] == f"Scan set-up error: change scan.direction: {-turned}."
+    assert found["verdict_lines"][1] == f"Correction: scan.direction: {-turned}."
     assert shown(found, process.stdout)
     assert "diagnosis of wrong" not in process.stdout  # nothing is going to be fitted
     physics = (folder / "physics.yaml").read_text()

@@ -35,7 +35,8 @@ def model_assumptions(
         "tube": f"anode of {nominal.anode.target} at {nominal.anode.angle_deg:g} degrees, {tube}",
         "sensor": f"{label(sensor.material)}, {sensor.thickness_mm:g} mm, reads {sensor.reads}",
         "photons per pixel in air": photons,
-        "data": f"{counted(len(recording.repeats), 'repeat')}, {_views(prepared.step)}; held out: {prepared.held}",
+        "data": f"{counted(len(recording.repeats), 'repeat')}, {_views(prepared.step)}; held out: "
+        f"{prepared.held_out_text}",
         "rays per pixel and direction": f"{prepared.fitter.model.chain.samples}",
         "alignment, standard deviations stated": known or "none: the defaults",
         "physics declared": ", ".join(map(label, settings.baseline)) or "none",

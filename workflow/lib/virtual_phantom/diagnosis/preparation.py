@@ -76,7 +76,7 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         floor_chain=floor,
         coarse_chain=coarse,
         step=step,
-        lacking=view_time_note(recording.scan),
+        time_remark=view_time_note(recording.scan),
         voxels=whole_voxels(request, scene),
     )
 

@@ -38,7 +38,7 @@ from .verdict.object_mismatch import (
     explains_all,
     no_physics,
 )
-from .verdict.unmodelled import ChangesOfFits
+from .verdict.unmodeled import ChangesOfFits
 from .verdict.verdict import Diagnosis, diagnose
 from .verdict_text import SETUP_VERDICTS, recording_lines, with_verdict_text
 
@@ -71,7 +71,7 @@ def run_diagnosis(
     Parameters
     ----------
     effects : sequence of str
-        Candidates. Effects that the request declares are left out.
+        Candidates. Effects that the request declares are ignored.
     accuracy : mapping of str to float
         Relative model error by effect (`diagnosis.model_accuracy`).
     physics : Physics, optional

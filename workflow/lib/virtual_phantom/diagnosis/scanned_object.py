@@ -71,7 +71,7 @@ def whole_voxels(request: DiagnosisRequest, scene: object) -> str | None:
         drawn, better = other.mask, "finer voxels, shares of voxels (0 to 1) or an object of shapes"
     along = [f"{side:.3g}" for side in scene.grid.spacing[::-1]][: 2 if isinstance(scene, PrismScene) else 3]
     size = along[0] if len(set(along)) == 1 else " x ".join(along)
-    return f"as the voxels of {Path(drawn).name} ({size} mm) leave it: {better}"
+    return f"as caused by the voxels of {Path(drawn).name} ({size} mm); {better}"
 
 
 def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, threads: int = 1) -> VoxelScene:

@@ -1,6 +1,6 @@
-"""The verdict of a diagnosis as one to five short lines: the same on the console, in the document and on the page.
+"""Verdict of a diagnosis as one to five short lines, for the console, the documents and the reports.
 
-Each function takes the content of a document and returns its lines. No number is computed here but for display.
+Each function takes the content of a document and returns its lines. Numbers are formatted here, not computed.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from .residuals.residual_tests import KINDS
 MATCH, UNEXPLAINED = "match", "unexplained"
 PRACTICAL = "match for practical purposes"
 SETUP_VERDICTS = {"description": "description wrong", "object": "another object", "empty": "nothing in the beam"}
-# Units of the quantities that images are compared by.
-UNITS = {
-    "hu": "HU",
-    "contrast_percent": "% of contrast",
-    "noise_percent": "% of noise",
-    "resolution_percent": "% of resolution",
-    "features_sd": "repeat SDs of a feature",
+# Formats of differences in images.
+DIFFERENCES = {
+    "hu": "{} HU",
+    "contrast_percent": "contrast {} %",
+    "noise_percent": "noise {} %",
+    "resolution_percent": "resolution {} %",
+    "features_sd": "features {} SD of repeats",
 }
-# Names of domains of residuals that do not read as they are.
+# Names of domains of residuals for texts, where they differ from the domain.
 DOMAINS = {
     "columns": "detector columns",
     "rows": "detector rows",
@@ -51,7 +51,7 @@ class VerdictLine:
     text : str
         Statement, without the full stop.
     rank : int
-        Importance: with more than MOST_LINES, lines of the highest rank are left out.
+        Lines with the highest rank are omitted if there are more than MOST_LINES.
     """
 
     label: str
@@ -73,13 +73,13 @@ def with_verdict_text(content: Mapping, lines: Iterable[VerdictLine | None]) -> 
         In the order of display; None for a line that does not apply.
     """
     given = [line for line in lines if line is not None]
-    chosen = sorted(range(len(given)), key=lambda place: given[place].rank)[:MOST_LINES]
-    written = [str(given[place]) for place in sorted(chosen)]
+    chosen = sorted(range(len(given)), key=lambda index: given[index].rank)[:MOST_LINES]
+    written = [str(given[index]) for index in sorted(chosen)]
     return {**content, "verdict_lines": written, "sentence": " ".join(written)}
 
 
 def console_text(content: Mapping) -> str:
-    """Return name and verdict, and the lines of the verdict below."""
+    """Return the name and the verdict, followed by the lines of the verdict."""
     name = content.get("recording", content.get("scanner"))
     return "\n  ".join([f"{name}: {content['verdict']}", *content["verdict_lines"]])
 
@@ -121,12 +121,14 @@ def _conclusion(content: Mapping, named: Sequence[Mapping]) -> VerdictLine:
             "Missing physics", f"none; {recording} and the simulation differ only by noise and alignment"
         )
     if verdict == PRACTICAL:
-        return VerdictLine("Missing physics", "none of relevance; image differences are below all thresholds")
+        return VerdictLine(
+            "Missing physics", "none that is clinically relevant; image differences are below all thresholds"
+        )
     if "removes" in content.get("object", {}):
         (piece,) = content["object"]["pieces"]
         return VerdictLine("Local object mismatch", piece_text(piece))
     if contradiction(content):
-        return VerdictLine("Missing physics", "none; a declared value does not fit the data")
+        return VerdictLine("Missing physics", "none; a declared value contradicts the data")
     return VerdictLine("Missing physics", "unknown; no effect of Virtual Phantom explains the difference")
 
 
@@ -142,20 +144,19 @@ def _alternatives(content: Mapping, names: Sequence[str]) -> VerdictLine | None:
 
 
 def _rivals(content: Mapping, name: str) -> list[str]:
-    """Names of what explains the data as well as an effect."""
-    rivals = [effect_name(rival) for rival in content["ambiguous_with"].get(name, [])]
-    rivals = _shortened(rivals)
+    """Return the names of alternatives that explain the data as well as an effect."""
+    rivals = _shortened([effect_name(rival) for rival in content["ambiguous_with"].get(name, [])])
     if other := content.get("outside", {}).get(name):
         rivals.append(f"an unmodeled change that {other['what']}")
     return rivals
 
 
 def _improvement(content: Mapping) -> VerdictLine | None:
-    """RMS beyond noise before and after; the plain RMS where the effects do not reduce it."""
-    name, rms = next(((key, one) for key, one in content["held_out"].items() if key.startswith("rms_")), (None, None))
-    if content["excess_removed"] is None or rms is None:
+    """Return the RMS beyond noise before and after the fit; the total RMS if the effects do not reduce it."""
+    name = next((key for key in content["held_out"] if key.startswith("rms_")), None)
+    if content["excess_removed"] is None or name is None:
         return None
-    unit = " HU" if name == "rms_hu" else ""
+    rms, unit = content["held_out"][name], " HU" if name == "rms_hu" else ""
     before, after, noise = rms["before"], rms["after"], rms["floor"]
     removed, share = content.get("excess_rms_removed"), ""
     if removed is not None and removed > 0:
@@ -186,20 +187,20 @@ def _mismatch(content: Mapping, named: Sequence[Mapping]) -> VerdictLine | None:
             text += f", {abs(size['value']):.2g} HU in images"
         return VerdictLine("Remaining mismatch", text, rank=3)
     if not named and content["verdict"] == UNEXPLAINED:
-        found = [f"{value:.3g} {UNITS[name]}" for name, value in practice.get("differing", {}).items()]
-        text = location_text(content["locations"][0]) + (f"; in images {', '.join(found)}" if found else "")
+        found = [DIFFERENCES[name].format(f"{value:.3g}") for name, value in practice.get("differing", {}).items()]
+        text = location_text(content["locations"][0]) + (f"; in images: {', '.join(found)}" if found else "")
         return VerdictLine("Largest mismatch", text, rank=2)
     return None
 
 
 def location_text(location: Mapping) -> str:
-    """Return where recording and simulation differ, in words."""
+    """Return the location of a difference between recording and simulation, for texts."""
     domain, where = location["domain"], location["where"]
     return f"a change that {where}" if domain == KINDS else f"{DOMAINS.get(domain, domain)} ({where})"
 
 
 def _caution(content: Mapping) -> VerdictLine | None:
-    """Return the first doubt about the effects, or else the first remark on the data."""
+    """Return the first doubt about the effects, or the first remark on the data if there is no doubt."""
     doubts, remarks = content.get("doubts", []), content.get("caveats", [])
     if doubts:
         more = f"{len(doubts) - 1} more in the report" if len(doubts) > 1 else "other physics may be missing too"
@@ -226,20 +227,20 @@ def _corrected_object(content: Mapping) -> VerdictLine | None:
     found = content.get("object", {})
     if not found.get("mended"):
         return None
-    return VerdictLine("Object corrected before the fit", enumerated([piece_text(one) for one in found["pieces"]]), 2)
+    pieces = enumerated([piece_text(piece) for piece in found["pieces"]])
+    return VerdictLine("Object corrected before the fit", pieces, rank=2)
 
 
 def piece_text(piece: Mapping) -> str:
-    """Return place, width and contrast of a piece of the object, in words."""
+    """Return the position, diameter and HU of a local object mismatch, for texts."""
     kind = "rod along z" if piece["z_mm"] is None else "ball"
-    place = f"x {piece['x_mm']:.3g}, y {piece['y_mm']:.3g}"
-    place += "" if piece["z_mm"] is None else f", z {piece['z_mm']:.3g}"
-    more = "more" if piece["hu"] > 0 else "less"
-    return f"{kind} of {piece['width_mm']:.3g} mm at {place} mm, {abs(piece['hu']):.3g} HU {more} than stated"
+    position = ", ".join(f"{axis} {piece[f'{axis}_mm']:.3g}" for axis in "xyz" if piece[f"{axis}_mm"] is not None)
+    sign = "more" if piece["hu"] > 0 else "less"
+    return f"{piece['width_mm']:.3g} mm {kind} at {position} mm, {abs(piece['hu']):.3g} HU {sign} than stated"
 
 
 def _location(content: Mapping, stated: Mapping[str, float]) -> VerdictLine | None:
-    """Return where the object was found if it lies far off its stated location."""
+    """Return the fitted object location if it lies far off the stated one."""
     location = content.get("setup", {}).get("location")
     if not location:
         return None
@@ -261,7 +262,9 @@ def _source(content: Mapping) -> VerdictLine | None:
         return None
     left = ", ".join(map(effect_name, content["not_taken"]))
     rest = f"; not transferred: {left}" if left else ""
-    return VerdictLine("Source of the physics", f"found on {source}; only the alignment is fitted here{rest}", rank=1)
+    return VerdictLine(
+        "Source of the physics", f"transferred from {source}; only the alignment is fitted{rest}", rank=1
+    )
 
 
 def _below_thresholds(content: Mapping, names: Sequence[str]) -> VerdictLine | None:
@@ -272,15 +275,15 @@ def _below_thresholds(content: Mapping, names: Sequence[str]) -> VerdictLine | N
 
 
 def _thresholds(content: Mapping) -> VerdictLine | None:
-    """Return the relevance thresholds if a verdict rests on them."""
+    """Return the relevance thresholds if the verdict depends on them."""
     if content["verdict"] != PRACTICAL:
         return None
-    limits = [f"{value:g} {UNITS[name]}" for name, value in content["practice"]["thresholds"].items()]
+    limits = [DIFFERENCES[name].format(f"{value:g}") for name, value in content["practice"]["thresholds"].items()]
     return VerdictLine("Relevance thresholds", ", ".join(limits), rank=5)
 
 
 def _next(content: Mapping, named: Sequence[Mapping]) -> VerdictLine | None:
-    """Return the measurement that would settle the verdict, or confirm its first effect."""
+    """Return the measurement that would resolve an ambiguity, or confirm the first effect."""
     if content["next_measurement"]:
         return VerdictLine("Next", content["next_measurement"][0], rank=6)
     if not named or "taken_from" in named[0]:
@@ -291,63 +294,69 @@ def _next(content: Mapping, named: Sequence[Mapping]) -> VerdictLine | None:
 
 
 def setup_lines(setup: Mapping, scanned: str) -> list[VerdictLine | None]:
-    """Return the lines for a scan whose set-up is wrong, or that shows another object.
+    """Return the lines for a scan with a wrong set-up or object.
 
     Parameters
     ----------
     setup : mapping
         Section `setup` of diagnosis.json.
     scanned : str
-        The object in the configuration, in words.
+        Description of the object in the configuration.
     """
     described, corrected = (f"{100 * setup[key]:.2g} %" for key in ("share_stated", "share"))
     variance = f"Unexplained variance of {setup['of']}"
-    tried = VerdictLine("Effects", "none tried; correct the set-up first")
+    tried = VerdictLine("Effects", "none fitted; correct the set-up first")
     if setup["kind"] == "empty":
         return [
-            VerdictLine("Empty beam", f"line integrals do not follow those of {scanned}"),
+            VerdictLine("Empty beam", f"line integrals are not correlated with those of {scanned}"),
             VerdictLine("Next", "check that the repeats in recording.yaml are scans of the object, not air scans"),
             tried,
         ]
     if setup["kind"] == "object":
         images = setup["of"] != "line integrals"
-        searched = "voxel order and location" if images else "location, angle, size and geometry"
+        searched = "voxel orders and locations" if images else "locations, angles, sizes and geometries"
         return [
             VerdictLine("Wrong object", f"the scan does not show {scanned}"),
-            VerdictLine(variance, f"{corrected} for every {searched} tried"),
+            VerdictLine(variance, f"at least {corrected} for all tested {searched}"),
             VerdictLine("Next", "name the scanned object in the configuration"),
             tried,
         ]
     changed = None
     if described != corrected:
         changed = VerdictLine(variance, f"{described} as described, {corrected} as corrected")
-    return [VerdictLine("Scan set-up error", f"change {'; '.join(setup['mistakes'].values())}"), changed, tried]
+    mistakes = setup["mistakes"]
+    return [
+        VerdictLine("Scan set-up error", "; ".join(mistakes)),
+        VerdictLine("Correction", "; ".join(mistakes.values())),
+        changed,
+        tried,
+    ]
 
 
 def scanner_lines(content: Mapping) -> list[VerdictLine | None]:
     """Return the lines of the joint diagnosis of a scanner's recordings."""
     recordings = content["recordings"]
-    judges = [name for name, one in recordings.items() if one["judged"]]
-    left = [name for name, one in recordings.items() if one["unexplained"]]
+    tests = [name for name, recording in recordings.items() if recording["judged"]]
+    unexplained = [name for name, recording in recordings.items() if recording["unexplained"]]
     disagreement = _disagreement(recordings)
-    count = len(recordings) - len(judges)
+    count = len(recordings) - len(tests)
     if content["effects"]:
         first = VerdictLine("Shared missing physics", f"{effects_text(content['effects'])}, in {count} recordings")
-    elif left or disagreement:
+    elif unexplained or disagreement:
         first = VerdictLine("Shared missing physics", "unknown; no shared effect explains the differences")
     else:
         first = VerdictLine("Shared missing physics", f"none; {len(recordings)} recordings agree with the simulation")
     return [
         first,
         _removed("Fit on left-out recordings", content["excess_rms_removed"]),
-        _removed(f"Fit on {', '.join(judges)} (not used for the choice)", content["excess_rms_removed_judged"]),
+        _removed(f"Fit on {', '.join(tests)} (not used for selection)", content["excess_rms_removed_judged"]),
         contradiction(content),
         *(
-            contradiction({"declared": one}, f" of protocol {key}")
-            for key, one in content["declared_of_protocols"].items()
+            contradiction({"declared": declared}, f" of protocol {key}")
+            for key, declared in content["declared_of_protocols"].items()
         ),
         disagreement,
-        VerdictLine("Remaining mismatch", f"in {', '.join(left)}", rank=3) if left else None,
+        VerdictLine("Remaining mismatch", f"in {', '.join(unexplained)}", rank=3) if unexplained else None,
     ]
 
 
@@ -360,16 +369,17 @@ def _removed(subject: str, removed: Mapping[str, float] | None) -> VerdictLine |
 
 def _disagreement(recordings: Mapping[str, Mapping]) -> VerdictLine | None:
     """Return which recordings disagree with the others on shared parameters."""
-    fitted = [name for name, one in recordings.items() if not one["judged"]]
-    off = [name for name, one in recordings.items() if one["agreement"] and one["agreement"]["disagrees"]]
+    agreement = {name: recording["agreement"] for name, recording in recordings.items()}
+    fitted = [name for name, recording in recordings.items() if not recording["judged"]]
+    off = [name for name, found in agreement.items() if found and found["disagrees"]]
     if not off:
         return None
     if 2 * len([name for name in off if name in fitted]) > len(fitted):  # no single one stands out
         text = f"{', '.join(fitted)} disagree with each other on shared parameters"
         off = [name for name in off if name not in fitted]
-        text += f"; so does {', '.join(off)}" if off else ""
+        text += f"; also {', '.join(off)}" if off else ""
     else:
-        verb, others = "disagrees" if len(off) == 1 else "disagree", recordings[off[0]]["agreement"]["against"]
+        verb, others = "disagrees" if len(off) == 1 else "disagree", agreement[off[0]]["against"]
         text = f"{', '.join(off)} {verb} with {', '.join(others)} on shared parameters; compare dates and settings"
     return VerdictLine("Disagreement", text, rank=1)
 
@@ -381,7 +391,7 @@ def feature_lines(content: Mapping) -> list[VerdictLine | None]:
     worst = VerdictLine("Largest mismatch", _feature_location(content["locations"][0]))
     if not content["effects"]:
         name, best = next(iter(content["candidates"].items()))
-        nearest = f"{label(name)} comes closest ({100 * best['held_out']:.0f} % removed on held-out regions)"
+        nearest = f"{label(name)}, which removes {100 * best['held_out']:.0f} % of the difference on held-out regions"
         return [
             VerdictLine("Differing image property", "unknown; no single property explains the difference"),
             worst,
@@ -403,8 +413,9 @@ def feature_lines(content: Mapping) -> list[VerdictLine | None]:
     ]
 
 
-def _feature_location(place: Mapping) -> str:
-    return f"means of {place['where']}" if place["domain"] == "mean" else f"{place['domain']} ({place['where']})"
+def _feature_location(location: Mapping) -> str:
+    domain, where = location["domain"], location["where"]
+    return f"{domain}s of {where}" if domain in ("mean", "SD") else f"{domain} ({where})"
 
 
 def effects_text(effects: Sequence[Mapping]) -> str:
@@ -423,7 +434,7 @@ def _effect_text(effect: Mapping, detailed: bool) -> str:
     name, parameters = effect["name"], list(effect.get("parameters", {}).items())[:MOST_DETAILED]
     if not detailed or not parameters:
         return effect_name(name)
-    values = [f"{parameter_name(name, key)} {one['value']:.3g}{_unit(one['unit'])}" for key, one in parameters]
+    values = [f"{parameter_name(name, key)} {found['value']:.3g}{_unit(found['unit'])}" for key, found in parameters]
     return f"{effect_name(name)} ({', '.join(values)})"
 
 

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 # Rays of one fit, with all rays of a pixel counted, unless `view_step` is set. Two processes need 5 GB.
 MOST_FITTED = 2.5e6
 FEWEST_VIEWS = 24  # fitted and held-out views of a large scan, which still show changes over the rotation
-# Rays per pixel and direction of the model. Shapes have sharp edges: in a scan without missing physics (4 repeats with
-# 1e5 photons), the error of 2 rays looks like a source distance with a log score of 25, that of 4 rays with 3.
+# Rays per pixel and direction of the model. Shapes have sharp edges. In a scan without missing physics (4 repeats with
+# 1e5 photons), the error with 2 rays looks like a source distance with a log score of 25, with 4 rays of 3.
 SAMPLES, SAMPLES_OF_SHAPES = 2, 4
 
 

@@ -13,7 +13,7 @@ from ..diagnosis.residuals.residual_tests import ALPHA
 from ..diagnosis.selection.store import RESIDUAL_MAPS, write_diagnosis
 from ..diagnosis.verdict.verdict import Diagnosis
 from ..diagnosis.verdict.warnings import advice
-from ..diagnosis.verdict_text import PRACTICAL, UNITS
+from ..diagnosis.verdict_text import DIFFERENCES, PRACTICAL
 from ..figures import diagnosis as figures
 from ..physics.effect import load
 from .agreement_table import agreement_table
@@ -56,16 +56,16 @@ def overlay_of(diagnosis: Diagnosis) -> dict:
 def diagnosis_page(diagnosis: Diagnosis, maps: tuple[np.ndarray, np.ndarray]) -> str:
     """Return the report of a diagnosis, with the maps of `residual_maps`, as HTML."""
     content, choice, prepared = diagnosis.content, diagnosis.choice, diagnosis.prepared
-    after, look = {location.domain: location for location in diagnosis.after}, prepared.look
+    after, display = {location.domain: location for location in diagnosis.after}, prepared.display
     image = diagnosis.scanned and diagnosis.scanned.fine
     pieces = content.get("object", {}).get("pieces", [])
     fit = choice.chosen.fit
     residuals = figures.draw_maps(
         *maps,
-        f"{content['recording']}: mean over {('slices', 'rows')[look.summed]}",
-        look.across,
-        look.down,
-        image=look.summed == 0,
+        f"{content['recording']}: mean over {('slices', 'rows')[display.summed]}",
+        display.across,
+        display.down,
+        image=display.summed == 0,
         steps=_steps(prepared),
     )
     return render_diagnosis(
@@ -82,12 +82,12 @@ def diagnosis_page(diagnosis: Diagnosis, maps: tuple[np.ndarray, np.ndarray]) ->
         agreement=agreement_table(content.get("agreement")),
         maps=picture(residuals),
         profiles=picture(figures.draw_profiles(_profiles(diagnosis))),
-        one_repeat=look.one_repeat,
+        one_repeat=display.one_repeat,
         ranking=picture(figures.draw_ranking(choice.alone, fit.effects, choice.singles)) if choice.alone else None,
         pieces=picture(figures.draw_pieces(image, pieces)) if pieces and image is not None else None,
         object=None if image is None else picture(figures.draw_object(image)),
         domains=DOMAINS,
-        quantities=UNITS,
+        quantities={name: text.replace("{} ", "") for name, text in DIFFERENCES.items()},
         one_sided=ONE_SIDED,
         nuisances=NUISANCES,
         version=__version__,
@@ -122,7 +122,7 @@ def _residual_map(fit: Fit, prepared: Prepared) -> np.ndarray:
     fitter = prepared.fitter
     shape = prepared.held_out.mean.shape
     residual, weight = (part[0].reshape(shape) for part in (fitter.residuals(fit), fitter.held_weights))
-    summed = prepared.look.summed
+    summed = prepared.display.summed
     sums, weights = (residual * weight).sum(axis=summed), weight.sum(axis=summed)
     for axis in (0, 1):
         edges = np.arange(0, sums.shape[axis], _block(sums.shape[axis]))
@@ -137,14 +137,14 @@ def _block(places: int) -> int:
 
 def _steps(prepared: Prepared) -> tuple[int, int]:
     """Return how many places of the recording one pixel of the map covers, down and across."""
-    down, across = (n for axis, n in enumerate(prepared.held_out.mean.shape) if axis != prepared.look.summed)
+    down, across = (n for axis, n in enumerate(prepared.held_out.mean.shape) if axis != prepared.display.summed)
     return prepared.step * _block(down), _block(across)
 
 
 def _profiles(diagnosis: Diagnosis) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
     """Return the panels of profiles: name of the axis, places, residuals before and after."""
     panels, prepared = [], diagnosis.prepared
-    for domain, label, first in prepared.look.profiles:
+    for domain, label, first in prepared.display.profiles:
         step = prepared.step if domain == STEPPED else 1
         before, after = (
             next(location for location in side if location.domain == domain).map

@@ -22,7 +22,7 @@ def feature_diagnosis_page(diagnosis: FeatureDiagnosis) -> str:
         misses=list(families.values()) if diagnosis.before.significant else [],
         before=len(diagnosis.before.significant),
         after=len(diagnosis.after.significant),
-        tested=len(diagnosis.before.places),
+        tested=len(diagnosis.before.locations),
         most=MOST_PLACES,
         alpha=ALPHA,
         material=MATERIAL,

@@ -19,7 +19,7 @@ DOMAINS = {  # {domain: tested quantity}
     "kinds of change": "generic changes beyond the model, for example with the line integral or between views",
     "image": "mean difference of every block of voxels",
     "slices": "mean difference of every slice",
-    "distance from the axis": "mean difference of every ring around the isocentre",
+    "distance from the axis": "mean difference of every ring around the isocenter",
     "tissue": "mean difference of voxels, in deciles of HU",
 }
 ONE_SIDED = ("edges", "pixels", "both halves", "kinds of change")  # tested for an excess only

@@ -130,12 +130,13 @@ def agreement(
 
         * unit, and recorded, which is None where the metric is itself a comparison
         * for each column, {"value", "relative_difference"}, which is simulated / recorded - 1
-        * floor, what noise alone would give: the standard error of the last column's relative difference; None of
+        * floor, the value for noise alone: the standard error of the last column's relative difference; None for
           single repeats
 
-        noise_spectrum is the RMS difference of the spectra's shapes over the recorded RMS, in relative_difference
-        alone. features is the share of features and ROIs whose simulated mean lies within one repeat SD of the recorded
-        mean, in value alone; its floor is the share that is expected if nothing but noise differs.
+        noise_spectrum has only relative_difference: the RMS difference of the spectra's shapes over the recorded RMS.
+
+        features has only value: the share of features and ROIs whose simulated mean lies within one repeat SD of the
+        recorded mean. Its floor is the share that is expected from noise alone.
     """
     metrics, left_out = {}, {}
     makers: dict[str, Callable[[], dict]] = {

@@ -179,7 +179,7 @@ def complete(geometry: OrbitGeometry, grid: Grid) -> np.ndarray:
     valid = np.hypot(x, y) < geometry.field_of_view_radius_mm - grid.spacing[1]
     valid[valid] = rays.directions_seen(np.stack([x[valid], y[valid], z[valid]], axis=1)) == rays.half_turn
     if not valid.any():
-        raise InputError("scan: no voxel around the isocentre is seen from every direction; images cannot be compared")
+        raise InputError("scan: no voxel around the isocenter is seen from every direction; images cannot be compared")
     return valid
 
 

@@ -19,7 +19,7 @@ from ...statistics.multiplicity import holm
 from ...statistics.resolution import mtf_half
 from ..fitting.fit import Fit
 from ..selection.forward_selection import Choice
-from ..verdict_text import MATCH, PRACTICAL, UNEXPLAINED, UNITS, contradiction
+from ..verdict_text import DIFFERENCES, MATCH, PRACTICAL, UNEXPLAINED, contradiction
 from .agreement import Features, Regions, agreement
 
 # Side of the squares whose mean HU is compared, as of the smallest squares for noise spectra.
@@ -33,7 +33,7 @@ class ImageChange:
     Attributes
     ----------
     value : float
-        In the unit of verdict_text.UNITS.
+        In the unit of verdict_text.DIFFERENCES.
     error : float
         Standard error from image noise. For the largest of many areas it includes a correction for their number.
     """
@@ -64,7 +64,7 @@ def image_changes(
     Returns
     -------
     dict of str to ImageChange
-        By quantity of verdict_text.UNITS. Quantities that cannot be measured are left out: noise needs two repeats,
+        By quantity of verdict_text.DIFFERENCES, if it can be measured: noise needs two repeats,
         contrast two ROIs.
     """
     measures: dict[str, Callable[[], ImageChange]] = {
@@ -173,7 +173,7 @@ def judge_relevance(content: Mapping, thresholds: Mapping[str, float]) -> dict:
     content : mapping
         Content of diagnosis.json, with `practice` (`changes_by_effect`) in its agreement.
     thresholds : mapping of str to float
-        By quantity of verdict_text.UNITS. With 0 every effect is relevant.
+        By quantity of verdict_text.DIFFERENCES. With 0 every effect is relevant.
 
     Returns
     -------
@@ -208,7 +208,7 @@ def above_thresholds(changes: Mapping[str, Mapping[str, float]], thresholds: Map
     """
     return {
         name: changes[name]["value"]
-        for name in UNITS
+        for name in DIFFERENCES
         if name in changes and abs(changes[name]["value"]) - 2 * changes[name]["error"] > thresholds[name]
     }
 

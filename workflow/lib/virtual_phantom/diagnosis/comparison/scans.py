@@ -125,7 +125,7 @@ def simulated_repeats(prepared: PreparedScans, fit: Fit, count: int, random: np.
         fit.nuisance["offset"] + pattern - fit.nuisance["scale"] * np.log(transmission)
         for transmission in transmissions
     )
-    numerical = prepared.fitter.model.distortion(fit.nuisance, fit.linearisation)
+    numerical = prepared.fitter.model.distortion(fit.nuisance, fit.linearization)
     return np.stack([(line + numerical).astype(np.float32) for line in lines])
 
 

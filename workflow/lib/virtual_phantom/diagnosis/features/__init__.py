@@ -1,1 +1,1 @@
-"""Diagnosis of tables of features: which property of the images explains how they differ."""
+"""Diagnosis of feature tables: the image property that explains their differences."""

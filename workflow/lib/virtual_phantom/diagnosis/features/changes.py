@@ -1,4 +1,4 @@
-"""The simulated images with one property changed at a time, and the features of each."""
+"""Features of simulated images in which one property at a time is changed."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from ...phantom.ct import resample
 from ...simulation.reconstruct import apply_image_effects
 from .properties import BASELINE, EVERY_FOLD, FOLDS, calibration
 
-SIGMAS_VOXELS = (0.4, 0.7, 1.0)  # of blurs that are simulated; under 0.4 a voxel hardly mixes with its neighbours
-FLUX_FACTORS = (0.25, 0.5, 2.0, 4.0)  # of the photons that are simulated; between them strengths are interpolated
-TEXTURE_SIGMAS_VOXELS = (*SIGMAS_VOXELS, 1.4, 2.0)  # a scanner's noise may be as coarse in these larger voxels
-THICKNESSES_SLICES = (1.5, 2.0, 3.0)  # that are simulated; between them strengths are interpolated
+SIGMAS_VOXELS = (0.4, 0.7, 1.0)  # of simulated blurs; smaller ones hardly mix neighboring voxels
+FLUX_FACTORS = (0.25, 0.5, 2.0, 4.0)  # of the simulated photons; features are interpolated in between
+TEXTURE_SIGMAS_VOXELS = (*SIGMAS_VOXELS, 1.4, 2.0)  # the noise of a scanner may be this coarse
+THICKNESSES_SLICES = (1.5, 2.0, 3.0)  # simulated; features are interpolated in between
 
 
 def property_tables(
@@ -36,7 +36,7 @@ def property_tables(
     voxel_mm: Sequence[float] | None = None,
     parameters: Parameters = DEFAULT,
 ) -> Iterator[pd.DataFrame]:
-    """Features of the images as they are (BASELINE) and with every property changed.
+    """Yield the features of unchanged images (BASELINE), then of images with each property changed.
 
     Parameters
     ----------
@@ -45,19 +45,17 @@ def property_tables(
     masks : mapping of str to ndarray of bool, shape (z, y, x)
         By ROI.
     fold_of : mapping of str to int
-        From `folds`.
+        Result of `folds`.
     recorded : DataFrame
         Features of the recording in HU, one row per image and ROI.
     voxel_mm : sequence of 3 float, optional
-        (z, y, x) of the recording, mm; None leaves `voxels` out.
-    parameters : Parameters, optional
-        Of the extraction.
+        Voxel size of the recording (z, y, x), mm; None omits the property `voxels`.
 
     Yields
     ------
     DataFrame
-        A table per strength. Columns: property, strength, fold (EVERY_FOLD, or of the ROIs that a calibration was
-        fitted to), then those of extraction.extract; rows are repeats in order, each with all ROIs.
+        One table per strength. Columns: property, strength, fold (EVERY_FOLD, or the fold to which a calibration was
+        fitted), and the columns of extraction.extract. Rows: repeats in order, each with all ROIs.
     """
 
     def table(name, strength, fold, changed, on=grid, within=masks):
@@ -83,17 +81,17 @@ def property_tables(
     for slices in THICKNESSES_SLICES:
         thickness = slices * grid.spacing[0]
         yield table("slice_thickness", thickness, EVERY_FOLD, effect("slice_thickness", thickness_mm=thickness))
-    ours, theirs = (one.groupby("roi")[MEAN].mean() for one in (baseline, recorded))
+    simulated_hu, recorded_hu = (features.groupby("roi")[MEAN].mean() for features in (baseline, recorded))
     for fold in FOLDS:
         chosen = [roi for roi in masks if fold_of[roi] == fold]
-        values = calibration(ours[chosen].to_numpy(), theirs[chosen].to_numpy())
+        values = calibration(simulated_hu[chosen].to_numpy(), recorded_hu[chosen].to_numpy())
         yield table("hu_calibration", 1.0, fold, effect("hu_calibration", **values))
     if voxel_mm is not None:
         yield table("voxels", 1.0, EVERY_FOLD, *sampled(images, grid, masks, voxel_mm))
 
 
 def sampled(images, grid, masks, voxel_mm) -> tuple[np.ndarray, Grid, dict[str, np.ndarray]]:
-    """Images and ROIs on voxels of this size in the box of the ROIs and two voxels around it."""
+    """Resample images and ROIs to another voxel size, in the bounding box of the ROIs with a margin of two voxels."""
     occupied = np.argwhere(np.any(list(masks.values()), axis=0))
     low = np.maximum(occupied.min(axis=0) - 2, 0)
     high = np.minimum(occupied.max(axis=0) + 3, grid.shape)

@@ -1,4 +1,4 @@
-"""Features that miss a recording, and how many of them a changed property of the images brings within the margin."""
+"""Count of features that differ from a recording, and of those that a changed image property corrects."""
 
 from __future__ import annotations
 
@@ -33,12 +33,14 @@ def misses(data: Responses, values: np.ndarray, margin_sd: float) -> dict[str, d
     found = {}
     for name in ("all", *(name for name in EVERY_FAMILY.values() if name in families)):
         chosen = np.broadcast_to((families == name) | (name == "all"), missed.shape)
-        own = chosen & missed
+        missed_here = chosen & missed
         found[name] = {
             "cells": int(chosen.sum()),
-            "misses": int(own.sum()),
-            "repaired": int((own & within).sum()),
+            "misses": int(missed_here.sum()),
+            "repaired": int((missed_here & within).sum()),
             "broken": int((chosen & ~missed & ~within).sum()),
-            "median_removed_share": float(np.median(1 - after[own] / before[own])) if own.any() else None,
+            "median_removed_share": (
+                float(np.median(1 - after[missed_here] / before[missed_here])) if missed_here.any() else None
+            ),
         }
     return found

@@ -1,8 +1,8 @@
-"""Properties of images that tables of features are diagnosed by: each alone is changed in the simulated images.
+"""Image properties that are tested as explanations of feature differences, one at a time.
 
-Some are effects of the library (`physics`), applied to the images; others are properties of an image that no single
-effect stands for. Strengths are steps between which features are interpolated (`responses`); of the HU calibration
-they are fitted to the means of the regions, apart for every fold, so that the regions left out do not enter.
+Some are effects of `physics` that act on images; others correspond to no single effect. Features are interpolated
+between simulated strengths (`responses`). The HU calibration is fitted to the mean HU of each fold's ROIs, so that the
+held-out ROIs have no influence.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from ...base.geometry import Grid
 from ...physics.effect import load, names
 from ...statistics.comparison_summary import MINIMUM_ROIS
 
-BASELINE = "baseline"  # in tables: the images with no property changed
-FOLDS = (1, 2)  # halves of the regions: strengths are fitted to one and judged on the other
-EVERY_FOLD = 0  # of rows that both folds share
+BASELINE = "baseline"  # name of the unchanged images in tables
+FOLDS = (1, 2)  # halves of the ROIs: strengths are fitted to one and tested on the other
+EVERY_FOLD = 0  # for rows that both folds share
 SQUARE, LOGARITHM, LINEAR = (np.square, np.sqrt), (np.log, np.exp), (np.asarray, np.asarray)
 
 
 @dataclass(frozen=True)
 class Property:
-    """One thing that may differ.
+    """Image property that may differ between simulation and recording.
 
     Attributes
     ----------
     name : str
-        Of an effect of the library where there is one.
+        Name of the effect, if it is one.
     physics : str
-        What happens, in a sentence.
+        Description, one sentence.
     settled_by : str
-        The further recording that shows it alone.
+        Further measurement that tests this property alone.
     parameter : tuple of (str, str), or None
-        Its strength's name and unit; None where it is there or not.
+        Name and unit of the strength; None for a property without a strength.
     neutral : callable
-        Strength that changes nothing, given the grid.
+        (grid) to the strength without change.
     axis : tuple of 2 callable
         (function, inverse): features are interpolated linearly in the function of the strength.
     """
@@ -52,7 +52,7 @@ class Property:
 
     @property
     def is_effect(self) -> bool:
-        """Whether the library has it as an effect, so that the study can be run with it."""
+        """Whether it is an effect with which the study can run."""
         return self.name in names()
 
 
@@ -62,7 +62,7 @@ def _effect(name: str, parameter: tuple[str, str] | None, neutral: Callable[[Gri
 
 
 def properties() -> tuple[Property, ...]:
-    """All that are tried."""
+    """Return all tested properties."""
     return (
         _effect("photon_flux", ("factor", "1"), lambda grid: 1.0, LOGARITHM),
         _effect("reconstruction_kernel", ("sigma_mm", "mm"), lambda grid: 0.0, SQUARE),
@@ -88,7 +88,7 @@ def properties() -> tuple[Property, ...]:
         Property(
             "voxels",
             "The voxels have another size. This is not physics of the scan, but most textures depend on it.",
-            "simulate or reconstruct the scan on the voxels of the other one",
+            "simulate or reconstruct both scans with the same voxel size",
             None,
             lambda grid: 0.0,
         ),
@@ -96,7 +96,7 @@ def properties() -> tuple[Property, ...]:
 
 
 def folds(rois: Mapping[str, str]) -> dict[str, int]:
-    """Folds of ROIs, alternately by tissue class and name, so that classes of several ROIs are in both.
+    """Assign ROIs to folds, alternately by tissue class and name, so that both folds have each class with two ROIs.
 
     Parameters
     ----------
@@ -106,12 +106,12 @@ def folds(rois: Mapping[str, str]) -> dict[str, int]:
     Returns
     -------
     dict of str to int
-        {ROI: its fold}.
+        {ROI: fold}.
 
     Raises
     ------
     InputError
-        For a single ROI, of which none can be held out.
+        For a single ROI, as none can be held out.
     """
     if len(rois) < len(FOLDS):
         raise InputError(f"diagnosis: {len(rois)} ROI to compare; holding one out needs at least {len(FOLDS)}")
@@ -120,9 +120,9 @@ def folds(rois: Mapping[str, str]) -> dict[str, int]:
 
 
 def calibration(simulated: np.ndarray, recorded: np.ndarray) -> dict[str, float]:
-    """Scale and offset that bring simulated means of regions to those recorded, by least squares.
+    """Fit scale and offset of simulated to recorded mean HU of ROIs by least squares, within the range of the effect.
 
-    Of fewer than three regions the offset alone, the scale being 1. Both keep to the effect's plausible range.
+    With fewer than three ROIs, only the offset is fitted.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def calibration(simulated: np.ndarray, recorded: np.ndarray) -> dict[str, float]
     dict of str to float
         scale and offset_hu, HU.
     """
-    ranges = {one.name: (one.low, one.high) for one in load("hu_calibration").parameters}
+    ranges = {parameter.name: (parameter.low, parameter.high) for parameter in load("hu_calibration").parameters}
     scale = 1.0
     if len(simulated) >= MINIMUM_ROIS and np.ptp(simulated) > 0:
         scale = float(np.clip(np.polyfit(simulated, recorded, 1)[0], *ranges["scale"]))

@@ -1,4 +1,4 @@
-"""A recording's features and the changed properties of simulated images, read from the study's tables."""
+"""Input of a feature diagnosis, from the tables of the study and of the recording."""
 
 from __future__ import annotations
 
@@ -24,35 +24,34 @@ def read_responses(
     parameters: str | None,
     rois: Sequence[str] | None,
 ) -> tuple[Responses, dict[str, str]]:
-    """What every property does to every feature of one comparison.
+    """Read the responses of features to image properties for one comparison.
 
     Parameters
     ----------
     properties, recorded : str or Path
-        CSV files: of `properties.property_tables`, and of the recording's features.
+        CSV files of `changes.property_tables` and of the features of the recording.
     image : str or Path
-        One of the simulated images, NIfTI: whose voxels they have.
+        NIfTI file of a simulated image, for the voxel size.
     recording : str
-        Its name, for messages.
+        Name for messages.
     conditions : mapping
-        {column: value} of the recording's rows that are compared.
-    dimensions : {2, 3}
-    stored_offset_hu : float
-        Both of the recording's features, as comparability.comparable takes them.
+        {column: value} of the compared rows of the recording.
+    dimensions, stored_offset_hu
+        See comparability.comparable.
     parameters : str or None
-        The study's parameter file of pyradiomics.
+        Parameter file of pyradiomics of the study.
     rois : sequence of str or None
-        That are compared; None for all that both have.
+        Compared ROIs; None: all common ROIs.
 
     Returns
     -------
     not_compared : dict of str to str
-        {feature: why}.
+        {feature: reason}.
 
     Raises
     ------
     InputError
-        For a file that cannot be read, and where nothing can be compared.
+        If a file cannot be read or no feature can be compared.
     """
     rows = select_rows(read_csv(recorded), dict(conditions), f"recording {recording}")
     table = read_csv(properties)

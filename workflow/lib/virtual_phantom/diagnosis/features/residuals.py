@@ -1,4 +1,4 @@
-"""Where tables of features differ beyond repeats: means and SDs by family and region, and the order of the regions."""
+"""Tests of feature differences beyond the spread of repeats: means and SDs by family and ROI, and order of ROIs."""
 
 from __future__ import annotations
 
@@ -16,27 +16,26 @@ from ..residuals.residual_tests import ALPHA
 from .responses import Responses
 
 DOMAINS = ("mean", "SD", "order of regions")
-SMALLEST = 1e-300  # of a p-value, so that its z is finite
+SMALLEST = 1e-300  # p-value, so that z is finite
 
 
 @dataclass(frozen=True)
-class Place:
-    """A family of features in a region, or between two.
+class FeatureLocation:
+    """Test of a feature family in one ROI, or of its order in two ROIs.
 
     Attributes
     ----------
-    domain : str
-        Of DOMAINS.
+    domain : {"mean", "SD", "order of regions"}
     where : str
-        The place, in words.
+        Family and ROIs, for texts.
     feature : str
-        The one that differs most.
+        Feature with the largest difference.
     z : float
-        Its normal quantile, positive where the recording holds more (of order: where it has the first higher).
+        Normal quantile of its p-value, positive if the recording is larger (order: if it is larger in the first ROI).
     p : float
-        Chance of one as small anywhere without a difference: family-wise over all features, places and domains.
+        Family-wise p-value over all features, ROIs and domains.
     differing, features : int
-        Features that differ there, and that were tested there.
+        Number of differing and of tested features.
     """
 
     domain: str
@@ -49,42 +48,36 @@ class Place:
 
     @property
     def significant(self) -> bool:
-        """Whether it is a difference."""
+        """Whether the difference is significant."""
         return self.p < ALPHA
 
 
 @dataclass(frozen=True)
-class Places:
-    """Where features were compared, and how they differ.
+class FeatureLocations:
+    """Tests of all feature families and ROIs.
 
     Attributes
     ----------
-    places : list of Place
-        All of them, the worst first.
-    maps : dict of str to ndarray, shape (features, places)
-        z by domain, of regions or pairs of regions.
+    locations : list of FeatureLocation
+        The smallest p first.
+    maps : dict of str to ndarray, shape (features, ROIs or pairs of ROIs)
+        z by domain.
     cells : DataFrame
-        The comparison behind them.
+        Result of comparison.compare.
     """
 
-    places: list[Place]
+    locations: list[FeatureLocation]
     maps: dict[str, np.ndarray]
     cells: pd.DataFrame
 
     @property
-    def significant(self) -> list[Place]:
-        """Those that differ."""
-        return [place for place in self.places if place.significant]
+    def significant(self) -> list[FeatureLocation]:
+        """Locations with a significant difference."""
+        return [location for location in self.locations if location.significant]
 
 
 def frame(data: Responses, repeats: list[np.ndarray]) -> pd.DataFrame:
-    """Features of every ROI as a table with columns roi and tissue_class.
-
-    Parameters
-    ----------
-    repeats : list of ndarray, shape (repeats, features)
-        Of every ROI.
-    """
+    """Return a table with columns roi and tissue_class, from arrays (repeats, features) of every ROI."""
     parts = [
         pd.DataFrame(values, columns=data.features).assign(roi=roi, tissue_class=data.classes[roi])
         for roi, values in zip(data.rois, repeats, strict=True)
@@ -92,19 +85,19 @@ def frame(data: Responses, repeats: list[np.ndarray]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def places(data: Responses, simulated: np.ndarray) -> Places:
-    """Compare features with the recording's.
+def compare_features(data: Responses, simulated: np.ndarray) -> FeatureLocations:
+    """Compare simulated features with the recording.
 
-    Means by Welch's test and SDs by Brown and Forsythe's, as statistics.comparison.compare has them. The order of two
-    regions differs in a feature where both sides tell them apart, the other way round; its p is the larger of the two
-    (an intersection-union test). Holm's correction runs over all cells of a domain, Bonferroni's over domains.
+    Means are compared by Welch's test, SDs by the Brown-Forsythe test (statistics.comparison.compare). The order of two
+    ROIs differs if simulation and recording both distinguish them with opposite sign. Its p is the larger of both
+    (intersection-union test). All p are corrected over the cells of a domain (Holm) and over domains (Bonferroni).
 
     Parameters
     ----------
     simulated : ndarray, shape (repeats, rois, features)
     """
-    ours = frame(data, list(simulated.transpose(1, 0, 2)))
-    cells = compare(ours, frame(data, data.recorded), data.features, rois=data.rois)
+    table = frame(data, list(simulated.transpose(1, 0, 2)))
+    cells = compare(table, frame(data, data.recorded), data.features, rois=data.rois)
     pairs = list(itertools.combinations(range(len(data.rois)), 2))
     swapped = _order(simulated, data.recorded, pairs)
     shape = len(data.rois), len(data.features)
@@ -126,46 +119,31 @@ def places(data: Responses, simulated: np.ndarray) -> Places:
         for family in dict.fromkeys(families):
             rows = np.flatnonzero(families == family)
             for column, name in enumerate(names):
-                own = corrected[rows, column]
-                if not np.isfinite(own).any():
+                p_family = corrected[rows, column]
+                if not np.isfinite(p_family).any():
                     continue
-                worst = rows[np.nanargmax(np.where(np.isfinite(own), np.abs(maps[domain][rows, column]), np.nan))]
+                worst = rows[np.nanargmax(np.where(np.isfinite(p_family), np.abs(maps[domain][rows, column]), np.nan))]
                 found.append(
-                    Place(
+                    FeatureLocation(
                         domain,
                         f"{family} {name}",
                         data.features[worst],
                         float(maps[domain][worst, column]),
                         float(corrected[worst, column]),
-                        int((own < ALPHA).sum()),
-                        int(np.isfinite(own).sum()),
+                        int((p_family < ALPHA).sum()),
+                        int(np.isfinite(p_family).sum()),
                     )
                 )
-    found.sort(key=lambda one: (one.p, -abs(one.z)))
-    return Places(found, maps, cells)
+    found.sort(key=lambda location: (location.p, -abs(location.z)))
+    return FeatureLocations(found, maps, cells)
 
 
 def _order(simulated: np.ndarray, recorded: list[np.ndarray], pairs) -> tuple[np.ndarray, np.ndarray]:
-    """Chance that a pair's order is swapped.
-
-    Parameters
-    ----------
-    simulated : ndarray, shape (repeats, rois, features)
-    recorded : list of ndarray, shape (repeats, features)
-        Of every ROI.
-    pairs : list of tuple of 2 int
-        Of ROIs.
-
-    Returns
-    -------
-    p : ndarray, shape (features, pairs)
-    sign : ndarray, shape (features, pairs)
-        Of the recorded difference.
-    """
+    """Return p-values of a swapped order of ROIs, and signs of the recorded differences, shape (features, pairs)."""
     p, sign = [], []
     for a, b in pairs:
         sides = (simulated[:, a], simulated[:, b]), (recorded[a], recorded[b])
-        means = [one.mean(axis=0) - other.mean(axis=0) for one, other in sides]
+        means = [first.mean(axis=0) - second.mean(axis=0) for first, second in sides]
         with np.errstate(divide="ignore", invalid="ignore"):
             chances = [stats.ttest_ind(*side, equal_var=False).pvalue for side in sides]
         opposite = means[0] * means[1] < 0

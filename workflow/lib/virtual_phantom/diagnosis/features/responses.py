@@ -1,4 +1,4 @@
-"""What every property does to every feature, and how much of a recording's shifts it removes."""
+"""Responses of features to image properties, and the share of a recording's shifts that they remove."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from ...statistics.comparability import SAME_VOXELS, comparable, roi_sizes
 from ...statistics.comparison import common_features, common_rois, samples, spread
 from .properties import BASELINE, EVERY_FOLD, FOLDS, Property, folds, properties
 
-STEPS = 4  # strengths tried between two that were simulated
-SOFT = 4.0  # times the floor: a cell counts in full from two standard errors on
+STEPS = 4  # interpolated steps between two simulated strengths
+SOFT = 4.0  # ratio to the floor from which a cell has full weight: two standard errors
 
 
 @dataclass(frozen=True)
@@ -37,20 +37,18 @@ class Curve:
 
 @dataclass(frozen=True)
 class Responses:
-    """Simulated and recorded features side by side.
+    """Simulated and recorded features.
 
     Attributes
     ----------
-    rois, features : list of str
-        Names.
     classes : dict of str to str
-        The tissue class of every ROI.
+        Tissue class by ROI.
     fold : ndarray of int, shape (rois,)
     recorded : list of ndarray, shape (repeats, features)
-        Of every ROI.
+        One per ROI.
     baseline : ndarray, shape (repeats, rois, features)
     curves : dict of Property to dict of int to Curve
-        {property: {fold: Curve}}, the baseline at the neutral strength among them.
+        {property: {fold: Curve}}, with the baseline at the neutral strength.
     """
 
     rois: list[str]
@@ -63,86 +61,80 @@ class Responses:
 
     @cached_property
     def unit(self) -> np.ndarray:
-        """SD over the recording's repeats, shape (rois, features)."""
-        return np.stack([spread(one) for one in self.recorded])
+        """SD over the repeats of the recording, shape (rois, features)."""
+        return np.stack([spread(repeats) for repeats in self.recorded])
 
     @cached_property
-    def centre(self) -> np.ndarray:
+    def center(self) -> np.ndarray:
         """Recorded means, shape (rois, features)."""
-        return np.stack([one.mean(axis=0) for one in self.recorded])
+        return np.stack([repeats.mean(axis=0) for repeats in self.recorded])
 
     @cached_property
     def floor(self) -> np.ndarray:
-        """Square of the standardised shift that noise alone gives, shape (rois, features)."""
-        count = np.array([len(one) for one in self.recorded])[:, None]
+        """Expected squared standardized shift by noise alone, shape (rois, features)."""
+        count = np.array([len(repeats) for repeats in self.recorded])[:, None]
         return 1 / count + self.baseline.var(axis=0, ddof=1) / self.unit**2 / len(self.baseline)
 
 
 def compared(
     table: pd.DataFrame, recorded: pd.DataFrame, dimensions: int, stored_offset_hu: float, study: Extraction = STUDY
 ) -> tuple[list[str], dict[str, str]]:
-    """Features of `property_tables` and a recording that tell of the images.
+    """Return the comparable features, and {feature: reason} for the others.
 
-    What grows with the ROI is kept only if ROIs have the same voxels, as the features themselves tell. What was
-    extracted with other settings than the study's is not kept.
+    Features that depend on the size of the ROI are comparable only if ROIs have the same number of voxels. Features
+    with other extraction settings than the study are not comparable.
 
     Parameters
     ----------
-    dimensions : {2, 3}
-    stored_offset_hu : float
-        Both of the recording's features, as comparability.comparable takes them.
+    dimensions, stored_offset_hu
+        See comparability.comparable.
     study : Extraction, optional
-        How features of `table` were extracted.
-
-    Returns
-    -------
-    left_out : dict of str to str
-        {feature: why}.
+        Extraction settings of `table`.
 
     Raises
     ------
     InputError
-        If nothing is left.
+        If no feature is comparable.
     """
     baseline = table[table["property"] == BASELINE]
     features = common_features(baseline, recorded)
-    ours, theirs = (roi_sizes(one).set_index("roi") for one in (baseline, recorded))
-    ratio = (ours["n_voxels"] / theirs["n_voxels"]).dropna()
+    simulated_sizes, recorded_sizes = (roi_sizes(rows).set_index("roi") for rows in (baseline, recorded))
+    ratio = (simulated_sizes["n_voxels"] / recorded_sizes["n_voxels"]).dropna()
     same = bool((np.abs(ratio - 1) < SAME_VOXELS).all())
     other = other_settings(features, recorded, study)
     verdicts = comparable(features, dimensions, stored_offset_hu, same_voxels=same, other_settings=other)
     refused = verdicts[verdicts["comparable"] == "no"].set_index("feature")
     if len(refused) == len(features):
         raise InputError(f"recording: none of its features can be compared: {refused['reason'].iloc[0]}")
-    return [one for one in features if one not in refused.index], dict(refused["reason"])
+    return [feature for feature in features if feature not in refused.index], dict(refused["reason"])
 
 
 def responses(
     table: pd.DataFrame, recorded: pd.DataFrame, features: Sequence[str], grid: Grid, rois: Sequence[str] | None = None
 ) -> Responses:
-    """Order the tables of `property_tables` by property.
+    """Arrange the tables of `changes.property_tables` by property.
 
     Parameters
     ----------
     table : DataFrame
-        With a column tissue_class.
+        Tables with a column tissue_class.
     features : sequence of str
-        Those to compare; what does not vary in the recording, in any ROI, has no unit and is left out.
+        Features to compare. Features that are constant over the repeats of an ROI have no unit and are omitted.
     grid : Grid
-        Of the simulated images.
+        Grid of the simulated images.
     rois : sequence of str, optional
-        As comparison.common_rois takes them.
+        See comparison.common_rois.
 
     Raises
     ------
     InputError
-        For what comparison.samples refuses, and if no feature is left.
+        If comparison.samples raises it, or if every feature is constant.
     """
     baseline = table[table["property"] == BASELINE]
     rois = common_rois(baseline, recorded, rois)
-    theirs = samples(recorded, features, rois, "recorded features")
-    varies = np.all([spread(theirs[roi]) > 0 for roi in rois], axis=0)
-    features = [feature for feature, one in zip(features, varies, strict=True) if one]
+    repeats = samples(recorded, features, rois, "recorded features")
+    varies = np.all([spread(repeats[roi]) > 0 for roi in rois], axis=0)
+    features = [feature for feature, kept in zip(features, varies, strict=True) if kept]
     if not features:
         raise InputError("diagnosis: no feature of the recording varies over its repeats; give it repeats that differ")
 
@@ -154,36 +146,36 @@ def responses(
     classes = dict(baseline.drop_duplicates("roi").set_index("roi")["tissue_class"])
     fold_of = folds({roi: str(classes[roi]) for roi in rois})
     curves: dict[Property, dict[int, Curve]] = {}
-    for one in properties():
-        own = table[table["property"] == one.name]
-        if own.empty:
+    for changed in properties():
+        simulated = table[table["property"] == changed.name]
+        if simulated.empty:
             continue
-        curves[one] = {}
+        curves[changed] = {}
         for fold in FOLDS:
-            part = own[own["fold"].isin((EVERY_FOLD, fold))]
+            part = simulated[simulated["fold"].isin((EVERY_FOLD, fold))]
             nodes = {strength: array(rows) for strength, rows in part.groupby("strength")}
-            nodes[one.neutral(grid)] = plain
+            nodes[changed.neutral(grid)] = plain
             strengths = np.array(sorted(nodes))
-            curves[one][fold] = Curve(strengths, np.stack([nodes[strength] for strength in strengths]))
+            curves[changed][fold] = Curve(strengths, np.stack([nodes[strength] for strength in strengths]))
     return Responses(
         rois,
         features,
         {roi: str(classes[roi]) for roi in rois},
         np.array([fold_of[roi] for roi in rois]),
-        [theirs[roi][:, varies] for roi in rois],
+        [repeats[roi][:, varies] for roi in rois],
         plain,
         curves,
     )
 
 
-def finer(one: Property, curve: Curve) -> Curve:
-    """A curve with steps between its strengths, features linear in the property's axis.
+def finer(changed: Property, curve: Curve) -> Curve:
+    """Interpolate a curve between its strengths, linearly in the axis of the property.
 
-    A property without a strength is there or not and stays as it is.
+    The curve of a property without a strength is returned as is.
     """
-    if one.parameter is None:
+    if changed.parameter is None:
         return curve
-    function, inverse = one.axis
+    function, inverse = changed.axis
     at = function(curve.strengths)
     fine = np.concatenate(
         [np.linspace(a, b, STEPS, endpoint=False) for a, b in zip(at[:-1], at[1:], strict=True)] + [at[-1:]]
@@ -194,30 +186,25 @@ def finer(one: Property, curve: Curve) -> Curve:
 
 
 def excess(shift: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """Squared standardised shift beyond the floor."""
+    """Return the squared standardized shift beyond the floor."""
     return np.maximum(shift**2 - floor, 0.0)
 
 
 def weight(before: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """How much every cell counts: 1 where it differs beyond doubt, 0 at the floor."""
-    there = excess(before, floor)
-    return there / np.maximum(there, SOFT * floor)
+    """Return the weight of every cell: 1 for a certain difference, 0 at the floor."""
+    beyond = excess(before, floor)
+    return beyond / np.maximum(beyond, SOFT * floor)
 
 
 def removed(before: np.ndarray, after: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """Share of its excess that every cell loses.
+    """Return the share of the excess that is removed from every cell, from -1 (new excess) to 1 (all removed).
 
-    Cells count alike: of sums of squares, a few features that noise hardly moves would be nearly all.
+    Shares weight all cells equally. Sums of squares would be dominated by the few features with little noise.
 
     Parameters
     ----------
     before, after, floor : ndarray
-        Standardised shifts, and the square of what noise alone gives.
-
-    Returns
-    -------
-    ndarray
-        From -1 (new or many times larger) to 1 (gone).
+        Standardized shifts, and their expected square by noise alone.
     """
     first, last = excess(before, floor), excess(after, floor)
     return (first - last) / np.maximum(np.maximum(first, last), SOFT * floor)

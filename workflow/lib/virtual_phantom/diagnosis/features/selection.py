@@ -1,11 +1,11 @@
-"""Which property of the images explains that features miss a recording's, judged on regions that were not fitted.
+"""Selection of the image property that explains feature differences, tested on held-out ROIs.
 
-The strength of every property is fitted on half of the regions and judged on the others, and the other way round.
-Repeats cannot be held out for that: what differs is the same in all of them.
+The strength of each property is fitted on half of the ROIs and tested on the other half, and vice versa. Held-out
+repeats would not do, as all repeats have the same difference.
 
-A property might also remove part of a difference that it has nothing to do with, as textures go together. So every
-property is tried on differences of no cause as well: random shifts, alike in all regions, as correlated between
-features as repeats are, in each cell as large as properties make them, and in all as large as what was found.
+Correlated features let a property explain part of an unrelated difference. Each property is therefore also tested on
+random shifts. These are equal in all ROIs and have the feature correlation of repeats. In each cell they have the
+typical size of property responses, and overall the size of the observed difference.
 """
 
 from __future__ import annotations
@@ -22,29 +22,29 @@ from ...statistics.multiplicity import holm
 from .properties import FOLDS, Property
 from .responses import Curve, Responses, finer, removed, weight
 
-DRAWS = 999  # of a permutation test: p down to 0.001
-MATERIAL = 0.1  # share of the excess on held-out regions that a property must remove
-AS_GOOD = 0.05  # of a paired t-test over regions: what is not worse at this level stands as well
-# A property without a strength was fitted to the recording by its own numbers, and is so to a random difference.
+DRAWS = 999  # random realizations; the smallest p is 0.001
+MATERIAL = 0.1  # least share of the excess on held-out ROIs that a property must remove
+AS_GOOD = 0.05  # level of the paired t-test over ROIs, above which a property is an alternative
+# A property without a strength has parameters that are fitted to the recording. Its scale is fitted to random shifts.
 SCALES = np.linspace(-2, 2, 17)
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A property on held-out regions.
+    """Test of a property.
 
     Attributes
     ----------
     strengths : dict of int to float
         {fold: strength fitted on that fold}.
     fitted, held_out : float
-        Share of the excess removed on the ROIs that were fitted, and on the others.
+        Removed share of the excess, on fitted and on held-out ROIs.
     regions : ndarray, shape (rois,)
-        What each adds to `held_out`.
+        Contribution of each ROI to `held_out`.
     p : float
-        Chance of as much from a difference of no cause, corrected over properties (Holm).
+        Probability of as much by random shifts, corrected over properties (Holm).
     kept, after : ndarray, shape (repeats, rois, features)
-        Features on the ROIs that were fitted, and on held-out ones.
+        Features with the strength fitted on the ROI's fold, and on the other fold.
     """
 
     strengths: dict[int, float]
@@ -57,105 +57,90 @@ class Trial:
 
     @property
     def counts(self) -> bool:
-        """Whether it explains anything."""
+        """Whether the property explains a significant and material share."""
         return self.p < ALPHA and self.held_out >= MATERIAL
 
 
 def trials(data: Responses, seed: int = 0) -> dict[Property, Trial]:
-    """Try every property.
+    """Test every property; the best first.
 
     Parameters
     ----------
     seed : int, optional
-        Of random differences.
-
-    Returns
-    -------
-    dict of Property to Trial
-        The best first.
+        Seed of the random shifts.
     """
     before = shift(data, data.baseline)
-    curves = _curves(data)
-    moved = {one: _moved(data, before, own) for one, own in curves.items()}
-    chance = _chance(data, before, moved, seed)
+    curves = {
+        changed: {fold: finer(changed, curve) for fold, curve in by_fold.items()}
+        for changed, by_fold in data.curves.items()
+    }
+    # Changes of standardized shifts, by property and fold, shape (strengths, rois, features).
+    changes = {
+        changed: {fold: shift(data, curve.values) - before for fold, curve in by_fold.items()}
+        for changed, by_fold in curves.items()
+    }
+    p_values = _p_values(data, before, changes, seed)
     total = weight(before, data.floor).sum()
     found = {}
-    for (one, own), p in zip(curves.items(), chance, strict=True):
-        chosen = _chosen(data, before, moved[one])
-        gains = {fold: removed(before, before + moved[one][fold][index], data.floor) for fold, index in chosen.items()}
-        kept = sum(np.where((data.fold == fold)[:, None], gains[fold], 0.0) for fold in FOLDS)
-        held = sum(np.where((data.fold != fold)[:, None], gains[fold], 0.0) for fold in FOLDS)
-        found[one] = Trial(
-            {fold: float(own[fold].strengths[index]) for fold, index in chosen.items()},
-            float(kept.sum() / total) if total else 0.0,
-            float(held.sum() / total) if total else 0.0,
-            held.sum(axis=1) / total if total else np.zeros(len(data.rois)),
+    for (changed, by_fold), p in zip(curves.items(), p_values, strict=True):
+        change = changes[changed]
+        chosen = {fold: _best(data, fold, before, change[fold]) for fold in FOLDS}
+        gains = {fold: removed(before, before + change[fold][index], data.floor) for fold, index in chosen.items()}
+        fitted = sum(np.where((data.fold == fold)[:, None], gains[fold], 0.0) for fold in FOLDS)
+        held_out = sum(np.where((data.fold != fold)[:, None], gains[fold], 0.0) for fold in FOLDS)
+        found[changed] = Trial(
+            {fold: float(by_fold[fold].strengths[index]) for fold, index in chosen.items()},
+            float(fitted.sum() / total) if total else 0.0,
+            float(held_out.sum() / total) if total else 0.0,
+            held_out.sum(axis=1) / total if total else np.zeros(len(data.rois)),
             p,
-            _assembled(data, own, chosen, held_out=False),
-            _assembled(data, own, chosen, held_out=True),
+            _assembled(data, by_fold, chosen, held_out=False),
+            _assembled(data, by_fold, chosen, held_out=True),
         )
     return dict(sorted(found.items(), key=lambda item: -item[1].held_out))
 
 
 def shift(data: Responses, values: np.ndarray) -> np.ndarray:
-    """Standardised shifts of features: simulated less recorded.
+    """Return simulated minus recorded means in SDs of the recording's repeats, shape (..., rois, features).
 
     Parameters
     ----------
     values : ndarray, shape (..., repeats, rois, features)
-
-    Returns
-    -------
-    ndarray, shape (..., rois, features)
     """
-    return (values.mean(axis=-3) - data.centre) / data.unit
+    return (values.mean(axis=-3) - data.center) / data.unit
 
 
-def stand_ins(found: Mapping[Property, Trial]) -> list[Property]:
-    """Properties that explain as much as the best one, within what regions differ."""
+def alternatives(found: Mapping[Property, Trial]) -> list[Property]:
+    """Return the properties that explain not significantly less than the best one (paired t-test over ROIs)."""
     best = next(iter(found.values()))
     rivals = []
-    for one, trial in list(found.items())[1:]:
+    for changed, trial in list(found.items())[1:]:
         if not trial.counts:
             continue
         difference = best.regions - trial.regions
         if np.ptp(difference) == 0 or stats.ttest_1samp(difference, 0, alternative="greater").pvalue >= AS_GOOD:
-            rivals.append(one)
+            rivals.append(changed)
     return rivals
 
 
-def _curves(data: Responses) -> dict[Property, dict[int, Curve]]:
-    return {one: {fold: finer(one, curve) for fold, curve in own.items()} for one, own in data.curves.items()}
-
-
-def _moved(data: Responses, before: np.ndarray, curves: Mapping[int, Curve]) -> dict[int, np.ndarray]:
-    """What a property adds to standardised shifts, by fold: shape (strengths, rois, features)."""
-    return {fold: shift(data, curve.values) - before for fold, curve in curves.items()}
-
-
-def _chosen(data: Responses, before: np.ndarray, moved: Mapping[int, np.ndarray]) -> dict[int, int]:
-    """Index of the strength that is fitted on each fold."""
-    return {fold: _best(data, fold, before, moved[fold]) for fold in FOLDS}
-
-
-def _best(data: Responses, fold: int, before: np.ndarray, moved: np.ndarray) -> int:
-    """Index of the strength that removes most on a fold; the first of equal ones.
+def _best(data: Responses, fold: int, before: np.ndarray, change: np.ndarray) -> int:
+    """Return the index of the strength that removes most on a fold; the first of equal ones.
 
     Parameters
     ----------
     before : ndarray, shape (rois, features)
-        Standardised shifts without the property.
-    moved : ndarray, shape (strengths, rois, features)
-        What it adds.
+        Standardized shifts without the property.
+    change : ndarray, shape (strengths, rois, features)
+        Change of the shifts by the property.
     """
     inside = data.fold == fold
-    gains = removed(before[inside], before[inside] + moved[:, inside], data.floor[inside]).sum(axis=(1, 2))
-    still = np.abs(moved).max(axis=(1, 2)) == 0
-    return int(np.argmax(np.where(still, np.maximum(gains, 0), gains)))
+    gains = removed(before[inside], before[inside] + change[:, inside], data.floor[inside]).sum(axis=(1, 2))
+    neutral = np.abs(change).max(axis=(1, 2)) == 0
+    return int(np.argmax(np.where(neutral, np.maximum(gains, 0), gains)))
 
 
 def _assembled(data: Responses, curves: Mapping[int, Curve], chosen: Mapping[int, int], held_out: bool) -> np.ndarray:
-    """Features of every ROI at the strength fitted on the other fold, or on its own.
+    """Return features at the strength fitted on the other fold if `held_out`, else on the ROI's own fold.
 
     Parameters
     ----------
@@ -163,8 +148,6 @@ def _assembled(data: Responses, curves: Mapping[int, Curve], chosen: Mapping[int
         By fold.
     chosen : mapping of int to int
         Index of the strength by fold.
-    held_out : bool
-        On the other fold.
 
     Returns
     -------
@@ -177,49 +160,44 @@ def _assembled(data: Responses, curves: Mapping[int, Curve], chosen: Mapping[int
     return together
 
 
-def _chance(data: Responses, before: np.ndarray, moved: Mapping, seed: int) -> np.ndarray:
-    """Chance of as much from a difference of no cause.
+def _p_values(data: Responses, before: np.ndarray, changes: Mapping, seed: int) -> np.ndarray:
+    """Return corrected p-values of all properties: the share of random shifts that they explain as well.
 
     Parameters
     ----------
     before : ndarray, shape (rois, features)
-        Standardised shifts.
-    moved : mapping of Property to dict of int to ndarray, shape (strengths, rois, features)
-        By property and fold, what it adds.
-
-    Returns
-    -------
-    ndarray, shape (properties,)
-        p, corrected.
+        Standardized shifts.
+    changes : mapping of Property to dict of int to ndarray, shape (strengths, rois, features)
+        Changes of the shifts by property and fold.
     """
     rng = generator(seed)
-    # Every property weighs alike, however strong it was tried.
-    ends = [np.square(own[fold][end]) for own in moved.values() for fold in FOLDS for end in (0, -1)]
+    # All properties have the same weight, independent of the simulated strengths.
+    ends = [np.square(change[fold][end]) for change in changes.values() for fold in FOLDS for end in (0, -1)]
     size = np.sqrt(np.mean([end / end.mean() for end in ends if end.any()], axis=0))
     pairs = zip(data.recorded, data.unit, strict=True)
-    repeats = np.concatenate([(one - one.mean(axis=0)) / unit for one, unit in pairs])
+    repeats = np.concatenate([(values - values.mean(axis=0)) / unit for values, unit in pairs])
     repeats /= np.sqrt((repeats**2).mean(axis=0))
-    scaled = {
-        one: {fold: SCALES[:, None, None] * own[fold][-1] if one.parameter is None else own[fold] for fold in FOLDS}
-        for one, own in moved.items()
-    }
-    real = np.array([_score(data, before, own) for own in moved.values()])
-    reached = np.zeros(len(moved))
+    scaled = [
+        {fold: SCALES[:, None, None] * change[fold][-1] for fold in FOLDS} if changed.parameter is None else change
+        for changed, change in changes.items()
+    ]
+    observed = np.array([_score(data, before, change) for change in changes.values()])
+    reached = np.zeros(len(changes))
     for _ in range(DRAWS):
         random = size * (rng.normal(size=len(repeats)) @ repeats) / np.sqrt(len(repeats))
         random *= np.sqrt((before**2).mean() / (random**2).mean())
-        reached += np.array([_score(data, random, own) for own in scaled.values()]) >= real
+        reached += np.array([_score(data, random, change) for change in scaled]) >= observed
     return holm((1 + reached) / (1 + DRAWS))
 
 
-def _score(data: Responses, before: np.ndarray, moved: Mapping[int, np.ndarray]) -> float:
-    """Share of the excess that the strengths fitted on either fold remove on the other."""
+def _score(data: Responses, before: np.ndarray, change: Mapping[int, np.ndarray]) -> float:
+    """Return the share of the excess that strengths fitted on either fold remove on the other."""
     total = weight(before, data.floor).sum()
     if not total:
         return 0.0
     gained = 0.0
     for fold in FOLDS:
         outside = data.fold != fold
-        after = before[outside] + moved[fold][_best(data, fold, before, moved[fold])][outside]
+        after = before[outside] + change[fold][_best(data, fold, before, change[fold])][outside]
         gained += removed(before[outside], after, data.floor[outside]).sum()
     return gained / total

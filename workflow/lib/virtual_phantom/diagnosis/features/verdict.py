@@ -15,12 +15,12 @@ from ..verdict.verdict import VERDICTS
 from ..verdict_text import feature_lines, with_verdict_text
 from .misses import misses
 from .properties import FOLDS, Property, calibration
-from .residuals import Place, Places, places
+from .residuals import FeatureLocation, FeatureLocations, compare_features
 from .responses import Responses, finer, removed
-from .selection import MATERIAL, Trial, shift, stand_ins, trials
+from .selection import MATERIAL, Trial, alternatives, shift, trials
 
 RESAMPLES = 200  # bootstrap samples; the coverage of a 95 % interval is then 92 to 98 %
-TAIL = 2.5  # percent on either side of an interval
+TAIL = 2.5  # % on either side of an interval
 FINER_DATA = (
     "images of the same scans, which show edges and noise power",
     "projections of the same scans, which distinguish effects before the reconstruction",
@@ -33,7 +33,7 @@ class FeatureDiagnosis:
 
     Attributes
     ----------
-    before, after : Places
+    before, after : FeatureLocations
         Mismatch on held-out regions, without and with the best property.
     trials : dict of Property to Trial
         All properties.
@@ -41,8 +41,8 @@ class FeatureDiagnosis:
         Content of diagnosis.json.
     """
 
-    before: Places
-    after: Places
+    before: FeatureLocations
+    after: FeatureLocations
     trials: dict[Property, Trial]
     content: dict
 
@@ -63,37 +63,39 @@ def diagnose_features(
     margin_sd : float, optional
         Largest difference of means that counts as agreement, in SDs over repeats of the recording.
     """
-    before, found = places(data, data.baseline), trials(data)
+    before, found = compare_features(data, data.baseline), trials(data)
     best, trial = next(iter(found.items()))
     differ = bool(before.significant)
     chosen = differ and trial.counts
-    after = places(data, trial.after) if chosen else before
+    after = compare_features(data, trial.after) if chosen else before
     left = after.significant
     verdict = VERDICTS[(2 if left else 1) if chosen else (3 if differ else 0)]
-    rivals = [one.name for one in stand_ins(found)] if chosen else []
+    rivals = [rival.name for rival in alternatives(found)] if chosen else []
     content = {
         "recording": name,
         "verdict": verdict,
-        "locations": [_place(place) for place in before.significant],
+        "locations": [_content(location) for location in before.significant],
         "effects": [_effect(data, best, trial, mean)] if chosen else [],
         "ambiguous_with": {best.name: rivals} if chosen else {},
-        "ruled_out": {one.name: each.held_out for one, each in found.items() if differ and each.held_out < MATERIAL},
+        "ruled_out": {
+            tested.name: test.held_out for tested, test in found.items() if differ and test.held_out < MATERIAL
+        },
         "fit": _metrics(data, trial if chosen else None, held_out=False),
         "held_out": _metrics(data, trial if chosen else None, held_out=True),
         "excess_removed": trial.held_out if chosen else None,
-        "unexplained": [_place(place) for place in left],
+        "unexplained": [_content(location) for location in left],
         "next_measurement": _next(best, rivals, found, bool(left)),
         "held_out_data": "regions: each half judged by strengths fitted on the other",
         "candidates": {
-            one.name: {
-                "fitted": each.fitted,
-                "held_out": each.held_out,
-                "p": each.p,
-                "strengths": {str(fold): value for fold, value in each.strengths.items()},
-                "regions": dict(zip(data.rois, each.regions.tolist(), strict=True)),
-                "families": misses(data, each.after, margin_sd),
+            tested.name: {
+                "fitted": test.fitted,
+                "held_out": test.held_out,
+                "p": test.p,
+                "strengths": {str(fold): value for fold, value in test.strengths.items()},
+                "regions": dict(zip(data.rois, test.regions.tolist(), strict=True)),
+                "families": misses(data, test.after, margin_sd),
             }
-            for one, each in found.items()
+            for tested, test in found.items()
         },
         "not_compared": dict(not_compared),
         "axes": {"features": data.features, "regions": data.rois},
@@ -103,48 +105,48 @@ def diagnose_features(
 
 def overlay(data: Responses, content: dict) -> dict:
     """Return the effect as a configuration of the study; empty if the property is no effect."""
-    known = {one.name for one in data.curves if one.is_effect}
+    known = {tested.name for tested in data.curves if tested.is_effect}
     physics = {
-        effect["name"]: {key: one["value"] for key, one in effect["parameters"].items()}
+        effect["name"]: {key: parameter["value"] for key, parameter in effect["parameters"].items()}
         for effect in content["effects"]
         if effect["name"] in known
     }
     return {"physics": physics, "noise": {"model": "physical"}} if physics else {"physics": {}}
 
 
-def _place(place: Place) -> dict:
+def _content(location: FeatureLocation) -> dict:
     return {
-        "domain": place.domain,
-        "where": place.where,
-        "z": place.z,
-        "p": place.p,
-        "map": f"{place.domain}.npy",
-        "feature": place.feature,
-        "differing": place.differing,
-        "features": place.features,
+        "domain": location.domain,
+        "where": location.where,
+        "z": location.z,
+        "p": location.p,
+        "map": f"{location.domain}.npy",
+        "feature": location.feature,
+        "differing": location.differing,
+        "features": location.features,
     }
 
 
-def _effect(data: Responses, one: Property, trial: Trial, mean: str) -> dict:
+def _effect(data: Responses, chosen: Property, trial: Trial, mean: str) -> dict:
     return {
-        "name": one.name,
-        "physics": one.physics,
-        "parameters": _parameters(data, one, mean),
+        "name": chosen.name,
+        "physics": chosen.physics,
+        "parameters": _parameters(data, chosen, mean),
         "evidence": {"held_out_gain": trial.held_out, "p": trial.p},
     }
 
 
-def _parameters(data: Responses, one: Property, mean: str) -> dict:
+def _parameters(data: Responses, chosen: Property, mean: str) -> dict:
     """Return strengths fitted on all regions, with 95 % bootstrap intervals over regions and repeats."""
     rng = generator(0)
     draws = [_draw(data, rng) for _ in range(RESAMPLES)]
     tried: dict[str, list[float]] = {}
     everything = np.arange(len(data.rois)), None, None
-    if one.name == "hu_calibration":
+    if chosen.name == "hu_calibration":
         units, fit = {"scale": "1", "offset_hu": "HU"}, _calibrated(data, mean)
-    elif one.parameter is not None:
-        units, fit = dict([one.parameter]), _strength(data, one)
-        tried[one.parameter[0]] = data.curves[one][FOLDS[0]].strengths[[0, -1]].tolist()
+    elif chosen.parameter is not None:
+        units, fit = dict([chosen.parameter]), _strength(data, chosen)
+        tried[chosen.parameter[0]] = data.curves[chosen][FOLDS[0]].strengths[[0, -1]].tolist()
     else:
         return {}
     value, spread = fit(*everything), [fit(*draw) for draw in draws]
@@ -162,35 +164,34 @@ def _parameters(data: Responses, one: Property, mean: str) -> dict:
 def _draw(data: Responses, rng):
     """Draw ROIs, simulated repeats and recorded repeats by ROI, with replacement."""
     rois = rng.integers(len(data.rois), size=len(data.rois))
-    ours = rng.integers(len(data.baseline), size=len(data.baseline))
-    return rois, ours, [rng.integers(len(one), size=len(one)) for one in data.recorded]
+    simulated = rng.integers(len(data.baseline), size=len(data.baseline))
+    return rois, simulated, [rng.integers(len(repeats), size=len(repeats)) for repeats in data.recorded]
 
 
 def _calibrated(data: Responses, mean: str):
     column = data.features.index(mean)
 
-    def fit(rois, ours, theirs):
-        simulated = data.baseline[slice(None) if ours is None else ours][..., column].mean(axis=0)
-        recorded = [
-            (one if theirs is None else one[theirs[index]])[:, column].mean() for index, one in enumerate(data.recorded)
-        ]
-        return calibration(simulated[rois], np.array(recorded)[rois])
+    def fit(rois, simulated, recorded):
+        simulated_hu = data.baseline[slice(None) if simulated is None else simulated][..., column].mean(axis=0)
+        chosen = data.recorded if recorded is None else [data.recorded[k][rows] for k, rows in enumerate(recorded)]
+        recorded_hu = np.array([repeats[:, column].mean() for repeats in chosen])
+        return calibration(simulated_hu[rois], recorded_hu[rois])
 
     return fit
 
 
-def _strength(data: Responses, one: Property):
-    curve = finer(one, data.curves[one][FOLDS[0]])  # a property with a strength is the same in all folds
-    own = [shift(data, curve.values), shift(data, data.baseline)]
+def _strength(data: Responses, chosen: Property):
+    curve = finer(chosen, data.curves[chosen][FOLDS[0]])  # a property with a strength is the same in all folds
+    shifts = [shift(data, curve.values), shift(data, data.baseline)]
 
-    def fit(rois, ours, theirs):
-        after, before = own
-        if ours is not None:
-            centre = np.stack([each[rows].mean(axis=0) for each, rows in zip(data.recorded, theirs, strict=True)])
-            after = (curve.values[:, ours].mean(axis=1) - centre) / data.unit
-            before = (data.baseline[ours].mean(axis=0) - centre) / data.unit
+    def fit(rois, simulated, recorded):
+        after, before = shifts
+        if simulated is not None:
+            center = np.stack([data.recorded[k][rows].mean(axis=0) for k, rows in enumerate(recorded)])
+            after = (curve.values[:, simulated].mean(axis=1) - center) / data.unit
+            before = (data.baseline[simulated].mean(axis=0) - center) / data.unit
         gains = removed(before[rois], after[:, rois], data.floor[rois]).sum(axis=(1, 2))
-        return {one.parameter[0]: float(curve.strengths[np.argmax(gains)])}
+        return {chosen.parameter[0]: float(curve.strengths[np.argmax(gains)])}
 
     return fit
 
@@ -201,7 +202,7 @@ def _metrics(data: Responses, trial: Trial | None, held_out: bool) -> dict:
     after = before
     if trial is not None:
         after = shift(data, trial.after if held_out else trial.kept)
-    half = stats.norm.ppf(0.75)  # of a normal distribution's |x|, the median
+    half = stats.norm.ppf(0.75)  # median of |x| of a standard normal distribution
     return {
         "mean_squared_shift": {
             "before": float((before**2).mean()),
@@ -217,7 +218,7 @@ def _metrics(data: Responses, trial: Trial | None, held_out: bool) -> dict:
 
 
 def _next(best: Property, rivals: list[str], found: Mapping[Property, Trial], left: bool) -> list[str]:
-    by_name = {one.name: one for one in found}
+    by_name = {tested.name: tested for tested in found}
     tests = [
         f"to distinguish {label(best.name)} from {label(rival)}, {by_name[tested].settled_by}"
         for rival in rivals

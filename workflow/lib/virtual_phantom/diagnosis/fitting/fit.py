@@ -11,7 +11,7 @@ import numpy as np
 from ...base.lru_cache import LRUCache
 from ...physics.effect import load
 from ..noise.condensed import Observed, Prediction
-from .linearization import BASE, Linearisation
+from .linearization import BASE, Linearization
 from .model import Model
 from .problem import Problem, chi_square, less_pattern
 from .solver import JointProblem, solve
@@ -46,7 +46,7 @@ class Fit:
         elsewhere; empty: independent.
     pulled : dict of str to float
         Deviations of the nuisance parameters from their priors, in standard deviations.
-    linearisation : Linearisation
+    linearization : Linearization
         Linearization of the predictions.
     corrected : float
         Chi-square of the corrections for numerical errors.
@@ -65,7 +65,7 @@ class Fit:
     elsewhere: dict[str, list[str]] = field(default_factory=dict)
     directions: dict[str, dict[str, list[float]]] = field(default_factory=dict, repr=False)
     pulled: dict[str, float] = field(default_factory=dict)
-    linearisation: Linearisation = BASE
+    linearization: Linearization = BASE
     corrected: float = 0.0
     pattern: np.ndarray | None = field(default=None, repr=False)
     pattern_variance: np.ndarray | None = field(default=None, repr=False)
@@ -93,7 +93,7 @@ class Fit:
                 physics[name]["rms"], spread[name]["rms"] = estimated.rms, estimated.error
         aligned = list(zip(problem.aligned, point[count:], errors[count:], strict=True))
         nuisance = {number.name: float(value) for number, value, _ in aligned}
-        corrected = np.ravel(model.distortion(nuisance, problem.linearisation)) ** 2
+        corrected = np.ravel(model.distortion(nuisance, problem.linearization)) ** 2
         return cls(
             effects=problem.effects,
             physics=physics,
@@ -105,7 +105,7 @@ class Fit:
             free=count + problem.patterned,
             elsewhere={name: list(model.fixed[name]) for name in problem.whole if name in model.fixed},
             pulled={number.name: float(number.off(value)) for number, value, _ in aligned if np.isfinite(number.sd)},
-            linearisation=problem.linearisation,
+            linearization=problem.linearization,
             corrected=float((problem.weights[0] * corrected).sum()),
             pattern=problem.pattern,
             pattern_variance=estimated.variance if problem.patterned else None,
@@ -166,7 +166,7 @@ class Fitter:
     def predicted(self, fit: Fit, held_out: bool = False) -> Prediction:
         """Return a fit's prediction of the fitted or the held-out data, without its gain pattern."""
         data = self.held_out if held_out else self.data
-        return self.model.predict(fit.physics, fit.nuisance, data, fit.linearisation)
+        return self.model.predict(fit.physics, fit.nuisance, data, fit.linearization)
 
     def residuals(self, fit: Fit, held_out: bool = True) -> list[np.ndarray]:
         """Return observed minus predicted data, by part, shape (data,); the mean's noise is whitened."""

@@ -15,7 +15,7 @@ def before_images(physics: Mapping[str, Mapping[str, float]]) -> dict[str, Mappi
 
 
 @dataclass(frozen=True)
-class LinearisationPoint:
+class LinearizationPoint:
     """Settings about which predictions are linearized.
 
     Attributes
@@ -30,7 +30,7 @@ class LinearisationPoint:
     nuisance: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> LinearisationPoint:
+    def of(cls, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> LinearizationPoint:
         """Return the linearization point of all settings."""
         chain = {name: dict(values) for name, values in before_images(physics).items()}
         of_object = {name: value for name, value in nuisance.items() if name in POSES or name.startswith(PIECE)}
@@ -43,26 +43,26 @@ class LinearisationPoint:
         return physics, tuple(sorted(self.nuisance.items()))
 
 
-NOMINAL = LinearisationPoint()
+NOMINAL = LinearizationPoint()
 
 
 @dataclass(frozen=True)
-class Linearisation:
+class Linearization:
     """Linearization of predictions.
 
     Attributes
     ----------
-    errors : LinearisationPoint
+    errors : LinearizationPoint
         Point where numerical errors and the noise of images are computed.
-    rays : LinearisationPoint
+    rays : LinearizationPoint
         Point whose traced rays others follow to first order.
     reach : float
         Factor of the distance over which they follow.
     """
 
-    errors: LinearisationPoint = NOMINAL
-    rays: LinearisationPoint = NOMINAL
+    errors: LinearizationPoint = NOMINAL
+    rays: LinearizationPoint = NOMINAL
     reach: float = 1.0
 
 
-BASE = Linearisation()
+BASE = Linearization()

@@ -23,7 +23,7 @@ from ...physics.effect import (
     load,
 )
 from ..noise.condensed import Observed, Prediction
-from .linearization import BASE, Linearisation, LinearisationPoint, before_images
+from .linearization import BASE, Linearization, LinearizationPoint, before_images
 from .nuisance import LOCATION, SURE, Nuisance, pose_of
 from .priors import Label, Statement
 from .unknown import Unknown
@@ -122,12 +122,12 @@ class Model(ABC):
         }
 
     @property
-    def nominal(self) -> Linearisation:
+    def nominal(self) -> Linearization:
         """Linearization before anything is fitted: BASE, or the object at its expected position."""
         place = {number.name: number.expected for number in self.aligned if number.name in LOCATION}
         if not any(place.values()):
             return BASE
-        return Linearisation(LinearisationPoint({}, place), LinearisationPoint({}, place))
+        return Linearization(LinearizationPoint({}, place), LinearizationPoint({}, place))
 
     @property
     def labels(self) -> dict[str, Label]:
@@ -181,11 +181,11 @@ class Model(ABC):
         """Names of the nuisance parameters that are numerical errors."""
         return ()
 
-    def distortion(self, nuisance: Mapping[str, float], linearisation: Linearisation = BASE) -> np.ndarray | float:
+    def distortion(self, nuisance: Mapping[str, float], linearization: Linearization = BASE) -> np.ndarray | float:
         """Return the numerical error that nuisance parameters subtract from the mean, broadcastable to it."""
         return 0.0
 
-    def errors_of_steps(self, linearisation: Linearisation = BASE) -> dict[str, np.ndarray]:
+    def errors_of_steps(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
         """Return the change of the mean by twice finer steps, by nuisance parameter; empty if there is none."""
         return {}
 
@@ -196,7 +196,7 @@ class Model(ABC):
 
     def strayed(
         self,
-        errors: LinearisationPoint,
+        errors: LinearizationPoint,
         nuisance: Mapping[str, float],
         prediction: Prediction,
         weights: np.ndarray,
@@ -205,12 +205,12 @@ class Model(ABC):
         return False
 
     def follows(
-        self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float], rays: LinearisationPoint
+        self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float], rays: LinearizationPoint
     ) -> bool:
         """Return whether all rays of a prediction are near enough to those of a linearization point."""
         return self.near(rays).follows(before_images(physics), pose_of(nuisance), anode=self.anode)
 
-    def near(self, rays: LinearisationPoint, reach: float = 1.0) -> Chain:
+    def near(self, rays: LinearizationPoint, reach: float = 1.0) -> Chain:
         """Return the chain whose rays follow those of a linearization point."""
         return self._near.get(
             (rays.key, reach),
@@ -223,6 +223,6 @@ class Model(ABC):
         physics: Mapping[str, Mapping[str, float]],
         nuisance: Mapping[str, float],
         data: Observed,
-        linearisation: Linearisation = BASE,
+        linearization: Linearization = BASE,
     ) -> Prediction:
         """Return the prediction for settings of effects and nuisance parameters, without a gain pattern."""

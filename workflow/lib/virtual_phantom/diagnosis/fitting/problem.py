@@ -11,7 +11,7 @@ import numpy as np
 from ...physics.effect import FOCAL_SPOT, GEOMETRY, MOTION, load
 from ..noise import gain_pattern
 from ..noise.condensed import Observed
-from .linearization import LinearisationPoint
+from .linearization import LinearizationPoint
 from .nuisance import POSES, SURE, Nuisance
 from .steps import bounded_step
 
@@ -63,7 +63,7 @@ class Problem:
         self.fitter, self.effects = fitter, tuple(effects)
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
         self.patterned, self.pattern, self.estimated = any(load(name).pattern for name in effects), None, None
-        self.linearisation, self.linearised = self.model.nominal if given is None else given.linearisation, 0
+        self.linearization, self.linearized = self.model.nominal if given is None else given.linearization, 0
         self.whole = self.model.whole(self.effects)
         self.unknowns = self.model.unknowns(self.whole)
         self.aligned = self.model.alignment(self.effects if beside is None else (*self.effects, beside))
@@ -79,7 +79,7 @@ class Problem:
         self.low, self.high = np.array([*((unknown.low, unknown.high) for unknown in self.unknowns), *ends]).T.copy()
         self.start = np.clip(start, self.low, self.high)
         self.count = sum(int((weight > 0).sum()) for weight in self.weights)
-        self.centre = np.array([number.expected for number in (*self.unknowns, *aligned)])
+        self.center = np.array([number.expected for number in (*self.unknowns, *aligned)])
         width = np.array([number.sd for number in (*self.unknowns, *aligned)])
         self.knowledge = np.where(np.isfinite(width), 1 / width**2, 0)
         spans = [
@@ -176,27 +176,27 @@ class Problem:
 
     def needs_new_corrections(self, point: np.ndarray) -> bool:
         """Relinearize numerical errors at a point too far from where they were computed; return whether."""
-        if self.linearised == MOST_LINEARISATIONS:
+        if self.linearized == MOST_LINEARISATIONS:
             return False
         physics, nuisance = self._named(point)
-        prediction = self.model.predict(physics, nuisance, self.data, self.linearisation)
-        if not self.model.strayed(self.linearisation.errors, nuisance, prediction, self.weights[0]):
+        prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
+        if not self.model.strayed(self.linearization.errors, nuisance, prediction, self.weights[0]):
             return False
-        self.linearisation = replace(self.linearisation, errors=LinearisationPoint.of(physics, nuisance))
-        self.linearised += 1
+        self.linearization = replace(self.linearization, errors=LinearizationPoint.of(physics, nuisance))
+        self.linearized += 1
         return True
 
     def follow(self, point: np.ndarray) -> bool:
         """Trace rays at a point if they lie too far from those traced so far; return whether."""
         physics, nuisance = self._named(point)
-        if self.model.follows(physics, nuisance, self.linearisation.rays):
+        if self.model.follows(physics, nuisance, self.linearization.rays):
             return False
-        self.linearisation = replace(self.linearisation, rays=LinearisationPoint.of(physics, nuisance))
+        self.linearization = replace(self.linearization, rays=LinearizationPoint.of(physics, nuisance))
         return True
 
     def residuals(self, point: np.ndarray, reach: float = 1.0) -> list[np.ndarray]:
         """Return observed minus predicted data and gain pattern by part, shape (data,), with whitened noise."""
-        prediction = self.model.predict(*self._named(point), self.data, replace(self.linearisation, reach=reach))
+        prediction = self.model.predict(*self._named(point), self.data, replace(self.linearization, reach=reach))
         return less_pattern(self.data.residuals(prediction), self.pattern, self.data)
 
     def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
@@ -214,14 +214,14 @@ class Problem:
         valleys.
         """
         physics, nuisance = self._named(point)
-        prediction = self.model.predict(physics, nuisance, self.data, self.linearisation)
+        prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
         residuals = less_pattern(self.data.residuals(prediction), self.pattern, self.data)
         first = len(self.unknowns)
         index = [first + [number.name for number in self.aligned].index(name) for name in ("scale", "offset")]
         changes = (self.data.whitened(np.where(self.data.usable, column, 0)) for column in prediction.design)
         design, weight = np.stack([column.ravel() for column in changes]), self.weights[0]
         information = (design * weight) @ design.T + np.diag(self.knowledge[index])
-        gradient = (design * weight) @ residuals[0] + self.knowledge[index] * (self.centre[index] - point[index])
+        gradient = (design * weight) @ residuals[0] + self.knowledge[index] * (self.center[index] - point[index])
         step = bounded_step(information, gradient, point[index], self.low[index], self.high[index])
         point = point.copy()
         point[index] = np.clip(point[index] + step, self.low[index], self.high[index])
@@ -240,7 +240,7 @@ class Problem:
 
     def chi_square(self, residuals: list[np.ndarray], point: np.ndarray) -> float:
         """Return chi-square of residuals plus that of a point's deviation from the priors."""
-        return chi_square(self.weights, residuals) + float((self.knowledge * (point - self.centre) ** 2).sum())
+        return chi_square(self.weights, residuals) + float((self.knowledge * (point - self.center) ** 2).sum())
 
     def jacobian(self, point: np.ndarray, residuals: list[np.ndarray]) -> list[np.ndarray]:
         """Return the change of predictions per step (`steps`) of every number, by part, shape (numbers, data)."""
@@ -259,14 +259,14 @@ class Problem:
         if 8 * len(self.start) * self.data.mean.size > MOST_KEPT:
             return compute()
         arrays = (self.start, self.steps, self.high, *(() if self.pattern is None else (self.pattern,)))
-        linearised = self.linearisation.errors.key, self.linearisation.rays.key
+        linearized = self.linearization.errors.key, self.linearization.rays.key
         held = self.data is self.fitter.held_out
-        key = self.effects, held, linearised, tuple(array.tobytes() for array in arrays)
+        key = self.effects, held, linearized, tuple(array.tobytes() for array in arrays)
         return self.fitter.kept.get(key, compute)
 
     def normal(self, jacobian, point: np.ndarray, residuals: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the information matrix, and the gradient of minus half of chi-square."""
-        information, gradient = np.diag(self.knowledge), self.knowledge * (self.centre - point)
+        information, gradient = np.diag(self.knowledge), self.knowledge * (self.center - point)
         for rows, weight, residual in zip(jacobian, self.weights, residuals, strict=True):
             weighted = rows * weight
             information = information + (weighted @ rows.T) / np.outer(self.steps, self.steps)

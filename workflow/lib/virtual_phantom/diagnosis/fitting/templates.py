@@ -91,8 +91,8 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
     for shape in shapes:
         for strong, times, reach in steps or [({}, 1.0, 1.0)]:
             values = typical | dict(shape) | off | strong
-            linearisation = replace(fit.linearisation, reach=reach)
-            changed = fitter.model.predict(fit.physics | {name: values}, fit.nuisance, fitter.data, linearisation)
+            linearization = replace(fit.linearization, reach=reach)
+            changed = fitter.model.predict(fit.physics | {name: values}, fit.nuisance, fitter.data, linearization)
             after = fitter.data.residuals(changed)
             rows.append(times * whitened([a - b for a, b in zip(before, after, strict=True)], fitter.weights))
     return np.stack(rows)

@@ -15,14 +15,14 @@ from ...physics.chain import Chain
 from ...physics.effect import absolute_attenuation, acts_on_images
 from ...physics.state import State
 from ...simulation.reconstruct import apply_image_effects
-from ..fitting.linearization import BASE, Linearisation, LinearisationPoint, before_images
+from ..fitting.linearization import BASE, Linearization, LinearizationPoint, before_images
 from ..fitting.model import Model
 from ..fitting.nuisance import Nuisance, pose_of
 from ..fitting.priors import Statement
 from ..noise.condensed import Prediction
 from .observed import Condenser, ObservedImages
 
-REALISATIONS = 7  # of noise; one more lane holds the mean
+REALIZATIONS = 7  # of noise; one more lane holds the mean
 WATER_SD = 0.3  # of the scale with a spectrum, as scanners calibrate HU with water at any energy
 IMAGES_KEPT = 6  # cached settings, as a Jacobian returns to its point for every parameter
 EARLIER = 0  # branch of the random stream of the realizations
@@ -63,67 +63,51 @@ class ImagesModel(Model):
         """Return the nuisance parameters: beside absolute attenuation the scale is free, as water is set to 0 HU."""
         if not absolute_attenuation(self.whole(effects)):
             return self.aligned
-        return tuple(replace(one, sd=max(one.sd, WATER_SD)) if one.name == "scale" else one for one in self.aligned)
+        return tuple(
+            replace(number, sd=max(number.sd, WATER_SD)) if number.name == "scale" else number
+            for number in self.aligned
+        )
 
     def predict(
         self,
         physics: Mapping[str, Mapping[str, float]],
         nuisance: Mapping[str, float],
         data: ObservedImages,
-        linearisation: Linearisation = BASE,
+        linearization: Linearization = BASE,
     ) -> Prediction:
         """Predict the data for effects and alignment; `mean` is whitened."""
         white = self.condenser.white
-        mean, noise = self.images(physics, nuisance, linearisation)
+        mean, noise = self.images(physics, nuisance, linearization)
         statistics = self.condenser.noise(nuisance["scale"] * noise)
         with np.errstate(invalid="ignore", divide="ignore"):
             log_variance = np.log(statistics.variance)
         design = (white(mean - HU_AIR), white(np.ones(mean.shape)))
         return Prediction(white(scaled(mean, nuisance)), log_variance, statistics.correlation, design)
 
-    def strayed(self, errors: LinearisationPoint, nuisance: Mapping[str, float], prediction, weights) -> bool:
+    def strayed(self, errors: LinearizationPoint, nuisance: Mapping[str, float], prediction, weights) -> bool:
         """Return whether the object has moved by more than a voxel, so that its noise has changed."""
         here, there = pose_of(nuisance), pose_of(errors.nuisance)
         moved = (here.z_mm - there.z_mm, here.y_mm - there.y_mm, here.x_mm - there.x_mm)
         return bool((np.abs(moved) > self.spacing_mm).any())
 
-    def repeats(self, physics, nuisance, linearisation: Linearisation, count: int) -> np.ndarray:
-        """Return simulated images of a repeated scan.
-
-        Parameters
-        ----------
-        physics, nuisance, linearisation
-            See `predict`.
-        count : int
-            At most REALISATIONS.
-
-        Returns
-        -------
-        ndarray, shape (count, z, y, x)
-            HU.
-        """
-        mean, noise = self.images(physics, nuisance, linearisation)
+    def repeats(self, physics, nuisance, linearization: Linearization, count: int) -> np.ndarray:
+        """Return at most REALIZATIONS simulated images of a repeated scan, HU, shape (count, z, y, x)."""
+        mean, noise = self.images(physics, nuisance, linearization)
         return scaled(mean + noise[:count], nuisance)
 
-    def images(self, physics, nuisance, linearisation: Linearisation = BASE) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean and noise of images before scale and offset.
-
-        Parameters
-        ----------
-        physics, nuisance, linearisation
-            See `predict`.
+    def images(self, physics, nuisance, linearization: Linearization = BASE) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean and noise of images before scale and offset; arguments as in `predict`.
 
         Returns
         -------
         mean : ndarray, shape (z, y, x)
-            HU.
-        noise : ndarray, shape (realisations, z, y, x)
+        noise : ndarray, shape (realizations, z, y, x)
             HU; for the object location in the linearization's `errors`.
         """
         on_images = {name: values for name, values in physics.items() if acts_on_images(name)}
         before, photons = before_images(physics), float(np.exp(nuisance["log_photons"]))
-        settings = LinearisationPoint(before).key, photons
-        here, rays, errors = pose_of(nuisance), linearisation.rays, linearisation.errors
+        settings = LinearizationPoint(before).key, photons
+        here, rays, errors = pose_of(nuisance), linearization.rays, linearization.errors
 
         def mean() -> np.ndarray:
             state = self.near(rays).state(before, here, photons=photons, anode=self.anode)
@@ -131,14 +115,16 @@ class ImagesModel(Model):
 
         def noise() -> np.ndarray:
             state = self.near(errors).state(before, pose_of(errors.nuisance), photons=photons, anode=self.anode)
-            return self.reconstruct(noise_lines(state, REALISATIONS, self._seed)) - HU_AIR
+            return self.reconstruct(noise_lines(state, REALIZATIONS, self._seed)) - HU_AIR
 
         image = self._means.get((settings, here, rays.key), mean)
-        realisations = self._noises.get((settings, errors.key), noise)
+        realizations = self._noises.get((settings, errors.key), noise)
         if not on_images:
-            return image, realisations
+            return image, realizations
         zero = apply_image_effects(np.zeros_like(image), self.spacing_mm, on_images)
-        changed = np.stack([apply_image_effects(one, self.spacing_mm, on_images) - zero for one in realisations])
+        changed = np.stack(
+            [apply_image_effects(realization, self.spacing_mm, on_images) - zero for realization in realizations]
+        )
         return apply_image_effects(image, self.spacing_mm, on_images), changed
 
 
@@ -166,10 +152,10 @@ def noise_lines(state: State, count: int, seed: Stream) -> np.ndarray:
     earlier = generator(below(seed, EARLIER))
     signal = state.signal_per_line_integral
     lines = np.empty((count, *signal.shape), np.float32)
-    for one in lines:
+    for line in lines:
         variance = state.noise / state.photons
         before = state.sample_earlier_signal(np.zeros(signal.shape[1:]), variance[0], earlier)
         read = state.read_out(random.standard_normal(signal.shape) * np.sqrt(variance), before_scan=before)
         read += random.standard_normal(signal.shape) * (state.electronic / state.photons)
-        one[...] = -read / signal
+        line[...] = -read / signal
     return lines

@@ -38,13 +38,7 @@ class ObservedImages(Observed):
 
 @dataclass(frozen=True)
 class NoiseStatistics:
-    """Statistics of noise over the SD of an ImageWhitening.
-
-    Attributes
-    ----------
-    variance : ndarray, shape (blocks,)
-    correlation : ndarray, shape (lags,)
-    """
+    """Variance by block and correlation by lag of noise over the SD of an ImageWhitening."""
 
     variance: np.ndarray
     correlation: np.ndarray
@@ -69,13 +63,13 @@ class Condenser:
         self._counts = self.blocks.sum(white.used)
         self._pairs = [_shift_pairs(white.used, lag) for lag in LAGS]
         # Only relative scatter counts, as nulls may have more noise than the recording.
-        level = float(np.mean([white.over_sd(one)[white.used].var() for one in nulls]))
-        each = [self.noise([one / np.sqrt(level)]) for one in nulls]
-        variances = np.var([one.variance for one in each], axis=0, ddof=1)
+        level = float(np.mean([white.over_sd(null)[white.used].var() for null in nulls]))
+        each = [self.noise([null / np.sqrt(level)]) for null in nulls]
+        variances = np.var([null.variance for null in each], axis=0, ddof=1)
         # Few realizations give an uncertain scatter for one block, but a good one for all blocks.
         usual = np.nanmedian(variances * self._counts) / np.maximum(self._counts, 1)
         self._variance_sd = np.sqrt((len(nulls) * variances + PRIOR * usual) / (len(nulls) + PRIOR))
-        self._correlation_sd = np.std([one.correlation for one in each], axis=0, ddof=1)
+        self._correlation_sd = np.std([null.correlation for null in each], axis=0, ddof=1)
 
     def observe(self, repeats: np.ndarray, usable: np.ndarray) -> ObservedImages:
         """Condense repeats; the variance needs at least two.
@@ -90,7 +84,7 @@ class Condenser:
         n, mean = len(repeats), repeats.mean(axis=0, dtype=np.float64)
         statistics = variance_error = correlation_error = None
         if n > 1:
-            statistics = self.noise([(one - mean) * np.sqrt(n / (n - 1)) for one in repeats])
+            statistics = self.noise([(repeat - mean) * np.sqrt(n / (n - 1)) for repeat in repeats])
             free = 1 / (n - 1) + 1 / self.simulated
             # Logarithms of sample variances are low by half their relative variance, predicted ones too.
             unbiased = np.exp(self._variance_sd**2 / 2 * (1 / (n - 1) - 1 / self.simulated))
@@ -110,19 +104,19 @@ class Condenser:
             expected=self.expected,
         )
 
-    def noise(self, realisations) -> NoiseStatistics:
+    def noise(self, realizations) -> NoiseStatistics:
         """Return the statistics of realizations of noise, HU with mean 0, each of shape (z, y, x)."""
         square, products, total = 0.0, np.zeros(len(LAGS)), 0.0
-        for one in realisations:
-            over = self.white.over_sd(one)
+        for realization in realizations:
+            over = self.white.over_sd(realization)
             square = square + over**2
             total += float((over**2).sum())
-            for place, (lag, pairs) in enumerate(zip(LAGS, self._pairs, strict=True)):
-                products[place] += float((over * np.roll(over, [-step for step in lag], (0, 1, 2)))[pairs].sum())
+            for index, (lag, pairs) in enumerate(zip(LAGS, self._pairs, strict=True)):
+                products[index] += float((over * np.roll(over, [-step for step in lag], (0, 1, 2)))[pairs].sum())
         with np.errstate(invalid="ignore"):
-            variance = self.blocks.sum(square) / (self._counts * len(realisations))
-        count = np.array([pairs.sum() for pairs in self._pairs]) * len(realisations)
-        mean_square = total / (self.white.used.sum() * len(realisations))
+            variance = self.blocks.sum(square) / (self._counts * len(realizations))
+        count = np.array([pairs.sum() for pairs in self._pairs]) * len(realizations)
+        mean_square = total / (self.white.used.sum() * len(realizations))
         return NoiseStatistics(variance, products / np.maximum(count, 1) / mean_square)
 
 

@@ -20,7 +20,7 @@ from ..fitting.nuisance import NOMINAL_PHOTONS_SD, nuisances
 from ..fitting.priors import Statement, stated_physics
 from ..residuals.dataset import Prepared, ResidualMaps
 from ..residuals.residual_tests import Half, Location
-from .model import REALISATIONS, ImagesModel, noise_lines, scaled
+from .model import REALIZATIONS, ImagesModel, noise_lines, scaled
 from .observed import Condenser
 from .residual_maps import locate
 from .whitening import image_whitening, local_variance
@@ -32,13 +32,13 @@ TRIAL_PHOTONS = 1e5  # of simulated noise before it is scaled to the recording
 NULLS = 4  # batches of realizations for the scatter of noise statistics
 
 
-LOOK = ResidualMaps(
+DISPLAY = ResidualMaps(
     unit="hu",
     summed=0,
     down="row",
     across="column",
     profiles=(
-        ("distance from the axis", "ring around the isocentre", 1),
+        ("distance from the axis", "ring around the isocenter", 1),
         ("slices", "slice", 0),
         ("tissue", "voxels by HU (tenths)", 1),
     ),
@@ -51,7 +51,7 @@ LOOK = ResidualMaps(
 class PreparedImages(Prepared):
     """Images prepared for fits."""
 
-    look: ClassVar[ResidualMaps] = LOOK
+    display: ClassVar[ResidualMaps] = DISPLAY
 
     def domains(
         self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
@@ -66,7 +66,7 @@ class PreparedImages(Prepared):
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
         """See Prepared.difference."""
         data = self.held_out if held_out else self.data
-        mean, _ = self.fitter.model.images(fit.physics, fit.nuisance, fit.linearisation)
+        mean, _ = self.fitter.model.images(fit.physics, fit.nuisance, fit.linearization)
         return (data.hu - scaled(mean, fit.nuisance))[data.usable]
 
 
@@ -130,7 +130,7 @@ def prepare(
         ratios = (noise**2).mean(axis=0)[valid] / (simulated**2).mean(axis=0)[valid]
         ratio = float(np.median(ratios) / stats.f.median(len(taken) - 1, len(simulated)))
     else:
-        ratio = _fine_power(taken[0] - expected, valid) / np.mean([_fine_power(one, valid) for one in simulated])
+        ratio = _fine_power(taken[0] - expected, valid) / np.mean([_fine_power(noise, valid) for noise in simulated])
         noise = simulated * np.sqrt(ratio)
     if not ratio > 1e-9:
         raise InputError("the repeats of the recording do not vary: are they copies of one file?")
@@ -143,9 +143,9 @@ def prepare(
     # The noise of a single fitted repeat is no datum, so that its photons need a prior.
     final = model(log_photons, NOMINAL_PHOTONS_SD if nominal_photons or len(fitted) == 1 else np.inf)
     state = chain.state(physics, photons=photons, anode=anode)
-    batches = (reconstruct(noise_lines(state, REALISATIONS, branch)) for branch in seed.spawn(NULLS))
+    batches = (reconstruct(noise_lines(state, REALIZATIONS, branch)) for branch in seed.spawn(NULLS))
     nulls = np.concatenate([batch - HU_AIR for batch in batches])
-    final.condenser = Condenser(white, nulls, REALISATIONS, expected)
+    final.condenser = Condenser(white, nulls, REALIZATIONS, expected)
     data, held_out = (final.condenser.observe(part, use) for part, use in zip((fitted, held), usable, strict=True))
     fitter = Fitter(final, data, held_out, local_variance(white, nulls), np.zeros(expected.shape))
     return PreparedImages(fitter, data, held_out, white.sd**2, words, single, photons)

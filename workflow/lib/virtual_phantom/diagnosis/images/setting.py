@@ -23,7 +23,7 @@ from ..request import DiagnosisRequest, NominalSettings
 from ..scanned_object import scene_of
 from ..selection.forward_selection import Choice
 from ..workload import samples_for
-from .model import REALISATIONS
+from .model import REALIZATIONS
 from .prepared import PreparedImages, prepare
 
 MOST_SLICES = 24  # more slices add run time and little information
@@ -100,7 +100,7 @@ def central_slices(valid: np.ndarray) -> slice:
     away = max(away, (count - MOST_SLICES) // 2)
     if count - 2 * away < LEAST_SLICES:
         raise InputError(
-            f"scan: {count - 2 * away} slices around the isocentre are seen from every direction; a diagnosis of "
+            f"scan: {count - 2 * away} slices around the isocenter are seen from every direction; a diagnosis of "
             f"images needs {LEAST_SLICES}: give the protocol the scanner's rows and pitch"
         )
     return slice(away, count - away)
@@ -117,7 +117,7 @@ def agreement_of_images(
 ) -> dict:
     """Return the agreement of the held-out repeats with as many simulated images of each model.
 
-    The simulated images, at most REALISATIONS, are those of the fit, so that `purpose` has no effect.
+    The simulated images, at most REALIZATIONS, are those of the fit, so that `purpose` has no effect.
 
     Returns
     -------
@@ -125,13 +125,13 @@ def agreement_of_images(
         Result of relevance.agreement_and_changes, with algorithm and grid.
     """
     repeats = prepared.held_out.repeats
-    model, count = prepared.fitter.model, min(len(repeats), REALISATIONS)
+    model, count = prepared.fitter.model, min(len(repeats), REALIZATIONS)
     pose = pose_of(choice.chosen.fit.nuisance)
     grid = Grid(repeats.shape[1:], model.spacing_mm)
     regions = phantom_regions(grid, prepared.data.usable | prepared.held_out.usable, scanned, pose)
 
     def images(fit: Fit) -> np.ndarray:
-        return model.repeats(fit.physics, fit.nuisance, fit.linearisation, count)
+        return model.repeats(fit.physics, fit.nuisance, fit.linearization, count)
 
     features = Features(regions)
     return agreement_and_changes(repeats, images, choice, regions, features, with_changes) | {

@@ -55,7 +55,7 @@ def image_whitening(noise: np.ndarray, used: np.ndarray, floor: np.ndarray, repe
 
     Parameters
     ----------
-    noise : ndarray, shape (realisations, z, y, x)
+    noise : ndarray, shape (realizations, z, y, x)
         HU, mean 0.
     used : ndarray of bool, shape (z, y, x)
     floor : ndarray, shape (z, y, x)
@@ -68,7 +68,9 @@ def image_whitening(noise: np.ndarray, used: np.ndarray, floor: np.ndarray, repe
     sd = np.sqrt(np.where(used, ndimage.gaussian_filter(square, SMOOTH_VOXELS) / cover, 0))
     sd[sd < 1e-3 * np.median(sd[used])] = 0
     bare = ImageWhitening(sd, np.ones(1))
-    power = sum(np.abs(fft.rfftn(bare.over_sd(one))) ** 2 for one in noise) / (len(noise) * bare.used.sum())
+    power = sum(np.abs(fft.rfftn(bare.over_sd(realization))) ** 2 for realization in noise) / (
+        len(noise) * bare.used.sum()
+    )
     power = np.maximum(_smooth(power), LEAST_POWER)
     floor_power = _smooth(np.abs(fft.rfftn(bare.over_sd(floor))) ** 2 / bare.used.sum())
     return ImageWhitening(sd, power + repeats * floor_power)
@@ -84,7 +86,7 @@ def local_variance(white: ImageWhitening, nulls: np.ndarray) -> np.ndarray:
     nulls : ndarray, shape (realizations, z, y, x)
         Noise, HU.
     """
-    square = np.where(white.used, np.mean([white(one) ** 2 for one in nulls], axis=0), 0)
+    square = np.where(white.used, np.mean([white(null) ** 2 for null in nulls], axis=0), 0)
     cover = np.maximum(ndimage.gaussian_filter(white.used.astype(float), SMOOTH_VOXELS), 1e-6)
     smooth = np.where(white.used, ndimage.gaussian_filter(square, SMOOTH_VOXELS) / cover, 0)
     return np.where(white.used, smooth / smooth[white.used].mean(), 1)

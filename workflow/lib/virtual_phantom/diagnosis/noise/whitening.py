@@ -22,13 +22,13 @@ from scipy import fft, signal
 
 from ...physics.state import State
 
-SEEN = 3.0  # standard errors by which a correlation must stand out; what is less changes no sum by 1 % of its error
-VIEW_LAGS = 48  # successive views whose correlations are looked at, where there are twice as many
-MEMORIES = np.linspace(0, 0.95, 96)  # by which correlations may fade from view to view: the range of afterglow's
+SEEN = 3.0  # standard errors from which a correlation is used; smaller ones change the error of no sum by 1 %
+VIEW_LAGS = 48  # successive views whose correlations are estimated, if there are twice as many
+MEMORIES = np.linspace(0, 0.95, 96)  # factors by which correlations decay from view to view: the range of afterglow
 CALM = 0.2  # change of the line integral from ray to ray up to which noise is correlated as in a uniform signal
-LEAST_CALM = 0.05  # of the rays: fewer say less than all of them
-LONG = 512  # places along an axis: longer ones have the same relative errors
-LEAST_POWER = 0.02  # of noise, over its mean over frequencies: less is no evidence
+LEAST_CALM = 0.05  # of the rays; with fewer, all rays are used
+LONG = 512  # positions along an axis; longer axes have the same relative errors
+LEAST_POWER = 0.02  # of noise, relative to the mean over frequencies; smaller estimates are not reliable
 MOST_ROOT = 0.95  # of the filter along views: inverses of larger ones remember hundreds of views
 REACH = 0.1  # of a filter's middle: rays as near to a missing one as its taps are larger do not count
 
@@ -51,7 +51,7 @@ class Correlations:
 
     @property
     def white(self) -> bool:
-        """Whether there are none."""
+        """Whether all correlations are 0."""
         return not (self.columns[0] or self.rows[0] or self.views[0])
 
     def of_every(self, step: int) -> Correlations:
@@ -136,7 +136,7 @@ class Correlations:
         part = self.covariance(axis, min(length, LONG) if places == slice(None) else length)[places, places]
         return float(len(part) * (part**2).sum() / np.trace(part) ** 2)
 
-    def variance_of_neighbours(self, axis: int, lengths: tuple[int, int, int]) -> float:
+    def variance_of_neighbors(self, axis: int, lengths: tuple[int, int, int]) -> float:
         """Return the variance of the sample correlation of neighbors along an axis, times the number of pairs.
 
         It is to first order that of a ratio a / b of quadratic forms x'Mx, whose covariances are 2 tr(M C M' C); C is a
@@ -181,16 +181,16 @@ def of_state(state: State, apart: int | None = None) -> Correlations:
     electronic = (
         (state.electronic / state.photons) ** 2 / state.signal_per_line_integral**2 if state.electronic else 0.0
     )
-    coloured = 1 - float(np.mean(electronic / variance))
+    colored = 1 - float(np.mean(electronic / variance))
     pixels = []
     for share, length in zip(state.neighbours, variance.shape[:0:-1], strict=True):
         share = share if length > 1 else 0.0
         square = (1 - 2 * share) ** 2 + 2 * share**2
-        pixels.append((coloured * 2 * share * (1 - 2 * share) / square, coloured * share**2 / square))
+        pixels.append((colored * 2 * share * (1 - 2 * share) / square, colored * share**2 / square))
     # For weights 1 - k, k (1 - d), k (1 - d) d, ...: those of views that follow each other, over the squares.
     glow = share**2 * (1 - memory) / (1 + memory)
     views = (share * (1 - share) * (1 - memory) + glow * memory) / ((1 - share) ** 2 + glow)
-    found = Correlations(*pixels, (coloured * views, memory if share else 0.0))
+    found = Correlations(*pixels, (colored * views, memory if share else 0.0))
     return found.of_every(state.geometry.views_apart if apart is None else apart)
 
 

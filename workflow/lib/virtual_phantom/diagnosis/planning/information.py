@@ -1,9 +1,9 @@
 """Expected information of measurements about similar effects, and the log score that distinguishes them.
 
-First-order quantities, evaluated at the fitted parameters: the Fisher information of parameters that measurements
-share, with the parameters of each measurement profiled out, and the part of a difference that no parameter of the other
-explanation can describe. Designs by these two criteria are called D_s-optimal (A. C. Atkinson and A. N. Donev, Optimum
-Experimental Designs, Oxford, 1992) and T-optimal (A. C. Atkinson and V. V. Fedorov, Biometrika 62, 57, 1975).
+Both are of first order at the fitted parameters. The first is the Fisher information of shared parameters, with the
+parameters of each measurement profiled out. Designs by it are called D_s-optimal (A. C. Atkinson and A. N. Donev,
+Optimum Experimental Designs, Oxford, 1992). The second is the part of a difference that no parameter of the other
+explanation can describe: T-optimal designs (A. C. Atkinson and V. V. Fedorov, Biometrika 62, 57, 1975).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class MeasurementInformation:
     Attributes
     ----------
     keys : tuple of tuple of str
-        Of the parameters.
+        Keys of the parameters.
     changes : ndarray, shape (data, parameters)
         Change of the whitened data per unit of each parameter.
     predicted : ndarray, shape (data,)
@@ -87,10 +87,10 @@ def measurement_information(
 
 def keys_of(problem: Problem, name: str, own: Collection[str] = (), protocol: str = "") -> tuple[Key, ...]:
     """Return the keys of the parameters of a measurement; see measurement_information."""
-    owners = [name if one.effect in own else one.owner(name, protocol) for one in problem.unknowns]
-    numbers = ((one.effect, one.name) for one in problem.unknowns)
+    owners = [name if unknown.effect in own else unknown.owner(name, protocol) for unknown in problem.unknowns]
+    numbers = ((unknown.effect, unknown.name) for unknown in problem.unknowns)
     keys = [(owner, *number) if owner else number for owner, number in zip(owners, numbers, strict=True)]
-    return (*keys, *((name, "alignment", one.name) for one in problem.aligned))
+    return (*keys, *((name, "alignment", number.name) for number in problem.aligned))
 
 
 def changes(problem: Problem) -> np.ndarray:

@@ -18,10 +18,10 @@ from ..fitting.nuisance import Nuisance
 from ..fitting.problem import Problem
 from ..noise.condensed import Blocks
 from ..projections.model import ScansModel
-from ..projections.observed import PARTS, ObservedScans, white_shape
+from ..projections.observed import PARTS, ObservedScans, neighbors, white_shape
 from .information import MeasurementInformation, keys_of, measurement_information, slope
 
-# Rays and views used for expectations, weighted for those left out. A choice that limits the run time.
+# Rays and views used for expectations, with weights for all rays. A choice that limits the run time.
 MOST_RAYS, LEAST_VIEWS = 1.5e4, 24
 # Rays per pixel and direction for objects with sharp edges. With few, the change by a displacement depends on rays that
 # graze an edge. Voxels have no such edges, and use the rays of the recording's own model.
@@ -176,7 +176,7 @@ class FurtherScan:
                         physics[name][parameter.name] = parameter.neutral
             expected = {number.name: number.expected for number in further.alignment(effects)}
             nuisance = {name: one.nuisance[name] if again else value for name, value in expected.items()}
-            return replace(one, effects=effects, physics=physics, nuisance=nuisance, linearisation=model.nominal)
+            return replace(one, effects=effects, physics=physics, nuisance=nuisance, linearization=model.nominal)
 
         fitter = _expecting(further, here(weighed or fit), conditions, step)
         return Problem(fitter, effects, here(fit))
@@ -186,7 +186,7 @@ class FurtherScan:
 
         Two parameters with the same effect then have the same slopes even where data are nonlinear, as at edges.
         """
-        place = len(problem.unknowns) + [one.name for one in problem.aligned].index("x_mm")
+        place = len(problem.unknowns) + [number.name for number in problem.aligned].index("x_mm")
         steps = problem.steps.copy()
         steps[place] = MOVED * self.geometry.column_pitch_mm / self.geometry.magnification
         problem.steps = steps
@@ -198,12 +198,14 @@ class FurtherScan:
 
     def _aligned(self, model: ScansModel, fit: Fit) -> tuple[Nuisance, ...]:
         found = []
-        for one in model.aligned:
-            if one.name in model.distortions:
+        for number in model.aligned:
+            if number.name in model.distortions:
                 continue  # more rays and smaller voxels make them small
-            expected = fit.nuisance[one.name] + np.log(self.photons) if one.name == "log_photons" else one.expected
-            found.append(replace(one, expected=float(expected), sd=self.known.get(one.name, one.sd)))
-        named = {one.name for one in found}
+            expected = (
+                fit.nuisance[number.name] + np.log(self.photons) if number.name == "log_photons" else number.expected
+            )
+            found.append(replace(number, expected=float(expected), sd=self.known.get(number.name, number.sd)))
+        named = {number.name for number in found}
         found += [Nuisance(name, "1", 1.0, sd) for name, sd in self.known.items() if name not in named]
         return tuple(found)
 
@@ -283,9 +285,9 @@ def _expecting(model: ScansModel, fit: Fit, conditions: Conditions, step: int) -
         rays = np.maximum(blocks.sum(usable), 1)
         spread = np.where(blocks.sum(usable) > 0, 1.0, np.nan)
         spread_error = np.sqrt(special.polygamma(1, rays * (n - 1) / 2))
-        pairs = [_pairs(usable, axis) for axis in (2, 1, 0)]
-        alike = np.array([0.0 if one else np.nan for one in pairs])
-        alike_error = np.array([1 / np.sqrt(one * (n - 1)) if one else np.nan for one in pairs])
+        pairs = [int(neighbors(usable, axis).sum()) for axis in (2, 1, 0)]
+        alike = np.array([0.0 if count else np.nan for count in pairs])
+        alike_error = np.array([1 / np.sqrt(count * (n - 1)) if count else np.nan for count in pairs])
     white = np.zeros_like(white_shape(state.measured_air[0])) if conditions.white else None
     data = ObservedScans(
         np.zeros(usable.shape), n, usable, blocks, variance, spread, spread_error, alike, alike_error, white=white
@@ -293,11 +295,5 @@ def _expecting(model: ScansModel, fit: Fit, conditions: Conditions, step: int) -
     fitter = Fitter(model, data, data, variance, np.zeros(usable.shape))
     of_views = len(fitter.weights) - conditions.white  # the white field does not depend on the number of views
     more = [step * conditions.share if part < of_views else 1.0 for part in range(len(fitter.weights))]
-    fitter.weights = [weight * one for weight, one in zip(fitter.weights, more, strict=True)]
+    fitter.weights = [weight * factor for weight, factor in zip(fitter.weights, more, strict=True)]
     return fitter
-
-
-def _pairs(usable: np.ndarray, axis: int) -> int:
-    length = usable.shape[axis]
-    low, high = (np.take(usable, range(a, length - 1 + a), axis) for a in (0, 1))
-    return int((low & high).sum())

@@ -32,7 +32,7 @@ from .measurement import Conditions, DarkFrames, FurtherScan
 
 ALIKE = 0.9  # |correlation| from which an effect is tried as an alternative for a scanner; a choice
 # Least change of the data over the range of a parameter that they determine, in standard deviations; a choice.
-UNTOLD_SD = 10.0
+LEAST_CHANGE_SD = 10.0
 Fits = Mapping[str, Fit]  # by recording
 Pair = tuple[str, str]
 
@@ -44,7 +44,7 @@ class Ambiguity:
     Attributes
     ----------
     fits : dict of str to dict of str to Fit
-        {effect: {recording: the fit with it}}, the chosen effect first.
+        {effect: {recording: fit with this effect}}, the chosen effect first.
     """
 
     fits: dict[str, Fits]
@@ -120,28 +120,28 @@ def rank(
         By recording. Measurements have the protocol of the first. None: a single protocol.
     """
     protocols = dict.fromkeys(prepared, "") if protocols is None or len(set(protocols.values())) < 2 else protocols
-    names = dict.fromkeys(name for one in ambiguities for name in one.fits)
+    names = dict.fromkeys(name for ambiguity in ambiguities for name in ambiguity.fits)
     group = tuple(names) or next(iter(chosen.values())).effects
     explanations: dict[str, Fits] = {"": _all_at_once(prepared, chosen, ambiguities)}
-    for number, one in enumerate(ambiguities):
-        explanations |= {f"{number} {name}": fits for name, fits in one.fits.items()}
+    for number, ambiguity in enumerate(ambiguities):
+        explanations |= {f"{number} {name}": fits for name, fits in ambiguity.fits.items()}
     there = _information_of_recordings(prepared, explanations, chosen, protocols)
-    untold = {label: _untold(parts) for label, parts in there.items()}
-    if any(untold.values()):
+    undetermined = {label: _undetermined(parts) for label, parts in there.items()}
+    if any(undetermined.values()):
         explanations = {
-            label: {name: _without(prepared[name], fit, untold[label]) for name, fit in fits.items()}
+            label: {name: _without(prepared[name], fit, undetermined[label]) for name, fit in fits.items()}
             for label, fits in explanations.items()
         }
         there = _information_of_recordings(prepared, explanations, chosen, protocols)
-    keys = [key for key in _keys(there[""], group) if key[-2:] not in untold[""]]
+    keys = [key for key in _keys(there[""], group) if key[-2:] not in undetermined[""]]
     first = next(iter(prepared))
     model, conditions = prepared[first].fitter.model, conditions_of(prepared[first])
 
     def made(measurement, parts: Mapping[str, list[MeasurementInformation]]) -> RankedMeasurement:
         before, after = normal_equations(there[""]), normal_equations(parts[""])
         scores, alike = {}, {}
-        for number, one in enumerate(ambiguities):
-            for pair in one.pairs:
+        for number, ambiguity in enumerate(ambiguities):
+            for pair in ambiguity.pairs:
                 ways = permutations(f"{number} {name}" for name in pair)
                 scores[pair] = min(expected(parts, *way) for way in ways)
                 alike[pair] = correlation(after, *([key for key in keys if name in key] for name in pair))
@@ -178,13 +178,13 @@ def _information_of_recordings(
         beside = there.get("", [None] * len(fits))
         parts = zip(fits.items(), beside, strict=True)
         there[label] = [
-            _information_of_recording(prepared[name], name, fit, told_of, chosen[name], protocols[name])
-            for (name, fit), told_of in parts
+            _information_of_recording(prepared[name], name, fit, other, chosen[name], protocols[name])
+            for (name, fit), other in parts
         ]
     return there
 
 
-def _untold(parts: Sequence[MeasurementInformation]) -> set[Pair]:
+def _undetermined(parts: Sequence[MeasurementInformation]) -> set[Pair]:
     """Return the (effect, parameter) pairs that no recording determines over their range.
 
     Explanations differ in them by chance, and a measurement that determines them resolves no ambiguity.
@@ -193,18 +193,18 @@ def _untold(parts: Sequence[MeasurementInformation]) -> set[Pair]:
     for part in parts:
         for key, change, room in zip(part.keys, part.changes.T, part.room, strict=True):
             if "alignment" not in key:
-                nothing = np.linalg.norm(change) * (room[1] - room[0]) < UNTOLD_SD
+                nothing = np.linalg.norm(change) * (room[1] - room[0]) < LEAST_CHANGE_SD
                 found[key[-2:]] = found.get(key[-2:], True) and bool(nothing)
     return {key for key, nothing in found.items() if nothing}
 
 
-def _without(prepared: PreparedScans, fit: Fit, untold: Collection[Pair]) -> Fit:
+def _without(prepared: PreparedScans, fit: Fit, undetermined: Collection[Pair]) -> Fit:
     """Return a fit with undetermined parameters at their neutral value, if they have one."""
     physics = {name: dict(values) for name, values in fit.physics.items()}
-    for effect, parameter in untold:
-        for one in varied(prepared.fitter.model.parameters(effect)):
-            if one.name == parameter:
-                physics[effect][parameter] = one.neutral
+    for effect, parameter in undetermined:
+        for number in varied(prepared.fitter.model.parameters(effect)):
+            if number.name == parameter:
+                physics[effect][parameter] = number.neutral
     return replace(fit, physics=physics)
 
 
@@ -220,7 +220,7 @@ def _information_of_recording(
 
 def conditions_of(prepared: PreparedScans) -> Conditions:
     """Return the repeats of a recording, which a measurement is expected to have too."""
-    share = 0.5 if prepared.held == BY_VIEW else 1.0
+    share = 0.5 if prepared.held_out_text == BY_VIEW else 1.0
     return Conditions(prepared.data.n, share, prepared.data.white is not None)
 
 
@@ -229,8 +229,8 @@ def _all_at_once(prepared, chosen: Fits, ambiguities: Sequence[Ambiguity]) -> Fi
     found = {}
     for name, fit in chosen.items():
         physics, model = dict(fit.physics), prepared[name].fitter.model
-        for one in ambiguities:
-            for effect, fits in one.fits.items():
+        for ambiguity in ambiguities:
+            for effect, fits in ambiguity.fits.items():
                 if effect not in physics:
                     physics[effect] = _switched_off(model, effect, fits[name].physics[effect])
         declared = set(physics) - set(fit.effects) - set(fit.physics)
@@ -239,7 +239,7 @@ def _all_at_once(prepared, chosen: Fits, ambiguities: Sequence[Ambiguity]) -> Fi
 
 
 def _switched_off(model: Model, effect: str, values: Mapping[str, float]) -> dict[str, float]:
-    off = {one.name: one.neutral for one in varied(model.parameters(effect))}
+    off = {parameter.name: parameter.neutral for parameter in varied(model.parameters(effect))}
     return {**values, **off}
 
 
@@ -259,7 +259,7 @@ def effect_similarity(
     baseline : mapping of str to Fit
         By recording: fit of the alignment alone, which is projected out.
     names : sequence of str
-        Effects. Patterns of pixels have no parameters and are left out.
+        Effects. Patterns of pixels have no parameters and are omitted.
 
     Returns
     -------
@@ -274,7 +274,7 @@ def effect_similarity(
     found: dict[Pair, dict[str, float]] = {pair: {} for pair in combinations(names, 2)}
     for recording in [*parts, ""]:
         every = list(parts.values()) if not recording else [parts[recording]]
-        keys = [key for key in dict.fromkeys(key for one in every for key in one.keys) if key[0] == "template"]
+        keys = [key for key in dict.fromkeys(key for part in every for key in part.keys) if key[0] == "template"]
         sums = normal_equations(every)
         matrix = profiled_information(sums, keys)
         whole = np.array([sums.information[(place := sums.keys.index(key)), place] for key in keys])
@@ -294,7 +294,9 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
     scan = FurtherScan(recording, "", model.chain.scene, model.chain.geometry)
     weak = [name for name in names if varied(model.parameters(name)) and name not in fit.physics]
     off = {
-        name: _switched_off(model, name, {one.name: one.typical for one in model.parameters(name)} | model.known(name))
+        name: _switched_off(
+            model, name, {parameter.name: parameter.typical for parameter in model.parameters(name)} | model.known(name)
+        )
         for name in weak
     }
     beside = scan.information(
@@ -303,7 +305,7 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
     keys = [("template", *key) if key[0] in weak else key for key in beside.keys]
     rows = []
     problem = scan.problem(model, (), fit, conditions, again=True)
-    point = replace(fit, nuisance=_named(problem), linearisation=problem.linearisation)
+    point = replace(fit, nuisance=_named(problem), linearization=problem.linearization)
     for name in names:
         if name in weak or name in fit.physics:
             continue
@@ -317,7 +319,7 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
     )
     return MeasurementInformation(
         tuple(keys),
-        np.hstack([beside.changes, *(one.T for one in rows)]),
+        np.hstack([beside.changes, *(row.T for row in rows)]),
         beside.predicted,
         np.concatenate([known, none]),
         np.vstack([beside.room, np.tile([-np.inf, np.inf], (more, 1))]),
@@ -328,7 +330,7 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
 def _named(problem: Problem) -> dict[str, float]:
     """Return the alignment at the start of a problem, by name."""
     values = problem.start[len(problem.unknowns) :]
-    return {one.name: float(value) for one, value in zip(problem.aligned, values, strict=True)}
+    return {number.name: float(value) for number, value in zip(problem.aligned, values, strict=True)}
 
 
 def settles(ranked: RankedMeasurement) -> bool:
@@ -381,7 +383,7 @@ def refit(prepared: PreparedScans, name: str, found: Mapping[str, Sequence[str]]
     for effect, rivals in found.items():
         rest = tuple(other for other in found if other != effect)
         without = fitter.fit(rest, chosen) if rivals else None
-        fits = {effect: {name: chosen}} | {one: {name: fitter.fit((*rest, one), without)} for one in rivals}
+        fits = {effect: {name: chosen}} | {rival: {name: fitter.fit((*rest, rival), without)} for rival in rivals}
         if rivals:
             ambiguities.append(Ambiguity(fits))
     return {name: chosen}, ambiguities

@@ -49,10 +49,10 @@ def described(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list[Template]:
         if load(name).pattern:
             labels, rows = [None], _drawn(fitter, fit, name)[None]
         else:
-            labels = [one.name for one in varied(fitter.model.parameters(name))] or [None]
+            labels = [parameter.name for parameter in varied(fitter.model.parameters(name))] or [None]
             rows = templates(fitter, fit, name)
         left = projected(rows, basis)
-        found += [Template(name, *one) for one in zip(labels, rows, left, strict=True)]
+        found += [Template(name, *row) for row in zip(labels, rows, left, strict=True)]
     return found
 
 
@@ -70,7 +70,7 @@ def _drawn(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
 
 
 def split(fitter: Fitter, row: np.ndarray) -> dict[str, np.ndarray]:
-    """Split a whitened row by the parts of the data; entries below the data are left out."""
+    """Split a whitened row by the parts of the data, without entries below the data."""
     names = fitter.data.parts
     ends = np.cumsum([weight.size for weight in fitter.weights])
     return {name: row[end - w.size : end] for name, end, w in zip(names, ends, fitter.weights, strict=True)}

@@ -1,4 +1,4 @@
-"""Kinds of change of projections, as a basis without physics: by what a change depends on, not by what makes it."""
+"""Kinds of change of projections: a basis without physics, ordered by the variables that a change depends on."""
 
 from __future__ import annotations
 
@@ -7,31 +7,31 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.sparse import csr_array, sparray
 
-HARMONICS = 3  # of the view angle: an object that swings, or a source that does, turns once or a few times
-MOST_VIEWS = 240  # each on its own; of more, neighbours go together: three directions each, and time as their cube
-PARTS = 8  # of the columns: modules of detectors are that many or fewer where one of them can stand out
+HARMONICS = 3  # of the view angle, for periodic motion of the object or the source
+MOST_VIEWS = 240  # with directions of their own; in longer scans neighbors share them, as run time grows as the cube
+PARTS = 8  # of the columns, at least the number of detector modules
 
 
 def kinds(
     lines: np.ndarray, angles_rad: np.ndarray, usable: np.ndarray, in_all_views: bool = True
 ) -> Iterator[tuple[str, np.ndarray | sparray]]:
-    """Directions of every kind of change, one kind after the other: of all at once, memory would hold 70 scans.
+    """Yield the directions of every kind of change. A generator saves memory: all directions take that of 70 scans.
 
     Parameters
     ----------
     lines : ndarray, shape (views, rows, columns)
         Line integrals that a model predicts.
     angles_rad : ndarray, shape (views,)
-        Of the source.
+        Angles of the source.
     usable : ndarray of bool, shape (views, rows, columns)
     in_all_views : bool, optional
-        Whether data fitted and data held out are of the same views. Else none says anything of another, and changes of
-        single views and of odd and even ones are left out.
+        Whether fitted and held-out data have the same views. Otherwise changes of single views, and of odd and even
+        views, cannot be tested.
 
     Yields
     ------
     words : str
-        Of the kind. Those that a scan of one view, row or column cannot show are left out.
+        Description. Kinds that a scan with one view, row or column cannot show are omitted.
     directions : ndarray or sparse array, shape (rays, directions)
         Changes of line integrals.
     """
@@ -48,25 +48,25 @@ def kinds(
     of_views = [*turns, time, time**2]
     dense = {
         "depends on the line integral alone": lambda: [lines**2, lines**3, np.exp(-lines), np.exp(lines - lines.max())],
-        "changes from view to view, alike in all pixels": lambda: of_views + odd_views,
+        "varies from view to view, equally in all pixels": lambda: of_views + odd_views,
         "is the same in every view, by column": lambda: [column**k for k in (1, 2, 3, 4)] + [odd[2]],
         "is the same in every view, by row": lambda: [row, row**2, odd[1][:, None]],
-        "grows over the scan, by column or row": lambda: [time * one for one in (column, column**2, column**3, row)],
-        "scales line integrals, by view": lambda: [lines * one for one in of_views],
-        "scales line integrals, by column or row": lambda: [lines * one for one in of_pixels],
+        "drifts over the scan, by column or row": lambda: [time * k for k in (column, column**2, column**3, row)],
+        "scales line integrals, by view": lambda: [lines * factor for factor in of_views],
+        "scales line integrals, by column or row": lambda: [lines * factor for factor in of_pixels],
         "blurs along columns": lambda: [_slope(by_column, 2), by_column**2],
         "blurs along rows": lambda: [_slope(by_row, 1), by_row**2],
         "blurs from view to view": lambda: [by_view, _slope(by_view, 0), by_view**2],
-        "moves along columns, by view": lambda: [by_column * one for one in (1.0, column, *of_views)],
-        "moves along rows, by view": lambda: [by_row * one for one in (1.0, row, *of_views)],
-        "moves along columns, in a part of the columns": lambda: [by_column * one for one in parts],
+        "moves along columns, by view": lambda: [by_column * shift for shift in (1.0, column, *of_views)],
+        "moves along rows, by view": lambda: [by_row * shift for shift in (1.0, row, *of_views)],
+        "moves along columns, in a part of the columns": lambda: [by_column * part for part in parts],
     }
     for words, fields in dense.items():
-        fields = [one for one in fields() if np.ptp(one) > 0]
+        fields = [field for field in fields() if np.ptp(field) > 0]
         if fields:
-            yield words, np.stack([np.broadcast_to(one, lines.shape).ravel() for one in fields], axis=1)
+            yield words, np.stack([np.broadcast_to(field, lines.shape).ravel() for field in fields], axis=1)
     if views > 1 and in_all_views:
-        yield "is of some views alone", _each_view([np.ones(lines.shape), lines, by_column], usable)
+        yield "affects single views only", _each_view([np.ones(lines.shape), lines, by_column], usable)
 
 
 def _slope(values: np.ndarray, axis: int) -> np.ndarray:
@@ -74,10 +74,10 @@ def _slope(values: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _each_view(fields: list[np.ndarray], usable: np.ndarray) -> sparray:
-    """One direction per field and view, or per few neighbouring views."""
+    """Return one direction per field and view, or per group of neighboring views."""
     views = min(len(usable), MOST_VIEWS)
     view = np.broadcast_to((np.arange(len(usable)) * views // len(usable))[:, None, None], usable.shape)[usable]
     ray = np.flatnonzero(usable.ravel())
-    values = np.concatenate([one[usable] for one in fields])
+    values = np.concatenate([field[usable] for field in fields])
     places = np.concatenate([views * k + view for k in range(len(fields))])
     return csr_array((values, (np.tile(ray, len(fields)), places)), shape=(usable.size, len(fields) * views))

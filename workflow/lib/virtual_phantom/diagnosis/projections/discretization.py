@@ -14,7 +14,7 @@ from ...physics.chain import Chain
 from ...physics.scenes.inclusion import Inclusion
 from ...physics.scenes.posed import PosedScene
 from ...physics.state import Inclusions
-from ..fitting.linearization import NOMINAL, LinearisationPoint
+from ..fitting.linearization import NOMINAL, LinearizationPoint
 from ..fitting.nuisance import pose_of
 
 # Change of predictions, as chi-square, from which errors are recomputed. In a scan of the blind validation (seed 1), a
@@ -39,8 +39,6 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
     ----------
     samples : int
         Rays per pixel and direction of the first chain.
-    **more
-        Keyword arguments of Chain.
     """
     voxels = hasattr(scene, "slopes")
     return (
@@ -71,7 +69,7 @@ class Numerical:
     def __init__(self, chain: Chain, finer: Chain | None, coarser: Chain | None, anode: Anode = TUNGSTEN):
         self._chain, self._finer, self._coarser, self._anode = chain, finer, coarser, anode
         self._kept, self._pieces = LRUCache(KEPT), {}
-        self.names = tuple(name for name, one in (("rays", finer), ("voxels", coarser)) if one is not None)
+        self.names = tuple(name for name, chain in (("rays", finer), ("voxels", coarser)) if chain is not None)
 
     def with_pieces(self, pieces: Mapping[str, Inclusion]) -> Numerical:
         """Return the errors for an object with more pieces, by parameter of the alignment."""
@@ -79,15 +77,15 @@ class Numerical:
         found._kept, found._pieces = LRUCache(KEPT), pieces
         return found
 
-    def at(self, linearisation: LinearisationPoint = NOMINAL) -> dict[str, np.ndarray]:
+    def at(self, linearization: LinearizationPoint = NOMINAL) -> dict[str, np.ndarray]:
         """Return each error, shape (views, rows, columns), by name."""
-        return self._made(linearisation)[0]
+        return self._made(linearization)[0]
 
-    def left(self, linearisation: LinearisationPoint = NOMINAL) -> tuple[np.ndarray, ...]:
+    def left(self, linearization: LinearizationPoint = NOMINAL) -> tuple[np.ndarray, ...]:
         """Return the SD of each error after its fit, shape (views, rows, columns), in the order of `names`."""
-        return tuple(LEFT[name] * error for name, error in self.at(linearisation).items())
+        return tuple(LEFT[name] * error for name, error in self.at(linearization).items())
 
-    def strayed(self, linearisation: LinearisationPoint, lines: np.ndarray, weights: np.ndarray) -> bool:
+    def strayed(self, linearization: LinearizationPoint, lines: np.ndarray, weights: np.ndarray) -> bool:
         """Return whether line integrals differ too much from those of a linearization point.
 
         Parameters
@@ -95,17 +93,17 @@ class Numerical:
         lines, weights : ndarray, shape (views, rows, columns)
             Line integrals, and their inverse variances.
         """
-        return float((weights * (lines - self._made(linearisation)[1]) ** 2).sum()) > MOST_STRAY
+        return float((weights * (lines - self._made(linearization)[1]) ** 2).sum()) > MOST_STRAY
 
-    def _made(self, linearisation: LinearisationPoint) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    def _made(self, linearization: LinearizationPoint) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Return the errors and the line integrals themselves."""
-        return self._kept.get(linearisation.key, lambda: self._make(linearisation))
+        return self._kept.get(linearization.key, lambda: self._make(linearization))
 
-    def _make(self, linearisation: LinearisationPoint) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    def _make(self, linearization: LinearizationPoint) -> tuple[dict[str, np.ndarray], np.ndarray]:
         def lines(chain: Chain) -> np.ndarray:
-            added = added_of(self._pieces, linearisation.nuisance)
-            pose = pose_of(linearisation.nuisance)
-            return chain.state(linearisation.physics, pose, anode=self._anode, added=added).line_integrals()
+            added = added_of(self._pieces, linearization.nuisance)
+            pose = pose_of(linearization.nuisance)
+            return chain.state(linearization.physics, pose, anode=self._anode, added=added).line_integrals()
 
         errors = {}
         if self._finer is None and self._coarser is None:

@@ -113,7 +113,7 @@ def reach_of(lines: np.ndarray, geometry: ScanGeometry) -> float:
 
 
 @dataclass(frozen=True)
-class Left:
+class FitResidual:
     """Residual of a fit, in which pieces are searched.
 
     Attributes
@@ -139,9 +139,9 @@ class Left:
     seen_from: ScanGeometry | None = None
     motion_mm: np.ndarray | None = None
 
-    def lengths_mm(self, one: Piece) -> np.ndarray:
+    def lengths_mm(self, piece: Piece) -> np.ndarray:
         """Return path lengths in a piece, shape (views, rows, columns)."""
-        return one.lengths_mm(self.seen_from or self.geometry, self.pose, self.samples, self.motion_mm)
+        return piece.lengths_mm(self.seen_from or self.geometry, self.pose, self.samples, self.motion_mm)
 
     @property
     def least_mm(self) -> float:
@@ -149,7 +149,7 @@ class Left:
         return FEWEST_VOXELS * 2 * self.reach_mm / ACROSS
 
     @property
-    def fewer(self) -> Left:
+    def fewer(self) -> FitResidual:
         """A subset of the views, as hundreds of trials on a large scan would take minutes."""
         # If every second view is held out, these have no weight.
         views = np.flatnonzero(self.weight.any(axis=(1, 2)))
@@ -165,26 +165,26 @@ class Left:
         )
 
 
-def found(left: Left) -> Piece | None:
+def found(left: FitResidual) -> Piece | None:
     """Return the ball or rod whose projections explain most of a residual.
 
     None for geometries without back-projection, and if nothing is explained.
     """
     some = replace(left, samples=1).fewer  # several rays per pixel matter for the last millimeter only
-    begun = [_moved(start, some, start.radius_mm / 2, 0.3) for start in _looked_for(left)]
+    begun = [_optimized(start, some, start.radius_mm / 2, 0.3) for start in _coarse_search(left)]
     if not begun:
         return None
-    return refined(max(begun, key=lambda one: _explained(one, left)[0]), left)
+    return refined(max(begun, key=lambda piece: _explained(piece, left)[0]), left)
 
 
-def refined(start: Piece, left: Left) -> Piece | None:
+def refined(start: Piece, left: FitResidual) -> Piece | None:
     """Return the piece near a given one that explains most of a residual; None if nothing is explained."""
-    one = _moved(start, left.fewer, NEAR * start.radius_mm, NEAR)
-    explained, more = _explained(one, left)
-    return replace(one, more_per_mm=more) if explained > 0 else None
+    piece = _optimized(start, left.fewer, NEAR * start.radius_mm, NEAR)
+    explained, more = _explained(piece, left)
+    return replace(piece, more_per_mm=more) if explained > 0 else None
 
 
-def _moved(start: Piece, left: Left, by_mm: float, widened: float) -> Piece:
+def _optimized(start: Piece, left: FitResidual, by_mm: float, widened: float) -> Piece:
     """Optimize a piece by a simplex with these first steps of its place and of the logarithm of its radius."""
     free = [0, 1] if start.rod else [0, 1, 2]
 
@@ -206,18 +206,18 @@ def _moved(start: Piece, left: Left, by_mm: float, widened: float) -> Piece:
     return piece(result.x)
 
 
-def _explained(one: Piece, left: Left) -> tuple[float, float]:
+def _explained(piece: Piece, left: FitResidual) -> tuple[float, float]:
     """Return the chi-square that a piece explains, and its best attenuation, 1/mm."""
-    lengths = left.lengths_mm(one)
+    lengths = left.lengths_mm(piece)
     along, square = float((left.weight * left.residual * lengths).sum()), float((left.weight * lengths**2).sum())
     return (along**2 / square, along / square) if square > 0 else (0.0, 0.0)
 
 
-def _looked_for(left: Left) -> list[Piece]:
+def _coarse_search(left: FitResidual) -> list[Piece]:
     """Return the best ball and the best rod on a coarse grid, by back-projection; empty if that is impossible.
 
     Projections of a ball are sums of projections of its voxels. Its matched filter is therefore the sum of the
-    back-projected residual over the ball, and the squared norm of its projections approximately the sum of the
+    back-projected residual over the ball. The squared norm of its projections is approximately the sum of the
     back-projected weights times its width.
     """
     geometry, reach_mm = left.geometry, left.reach_mm
@@ -240,12 +240,12 @@ def _looked_for(left: Left) -> list[Piece]:
         square = half[:, None, None] ** 2 + half[:, None] ** 2 + half**2
         ball = (square <= radius**2).astype(float)
         disc = (half[:, None] ** 2 + half**2 <= radius**2).astype(float)
-        along, weighed = (signal.fftconvolve(one, ball, mode="same") for one in back)
-        flat, flat_weighed = (signal.fftconvolve(one.sum(axis=0), disc, mode="same") for one in back)
+        along, weighed = (signal.fftconvolve(volume, ball, mode="same") for volume in back)
+        flat, flat_weighed = (signal.fftconvolve(volume.sum(axis=0), disc, mode="same") for volume in back)
         width = radius * spacing
-        for rod, one, of, shape in ((False, along, weighed, OF_BALL), (True, flat, flat_weighed, OF_ROD)):
-            seen = of > 1e-3 * of.max()
-            gain = np.where(seen, one**2 / np.where(seen, shape * width * of, 1.0), 0.0)
+        for rod, product, norm, shape in ((False, along, weighed, OF_BALL), (True, flat, flat_weighed, OF_ROD)):
+            seen = norm > 1e-3 * norm.max()
+            gain = np.where(seen, product**2 / np.where(seen, shape * width * norm, 1.0), 0.0)
             at = np.unravel_index(int(np.argmax(gain)), gain.shape)
             if gain[at] > found.get(rod, (0.0,))[0]:
                 row, column = at[-2:]

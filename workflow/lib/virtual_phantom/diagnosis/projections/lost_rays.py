@@ -44,7 +44,7 @@ def check_scans(taken: Scans, source: str) -> None:
 
 
 def lost_rays_remark(usable: np.ndarray) -> list[str]:
-    """Return a remark for the report on rays that are left out, as a list; empty if these are few.
+    """Return a remark for the report on ignored rays, as a list; empty if these are few.
 
     Parameters
     ----------
@@ -53,9 +53,7 @@ def lost_rays_remark(usable: np.ndarray) -> list[str]:
     lost = 1 - usable.mean()
     if lost <= MENTIONED_LOST:
         return []
-    return [
-        f"{100 * lost:.2g} % of the rays have no signal, or saturate the detector, in some repeat; they are left out."
-    ]
+    return [f"{100 * lost:.2g} % of the rays have no signal or saturate the detector in some repeat; they are ignored."]
 
 
 @dataclass(frozen=True)

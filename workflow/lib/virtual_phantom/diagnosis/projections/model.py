@@ -13,7 +13,7 @@ from ...physics.chain import Chain
 from ...physics.noise.correlation import correlations
 from ...physics.scenes.inclusion import Inclusion
 from ...physics.state import State
-from ..fitting.linearization import BASE, Linearisation, LinearisationPoint, before_images
+from ..fitting.linearization import BASE, Linearization, LinearizationPoint, before_images
 from ..fitting.model import DENSITY_SD, Model
 from ..fitting.nuisance import Nuisance, pose_of
 from ..fitting.priors import Statement
@@ -84,15 +84,15 @@ class ScansModel(Model):
         """See Model.distortions."""
         return () if self.numerical is None else self.numerical.names
 
-    def distortion(self, nuisance: Mapping[str, float], linearisation: Linearisation = BASE) -> np.ndarray | float:
+    def distortion(self, nuisance: Mapping[str, float], linearization: Linearization = BASE) -> np.ndarray | float:
         """See Model.distortion."""
         if self.numerical is None:
             return 0.0
-        return sum(nuisance[name] * change for name, change in self.errors_of_steps(linearisation).items())
+        return sum(nuisance[name] * change for name, change in self.errors_of_steps(linearization).items())
 
-    def errors_of_steps(self, linearisation: Linearisation = BASE) -> dict[str, np.ndarray]:
+    def errors_of_steps(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
         """See Model.errors_of_steps."""
-        return {} if self.numerical is None else self.numerical.at(linearisation.errors)
+        return {} if self.numerical is None else self.numerical.at(linearization.errors)
 
     @property
     def turned_rad(self) -> np.ndarray:
@@ -102,7 +102,7 @@ class ScansModel(Model):
 
     def strayed(
         self,
-        errors: LinearisationPoint,
+        errors: LinearizationPoint,
         nuisance: Mapping[str, float],
         prediction: ScansPrediction,
         weights: np.ndarray,
@@ -116,17 +116,17 @@ class ScansModel(Model):
         physics: Mapping[str, Mapping[str, float]],
         nuisance: Mapping[str, float],
         data: ObservedScans,
-        linearisation: Linearisation = BASE,
+        linearization: Linearization = BASE,
     ) -> ScansPrediction:
         """See Model.predict."""
         photons = float(np.exp(nuisance["log_photons"]))
-        chain = self.near(linearisation.rays, linearisation.reach)
+        chain = self.near(linearization.rays, linearization.reach)
         physics, pose = before_images(physics), pose_of(nuisance)
         state = chain.state(physics, pose, photons=photons, anode=self.anode, added=added_of(self.pieces, nuisance))
         # Minus the mean logarithm of noisy counts lies above minus the logarithm of their mean.
         above, variance = state.log_noise()
         lines = state.line_integrals()
-        mean = nuisance["scale"] * lines + nuisance["offset"] + self.distortion(nuisance, linearisation) + above
+        mean = nuisance["scale"] * lines + nuisance["offset"] + self.distortion(nuisance, linearization) + above
         ratio = np.where(data.usable, variance / data.reference, 0)
         correlation = data.correlation  # None for a single repeat
         if correlation is not None and np.isfinite(correlation).any():

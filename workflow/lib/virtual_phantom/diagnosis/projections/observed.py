@@ -23,7 +23,7 @@ from ..noise.condensed import Blocks, Observed
 from ..noise.whitening import WHITE, Correlations, Whitening
 
 PARTS = (12, 4, 8)  # blocks along views, rows and columns
-LEAST_TRANSMISSION = 1e-5  # rays with less are left out
+LEAST_TRANSMISSION = 1e-5  # rays with less are not used
 VIEW_PARTS = (12, 1, 1)  # blocks whose relative noise a single repeat determines
 NOISE_OF_VIEWS = 0.03  # relative error of the model's noise from view to view, for a single repeat
 MEDIAN_SQUARE = 0.45494  # median of chi-square with one degree of freedom
@@ -145,7 +145,7 @@ def observe(
     if n > 1:
         weight = taken.usable / reference
         rays = blocks.sum(taken.usable)
-        deviations = [(one - mean) * np.sqrt(weight) for one in taken.repeats]
+        deviations = [(repeat - mean) * np.sqrt(weight) for repeat in taken.repeats]
         square = sum(deviation**2 for deviation in deviations)
         together, within = _fewer(correlations, blocks)
         half = rays * (n - 1) / 2 / within
@@ -157,21 +157,20 @@ def observe(
             variance_error = np.sqrt(special.polygamma(1, half) / alone)
         variance[rays == 0] = np.nan
         correlation, correlation_error = np.full(3, np.nan), np.full(3, np.nan)
-        for place, axis in enumerate((2, 1, 0)):
+        for index, axis in enumerate((2, 1, 0)):
             length = taken.usable.shape[axis]
             if length < 2:
                 continue
-            low, high = (np.take(taken.usable, range(a, length - 1 + a), axis) for a in (0, 1))
-            pairs = int((low & high).sum())
+            pairs = int(neighbors(taken.usable, axis).sum())
             if not pairs:
                 continue
             products = sum(
                 float((np.take(d, range(length - 1), axis) * np.take(d, range(1, length), axis)).sum())
                 for d in deviations
             )
-            correlation[place] = products / (pairs * square[taken.usable].mean())
-            fewer = correlations.variance_of_neighbours(axis, taken.usable.shape)
-            correlation_error[place] = np.sqrt(fewer / (pairs * (n - 1)))
+            correlation[index] = products / (pairs * square[taken.usable].mean())
+            fewer = correlations.variance_of_neighbors(axis, taken.usable.shape)
+            correlation_error[index] = np.sqrt(fewer / (pairs * (n - 1)))
     return ObservedScans(
         mean=mean,
         n=n,
@@ -186,6 +185,12 @@ def observe(
         alone=alone,
         whitening=whitening,
     )
+
+
+def neighbors(usable: np.ndarray, axis: int) -> np.ndarray:
+    """Return the pairs of usable neighbors along an axis, one position shorter than the rays."""
+    first, second = (np.take(usable, range(start, usable.shape[axis] - 1 + start), axis) for start in (0, 1))
+    return first & second
 
 
 def with_noise_of_views(data: ObservedScans, squares: np.ndarray, together: float) -> ObservedScans:
@@ -268,8 +273,8 @@ def _fewer(correlations: Correlations, blocks: Blocks) -> tuple[float, np.ndarra
 def white_shape(white: np.ndarray) -> np.ndarray:
     """Return coefficients of the logarithm of a white field in Legendre polynomials of columns, then of rows.
 
-    The constant and pixels without signal are left out, and the outermost columns and rows, whose crosstalk depends on
-    the design of the detector. Axes with three or fewer pixels have only a slope.
+    The constant and pixels without signal are omitted. So are the outermost columns and rows, as their crosstalk
+    depends on the design of the detector. Axes with three or fewer pixels have only a slope.
 
     Parameters
     ----------

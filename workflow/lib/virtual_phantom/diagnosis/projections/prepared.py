@@ -15,7 +15,7 @@ from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
 from ...physics.scenes.sampling import sources
 from ..fitting.fit import Fit, Fitter
-from ..fitting.linearization import LinearisationPoint, before_images
+from ..fitting.linearization import LinearizationPoint, before_images
 from ..fitting.nuisance import NOMINAL_PHOTONS_SD, PIECE, Nuisance, nuisances, pose_of
 from ..fitting.priors import Statement, stated_physics
 from ..noise.condensed import FEWEST, Blocks
@@ -26,7 +26,7 @@ from ..uncertainty.prediction_error import left_by_numbers
 from ..workload import rays_of
 from .change_kinds import kinds
 from .discretization import Numerical
-from .local_mismatch import Left, Piece, found, reach_of, refined
+from .local_mismatch import FitResidual, Piece, found, reach_of, refined
 from .lost_rays import lost_rays_remark, truncation_of
 from .model import ScansModel
 from .observed import PARTS, ObservedScans, Scans, mean_squares, observe, with_noise_of_views
@@ -36,8 +36,8 @@ HALVES = 4  # repeats from which every second one is held out; with fewer, every
 MOST_PHOTONS = 1e12  # per pixel; more means data without noise
 SIZE_SD = 5e-4  # of the object, 0.1 mm in 200 mm; without it, errors of 1 in 20 000 appear as distances or offsets
 BY_VIEW = "every second view"
-MOST_MOVES = 6  # of a piece of the object, each with a fit of the alignment
-SETTLED = 1.0  # gain in chi-square below which a piece is no longer moved
+MOST_MOVES = 6  # refinements of a local object mismatch, each with a fit of the alignment
+SETTLED = 1.0  # gain in chi-square that ends the refinement
 # Least number of rows to estimate the noise of a single repeat from differences of rows, too. Few objects change from
 # row to row as they do from view to view, so that misplaced objects contribute nothing.
 LEAST_ROWS = 4
@@ -47,7 +47,7 @@ SECOND_DIFFERENCES_SHARE = 1 + 2 * ((2 / 3) ** 2 + (1 / 6) ** 2)
 # Rays, with all rays of a pixel counted. In a larger scan, noise is estimated from the fitted views and the views next
 # to them only. 20 million rays take 2 GB.
 MOST_LOOKED_AT = 2e7
-LOOK = ResidualMaps(
+DISPLAY = ResidualMaps(
     unit="line_integral",
     summed=1,
     down="view",
@@ -57,8 +57,8 @@ LOOK = ResidualMaps(
         ("views", "view", 0),
         ("path length", "rays by line integral (tenths)", 1),
     ),
-    one_repeat="was taken from second differences of neighbouring views, and of rows where there are four or more: of "
-    "these, the course of its variance from view to view was tested, else nothing",
+    one_repeat="was estimated from second differences of neighboring views, and of rows if there are four or more. "
+    "With rows, its variance from view to view was tested; otherwise it was not tested",
     ranked=True,
 )
 
@@ -67,7 +67,7 @@ LOOK = ResidualMaps(
 class PieceOfScan(PieceOfObject):
     """A piece of the object, with its shape."""
 
-    one: Piece
+    piece: Piece
 
 
 @dataclass(frozen=True)
@@ -80,14 +80,14 @@ class PreparedScans(Prepared):
         Variance of second differences over that of a view, for the noise estimate of a single repeat.
     """
 
-    look: ClassVar[ResidualMaps] = LOOK
+    display: ClassVar[ResidualMaps] = DISPLAY
 
     second_difference: float = WHITE.of_second_differences()
 
     @property
     def usable(self) -> np.ndarray:
         """Fitted or held-out rays with a signal, shape (views, rows, columns)."""
-        if self.held == BY_VIEW:  # each half leaves out the other's views
+        if self.held_out_text == BY_VIEW:  # each half leaves out the other's views
             return self.data.usable | self.held_out.usable
         return super().usable
 
@@ -106,20 +106,20 @@ class PreparedScans(Prepared):
         """See Prepared.kinds."""
         model = self.fitter.model
         lines = self.fitter.predicted(fit).mean
-        return kinds(lines, model.turned_rad, self.usable, self.held != BY_VIEW)
+        return kinds(lines, model.turned_rad, self.usable, self.held_out_text != BY_VIEW)
 
     def piece(self, fit: Fit) -> PieceOfScan | None:
         """See Prepared.piece."""
         left = self._left(fit)
-        one = found(left)
-        return None if one is None else self._of_object(one, left)
+        piece = found(left)
+        return None if piece is None else self._of_object(piece, left)
 
     def with_piece(self, piece: PieceOfScan, fit: Fit) -> PreparedScans:
         """See Prepared.with_piece."""
-        name, one = f"{PIECE}{len(self.fitter.model.pieces) + 1}", piece.one
+        name, moved = f"{PIECE}{len(self.fitter.model.pieces) + 1}", piece.piece
         best, least = self, np.inf
         for _ in range(MOST_MOVES):
-            mended = self._with(name, one)
+            mended = self._with(name, moved)
             if name not in fit.nuisance:  # the alignment was biased by the mismatch
                 expected = {number.name: number.expected for number in mended.fitter.model.alignment(fit.effects)}
                 fit = replace(fit, nuisance=expected)
@@ -130,8 +130,8 @@ class PreparedScans(Prepared):
             if gained < SETTLED:
                 break
             left = mended._left(fit)
-            own = fit.nuisance[name] * left.lengths_mm(one)
-            one = refined(one, replace(left, residual=left.residual + own)) or one
+            fitted = fit.nuisance[name] * left.lengths_mm(moved)
+            moved = refined(moved, replace(left, residual=left.residual + fitted)) or moved
         return best
 
     def pieces(self, fit: Fit) -> list[PieceOfScan]:
@@ -142,18 +142,18 @@ class PreparedScans(Prepared):
             for name, inclusion in self.fitter.model.pieces.items()
         ]
 
-    def _with(self, name: str, one: Piece) -> PreparedScans:
+    def _with(self, name: str, piece: Piece) -> PreparedScans:
         """Return the recording with a piece whose attenuation is this parameter of the alignment."""
-        model = self.fitter.model.with_piece(Nuisance(name, "1/mm", 0.0, np.inf), one)
+        model = self.fitter.model.with_piece(Nuisance(name, "1/mm", 0.0, np.inf), piece)
         return replace(self, fitter=self.fitter.of(model))
 
-    def _left(self, fit: Fit) -> Left:
+    def _left(self, fit: Fit) -> FitResidual:
         """Return the residuals of the fitted data with their geometry."""
         chain, shape = self.fitter.model.chain, self.data.mean.shape
         half, predicted = self.half(fit, held_out=False), self.fitter.predicted(fit)
-        residual, weight = (one[0].reshape(shape) for one in (half.residuals, half.weights))
+        residual, weight = (values[0].reshape(shape) for values in (half.residuals, half.weights))
         places = [geometry for geometry, _ in sources(predicted.state)]
-        return Left(
+        return FitResidual(
             self.data.as_recorded(residual),
             weight,
             chain.geometry,
@@ -164,10 +164,10 @@ class PreparedScans(Prepared):
             predicted.state.motion_mm,
         )
 
-    def _of_object(self, one: Piece, left: Left) -> PieceOfScan:
+    def _of_object(self, piece: Piece, left: FitResidual) -> PieceOfScan:
         energy_kev = self.fitter.model.chain.scene.energy_kev
-        lengths = left.lengths_mm(one).reshape(-1, 1)
-        return PieceOfScan(one.words(energy_kev), one.content(energy_kev), lengths, one)
+        lengths = left.lengths_mm(piece).reshape(-1, 1)
+        return PieceOfScan(piece.words(energy_kev), piece.content(energy_kev), lengths, piece)
 
     def recorded(self) -> np.ndarray:
         """See Prepared.recorded."""
@@ -196,9 +196,12 @@ class PreparedScans(Prepared):
         clean = model.chain.state(stated, place, photons=1.0, anode=model.anode).line_integrals()
         data, held_out = (
             _whitened(
-                replace(one, whitening=None), correlations, clean, [one.as_recorded(error) for error in one.numerical]
+                replace(half, whitening=None),
+                correlations,
+                clean,
+                [half.as_recorded(error) for error in half.numerical],
             )
-            for one in (data, self.held_out)
+            for half in (data, self.held_out)
         )
         now = of_state(state, apart=1).of_second_differences(_of_rows(self.data.usable))
         variance = self.variance * self.second_difference / now
@@ -242,7 +245,7 @@ def prepare(
     floor_chain: Chain | None = None,
     coarse_chain: Chain | None = None,
     step: int = 1,
-    lacking: str | None = None,
+    time_remark: str | None = None,
     voxels: str | None = None,
     declared: Mapping[str, Mapping[str, Statement]] | None = None,
     location: Mapping[str, float] | None = None,
@@ -266,7 +269,7 @@ def prepare(
     step : int, optional
         Every such view is fitted or held out. Noise is estimated from all views, in large scans from these views and
         their neighbors.
-    lacking, voxels : str, optional
+    time_remark, voxels : str, optional
         See Prepared.
     declared : mapping of str to mapping of str to Statement, optional
         See Model.
@@ -308,13 +311,15 @@ def prepare(
             squares = None if squares is None else squares[::step]
         further = None if further is None else further.every(step)
         chain = every(chain, step)
-        floor_chain, coarse_chain = (None if one is None else every(one, step) for one in (floor_chain, coarse_chain))
+        floor_chain, coarse_chain = (
+            None if chain is None else every(chain, step) for chain in (floor_chain, coarse_chain)
+        )
     reference = unit / photons
     blocks = Blocks.of(taken.usable.shape, PARTS)
     whole = observe(taken, reference, blocks)
     variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
     numerical = Numerical(chain, floor_chain, coarse_chain, anode)
-    left = numerical.left(LinearisationPoint({}, location or {}))
+    left = numerical.left(LinearizationPoint({}, location or {}))
     fitted, held, words = split(taken, further)
     if single:
         correlations = of_state(chain.state(stated, place, photons=photons, anode=anode))
@@ -330,11 +335,11 @@ def prepare(
         if of_rows:
             rows = taken.usable.shape[1]
             shared = SECOND_DIFFERENCES_SHARE * (1 if large else SECOND_DIFFERENCES_SHARE) * rows / (rows - 2)
-            data, held_out = (with_noise_of_views(one, squares / reference, shared) for one in (data, held_out))
+            data, held_out = (with_noise_of_views(half, squares / reference, shared) for half in (data, held_out))
     else:
         weighed, freedom = _of_one_repeat(apart, reference, clean, correlations, blocks)
         scatter = 2 / np.maximum(freedom, 1)
-        data, held_out = (replace(one, weighed=scatter) for one in (data, held_out))
+        data, held_out = (replace(half, weighed=scatter) for half in (data, held_out))
         if data.whitening is not None:
             weighed = weighed * data.whitening.amplification
     aligned = nuisances(
@@ -356,7 +361,7 @@ def prepare(
         single,
         photons,
         step=step,
-        lacking=lacking,
+        time_remark=time_remark,
         voxels=voxels,
         second_difference=between,
     )
@@ -375,7 +380,7 @@ def _around(
     Parameters
     ----------
     chain : Chain
-        Of all views.
+        Chain of all views.
     stated : mapping of str to mapping of str to float
         Physics of the baseline.
     place : Pose
@@ -408,7 +413,7 @@ def _noise(
     clean : ndarray, shape (views, rows, columns)
         Line integrals of the baseline.
     residuals : tuple of 3 ndarray, shape (views, rows, columns), optional
-        Of a single repeat, from `_around`; None: the views are consecutive.
+        Result of `_around` for a single repeat; None: the views are consecutive.
 
     Returns
     -------
@@ -447,13 +452,13 @@ def _second_differences(array: np.ndarray, axis: int) -> np.ndarray:
 
 def _floor(data: ObservedScans) -> np.ndarray:
     """Return the SD of the whitened numerical error of predictions, shape (views, rows, columns)."""
-    return np.sqrt(sum((one**2 for one in data.numerical), np.zeros(data.mean.shape)))
+    return np.sqrt(sum((error**2 for error in data.numerical), np.zeros(data.mean.shape)))
 
 
 def _correlations(taken: Scans, clean: np.ndarray, variance: np.ndarray) -> Correlations:
     """Estimate the noise correlation from differences of repeats."""
     mean, sd = taken.repeats.mean(axis=0, dtype=np.float64), np.sqrt(variance)
-    return estimated([(one - mean) / sd for one in taken.repeats], clean, taken.usable, len(taken) - 1)
+    return estimated([(repeat - mean) / sd for repeat in taken.repeats], clean, taken.usable, len(taken) - 1)
 
 
 def _whitened(data: ObservedScans, correlations: Correlations, clean: np.ndarray, numerical) -> ObservedScans:
@@ -461,7 +466,7 @@ def _whitened(data: ObservedScans, correlations: Correlations, clean: np.ndarray
     if correlations.white:
         return replace(data, numerical=tuple(numerical))
     data = replace(data, whitening=Whitening(correlations, clean, data.usable))
-    return replace(data, numerical=tuple(data.whitened(np.where(data.usable, one, 0)) for one in numerical))
+    return replace(data, numerical=tuple(data.whitened(np.where(data.usable, error, 0)) for error in numerical))
 
 
 def _weighed(variance: np.ndarray, data: ObservedScans, clean: np.ndarray) -> np.ndarray:
@@ -506,8 +511,8 @@ def _of_one_repeat(
         if white is not None:
             shape, counted = white.variance(clean) * reference / np.exp(clean), white.counted
         mean = part.repeats.mean(axis=0, dtype=np.float64)
-        for one in part.repeats:
-            deviation = np.where(part.usable, one - mean, 0)
+        for repeat in part.repeats:
+            deviation = np.where(part.usable, repeat - mean, 0)
             deviation = deviation if white is None else white(deviation)
             square += blocks.sum(np.where(counted, deviation**2 / shape, 0))
         freedom += blocks.sum(counted) * (len(part) - 1)

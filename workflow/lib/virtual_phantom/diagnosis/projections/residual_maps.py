@@ -9,7 +9,7 @@ from scipy import stats
 
 from ..residuals.residual_tests import (
     EDGE_SHARE,
-    Alike,
+    ExtraVariance,
     Half,
     HalfProducts,
     Location,
@@ -17,7 +17,8 @@ from ..residuals.residual_tests import (
     by_value,
     corrected,
     extreme,
-    noise_places,
+    noise_locations,
+    standardized,
     steep,
     steepest,
 )
@@ -39,7 +40,7 @@ def locate(
 ) -> list[Location]:
     """Return the worst location of every domain of residuals.
 
-    A domain has the p-value of its worst place or of the sum of squares over all places, the smaller one, times two.
+    The p-value of a domain is twice the smaller one of its worst location and of the sum of squares over all locations.
 
     Parameters
     ----------
@@ -54,12 +55,12 @@ def locate(
     uncertain : sequence of ndarray, shape (directions, data), optional
         Errors of the fitted parameters, by part (left_by_numbers).
     step : int, optional
-        Step between the recording's views that were taken. Places have the numbers of the recording.
+        Step between the used views. Texts have the numbers of the recording.
 
     Returns
     -------
     list of Location
-        The worst first, p corrected over places (Bonferroni) and domains (Holm).
+        The worst first, with p corrected over locations (Bonferroni) and domains (Holm).
     """
     shape = data.mean.shape
     residual, weight = residuals[0].reshape(shape), weights[0].reshape(shape)
@@ -70,52 +71,48 @@ def locate(
     extra = pixels**2 * left
     of_views = (weight**2 * left).sum((1, 2))
     numbers = () if uncertain is None else uncertain[0].reshape(-1, *shape)
-    alike = Alike(weight, [*data.numerical, *numbers], data.scatter)
-    of = f" of {shape[0]}" if step == 1 else f", one in {step} being compared"
+    variance = ExtraVariance(weight, [*data.numerical, *numbers], data.scatter)
+    of = f" of {shape[0]}" if step == 1 else f", 1 of {step} views compared"
+
+    def marginal(axes, extra) -> np.ndarray:
+        extra = extra + variance(lambda values: values.sum(axis=axes))
+        return standardized((residual * weight).sum(axis=axes), weight.sum(axis=axes), extra)
+
     found = [
-        extreme(
-            "columns", _marginal(residual, weight, (0, 1), extra.sum(0), alike), lambda i: f"column {i} of {shape[2]}"
-        ),
-        extreme("rows", _marginal(residual, weight, (0, 2), extra.sum(1), alike), lambda i: f"row {i} of {shape[1]}"),
-        extreme("views", _marginal(residual, weight, (1, 2), of_views, alike), lambda i: f"view {step * i}{of}"),
-        blocks("projections", _block_z(residual, weight, data, left, alike), data, AXES, data.weighed, step),
-        _path_lengths(residual, weight, predicted, alike),
+        extreme("columns", marginal((0, 1), extra.sum(0)), lambda i: f"column {i} of {shape[2]}"),
+        extreme("rows", marginal((0, 2), extra.sum(1)), lambda i: f"row {i} of {shape[1]}"),
+        extreme("views", marginal((1, 2), of_views), lambda i: f"view {step * i}{of}"),
+        blocks("projections", _block_z(residual, weight, data, left, variance), data, AXES, data.weighed, step),
+        _path_lengths(residual, weight, predicted, variance),
         _edges(residual, weight, predicted, numbers, data),
-        _pixels(_marginal(residual, weight, 0, extra, alike), pixels),
+        _pixels(marginal(0, extra), pixels),
     ]
     if fitted is not None:
         common = Half(residuals, weights, data).in_common(fitted)
         if common.there.any():  # halves of the views share no ray
             found.append(_both_halves(common, steep(weight, _slope(predicted)).ravel()))
-    pairs = [f"neighbouring {name}" for name in AXES[::-1]]
-    found += noise_places(residuals, weights, data, pairs, AXES, fitted, uncertain, step)
+    pairs = [f"neighboring {name}" for name in AXES[::-1]]
+    found += noise_locations(residuals, weights, data, pairs, AXES, fitted, uncertain, step)
     if data.white is not None:
         z = residuals[-1] * np.sqrt(weights[-1])
         found.append(extreme("white field", z, lambda i: f"shape {i + 1} (orders along columns, then rows)"))
     return corrected([*found, *more])
 
 
-def _marginal(residual, weight, axes, extra, alike: Alike) -> np.ndarray:
-    total = weight.sum(axis=axes)
-    extra = extra + alike(lambda one: one.sum(axis=axes))
-    return (residual * weight).sum(axis=axes) / np.sqrt(np.where(total > 0, total + extra, np.inf))
-
-
-def _block_z(residual, weight, data, left, alike) -> np.ndarray:
-    total = data.blocks.sum(weight)
+def _block_z(residual, weight, data, left, variance: ExtraVariance) -> np.ndarray:
     views, parts = weight.shape[0], data.blocks.shape[0]
     starts = [-(-views * i // parts) for i in range(parts)]  # as Blocks.of divides them
     pixels = np.add.reduceat(weight, starts, axis=0)
-    extra = np.zeros(data.blocks.count) + alike.of_block(data.blocks.sum)
+    extra = np.zeros(data.blocks.count) + variance.of_block(data.blocks.sum)
     for part, start in enumerate(starts):
         extra += np.bincount(data.blocks.index[start].ravel(), (pixels[part] ** 2 * left).ravel(), data.blocks.count)
-    return data.blocks.sum(residual * weight) / np.sqrt(np.where(total > 0, total + extra, np.inf))
+    return standardized(data.blocks.sum(residual * weight), data.blocks.sum(weight), extra)
 
 
-def _path_lengths(residual, weight, predicted, alike) -> Location:
+def _path_lengths(residual, weight, predicted, variance: ExtraVariance) -> Location:
     """Return the worst range of line integrals."""
     inside = (weight > 0) & (predicted > THIN * predicted.max())
-    return by_value("path length", "line integrals {:.2f} to {:.2f}", residual, weight, predicted, inside, alike)
+    return by_value("path length", "line integrals {:.2f} to {:.2f}", residual, weight, predicted, inside, variance)
 
 
 def _edges(residual, weight, predicted, numbers, data: ObservedScans) -> Location:
@@ -144,8 +141,8 @@ def _slope(predicted) -> np.ndarray:
 def _both_halves(common: HalfProducts, steep: np.ndarray) -> Location:
     """Return the correlation of fitted and held-out residuals, for all rays or for the steepest.
 
-    Unlike a sum of squares it does not depend on the noise level, and it detects differences that are spread too thinly
-    over all rays to be significant at any location.
+    Unlike a sum of squares it does not depend on the noise level. It also detects small differences in all rays that
+    are significant at no location.
 
     Parameters
     ----------

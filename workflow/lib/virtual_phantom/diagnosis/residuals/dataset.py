@@ -28,7 +28,7 @@ class ResidualMaps:
     down, across : str
         Names of the map's axes.
     profiles : tuple of tuple of (str, str, int)
-        Domain, name of its axis, and number of its first position.
+        Domain, label of the axis, and number of the first position.
     one_repeat : str
         Source of the noise where there is a single repeat.
     ranked : bool
@@ -51,11 +51,11 @@ class PieceOfObject:
     Attributes
     ----------
     words : str
-        Description, after "what is left".
+        Description, a verb phrase.
     content : mapping
         Entry in diagnosis.json.
     directions : ndarray, shape (mean data, 1)
-        Path lengths in it, mm.
+        Path lengths in the piece, mm.
     """
 
     words: str
@@ -70,7 +70,7 @@ class Change:
     Attributes
     ----------
     words : str
-        Description, after "what is left".
+        Description, a verb phrase.
     z : float
         Standardized held-out residual along the direction that the fitted data determine.
     p : float
@@ -79,7 +79,7 @@ class Change:
         Increase of the held-out log score by the change, its size shrunk for noise (W. James and C. Stein, Proc. 4th
         Berkeley Symp. 1, 361, 1961).
     piece : PieceOfObject or None
-        Where it is one of the object.
+        The local object mismatch, if the change is one.
     """
 
     words: str
@@ -95,42 +95,42 @@ class Prepared(ABC):
 
     Attributes
     ----------
-    look : ResidualMaps
+    display : ResidualMaps
         Display of the kind of recording.
     data, held_out : Observed
         Fitted and held-out data.
     variance : ndarray
         Variance of one repeat, along the data's three axes.
-    held : str
-        What is held out, in words.
+    held_out_text : str
+        Description of the held-out part.
     single : bool
-        Whether the noise had to be taken from a single repeat.
+        Whether the noise was estimated from a single repeat.
     photons : float
-        Per pixel in air, as estimated from the variances.
+        Photons per pixel in air, estimated from the variances.
     step : int
-        One view of so many was fitted or held out.
-    lacking : str or None
-        Missing times of the scan, in words.
+        Step between the views that are fitted or held out.
+    time_remark : str or None
+        Remark on times that the description of the scan lacks.
     voxels : str or None
-        What voxels of the object leave at its edges, and how to find out, in words; None: nothing.
+        Remark on residuals at edges by the voxels of the object, and how to test it; None: no such residuals.
     """
 
-    look: ClassVar[ResidualMaps]
+    display: ClassVar[ResidualMaps]
 
     fitter: Fitter
     data: Observed
     held_out: Observed
     variance: np.ndarray
-    held: str
+    held_out_text: str
     single: bool
     photons: float
     step: int = 1
-    lacking: str | None = None
+    time_remark: str | None = None
     voxels: str | None = None
 
     @property
     def usable(self) -> np.ndarray:
-        """Data that are fitted and held out, along three axes."""
+        """Data that count in both halves, along three axes."""
         return self.data.usable & self.held_out.usable
 
     def half(self, fit: Fit, held_out: bool) -> Half:
@@ -184,11 +184,11 @@ class Prepared(ABC):
 
     @abstractmethod
     def recorded(self) -> np.ndarray:
-        """Return the fitted data in the unit of `look`, one-dimensional."""
+        """Return the fitted data in the unit of `display`, one-dimensional."""
 
     @abstractmethod
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
-        """Return recorded minus modeled data in the unit of `look`, one-dimensional."""
+        """Return recorded minus modeled data in the unit of `display`, one-dimensional."""
 
     def share_at_edges(self, fit: Fit) -> float | None:
         """Return the share of chi-square beyond noise at the steepest data; None if nothing exceeds noise."""

@@ -13,11 +13,11 @@ from ..fitting.fit import Fit
 from ..fitting.nuisance import PLACE
 from ..noise.condensed import FEWEST, Blocks, Observed
 
-EDGES = "edges"  # a domain: where data change most from one to the next
-KINDS = "kinds of change"  # a domain without places: see core.outside
-ALPHA = 0.01  # family-wise, over all domains and all places in them
-EDGE_SHARE = 0.1  # of the rays or voxels: those where what is recorded changes most count as edges
-BINS = 10  # of rays or voxels in the order of a value: enough to show a curve, few enough to test each
+EDGES = "edges"  # domain of the steepest data
+KINDS = "kinds of change"  # domain without locations (verdict.unmodeled)
+ALPHA = 0.01  # family-wise level, over all domains and their locations
+EDGE_SHARE = 0.1  # share of the rays or voxels, with the steepest slopes, that count as edges
+BINS = 10  # of rays or voxels sorted by a value
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class HalfProducts:
     Attributes
     ----------
     there : ndarray of bool, shape (data,)
-        Whether it counts in both halves.
+        Data that count in both halves.
     products : ndarray, shape (data,)
         Their mean is the square of the common difference, in standard deviations.
     numerical : list of ndarray, shape (data,)
@@ -123,11 +123,16 @@ def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
     if not z:
         return []
     names, values = list(z), np.array(list(z.values()))
-    words = "{}, {:.1f} standard deviations off the known"
+    words = "{}, {:.1f} standard deviations from its prior"
     return [extreme("alignment", values, lambda i: words.format(names[i], abs(values[i])))]
 
 
-def noise_places(
+def standardized(sums, total, extra=0.0) -> np.ndarray:
+    """Return sums of weighted residuals over their SD, for total weights and extra variances; 0 without weight."""
+    return sums / np.sqrt(np.where(total > 0, total + extra, np.inf))
+
+
+def noise_locations(
     residuals,
     weights,
     data: Observed,
@@ -155,12 +160,12 @@ def noise_places(
     uncertain : sequence of ndarray, shape (directions, data), optional
         Changes by errors of the fit's numbers, by part (left_by_numbers); None: errors are those of the fitted data.
     step : int, optional
-        As `blocks` takes it.
+        See `blocks`.
     """
     if data.variance is None:
         return []
     if fitted is not None and fitted.data.variance is None:
-        fitted = None  # a single repeat, whose noise is known from elsewhere
+        fitted = None  # a single repeat
     level, total = residuals[1] @ weights[1], weights[1].sum()
     single = weights[1] / data.alone
     of_blocks = variance_z(residuals[1], single)
@@ -209,8 +214,8 @@ def corrected(found: list[Location]) -> list[Location]:
 
 
 @dataclass(frozen=True)
-class Alike:
-    """Sources of variance in sums of weighted rays beyond their weights.
+class ExtraVariance:
+    """Variance of sums of weighted rays beyond that of independent noise.
 
     Attributes
     ----------
@@ -226,11 +231,14 @@ class Alike:
     scatter: np.ndarray | float = 0.0
 
     def __call__(self, total) -> np.ndarray | float:
-        """Return the further variance of sums of many blocks; `total` sums weighted rays."""
+        """Return the extra variance of sums over many blocks; `total` sums weighted rays."""
         return total(self.weight * self.scatter) + self.of_block(total)
 
     def of_block(self, total) -> np.ndarray | float:
-        """Return that of rays with a common weight, whose error changes the distribution but not the variance."""
+        """Return the extra variance for rays of one block.
+
+        Their common weight has an error that changes the distribution, not the variance.
+        """
         return sum((total(self.weight * distortion) ** 2 for distortion in self.distortions), 0.0)
 
 
@@ -297,22 +305,24 @@ def blocks(
     weighed : ndarray, shape (blocks,), or float, optional
         Relative variance of the weights behind z.
     step : int, optional
-        One position of so many along the first axis was used; messages name its number in the recording.
+        Step between the used positions of the first axis. Texts have the numbers of the recording.
     division : Blocks, optional
         None: the data's blocks.
     """
     shape = (division or data.blocks).shape
     worst = int(np.argmax(np.abs(z)))
-    place = np.unravel_index(worst, shape)
+    position = np.unravel_index(worst, shape)
     ranges = [
         f"{name} {every * (n * i // parts)} to {every * (n * (i + 1) // parts - 1)}"
-        for name, n, i, parts, every in zip(axes, data.mean.shape, place, shape, (step, 1, 1), strict=True)
+        for name, n, i, parts, every in zip(axes, data.mean.shape, position, shape, (step, 1, 1), strict=True)
     ]
     likely = _likely(normal_scores(z, weighed))
     return Location(domain, ", ".join(ranges), float(z[worst]), likely, z.reshape(shape))
 
 
-def by_value(domain: str, words: str, residual, weight, values, inside, alike: Alike | None = None) -> Location:
+def by_value(
+    domain: str, words: str, residual, weight, values, inside, extra_variance: ExtraVariance | None = None
+) -> Location:
     """Return a domain of tenths of the data `inside`, in the order of a value; `words` takes a tenth's bounds."""
     edges = np.quantile(values[inside], np.linspace(0, 1, BINS + 1)) if inside.any() else np.zeros(BINS + 1)
     index = np.where(inside, np.clip(np.searchsorted(edges, values) - 1, 0, BINS - 1), BINS)
@@ -320,8 +330,8 @@ def by_value(domain: str, words: str, residual, weight, values, inside, alike: A
     def by_tenth(values):
         return np.bincount(index.ravel(), values.ravel(), BINS + 1)[:BINS]
 
-    total, extra = by_tenth(weight), 0.0 if alike is None else alike(by_tenth)
-    z = by_tenth(residual * weight) / np.sqrt(np.where(total > 0, total + extra, np.inf))
+    extra = 0.0 if extra_variance is None else extra_variance(by_tenth)
+    z = standardized(by_tenth(residual * weight), by_tenth(weight), extra)
     return extreme(domain, z, lambda i: words.format(edges[i], edges[i + 1]))
 
 

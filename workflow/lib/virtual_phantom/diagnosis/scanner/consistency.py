@@ -38,7 +38,7 @@ class Difference:
     against : tuple of str
         The others.
     chi_square : float
-        Of the difference, relative to noise and model errors.
+        Chi-square of the difference, with noise and model errors.
     numbers : int
         Number of parameters that both determine.
     p : float
@@ -87,7 +87,7 @@ class _Shared:
     score : ndarray, shape (shared,)
         Information times parameters, from the data alone, as priors count once for all recordings.
     information : ndarray, shape (shared, shared)
-        Of its data, and of the prior of its alignment.
+        Information of the data and of the priors of the alignment.
     pulls : dict of (str, int or str) to ndarray, shape (shared,)
         See ModelErrorInfluence.pulls.
     own : list of ndarray, shape (shared,)
@@ -111,25 +111,25 @@ def alone(
     Parameters
     ----------
     together : JointFitter
-        Of all recordings.
+        Fitter of all recordings.
     chosen : JointFit
-        Of those that are not judged.
+        Fit of the recordings that are not judged.
     scans : mapping of str to ModelErrorInfluence
-        Of all recordings, from pulled_of_recordings.
+        Result of pulled_of_recordings for all recordings.
     judged : collection of str, optional
-        Recordings that no other one is compared with.
+        Test recordings, which others are not compared with.
 
     Returns
     -------
     dict of str to Alone
-        By recording; empty where they share no number.
+        By recording.
     """
     shared = np.flatnonzero(np.bincount(np.concatenate([influence.places for influence in scans.values()])) > 1)
     if not len(shared):
         return {}
-    fits = {name: together.fitters[name].fit(one.fit.effects, one.fit) for name, one in scans.items()}
+    fits = {name: together.fitters[name].fit(influence.fit.effects, influence.fit) for name, influence in scans.items()}
     compared = _Compared(together, chosen, scans, fits, shared).sifted([name for name in scans if name not in judged])
-    errors = {name: errors_of_pulled({name: one.alone}, fits)[name] for name, one in scans.items()}
+    errors = {name: errors_of_pulled({name: influence.alone}, fits)[name] for name, influence in scans.items()}
     return {name: Alone(fit, errors[name], compared[name]) for name, fit in fits.items()}
 
 
@@ -145,8 +145,8 @@ class _Compared:
         shared: np.ndarray,
     ):
         self.together, self.fits = together, fits
-        self.given = replace(chosen, fits={name: one.fit for name, one in scans.items()})
-        self.known = {name: _shared(one, fits[name], shared) for name, one in scans.items()}
+        self.given = replace(chosen, fits={name: influence.fit for name, influence in scans.items()})
+        self.known = {name: _shared(influence, fits[name], shared) for name, influence in scans.items()}
         self._totals: dict[frozenset[str], float] = {}
 
     def sifted(self, rest: list[str]) -> dict[str, Difference]:
@@ -175,27 +175,29 @@ class _Compared:
         share : float
             Ratio of the chi-square with and without scaling by the excess.
         """
-        one, others = self.known[name], [other for other in rest if other != name]
+        this, others = self.known[name], [other for other in rest if other != name]
         known = [self.known[other] for other in others]
         information = sum(other.information for other in known)
-        inverse, inverses = (Known.of(each).covariance for each in (one.information, information))
-        none = np.zeros(len(one.score))
-        difference = inverse @ one.score - inverses @ sum(other.score for other in known)
-        weight, numbers = _both_know(one.information, information)
-        apart = weight @ difference
-        square = float(difference @ apart)
-        plain = _both_know(one.excess * one.information, sum(other.excess * other.information for other in known))[0]
+        inverse, inverses = (Known.of(each).covariance for each in (this.information, information))
+        none = np.zeros(len(this.score))
+        difference = inverse @ this.score - inverses @ sum(other.score for other in known)
+        weight, numbers = _difference_information(this.information, information)
+        weighted = weight @ difference
+        square = float(difference @ weighted)
+        plain = _difference_information(
+            this.excess * this.information, sum(other.excess * other.information for other in known)
+        )[0]
         whole = float(difference @ plain @ difference)
         share = square / whole if whole > 0 else 1.0
         shifts = [
-            inverse @ one.pulls.get(key, none) - inverses @ sum(other.pulls.get(key, none) for other in known)
-            for key in dict.fromkeys(key for each in (one, *known) for key in each.pulls)
+            inverse @ this.pulls.get(key, none) - inverses @ sum(other.pulls.get(key, none) for other in known)
+            for key in dict.fromkeys(key for recording in (this, *known) for key in recording.pulls)
         ]
-        shifts += [inverse @ pull for pull in one.own]
+        shifts += [inverse @ pull for pull in this.own]
         shifts += [inverses @ pull for other in known for pull in other.own]
         if shifts:
             columns = np.stack(shifts, axis=1)
-            seen = columns.T @ apart
+            seen = columns.T @ weighted
             square -= float(seen @ np.linalg.solve(np.eye(len(seen)) + columns.T @ weight @ columns, seen))
         return self._difference(others, square, numbers), share
 
@@ -219,24 +221,24 @@ class _Compared:
         return self._totals[key]
 
 
-def _both_know(one: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, int]:
+def _difference_information(first: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, int]:
     """Return the inverse covariance of a difference, A - A (A + B)^-1 A, and its rank.
 
     Parameters
     ----------
-    one, others : ndarray, shape (shared, shared)
+    first, others : ndarray, shape (shared, shared)
         A and B.
 
     Returns
     -------
     weight : ndarray, shape (shared, shared)
     """
-    root = Known.of(one).root
+    root = Known.of(first).root
     values, vectors = np.linalg.eigh(
-        np.eye(root.shape[1]) - root.T @ one @ Known.of(one + others).covariance @ one @ root
+        np.eye(root.shape[1]) - root.T @ first @ Known.of(first + others).covariance @ first @ root
     )
     seen = values > LEAST_KNOWN
-    directions = one @ root @ vectors[:, seen]
+    directions = first @ root @ vectors[:, seen]
     return (directions * values[seen]) @ directions.T, int(seen.sum())
 
 
@@ -258,10 +260,10 @@ def _shared(scan: ModelErrorInfluence, fit: Fit, shared: np.ndarray) -> _Shared:
     information[np.ix_(there, there)] = (whole[np.ix_(here, here)] - taken @ whole[np.ix_(own, here)]) / excess
     values = np.zeros(size)
     for index, place in zip(here, there, strict=True):
-        one = scan.problem.unknowns[index]
-        values[place] = one.of(fit.physics[one.effect][one.name])
+        unknown = scan.problem.unknowns[index]
+        values[place] = unknown.of(fit.physics[unknown.effect][unknown.name])
         # At the minimum, the gradient of the data balances that of the prior.
-        score[place] = scan.knowledge[index] * (values[place] - scan.problem.centre[index]) / excess
+        score[place] = scan.knowledge[index] * (values[place] - scan.problem.center[index]) / excess
     score += information @ values
     pulls = {key: marginal(pull) for key, pull in scan.pulls.items()}
     return _Shared(score, information, pulls, [marginal(pull) for pull in scan.own], excess)

@@ -16,7 +16,7 @@ from ..residuals.dataset import Prepared
 from ..residuals.residual_tests import ALPHA, aligned
 from ..selection.joint_selection import JointChoice
 from ..uncertainty.intervals import intervals
-from ..verdict.verdict import excess_rms_removed
+from ..verdict.verdict import excess_rms_removed, rms_of
 from ..verdict.warnings import statements
 from .consistency import Alone
 
@@ -96,21 +96,16 @@ def recording_content(prepared: Prepared, before: Fit, fit: Fit, log_score: Mapp
     compared : int
         Number of recordings.
     """
-    rms = {
-        key: float(np.sqrt((prepared.difference(fitted, held_out=True) ** 2).mean()))
-        for key, fitted in (("before", before), ("after", fit))
-    }
-    data = prepared.held_out
-    rms["floor"] = float(np.sqrt((prepared.variance[data.usable] / data.n).mean()))
-    fitted, held = prepared.halves(fit)
-    places = prepared.domains(held, fit, fitted, aligned(fit, prepared.fitter.model.distortions))
+    rms = rms_of(prepared, {"before": before, "after": fit}, held_out=True)
+    fitted, held_out = prepared.halves(fit)
+    locations = prepared.domains(held_out, fit, fitted, aligned(fit, prepared.fitter.model.distortions))
     # Corrected for the number of recordings.
-    left = [place for place in places if bonferroni(place.p, compared) < ALPHA]
+    left = [location for location in locations if bonferroni(location.p, compared) < ALPHA]
     return {
-        f"rms_{prepared.look.unit}": rms,
+        f"rms_{prepared.display.unit}": rms,
         "excess_rms_removed": excess_rms_removed(**rms),
         "log_score": dict(log_score),
-        "unexplained": [{"domain": place.domain, "where": place.where, "z": place.z} for place in left],
+        "unexplained": [{"domain": location.domain, "where": location.where, "z": location.z} for location in left],
         "alignment": fit.nuisance,
         "own": _own(fit),
     }

@@ -74,7 +74,7 @@ def run_scanner_diagnosis(
     protocols : mapping of str to sequence of str, optional
         See protocols_of.
     objects : mapping of str to str, optional
-        Scanned object of each recording. Recordings of one object are left out together.
+        Scanned object of each recording. Recordings of one object are held out together.
     judged_on : sequence of str, optional
         Recordings that serve as a test only: no effect is selected by them, and no physics fitted to them.
 
@@ -86,7 +86,7 @@ def run_scanner_diagnosis(
     every = JointFitter({key: data.fitter for key, data in prepared.items()}, protocols_of(prepared, protocols))
     together = every.without(judged_on)
     choice = choose_jointly(together, candidates, accuracy, objects)
-    judged, chosen = _Judged.of(every, choice, judged_on), choice.chosen
+    judged, chosen = _TestRecordings.of(every, choice, judged_on), choice.chosen
     errors: Mapping[str, Mapping] = {}
     each_alone: Mapping[str, Alone] = {}
     if together.whole(chosen.effects):
@@ -125,7 +125,7 @@ def run_scanner_diagnosis(
 
 
 @dataclass(frozen=True)
-class _Judged:
+class _TestRecordings:
     """Test recordings, judged by the physics of the fitted ones.
 
     Attributes
@@ -137,7 +137,7 @@ class _Judged:
     chosen : JointFit
         The joint fit with the test recordings added.
     without : dict of str to JointFit
-        {effect: the same without it}.
+        {effect: the joint fit without it}.
     """
 
     before: dict[str, Fit]
@@ -147,7 +147,7 @@ class _Judged:
     without: dict[str, JointFit]
 
     @classmethod
-    def of(cls, every: JointFitter, choice: JointChoice, names: Sequence[str]) -> _Judged:
+    def of(cls, every: JointFitter, choice: JointChoice, names: Sequence[str]) -> _TestRecordings:
         """Judge recordings by the effects that were chosen on the others."""
         before = every.held(choice.baseline, {name: every.fitters[name].fit(()) for name in names})
 

@@ -92,7 +92,7 @@ class Remainder:
             Changes of the whitened data by model errors, one standard deviation each.
         """
         columns = with_knowledge(columns, problem)
-        known = np.sqrt(problem.knowledge) * (problem.centre - problem.start)
+        known = np.sqrt(problem.knowledge) * (problem.center - problem.start)
         residual = np.concatenate([residual, known])
         outward = columns.T @ residual
         low, high = problem.start <= problem.low, problem.start >= problem.high

@@ -15,7 +15,7 @@ from ...base.errors import refusing
 from ...io.documents import DIAGNOSIS, write_document
 from ...io.files import read_text, replacing, write_text
 from ..fitting.fit import Fit
-from ..fitting.linearization import Linearisation, LinearisationPoint
+from ..fitting.linearization import Linearization, LinearizationPoint
 from ..fitting.trial import Trial
 
 PATTERNS = ("pattern", "pattern_variance")
@@ -89,8 +89,8 @@ def read_trial(path: str | Path) -> tuple[Trial, str]:
         content = json.loads(read_text(path))
         fit = content["fit"]
         fit["effects"], fit["parts"] = tuple(fit["effects"]), tuple(fit["parts"])
-        fit["linearisation"] = Linearisation(
-            *(LinearisationPoint(**fit["linearisation"][about]) for about in ("errors", "rays"))
+        fit["linearization"] = Linearization(
+            *(LinearizationPoint(**fit["linearization"][about]) for about in ("errors", "rays"))
         )
         for name in PATTERNS:
             fit[name] = None if fit[name] is None else np.array(fit[name])

@@ -1,1 +1,1 @@
-"""Whether a recording was described right: its geometry, its numbers and its object, before any physics is fitted."""
+"""Check of the scan set-up before any physics is fitted: geometry, object and data of a recording."""

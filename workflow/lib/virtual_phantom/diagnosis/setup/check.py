@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,9 +24,9 @@ from ..scanned_object import scene_of
 from ..verdict.verdict import Diagnosis
 from ..verdict_text import SETUP_VERDICTS, setup_lines, with_verdict_text
 from .data_checks import copied_repeats, outlying_repeats, wrong_illumination
-from .finding import AS_STATED, DESCRIPTION, MOST, Finding, find
+from .finding import AS_STATED, DESCRIPTION, MOST, Finding, SetupResult, find
 from .mismatch import Comparison
-from .orientation import OrientationFound, orientation
+from .orientation import orientation
 
 # Content of a set-up that is not checked.
 NOT_CHECKED = {
@@ -40,50 +41,20 @@ NOT_CHECKED = {
 
 
 @dataclass(frozen=True)
-class SetupCheck:
-    """Result of the check of a recording of projections.
+class SetupCheck(SetupResult):
+    """Result of the check of a recording of projections."""
 
-    Attributes
-    ----------
-    kind : {"as stated", "description", "object", "empty"}
-    mistakes : dict of str to str
-        {mistake: what to change}.
-    alike : tuple of str
-        Mistakes that this object cannot show.
-    share_stated, share : float
-        Unexplained share of the variance of line integrals, as described and as corrected.
-    location : dict of str to float
-        As Finding.location.
-    """
-
-    kind: str
-    mistakes: Mapping[str, str]
-    alike: tuple[str, ...]
-    share_stated: float
-    share: float
     comparison: Comparison = field(repr=False)
     finding: Finding = field(repr=False)
     location: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def content(self) -> dict:
-        """Section `setup` of diagnosis.json."""
-        return {
-            "of": "line integrals",
-            "kind": self.kind,
-            "mistakes": dict(self.mistakes),
-            "alike": list(self.alike),
-            "share_stated": self.share_stated,
-            "share": self.share,
-            "location": dict(self.location),
-        }
+    of: ClassVar[str] = "line integrals"
 
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals of the scan as described and as corrected, shape (views, columns)."""
+        """Return the residual as described and as corrected, shape (views, columns)."""
         return self.comparison.residual(self.finding.stated), self.comparison.residual(self.finding.best)
 
 
-def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupCheck | OrientationFound | None:
+def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult | None:
     """Compare a recording with its description; None if the configuration switches the check off."""
     if not request.settings.check_setup or not isinstance(recording, ProjectionsRecording | ImagesRecording):
         return None
@@ -94,7 +65,7 @@ def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupCheck |
         grid = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
         return orientation(repeats, phantom.array, phantom.grid, grid)
     taken = scans(recording.repeats)
-    known = {one.name: SURE * one.sd for one in nuisances(0.0, 1.0, request.settings.alignment)}
+    known = {number.name: SURE * number.sd for number in nuisances(0.0, 1.0, request.settings.alignment)}
     reach = {name: known[name] for name in (*PLACE, "scale")}
     comparison = Comparison(scene_of(request), taken.repeats, taken.usable, MOST, reach, request.settings.location)
     scan = recording.document.content["scan"]
@@ -121,24 +92,18 @@ def _mistakes_of_data(recording: ProjectionsRecording, taken: Scans) -> dict[str
     names = [str(path.name) for path in recording.document.repeats]
     mistakes = {}
     for first, second in copied_repeats(taken.repeats):
-        mistakes["copied repeat"] = f"repeats: take out {names[second]}, which holds the same numbers as {names[first]}"
+        mistakes["copied repeat"] = f"repeats: remove {names[second]}, which is a copy of {names[first]}"
     if not mistakes:
         for which, _ in outlying_repeats(taken.repeats, taken.usable):
-            mistakes["a repeat of another scan"] = f"repeats: take out {names[which]}, or compare it with the others"
+            mistakes["a repeat of another scan"] = f"repeats: remove {names[which]}, or compare it with the others"
     lit = wrong_illumination(taken.white, recording.geometry, recording.scan)
     if lit is not None:
-        mistakes["illumination"] = f"scan.illumination: {lit[0]} (the white field falls off like that)"
+        mistakes["illumination"] = f"scan.illumination: {lit[0]} (from the shape of the white field)"
     return mistakes
 
 
-def setup_diagnosis(found: SetupCheck | OrientationFound, recording: Recording, request: DiagnosisRequest) -> Diagnosis:
-    """Return the diagnosis of a recording whose set-up or object is wrong; no effect is fitted.
-
-    Parameters
-    ----------
-    found : SetupCheck or OrientationFound
-        With a kind of SETUP_VERDICTS.
-    """
+def setup_diagnosis(found: SetupResult, recording: Recording, request: DiagnosisRequest) -> Diagnosis:
+    """Return the diagnosis of a recording whose set-up or object is wrong; no effect is fitted."""
     scanned = "the study's phantom" if request.settings.of_phantom else object_text(request)
     content = {
         "recording": recording.name,

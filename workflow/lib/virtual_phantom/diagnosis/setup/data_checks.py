@@ -39,8 +39,8 @@ def outlying_repeats(lines: np.ndarray, usable: np.ndarray) -> list[tuple[int, f
     Returns
     -------
     list of tuple of int and float
-        Index, and mean square of its block means over that of noise; empty if no repeat differs. Of two repeats, either
-        may be the one.
+        Index, and mean square of its block means over that of noise; empty if no repeat differs. With two repeats, the
+        other one may be the outlier.
     """
     count = len(lines)
     if count < 2:

@@ -62,7 +62,7 @@ def descriptions(scan: Mapping, log: bool, largest: float) -> Iterator[Descripti
     log : bool
         Whether line integrals were recorded, not counts with their fields.
     largest : float
-        Of the line integrals.
+        Largest line integral.
     """
     yield Description(STATED, "", scan, oriented=True)
     other = -scan["direction"]
@@ -105,13 +105,13 @@ def _distances(scan: Mapping) -> Iterator[Description]:
     swapped = detector - isocentre
     yield Description(
         "swapped distances",
-        f"scan.source_to_isocentre_mm: {swapped:.6g} (now the distance from isocentre to detector)",
+        f"scan.source_to_isocentre_mm: {swapped:.6g} (the stated value is the distance from isocenter to detector)",
         {**scan, "source_to_isocentre_mm": swapped},
     )
     whole = detector + isocentre
     yield Description(
         "distance from the isocentre",
-        f"scan.source_to_detector_mm: {whole:.6g} (now the distance from isocentre to detector)",
+        f"scan.source_to_detector_mm: {whole:.6g} (the stated value is the distance from isocenter to detector)",
         {**scan, "source_to_detector_mm": whole},
     )
 
@@ -121,18 +121,18 @@ def _views(scan: Mapping) -> Iterator[Description]:
     if scan["views"] == turn:
         yield Description(
             "last view at the first",
-            f"scan.views_per_rotation: {turn - 1:g} (the last view looks where the first did)",
+            f"scan.views_per_rotation: {turn - 1:g} (the last view has the angle of the first)",
             {**scan, "views_per_rotation": turn - 1},
         )
     elif scan["views"] == turn + 1:
         yield Description(
             "last view before the first",
-            f"scan.views_per_rotation: {turn + 1:g} (no two views look along one direction)",
+            f"scan.views_per_rotation: {turn + 1:g} (the last view has another angle than the first)",
             {**scan, "views_per_rotation": turn + 1},
         )
     for factor, words in ((2, "half a turn"), (0.5, "two turns")):
         if turn * factor >= 8:
-            line = f"scan.views_per_rotation: {turn * factor:g} (the views cover {words} where one is stated)"
+            line = f"scan.views_per_rotation: {turn * factor:g} (the views cover {words} instead of one turn)"
             yield Description(f"{words} for one", line, {**scan, "views_per_rotation": turn * factor})
     if scan["trajectory"] == "helical":
         feed = -scan["table_feed_mm"]
@@ -152,7 +152,7 @@ def _surface(scan: Mapping) -> Iterator[Description]:
         yield Description(f"{name} detector", f"scan.detector: {name}", {**other, "detector": name})
     if spots := scan.get("flying_focal_spot"):
         turned = [*spots[1:], spots[0]]
-        line = "begin scan.flying_focal_spot with its second place, and put the first one last"
+        line = "scan.flying_focal_spot: move the first position to the end"
         yield Description("order of the focal spots", line, {**scan, "flying_focal_spot": turned})
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 
@@ -60,18 +63,63 @@ class Finding:
     location: Mapping[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class SetupResult(ABC):
+    """Result of the set-up check of a recording.
+
+    Attributes
+    ----------
+    kind : {"as stated", "description", "object", "empty"}
+    mistakes : dict of str to str
+        {mistake: correction}.
+    alike : tuple of str
+        Mistakes that this object cannot show.
+    share_stated, share : float
+        Unexplained share of the variance, as described and as corrected.
+    of : str
+        Data whose variance this is.
+    location : dict of str to float
+        See Finding.location.
+    """
+
+    kind: str
+    mistakes: Mapping[str, str]
+    alike: tuple[str, ...]
+    share_stated: float
+    share: float
+    of: ClassVar[str]
+    location = MappingProxyType({})  # a field of SetupCheck
+
+    @property
+    def content(self) -> dict:
+        """Section `setup` of diagnosis.json."""
+        return {
+            "of": self.of,
+            "kind": self.kind,
+            "mistakes": dict(self.mistakes),
+            "alike": list(self.alike),
+            "share_stated": self.share_stated,
+            "share": self.share,
+            "location": dict(self.location),
+        }
+
+    @abstractmethod
+    def maps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the residual as described and as corrected."""
+
+
 def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Finding:
     """Compare a recording with every plausible description of its scan, for any location of the object.
 
-    The object is fitted at its stated location within the tolerance of the alignment, then in the whole field of view:
-    from the centroids of the views, and on a grid of locations before another object is reported.
+    The object is fitted at its stated location within the tolerance of the alignment, then in the whole field of view.
+    That search starts from the centroids of the views. A grid of locations is tried before another object is reported.
 
     Parameters
     ----------
     scan : mapping
         Section `scan` of recording.yaml.
     largest : float
-        As descriptions takes them.
+        Largest line integral.
     """
     found = _found(comparison, scan, log, largest)
     if found.kind in (AS_STATED, DESCRIPTION) and min(found.best.share, found.share) <= MISTAKEN:
@@ -81,20 +129,20 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
         return found
     for by_grid in (False, True):
         anywhere = comparison.anywhere(by_grid)
-        lost = found.kind in (OBJECT, EMPTY_BEAM)
-        if by_grid and (not lost or anywhere.begun(stated) == comparison.anywhere().begun(stated)):
+        no_match = found.kind in (OBJECT, EMPTY_BEAM)
+        if by_grid and (not no_match or anywhere.begun(stated) == comparison.anywhere().begun(stated)):
             break  # the grid has no better location
-        if not lost:
+        if not no_match:
             first = anywhere.mismatch(stated)
             if not (comparison.beyond_reach(first) and _explains(first, found.best)):
                 break
         other = _found(anywhere, scan, log, largest)
-        if other.kind not in (OBJECT, EMPTY_BEAM) and (lost or _explains(other.best, found.best)):
+        if other.kind not in (OBJECT, EMPTY_BEAM) and (no_match or _explains(other.best, found.best)):
             found = replace(other, stated=found.stated) if other.kind == DESCRIPTION else other
             if other.kind == AS_STATED and comparison.beyond_reach(other.best):
                 found = replace(other, location=_location(anywhere, other.best))
             break
-        if lost and other.share < found.share:
+        if no_match and other.share < found.share:
             found = other
     return found
 
@@ -107,51 +155,51 @@ def _location(anywhere: Comparison, found: SetupMismatch) -> dict[str, float]:
 
 
 def _explains(other: SetupMismatch, found: SetupMismatch) -> bool:
-    """Whether another location explains more of the unexplained variance than chance would."""
+    """Return whether another location explains significantly more variance."""
     return other.share < (1 - REMOVED) * found.share and found.worse_than(other) > LIKELIER
 
 
 def _found(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Finding:
-    """As `find`, at the locations that a comparison allows."""
+    """Return the finding for the locations that a comparison allows."""
     stated, *others = descriptions(scan, log, largest)
     first = comparison.mismatch(stated)
     tried = list(_in_place(comparison, others, first))
-    oriented = [one.description for one in (first, *tried) if one.description.oriented]
+    oriented = [mismatch.description for mismatch in (first, *tried) if mismatch.description.oriented]
     tried += _turned(comparison, oriented, _best(first, *tried))
-    tried = [one for one in tried if comparison.scaled_right(one) or one.description.scaled]
+    tried = [mismatch for mismatch in tried if comparison.scaled_right(mismatch) or mismatch.description.scaled]
     chosen = _chosen(comparison, first, tried) or _scaled(first, tried)
     best = chosen or first
-    share = best.share if best.share <= ANOTHER else _bent(comparison, best).share
+    share = best.share if best.share <= ANOTHER else _with_geometry(comparison, best).share
     if share > ANOTHER:
         empty = abs(best.scale) < EMPTY
         return Finding(EMPTY_BEAM if empty else OBJECT, best, first, share)
-    others = [one for one in (first, *tried) if one.name != best.name]
+    others = [mismatch for mismatch in (first, *tried) if mismatch.name != best.name]
     alike = tuple(_alike(comparison, best, others))
     right = chosen is None and not best.shifted
     return Finding(AS_STATED if right else DESCRIPTION, best, first, share, alike)
 
 
 def _chosen(comparison: Comparison, first: SetupMismatch, tried: Sequence[SetupMismatch]) -> SetupMismatch | None:
-    """The description to name in the place of the stated one, if there is one."""
+    """Return the description that replaces the stated one, or None."""
     chosen = _mistake(first, tried)
     if chosen is not None and not chosen.description.shifts:
-        # On a round object an offset of the detector looks like other angles. A mistake that has no number to fit and
-        # is as near as a fitted geometry is no chance.
-        bent = _bent(comparison, first)
-        exact = not chosen.turned and chosen.worse_than(bent) < 0
-        chosen = chosen if exact else _mistake(bent, [chosen], least=0.0)
-    elif chosen is None and min(one.share for one in (first, *tried)) > MISTAKEN:
-        # Physics that shifts or stretches the rays may hide what a mistake leaves, or pass for it.
-        nearest = sorted(tried, key=lambda one: one.share)[:CONTENDERS]
-        bent, *others = (_bent(comparison, one) for one in (first, *nearest))
-        chosen = _mistake(bent, others, least=0.0)
-    if chosen is not None and chosen.share > NAMED and _bent(comparison, chosen).share > NAMED:
-        return None  # nearer, as something else of about that size would be
+        # For a round object, a detector offset looks like other angles. A mistake without a fitted parameter that
+        # explains more than a fitted geometry is no coincidence.
+        fitted = _with_geometry(comparison, first)
+        exact = not chosen.turned and chosen.worse_than(fitted) < 0
+        chosen = chosen if exact else _mistake(fitted, [chosen], least=0.0)
+    elif chosen is None and min(mismatch.share for mismatch in (first, *tried)) > MISTAKEN:
+        # Physics that shifts or stretches the rays may hide a mistake or look like one.
+        nearest = sorted(tried, key=lambda mismatch: mismatch.share)[:CONTENDERS]
+        fitted, *others = (_with_geometry(comparison, mismatch) for mismatch in (first, *nearest))
+        chosen = _mistake(fitted, others, least=0.0)
+    if chosen is not None and chosen.share > NAMED and _with_geometry(comparison, chosen).share > NAMED:
+        return None  # any object of similar size would explain as much
     return chosen
 
 
 def _mistake(stated: SetupMismatch, others: Sequence[SetupMismatch], least: float = MISTAKEN) -> SetupMismatch | None:
-    """The description that explains what the stated one leaves, if that is more than `least` and one does."""
+    """Return the description that explains a residual share above `least` of the stated one, or None."""
     if not others or stated.share <= least:
         return None
     best = _best(*others)
@@ -161,42 +209,45 @@ def _mistake(stated: SetupMismatch, others: Sequence[SetupMismatch], least: floa
 
 
 def _alike(comparison: Comparison, best: SetupMismatch, others: Sequence[SetupMismatch]) -> Iterator[SetupMismatch]:
-    """Descriptions that this object cannot tell from the best one.
+    """Yield the descriptions that this object cannot distinguish from the best one.
 
-    What physics leaves, a shift of the detector say, may part two that are alike: near ones have the geometry fitted.
+    Missing physics such as a detector shift may separate indistinguishable descriptions. Those with a similar mismatch
+    are therefore compared with the geometry fitted.
     """
-    yield from (one for one in others if one.worse_than(best) < ALIKE)
-    near = [one for one in others if one.worse_than(best) >= ALIKE and one.share < NEAR * best.share]
+    yield from (other for other in others if other.worse_than(best) < ALIKE)
+    near = [other for other in others if other.worse_than(best) >= ALIKE and other.share < NEAR * best.share]
     if near and best.share > MISTAKEN:
-        bent = _bent(comparison, best)
-        near.sort(key=lambda one: one.share)
-        yield from (one for one in near[:CONTENDERS] if abs(_bent(comparison, one).worse_than(bent)) < ALIKE)
+        fitted = _with_geometry(comparison, best)
+        near.sort(key=lambda other: other.share)
+        yield from (
+            other for other in near[:CONTENDERS] if abs(_with_geometry(comparison, other).worse_than(fitted)) < ALIKE
+        )
 
 
-def _bent(comparison: Comparison, found: SetupMismatch) -> SetupMismatch:
-    """The same with the geometry fitted too."""
+def _with_geometry(comparison: Comparison, found: SetupMismatch) -> SetupMismatch:
+    """Return the mismatch with the geometry fitted."""
     again = comparison.mismatch(found.description, found.place["turn_deg"] if found.turned else 0.0, also=GEOMETRY)
     return _best(found, again)
 
 
 def _best(*found: SetupMismatch) -> SetupMismatch:
-    return min(found, key=lambda one: one.share)
+    return min(found, key=lambda mismatch: mismatch.share)
 
 
 def _in_place(comparison: Comparison, given: Sequence[Description], best: SetupMismatch) -> Iterator[SetupMismatch]:
     for description in given:
         try:
             found = comparison.mismatch(description, best=best)
-        except InputError:  # lengths that no scanner has
+        except InputError:  # impossible lengths
             continue
         yield found
         best = _best(best, found)
 
 
 def _turned(comparison: Comparison, given: Sequence[Description], best: SetupMismatch) -> Iterator[SetupMismatch]:
-    """Each description with the start angles at which it fits best.
+    """Yield the mismatch of each description at its best start angles.
 
-    Where one fits already, only quarter turns of the stated one are looked at: of an object that cannot tell them.
+    If a description fits already, only quarter turns of the stated one are tested, as the object may be symmetric.
     """
     coarse = comparison.coarser(COARSE)
     if best.share <= MISTAKEN:
@@ -214,9 +265,9 @@ def _turned(comparison: Comparison, given: Sequence[Description], best: SetupMis
 
 
 def _scaled(stated: SetupMismatch, tried: Sequence[SetupMismatch]) -> SetupMismatch | None:
-    """A description by which line integrals are off by a factor alone, if they are."""
-    for one in tried:
-        factor = one.description.scaled
+    """Return the description whose factor of the line integrals is observed, or None."""
+    for mismatch in tried:
+        factor = mismatch.description.scaled
         if factor is not None and abs(np.log(max(stated.scale, EMPTY) * factor)) < SCALE_WITHIN:
-            return one
+            return mismatch
     return None

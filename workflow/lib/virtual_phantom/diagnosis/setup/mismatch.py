@@ -226,7 +226,7 @@ class Comparison:
             nudged = [{**place, name: place.get(name, 0.0) + NUDGE_MM} for name in LOCATION]
             # A positive column offset moves the centroid to smaller columns.
             of_columns = np.repeat([-1 / rays.column_step, 0.0], wanted.size // 2)
-            self._kept[key] = np.stack([*((centroids(one) - here) / NUDGE_MM for one in nudged), of_columns])
+            self._kept[key] = np.stack([*((centroids(moved) - here) / NUDGE_MM for moved in nudged), of_columns])
         slopes = self._kept[key]
         for _ in range(steps):
             off = wanted - here - shift * slopes[-1]
@@ -420,8 +420,8 @@ class Comparison:
     def _left(self, rays: Rays, mean: np.ndarray, weight: np.ndarray, place: Mapping[str, float]) -> _Left:
         simulated = self._simulated(rays, place)
         total = float((weight * (mean - np.average(mean, weights=weight)) ** 2).sum())
-        apart = simulated - np.average(simulated, weights=weight)
-        if not (weight * apart * mean).sum() > 0:  # negative correlation
+        centered = simulated - np.average(simulated, weights=weight)
+        if not (weight * centered * mean).sum() > 0:  # negative correlation
             residual = mean - np.average(mean, weights=weight)
             return _Left(simulated, residual, np.zeros_like(mean), total, total, 0.0)
         root = np.sqrt(weight).ravel()

@@ -1,12 +1,13 @@
-"""Orientation of images: as the phantom, or mirrored, rotated or with reversed slices.
+"""Orientation of images relative to the phantom: mirrored, rotated, or with reversed slices.
 
-In a mirrored image every location shows another organ, and the residual would look like missing physics.
+Wrong orientations are tested first, as their residuals would look like missing physics.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from scipy import ndimage
@@ -18,7 +19,7 @@ from ...physics.scenes.scene import Pose
 from ...recordings.levels import correlation
 from ..comparison.regions import sampled
 from ..verdict.warnings import ALIKE
-from .finding import AS_STATED, DESCRIPTION, OBJECT
+from .finding import AS_STATED, DESCRIPTION, OBJECT, SetupResult
 
 COARSE_MM = 5.0  # side of compared voxels, which keep organs and average noise
 FINE = 8  # subdivision of a coarse voxel for shifts
@@ -28,7 +29,7 @@ INSIDE = 2  # coarse voxels below the surface, where kernels have no influence
 # second times the share for the stated one. In the default study the share is 1 to 22 % for correct orientations (most
 # for few views) and 51 to 94 % for wrong ones.
 MOST_LEFT, REMOVED = 0.3, 0.5
-TOLD = 20.0  # HU, least SD between organs that shows an orientation
+LEAST_CONTRAST = 20.0  # HU, least SD within the body that shows an orientation
 SHAPES = (0, 1, 2, 3)  # powers of HU, for hardening, another energy and a wrong scale
 SAME_BODY = 0.6  # Dice overlap of the bodies below which the object is another one
 
@@ -63,64 +64,36 @@ def _transposed(*axes: int) -> Callable[[np.ndarray], np.ndarray]:
 
 STATED = Orientation("as stated", "", _flipped())
 OTHERS = (
-    Orientation("mirrored left to right", "turn the order of the voxels along x round", _flipped(2)),
-    Orientation("mirrored front to back", "turn the order of the voxels along y round", _flipped(1)),
-    Orientation("turned by 180 degrees", "turn the order of the voxels along x and y round", _flipped(1, 2)),
-    Orientation("slices in the other order", "turn the order of the slices round", _flipped(0)),
-    Orientation(
-        "face down, feet first", "turn the order of the slices and of the voxels along y round", _flipped(0, 1)
-    ),
-    Orientation("feet first", "turn the order of the slices and of the voxels along x round", _flipped(0, 2)),
-    Orientation("mirrored in all directions", "turn the order of the voxels along x, y and z round", _flipped(0, 1, 2)),
-    Orientation("x and y swapped", "swap the axes x and y of the voxels", _transposed(), square=True),
-    Orientation("turned by 90 degrees", "turn the voxels by 90 degrees about z", _transposed(1), square=True),
-    Orientation("turned by -90 degrees", "turn the voxels by -90 degrees about z", _transposed(2), square=True),
+    Orientation("mirrored left to right", "flip x", _flipped(2)),
+    Orientation("mirrored front to back", "flip y", _flipped(1)),
+    Orientation("turned by 180 degrees", "flip x and y", _flipped(1, 2)),
+    Orientation("slices in the other order", "flip z", _flipped(0)),
+    Orientation("face down, feet first", "flip y and z", _flipped(0, 1)),
+    Orientation("feet first", "flip x and z", _flipped(0, 2)),
+    Orientation("mirrored in all directions", "flip x, y and z", _flipped(0, 1, 2)),
+    Orientation("x and y swapped", "swap x and y", _transposed(), square=True),
+    Orientation("turned by 90 degrees", "rotate by 90 degrees about z", _transposed(1), square=True),
+    Orientation("turned by -90 degrees", "rotate by -90 degrees about z", _transposed(2), square=True),
 )
-CHANGE = "repeats: {}, in the files or in their affine"
+CHANGE = "repeats: {} in the image files or in their affine"
 
 
 @dataclass(frozen=True)
-class OrientationFound:
-    """Orientation of images, the counterpart of SetupCheck.
+class OrientationFound(SetupResult):
+    """Result of the check of images; `stated` and `best` are the middle slice of images minus phantom, HU."""
 
-    Attributes
-    ----------
-    kind : {"as stated", "description", "object"}
-    share_stated, share : float
-        Unexplained share of the variance inside the body, as described and as corrected.
-    stated, best : ndarray, shape (y, x)
-        Middle slice of images less phantom, HU.
-    """
-
-    kind: str
-    mistakes: dict[str, str]
-    alike: tuple[str, ...]
-    share_stated: float
-    share: float
     stated: np.ndarray = field(repr=False)
     best: np.ndarray = field(repr=False)
-
-    @property
-    def content(self) -> dict:
-        """See SetupCheck.content."""
-        return {
-            "of": "HU inside the body",
-            "kind": self.kind,
-            "mistakes": self.mistakes,
-            "alike": list(self.alike),
-            "share_stated": self.share_stated,
-            "share": self.share,
-            "location": {},
-        }
+    of: ClassVar[str] = "HU inside the body"
 
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """See SetupCheck.maps."""
+        """See SetupResult.maps."""
         return self.stated, self.best
 
 
 @dataclass(frozen=True)
-class Laid:
-    """Images in one order, compared with the phantom.
+class Registered:
+    """Images in one orientation, compared with the phantom.
 
     Attributes
     ----------
@@ -158,34 +131,38 @@ def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) 
     # Voxels are averaged in the plane only, as few thick slices would not show their order.
     size = tuple(max(1, round(COARSE_MM / step)) for step in grid.spacing)
     expected = _coarse(sampled(phantom, of, grid, Pose(), order=1, outside=HU_AIR), size)
-    images = np.stack([_coarse(one, size) for one in repeats])
+    images = np.stack([_coarse(repeat, size) for repeat in repeats])
     mean = images.mean(axis=0)
     noise = images.var(axis=0, ddof=1).mean() / len(images) if len(images) > 1 else 0.0
     spacing = [step * many for step, many in zip(grid.spacing, size, strict=True)]
-    stated = _laid(mean, expected, spacing, noise)
+    stated = _registered(mean, expected, spacing, noise)
     square = expected.shape[1] == expected.shape[2] and np.isclose(spacing[1], spacing[2])
-    others = {one: _laid(one.ordered(mean), expected, spacing, noise) for one in OTHERS if square or not one.square}
-    nearest = min(others, key=lambda one: others[one].share)
+    others = {
+        order: _registered(order.ordered(mean), expected, spacing, noise)
+        for order in OTHERS
+        if square or not order.square
+    }
+    nearest = min(others, key=lambda order: others[order].share)
     best = others[nearest]
-    telling = float(expected[_inside(expected)].std()) > TOLD if _inside(expected).any() else False
+    contrast = float(expected[_inside(expected)].std()) > LEAST_CONTRAST if _inside(expected).any() else False
     found, kind, mistakes, chosen = stated, AS_STATED, {}, None
-    nearer = min(stated, best, key=lambda one: one.share)
-    other = telling and nearer.share > 1 - ALIKE**2 and nearer.correlation < ALIKE
-    if other or max(one.overlap for one in (stated, *others.values())) < SAME_BODY:
+    nearer = min(stated, best, key=lambda registered: registered.share)
+    other = contrast and nearer.share > 1 - ALIKE**2 and nearer.correlation < ALIKE
+    if other or max(registered.overlap for registered in (stated, *others.values())) < SAME_BODY:
         kind, found = OBJECT, nearer
-    elif telling and best.share < min(MOST_LEFT, REMOVED * stated.share):
+    elif contrast and best.share < min(MOST_LEFT, REMOVED * stated.share):
         found, kind, chosen = best, DESCRIPTION, nearest
         mistakes = {nearest.name: CHANGE.format(nearest.line)}
     if kind == OBJECT:
-        far = _laid(mean, expected, spacing, noise, far=True)
-        if far.overlap >= SAME_BODY and not (telling and far.share > MOST_LEFT):
-            z, y, x = (round(one) + 0.0 for one in far.off_mm)
-            where = f"{x:g}, {y:g}, {z:g} mm off the isocenter in x, y, z"
+        far = _registered(mean, expected, spacing, noise, far=True)
+        if far.overlap >= SAME_BODY and not (contrast and far.share > MOST_LEFT):
+            z, y, x = (round(off) + 0.0 for off in far.off_mm)
+            where = f"(it is {x:g}, {y:g}, {z:g} mm off in x, y, z)"
             found, kind = far, DESCRIPTION
-            mistakes = {"location": f"repeats: crop or pad the images, whose center is the isocenter; they lie {where}"}
-    # Orders with nearly the same remaining share.
-    near = (one for one, laid in others.items() if one is not chosen and laid.share * REMOVED < found.share)
-    alike = [] if kind == OBJECT else [one.name for one in near]
+            mistakes = {"location": f"repeats: crop or pad the images so that their center is the isocenter {where}"}
+    # Orientations with nearly the same remaining share.
+    near = (order for order, other in others.items() if order is not chosen and other.share * REMOVED < found.share)
+    alike = [] if kind == OBJECT else [order.name for order in near]
     middle = mean.shape[0] // 2
     maps = stated.rest[middle], found.rest[middle]
     return OrientationFound(kind, mistakes, tuple(alike), stated.share, found.share, *maps)
@@ -211,7 +188,9 @@ def _overlap(images: np.ndarray, expected: np.ndarray) -> float:
     return float(2 * both / count) if count else 0.0
 
 
-def _laid(images: np.ndarray, expected: np.ndarray, spacing: list[float], noise: float, far: bool = False) -> Laid:
+def _registered(
+    images: np.ndarray, expected: np.ndarray, spacing: list[float], noise: float, far: bool = False
+) -> Registered:
     """Register images to the phantom, and return the residual of a cubic polynomial of its HU inside the body."""
     shift = phase_cross_correlation(expected, images, upsample_factor=FINE, normalization=None)[0]
     moved = ndimage.shift(images, shift, order=1, mode="nearest")
@@ -221,11 +200,11 @@ def _laid(images: np.ndarray, expected: np.ndarray, spacing: list[float], noise:
     inside = _inside(expected) & _inside(moved)
     rest, alike = moved - expected, correlation(moved, expected)
     if inside.sum() < 2 * len(SHAPES):
-        return Laid(1.0, overlap, off_mm, alike, rest)
-    theirs, ours = moved[inside], expected[inside]
-    scale = max(float(ours.std()), 1.0)
-    design = np.stack([((ours - ours.mean()) / scale) ** power for power in SHAPES], axis=1)
-    left = theirs - design @ np.linalg.lstsq(design, theirs, rcond=None)[0]
-    total = float(theirs.var()) - noise
+        return Registered(1.0, overlap, off_mm, alike, rest)
+    recorded, phantom = moved[inside], expected[inside]
+    scale = max(float(phantom.std()), 1.0)
+    design = np.stack([((phantom - phantom.mean()) / scale) ** power for power in SHAPES], axis=1)
+    left = recorded - design @ np.linalg.lstsq(design, recorded, rcond=None)[0]
+    total = float(recorded.var()) - noise
     share = (float((left**2).mean()) - noise) / total if total > 0 else 1.0
-    return Laid(float(np.clip(share, 0.0, 1.0)), overlap, off_mm, alike, rest)
+    return Registered(float(np.clip(share, 0.0, 1.0)), overlap, off_mm, alike, rest)

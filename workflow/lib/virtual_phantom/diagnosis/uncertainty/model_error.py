@@ -131,7 +131,7 @@ def distortions_of_physics(
             continue
         other = fitter.of(fitter.model.undeclared(name)) if name in fitter.model.declared else fitter
         physics = {key: values for key, values in fit.physics.items() if key != name}
-        there = other.model.predict(physics, fit.nuisance, fitter.data, fit.linearisation)
+        there = other.model.predict(physics, fit.nuisance, fitter.data, fit.linearization)
         change = whitened(fitter.data.residuals(there), fitter.weights) - after
         if name not in fit.effects:
             aligned = columns[:, len(problem.unknowns) :]
@@ -279,7 +279,7 @@ def _of_kernels(fitter: Fitter, fit: Fit, name: str, after: Sequence[np.ndarray]
         if error:
             narrower = {parameter.name: NARROWER * fit.physics[name][parameter.name]}
             physics = fit.physics | {name: fit.physics[name] | narrower}
-            there = fitter.model.predict(physics, fit.nuisance, fitter.data, fit.linearisation)
+            there = fitter.model.predict(physics, fit.nuisance, fitter.data, fit.linearization)
             parts = [part - other for part, other in zip(fitter.data.residuals(there), after, strict=True)]
             yield (name, parameter.name), error * whitened(parts, fitter.weights)
 
@@ -293,7 +293,7 @@ def kernel_error(parameter: Parameter, share: float) -> float:
 def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distortions:
     """Yield changes by uneven corrections for finite steps; the size of even corrections is fitted."""
     share, data = accuracy.get(NUMERICAL, 0.0), fitter.data
-    errors = fitter.model.errors_of_steps(fit.linearisation) if share else {}
+    errors = fitter.model.errors_of_steps(fit.linearization) if share else {}
     if not errors:
         return
     here = fitter.predicted(fit)

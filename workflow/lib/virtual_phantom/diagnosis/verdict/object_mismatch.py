@@ -17,12 +17,12 @@ from ..residuals.dataset import Change, Prepared
 from ..residuals.residual_tests import ALPHA
 from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..selection.screening import Screened
-from .unmodelled import ChangesOfFits
+from .unmodeled import ChangesOfFits
 
 MOST_PIECES = 3  # that are corrected; with more mismatches the object is another one
 BEYOND = 2.0  # ratio to the first-order gain of the best effect, as a fit may gain twice as much
-# Standard deviations of the noise of chi-square: of a difference larger than FAR, a piece that leaves less than NOISE
-# explains everything, which physics of the whole object does not by chance.
+# In standard deviations of the noise of chi-square: a piece explains everything if it reduces a difference above FAR to
+# less than NOISE. Physics of the whole object does not do that by chance.
 FAR, NOISE = 100.0, 3.0
 
 
@@ -32,7 +32,7 @@ def differing(found: Sequence[Change], least: float = LEAST_GAIN) -> Change | No
     Parameters
     ----------
     found : sequence of Change
-        Result of unmodelled.changes.
+        Result of unmodeled.changes.
     least : float, optional
         Least gain in log score.
     """
@@ -105,7 +105,7 @@ def beside(prepared: Prepared, choice: Choice, changes: ChangesOfFits) -> Change
 
 
 def _piece(found: Sequence[Change]) -> Change | None:
-    return next((one for one in found if one.piece is not None), None)
+    return next((change for change in found if change.piece is not None), None)
 
 
 def content_of(pieces: Sequence[Change], mended: bool, excess: float | None = None) -> dict:
@@ -118,6 +118,8 @@ def content_of(pieces: Sequence[Change], mended: bool, excess: float | None = No
     excess : float, optional
         Held-out log score beyond noise, of which the first piece explains a share.
     """
-    listed = [{**one.piece.content, "what": one.words, "held_out_gain": one.gain, "z": one.z} for one in pieces]
+    listed = [
+        {**piece.piece.content, "what": piece.words, "held_out_gain": piece.gain, "z": piece.z} for piece in pieces
+    ]
     removes = {} if excess is None else {"removes": min(1.0, pieces[0].gain / max(excess, pieces[0].gain))}
     return {"mended": mended, "pieces": listed} | removes

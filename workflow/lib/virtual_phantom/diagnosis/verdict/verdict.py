@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ...physics.effect import load
+from ..fitting.fit import Fit
 from ..fitting.model import Model
 from ..fitting.steps import interval
 from ..fitting.trial import Trial
@@ -19,7 +20,7 @@ from ..uncertainty.intervals import intervals
 from ..uncertainty.model_error import Errors
 from ..verdict_text import MATCH, UNEXPLAINED, effect_name, recording_lines, with_verdict_text
 from .object_mismatch import content_of, excess
-from .unmodelled import ChangesOfFits, better, standing_out
+from .unmodeled import ChangesOfFits, better, standing_out
 from .warnings import caveats, doubts, statements
 
 LEFT_SD = 3.0  # by which a sum of products must stand above 0 to count as left: 1 in 740 by chance
@@ -47,8 +48,8 @@ class Diagnosis:
         The recording with the noise by which it was judged.
     scanned : ScannedVolume or None
         The object as images show it (comparison.regions).
-    setup : SetupCheck, OrientationFound or None
-        The check that ended the diagnosis (setup.check).
+    setup : SetupResult or None
+        The check that ended the diagnosis.
     """
 
     choice: Choice | None
@@ -103,7 +104,7 @@ def diagnose(
     known = statements(choice.chosen.fit, fitter.model, errors.physics)
     beside = {name: kinds(fit) for name, fit in choice.without.items()}
     outside = better(choice, beside, max(AS_GOOD, choice.tolerance))
-    off = any(one["off"] for parameters in known.values() for one in parameters.values())
+    off = any(parameter["off"] for parameters in known.values() for parameter in parameters.values())
     verdict = VERDICTS[(2 if left or doubted or outside else 1) if effects or off else (0 if not left else 3)]
     ambiguous = {name: choice.ambiguous_with(name) for name in effects}
     content = {
@@ -113,8 +114,8 @@ def diagnose(
         "effects": [_effect(name, choice, fitter.model) for name in effects],
         "ambiguous_with": ambiguous,
         "outside": {
-            name: {"what": one.words, "better_by": one.gain - choice.gains[name], "z": one.z}
-            for name, one in outside.items()
+            name: {"what": change.words, "better_by": change.gain - choice.gains[name], "z": change.z}
+            for name, change in outside.items()
         },
         "ruled_out": choice.ruled_out,
         "undecided": choice.undecided,
@@ -124,15 +125,15 @@ def diagnose(
         },
         **metrics,
         "excess_removed": removed,
-        "excess_rms_removed": excess_rms_removed(**metrics["held_out"][f"rms_{prepared.look.unit}"])
+        "excess_rms_removed": excess_rms_removed(**metrics["held_out"][f"rms_{prepared.display.unit}"])
         if effects
         else None,
         "remainder_sd": remainder_sd(prepared, choice.chosen),
         "unexplained": [_location(place) for place in left],
         "doubts": doubted,
         "declared": known,
-        "next_measurement": next_measurements(choice, bool(left), prepared.look.ranked),
-        "held_out_data": prepared.held,
+        "next_measurement": next_measurements(choice, bool(left), prepared.display.ranked),
+        "held_out_data": prepared.held_out_text,
         "noise_from_one_repeat": prepared.single,
         "caveats": caveats(prepared, choice, fitter.model.tube_kvp, left),
     }
@@ -147,9 +148,9 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
     """Return the share of the held-out chi-square beyond noise that the effects remove; None if they remove nothing.
 
     The removed part is twice the gain in log score. The remaining part is a sum of products of fitted and held-out
-    standardized residuals, whose noise is independent, if it exceeds LEFT_SD standard deviations. It is the largest
-    sum over the locations of a domain that is still significant, as noise of all rays would hide a local difference, or
-    over all rays, less the numerical errors of the model in both halves.
+    standardized residuals, whose noise is independent, if it exceeds LEFT_SD standard deviations. The sum is over all
+    rays or over the locations of a significant domain, the largest one, as noise of all rays would hide a local
+    difference. Numerical errors of the model are subtracted.
 
     Parameters
     ----------
@@ -202,6 +203,13 @@ def excess_rms_removed(before: float, after: float, floor: float) -> float | Non
     return float(1 - np.sqrt(max(0.0, after**2 - floor**2) / (before**2 - floor**2)))
 
 
+def rms_of(prepared: Prepared, fits: Mapping[str, Fit], held_out: bool) -> dict[str, float]:
+    """Return the RMS difference of each fit, and that of noise alone as "floor"."""
+    data = prepared.held_out if held_out else prepared.data
+    rms = {key: float(np.sqrt((prepared.difference(fit, held_out) ** 2).mean())) for key, fit in fits.items()}
+    return rms | {"floor": float(np.sqrt((prepared.variance[data.usable] / data.n).mean()))}
+
+
 def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
     """Return the goodness of fit with alignment alone and with the chosen effects.
 
@@ -213,21 +221,19 @@ def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
     Returns
     -------
     dict of str to dict of str to float
-        {metric: {"before", "after", "floor": value}}, where the floor is the value for noise alone: RMS in the unit of
-        `look`, chi-square per datum by part, and for held-out data the log score, which has no floor.
+        {metric: {"before", "after", "floor": value}}; the floor is the value for noise alone. Metrics: RMS in the unit
+        of `display`, chi-square per datum by part, and for held-out data the log score, which has no floor.
     """
     fits = {"before": choice.baseline.fit, "after": choice.chosen.fit}
     halves = {key: prepared.half(fit, held_out) for key, fit in fits.items()}
     data, weights = halves["after"].data, halves["after"].weights
-    rms = {key: float(np.sqrt((prepared.difference(fit, held_out) ** 2).mean())) for key, fit in fits.items()}
-    floor = float(np.sqrt((prepared.variance[data.usable] / data.n).mean()))
-    found = {f"rms_{prepared.look.unit}": {**rms, "floor": floor}}
-    for place, name in enumerate(data.parts):
-        count = int((weights[place] > 0).sum())
+    found = {f"rms_{prepared.display.unit}": rms_of(prepared, fits, held_out)}
+    for part, name in enumerate(data.parts):
+        count = int((weights[part] > 0).sum())
         if not count:
             continue
         found[f"chi_square_{name.replace(' ', '_')}"] = {
-            key: float((weights[place] * half.residuals[place] ** 2).sum()) / count for key, half in halves.items()
+            key: float((weights[part] * half.residuals[part] ** 2).sum()) / count for key, half in halves.items()
         } | {"floor": 1.0}
     found["log_score"] = {"before": choice.baseline.score, "after": choice.chosen.score} if held_out else {}
     return {key: value for key, value in found.items() if value}

@@ -35,7 +35,7 @@ WELL_KNOWN = 4.0
 MOST_CHI_SQUARE = 1.25
 ADVISED = ("scale", "offset", "x_mm", "y_mm", "z_mm", "turn_deg", "size")  # keys of the configuration's alignment
 # Share of a declared standard deviation: a fit that reduces it by less has not measured the parameter.
-LEAST_TOLD = 0.1
+LEAST_REDUCED = 0.1
 
 
 def caveats(
@@ -51,19 +51,19 @@ def caveats(
         Locations of the remaining mismatch, the worst first.
     """
     found = prepared.caveats()
-    if prepared.lacking:
-        found.append(f"In recording.yaml {prepared.lacking}.")
+    if prepared.time_remark:
+        found.append(f"In recording.yaml {prepared.time_remark}.")
     alike = likeness(prepared, choice)
     if alike < ALIKE:
         found.append(
-            f"Recording and simulation correlate by {alike:.2f} only, whatever the effects: this is another object, at "
-            "another place, or scanned in another geometry. Mend that first."
+            f"Recording and simulation have a correlation of only {alike:.2f}: the object, its location or the "
+            "geometry is wrong. Correct it first."
         )
     if tube_kvp is not None:
         found += [load(name).if_absent.format(tube_kvp=tube_kvp) for name in choice.alone if _is_absent(name, choice)]
     if prepared.voxels and EDGES in [place.domain for place in left] and _along_edges(prepared, choice):
         found.append(
-            f"What is left lies along edges, {prepared.voxels} would show whether anything else is left "
+            f"The remaining mismatch lies along edges, {prepared.voxels} would show whether anything else remains "
             "(docs/how-to/objects.md)."
         )
     return found
@@ -72,8 +72,8 @@ def caveats(
 def likeness(prepared: Prepared, choice: Choice) -> float:
     """Return the correlation of the recorded data with the selected model's."""
     recorded = prepared.recorded()
-    modelled = recorded - prepared.difference(choice.chosen.fit, held_out=False)
-    return float(np.corrcoef(recorded, modelled)[0, 1])
+    modeled = recorded - prepared.difference(choice.chosen.fit, held_out=False)
+    return float(np.corrcoef(recorded, modeled)[0, 1])
 
 
 def _along_edges(prepared: Prepared, choice: Choice) -> bool:
@@ -100,7 +100,7 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
     """
     fit = choice.chosen.fit
     found = []
-    plausible = {(name, one.name): one for name in fit.effects for one in model.parameters(name)}
+    plausible = {(name, parameter.name): parameter for name in fit.effects for parameter in model.parameters(name)}
     for unknown in model.unknowns(fit.effects):
         value, error = fit.physics[unknown.effect][unknown.name], fit.errors[unknown.effect].get(unknown.name, 0.0)
         low, high = unknown.value(unknown.low), unknown.value(unknown.high)
@@ -117,14 +117,12 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
     if pulled := _pulled(fit, model):
         names = enumerated([label(number.name) for number in pulled])
         moved = "; ".join(
-            f"to {fit.nuisance[number.name]:.3g}, known: {number.expected:.3g} ± {number.sd:.3g}" for number in pulled
+            f"{fit.nuisance[number.name]:.3g}, prior {number.expected:.3g} ± {number.sd:.3g}" for number in pulled
         )
-        found.append(
-            f"{names} of the alignment had to be pulled as far as a fit may ({SURE:g} standard deviations: {moved})"
-        )
+        found.append(f"{names} of the alignment reached the limit of the fit ({SURE:g} SD of the prior: {moved})")
     left = held_out.get("chi_square_mean", {}).get("after", 1.0)
     if left > MOST_CHI_SQUARE:
-        found.append(f"chi-square per datum is {left:.2f} where noise alone gives 1.00")
+        found.append(f"chi-square per datum is {left:.2f} (1.00 for noise alone)")
     return found
 
 
@@ -140,11 +138,11 @@ def advice(fit: Fit, model: Model) -> list[str]:
     for number in _pulled(fit, model):
         if number.name not in ADVISED:
             continue
-        why = ": it is the density of the object, which is often known to some per cent" * (number.name == "scale")
+        why = "; the density of the object is often known to a few percent only" * (number.name == "scale")
         found.append(
-            f"{label(number.name).capitalize()} of the alignment is taken to be known to {number.sd:.3g}{why}. "
-            f"If it may be farther off, give its standard deviation: alignment: {{{number.name}: ...}} under "
-            "diagnosis.recordings (docs/how-to/diagnosis.md)."
+            f"{label(number.name).capitalize()} of the alignment has a prior SD of {number.sd:.3g}{why}. "
+            f"If its error may be larger, set alignment: {{{number.name}: SD}} under diagnosis.recordings "
+            "(docs/how-to/diagnosis.md)."
         )
     return found
 
@@ -206,10 +204,10 @@ def statements(
             whole = error if errors is None else max(error, errors[name].get(key, error))
             pull = 0.0
             if (number := numbers.get((name, key))) is not None:
-                of_noise, of_all = (number.number_error(value, one) for one in (error, whole))
-                # Variance by which the data have reduced that of the declaration; at least a little of it.
-                told = max(number.sd**2 - of_noise**2, (number.sd * LEAST_TOLD) ** 2)
-                pull = (number.of(value) - number.expected) / sqrt(told + of_all**2 - of_noise**2)
+                of_noise, of_all = (number.number_error(value, sd) for sd in (error, whole))
+                # Variance by which the data have reduced that of the declaration, with a lower limit.
+                reduced = max(number.sd**2 - of_noise**2, (number.sd * LEAST_REDUCED) ** 2)
+                pull = (number.of(value) - number.expected) / sqrt(reduced + of_all**2 - of_noise**2)
             p = float(bonferroni(2 * stats.norm.sf(abs(pull)), max(len(numbers), 1)))
             found[name][key] = {
                 "stated": stated.value,

@@ -85,7 +85,7 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
     # The amplitude of a distortion has a prior SD of 1.
     distortions = np.zeros(len(fitted.data.numerical))
     knowledge = np.concatenate([problem.knowledge, distortions + 1])
-    off = np.concatenate([problem.knowledge * (problem.centre - problem.start), distortions])
+    off = np.concatenate([problem.knowledge * (problem.center - problem.start), distortions])
     information = fitted.columns.T @ fitted.columns + np.diag(knowledge)
     inverse = Known.of(information).covariance
     # One more step completes the fit, and fits the remaining amplitudes of numerical distortions.
