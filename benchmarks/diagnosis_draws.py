@@ -54,7 +54,7 @@ def left_over(given, physics, fit):
     place = {one.name: one.expected for one in fitter.model.aligned}
     truth = fitter.model.predict(physics, place, held_out, Linearization(*2 * (LinearizationPoint.of(physics, place),)))
     gain = fitter.model.chain.state(physics).gain
-    found = fitter.model.predict(fit.physics, fit.nuisance, held_out, fit.linearisation)
+    found = fitter.model.predict(fit.physics, fit.nuisance, held_out, fit.linearization)
     parts = [there - here for there, here in zip(held_out.residuals(found), held_out.residuals(truth), strict=True)]
     shape = held_out.mean.shape
     pattern = (0 if fit.pattern is None else -fit.pattern) - (0 if gain is None else np.log(gain))
