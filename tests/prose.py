@@ -22,20 +22,10 @@ ROOT = Path(__file__).resolve().parents[1]
 CHECKED = ("README.md", "CONTRIBUTING.md", "config", "docs", "workflow", "benchmarks", "tests")
 UNCONVERTED = (  # patterns of paths
     "benchmarks",
-    "docs/notebooks",
     "tests",
-    "workflow/lib/virtual_phantom/base",
     "workflow/lib/virtual_phantom/cli",
     "workflow/lib/virtual_phantom/config",
-    "workflow/lib/virtual_phantom/diagnosis",
     "workflow/lib/virtual_phantom/figures",
-    "workflow/lib/virtual_phantom/io",
-    "workflow/lib/virtual_phantom/phantom",
-    "workflow/lib/virtual_phantom/projectors",
-    "workflow/lib/virtual_phantom/reconstruction",
-    "workflow/lib/virtual_phantom/resources",
-    "workflow/lib/virtual_phantom/schemas",
-    "workflow/lib/virtual_phantom/statistics",
     "workflow/lib/virtual_phantom/study",
 )
 EXAMPLES = ("tests/test_prose.py",)  # of what is not allowed

@@ -206,5 +206,5 @@ def test_statements_that_cannot_be_are_one_line(section, words):
 def test_what_is_declared_is_no_candidate():
     settings = {"baseline": STATED}
     assert "scatter" not in candidates(settings) and "scatter" in candidates({})
-    with pytest.raises(InputError, match="scatter is declared under baseline; take it out"):
+    with pytest.raises(InputError, match="scatter is declared under baseline; remove it"):
         candidates(settings | {"effects": ["scatter"]})

@@ -152,8 +152,8 @@ def test_keep_leaves_out_a_table(nifti, tmp_path):
     hu[:, 0] = 200  # a table, far behind
     nifti["image"] = write_nifti_array(hu, tmp_path / "table.nii.gz")
     slim = Grid((14, 34, 42), (3.0, 2.0, 2.0))
-    needed = r"the grid spans 68 and 84 mm; set grid.shape to at least \[14, 40, 48\] \(z, y, x\)"
-    refuse(nifti, rf"does not fit: .* 80 mm along y and 96 mm along x, and {needed}", slim)
+    needed = r"The grid spans 68 and 84 mm; set grid.shape to at least \[14, 40, 48\] \(z, y, x\)"
+    refuse(nifti, rf"does not fit\. .* 80 mm along y and 96 mm along x\. {needed}", slim)
     kept = ct.load_phantom({**nifti, "keep_mm": [[-60, 60], [CENTRE[1] - 36, CENTRE[1] + 36]]}, slim, 1)
     np.testing.assert_allclose(kept.image.array, object_hu()[:, 3:-3, 3:-3], atol=1e-2)
 

@@ -248,7 +248,7 @@ def test_check_says_what_of_a_phantom_of_shapes_is_not_seen():
     }
     assert problems(config, scans=True) == []
     narrow = config | {"scan": config["scan"] | {"columns": 90}}
-    assert any("the phantom reaches 100 mm from the isocentre" in line for line in problems(narrow, scans=True))
+    assert any("the phantom reaches 100 mm from the isocenter" in line for line in problems(narrow, scans=True))
     misspelled = config | {"phantom": {"source": "object", "object": {"kind": "acr464_module1", "rois": [ROI]}}}
     assert problems(misspelled) == ["phantom.object: rois: bone names the shape 'bon', which does not exist; " + MEANT]
 

@@ -72,7 +72,7 @@ def test_a_full_disk_is_told_and_the_old_file_stays(name, small_disk):
     files.write_text("old", path)
     with pytest.raises(InputError) as error:
         WRITERS[name](path)
-    assert str(error.value) == f"{path}: cannot be written: the disk is full; make room and run again"
+    assert str(error.value) == f"{path}: cannot be written: the disk is full; free some space and run again"
     assert files.read_text(path) == "old"
     assert sorted(one.name for one in small_disk.iterdir()) == [f".{name}.sha256", name]
 

@@ -1,1 +1,1 @@
-"""What everything else stands on: errors, units, geometry, and where data lie. Imports nothing of ours."""
+"""Errors, units, geometry and paths of data. All other packages may import this one; it imports none of them."""

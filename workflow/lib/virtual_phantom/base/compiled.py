@@ -1,8 +1,8 @@
 """Functions that Numba compiles, with their machine code kept on disk: one file for each signature.
 
 Numba's own cache (``njit(cache=True)``) keeps an index of signatures beside numbered data files and updates both
-without a lock (`IndexDataCacheFile.save` of numba/core/caching.py). Two processes that compile two signatures of one
-function at the same time can pair the signature of one with the code of the other, which is then run with arguments
+without a lock (`IndexDataCacheFile.save` of numba/core/caching.py). If two processes compile two signatures of one
+function at the same time, one signature can be paired with the code of the other. That code then runs with arguments
 that it was not compiled for. Here the name of a file is the hash of everything that its code depends on, so that no
 index is needed. A file is written under a temporary name and renamed, which is atomic on network file systems, too. It
 begins with a hash of its key and content: code that is damaged, truncated or of another key is compiled again, not run.

@@ -63,9 +63,12 @@ class ScanGeometry:
     """A detector and a point source in every view.
 
     VectorGeometry stores vectors for each view; geometry.OrbitGeometry stores the parameters of a circle or helix. Both
-    have source_mm, detector_mm (the detector's reference point: its center, if both offsets are 0), toward_mm (from
-    source to detector), column_direction and row_direction, (views, 3); every(step), which selects views; and
-    turned(angle_rad), about z from +x to +y.
+    have these arrays of shape (views, 3) and methods:
+
+    * source_mm, and detector_mm, the reference point of the detector (its center, if both offsets are 0)
+    * toward_mm (from source to detector), column_direction and row_direction
+    * every(step): the scan with every step-th view
+    * turned(angle_rad): the scan rotated about z from +x to +y
 
     Attributes
     ----------

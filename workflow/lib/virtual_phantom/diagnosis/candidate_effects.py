@@ -114,7 +114,7 @@ def candidates(
         require(name, "diagnosis.effects")
         if name in hidden:
             raise InputError(
-                f"diagnosis.effects: {name} {hidden[name]}{'; take it out' if ';' not in hidden[name] else ''}"
+                f"diagnosis.effects: {name} {hidden[name]}{'; remove it' if ';' not in hidden[name] else ''}"
             )
     return chosen
 
@@ -158,7 +158,7 @@ def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
         if kind == "images" and "protocol" not in settings:
             raise InputError(f"{where}: holds images; name the protocol that simulates them as `protocol`")
         if kind == "projections" and "protocol" in settings:
-            raise InputError(f"{where}.protocol: projections have their own geometry; take it out")
+            raise InputError(f"{where}.protocol: projections have their own geometry; remove this key")
         other = settings.get("physics_from")
         if other is not None and (of := recordings[other].content["kind"]) != kind:
             raise InputError(

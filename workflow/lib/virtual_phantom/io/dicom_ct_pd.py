@@ -1,8 +1,8 @@
 """Export of projections as DICOM-CT-PD, the format of public low-dose CT data.
 
 Every view is a file. Private elements hold the positions of the detector's focal center and the focal spot. Pixels are
-rescaled line integrals. Element (row j, column i), counted from 1, is on an arc of radius d about the focal center, at
-the fan angle (i - X) w / d and at z + (Y - j) h: rows run along -z. base/geometry.py defines the frame.
+rescaled line integrals. Element (row j, column i), counted from 1, is on an arc of radius d about the focal center. Its
+fan angle is (i - X) w / d and its height z + (Y - j) h, so rows run along -z. base/geometry.py defines the frame.
 
 References
 ----------

@@ -18,8 +18,8 @@ from pathlib import Path
 from ..base.errors import InputError
 
 DISK_PROBLEMS = {
-    errno.ENOSPC: "the disk is full; make room and run again",
-    errno.EDQUOT: "the quota is used up; make room and run again",
+    errno.ENOSPC: "the disk is full; free some space and run again",
+    errno.EDQUOT: "the quota is used up; free some space and run again",
     errno.EROFS: "the file system is read-only; set another results_dir",
     errno.EACCES: "the folder may not be written to; change its permissions or set another results_dir",
     errno.EPERM: "the folder may not be written to; change its permissions or set another results_dir",

@@ -373,8 +373,8 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
     if moved > LARGEST_TILT and not is_small_rotation(matrix / spacing):
         raise InputError(
             f"{path}: its axes are tilted against the scanner's by up to {angle:.3g} degrees, which moves voxels by up "
-            f"to {moved:.3g} voxels ({LARGEST_TILT:g} is allowed, or a rotation of {LARGEST_ROTATION:g} degrees "
-            "without shear); resample it upright first"
+            f"to {moved:.3g} voxels; resample it upright first. Allowed: {LARGEST_TILT:g} voxels, or a rotation of "
+            f"{LARGEST_ROTATION:g} degrees without shear"
         )
     if noted and moved > SEEN_TILT:
         note(

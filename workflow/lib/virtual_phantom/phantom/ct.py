@@ -197,9 +197,9 @@ def check_fit(image: Volume, grid: Grid) -> None:
         needed = (0.0, 2 * reach_y, 2 * reach_x)
         advice = suggest_size(grid, needed, (image.grid.extent_mm[0], *needed[1:]))
         raise InputError(
-            f"grid: the body in the CT does not fit: around centre_mm ({cx:g}, {cy:g}, {cz:g}) (x, y, z) it needs "
-            f"{2 * reach_y:.0f} mm along y and {2 * reach_x:.0f} mm along x, and the grid spans {2 * half_y:.0f} and "
-            f"{2 * half_x:.0f} mm; {advice}, or set phantom.ct.keep_mm to leave out table and arms"
+            f"grid: the body in the CT does not fit. Around centre_mm ({cx:g}, {cy:g}, {cz:g}) (x, y, z) it needs "
+            f"{2 * reach_y:.0f} mm along y and {2 * reach_x:.0f} mm along x. The grid spans {2 * half_y:.0f} and "
+            f"{2 * half_x:.0f} mm; {advice}, or set phantom.ct.keep_mm to remove table and arms"
         )
 
 

@@ -1,7 +1,7 @@
 """Sums along single rays by Joseph's method (joseph.py), and their derivatives with respect to the rays' coordinates.
 
-Interpolation is bilinear, so the derivatives of a sum by the coordinates a, b, c and d (joseph.Bundles) are sums of
-differences between neighboring voxels. rows.py does the same for bundles of many rows.
+The derivatives are those by the coordinates a, b, c and d of a ray (joseph.Bundles). Interpolation is bilinear, so they
+are sums of differences between neighboring voxels. Bundles of many rows use rows.py instead.
 """
 
 import math

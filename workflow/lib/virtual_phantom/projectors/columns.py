@@ -1,8 +1,8 @@
 """Interpolation along z or the detector rows, for one line of voxels or pixels after the other.
 
 Many realizations fill vector registers (lanes.py). A single realization first combines both lines into one, and
-neighbors along this line fill the registers: by x86 instructions (x86.py) if the processor has them and slices and rows
-are about equally dense, otherwise by loops that LLVM vectorizes on any processor.
+neighbors along this line fill the registers. This is done by x86 instructions (x86.py) if the processor has
+them and slices and rows are about equally dense, otherwise by loops that LLVM vectorizes on any processor.
 """
 
 from collections import namedtuple
@@ -16,8 +16,8 @@ from .processors import ANY, PROCESSOR
 from .x86 import FLATTEST, STEEPEST, WIDTH, gather_neighbours, scatter_neighbours
 
 BY_HAND = PROCESSOR != ANY
-# With a step of s cells per row, at most ceil(2 / s) rows are less than one cell away from a cell: two from
-# ONE_CELL on, three from TWO_THIRDS, four from FLATTEST. The lengths of the tuples are these numbers.
+# With a step of s cells per row, at most ceil(2 / s) rows are less than one cell away from a cell. These are two
+# rows from ONE_CELL on, three from TWO_THIRDS, four from FLATTEST. The lengths of the tuples are these numbers.
 ONE_CELL, TWO_THIRDS = np.float32(1.0), np.float32(2 / 3)
 TWO, THREE, FOUR = (0,) * 2, (0,) * 3, (0,) * 4
 

@@ -23,8 +23,8 @@ COORDINATES = 4  # a, b, c and d of Bundles
 class Bundles(NamedTuple):
     """Rays in the coordinates of a grid, in bundles of rays with one shadow (ScanGeometry.bundles).
 
-    With t the plane's number from the middle of the grid, a ray meets a plane at the padded voxel index a + b t along
-    the other in-plane axis and c + d t along z. If the ray rises by v from the source to the detector,
+    Let t be the number of a plane, counted from the middle of the grid. A ray meets the plane at the padded voxel index
+    a + b t along the other in-plane axis and c + d t along z. If the ray rises by v from the source to the detector,
     c = level + climb[0] v and d = climb[1] v.
 
     Attributes

@@ -33,9 +33,10 @@ from .lanes import OPTIONS
 # With FEW lanes or fewer, tiles are WIDER.
 TILE, FEW, WIDER = 16, 4, 64
 
-# Arguments of gather_line and scatter_line (columns.py) for many pairs of lines: the first line of the pair, the
-# weights of both, the cell of the first value, the increment per value, and the range of values.
-# `one` has work arrays for one line.
+# Arguments of gather_line and scatter_line (columns.py) for many pairs of lines:
+# - pair: the first line of the pair; near, weight: the weights of both
+# - height: the cell of the first value; slope: the increment per value
+# - start, stop: the range of values; one: work arrays for one line
 Lines = namedtuple("Lines", "pair near weight height slope start stop one")
 
 

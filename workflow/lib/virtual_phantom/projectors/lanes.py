@@ -2,9 +2,9 @@
 
 Realizations are the innermost, contiguous axis of every array of a kernel. Their number is the length of a tuple, a
 constant for numba, so that LLVM keeps all lanes in vector registers. LLVM cannot prove that input and output do not
-overlap, which slows down plain loops: a SIRT job of the default study (10 lanes, 150 views) took 16.4 s of CPU time
-with plain loops under `fastmath` and 3.9 s with these intrinsics (medians of 5 runs, AMD EPYC with AVX-512). Plain
-loops also changed the last bits of images.
+overlap, which slows down plain loops. A SIRT job of the default study (10 lanes, 150 views) took 16.4 s of CPU time
+with plain loops under `fastmath` and 3.9 s with these intrinsics. These are medians of 5 runs on an AMD EPYC with
+AVX-512. Plain loops also changed the last bits of images.
 """
 
 from __future__ import annotations

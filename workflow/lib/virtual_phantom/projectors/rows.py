@@ -1,8 +1,8 @@
 """Joseph's sums for bundles of many rows, and their derivatives: all rows of a bundle at once.
 
-In each plane the two lines of voxels beside the bundle's shadow (joseph.py) are interpolated once, and rows look up
-their values in the result: by x86 instructions (x86.py) if the processor has them, otherwise in loops. Rows may have
-any heights, in ascending order. any_rays.py does the same for single rays.
+In each plane the two lines of voxels next to the bundle's shadow (joseph.py) are interpolated once, and rows look up
+their values in the result. The lookup uses x86 instructions (x86.py) if the processor has them, otherwise loops. Rows
+may have any heights, in ascending order. Single rays use any_rays.py instead.
 """
 
 import math

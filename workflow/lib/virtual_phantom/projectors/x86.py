@@ -1,13 +1,16 @@
 """Interpolation along a line for one realization with x86 vector instructions, written in LLVM.
 
 A vector register holds WIDTH neighbors along a line. Two registers hold 2 WIDTH values of the input line, from which
-instructions select WIDTH: one instruction for sixteen with AVX-512, two and a selection for eight with AVX2.
+instructions select WIDTH. AVX-512 needs one instruction for sixteen values, AVX2 two and a selection for eight.
 columns.py decides which code runs; it has loops for other processors.
 
-Measured against these loops (AMD EPYC, AVX-512): path lengths of a scene took 7 ms of CPU time instead of 35, their
-derivatives 16 instead of 63. benchmarks/diagnosis_time.py with all 32 candidates took 76 s of user CPU time instead of
-123 (one run each; the second included compilation), with 17 candidates 16.8 s instead of 20.8 (two runs each). SIRT of
-the default study (many lanes) does not use this module. The loops also round some results differently.
+CPU time with this module and with these loops (AMD EPYC, AVX-512):
+
+* path lengths of a scene: 7 and 35 ms; their derivatives: 16 and 63 ms
+* benchmarks/diagnosis_time.py with all 32 candidates: 76 and 123 s (one run each; the second included compilation)
+* the same with 17 candidates: 16.8 and 20.8 s (two runs each)
+
+SIRT of the default study (many lanes) does not use this module. The loops also round some results differently.
 """
 
 import numpy as np
@@ -20,8 +23,8 @@ from .processors import AVX512, PROCESSOR
 WIDTH = 16 if PROCESSOR == AVX512 else 8
 # Largest step along the input line for which WIDTH values need at most 2 WIDTH cells.
 STEEPEST = np.float32(1.875)
-# With a step of s cells per row, at most ceil(2 / s) rows are less than one cell away from a cell: four at this
-# smallest step, where WIDTH cells need at most 2 WIDTH rows.
+# Smallest step for which WIDTH cells need at most 2 WIDTH rows. With a step of s cells per row, at most ceil(2 / s)
+# rows are less than one cell away from a cell: four at this step.
 FLATTEST = np.float32(0.6)
 
 FLOAT, INT = ir.FloatType(), ir.IntType(32)

@@ -43,8 +43,8 @@ def fbp(
     Raises
     ------
     InputError
-        For an unknown `normalise`, a scan that is neither circular nor helical, with "coverage" a scan that
-        ParallelRays refuses, and with "none" a kernel, a curved detector or a flying focal spot.
+        For an unknown `normalise`, or a scan that is neither circular nor helical. With "coverage" also for a scan that
+        ParallelRays refuses, with "none" for a kernel, a curved detector or a flying focal spot.
 
     References
     ----------
@@ -53,11 +53,11 @@ def fbp(
     """
     if normalise == "none":
         if kernel is not None:
-            raise InputError("fbp: a kernel needs normalise: coverage (reconstruction.fbp.normalise)")
+            raise InputError("fbp: a kernel needs reconstruction.fbp.normalise: coverage")
         return _fdk(projector, line_integrals)
     if normalise == "coverage":
         return ParallelProjections.of(line_integrals, projector.geometry, kernel).back(projector)
-    raise InputError(f"fbp: normalise '{normalise}' is unknown; use 'coverage' or 'none'")
+    raise InputError(f"fbp: reconstruction.fbp.normalise '{normalise}' is unknown; use 'coverage' or 'none'")
 
 
 def _fdk(projector, line_integrals):

@@ -88,11 +88,13 @@ def comparable(
         * depends_on_voxel_size: counts neighbors or voxels, so it differs between grids
         * depends_on_dimensions: a pixel has 8 neighbors in a slice, a voxel 26 in a volume
 
-        and comparable ("yes", "with care" or "no") with the reason. "no": features with other settings, features that
-        depend on size unless same_voxels, and dependence and zone features of slices, whose neighbor counts differ.
-        "with care": co-occurrences and runs of slices, which are averaged over 4 directions instead of 13; expected
-        values are equal only for isotropic textures and voxels. Voxel sizes are unknown here, so
-        depends_on_voxel_size alone is no reason.
+        and comparable, with the reason:
+
+        * "no": features with other settings, features that depend on size unless same_voxels, and dependence and zone
+          features of slices, whose neighbor counts differ
+        * "with care": co-occurrences and runs of slices, which are averaged over 4 directions instead of 13; expected
+          values are equal only for isotropic textures and voxels
+        * "yes": all others; depends_on_voxel_size alone is no reason, as voxel sizes are unknown here
 
     Raises
     ------
@@ -131,7 +133,7 @@ def comparable(
         elif row["depends_on_size"] and not (same_voxels and recording_dimensions == 3):
             verdict = "no", "grows with the ROI"
         elif row["depends_on_dimensions"] and counted:
-            verdict = "no", "neighbours are counted in a slice"
+            verdict = "no", "neighbors are counted in a slice"
         elif row["depends_on_dimensions"]:
             verdict = "with care", "directions of a slice only"
         elif row["depends_on_bin_edges"]:

@@ -90,8 +90,8 @@ def compare(
     Raises
     ------
     InputError
-        If an ROI or feature is in one table only, tissue classes differ, an ROI has fewer than two repeats, a margin is
-        out of range, or a value is not finite.
+        If an ROI or feature is in one table only, or tissue classes differ. Also if an ROI has fewer than two repeats,
+        a margin is out of range, or a value is not finite.
 
     References
     ----------

@@ -80,11 +80,16 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One row per feature: feature, family, rois, median_abs_shift_sd, share_within_margin (of the ROIs: |shift|
-        within the margin, whether or not that is certain), share_equivalent (shown to be), share_mean_differs (q under
-        0.05), median_sd_ratio, share_sd_within, share_sd_equivalent, share_sd_differs, kendall_tau, spearman (missing
-        for fewer than three ROIs), and mean_right, sd_right (in at least MOST of the ROIs within the margin),
-        rank_right (tau of at least RANK_RIGHT) and their sum as `verdict`: "mean, SD and rank right" to "none right".
+        One row per feature, with shares of its ROIs:
+
+        * feature, family, rois, median_abs_shift_sd, median_sd_ratio
+        * share_within_margin, share_sd_within: within the margin, whether or not that is certain
+        * share_equivalent, share_sd_equivalent: shown to be within the margin
+        * share_mean_differs, share_sd_differs: q under 0.05
+        * kendall_tau, spearman: missing for fewer than three ROIs
+        * mean_right, sd_right: at least MOST of the ROIs are within the margin
+        * rank_right: tau of at least RANK_RIGHT
+        * verdict: "mean, SD and rank right" to "none right"
     """
     cells = _cells(table)
     result = _shares(cells.groupby(["feature", "family"], sort=False)).reset_index()

@@ -51,8 +51,8 @@ def project(
     fit_on : {"simulated", "measured", "pooled"}, optional
         Set that the components are fitted on.
     standardise : {"each", "together"}, optional
-        "each" standardizes each set by its own mean and SD, which hides offsets between the sets (2D and 3D features,
-        voxel size). "together" uses the mean and SD of the set fitted on.
+        Mean and SD that standardize the features. "each": of each set, which hides offsets between the sets (2D and 3D
+        features, voxel size). "together": of the set fitted on.
 
     Returns
     -------

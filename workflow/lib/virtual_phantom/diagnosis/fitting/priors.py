@@ -69,7 +69,7 @@ def declared(section: Mapping[str, Mapping[str, Mapping[str, float]]], where: st
     for name, parameters in section.items():
         effect = load(name, where)
         if effect.pattern:
-            raise InputError(f"{where}: {name} has one unknown per detector pixel, which nobody can state; take it out")
+            raise InputError(f"{where}: {name} has one unknown per detector pixel, which cannot be stated; remove it")
         checked({name: {key: stated["value"] for key, stated in parameters.items()}}, where)
         missing = [parameter.name for parameter in effect.parameters if parameter.name not in parameters]
         if missing:

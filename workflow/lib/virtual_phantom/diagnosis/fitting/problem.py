@@ -43,7 +43,7 @@ class Problem:
     fitter : Fitter
         Model, data and weights.
     given : Fit or None
-        Where the numbers begin.
+        Fit whose parameters are the starting point.
     beside : str, optional
         A further effect that is not fitted but changes what is known of the nuisance parameters.
 
@@ -51,7 +51,7 @@ class Problem:
     ----------
     start, low, high : ndarray, shape (numbers,)
         Starting point and bounds.
-    centre, knowledge : ndarray, shape (numbers,)
+    center, knowledge : ndarray, shape (numbers,)
         Means of the Gaussian priors, and their inverse variances (0: no prior).
     steps : ndarray, shape (numbers,)
         Steps of finite differences.

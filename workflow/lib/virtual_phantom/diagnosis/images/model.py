@@ -60,7 +60,7 @@ class ImagesModel(Model):
         self._means, self._noises = LRUCache(IMAGES_KEPT), LRUCache(IMAGES_KEPT)
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
-        """Return the nuisance parameters: beside absolute attenuation the scale is free, as water is set to 0 HU."""
+        """Return the nuisance parameters. With absolute attenuation the scale is free, as water is set to 0 HU."""
         if not absolute_attenuation(self.whole(effects)):
             return self.aligned
         return tuple(

@@ -1,9 +1,9 @@
 """Correlated noise of neighboring rays: its estimate, the filter that whitens it, and errors of its statistics.
 
-A detector whose pixels share light, or glow on, blurs its own quantum noise: variances of single rays fall, variances
-of sums over many rays do not. Residuals are therefore whitened before they are fitted and tested (pre-whitening
-[1]_) by the inverse of a filter. The filter is estimated once per recording from differences of repeats, which no
-model of the mean influences.
+Light that is shared between pixels, or afterglow, blurs the quantum noise of a detector: variances of single rays
+fall, variances of sums over many rays do not. Residuals are therefore whitened before they are fitted and tested
+(pre-whitening [1]_) by the inverse of a filter. The filter is estimated once per recording from differences of repeats,
+which no model of the mean influences.
 
 The detector blurs its signal. A residual is therefore multiplied by the signal, filtered, and divided by it again.
 The filter keeps smooth residuals, so that they stay line integrals.

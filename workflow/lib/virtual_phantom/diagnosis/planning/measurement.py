@@ -121,7 +121,7 @@ class FurtherScan:
         fit : Fit
             Fit of that recording with these effects.
         own : collection of str
-            Effects that each scan has for itself, which are absent in this one.
+            Effects that are specific to each scan and absent in this one.
         again : bool, optional
             Whether this is the existing recording, with its fitted alignment and all its effects.
         beside : MeasurementInformation, optional

@@ -47,7 +47,7 @@ class ScansModel(Model):
     chain, aligned, anode, tube_kvp, fixed, density, declared
         See Model.
     numerical : Numerical, optional
-        Discretization errors. Each is fitted as a distortion of the line integrals, as it is no noise.
+        Discretization errors. Each is fitted as a distortion of the line integrals, because it is systematic.
 
     Attributes
     ----------

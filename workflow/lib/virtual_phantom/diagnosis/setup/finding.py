@@ -78,8 +78,6 @@ class SetupResult(ABC):
         Unexplained share of the variance, as described and as corrected.
     of : str
         Data whose variance this is.
-    location : dict of str to float
-        See Finding.location.
     """
 
     kind: str
@@ -88,7 +86,7 @@ class SetupResult(ABC):
     share_stated: float
     share: float
     of: ClassVar[str]
-    location = MappingProxyType({})  # a field of SetupCheck
+    location = MappingProxyType({})  # see Finding.location; a field of SetupCheck only
 
     @property
     def content(self) -> dict:

@@ -109,8 +109,8 @@ def distortions_of_physics(
 
     Each is one standard deviation. A declared effect explains what it changes less what the nuisance parameters would
     absorb without it, to first order; all that a fitted effect changes may be wrong. Positions of rays and the object
-    involve no model, so that effects that move them have no such error. Beside fitted effects, corrections for finite
-    steps may be uneven.
+    involve no model, so that effects that move them have no such error. If effects are
+    fitted, non-uniform corrections for discretization count as model errors, too.
 
     Parameters
     ----------

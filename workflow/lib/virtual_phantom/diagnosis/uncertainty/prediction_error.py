@@ -1,4 +1,4 @@
-"""Uncertainty of predictions for held-out data, by the errors of a fit's numbers."""
+"""Uncertainty of predictions for held-out data that comes from errors of the fitted parameters."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ..fitting.unknown import Unknown
 
 
 def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
-    """Return changes of held-out predictions by errors of a fit's numbers, by part, (directions, data).
+    """Return changes of held-out predictions by errors of fitted parameters, by part, shape (directions, data).
 
-    The directions are independent, each one standard error large. Residuals of held-out data vary by the sum of their
-    squares beside their own noise: r = n - J (theta - truth). Here theta has the covariance (J'WJ + K)^-1 of the
-    fitted data. Parameters from elsewhere have the errors found there, as far as the fitted numbers do not
-    compensate for them.
+    The directions are independent, each one standard error large. A residual of held-out data is
+    r = n - J (theta - truth), so the sum of the squared directions adds to the variance of its noise n. Here theta has
+    the covariance (J'WJ + K)^-1 of the fitted data. Parameters from other recordings have the errors found there, as
+    far as the fitted parameters do not compensate for them.
     """
     problem = Problem.at(fitter, fit)
     fitted, held = of_both_halves(problem)
@@ -36,7 +36,7 @@ def of_both_halves(problem: Problem) -> tuple[list[np.ndarray], list[np.ndarray]
 
 
 def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarray:
-    """Return rows whose outer products sum up to the numbers' covariance, shape (directions, numbers)."""
+    """Return rows whose outer products sum to the covariance of the parameters, shape (directions, parameters)."""
     elsewhere = np.zeros(len(problem.start), bool)
     names = [(number.effect, number.name) for number in problem.unknowns]
     elsewhere[: len(names)] = [name in fit.elsewhere.get(effect, ()) for effect, name in names]

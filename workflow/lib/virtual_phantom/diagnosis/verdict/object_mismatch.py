@@ -19,7 +19,7 @@ from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..selection.screening import Screened
 from .unmodeled import ChangesOfFits
 
-MOST_PIECES = 3  # that are corrected; with more mismatches the object is another one
+MOST_PIECES = 3  # local mismatches that are corrected; with more, the stated object is wrong
 BEYOND = 2.0  # ratio to the first-order gain of the best effect, as a fit may gain twice as much
 # In standard deviations of the noise of chi-square: a piece explains everything if it reduces a difference above FAR to
 # less than NOISE. Physics of the whole object does not do that by chance.
@@ -27,7 +27,7 @@ FAR, NOISE = 100.0, 3.0
 
 
 def differing(found: Sequence[Change], least: float = LEAST_GAIN) -> Change | None:
-    """Return the piece of the object if it is significant and explains more held-out data than any other change.
+    """Return the local object mismatch if it is significant and explains more held-out data than any other change.
 
     Parameters
     ----------

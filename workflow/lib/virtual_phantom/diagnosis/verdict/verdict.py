@@ -23,11 +23,11 @@ from .object_mismatch import content_of, excess
 from .unmodeled import ChangesOfFits, better, standing_out
 from .warnings import caveats, doubts, statements
 
-LEFT_SD = 3.0  # by which a sum of products must stand above 0 to count as left: 1 in 740 by chance
+LEFT_SD = 3.0  # standard deviations above 0 from which a sum of products counts as remaining: 1 in 740 by chance
 NO_SIGNED_MAP = (EDGES, "both halves", KINDS)  # sums of squares and products
 OBJECT_TURNED = (
-    "scan the object again, turned by 90 degrees about z; a mismatch of the object turns with it, one of the scanner "
-    "does not"
+    "scan the object again, rotated by 90 degrees about z; a mismatch of the object rotates with it, a mismatch of the "
+    "scanner does not"
 )
 VERDICTS = (MATCH, "mismatch explained", "mismatch partly explained", UNEXPLAINED)
 
