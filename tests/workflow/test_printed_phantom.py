@@ -183,4 +183,4 @@ def test_a_region_that_is_none_is_one_line(made):
     said = process.stdout + process.stderr
     assert process.returncode == 1 and "Traceback" not in said
     (error,) = [line for line in said.splitlines() if line.startswith("Error:")]
-    assert "cyst_1 has the label cyst_1, which is none of public_scans.regions; did you mean 'cyst1'?" in error
+    assert "cyst_1 has the label cyst_1, which is not in public_scans.regions; did you mean 'cyst1'?" in error

@@ -58,7 +58,7 @@ if "snakemake" in globals():
             rois_file=snakemake.input.rois,
             output=snakemake.output[0],
             recording=snakemake.params.recording,
-            conditions=snakemake.params.select_rows,
+            conditions=snakemake.params.where,
             chosen_rois=snakemake.params.rois,
             voxel_mm=snakemake.params.voxel_mm,
             extraction=snakemake.params.parameters,

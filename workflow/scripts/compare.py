@@ -57,7 +57,7 @@ if "snakemake" in globals():
             features_file=snakemake.output.features,
             families_file=snakemake.output.families,
             recording=snakemake.params.recording,
-            conditions=snakemake.params.select_rows,
+            conditions=snakemake.params.where,
             protocol=snakemake.params.protocol,
             noise=snakemake.params.noise,
             seeds=snakemake.params.seeds,
