@@ -36,7 +36,7 @@ def test_a_label_map_is_diagnosed_and_again_when_it_changes(folder):
     contrast = found["agreement"]["metrics"]["contrast"]
     off = [abs(contrast[when]["relative_difference"]) for when in ("after", "before")]
     assert off[0] < 0.01 < 0.1 < off[1]
-    assert "middle slice of what was scanned" in (made / "report.html").read_text()
+    assert "middle slice of the scanned object" in (made / "report.html").read_text()
     assert "diagnose" not in planned(diagnosis(folder, "-n"))
     drawn(folder / "labels.nii.gz", 0.4)
     assert "diagnose" in planned(diagnosis(folder, "-n"))
