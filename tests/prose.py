@@ -25,10 +25,7 @@ UNCONVERTED = (  # patterns of paths
     "docs/notebooks",
     "tests",
     "workflow/lib/virtual_phantom/base",
-    "workflow/lib/virtual_phantom/cli",
-    "workflow/lib/virtual_phantom/config",
     "workflow/lib/virtual_phantom/diagnosis",
-    "workflow/lib/virtual_phantom/figures",
     "workflow/lib/virtual_phantom/io",
     "workflow/lib/virtual_phantom/phantom",
     "workflow/lib/virtual_phantom/projectors",
@@ -36,7 +33,6 @@ UNCONVERTED = (  # patterns of paths
     "workflow/lib/virtual_phantom/resources",
     "workflow/lib/virtual_phantom/schemas",
     "workflow/lib/virtual_phantom/statistics",
-    "workflow/lib/virtual_phantom/study",
 )
 EXAMPLES = ("tests/test_prose.py",)  # of what is not allowed
 MAX_WORDS = 30  # of a sentence

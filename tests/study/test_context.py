@@ -161,7 +161,7 @@ def test_a_case_is_modelled_by_its_own_protocol():
     assert held_out["settings"]["nominal_photons"] == settings["held_out_protocol"]["photons"]
     times = settings["images"]["views_times"]
     assert proof.model(last)["protocol"]["projections"] == settings["scan"]["views"] * times
-    assert "images" in proof.scanned(last) and "images" not in proof.scanned(case)
+    assert "images" in proof.scan_settings(last) and "images" not in proof.scan_settings(case)
     assert set(proof.tried_on(last)) == set(settings["images"]["tried"])
 
 
@@ -234,12 +234,12 @@ def test_recordings_of_a_scanner_declare_the_same_of_it(tmp_path):
     spot = {"focal_spot": {"width_mm": {"value": 1, "sd": 0.1}, "length_mm": {"value": 1, "sd": 0.1}}}
     wider = {"focal_spot": {"width_mm": {"value": 2, "sd": 0.1}, "length_mm": {"value": 1, "sd": 0.1}}}
     for own, words in (
-        ({"one": spot}, "bench: of its recordings one declares focal_spot, and not all do; declare it under diagnosis"),
-        ({"one": spot, "two": wider}, "bench: one and two declare width_mm of focal_spot otherwise"),
+        ({"one": spot}, "bench: recording one declares focal_spot, but others do not; declare it under diagnosis"),
+        ({"one": spot, "two": wider}, "bench: one and two declare different values of width_mm of focal_spot"),
     ):
         with pytest.raises(InputError, match=words):
             bench(own)
-    with pytest.raises(InputError, match="bench.effects: scatter is declared under baseline; take it out"):
+    with pytest.raises(InputError, match="bench.effects: scatter is declared under baseline; remove it"):
         bench(baseline=stated(0.1), effects=["scatter"])
     with pytest.raises(InputError, match="bench.baseline.scatter: nothing is stated of width_mm"):
         bench(baseline={"scatter": {"amount": {"value": 0.1, "sd": 0.01}}})
