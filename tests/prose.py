@@ -23,10 +23,6 @@ CHECKED = ("README.md", "CONTRIBUTING.md", "config", "docs", "workflow", "benchm
 UNCONVERTED = (  # patterns of paths
     "benchmarks",
     "tests",
-    "workflow/lib/virtual_phantom/cli",
-    "workflow/lib/virtual_phantom/config",
-    "workflow/lib/virtual_phantom/figures",
-    "workflow/lib/virtual_phantom/study",
 )
 EXAMPLES = ("tests/test_prose.py",)  # of what is not allowed
 MAX_WORDS = 30  # of a sentence

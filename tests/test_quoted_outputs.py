@@ -26,7 +26,7 @@ UNCHECKED = {
     "phantom -> project": "a drawing",
 }
 CHECKED = {
-    "solid_disc and the simulation differ": "test_the_readme_quotes_what_the_guide_prints",
+    "solid_disc: mismatch partly explained": "test_the_readme_quotes_what_the_guide_prints",
     "Failed: phantom of": "test_the_line_of_a_killed_script_is_quoted_as_it_is_printed",
     "1760 acquisitions": "test_the_plan_of_a_large_study_is_quoted_as_it_is_printed",
 }

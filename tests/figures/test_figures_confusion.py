@@ -54,9 +54,9 @@ def test_cells_are_where_they_belong():
     assert (weak >= full).all() and weak.sum() > full.sum()  # lighter; one wrong among stand-ins counts
 
 
-def test_the_example_names_what_was_concealed():
+def test_the_example_names_the_hidden_effect():
     figure = before_after.draw(np.zeros((30, 20)), np.ones((30, 20)), "images", "heel (weak)", "bowtie and heel")
     assert_text_fits(figure)
     found = texts(figure)
-    assert "concealed: heel (weak)   –   named: bowtie and heel" in found and {"row", "column"} <= set(found)
+    assert "hidden: heel (weak), found: bowtie and heel" in found and {"row", "column"} <= set(found)
     assert len({image.get_clim() for axes in figure.axes for image in axes.images}) == 1

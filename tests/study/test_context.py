@@ -89,13 +89,13 @@ def test_memory_is_that_of_the_arrays():
 
 
 def test_a_level_that_a_job_finds_is_waited_for(beside):
-    one, found = beside.acquisitions.one("dose10", "03"), beside.acquisitions.one("met", "03")
+    one, found = beside.acquisitions.acquisition("dose10", "03"), beside.acquisitions.acquisition("met", "03")
     assert one == {"noise": "dose10", "noise_level": DEFAULT["noise"]["levels"]["dose10"]["A"], "seed": 3}
     assert found["noise_level"] is None
     assert beside.acquisitions.level_files(["dose10", "met", "met"]) == ["results/noise/met.json"]
     groups = {noise: beside.acquisitions.group_of("fbp_150", noise, "00") for noise in ("dose10", "met")}
     assert groups == {"dose10": "acquisitions", "met": "matched_acquisitions"}
-    assert beside.comparisons.met_features("met") == "results/recordings/scanner/features.csv"
+    assert beside.comparisons.noise_target_features("met") == "results/recordings/scanner/features.csv"
 
 
 def test_recordings_ask_for_memory_by_their_largest_file(beside):
@@ -109,13 +109,13 @@ def test_recordings_ask_for_memory_by_their_largest_file(beside):
 def test_the_head_of_a_comparison_says_what_is_compared(beside):
     title = "FBP 150, noise dose10, against scanner (dose mGy 1, kernel soft)"
     assert beside.comparisons.title("near") == title
-    shown = {one["title"]: one for one in beside.pages.shown()}
+    shown = {one["title"]: one for one in beside.pages.figures()}
     assert shown[title]["section"] == "Recordings" and shown[title]["wildcards"] == {"comparison": "near"}
 
 
 def test_the_report_has_figures_with_captions_and_tables_with_titles_first():
     pages = context_of().pages
-    assert len(pages.pictures()) == len(pages.caption_files()) == len(pages.shown())
+    assert len(pages.pictures()) == len(pages.caption_files()) == len(pages.figures())
     assert all(Path(path).exists() for path in pages.caption_files())
     titles = dict(zip(pages.table_titles(), pages.tables(), strict=True))
     assert list(titles)[:3] == ["Which features to trust", "Stable features by measure", "Measures of stability"]
@@ -161,7 +161,7 @@ def test_a_case_is_modelled_by_its_own_protocol():
     assert held_out["settings"]["nominal_photons"] == settings["held_out_protocol"]["photons"]
     times = settings["images"]["views_times"]
     assert proof.model(last)["protocol"]["projections"] == settings["scan"]["views"] * times
-    assert "images" in proof.scanned(last) and "images" not in proof.scanned(case)
+    assert "images" in proof.scan_settings(last) and "images" not in proof.scan_settings(case)
     assert set(proof.tried_on(last)) == set(settings["images"]["tried"])
 
 
@@ -234,12 +234,12 @@ def test_recordings_of_a_scanner_declare_the_same_of_it(tmp_path):
     spot = {"focal_spot": {"width_mm": {"value": 1, "sd": 0.1}, "length_mm": {"value": 1, "sd": 0.1}}}
     wider = {"focal_spot": {"width_mm": {"value": 2, "sd": 0.1}, "length_mm": {"value": 1, "sd": 0.1}}}
     for own, words in (
-        ({"one": spot}, "bench: of its recordings one declares focal_spot, and not all do; declare it under diagnosis"),
-        ({"one": spot, "two": wider}, "bench: one and two declare width_mm of focal_spot otherwise"),
+        ({"one": spot}, "bench: recording one declares focal_spot, but others do not; declare it under diagnosis"),
+        ({"one": spot, "two": wider}, "bench: one and two declare different values of width_mm of focal_spot"),
     ):
         with pytest.raises(InputError, match=words):
             bench(own)
-    with pytest.raises(InputError, match="bench.effects: scatter is declared under baseline; take it out"):
+    with pytest.raises(InputError, match="bench.effects: scatter is declared under baseline; remove it"):
         bench(baseline=stated(0.1), effects=["scatter"])
     with pytest.raises(InputError, match="bench.baseline.scatter: nothing is stated of width_mm"):
         bench(baseline={"scatter": {"amount": {"value": 0.1, "sd": 0.01}}})
@@ -287,7 +287,7 @@ def test_making_the_context_loads_no_heavy_library():
 
 def captions_of(context, **config):
     """The captions of a study's figures, as it would be with another configuration."""
-    figures = study.report_figures(context.pages.pictures(), context.pages.caption_files(), context.pages.shown())
+    figures = study.report_figures(context.pages.pictures(), context.pages.caption_files(), context.pages.figures())
     return {one.path.stem: study.caption(one, context.config | config) for one in figures}
 
 

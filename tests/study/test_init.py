@@ -225,11 +225,11 @@ def test_the_picture_names_in_its_legend_only_what_it_shows(desk):
         proposed = replace(proposed, box_mm=box_mm or proposed.box_mm)
         return [one.get_text() for one in preview(proposed).legends[0].get_texts()]
 
-    some, shown = labelled(), ["label 3", "label 5", "what is scanned"]
+    some, shown = labelled(), ["label 3", "label 5", "scanned box"]
     some[some == 9] = 0
     assert legend(some) == shown
     some[:, :2, :2] = 9
-    assert legend(some) == [*shown[:2], "left out", shown[2]]
+    assert legend(some) == [*shown[:2], "not used", shown[2]]
     assert legend(some, [[x - 20, x + 20] for x in CENTRE[:2]]) == shown
 
 

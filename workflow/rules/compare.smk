@@ -26,7 +26,7 @@ rule match_noise:
     """Fit the A of a noise level to the variance of a recording."""
     input:
         calibration=rules.noise_calibration.output[0],
-        recorded=lambda wildcards: comparisons.met_features(wildcards.noise),
+        recorded=lambda wildcards: comparisons.noise_target_features(wildcards.noise),
     output:
         results("noise/{noise}.json"),
     log:
@@ -35,7 +35,7 @@ rule match_noise:
         mem_mb=1000,
         runtime=10,
     params:
-        meets=lambda wildcards: comparisons.met(wildcards.noise),
+        meets=lambda wildcards: comparisons.noise_target(wildcards.noise),
         code=code("match_noise.py"),
     script:
         "../scripts/match_noise.py"
@@ -79,12 +79,14 @@ rule compare:
     params:
         parameters=context.parameters,
         recording=lambda wildcards: comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: comparisons.asked(wildcards.comparison, "where"),
-        protocol=lambda wildcards: comparisons.asked(wildcards.comparison, "protocol"),
-        noise=lambda wildcards: comparisons.asked(wildcards.comparison, "noise"),
+        where=lambda wildcards: comparisons.setting(wildcards.comparison, "where"),
+        protocol=lambda wildcards: comparisons.setting(wildcards.comparison, "protocol"),
+        noise=lambda wildcards: comparisons.setting(wildcards.comparison, "noise"),
         seeds=lambda wildcards: comparisons.repeats(wildcards.comparison),
-        rois=lambda wildcards: comparisons.asked(wildcards.comparison, "rois"),
-        margin_sd=lambda wildcards: comparisons.asked(wildcards.comparison, "margin_sd"),
+        rois=lambda wildcards: comparisons.setting(wildcards.comparison, "rois"),
+        margin_sd=lambda wildcards: comparisons.setting(
+            wildcards.comparison, "margin_sd"
+        ),
         code=code("compare.py"),
     script:
         "../scripts/compare.py"
@@ -131,8 +133,8 @@ rule change_properties:
     params:
         parameters=context.parameters,
         recording=lambda wildcards: comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: comparisons.asked(wildcards.comparison, "where"),
-        rois=lambda wildcards: comparisons.asked(wildcards.comparison, "rois"),
+        where=lambda wildcards: comparisons.setting(wildcards.comparison, "where"),
+        rois=lambda wildcards: comparisons.setting(wildcards.comparison, "rois"),
         voxel_mm=lambda wildcards: comparisons.voxel_mm(wildcards.comparison),
         code=code("change_properties.py", context.diagnosis.properties),
     script:
@@ -154,8 +156,8 @@ rule recording_scores:
     params:
         parameters=context.parameters,
         folder=lambda wildcards: context.recordings.folder(wildcards.recording),
-        where=lambda wildcards: context.selections.scored(wildcards.recording),
-        repeats=context.selections.grouped["seeds"],
+        where=lambda wildcards: context.selections.score_conditions(wildcards.recording),
+        repeats=context.selections.compared_images["seeds"],
         statistics=context.config["statistics"],
         code=code("recording_scores.py"),
     script:
@@ -189,7 +191,7 @@ use rule overlap as overlap_recording with:
     log:
         results("logs/overlap/{recording}.log"),
     params:
-        **context.selections.grouped,
+        **context.selections.compared_images,
         statistics=context.config["statistics"],
         recording=lambda wildcards: wildcards.recording,
         code=code("overlap.py"),

@@ -32,7 +32,7 @@ rule diagnose:
     params:
         model=lambda wildcards: diagnosis.model(wildcards.recording),
         # Cached fits. They are not an output, since Snakemake would delete them before an interrupted job continues.
-        kept=lambda wildcards: diagnosis.kept(wildcards.recording),
+        cache_folder=lambda wildcards: diagnosis.fit_cache(wildcards.recording),
         effects=lambda wildcards: diagnosis.candidates[wildcards.recording],
         same_material=lambda wildcards: diagnosis.same_material(wildcards.recording),
         accuracy=diagnosis.accuracy,

@@ -46,7 +46,8 @@ for batch, levels in context.plan.seed_batches().items():
                 for key in ("algorithm", "projections")
             },
             acquisitions=lambda wildcards, batch=batch: [
-                context.acquisitions.one(wildcards.noise, seed) for seed in batch
+                context.acquisitions.acquisition(wildcards.noise, seed)
+                for seed in batch
             ],
             code=code("extract.py"),
         script:

@@ -16,7 +16,11 @@ if scans.absent and scans.local_folder is None:
     rule fetch_scan:
         """Fetch one public scan of the printed phantom: CT, regions and license."""
         output:
-            (directory(scans.scan_folder) if scans.keep else temp(directory(scans.scan_folder))),
+            (
+                directory(scans.scan_folder)
+                if scans.keep
+                else temp(directory(scans.scan_folder))
+            ),
         log:
             results("logs/fetch/{scan}.log"),
         wildcard_constraints:

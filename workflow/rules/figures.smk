@@ -91,7 +91,7 @@ rule figure_stability_discrimination:
         threshold=context.config["statistics"]["threshold"],
         with_measured=context.config["measured"]["overlay"],
         recording=selections.own_reference,
-        seeds=selections.grouped["seeds"],
+        seeds=selections.compared_images["seeds"],
         settings=context.plan.scored_settings(),
         noise=selections.compared_noise(),
         trial=bool(context.config["trial"]),

@@ -11,7 +11,7 @@ pages = context.pages
 rule viewer_page:
     """Viewer of slices: input, FBP, SIRT and their differences."""
     input:
-        unpack(or_exit(lambda wildcards: pages.viewed())),
+        unpack(or_exit(lambda wildcards: pages.viewer_images())),
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
@@ -50,7 +50,7 @@ rule study_report:
         mem_mb=2000,
         runtime=15,
     params:
-        figures=lambda wildcards: pages.shown(),
+        figures=lambda wildcards: pages.figures(),
         tables=pages.table_titles(),
         diagnoses=pages.diagnoses(),
         links=pages.links(),
@@ -81,12 +81,12 @@ rule index_page:
         mem_mb=2000,
         runtime=15,
     params:
-        figures=lambda wildcards: pages.shown(),
+        figures=lambda wildcards: pages.figures(),
         tables=pages.table_titles(),
         # Reports that may exist. They are no inputs: the page links to existing reports without making others.
         diagnoses=context.diagnosis.reports(),
         commands=pages.commands(),
-        beside=pages.others,
+        other_pages=pages.other_pages,
         config=context.config,
         code=code("index_page.py"),
     script:

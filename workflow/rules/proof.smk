@@ -33,7 +33,7 @@ rule proof_seal:
         results("logs/proof/seal.log"),
     localrule: True
     params:
-        settings=proof.drawn,
+        settings=proof.hiding,
         code=code("seal_proof.py"),
     script:
         "../scripts/seal_proof.py"
@@ -56,7 +56,7 @@ rule proof_scan:
         mem_mb=2500,
         runtime=60,
     params:
-        settings=lambda wildcards: proof.scanned(wildcards.case),
+        settings=lambda wildcards: proof.scan_settings(wildcards.case),
         mu_water_per_mm=context.config["mu_water_per_mm"],
         code=code("conceal.py", hooks=True),
     script:

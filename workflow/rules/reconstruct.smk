@@ -16,15 +16,15 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
             ],
             levels=acquisitions.level_files(noise for noise, _ in bundle),
             phantom=rules.phantom.output.image,
-            rois=lambda wildcards, bundle=bundle: acquisitions.boxed(
+            rois=lambda wildcards, bundle=bundle: acquisitions.box_rois(
                 wildcards.protocol, bundle
             )[0],
-            masks=lambda wildcards, bundle=bundle: acquisitions.boxed(
+            masks=lambda wildcards, bundle=bundle: acquisitions.box_rois(
                 wildcards.protocol, bundle
             )[1],
             kernels=results(f"logs/kernels/{len(bundle)}.txt"),
             physics=lambda wildcards: context.diagnosis.found(
-                acquisitions.found_in(wildcards.protocol)
+                acquisitions.physics_source(wildcards.protocol)
             ),
         output:
             [
@@ -64,7 +64,9 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
             algorithm=lambda wildcards: acquisitions.algorithm(wildcards.protocol),
             settings=lambda wildcards: acquisitions.settings(wildcards.protocol),
             geometry=lambda wildcards: context.plan.geometry_of(wildcards.protocol),
-            acquisitions=[acquisitions.one(noise, seed) for noise, seed in bundle],
+            acquisitions=[
+                acquisitions.acquisition(noise, seed) for noise, seed in bundle
+            ],
             physics=lambda wildcards: acquisitions.image_physics(wildcards.protocol),
             voxels=lambda wildcards: acquisitions.voxels(wildcards.protocol),
             engine=context.engine,

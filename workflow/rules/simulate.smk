@@ -122,7 +122,7 @@ rule acquire:
         * context.minutes("acquire", context.sizes.noise(wildcards.geometry)),
     params:
         **context.acquisitions.noise,
-        acquisition=lambda wildcards: context.acquisitions.one(
+        acquisition=lambda wildcards: context.acquisitions.acquisition(
             wildcards.noise, wildcards.seed
         ),
         code=code("acquire.py"),

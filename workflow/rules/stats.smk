@@ -15,7 +15,7 @@ rule stability:
         mem_mb=2000,
         runtime=15,
     params:
-        **selections.grouped,
+        **selections.compared_images,
         statistics=context.config["statistics"],
         code=code("stability.py"),
     script:
@@ -36,7 +36,7 @@ rule trust:
         mem_mb=2000,
         runtime=30,
     params:
-        **selections.grouped,
+        **selections.compared_images,
         statistics=context.config["statistics"],
         cut_offs=selections.cut_offs,
         sharing=selections.sharing(),
@@ -61,8 +61,8 @@ rule physics_change:
         runtime=30,
     params:
         groups=context.plan.groups_without_physics(),
-        noise=selections.grouped["noise"],
-        seeds=selections.grouped["seeds"],
+        noise=selections.compared_images["noise"],
+        seeds=selections.compared_images["seeds"],
         statistics=context.config["statistics"],
         cut_offs=selections.cut_offs,
         sharing=selections.sharing(context.plan.groups_without_physics()),
@@ -87,7 +87,7 @@ rule stability_measures:
         mem_mb=2000,
         runtime=15,
     params:
-        **selections.grouped,
+        **selections.compared_images,
         cut_offs=selections.cut_offs,
         code=code("stability_measures.py"),
     script:
@@ -110,7 +110,7 @@ rule top_features:
         mem_mb=1000,
         runtime=10,
     params:
-        seeds=selections.grouped["seeds"],
+        seeds=selections.compared_images["seeds"],
         with_measured=context.config["measured"]["overlay"],
         code=code("top_features.py"),
     script:
@@ -132,7 +132,7 @@ rule overlap:
         mem_mb=2000,
         runtime=15,
     params:
-        **selections.grouped,
+        **selections.compared_images,
         statistics=context.config["statistics"],
         recording=None,
         code=code("overlap.py"),
@@ -159,7 +159,7 @@ rule pca:
     params:
         parameters=context.parameters,
         selection=lambda wildcards: selections.components(wildcards.pca),
-        pca=lambda wildcards: selections.fitted(wildcards.pca),
+        pca=lambda wildcards: selections.fit_settings(wildcards.pca),
         measured=context.config["measured"],
         recordings=lambda wildcards: selections.references(wildcards.pca),
         by=lambda wildcards: selections.markers(wildcards.pca),

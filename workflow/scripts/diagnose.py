@@ -80,7 +80,7 @@ if "snakemake" in globals():
             record_file=snakemake.input.get("record"),
             name=snakemake.wildcards.get("recording"),
             log_file=snakemake.log[0],
-            cache_folder=snakemake.params.get("kept"),
+            cache_folder=snakemake.params.get("cache_folder"),
             stated_model=snakemake.params.model,
             effect_names=snakemake.params.effects,
             same_material=snakemake.params.same_material,

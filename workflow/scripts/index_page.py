@@ -42,6 +42,6 @@ if "snakemake" in globals():
             table_titles=snakemake.params.tables,
             reports=snakemake.params.diagnoses,
             commands=snakemake.params.commands,
-            other_pages=snakemake.params.beside,
+            other_pages=snakemake.params.other_pages,
             config=snakemake.params.config,
         )

@@ -1,4 +1,4 @@
-"""One concealed case before and after: a figure, and thumbnails for a gallery."""
+"""Residual maps of one blind test before and after the diagnosis: a figure, and thumbnails for a gallery."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from .diagnosis import MAP_LIMIT, draw_maps
 AXES = {"projections": ("detector column", "view"), "images": ("column", "row")}  # across, down
 
 
-def draw(before: np.ndarray, after: np.ndarray, kind: str, concealed: str, named: str) -> Figure:
-    """Standardised residuals of data not fitted, before and after, on one scale.
+def draw(before: np.ndarray, after: np.ndarray, kind: str, hidden: str, found: str) -> Figure:
+    """Draw the standardized residuals of held-out data, before and after the diagnosis, on one color scale.
 
     Parameters
     ----------
     before, after : ndarray, shape (down, across)
-        Standard deviations.
+        Residuals in standard deviations.
     kind : {"projections", "images"}
-    concealed, named : str
-        In words, for the title.
+    hidden, found : str
+        Names of the hidden effects and of the effects that the diagnosis found, for the title.
     """
-    title = f"concealed: {concealed}   –   named: {named}"
+    title = f"hidden: {hidden}, found: {found}"
     return draw_maps(before, after, title, *AXES[kind], image=kind == "images")
 
 
 def thumbnail(values: np.ndarray) -> bytes:
-    """The map as PNG, a pixel each, on the scale and with the colours of `draw`."""
+    """Return a residual map as a PNG image, one pixel per value, with the color scale of `draw`."""
     steps = np.arange(256)
     palette = (255 * matplotlib.colormaps["RdBu_r"](steps)[:, :3]).round().astype(np.uint8)
     index = np.clip((values / MAP_LIMIT + 1) / 2, 0, 1) * steps[-1]

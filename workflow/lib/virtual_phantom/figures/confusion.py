@@ -1,4 +1,4 @@
-"""What was concealed against what the diagnosis named first."""
+"""Confusion matrix of the blind validation: hidden effects and the effects that the diagnosis ranked first."""
 
 from __future__ import annotations
 
@@ -11,38 +11,40 @@ from matplotlib.patches import Patch, Rectangle
 
 from . import style
 
-PLACES = ("weak", "medium", "strong")  # thirds of a cell, from the left
+STRENGTHS = ("weak", "medium", "strong")  # thirds of a cell, from the left
 CELL_MM, LABELS_MM, HEAD_MM = 5.5, 60.0, 42.0
-RIGHT, WRONG, STAND_IN = style.BLUE, style.VERMILLION, "#FFFFFF"
-INK = {"weak": 0.4, "medium": 0.75}  # share of the full colour
+RIGHT, WRONG, ALTERNATIVE = style.BLUE, style.VERMILLION, "#FFFFFF"
+INK = {"weak": 0.4, "medium": 0.75}  # fraction of the full color
 DIAGONAL = "#EAEAEA"
 
 
 def worst(outcomes: Mapping[str, int]) -> str:
-    """What a group of cases is drawn as: wrong if any is, else a stand-in if any is."""
+    """Return the outcome that a group of cases is drawn with: the worst of its cases."""
     return next(name for name in ("wrong", "stand-in", "right") if outcomes[name])
 
 
 @style.styled()
 def draw(matrix: Mapping) -> Figure:
-    """The confusion matrix.
+    """Draw the confusion matrix.
 
-    A cell holds counts of weak (light), medium and strong cases side by side, or one where there are no strengths.
-    Filled blue is right, filled vermillion wrong; framed: the concealed effect was reported as an equal explanation.
+    A cell contains the counts of weak (light), medium and strong cases from left to right, or a single count without
+    strengths. Filled blue is right and filled vermillion is wrong. A blue frame means that the hidden effect was
+    reported as an alternative explanation.
 
     Parameters
     ----------
     matrix : mapping
-        rows, columns, and cells {row, column, strength, count, outcomes {right, stand-in, wrong}}.
+        Keys rows, columns and cells. A cell has the keys row, column, strength, count and outcomes, and `outcomes`
+        counts the cases of each outcome of proof.scoring.confusion.
     """
     rows, columns = list(matrix["rows"]), list(matrix["columns"])
     width = max(style.DOUBLE_COLUMN_MM, LABELS_MM + CELL_MM * len(columns))
     figure = style.figure(width, HEAD_MM + CELL_MM * len(rows))
     axes = figure.subplots()
-    for place, row in enumerate(rows):
+    for index, row in enumerate(rows):
         if row in columns:
             axes.add_patch(
-                Rectangle((columns.index(row) - 0.5, place - 0.5), 1, 1, facecolor=DIAGONAL, edgecolor="none")
+                Rectangle((columns.index(row) - 0.5, index - 0.5), 1, 1, facecolor=DIAGONAL, edgecolor="none")
             )
     for cell in matrix["cells"]:
         _cell(axes, columns.index(cell["column"]), rows.index(cell["row"]), cell)
@@ -53,7 +55,7 @@ def draw(matrix: Mapping) -> Figure:
     axes.xaxis.set_ticks_position("top")
     axes.xaxis.set_label_position("top")
     axes.set_yticks(range(len(rows)), [style.label(name) for name in rows])
-    axes.set(xlabel="named first", ylabel="concealed")
+    axes.set(xlabel="ranked first", ylabel="hidden effect")
     for edge in range(len(columns) + 1):
         axes.axvline(edge - 0.5, color="#CCCCCC", linewidth=0.4, zorder=0.5)
     for edge in range(len(rows) + 1):
@@ -61,25 +63,25 @@ def draw(matrix: Mapping) -> Figure:
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
     keys = [
-        Patch(facecolor=RIGHT, label="right; of an effect not in the library: something is left unexplained"),
-        Patch(facecolor=STAND_IN, edgecolor=RIGHT, label="concealed one reported as its equal"),
+        Patch(facecolor=RIGHT, label="right (unknown effect: reported as unexplained)"),
+        Patch(facecolor=ALTERNATIVE, edgecolor=RIGHT, label="hidden effect reported as alternative"),
         Patch(facecolor=WRONG, label="wrong"),
     ]
     figure.legend(
         handles=keys,
         loc="outside lower center",
         ncols=3,
-        title="number of cases; thirds of a cell: weak (light), medium, strong",
+        title="number of cases; thirds of a cell: weak (light), medium and strong effect",
     )
     return figure
 
 
 def _cell(axes, column: int, row: int, cell: Mapping) -> None:
     strength = cell["strength"]
-    left, width = (-0.46, 0.92) if strength is None else (-0.46 + 0.92 * PLACES.index(strength) / 3, 0.92 / 3)
+    left, width = (-0.46, 0.92) if strength is None else (-0.46 + 0.92 * STRENGTHS.index(strength) / 3, 0.92 / 3)
     outcome = worst(cell["outcomes"])
     ink = INK.get(strength, 1.0)
-    full = np.array(to_rgb({"right": RIGHT, "wrong": WRONG, "stand-in": STAND_IN}[outcome]))
+    full = np.array(to_rgb({"right": RIGHT, "wrong": WRONG, "stand-in": ALTERNATIVE}[outcome]))
     face = tuple(1 - ink * (1 - full))
     edge = RIGHT if outcome == "stand-in" else "white"
     axes.add_patch(

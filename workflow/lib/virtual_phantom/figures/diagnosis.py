@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: residuals before and after, and the gain of each candidate."""
+"""Figures of a diagnosis: residuals before and after, and the improvement in log score of each candidate."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 from ..io.volumes import Volume
 from . import axial, style
 
-MAP_LIMIT = 6.0  # standard deviations: beyond them colours stay the same
+MAP_LIMIT = 6.0  # standard deviations; the color scale ends there
 BEFORE, AFTER = style.VERMILLION, style.BLUE
 MOST_RANKED = 18
 LINEAR_SD = 5.0  # residuals; the axis is linear below
-LINEAR_GAIN = 1.0  # log score; the axis of gains is linear below
-FIRST_ORDER_ALPHA = 0.4  # of bars of what was not fitted
+LINEAR_GAIN = 1.0  # log score; the axis of improvements is linear below
+FIRST_ORDER_ALPHA = 0.4  # of bars of first-order estimates
 LINE_INTEGRALS = "line integrals"  # kind of residuals in draw_setup
 
 
 def _plain(axis: Axis) -> None:
-    """Few numbers, written out: the shared style sets no formulas."""
+    """Set few ticks and write their numbers in full, because the shared style has no exponents."""
     axis.get_major_locator().set_params(numticks=6)
     axis.set_major_formatter(_written())
 
@@ -35,7 +35,7 @@ def _written() -> FuncFormatter:
 
 
 def _residual_ticks(low: float, high: float) -> np.ndarray:
-    """0 and powers of ten, at most three to a side: 1 would lie on 0. Round numbers where no residual reaches 10."""
+    """Return 0 and at most three powers of ten per sign, without 1, or round numbers below 10."""
     furthest = max(-low, high)
     if furthest < 10:
         ticks = MaxNLocator(5).tick_values(low, high)
@@ -47,41 +47,38 @@ def _residual_ticks(low: float, high: float) -> np.ndarray:
 
 
 def bars(axes: Axes, values: Mapping[str, float], chosen: tuple[str, ...]) -> None:
-    """Draw a horizontal bar for each candidate in the given order; chosen ones are blue."""
-    colours = {True: AFTER, False: "#BBBBBB"}
-    named = {
-        "x": list(values.values()),
-        "y": list(map(style.label, values)),
-        "hue": [name in chosen for name in values],
-    }
-    seaborn.barplot(**named, palette=colours, saturation=1, width=0.7, legend=False, ax=axes)
+    """Draw a horizontal bar for each candidate in the given order, blue for the chosen candidates."""
+    colors = {True: AFTER, False: "#BBBBBB"}
+    labels, hue = list(map(style.label, values)), [name in chosen for name in values]
+    options = {"palette": colors, "saturation": 1, "width": 0.7, "legend": False}
+    seaborn.barplot(x=list(values.values()), y=labels, hue=hue, **options, ax=axes)
     axes.axvline(0, color=style.GREY, linewidth=0.6)
 
 
 @style.styled()
-def draw_setup(stated: np.ndarray, best: np.ndarray, title: str, of: str = LINE_INTEGRALS) -> Figure:
-    """Draw the residuals of two descriptions of a recording, each on its own scale.
+def draw_setup(stated: np.ndarray, best: np.ndarray, title: str, quantity: str = LINE_INTEGRALS) -> Figure:
+    """Draw the residuals of a recording with the described and with the corrected scan set-up, on separate scales.
 
     Parameters
     ----------
     stated, best : ndarray, shape (views, columns)
-        Recorded less simulated.
-    of : str, optional
-        What: LINE_INTEGRALS, or HU of a slice.
+        Recorded minus simulated values.
+    quantity : str, optional
+        LINE_INTEGRALS, or HU of a slice.
     """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 68)
     axes = figure.subplots(1, 2)
-    for index, (place, values, name) in enumerate(
+    for index, (panel, values, name) in enumerate(
         zip(axes, (stated, best), ("as described", "as corrected"), strict=True)
     ):
         limit = max(float(np.quantile(np.abs(values), 0.995)), 1e-6)
-        lines = of == LINE_INTEGRALS
+        lines = quantity == LINE_INTEGRALS
         aspect = "auto" if lines else "equal"
-        shown = place.imshow(values, aspect=aspect, cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest")
-        place.set(xlabel="detector column, compared ones" if lines else "x, coarse voxels", title=name)
-        figure.colorbar(shown, ax=place, label="line integral" if lines else "HU", extend="both", shrink=0.9)
-        style.letter_panel(place, index)
-    axes[0].set_ylabel("view, compared ones" if of == LINE_INTEGRALS else "y, coarse voxels")
+        image = panel.imshow(values, aspect=aspect, cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest")
+        panel.set(xlabel="compared detector columns" if lines else "x (coarse voxels)", title=name)
+        figure.colorbar(image, ax=panel, label="line integral" if lines else "HU", extend="both", shrink=0.9)
+        style.letter_panel(panel, index)
+    axes[0].set_ylabel("compared views" if quantity == LINE_INTEGRALS else "y (coarse voxels)")
     figure.suptitle(title)
     return figure
 
@@ -97,27 +94,26 @@ def draw_maps(
     image: bool = False,
     steps: tuple[int, int] = (1, 1),
 ) -> Figure:
-    """Draw standardized residuals, before and after, on one scale.
+    """Draw the standardized residuals before and after the diagnosis, on one color scale.
 
     Parameters
     ----------
     before, after : ndarray, shape (down, across)
-        Standard deviations.
+        Residuals in standard deviations.
     across, down : str
         Labels of the axes.
     image : bool, optional
-        Whether both axes are of one length unit, so that shapes are to be seen as they are.
+        Whether both axes have the same length unit, which gives square pixels.
     steps : tuple of 2 int, optional
-        How many of the recording's places a place of the maps stands for, down and across: axes have the recording's
-        numbers.
+        Size of a map pixel in pixels of the recording, down and across. The axes count pixels of the recording.
     """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 68)
     axes = figure.subplots(1, 2, sharey=True)
     down_end, across_end = (step * n - 0.5 for step, n in zip(steps, before.shape, strict=True))
-    for index, (place, values, name) in enumerate(
+    for index, (panel, values, name) in enumerate(
         zip(axes, (before, after), ("alignment only", "with the effects found"), strict=True)
     ):
-        shown = place.imshow(
+        residuals = panel.imshow(
             values,
             aspect="equal" if image else "auto",
             cmap="RdBu_r",
@@ -126,37 +122,37 @@ def draw_maps(
             interpolation="nearest",
             extent=(-0.5, across_end, down_end, -0.5),
         )
-        place.set(xlabel=across, title=name)
-        style.letter_panel(place, index)
+        panel.set(xlabel=across, title=name)
+        style.letter_panel(panel, index)
     axes[0].set_ylabel(down)
-    figure.colorbar(shown, ax=axes, label="recorded − modelled (standard deviations)", extend="both", shrink=0.9)
+    figure.colorbar(residuals, ax=axes, label="recorded − modeled (standard deviations)", extend="both", shrink=0.9)
     figure.suptitle(title)
     return figure
 
 
 @style.styled(grid=True)
 def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
-    """Draw profiles of residuals, before and after.
+    """Draw profiles of the residuals before and after the diagnosis.
 
     Parameters
     ----------
     panels : list of tuple
-        (label of x, x, before, after) of each: a str and three ndarrays of shape (points,), the residuals in standard
-        deviations. Points where both are 0 are left out.
+        (label of x, x, before, after) of each panel: a str and three ndarrays of shape (points,), with the residuals in
+        standard deviations. Points where both residuals are 0 are not drawn.
     """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 58)
     for index, (axes, (label, x, before, after)) in enumerate(
         zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True)
     ):
         axes.axhspan(-2, 2, color="#EEEEEE")
-        there = (before != 0) | (after != 0)  # not views that were fitted, or rows without a ray
-        axes.plot(x[there], before[there], color=BEFORE, label="alignment only")
-        axes.plot(x[there], after[there], color=AFTER, label="with the effects found")
+        evaluated = (before != 0) | (after != 0)  # fitted views and rows without a ray have residuals of 0
+        axes.plot(x[evaluated], before[evaluated], color=BEFORE, label="alignment only")
+        axes.plot(x[evaluated], after[evaluated], color=AFTER, label="with the effects found")
         axes.set_yscale("symlog", linthresh=LINEAR_SD)
         axes.set_yticks(_residual_ticks(*axes.get_ylim()))
         axes.yaxis.set_minor_locator(NullLocator())
         axes.yaxis.set_major_formatter(_written())
-        axes.set(xlabel=label, ylabel="recorded − modelled (SD)" if index == 0 else None)
+        axes.set(xlabel=label, ylabel="recorded − modeled (SD)" if index == 0 else None)
         style.letter_panel(axes, index)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
@@ -164,51 +160,53 @@ def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) 
 
 @style.styled(grid=True)
 def draw_ranking(gains: Mapping[str, float], chosen: tuple[str, ...], fitted: Container[str]) -> Figure:
-    """Draw the held-out gain in log score of every candidate alone, the best first.
+    """Draw the improvement in held-out log score of every candidate alone, the largest first.
 
     Parameters
     ----------
     gains : dict of str to float
-        By candidate; the best MOST_RANKED are shown.
+        Improvement of each candidate. The MOST_RANKED largest are drawn.
     chosen : tuple of str
-        Those in the verdict: blue.
+        Candidates in the verdict, drawn in blue.
     fitted : container of str
-        Candidates that were fitted; what others gain is of first order: pale.
+        Candidates that were fitted. The others have first-order estimates and are drawn pale.
     """
     names = sorted(gains, key=lambda name: -gains[name])[:MOST_RANKED]
     figure = style.figure(style.DOUBLE_COLUMN_MM, 18 + 4.6 * len(names))
     axes = figure.subplots()
     bars(axes, {name: gains[name] for name in names}, chosen)
-    for bar in axes.patches:  # those chosen come last
+    for bar in axes.patches:  # not in the order of names: seaborn draws the chosen candidates last
         name = names[round(bar.get_y() + bar.get_height() / 2)]
         bar.set_alpha(1.0 if name in fitted else FIRST_ORDER_ALPHA)
     axes.set_xscale("symlog", linthresh=LINEAR_GAIN)
     _plain(axes.xaxis)
-    axes.set_xlabel("held-out gain in log score, each effect alone\nblue: in the verdict; pale: estimated, not fitted")
+    axes.set_xlabel(
+        "improvement in held-out log score, each effect alone\nblue: in the verdict; pale: first-order estimate"
+    )
     return figure
 
 
 @style.styled()
 def draw_pieces(scanned: Volume, pieces: Sequence[Mapping]) -> Figure:
-    """Draw pieces of the object that differ, each in the slice of its center.
+    """Draw the local object mismatches, each in the slice of its center.
 
     Parameters
     ----------
     scanned : Volume
-        What was stated, HU.
+        The described object, HU.
     pieces : sequence of mapping
-        As diagnosis.json has them: x_mm, y_mm, z_mm, width_mm and hu.
+        Mismatches of diagnosis.json with the keys x_mm, y_mm, z_mm, width_mm and hu.
     """
     down, across = (len(pieces) + 1) // 2, min(len(pieces), 2)
     figure = style.figure(style.SINGLE_COLUMN_MM * across, 66 * down)
     panels = figure.subplots(down, across, squeeze=False).ravel()
     heights = scanned.grid.axes_mm()[0]
-    for axes, one in zip(panels, pieces, strict=False):
-        z = len(heights) // 2 if one["z_mm"] is None else int(np.argmin(np.abs(heights - one["z_mm"])))
+    for axes, piece in zip(panels, pieces, strict=False):
+        z = len(heights) // 2 if piece["z_mm"] is None else int(np.argmin(np.abs(heights - piece["z_mm"])))
         axial.show(axes, scanned.array[z], scanned.grid, axial.edges_mm(scanned.grid))
-        x, y = np.array([one["x_mm"], one["y_mm"]]) + scanned.grid.centre_mm[:2]
-        axes.add_patch(Circle((x, y), one["width_mm"] / 2, fill=False, color=style.ORANGE, linewidth=1.2))
-        axes.set_title(f"{one['hu']:+.0f} HU, {one['width_mm']:.2g} mm wide")
+        x, y = np.array([piece["x_mm"], piece["y_mm"]]) + scanned.grid.centre_mm[:2]
+        axes.add_patch(Circle((x, y), piece["width_mm"] / 2, fill=False, color=style.ORANGE, linewidth=1.2))
+        axes.set_title(f"{piece['hu']:+.0f} HU, {piece['width_mm']:.2g} mm wide")
         axial.scale_bar(axes)
     for axes in panels[len(pieces) :]:
         axes.remove()

@@ -1,4 +1,4 @@
-"""A diagnosis of features in pictures: shifts by family and region, and what every property removes."""
+"""Figures of a diagnosis of features: shifts per family and region, and the difference that each property removes."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from matplotlib.figure import Figure
 from . import style, tables
 from .diagnosis import bars
 
-STRONG_SD = 10.0  # colours end there
+STRONG_SD = 10.0  # end of the color scale
 ROW_MM = 6.0
 
 
 @style.styled()
 def draw_shifts(before: pandas.DataFrame, after: pandas.DataFrame | None = None) -> Figure:
-    """Median |shift| of every family in every ROI, in repeat SDs, as heat maps on one scale.
+    """Draw heat maps of the median |shift| in repeat SDs for each family and ROI, on one color scale.
 
     Parameters
     ----------
     before, after : DataFrame
-        From `statistics.comparison.compare`. Without `after` there is one map.
+        Tables of `statistics.comparison.compare`. Without `after`, there is one map.
 
     Raises
     ------
@@ -34,16 +34,16 @@ def draw_shifts(before: pandas.DataFrame, after: pandas.DataFrame | None = None)
         medians = table.assign(size=table["shift_sd"].abs()).groupby(["family", "roi"], sort=False)["size"].median()
         wide.append(medians.unstack(sort=False))
     figure = style.figure(style.DOUBLE_COLUMN_MM, ROW_MM * len(wide[0]) + 34)
-    axes = figure.subplots(1, 2, sharey=True)  # of the same width, with one map too
-    names = ("as simulated", "with the property found, regions not fitted")
-    for index, (place, values, name) in enumerate(zip(axes, wide, names, strict=False)):
-        words = values.round(1).map(style.number)
-        shown = style.heat_map(place, values.rename(columns=style.label), words, cmap="Blues", vmin=0, vmax=STRONG_SD)
-        place.set_title(name)
-        style.letter_panel(place, index)
-    for place in axes[len(wide) :]:
-        place.set_axis_off()
-    figure.colorbar(shown, ax=axes, label="median |shift| (repeat SDs)", extend="max", shrink=0.9)
+    axes = figure.subplots(1, 2, sharey=True)  # two panels even for one map, which keeps its width
+    names = ("as simulated", "with the property found, held-out regions")
+    for index, (panel, values, name) in enumerate(zip(axes, wide, names, strict=False)):
+        numbers = values.round(1).map(style.number)
+        image = style.heat_map(panel, values.rename(columns=style.label), numbers, cmap="Blues", vmin=0, vmax=STRONG_SD)
+        panel.set_title(name)
+        style.letter_panel(panel, index)
+    for panel in axes[len(wide) :]:
+        panel.set_axis_off()
+    figure.colorbar(image, ax=axes, label="median |shift| (repeat SDs)", extend="max", shrink=0.9)
     return figure
 
 
@@ -51,16 +51,16 @@ def draw_shifts(before: pandas.DataFrame, after: pandas.DataFrame | None = None)
 def draw_shares(
     fitted: dict[str, float], held_out: dict[str, float], chosen: tuple[str, ...], material: float
 ) -> Figure:
-    """Share of the difference beyond noise that every property alone removes, in their order.
+    """Draw the share of the difference beyond noise that each property alone removes, in the given order.
 
     Parameters
     ----------
     fitted, held_out : dict of str to float
-        By property: of regions that were fitted, and that were not.
+        {property: share}, on the fitted and on the held-out regions.
     chosen : tuple of str
-        Those of the verdict.
+        Properties in the verdict.
     material : float
-        Share from which a property counts.
+        Smallest share that counts as an explanation.
     """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 20 + ROW_MM * len(held_out))
     axes = figure.subplots()
@@ -68,7 +68,7 @@ def draw_shares(
     axes.plot([100 * fitted[name] for name in held_out], range(len(held_out)), "|", color="black", markersize=9)
     axes.axvline(100 * material, color=style.GREY, linewidth=0.8, linestyle="--")
     axes.set_xlabel(
-        "difference removed on regions not fitted (%), each property alone; blue: in the verdict\n"
-        "bars across: on the regions fitted; dashed: the least that counts"
+        "difference removed on held-out regions (%), each property alone; blue: in the verdict\n"
+        "vertical marks: on fitted regions; dashed: smallest share that counts"
     )
     return figure

@@ -1,4 +1,4 @@
-"""Recordings of a scanner, each before and after the physics that the others say it has."""
+"""Residuals of the recordings of a scanner, without and with the physics found on its other recordings."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from . import style
 
-COLORS = {"alignment alone": style.VERMILLION, "with the others' physics": style.BLUE, "noise alone": style.GREY}
-ROW_MM, REST_MM = 6.0, 26.0  # height of a recording, and of axis and legend
+COLORS = {"alignment only": style.VERMILLION, "physics of the other recordings": style.BLUE, "noise only": style.GREY}
+ROW_MM, REST_MM = 6.0, 26.0  # height of the row of a recording, and of axis and legend
 
 
 @style.styled()
 def draw_recordings(recordings: Mapping[str, Mapping]) -> Figure:
-    """The root mean square of every recording, on one scale.
+    """Draw the RMS residual of every recording.
 
     Parameters
     ----------
     recordings : mapping of str to mapping
-        As in scanner.json.
+        Entry `recordings` of scanner.json.
     """
     rows = []
-    for name, one in recordings.items():
-        rms = next(value for key, value in one.items() if key.startswith("rms_"))
+    for name, recording in recordings.items():
+        rms = next(value for key, value in recording.items() if key.startswith("rms_"))
         for kind, key in zip(COLORS, ("before", "after", "floor"), strict=True):
             rows.append({"recording": name, "model": kind, "rms": rms[key]})
     figure = style.figure(style.DOUBLE_COLUMN_MM, REST_MM + ROW_MM * len(recordings))
@@ -35,7 +35,7 @@ def draw_recordings(recordings: Mapping[str, Mapping]) -> Figure:
     seaborn.stripplot(
         table, x="rms", y="recording", hue="model", palette=COLORS, jitter=False, size=5, log_scale=True, ax=axes
     )
-    axes.set(xlabel="root mean square of recorded less modelled, data held out", ylabel="")
+    axes.set(xlabel="RMS of recorded − modeled, held-out data", ylabel="")
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: style.number(value)))
     axes.xaxis.set_minor_formatter(NullFormatter())

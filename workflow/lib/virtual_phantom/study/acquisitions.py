@@ -26,7 +26,7 @@ class Acquisitions:
         noise = self.plan.config["noise"]
         return {"model": noise["model"], "draws": noise["draws"], "study_seed": self.plan.config["seed"]}
 
-    def one(self, noise: str, seed: str) -> dict:
+    def acquisition(self, noise: str, seed: str) -> dict:
         """Return the settings of one acquisition of a geometry. The noise level is None if a job determines it."""
         return {"noise": noise, "noise_level": self.plan.config["noise"]["levels"][noise].get("A"), "seed": int(seed)}
 
@@ -55,11 +55,11 @@ class Acquisitions:
             for seed in self.plan.seeds(noise)
         ]
 
-    def placed(self) -> list[str]:
+    def position_table(self) -> list[str]:
         """Return the table of positions, if the phantom is re-positioned."""
         return [self.files("positions")] if self.plan.config["repeats"]["repositioned"] else []
 
-    def kept(self) -> list[str]:
+    def projections(self) -> list[str]:
         """Return the projections that keep_projections adds to the study."""
         if not self.plan.config["keep_projections"]:
             return []
@@ -86,7 +86,7 @@ class Acquisitions:
         """Return the files of the matched noise levels among these levels."""
         return [self.files("matched_level", noise=noise) for noise in dict.fromkeys(levels) if noise in self.matched()]
 
-    def boxed(self, protocol: str, bundle: Bundle) -> tuple[list[str], list[str]]:
+    def box_rois(self, protocol: str, bundle: Bundle) -> tuple[list[str], list[str]]:
         """Return tables and masks of the ROIs in boxes, one for each image; empty without boxes."""
         if self.voxels(protocol) is None:
             return [], []
@@ -118,7 +118,7 @@ class Acquisitions:
         """Return the effects that act on the images of a protocol."""
         return self.plan.config["protocols"][protocol].get("image_physics", {})
 
-    def found_in(self, protocol: str) -> str | None:
+    def physics_source(self, protocol: str) -> str | None:
         """Return the recording or scanner whose diagnosed physics a protocol uses; None for stated physics."""
         return self.plan.config["protocols"][protocol].get("physics_from")
 

@@ -130,7 +130,13 @@ class Context:
             for suffix in output.suffixes
         ]
         tables = [path for pair in zip(self.tables(), self.parquet_tables(), strict=True) for path in pair]
-        return figures + tables + self.acquisitions.kept() + self.acquisitions.placed() + [self.files("index")]
+        return (
+            figures
+            + tables
+            + self.acquisitions.projections()
+            + self.acquisitions.position_table()
+            + [self.files("index")]
+        )
 
     # Resources of jobs
 

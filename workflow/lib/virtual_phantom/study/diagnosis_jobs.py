@@ -1,4 +1,4 @@
-"""What the configuration asks of the diagnosis, as its jobs take it."""
+"""Files, settings, forecasts and resources of the diagnoses of a configuration."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from .costs import diagnoses
 from .costs.limits import UNKNOWN_MINUTES, diagnosis_minutes
 from .recordings import Recordings
 
-KEPT = "fits"  # folder beside a diagnosis
-READ_BYTES = 35  # of memory for each ray that a recording holds (a clinical turn of 56 million rays: 33)
-DEFAULT_CORES = 2  # that a diagnosis takes where nobody says how many there are
-# A fit depends on none of these: another list of effects redoes none.
-NOT_MODELLED = ("effects", "physics_from", "baseline_from")
+FIT_CACHE = "fits"  # folder of cached fits, next to diagnosis.json
+READ_BYTES = 35  # memory per ray of a recording (measured: 33, for a clinical rotation of 56 million rays)
+DEFAULT_CORES = 2  # of a diagnosis if the number of available cores is not known
+# Fits do not depend on these keys. A change, such as another list of effects, keeps the cached fits.
+NOT_IN_MODEL = ("effects", "physics_from", "baseline_from")
 
 
 def _object_file(settings: Mapping) -> dict[str, str]:
-    """The file of an object, by what it is."""
-    drawn = {key: settings[key] for key in ("mask", "labels") if key in settings}
-    return drawn or {"shapes": shipped(object_path(settings["kind"]))}
+    """Return {kind of file: path} of the description of an object."""
+    images = {key: settings[key] for key in ("mask", "labels") if key in settings}
+    return images or {"shapes": shipped(object_path(settings["kind"]))}
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Of one configuration.
+    """Diagnoses of one configuration.
 
     Attributes
     ----------
     engine : str
-        What simulates images (projectors.choose_engine).
+        Engine that simulates images (projectors.choose_engine).
     candidates : mapping of str to list of str
-        {recording: the effects that are tried}.
+        {recording: candidate effects}.
     rates : mapping
         Measured costs (costs.rates).
     """
@@ -57,59 +57,53 @@ class Diagnosis:
 
     @classmethod
     def read(cls, plan: Plan, files: Files, recordings: Recordings, engine: str, rates: Mapping) -> Diagnosis:
-        """What a configuration asks for.
-
-        Parameters
-        ----------
-        engine : str
-            What simulates images (projectors.choose_engine).
-        rates : mapping
-            Measured costs (costs.rates).
+        """Return the diagnoses of a configuration.
 
         Raises
         ------
         InputError
-            For what no diagnosis can be made of.
+            If a diagnosis is not possible.
         """
         settings = plan.config["diagnosis"]
         check_kinds(settings["recordings"], recordings.documents)
         check_accuracy(settings["model_accuracy"])
-        tried = {}
-        for name, one in settings["recordings"].items():
+        effects = {}
+        for name, recording in settings["recordings"].items():
             shown = shown_by(recordings.content(name))
-            if "protocol" in one:
-                scan = plan.geometry_settings(plan.geometry_of(one["protocol"]))["scan"]
+            if "protocol" in recording:
+                scan = plan.geometry_settings(plan.geometry_of(recording["protocol"]))["scan"]
                 shown["helical"] = scan["trajectory"] == "helical"
-            tried[name] = [] if "physics_from" in one else candidates(one, **shown)
-        found = cls(plan, files, recordings, engine, tried, rates)
-        for name in settings["scanners"]:
-            found.shared(name)
-        return found
+            effects[name] = [] if "physics_from" in recording else candidates(recording, **shown)
+        diagnosis = cls(plan, files, recordings, engine, effects, rates)
+        for scanner in settings["scanners"]:
+            diagnosis.shared(scanner)  # raises InputError for wrong settings
+        return diagnosis
 
     @property
     def settings(self) -> dict[str, dict]:
-        """{recording: what is asked of it}."""
+        """{recording: settings of its diagnosis}."""
         return self.plan.config["diagnosis"]["recordings"]
 
     @property
     def scanners(self) -> dict[str, dict]:
-        """{scanner: its recordings, and the effects to try}."""
+        """{scanner: settings of its joint diagnosis}."""
         return self.plan.config["diagnosis"]["scanners"]
 
     def scanner_inputs(self, scanner: str) -> dict:
-        """All that the recordings of a scanner need, with the checks of how they are described."""
-        every = [self.inputs(name) for name in self.scanners[scanner]["recordings"]]
-        inputs = {"files": [path for one in every for path in one["files"]]}
-        inputs["setups"] = [self.files("setup", recording=name) for name in self.scanners[scanner]["recordings"]]
+        """Return the inputs of all recordings of a scanner, with the checks of their scan set-ups."""
+        recordings = self.scanners[scanner]["recordings"]
+        separate = [self.inputs(name) for name in recordings]
+        inputs = {"files": [path for recording in separate for path in recording["files"]]}
+        inputs["setups"] = [self.files("setup", recording=name) for name in recordings]
         for kind, key in (("mask", "masks"), ("labels", "label_maps"), ("shapes", "shapes")):
-            if drawn := [one[kind] for one in every if kind in one]:
-                inputs[key] = drawn
-        if phantoms := [one["phantom"] for one in every if "phantom" in one]:
+            if objects := [recording[kind] for recording in separate if kind in recording]:
+                inputs[key] = objects
+        if phantoms := [recording["phantom"] for recording in separate if "phantom" in recording]:
             inputs["phantom"] = phantoms[0]
         return inputs
 
     def in_fits(self, *recordings: str) -> list[str]:
-        """The effects that fits of recordings may hold: those that are tried, and those that are declared."""
+        """Return the effects that fits of these recordings may contain: candidates and declared effects."""
         names = [
             effect
             for name in recordings
@@ -117,9 +111,9 @@ class Diagnosis:
         ]
         names += [
             effect
-            for one in self.scanners.values()
-            if set(one["recordings"]) & set(recordings)
-            for effect in one["baseline"]
+            for scanner in self.scanners.values()
+            if set(scanner["recordings"]) & set(recordings)
+            for effect in scanner["baseline"]
         ]
         names += [
             effect
@@ -130,47 +124,47 @@ class Diagnosis:
         return sorted(set(names))
 
     def shared(self, scanner: str) -> list[str]:
-        """The effects that are tried on a scanner: those that every recording shows, or those that are asked for.
+        """Return the candidate effects of a scanner: those of its `effects`, or all that its recordings share.
 
         Raises
         ------
         InputError
-            For one that a recording does not show, that belongs to one scan, or that is declared; and where recordings
-            do not declare the same of their scanner.
+            If a configured effect is not a candidate of all recordings, belongs to a single scan or is declared, or if
+            the recordings declare different properties of their scanner.
         """
-        recordings, asked = self.scanners[scanner]["recordings"], self.scanners[scanner].get("effects")
+        recordings, configured = self.scanners[scanner]["recordings"], self.scanners[scanner].get("effects")
         where = f"diagnosis.scanners.{scanner}.effects"
         known = self._declared_alike(scanner)
-        shown = [self.candidates[name] for name in recordings]
+        first, *others = [self.candidates[name] for name in recordings]
         common = [
             name
-            for name in shown[0]
-            if all(name in one for one in shown) and not load(name).of_one_scan and name not in known
+            for name in first
+            if all(name in other for other in others) and not load(name).of_one_scan and name not in known
         ]
-        for name in asked or []:
+        for name in configured or []:
             require(name, where)
             if load(name).of_one_scan:
-                raise InputError(f"{where}: {name} is one scan's alone; take it out")
+                raise InputError(f"{where}: {name} differs between the scans of a scanner; remove it")
             if name in known:
-                raise InputError(f"{where}: {name} is declared under baseline; take it out")
+                raise InputError(f"{where}: {name} is declared under baseline; remove it")
             if name not in common:
                 raise InputError(
-                    f"{where}: {name} is not tried on every recording; add it to their effects, or take it out"
+                    f"{where}: {name} is not a candidate of every recording; add it to their effects, or remove it here"
                 )
-        return list(asked or common)
+        return list(configured or common)
 
     def _declared_alike(self, scanner: str) -> dict[str, dict]:
-        """What all recordings of a scanner declare of it.
+        """Return the effects that all recordings of a scanner declare.
 
         Returns
         -------
         dict of str to dict
-            {effect: {parameter: {value, sd}}}, as the first recording has it.
+            {effect: {parameter: {value, sd}}} of the first recording.
 
         Raises
         ------
         InputError
-            Where another one declares other effects, or otherwise what is not its protocol's.
+            If another recording declares other effects, or other values of the scanner's parameters.
         """
         where = f"diagnosis.scanners.{scanner}"
         first, *others = self.scanners[scanner]["recordings"]
@@ -179,18 +173,18 @@ class Diagnosis:
         for name in others:
             here = self._baseline(scanner, name)
             if odd := sorted(set(known) ^ set(here)):
-                one = next(key for key in (first, name) if odd[0] in self._baseline(scanner, key))
+                declaring = first if odd[0] in known else name
                 raise InputError(
-                    f"{where}: of its recordings {one} declares {odd[0]}, and not all do; declare it under "
+                    f"{where}: recording {declaring} declares {odd[0]}, but others do not; declare it under "
                     f"{where}.baseline"
                 )
             for effect in known:
                 for parameter in load(effect).parameters:
-                    apart = known[effect].get(parameter.name) != here[effect].get(parameter.name)
-                    if apart and parameter.belongs_to == OF_SCANNER:
+                    differs = known[effect].get(parameter.name) != here[effect].get(parameter.name)
+                    if differs and parameter.belongs_to == OF_SCANNER:
                         raise InputError(
-                            f"{where}: {first} and {name} declare {parameter.name} of {effect} otherwise, which is one "
-                            f"number of the scanner; declare it once, under {where}.baseline"
+                            f"{where}: {first} and {name} declare different values of {parameter.name} of {effect}, "
+                            f"which belongs to the scanner; declare it once, under {where}.baseline"
                         )
         return known
 
@@ -198,71 +192,71 @@ class Diagnosis:
         return self.scanners[scanner]["baseline"] | self.settings[recording].get("baseline", {})
 
     def models(self, scanner: str, judged: bool = True) -> dict[str, dict]:
-        """{recording: as `model`, with what is declared of its scanner}.
+        """Return {recording: model} of a scanner, with the effects that are declared for the scanner.
 
         Parameters
         ----------
         judged : bool, optional
-            Also of those that only judge.
+            Whether to include the recordings of `judged_on`, which are not fitted.
         """
-        found = {}
+        models = {}
         for name in self.scanners[scanner]["recordings"]:
             if name in self.scanners[scanner]["judged_on"] and not judged:
                 continue
             model = self.model(name)
             known = {"baseline": self._baseline(scanner, name)}
-            found[name] = model | {"settings": model["settings"] | known}
-        return found
+            models[name] = model | {"settings": model["settings"] | known}
+        return models
 
     @property
     def comparisons(self) -> list[str]:
-        """Comparisons of features that are diagnosed."""
+        """Comparisons of features to diagnose."""
         return self.plan.config["diagnosis"]["comparisons"]
 
     @property
     def accuracy(self) -> dict[str, float]:
-        """How far the model of each effect can be trusted."""
+        """{effect: relative accuracy of its model}."""
         return self.plan.config["diagnosis"]["model_accuracy"]
 
     @property
     def matters(self) -> dict[str, float] | None:
-        """What a difference must change in images to matter; None: every significant one does."""
+        """Relevance thresholds of differences in images; None if every significant difference is relevant."""
         return self.plan.config["diagnosis"]["matters"]
 
     @property
     def fail_on(self) -> list[str]:
-        """Verdicts by which the target `diagnosis` fails."""
+        """Verdicts with which the target `diagnosis` fails."""
         return self.plan.config["diagnosis"]["fail_on"]
 
     @property
     def properties(self) -> tuple[str, ...]:
-        """Effects that change one property of images each, for comparisons of features."""
+        """Effects that each change one property of images, for comparisons of features."""
         return ("photon_flux", *image_effects())
 
     def all(self) -> list[str]:
-        """The documents of all diagnoses."""
+        """Return the JSON files of all diagnoses."""
         documents = [self.files("diagnosis", recording=name) for name in self.settings]
         documents += [self.files("scanner_diagnosis", scanner=name) for name in self.scanners]
         return documents + [self.files("feature_diagnosis", comparison=name) for name in self.comparisons]
 
     def next_measurements(self) -> list[str]:
-        """Where further recordings are ranked: of recordings of projections with candidates, and of scanners."""
-        own = [name for name in self.settings if self.candidates[name] and self.protocol(name) is None]
+        """Return the rankings of further measurements: for recordings of projections, and for their scanners."""
+        of_projections = [name for name in self.settings if self.protocol(name) is None]
         scanners = [
-            name for name, one in self.scanners.items() if all(self.protocol(key) is None for key in one["recordings"])
+            name for name, scanner in self.scanners.items() if set(scanner["recordings"]) <= set(of_projections)
         ]
-        return [self.files("next_measurement", recording=name) for name in own] + [
+        return [self.files("next_measurement", recording=name) for name in of_projections if self.candidates[name]] + [
             self.files("scanner_next_measurement", scanner=name) for name in scanners
         ]
 
     def reports(self) -> list[str]:
-        """The pages of all diagnoses."""
+        """Return the report pages of all diagnoses."""
         pages = [self.files("diagnosis_report", recording=name) for name in self.settings]
         pages += [self.files("scanner_report", scanner=name) for name in self.scanners]
         return pages + [self.files("feature_report", comparison=name) for name in self.comparisons]
 
     def inputs(self, name: str) -> dict:
-        """The recording's own files, and what was scanned."""
+        """Return the files of a recording and of the scanned object."""
         inputs: dict = {"files": self.recordings.sources(name)}
         settings = self.settings[name]
         if "object" in settings:
@@ -274,12 +268,12 @@ class Diagnosis:
         return inputs
 
     def physics(self, name: str) -> dict[str, str]:
-        """Where the physics is taken from, if it is not to be found here."""
+        """Return the diagnosis that the physics of a recording is taken from; empty without physics_from."""
         other = self.settings[name].get("physics_from")
         return {} if other is None else {"physics": self.files("diagnosis", recording=other)}
 
     def found(self, name: str | None) -> list[str]:
-        """The file of the physics that is found of a recording or a scanner; of None, none."""
+        """Return the file of the diagnosed physics of a recording or scanner; empty if `name` is None."""
         if name is None:
             return []
         if name in self.settings:
@@ -287,7 +281,7 @@ class Diagnosis:
         return [self.files("scanner_physics", scanner=name)]
 
     def effects_of(self, geometry: str) -> list[str]:
-        """Effects that scans of a geometry have, or may have where they are to be found."""
+        """Return the effects of scans of a geometry: the stated ones, or all that a diagnosis may find."""
         settings = self.plan.geometry_settings(geometry)
         name = settings.get("physics_from")
         if name is None:
@@ -295,14 +289,14 @@ class Diagnosis:
         return self.in_fits(*([name] if name in self.settings else self.scanners[name]["recordings"]))
 
     def same_material(self, name: str) -> bool:
-        """Whether the object whose physics is taken was of the same single material."""
+        """Return whether the object of physics_from has the same single material as the object of this recording."""
         settings = self.settings[name]
         both = settings, self.settings.get(settings.get("physics_from"), {})
-        materials = [one.get("disc", one.get("object", {})).get("material") for one in both]
+        materials = [recording.get("disc", recording.get("object", {})).get("material") for recording in both]
         return materials[0] is not None and materials[0] == materials[1]
 
     def regions(self, name: str) -> dict[str, str]:
-        """Image and regions of the study's phantom, if that was scanned."""
+        """Return image and ROIs of the study's phantom if it is the scanned object, else {}."""
         if {"disc", "object"} & set(self.settings[name]):
             return {}
         return {
@@ -311,12 +305,12 @@ class Diagnosis:
             "masks": self.files("phantom_rois"),
         }
 
-    def kept(self, name: str) -> str:
-        """The folder of fits from which a diagnosis goes on."""
-        return f"{os.path.dirname(self.files('diagnosis', recording=name))}/{KEPT}"
+    def fit_cache(self, name: str) -> str:
+        """Return the folder of the cached fits of a diagnosis."""
+        return f"{os.path.dirname(self.files('diagnosis', recording=name))}/{FIT_CACHE}"
 
     def protocol(self, name: str) -> dict | None:
-        """The protocol that simulates a recording of images; None for projections."""
+        """Return the protocol that simulates a recording of images; None for projections."""
         protocol = self.settings[name].get("protocol")
         if protocol is None:
             return None
@@ -332,15 +326,15 @@ class Diagnosis:
         }
 
     def gpus(self, name: str) -> int:
-        """Images are simulated by the study's engine, projections on the CPU."""
+        """Return the number of GPUs: images are simulated by the study's engine, projections on the CPU."""
         return int(self.engine == "astra_cuda" and self.protocol(name) is not None)
 
     def model(self, name: str) -> dict:
-        """What was scanned and is simulated: all that the fits of a recording share."""
+        """Return the settings that all fits of a recording depend on."""
         settings = self.settings[name]
         return {
             "folder": self.recordings.folder(name),
-            "settings": {key: value for key, value in settings.items() if key not in NOT_MODELLED},
+            "settings": {key: value for key, value in settings.items() if key not in NOT_IN_MODEL},
             "mu_water_per_mm": self.plan.config["mu_water_per_mm"],
             "materials": self.plan.config["materials"],
             "seed": self.plan.config["seed"],
@@ -348,32 +342,25 @@ class Diagnosis:
         }
 
     def processes(self, name: str, cores: int | None) -> int:
-        """That fit a recording side by side: no more than it has effects to try.
+        """Return the number of parallel processes of a diagnosis, which is at most the number of candidates.
 
         Parameters
         ----------
-        name : str
-            The recording.
         cores : int or None
-            That there are; None where that is not known.
+            Available cores; None if not known.
         """
-        if self.gpus(name):  # what has begun on a device survives no fork, and there is one of it
+        if self.gpus(name):  # a CUDA context does not survive a fork, and all processes would share one GPU
             return 1
         return max(1, min(cores or DEFAULT_CORES, len(self.candidates[name])))
 
     def extent(self, name: str) -> diagnoses.Extent | None:
-        """How large the diagnosis of a recording is.
-
-        Parameters
-        ----------
-        name : str
-            The recording.
+        """Return the amount of work of a diagnosis.
 
         Returns
         -------
         Extent or None
-            None where costs are not known: of images, of physics that is found on another recording, and where a file
-            cannot be read, which the job tells.
+            None if the cost is not known: for images, for physics from another recording, and if a file cannot be
+            read, which the job reports.
         """
         settings, content = self.settings[name], self.recordings.content(name)
         if self.protocol(name) is not None or not self.candidates[name] or missing_for_geometry(content["scan"]):
@@ -388,43 +375,35 @@ class Diagnosis:
             return None
 
     def forecasts(self, cores: int | None) -> list[dict]:
-        """What `snakemake plan` says of every diagnosis.
+        """Return the forecasts of all diagnoses for `snakemake plan`.
 
         Parameters
         ----------
         cores : int or None
-            That there are; None where that is not known.
+            Available cores; None if not known.
 
         Returns
         -------
         list of dict
-            name, and of recordings effects and processes, rays where they are known, and the lower and the upper end
-            of the wall time in seconds (None: not known) and of the CPU time.
+            All have `name`, and `seconds`: (lower, upper) end of the wall time, or None if it is not known.
+            Recordings also have the numbers of effects and processes. If the cost is known, they have the number of
+            rays and the CPU time.
         """
-        found: list[dict] = []
+        forecasts: list[dict] = []
         for name in self.settings:
             processes, extent = self.processes(name, cores), self.extent(name)
-            one = {"name": name, "effects": len(self.candidates[name]), "processes": processes}
-            if extent is None:
-                found.append(one | {"seconds": None})
-            else:
-                forecast = extent.forecast(self.rates, processes)
-                known = {} if forecast is None else {"cpu_seconds": list(forecast.cpu)}
-                seconds = None if forecast is None else list(forecast.wall)
-                found.append(one | {"rays": extent.rays, "seconds": seconds} | known)
-        return found + [{"name": name, "seconds": None} for name in (*self.scanners, *self.comparisons)]
+            entry = {"name": name, "effects": len(self.candidates[name]), "processes": processes, "seconds": None}
+            if extent is not None:
+                entry["rays"] = extent.rays
+                if forecast := extent.forecast(self.rates, processes):
+                    entry |= {"seconds": list(forecast.wall), "cpu_seconds": list(forecast.cpu)}
+            forecasts.append(entry)
+        return forecasts + [{"name": name, "seconds": None} for name in (*self.scanners, *self.comparisons)]
 
     def minutes(self, name: str, processes: int) -> int:
-        """The most that a diagnosis may take on a cluster.
+        """Return the time limit of a diagnosis on a cluster, minutes.
 
-        Where nothing is known of it: an hour for each round of fits, and four for all else.
-
-        Parameters
-        ----------
-        name : str
-            The recording.
-        processes : int
-            Side by side.
+        If the extent is not known: an hour for each round of parallel fits, and four hours for everything else.
         """
         extent = self.extent(name)
         if extent is None:
@@ -433,17 +412,10 @@ class Diagnosis:
         return UNKNOWN_MINUTES if forecast is None else diagnosis_minutes(forecast.wall[1])
 
     def megabytes(self, name: str, processes: int = 1) -> int:
-        """Memory of the fits, MB.
+        """Return the memory of a diagnosis, MB.
 
-        That is rays of all repeats, and of those that are fitted path lengths at several samples per pixel, derivatives
-        and numerical errors; of images, the realisations of noise.
-
-        Parameters
-        ----------
-        name : str
-            The recording.
-        processes : int, optional
-            Side by side.
+        It consists of the rays of all repeats and, for the fitted rays, of path lengths at several samples per pixel,
+        derivatives and numerical errors. For images, it includes random realizations of the noise.
         """
         protocol = self.protocol(name)
         scan = protocol["scan"] if protocol else self.recordings.content(name)["scan"]

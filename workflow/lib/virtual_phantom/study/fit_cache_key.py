@@ -1,4 +1,4 @@
-"""Key of the fits that a diagnosis caches: everything that they depend on."""
+"""Key of the cached fits of a diagnosis: a hash of everything that they depend on."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from ..diagnosis.selection.fit_cache import FitCache
 from ..io.files import files_of, sha256
 
 DIAGNOSIS = LIBRARY / "diagnosis"
-PACKAGES = ("numpy", "scipy", "numba", "xraylib", "spekpy")  # whose numbers are in every fit
-FITTING = (DIAGNOSIS / "preparation.py", DIAGNOSIS / "selection" / "trials.py")  # behind every fit
+PACKAGES = ("numpy", "scipy", "numba", "xraylib", "spekpy")  # their numbers affect every fit
+FITTING = (DIAGNOSIS / "preparation.py", DIAGNOSIS / "selection" / "trials.py")  # their code affects every fit
 
 
 def fit_cache(folder: str | Path, model: Mapping, files: Iterable[str | Path]) -> FitCache:
@@ -24,17 +24,17 @@ def fit_cache(folder: str | Path, model: Mapping, files: Iterable[str | Path]) -
     Parameters
     ----------
     folder : str or Path
-        The folder of the cache.
+        Folder of the cache.
     model : mapping
-        Diagnosis.model of the recording.
+        Model of the recording (Diagnosis.model).
     files : iterable of str or Path
         Files and folders of files of the recording and of the scanned object.
     """
     declared = [_effect(name) for name in sorted(model["settings"].get("baseline", {}))]
     contents = [sha256(file) for path in files for file in files_of(path)]
-    made_of = [model, contents, version_of(*FITTING), declared]
-    made_of.append([platform.python_version(), *map(version, PACKAGES)])
-    text = json.dumps(made_of, sort_keys=True)
+    parts = [model, contents, version_of(*FITTING), declared]
+    parts.append([platform.python_version(), *map(version, PACKAGES)])
+    text = json.dumps(parts, sort_keys=True)
     return FitCache(folder, hashlib.sha256(text.encode()).hexdigest(), _effect)
 
 

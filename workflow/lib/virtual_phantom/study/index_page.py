@@ -31,7 +31,7 @@ def renew(pages: Pages, config: Mapping) -> Path | None:
     """
     target = Path(pages.files("index"))
     pictures, tables = (list(map(Path, paths)) for paths in (pages.pictures(), pages.tables()))
-    shown = [*pages.diagnoses(), *(target.parent / address for address in pages.beside().values())]
+    shown = [*pages.diagnoses(), *(target.parent / address for address in pages.existing_pages().values())]
     if not shown or not all(path.exists() for path in (*pictures, *tables)):
         return None
     if target.exists() and max(Path(path).stat().st_mtime for path in shown) <= target.stat().st_mtime:
@@ -41,12 +41,12 @@ def renew(pages: Pages, config: Mapping) -> Path | None:
 
     html = index.index_page(
         target.parent,
-        study.report_figures(pictures, pages.caption_files(), pages.shown()),
+        study.report_figures(pictures, pages.caption_files(), pages.figures()),
         [index.LinkedTable(title, path) for title, path in zip(pages.table_titles(), tables, strict=True)],
         list(map(Path, pages.diagnoses())),
         config,
         pages.commands(),
-        pages.beside(),
+        pages.existing_pages(),
     )
     write_text(html, target)
     return target

@@ -55,11 +55,11 @@ class Pages:
         """Return the caption files of the figures."""
         return [shipped(self.captions / output.caption_file(**known)) for output, known in self._figures]
 
-    def shown(self) -> list[dict]:
+    def figures(self) -> list[dict]:
         """Return section, title and caption parameters of the figures."""
-        return [self._shown(output, known) for output, known in self._figures]
+        return [self._figure_entry(output, known) for output, known in self._figures]
 
-    def _shown(self, output: Output, known: dict[str, str]) -> dict:
+    def _figure_entry(self, output: Output, known: dict[str, str]) -> dict:
         title = filled(output.title or "", **known)
         if "comparison" in known:
             title = self.comparisons.title(known["comparison"])
@@ -104,13 +104,13 @@ class Pages:
         return {SLICES: BY_NAME["viewer"].pattern} if self.selections.optimal_images() else {}
 
     @property
-    def others(self) -> dict[str, str]:
+    def other_pages(self) -> dict[str, str]:
         """{title: page} for other pages of the study. They are no inputs of the index page."""
         return {WHOLE: BY_NAME["report"].pattern, SLICES: BY_NAME["viewer"].pattern}
 
-    def beside(self) -> dict[str, str]:
-        """Return {title: page} for the existing pages of `others`."""
-        return {title: page for title, page in self.others.items() if Path(self.files.results, page).exists()}
+    def existing_pages(self) -> dict[str, str]:
+        """Return {title: page} for the existing pages of `other_pages`."""
+        return {title: page for title, page in self.other_pages.items() if Path(self.files.results, page).exists()}
 
     def commands(self) -> dict[str, str]:
         """Return {purpose: command} for the next steps, the most useful first."""
@@ -139,7 +139,7 @@ class Pages:
         commands["This study again, after a change or for missing files"] = command()
         return commands
 
-    def viewed(self) -> dict[str, list[str]]:
+    def viewer_images(self) -> dict[str, list[str]]:
         """Return {algorithm: images} of the viewer.
 
         Raises

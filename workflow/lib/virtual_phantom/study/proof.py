@@ -1,4 +1,4 @@
-"""What the configuration asks of the proof, as its jobs take it."""
+"""Files and settings of the blind validation (target `proof`)."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from ..proof.hiding.suite import (
 
 @dataclass(frozen=True)
 class Proof:
-    """Of one configuration.
+    """Blind validation of one configuration.
 
     Attributes
     ----------
     cases : tuple of str
-        Their names.
+        Names of the cases.
     tried : mapping of str to list of str
-        {kind of recording: the effects that are tried}.
+        {kind of recording: candidate effects}.
     """
 
     plan: Plan
@@ -42,12 +42,12 @@ class Proof:
 
     @classmethod
     def read(cls, plan: Plan, files: Files) -> Proof:
-        """What a configuration asks for.
+        """Return the blind validation of a configuration.
 
         Raises
         ------
         InputError
-            For what no suite can be made of.
+            If the settings do not give a set of cases.
         """
         settings = plan.config["proof"]
         named = tuple(cases(settings))
@@ -62,12 +62,12 @@ class Proof:
 
     @property
     def settings(self) -> dict:
-        """The section of the configuration."""
+        """Section `proof` of the configuration."""
         return self.plan.config["proof"]
 
     @property
-    def drawn(self) -> dict:
-        """What is concealed depends on this alone."""
+    def hiding(self) -> dict:
+        """Settings that determine the hidden effects."""
         settings = self.settings
         return {
             **_parts(settings, "seed", "effects", "strengths", "none", "pairs", "unknown", "unknown_kinds"),
@@ -75,40 +75,40 @@ class Proof:
             "scan": _parts(settings["scan"], "rows"),
         }
 
-    def scanned(self, case: str) -> dict:
-        """What the recordings of a case depend on beside what is concealed."""
+    def scan_settings(self, case: str) -> dict:
+        """Return the settings of the recordings of a case, apart from its hidden effects."""
         shared = _parts(self.settings, "seed", "scan", "held_out_protocol")
         of_images = {"images": _parts(self.settings["images"], "views_times")}
         return shared | (of_images if self._kind(case) == "images" else {})
 
     def all(self, name: str) -> list[str]:
-        """An output of every case."""
+        """Return the paths of an output of all cases."""
         return [self.files(name, case=case) for case in self.cases]
 
     def times(self) -> list[str]:
-        """What the jobs of every case took."""
+        """Return the benchmark files of the jobs of all cases."""
         jobs = ("scan", "diagnosis", "elsewhere")
         return [self.files.benchmark(f"proof/{job}_{case}") for job in jobs for case in self.cases]
 
     def real(self, name: str) -> list[str]:
-        """An output of the diagnosis of every real recording that stands beside the cases."""
+        """Return the paths of an output of the diagnoses of all real recordings in the report."""
         return [self.files(name, recording=recording) for recording in self.settings["recordings"]]
 
     @property
     def phantoms(self) -> tuple[str, ...]:
-        """What is scanned, in turn."""
+        """Names of the scanned phantoms, which the cases use in turn."""
         return PHANTOMS
 
     def layout(self, phantom: str) -> str:
-        """What a phantom is made from."""
+        """Return the layout file of a phantom."""
         return resource(OBJECTS[phantom].layout)
 
     def fine_phantom(self, case: str) -> str:
-        """What is scanned in a case."""
+        """Return the fine phantom that a case scans."""
         return self.files("proof_fine", phantom=phantom_of(case))
 
     def known_phantom(self, case: str) -> dict[str, str]:
-        """What the diagnosis is told of it."""
+        """Return the description of the phantom of a case for its diagnosis."""
         phantom = phantom_of(case)
         image = self.files("proof_image", phantom=phantom)
         return {
@@ -119,20 +119,20 @@ class Proof:
         }
 
     def tried_on(self, case: str) -> list[str]:
-        """The effects that a case is tried against."""
+        """Return the candidate effects of a case."""
         return self.tried[self._kind(case)]
 
     def model(self, case: str) -> dict:
-        """As Diagnosis.model, of the recording of a case."""
+        """Return the model of the recording of a case (Diagnosis.model)."""
         return self._model(self.files("proof_recording", case=case), case, "scan")
 
     def held_out_model(self, case: str) -> dict:
-        """The same of its scan by another protocol."""
+        """Return the model of the scan of a case with the held-out protocol."""
         return self._model(self.files("proof_held_out", case=case), case, "held_out_protocol")
 
     def _model(self, folder: str, case: str, protocol: str) -> dict:
         config, settings, kind = self.plan.config, self.settings, self._kind(case)
-        one, scan = OBJECTS[phantom_of(case)], settings["scan"]
+        phantom, scan = OBJECTS[phantom_of(case)], settings["scan"]
         views = dict(zip(PROTOCOLS, views_of(kind, settings), strict=True))[protocol]
         rotation = settings[protocol]["rotation_time_ms"]
         simulated = {"samples": 2, "view_step": 1, "nominal_photons": settings[protocol]["photons"], "alignment": {}}
@@ -140,10 +140,10 @@ class Proof:
             "folder": folder,
             "settings": simulated,
             "mu_water_per_mm": config["mu_water_per_mm"],
-            "materials": one.stated,
+            "materials": phantom.stated,
             "seed": config["seed"],
             "protocol": (
-                one.protocol(scan["columns"], scan["rows"], views, rotation, "cpu") if kind == "images" else None
+                phantom.protocol(scan["columns"], scan["rows"], views, rotation, "cpu") if kind == "images" else None
             ),
         }
 
@@ -152,5 +152,5 @@ class Proof:
 
 
 def _parts(section: Mapping, *keys: str) -> dict:
-    """What a job depends on of a section: other keys do not run it again."""
+    """Return some keys of a section: a change of other keys does not rerun the job."""
     return {key: section[key] for key in keys if key in section}

@@ -143,7 +143,7 @@ class Comparisons:
         """{name: settings in the configuration}."""
         return self.plan.config["analyses"].get("comparison", {})
 
-    def asked(self, name: str, key: str) -> Any:
+    def setting(self, name: str, key: str) -> Any:
         """Return a setting of a comparison; None if it is not given."""
         return self.settings[name].get(key)
 
@@ -185,10 +185,10 @@ class Comparisons:
     def _recorded(self, name: str) -> dict:
         return self.recordings.content(self.recording(name)).get("features", {})
 
-    def met(self, noise: str) -> dict:
+    def noise_target(self, noise: str) -> dict:
         """Return the target of a matched noise level."""
         return self.plan.config["noise"]["levels"][noise]["meets"]
 
-    def met_features(self, noise: str) -> str:
+    def noise_target_features(self, noise: str) -> str:
         """Return the features of the recording that a noise level is matched to."""
-        return self.files("recorded_features", recording=self.met(noise)["recording"])
+        return self.files("recorded_features", recording=self.noise_target(noise)["recording"])

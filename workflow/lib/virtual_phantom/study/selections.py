@@ -28,12 +28,12 @@ class Selections:
         return self.plan.config["analyses"]
 
     @property
-    def grouped(self) -> dict:
+    def compared_images(self) -> dict:
         """Images whose features the stability analysis compares between groups of protocols."""
         noise = self._analyses.get("stability", {}).get("noise")
         return {"groups": self.plan.groups(), "noise": noise, "seeds": self.plan.repeats([noise]) if noise else 0}
 
-    def scored(self, recording: str) -> dict:
+    def score_conditions(self, recording: str) -> dict:
         """Return the values of condition columns that select the images for the scores of a recording."""
         return self._analyses.get("stability", {}).get("where", {}).get(recording, {})
 
@@ -103,7 +103,8 @@ class Selections:
     def calibration_acquisitions(self) -> list[dict]:
         """Return protocol and acquisition settings of all images of the noise calibration."""
         return [
-            {"protocol": protocol, **self.acquisitions.one(noise, seed)} for protocol, noise, seed in self.calibration
+            {"protocol": protocol, **self.acquisitions.acquisition(noise, seed)}
+            for protocol, noise, seed in self.calibration
         ]
 
     def compared_noise(self) -> dict[str, float | None]:
@@ -132,7 +133,7 @@ class Selections:
         chosen = self._analyses["pca"][name]
         return {"protocols": chosen["protocols"], "noise": chosen["noise"], "seeds": self.plan.repeats(chosen["noise"])}
 
-    def fitted(self, name: str) -> dict:
+    def fit_settings(self, name: str) -> dict:
         """Return the settings for fitting the components of a figure."""
         return {key: self._analyses["pca"][name][key] for key in ("fit_on", "standardise")}
 
