@@ -184,7 +184,8 @@ def _mismatch(content: Mapping, named: Sequence[Mapping]) -> VerdictLine | None:
         size = practice.get("remaining", {}).get("hu")
         text = location_text(content["unexplained"][0])
         if size is not None and abs(size["value"]) > 2 * size["error"]:
-            text += f", {float(f'{abs(size["value"]):.2g}'):g} HU in images"
+            hu = float(f"{abs(size['value']):.2g}")  # two digits
+            text += f", {hu:g} HU in images"
         return VerdictLine("Remaining mismatch", text, rank=3)
     if not named and content["verdict"] == UNEXPLAINED:
         found = [DIFFERENCES[name].format(f"{value:.3g}") for name, value in practice.get("differing", {}).items()]
