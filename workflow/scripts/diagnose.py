@@ -70,11 +70,7 @@ if "snakemake" in globals():
             phantom_file=snakemake.input.get("phantom"),
             image_file=snakemake.input.get("image"),
             rois_file=snakemake.input.get("rois"),
-            object_files=[
-                snakemake.input[kind]
-                for kind in ("phantom", "mask", "labels", "shapes")
-                if kind in snakemake.input.keys()
-            ],
+            object_files=list(filter(None, map(snakemake.input.get, ("phantom", "mask", "labels", "shapes")))),
             declared_file=snakemake.input.get("declared"),
             physics_file=snakemake.input.get("physics"),
             record_file=snakemake.input.get("record"),
