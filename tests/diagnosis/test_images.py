@@ -187,7 +187,7 @@ def test_one_repeat_says_where_its_noise_is_from(scene):
     chi_square = []
     for seed in range(1, 7):
         given = prepared(scene, {}, seed, repeats=1)
-        assert given.single and "slices" in given.held
+        assert given.single and "slices" in given.held_out_text
         assert given.photons == pytest.approx(PHOTONS, rel=0.15)
         baseline = trial(given.fitter, ())
         square = (given.fitter.residuals(baseline.fit)[0] ** 2 * given.fitter.held_weights[0]).sum()

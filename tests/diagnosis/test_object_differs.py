@@ -168,7 +168,7 @@ def test_an_insert_that_is_missing_is_the_object_and_no_physics():
     fat, muscle, water = (float(attenuation_per_mm(one, [60.0])[0]) for one in ("adipose", "soft_tissue", "water"))
     assert piece["hu"] == pytest.approx(1000 * (muscle - fat) / water, rel=0.15)
     assert content["verdict_lines"][0].startswith("Local object mismatch: ") and " mm ball at x " in content["sentence"]
-    assert "turned by 90 degrees" in content["next_measurement"][0]
+    assert "rotated by 90 degrees" in content["next_measurement"][0]
 
 
 def test_a_large_insert_that_is_missing_explains_all(monkeypatch):

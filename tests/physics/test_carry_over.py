@@ -243,7 +243,7 @@ def test_what_goes_by_unknown_times_is_not_looked_for():
     for name in sorted(timed):
         with pytest.raises(InputError, match="the time between views is not known"):
             chain.parameters(name)
-    with pytest.raises(InputError, match="state scan.view_interval_ms or scan.rotation_time_ms"):
+    with pytest.raises(InputError, match="set scan.view_interval_ms or scan.rotation_time_ms"):
         chain.state({"motion": {f"{axis}_mm_per_s": 1.0 for axis in "xyz"}})
     (level,) = chain.parameters("dark_signal")
     assert (level.name, level.unit, level.high) == ("level_units", "of air", 0.1)

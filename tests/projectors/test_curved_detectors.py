@@ -219,7 +219,7 @@ def test_every_so_many_views_keep_their_spots():
         (dict(surface="flat", arc_radius_mm=1000.0), "arc_radius_mm is the radius of a cylindrical detector"),
         (dict(arc_radius_mm=100.0), "more than half a circle of arc_radius_mm 100"),
         (dict(spots_mm=((0.0, 0.0),)), "three lengths for each focal spot"),
-        (dict(spots_mm=((0.0, 400.0, 0.0),)), "focal spot 400 mm beside the focal centre"),
+        (dict(spots_mm=((0.0, 400.0, 0.0),)), "focal spot 400 mm from the focal center"),
         (dict(spots_mm=((0.0, 0.0, math.nan),)), "focal spot nan mm"),
     ],
 )

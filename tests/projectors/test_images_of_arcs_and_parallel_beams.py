@@ -146,7 +146,10 @@ def test_a_study_of_a_parallel_beam_knows_no_distances():
     ("changes", "message"),
     [
         ({"physics": {"bowtie": {}}, "noise": {"model": "physical"}}, "bowtie needs a focal spot"),
-        ({"scans": {"other": {"detector": "cylindrical"}}}, "scans.other.beam is parallel; take scans.other.detector"),
+        (
+            {"scans": {"other": {"detector": "cylindrical"}}},
+            "scans.other.beam is parallel; remove scans.other.detector",
+        ),
     ],
 )
 def test_what_needs_a_focal_spot_is_refused_beside_parallel_rays(changes, message):

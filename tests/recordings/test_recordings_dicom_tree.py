@@ -90,7 +90,7 @@ def test_three_scans_are_three_repeats(kind, tree, expected, tmp_path, caplog):
             f"{tree}: not used: scan1/000.dcm.RS: SOP class is RT Structure Set Storage, not CT",
             f"{tree}: not used: scan1/000_seg: SOP class is Segmentation Storage, not CT",
         ],
-        "loop": [f"{tree}: not used: scan1/again: a link to a folder that is read already"],
+        "loop": [f"{tree}: not used: scan1/again: a link to a folder that was read before"],
     }
     assert notes(caplog) == expected_notes.get(kind, [])
 

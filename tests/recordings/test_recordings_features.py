@@ -74,7 +74,7 @@ def test_a_column_written_twice_is_refused(table):
     folder, _ = table
     lines = (folder / "b.csv").read_text().splitlines()
     (folder / "b.csv").write_text("\n".join(f"{line},{'roi' if i == 0 else 'x'}" for i, line in enumerate(lines)))
-    refused(folder, "the column 'roi' is there twice")
+    refused(folder, "the column 'roi' occurs twice")
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b'a,"b\n1'])

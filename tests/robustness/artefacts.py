@@ -135,6 +135,7 @@ FOUND = {
     "unexplained": [],
     "next_measurement": [],
     "held_out_data": "",
+    "verdict_lines": ["Missing physics: scatter (amount 0.0625)."],
 }
 
 

@@ -93,7 +93,7 @@ def test_the_cube_holds_each_value_at_its_place():
         ),
         (
             lambda t: pd.concat([t, t.iloc[[7]]]),
-            "features: two rows for ROI cyst, group 2, seed 1; give every",
+            "features: two rows for ROI cyst, group 2, seed 1; give each",
         ),
     ],
 )

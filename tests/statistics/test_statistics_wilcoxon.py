@@ -121,7 +121,7 @@ def test_monotone_transforms_and_the_order_of_repeats_change_nothing(values, see
         (
             lambda t: t.assign(seed=[*range(6)] * 9, group=t["group"].replace(2, 1)),
             {},
-            "features: two rows for ROI cyst_1, group 1, seed 0; give every protocol a group of its own",
+            "features: two rows for ROI cyst_1, group 1, seed 0; give each protocol a different group",
         ),
         (
             lambda t: t.assign(**{FEATURE: t[FEATURE].mask(t.index == 20)}),

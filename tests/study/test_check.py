@@ -398,7 +398,7 @@ def test_every_mistake_of_a_recording_is_named_in_one_run(desk, capsys):
     document.write_text(yaml.safe_dump(content | {"kind": "sinograms", "origni": {}, "held_out": ["gone.h5"]}))
     code, (head, *lines) = checked(changed(recordings={"bench": "bench"}), capsys)
     assert (code, head, len(lines)) == (1, "Error: 3 mistakes", 3)
-    for said in ("kind is 'sinograms'", "unknown key 'origni'", "'gone.h5' is not there"):
+    for said in ("kind is 'sinograms'", "unknown key 'origni'", "'gone.h5' does not exist"):
         assert sum(said in line for line in lines) == 1, lines
 
 

@@ -183,10 +183,10 @@ def of_state(state: State, apart: int | None = None) -> Correlations:
     )
     colored = 1 - float(np.mean(electronic / variance))
     pixels = []
-    for share, length in zip(state.neighbours, variance.shape[:0:-1], strict=True):
-        share = share if length > 1 else 0.0
-        square = (1 - 2 * share) ** 2 + 2 * share**2
-        pixels.append((colored * 2 * share * (1 - 2 * share) / square, colored * share**2 / square))
+    for crosstalk, length in zip(state.neighbours, variance.shape[:0:-1], strict=True):
+        crosstalk = crosstalk if length > 1 else 0.0
+        square = (1 - 2 * crosstalk) ** 2 + 2 * crosstalk**2
+        pixels.append((colored * 2 * crosstalk * (1 - 2 * crosstalk) / square, colored * crosstalk**2 / square))
     # For weights 1 - k, k (1 - d), k (1 - d) d, ...: those of views that follow each other, over the squares.
     glow = share**2 * (1 - memory) / (1 + memory)
     views = (share * (1 - share) * (1 - memory) + glow * memory) / ((1 - share) ** 2 + glow)
