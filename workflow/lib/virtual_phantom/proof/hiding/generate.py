@@ -25,7 +25,6 @@ from .xcist import TARGET_ANGLE_DEG, Acquired, Scan, simulate
 LEAST_READING = 1e-6  # share of the air scan, since the logarithm needs positive values
 NOMINAL = {"anode": "W", "anode_angle_deg": TARGET_ANGLE_DEG}  # the tube of all cases
 RECONSTRUCTED = {"kernel_pixels": 0.0, "hu_scale": 1.0, "hu_offset": 0.0}  # settings with their neutral values
-NOISE, PIXELS = range(2)  # branches of a scan's seed
 
 
 def scan_section(
