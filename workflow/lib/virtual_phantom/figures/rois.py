@@ -13,6 +13,14 @@ from ..io.volumes import Volume
 from . import axial, style
 
 LETTER_MM = 0.62 * style.FONT_POINTS * style.MILLIMETRES_PER_POINT  # mean width of a letter
+LEADER = {
+    "arrowstyle": "-",
+    "color": "white",
+    "linewidth": 0.6,
+    "path_effects": axial.OUTLINED,
+    "shrinkA": 0,
+    "shrinkB": 0,
+}
 
 
 @style.styled()
@@ -126,14 +134,7 @@ def name_regions(axes: Axes, masks: Mapping[str, np.ndarray], grid: Grid, line: 
                 textcoords="axes fraction",
                 ha=align,
                 va="center",
-                arrowprops={
-                    "arrowstyle": "-",
-                    "color": "white",
-                    "linewidth": 0.6,
-                    "path_effects": axial.OUTLINED,
-                    "shrinkA": 0,
-                    "shrinkB": 0,
-                },
+                arrowprops=LEADER,
             )
 
 
