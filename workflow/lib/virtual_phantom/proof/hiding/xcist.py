@@ -141,23 +141,18 @@ class Materials:
         names = list(self.fractions)
         slices, rows, columns = self.fractions[names[0]].shape
         plane, height = self.voxel_mm
-        content = {
-            "volumefractionmap_filename": [f"{number}.raw" for number in range(len(names))],
-            "volumefractionmap_datatype": ["float"] * len(names),
-            "cols": [columns] * len(names),
-            "rows": [rows] * len(names),
-            "slices": [slices] * len(names),
-            "x_size": [plane] * len(names),
-            "y_size": [plane] * len(names),
-            "z_size": [height] * len(names),
-            "x_offset": [(columns + 1) / 2] * len(names),
-            "y_offset": [(rows + 1) / 2] * len(names),
-            "z_offset": [(slices + 1) / 2] * len(names),
+        files = [f"{number}.raw" for number in range(len(names))]
+        content = {"n_materials": len(names), "mat_name": names, "volumefractionmap_filename": files}
+        of_each = {
+            "volumefractionmap_datatype": "float",
+            **{"cols": columns, "rows": rows, "slices": slices},
+            **{"x_size": plane, "y_size": plane, "z_size": height},
+            **{"x_offset": (columns + 1) / 2, "y_offset": (rows + 1) / 2, "z_offset": (slices + 1) / 2},
         }
-        for file, fraction in zip(content["volumefractionmap_filename"], self.fractions.values(), strict=True):
+        for file, fraction in zip(files, self.fractions.values(), strict=True):
             np.ascontiguousarray(fraction[:, ::-1], np.float32).tofile(folder / file)
         path = folder / "object.json"
-        path.write_text(json.dumps({"n_materials": len(names), "mat_name": names, **content}))
+        path.write_text(json.dumps(content | {key: [value] * len(names) for key, value in of_each.items()}))
         return path
 
 
