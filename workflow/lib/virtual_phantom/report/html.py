@@ -36,8 +36,6 @@ def render(template: str, filters: Mapping[str, Callable], *, strict: bool = Tru
         Filters of the template in addition to `label`.
     strict : bool, optional
         Whether an undefined variable is an error (otherwise it is empty).
-    **values
-        Variables of the template.
     """
     environment = Environment(
         loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined if strict else Undefined
@@ -47,15 +45,7 @@ def render(template: str, filters: Mapping[str, Callable], *, strict: bool = Tru
 
 
 def render_diagnosis(template: str, content: dict, **values) -> str:
-    """Render a report of a diagnosis.
-
-    Parameters
-    ----------
-    content : dict
-        Content of diagnosis.json, `d` in the template.
-    **values
-        Other variables of the template.
-    """
+    """Render a report of a diagnosis, with the content of diagnosis.json as `d` in the template."""
     filters = {"number": number, "within": within, "chance": _chance, "coverage": _coverage, "share": percent}
     filters["feature"] = style.feature_label
     made = {"colour": COLORS.get(content["verdict"], OTHER_COLOR), "version": __version__, "date": today()}

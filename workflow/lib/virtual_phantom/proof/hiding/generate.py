@@ -36,17 +36,7 @@ def scan_section(
     kev: float,
     hidden: Mapping,
 ) -> Scan:
-    """Return the scan for XCIST.
-
-    Parameters
-    ----------
-    settings : mapping
-        Section proof.scan of the configuration.
-    photons, rotation_ms, kev : float
-        As in Scan.
-    hidden : mapping
-        Hidden settings of the simulator.
-    """
+    """Return the scan for XCIST, from the section proof.scan of the configuration and the hidden settings."""
     return Scan(
         views=views,
         **scanned_object.detector(settings["columns"], settings["rows"]),
@@ -68,14 +58,9 @@ def hidden_settings(truth: Mapping) -> dict:
 def acquire(
     scan: Scan, scanned_object: Object, fine: Volume, mu_water_per_mm: float, repeats: int, seed: Stream
 ) -> Acquired:
-    """Scan the fine phantom and read out the detector.
+    """Scan the fine phantom (HU) and read out the detector.
 
-    Parameters
-    ----------
-    fine : Volume
-        HU.
-    seed : Stream
-        Branches of it draw the noise, the gains of the pixels and the faults.
+    Branches of the seed draw the noise, the gains of the pixels and the faults.
     """
     noise, pixels, faults = seed.spawn(3)
     scanned = changed(fine, scanned_object, scan.settings)

@@ -164,12 +164,7 @@ def attenuation_per_mm(material: str, kev: float) -> float:
 
 
 def energy_of_water(mu_per_mm: float) -> float:
-    """Return the energy at which XCIST's water has an attenuation, keV.
-
-    Parameters
-    ----------
-    mu_per_mm : float
-        1/mm.
+    """Return the energy at which XCIST's water has an attenuation (1/mm), keV.
 
     Raises
     ------
@@ -187,13 +182,7 @@ def energy_of_water(mu_per_mm: float) -> float:
 
 
 def simulate(scan: Scan, materials: ScannedObject, repeats: int, seed: Stream) -> Acquired:
-    """Scan an object in a separate process, since XCIST's library keeps the state of one scan.
-
-    Parameters
-    ----------
-    seed : Stream
-        Stream of the noise.
-    """
+    """Scan an object in a separate process, since XCIST's library keeps the state of one scan."""
     with get_context("fork").Pool(1) as pool:
         return pool.apply(_simulate, (scan, materials, repeats, seed))
 
@@ -223,13 +212,7 @@ def _simulate(scan, materials, repeats, seed):
 
 
 def central(values: np.ndarray, scan: Scan) -> float:
-    """Return the mean over the center of the detector.
-
-    Parameters
-    ----------
-    values : ndarray, shape (columns * rows,)
-        Column by column.
-    """
+    """Return the mean over the center of the detector of values, shape (columns * rows,), column by column."""
     middle = values.reshape(scan.columns, scan.rows)[(scan.columns - 1) // 2 : scan.columns // 2 + 1]
     return float(middle[:, (scan.rows - 1) // 2 : scan.rows // 2 + 1].mean())
 

@@ -32,12 +32,7 @@ def row(path: str | Path) -> dict:
 
 
 def minutes(benchmarks: Sequence[str | Path], cores: int = 2) -> float | None:
-    """Return the duration of jobs from Snakemake's benchmarks, divided by the number of cores.
-
-    Returns
-    -------
-    float or None
-        Minutes; None without benchmarks.
+    """Return the duration of jobs from Snakemake's benchmarks, minutes, divided by the cores; None without benchmarks.
 
     Raises
     ------

@@ -127,12 +127,7 @@ def link_scan(scan: PublicScan, files: Mapping[str, Iterable[Path]], target: str
 def check_scan(scan: PublicScan, folder: str | Path, advice: str | None = None, sizes: bool = True) -> None:
     """Check that a folder created by fetch_scan or link_scan contains the complete scan.
 
-    Parameters
-    ----------
-    advice : str, optional
-        What to do if not; default: to delete the folder.
-    sizes : bool, optional
-        Whether to compare file sizes with the list.
+    By default, the advice is to delete the folder. With `sizes`, file sizes are compared with the list.
 
     Raises
     ------
