@@ -85,7 +85,7 @@ def slice_panels(
     box_mm : sequence of 4 float
         Visible part, as from `axial.body_box_mm`.
     names_mm, legend_mm, color_bar_mm : float
-        Room for the names beside each panel, and for legend and color bar.
+        Width of the names beside each panel and of the color bar, and height of the legend.
 
     Returns
     -------
