@@ -11,7 +11,7 @@ SALT = "5a" * 32
 
 
 def truth(case, category, effects=(), strength=None, where=(), kind="projections", phantom="abdomen"):
-    """effects: {name: comparable parameters}; those that the library lacks begin with an exclamation mark."""
+    """Truth with effects {name: comparable parameters}; the library has no model of those with an exclamation mark."""
     return {
         "case": case,
         "kind": kind,
@@ -33,9 +33,10 @@ def truth(case, category, effects=(), strength=None, where=(), kind="projections
 
 
 def diagnosis(case, verdict, effects=(), ambiguous=None, ruled_out=None, removed=None, p=0.0, gain=500.0, **named):
-    """What is scored of a diagnosis.json.
+    """Scored content of a diagnosis.json.
 
-    effects: {name: {parameter: (value, low, high)}}, the first chosen first; p: of the location in columns."""
+    effects: {name: {parameter: (value, low, high)}}, the first chosen first; p: of the location in columns.
+    """
     return {
         "recording": case,
         "verdict": verdict,

@@ -1,8 +1,8 @@
 """Check the project's prose against its style: `python tests/prose.py [PATH ...]` prints `file:line: rule: text`.
 
 It reads pages, docstrings, comments, descriptions in YAML files and strings that look like sentences. The rules are
-MAX_WORDS, WORDS, SPELLING and STARTS. Without PATH, it checks the whole project except UNCONVERTED, the paths that
-are not rewritten yet.
+MAX_WORDS, WORDS, SPELLING and STARTS. Without PATH, it checks the whole project except UNCONVERTED, the paths that are
+not rewritten yet.
 """
 
 import ast
@@ -24,11 +24,11 @@ UNCONVERTED = (  # patterns of paths
     "benchmarks",
     "tests",
 )
-EXAMPLES = ("tests/test_prose.py",)  # of what is not allowed
-MAX_WORDS = 30  # of a sentence
-MIN_WORDS = 5  # of a string that is read as a sentence
+EXAMPLES = ("tests/test_prose.py",)  # forbidden examples
+MAX_WORDS = 30  # per sentence
+MIN_WORDS = 5  # of a string that is checked as a sentence
 
-# Rule: what must not be found in a sentence, and the term to use.
+# Rule: forbidden pattern, and the term to use.
 WORDS = {
     r"(?:told|tells?|telling)\b[^.;:]{0,60}\bapart": "distinguish, discriminate",
     r"own(?:ed|s|ing)? up": "report as unexplained",
@@ -73,7 +73,7 @@ SECTION = re.compile(
 )
 
 DESCRIPTIONS = ("description", "title", "summary", "meaning", "note")  # keys of YAML files
-END = re.compile(r"(?<=[.!?])[)\"']?\s+(?=[\"'(`]?[A-Z0-9`])")  # of a sentence
+END = re.compile(r"(?<=[.!?])[)\"']?\s+(?=[\"'(`]?[A-Z0-9`])")  # end of a sentence
 COMMAND = re.compile(r">>>|\.\.\.|(?:python|snakemake|virtual-phantom\S*|pytest|make) ")  # lines of a docstring
 
 

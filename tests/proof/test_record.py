@@ -1,4 +1,4 @@
-"""The record of the proof: seeds pooled, scores added, intervals' worth told."""
+"""Record of the blind validation: pooled seeds, added scores, and coverage of intervals."""
 
 import runpy
 import sys
@@ -49,7 +49,7 @@ def entry(seed, unseen=True, coverage=(), **changed):
 
 @pytest.fixture
 def record(tmp_path):
-    """Writes entries."""
+    """Function that writes entries."""
 
     def written(*entries):
         (tmp_path / "record.yaml").write_text("# seeds\n" + yaml.safe_dump(list(entries)))
@@ -67,12 +67,12 @@ def test_unseen_seeds_are_pooled(record):
     seeds = read_proof_record(record(entry(1, unseen=False), entry(2), entry(3, pairs=[4, 4])))
     assert pooled_counts(seeds)["pairs"] == (6, 8) and pooled_counts(seeds)["intervals"] == (12, 20)
     share = summary(seeds)["pooled"]["intervals"]
-    # Wilson: centre (12 + 1.92) / (20 + 3.84), half 1.96 / 23.84 * sqrt(12 * 8 / 20 + 0.96)
+    # Wilson: center (12 + 1.92) / (20 + 3.84), half-width 1.96 / 23.84 * sqrt(12 * 8 / 20 + 0.96)
     assert share["ci95"] == pytest.approx([0.3866, 0.7812], abs=2e-4)
     assert summary(seeds)["pooled_seeds"] == [2, 3] and len(summary(seeds)["seeds"]) == 3
 
 
-def test_the_shipped_record_is_what_issue_and_docs_say_of_three_seeds():
+def test_shipped_record_agrees_with_the_docs_for_three_seeds():
     entries = [one for one in read_proof_record(RECORD) if one.seed in (11, 12, 13)]
     assert pooled_counts(entries) == {
         "first_medium_or_strong": (109, 114),
@@ -100,7 +100,7 @@ def test_coverage_is_that_of_the_effect_or_of_the_smallest_group(record):
     )
 
 
-def test_a_diagnosis_tells_beside_each_interval_how_often_such_held(record):
+def test_diagnosis_states_the_coverage_of_each_interval(record):
     entries = read_proof_record(record(entry(2, coverage=[(("scatter",), (1, 4))])))
     values = {"scatter": {"amount": (0.1, 0.0, 0.2)}, "motion": {"x_mm": (1.0, 0.9, 1.1)}}
     said = with_coverage(diagnosis("a", "mismatch explained", values), entries)
@@ -118,7 +118,7 @@ def test_a_diagnosis_tells_beside_each_interval_how_often_such_held(record):
     assert "covered the true values" not in render_diagnosis("parameters", said, e=plain)
 
 
-def test_a_score_is_added_once_below_what_is_there(record, found):
+def test_score_is_added_once_below_the_existing_ones(record, found):
     path = record(entry(11))
     before = path.read_text()
     add(path, found, "abc1234", "after a change")
@@ -161,7 +161,7 @@ def test_from_the_command_line(record, found, tmp_path, capsys, monkeypatch):
     assert code == 0 and "seed 14" in said.out
 
 
-def test_coverage_of_two_scores_side_by_side(found):
+def test_coverage_of_two_scores_in_one_table(found):
     other = score([], suite={"seed": 13})
     lines = [line.split() for line in coverage_table(found, other)]
     assert lines[0][-4:] == ["seed", "14", "seed", "13"]
@@ -178,7 +178,7 @@ def test_coverage_of_two_scores_side_by_side(found):
         ([{"seed": 1}], "is not a record of the blind validation"),
     ],
 )
-def test_a_broken_record_is_one_line(record, entries, message):
+def test_broken_record_is_one_line(record, entries, message):
     with pytest.raises(InputError, match=f"record.yaml: .*{message}"):
         read_proof_record(record(*entries))
 
@@ -191,7 +191,7 @@ def test_readme_has_the_pooled_counts():
 
 
 def test_docs_have_the_pooled_counts():
-    """After a seed is added to the record, the page follows."""
+    """After a seed is added to the record, the page must be updated."""
     page = " ".join((ROOT / "docs/validation/blind-validation.md").read_text().split())
     shown = summary(read_proof_record(RECORD))
     for name, share in shown["pooled"].items():
@@ -212,14 +212,14 @@ def test_docs_count_the_seed_that_was_scored_last_and_the_worst():
         assert row.endswith("".join(f"| {one} of {of} " for one, of in (pairs[-1], worst)) + "|"), row
 
 
-def test_docs_say_whose_equations_they_are():
+def test_docs_state_the_origin_of_the_equations():
     page = validation_tables.page()
     for model, made in MODELS.items():
         known, lacking = (", ".join(label(one) for one in made if (one in names()) == kind) for kind in (True, False))
         assert f"| {model} | {known} | {lacking} |" in page
 
 
-def test_the_generated_page_has_every_seed_and_every_table():
+def test_generated_page_has_every_seed_and_every_table():
     page = validation_tables.page()
     for name, share in summary(read_proof_record(RECORD))["pooled"].items():
         assert f"| {share['count']} of {share['n']} ({percent(share['share'])}; " in page, name

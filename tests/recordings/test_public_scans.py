@@ -1,4 +1,4 @@
-"""Public scans: the list, fetching from S3, somebody's own folder, and one line for each thing that is wrong."""
+"""Public scans: the list, fetching from S3, user folders, and one line per error."""
 
 import csv
 import json
@@ -26,8 +26,8 @@ TANDEM = "ct_phantom4radiomics"
 # The list
 
 
-def test_the_list_is_that_of_the_collections():
-    """The counts and sizes that the collections' pages state."""
+def test_list_agrees_with_the_collections():
+    """The counts and sizes stated on the collections' pages."""
     by = Counter(scan.collection for scan in public_scans())
     assert by == {TANDEM: 238, "ct4harmonization_multicentric": 1378}
     tandem = [scan for scan in public_scans() if scan.collection == TANDEM]
@@ -51,7 +51,7 @@ def test_the_list_is_that_of_the_collections():
 @pytest.mark.real
 @pytest.mark.skipif(not INDEX.exists(), reason="the index of the collections is not beside this checkout")
 @pytest.mark.parametrize("collection", [TANDEM, "ct4harmonization_multicentric"])
-def test_every_series_of_the_index_is_listed_as_it_is(collection):
+def test_every_series_of_the_index_is_listed_correctly(collection):
     ours = {series.uid: (scan, series) for scan in public_scans() for series in scan.series}
     with open(INDEX / f"{collection}.csv", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -65,7 +65,7 @@ def test_every_series_of_the_index_is_listed_as_it_is(collection):
             assert (scan.description, scan.model) == (row["SeriesDescription"], row["ManufacturerModelName"])
 
 
-def test_a_selection_takes_what_it_says():
+def test_selection_returns_the_selected_scans():
     scans = select_scans({"collection": TANDEM, "groups": [1, "8"], "acquisitions": [1, 11, 12, 13, 14]}, "here")
     # Groups 1 and 2 count from the second acquisition.
     assert [scan.name for scan in scans] == ["110", "111", "112", "113", "801", "811", "812", "813", "814"]
@@ -86,7 +86,7 @@ def test_a_selection_takes_what_it_says():
         ("dose_mgy", [3], "config: here.dose_mgy has 3, .* choose from 10$"),
     ],
 )
-def test_a_selection_of_what_is_not_there_is_refused(key, value, message):
+def test_selection_of_missing_scans_is_rejected(key, value, message):
     with pytest.raises(InputError, match=message):
         select_scans({"collection": TANDEM, key: value}, "here")
 
@@ -96,7 +96,7 @@ def test_a_selection_of_what_is_not_there_is_refused(key, value, message):
 
 @pytest.fixture(scope="module", params=KINDS)
 def running(request, tmp_path_factory):
-    """A service with scans 801 and 802 on it, and these scans."""
+    """Service with scans 801 and 802, and these scans."""
     folder = tmp_path_factory.mktemp("s3")
     scans = public_files.write_bucket(public_files.listed("801", "802"), folder / BUCKET)
     with service(request.param, folder) as one:
@@ -109,7 +109,7 @@ def running(request, tmp_path_factory):
 
 @pytest.fixture
 def s3(running, monkeypatch):
-    """The same, and s5cmd on the path."""
+    """The same with s5cmd in PATH."""
     for name, value in running[0].variables.items():
         monkeypatch.setenv(name, value)
     return running
@@ -119,7 +119,7 @@ def files_in(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
-def test_a_scan_is_fetched_whole_with_whose_it_is(s3, tmp_path):
+def test_scan_is_fetched_completely_with_its_license(s3, tmp_path):
     one, (scan, _) = s3
     target = tmp_path / "with blank" / "801"
     fetch_scan(scan, target, one.endpoint, BUCKET)
@@ -134,7 +134,7 @@ def test_a_scan_is_fetched_whole_with_whose_it_is(s3, tmp_path):
     assert [path.name for path in target.parent.iterdir()] == ["801"]
 
 
-def test_what_is_here_is_not_fetched_again(s3, tmp_path):
+def test_complete_scan_is_not_fetched_again(s3, tmp_path):
     one, (scan, _) = s3
     target, partial = tmp_path / "801", tmp_path / ".partial-801"
     fetch_scan(scan, target, one.endpoint, BUCKET)
@@ -145,28 +145,28 @@ def test_what_is_here_is_not_fetched_again(s3, tmp_path):
     lost.unlink()
     whole = cut.read_bytes()
     cut.write_bytes(whole[:200])
-    (partial / "ct" / "x.dcm99").write_bytes(whole[:200])  # what a killed s5cmd leaves
+    (partial / "ct" / "x.dcm99").write_bytes(whole[:200])  # as a killed s5cmd leaves it
     fetch_scan(scan, target, one.endpoint, BUCKET)
     assert (target / "ct" / kept.name).stat().st_mtime == 1e9
     assert (target / "ct" / cut.name).read_bytes() == whole and len(files_in(target / "ct")) == 6
 
 
 def refused(scan, target, endpoint, bucket=BUCKET):
-    """The line that is said; nothing may look as if the scan were here."""
+    """The error line; no scan may appear as complete."""
     with pytest.raises(InputError) as error:
         fetch_scan(scan, target, endpoint, bucket)
     assert not target.exists() and "\n" not in str(error.value)
     return str(error.value)
 
 
-def test_without_a_service_or_a_bucket_one_line_says_so(s3, tmp_path):
+def test_missing_service_or_bucket_is_one_line(s3, tmp_path):
     one, (scan, _) = s3
     said = refused(scan, tmp_path / "801", "http://localhost:9")
     assert "801: 0 of 7 files were downloaded (no connection)" in said and "run again to continue" in said
     assert "0 of 7 files were downloaded (" in refused(scan, tmp_path / "801", one.endpoint, "another-bucket")
 
 
-def test_a_series_that_the_bucket_has_not_leaves_the_other(s3, tmp_path):
+def test_missing_series_leaves_the_others(s3, tmp_path):
     one, (scan, _) = s3
     missing = replace(scan, seg=replace(scan.seg, folder="00000000-0000-4000-8000-000000000000"))
     said = refused(missing, tmp_path / "801", one.endpoint)
@@ -175,7 +175,7 @@ def test_a_series_that_the_bucket_has_not_leaves_the_other(s3, tmp_path):
 
 
 @pytest.mark.parametrize("wrong", ["size", "count", "series", "doubled"])
-def test_what_is_not_as_listed_is_refused(s3, tmp_path, wrong):
+def test_files_that_differ_from_the_list_are_rejected(s3, tmp_path, wrong):
     one, (scan, other) = s3
     said = {
         "size": "the files of its CT have 0.01 MB, but the list says 0.06 MB",
@@ -199,7 +199,7 @@ def test_what_is_not_as_listed_is_refused(s3, tmp_path, wrong):
     assert said in line and ("delete" in line or "remove one" in line), line
 
 
-def test_a_full_disk_is_said_before_anything_comes(s3, tmp_path, monkeypatch):
+def test_full_disk_is_reported_before_the_transfer(s3, tmp_path, monkeypatch):
     one, (scan, _) = s3
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(fetching.shutil, "disk_usage", lambda path: usage._replace(free=1000))
@@ -207,14 +207,14 @@ def test_a_full_disk_is_said_before_anything_comes(s3, tmp_path, monkeypatch):
     assert files_in(tmp_path) == []
 
 
-def test_without_s5cmd_one_line_says_how_to_get_it(tmp_path, monkeypatch):
+def test_missing_s5cmd_is_one_line_with_installation(tmp_path, monkeypatch):
     monkeypatch.setattr(fetching.shutil, "which", lambda *_, **__: None)
     said = refused(public_files.listed("801")[0], tmp_path / "801", "http://localhost:9")
     assert said.startswith("s5cmd: is not installed") and "make setup-fetch" in said
     assert not list(tmp_path.iterdir())
 
 
-# Somebody's own folder
+# User folders
 
 LAYOUTS = {
     "idc": lambda scan, series, ds: f"{series.folder}/{ds.SOPInstanceUID[-12:]}.dcm",
@@ -245,7 +245,7 @@ def bucket(tmp_path_factory):
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_a_folder_of_any_layout_is_read_by_tags(bucket, tmp_path, layout):
+def test_folder_of_any_layout_is_read_by_tags(bucket, tmp_path, layout):
     folder, scans = bucket
     lay_out(scans, folder, tmp_path / "mine", layout)
     found = find_scans(tmp_path / "mine", scans)
@@ -259,7 +259,7 @@ def test_a_folder_of_any_layout_is_read_by_tags(bucket, tmp_path, layout):
 
 
 @pytest.mark.parametrize("wrong", ["missing", "half", "doubled", "broken", "no folder"])
-def test_what_is_wrong_in_a_folder_is_one_line(bucket, tmp_path, wrong):
+def test_error_in_a_folder_is_one_line(bucket, tmp_path, wrong):
     folder, scans = bucket
     mine = tmp_path / "mine"
     lay_out(scans, folder, mine, "idc")
@@ -271,7 +271,7 @@ def test_what_is_wrong_in_a_folder_is_one_line(bucket, tmp_path, wrong):
         first.unlink()
         said = f"{mine}: scan 801: 5 of 6 files of its CT are present; copy that series to"
     elif wrong == "doubled":
-        again = mine / "zz" / "again.dcm"  # behind the others
+        again = mine / "zz" / "again.dcm"  # after the others
         again.parent.mkdir()
         shutil.copy(first, again)
         said = f"{again}: is the same slice as {first}; remove one of them"
@@ -288,8 +288,8 @@ def test_what_is_wrong_in_a_folder_is_one_line(bucket, tmp_path, wrong):
 
 
 @pytest.mark.parametrize("wrong", ["missing", "foreign", "doubled", "without regions", "cut off"])
-def test_a_scan_that_went_wrong_after_it_came_is_one_line(bucket, tmp_path, wrong):
-    """Jobs look before they read, so that nothing is made of half a scan."""
+def test_scan_damaged_after_the_transfer_is_one_line(bucket, tmp_path, wrong):
+    """Jobs check before they read, so that no output is made from an incomplete scan."""
     folder, (scan, other) = bucket
     target = tmp_path / "801"
     for series in scan.series:

@@ -1,4 +1,4 @@
-"""Write regions as the study that published the scans did: pydicom-seg 0.4.1, in an environment of its own.
+"""Write regions like the study that published the scans: with pydicom-seg 0.4.1 in a separate environment.
 
     python -m venv seg && seg/bin/pip install -r tests/recordings/environment-pydicom-seg.txt
     seg/bin/python tests/recordings/write_with_pydicom_seg.py SERIES LABELS.npz OUT.dcm SERIES_UID

@@ -1,4 +1,4 @@
-"""DICOM, NIfTI and HDF5 whose headers lie: a volume or one line, and never more memory than the file can fill."""
+"""DICOM, NIfTI and HDF5 with false headers: a volume or one line, and no more memory than the file can fill."""
 
 import gzip
 import resource
@@ -22,12 +22,12 @@ from virtual_phantom.recordings.provenance import dicom_facts
 from virtual_phantom.recordings.reading import load_recording
 
 HEADER = 348  # bytes, of NIfTI-1
-pytestmark = pytest.mark.filterwarnings("ignore")  # pydicom's and numpy's, of values that are wrong by intent
+pytestmark = pytest.mark.filterwarnings("ignore")  # from pydicom and numpy about values that are wrong on purpose
 
 
 @pytest.fixture
 def little_memory():
-    """At most 2 GB more than now, so that an allocation by a lying header fails loudly."""
+    """At most 2 GB more than now, so that an allocation by a false header fails."""
     used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
     before = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (used + 2 * 10**9, before[1]))
@@ -37,7 +37,7 @@ def little_memory():
 
 @pytest.mark.parametrize("kind", [nibabel.Nifti1Image, nibabel.Nifti2Image])
 @pytest.mark.parametrize("suffix", [".nii", ".nii.gz"])
-def test_a_header_that_claims_the_moon_is_refused_before_it_is_allocated(kind, suffix, tmp_path, little_memory):
+def test_header_with_a_huge_size_is_rejected_before_allocation(kind, suffix, tmp_path, little_memory):
     side = 32_000 if kind is nibabel.Nifti1Image else 10**6
     header = kind.header_class()
     header.set_data_dtype(np.int16)
@@ -100,7 +100,7 @@ def test_any_dicom_header_gives_a_volume_or_one_line(tmp_path):
         outcome("DICOM header", read, folder)
 
 
-def test_slices_that_claim_more_pixels_than_they_hold_are_refused(tmp_path, little_memory):
+def test_slices_with_fewer_pixels_than_stated_are_rejected(tmp_path, little_memory):
     slices = phantom_files.ct_slices()[:3]
     for one in slices:
         one.Rows = one.Columns = 65_535
@@ -142,7 +142,7 @@ def test_any_hdf5_gives_projections_or_one_line(tmp_path):
         outcome("HDF5", load_recording, folder)
 
 
-def test_an_empty_dataset_that_claims_the_moon_is_refused(tmp_path, little_memory):
+def test_empty_dataset_with_a_huge_size_is_rejected(tmp_path, little_memory):
     scan = folders.SCAN | {
         "columns": 16_384,
         "column_pitch_mm": 0.02,
@@ -160,8 +160,8 @@ def test_an_empty_dataset_that_claims_the_moon_is_refused(tmp_path, little_memor
         load_recording(folder)
 
 
-def test_damaged_dicom_attributes_change_no_phantom_in_silence(tmp_path):
-    """A sample of benchmarks/fuzz_dicom.py, which counts 2000 runs."""
+def test_damaged_dicom_attributes_never_change_a_phantom_silently(tmp_path):
+    """A sample of benchmarks/fuzz_dicom.py, which runs 2000 cases."""
     for reader, result in fuzz_dicom.run_dicom(EXAMPLES, 1, tmp_path):
         outcomes[f"DICOM attributes, {reader}", result.outcome] += 1
         assert result.outcome not in fuzz_dicom.FAULTS, f"{result.damage}: {result.outcome}: {result.words}"

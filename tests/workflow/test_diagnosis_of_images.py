@@ -1,4 +1,4 @@
-"""Images of a tiny study with a blurring kernel, handed back as a recording, and what the diagnosis says."""
+"""Diagnosis of images of a tiny study with a blurring kernel as a recording."""
 
 import html
 import json
@@ -26,7 +26,7 @@ STUDY = {
 
 @pytest.fixture(scope="module")
 def scanner(tmp_path_factory):
-    """A folder with the recording `scanner`, and what the diagnosis made of it under `results`."""
+    """A folder with the recording `scanner` and its diagnosis under `results`."""
     folder = tmp_path_factory.mktemp("scanner")
     images = [f"{folder}/made/images/bench/bench/seed{seed:02d}.nii.gz" for seed in range(4)]
     process = tiny(folder / "made", *images, overlay={**STUDY, "physics": CONCEALED}, beside=folder / "concealed")
@@ -51,7 +51,7 @@ def diagnosis(folder, *arguments, **settings):
     return tiny(folder / "results", "diagnosis", *arguments, overlay=overlay, beside=folder / "overlay")
 
 
-def test_the_kernel_is_named_with_its_width(scanner):
+def test_kernel_is_named_with_its_width(scanner):
     folder = scanner / "results" / "diagnosis" / "scanner"
     found = json.loads((folder / "diagnosis.json").read_text())
     assert [one["name"] for one in found["effects"]] == ["reconstruction_kernel"], found["sentence"]
@@ -69,7 +69,7 @@ def test_the_kernel_is_named_with_its_width(scanner):
     assert "FBP" in found["modelled"]["scan"]
 
 
-def test_its_physics_is_an_overlay_that_changes_images_alone(scanner):
+def test_its_physics_is_an_overlay_for_images_only(scanner):
     physics = yaml.safe_load((scanner / "results" / "diagnosis" / "scanner" / "physics.yaml").read_text())
     overlay = {**STUDY, "physics": physics["physics"]}
     process = tiny(scanner / "made", "-n", overlay=overlay, beside=scanner / "richer")

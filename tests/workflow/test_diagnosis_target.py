@@ -1,4 +1,4 @@
-"""A tiny study with effects switched on, its acquisitions handed back as a recording, and what the diagnosis says."""
+"""Diagnosis of acquisitions of a tiny study with effects as a recording."""
 
 import html
 import json
@@ -31,7 +31,7 @@ STUDY = {
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    """A folder with the recording `bench`, and what the diagnosis made of it under `results`."""
+    """A folder with the recording `bench` and its diagnosis under `results`."""
     folder = tmp_path_factory.mktemp("bench")
     concealed = {**STUDY, "physics": CONCEALED, "keep_projections": True}
     whole = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
@@ -64,7 +64,7 @@ def shown(found, where):
     return all(line in where for line in found["verdict_lines"])
 
 
-def test_what_was_concealed_is_named_and_the_report_is_there(bench):
+def test_hidden_effects_are_named_and_the_report_exists(bench):
     folder = bench / "results" / "diagnosis" / "bench"
     found = json.loads((folder / "diagnosis.json").read_text())
     assert found["verdict"] == "mismatch explained", found["sentence"]
@@ -73,7 +73,7 @@ def test_what_was_concealed_is_named_and_the_report_is_there(bench):
     for name, key in (("scatter", "amount"), ("electronic_noise", "photons")):
         low, high = effects[name][key]["ci95"]
         least, most = effects[name][key]["ci95_noise"]
-        assert low < least < most < high  # inexact models count too
+        assert low < least < most < high  # with model errors
         assert low - (high - low) / 2 < CONCEALED[name][key] < high + (high - low) / 2
     assert effects["electronic_noise"]["photons"]["ci95_held"]["all"]["n"] > 0
     assert found["excess_removed"] > 0.9
@@ -92,7 +92,7 @@ def test_what_was_concealed_is_named_and_the_report_is_there(bench):
     assert (before**2).mean() > 2 > (after**2).mean()  # standard deviations of noise
 
 
-def test_verdicts_of_fail_on_end_with_an_error_once_all_is_written(bench):
+def test_verdicts_of_fail_on_exit_with_an_error_after_all_outputs(bench):
     overlay = yaml.safe_load((bench / "overlay" / "overlay.yaml").read_text())
     for verdict, code in (("mismatch explained", 1), ("another object", 0)):
         overlay["diagnosis"]["fail_on"] = [verdict]
@@ -104,11 +104,11 @@ def test_verdicts_of_fail_on_end_with_an_error_once_all_is_written(bench):
         assert (bench / "results" / "diagnosis" / "bench" / "report.html").is_file()
 
 
-def test_its_time_is_told_before_it_fits_and_by_the_plan(bench):
+def test_time_is_stated_before_the_fits_and_by_the_plan(bench):
     (said,) = re.findall(
         r"^diagnosis of bench: .* with 2 processes \(CPU time (.*); (.*)\)$", (bench / "said").read_text(), re.M
     )
-    assert said[1] == "4 effects, 98 thousand rays"  # 90 views of 16 x 68 pixels, a ray each
+    assert said[1] == "4 effects, 98 thousand rays"  # 90 views of 16 x 68 pixels, one ray each
     log = (bench / "results" / "logs" / "diagnosis" / "bench" / "diagnose.log").read_text()
     assert log.index("diagnosis of bench: ") < log.index("fitted the alignment")
     assert not [path for path in (bench / "results" / "logs").rglob(".*") if path.suffix == ".now"]
@@ -119,7 +119,7 @@ def test_its_time_is_told_before_it_fits_and_by_the_plan(bench):
     assert re.search(rf"^bench +4 +98 thousand rays +2 +{duration_range(*told['seconds'])}$", process.stdout, re.M)
 
 
-def test_its_physics_is_an_overlay_that_the_study_takes(bench):
+def test_its_physics_is_an_overlay_that_the_study_accepts(bench):
     physics = yaml.safe_load((bench / "results" / "diagnosis" / "bench" / "physics.yaml").read_text())
     assert set(physics["physics"]) == set(CONCEALED) and physics["noise"] == {"model": "physical"}
     process = tiny(bench / "results", "-n", overlay={**STUDY, "physics": physics["physics"]}, beside=bench / "richer")
@@ -128,7 +128,7 @@ def test_its_physics_is_an_overlay_that_the_study_takes(bench):
 
 
 def twin(bench, *arguments, of="bench"):
-    """A study on the scanner that the diagnosis of `of` finds, with the same protocols without that physics."""
+    """A study on the scanner of the diagnosis of `of`, and with the same protocols without its physics."""
     overlay = {
         **STUDY,
         "recordings": {of: str(bench / of)},
@@ -148,8 +148,8 @@ def twin(bench, *arguments, of="bench"):
     return tiny(bench / "results", *arguments, overlay=overlay, beside=bench / "twin")
 
 
-def test_the_study_runs_on_the_scanner_that_was_found(bench):
-    """The diagnosis is made first where it is missing, its effects are in the scans, and a table holds both."""
+def test_study_runs_on_the_diagnosed_scanner(bench):
+    """A missing diagnosis is made first, its effects are in the scans, and a table contains both."""
     physics = bench / "results" / "diagnosis" / "bench" / "physics.yaml"
     kept = physics.read_bytes()
     physics.unlink()
@@ -169,12 +169,12 @@ def test_the_study_runs_on_the_scanner_that_was_found(bench):
     features = pd.read_csv(results / "features.csv")
     assert set(features["protocol"]) == {"bench", "fewer", "bench_without_physics", "fewer_without_physics"}
     means = features.groupby("protocol")["original_firstorder_Mean"].mean()
-    assert means["bench_without_physics"] - means["bench"] > 5  # scatter darkens
+    assert means["bench_without_physics"] - means["bench"] > 5  # scatter reduces HU
     assert (results / "figures" / "physics_change.png").stat().st_size > 0
     assert "With physics and without" in (results / "index.html").read_text()
 
 
-def test_where_physics_cannot_come_from_is_said_in_one_line(bench):
+def test_invalid_source_of_physics_is_one_line(bench):
     process = tiny(bench / "results", "-n", overlay={**STUDY, "physics": {"from": "bank"}}, beside=bench / "bank")
     assert "physics.from names 'bank', which does not exist" in process.stderr
     beside = {"from": "bank", "scatter": None}
@@ -184,7 +184,7 @@ def test_where_physics_cannot_come_from_is_said_in_one_line(bench):
 
 @pytest.fixture(scope="module")
 def further(bench):
-    """The same scans again and again: beside what was found in them, and as recordings of a scanner."""
+    """The same scans again, with the physics found in them, and as recordings of a scanner."""
     quick = {"samples": 1, "effects": ["scatter"], "view_step": 5}
     overlay = {
         **STUDY,
@@ -203,8 +203,8 @@ def further(bench):
     return bench / "results" / "diagnosis", process.stdout
 
 
-def test_what_was_found_is_known_to_the_next_recording(further):
-    """With what was found in the same scans declared, nothing is missing beside it."""
+def test_found_physics_is_declared_for_the_next_recording(further):
+    """With the physics found in the same scans declared, nothing is missing."""
     found = json.loads((further[0] / "again" / "diagnosis.json").read_text())
     assert (found["verdict"], found["effects"]) == ("match", [])
     assert set(found["declared"]) == set(CONCEALED) and abs(found["declared"]["scatter"]["amount"]["pull"]) < 3
@@ -224,11 +224,11 @@ def test_recordings_of_a_scanner_are_diagnosed_together(further):
     assert "(judges only)" in (folder / "report.html").read_text()
 
 
-def test_only_what_a_change_touches_is_done_again(bench):
+def test_only_outputs_affected_by_a_change_are_made_again(bench):
     assert planned(diagnosis(bench, "-n")) == {}
     folder = bench / "results" / "diagnosis" / "bench"
     made = {path.name: path.stat().st_mtime_ns for path in (folder / "fits").glob("*.json")}
-    assert {"alignment.json", "scatter.json"} <= set(made)  # others are fitted if they could win
+    assert {"alignment.json", "scatter.json"} <= set(made)  # other effects are fitted if they could win
     process = diagnosis(bench, effects=[*EFFECTS, "veiling_glare"])
     assert process.returncode == 0, process.stderr[-4000:]
     again = {path.name: path.stat().st_mtime_ns for path in (folder / "fits").glob("*.json")}
@@ -247,12 +247,12 @@ def test_bad_settings_are_one_line(bench):
     )
 
 
-def test_a_scan_described_wrong_ends_in_the_line_to_change(bench):
-    """No effect is fitted, its physics.yaml holds none and says why, and physics_from that stops in one line."""
+def test_wrong_scan_description_ends_in_the_line_to_change(bench):
+    """No effect is fitted, physics.yaml is empty and gives the reason, and physics_from stops in one line."""
     wrong = bench / "wrong"
     shutil.copytree(bench / "bench", wrong, ignore=shutil.ignore_patterns(".*"))
     for path in wrong.glob("*.h5"):
-        with h5py.File(path, "a") as file:  # with angles in the file, reading it says the mistake
+        with h5py.File(path, "a") as file:  # with angles in the file, reading it reports the mistake
             del file["exchange/theta"]
     text = (wrong / "recording.yaml").read_text()
     turned = -yaml.safe_load(text)["scan"]["direction"]
@@ -267,7 +267,7 @@ def test_a_scan_described_wrong_ends_in_the_line_to_change(bench):
     assert found["setup"]["mistakes"] == {"direction": f"scan.direction: {-turned}"}
     assert found["verdict_lines"][1] == f"Correction: scan.direction: {-turned}."
     assert shown(found, process.stdout)
-    assert "diagnosis of wrong" not in process.stdout  # nothing is going to be fitted
+    assert "diagnosis of wrong" not in process.stdout  # nothing will be fitted
     physics = (folder / "physics.yaml").read_text()
     assert yaml.safe_load(physics) == {} and shown(found, physics)
     page = (folder / "report.html").read_text()

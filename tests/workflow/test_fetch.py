@@ -1,4 +1,4 @@
-"""`snakemake fetch`: public scans from a service on this machine, resumed, rehearsed, or taken from a folder."""
+"""`snakemake fetch`: public scans from a local service, resumed, in a dry run, or from a user folder."""
 
 import json
 import re
@@ -38,7 +38,7 @@ def setting(request, tmp_path):
 
 
 def fetch(project, *arguments, environment=None, scans=SCANS, own=None, **downloads):
-    """`snakemake fetch`: its code, what it says, and its errors."""
+    """Run `snakemake fetch`; returns its exit code, output and errors."""
     downloads["scans"] = own
     (project / "mine.yaml").write_text(
         yaml.safe_dump({"public_scans": scans, "downloads": downloads, "results_dir": "results"})
@@ -56,7 +56,7 @@ def here(project):
     return sorted(path.name for path in folder.iterdir()) if folder.exists() else []
 
 
-def test_scans_are_rehearsed_fetched_and_not_fetched_again(setting):
+def test_scans_are_listed_fetched_and_not_fetched_again(setting):
     project, one, scans = setting
     variables = one.variables | {"STOP_AFTER": "4"}
     code, said, _ = fetch(project, "-n", endpoint="http://localhost:9")  # no network
@@ -97,7 +97,7 @@ def alone(tmp_path):
     return project, folder, scans
 
 
-def test_a_folder_of_ones_own_is_taken_as_it_is(alone):
+def test_user_folder_is_used_unchanged(alone):
     project, folder, scans = alone
     hidden = folder / scans[2].seg.folder
     hidden.rename(folder.parent / "away")
@@ -111,7 +111,7 @@ def test_a_folder_of_ones_own_is_taken_as_it_is(alone):
     assert len(slices) == 6 and all(path.is_symlink() and path.exists() for path in slices)
 
 
-def test_scans_that_are_not_kept_leave_their_features(alone, tmp_path):
+def test_temporary_scans_leave_their_features(alone, tmp_path):
     project, folder, _ = alone
     programs = tmp_path / "one"
     selection = {"phantom": None, "compared": SCANS["compared"] | {"acquisitions": [1, 2, 11]}}
@@ -138,7 +138,7 @@ def test_scans_that_are_not_kept_leave_their_features(alone, tmp_path):
         assert code == 0 and "Nothing to be done" in said and "to be fetched" not in said
 
 
-def test_without_s5cmd_one_line_says_how_to_get_it(alone, tmp_path):
+def test_missing_s5cmd_is_one_line_with_installation(alone, tmp_path):
     project, _, _ = alone
     programs = tmp_path / "programs"
     programs.mkdir()
@@ -152,14 +152,14 @@ def test_without_s5cmd_one_line_says_how_to_get_it(alone, tmp_path):
     assert here(project) == []
 
 
-def test_a_study_without_public_scans_says_where_to_find_them(alone):
+def test_study_without_public_scans_states_where_to_find_them(alone):
     project, _, _ = alone
     code, _, errors = fetch(project, "-n", scans={})
     assert code == 1 and len(errors) == 1
     assert errors[0].startswith("Error: config: public_scans is empty") and "config/printed_phantom.yaml" in errors[0]
 
 
-def test_the_rehearsal_of_the_first_collection_has_its_counts(tmp_path):
+def test_dry_run_of_the_first_collection_has_its_counts(tmp_path):
     """Numbers of the collection's page: 238 scans, groups 1 and 2 without their first."""
     (tmp_path / "all.yaml").write_text(yaml.safe_dump({"public_scans": {"compared": {"collection": TANDEM}}}))
     process = snakemake("fetch", "-n", "--configfile", tmp_path / "all.yaml")

@@ -19,8 +19,10 @@ BENEATH = {
 
 
 def snakemake(*arguments, cores=2, environment=None, timeout=900, project=ROOT):
-    """Run snakemake in the repository, or a copy of it, with these variables besides its own; returns the finished
-    process, output and errors as text. A dry run lists every file of each job."""
+    """Run snakemake in the repository, or a copy of it, with additional variables.
+
+    Returns the finished process with output and errors as text. A dry run lists every file of each job.
+    """
     in_full = ["-p"] if "-n" in arguments else []
     command = [warm.python(), "-m", "snakemake", "--cores", str(cores), "--nolock", *map(str, arguments), *in_full]
     environment = os.environ | (environment or {})
@@ -28,7 +30,7 @@ def snakemake(*arguments, cores=2, environment=None, timeout=900, project=ROOT):
 
 
 def tiny(folder, *targets, cores=2, overlay=None, beside=None, **run):
-    """The tiny study into `folder`; `overlay` is a dict of config keys on top of it, written to `beside`.
+    """Run the tiny study into `folder`; `overlay` is a dict of config keys on top of it, written to `beside`.
 
     run   further arguments of `snakemake`
     """
@@ -38,7 +40,7 @@ def tiny(folder, *targets, cores=2, overlay=None, beside=None, **run):
         beside.mkdir(parents=True, exist_ok=True)
         files.append(beside / "overlay.yaml")
         files[-1].write_text(yaml.safe_dump(overlay))
-    # Targets go first: --config and --configfile would swallow them.
+    # Targets come first: --config and --configfile would take them as values.
     settings = ("--configfile", *files, "--config", f"results_dir={folder}")
     return snakemake(*targets, *settings, cores=cores, **run)
 
