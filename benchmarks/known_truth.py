@@ -2,7 +2,7 @@
 
 The truth is the drawn phantom on voxels a third as wide as the study's. The mean of ten scans is the truth with a
 Gaussian blur of 0.75 voxels and noise. A feature in a region agrees if Welch's test gives p >= 0.05. Prints a row per
-phantom:
+phantom::
 
     the truth          scanned again with other noise: the upper limit
     own blur kept      the mean image, which is blurred twice

@@ -2,7 +2,7 @@
 
 The scanned body differs from the model by a missing insert, a bubble or dense ball, another material, a displaced
 insert or a rod. In every fourth scan the object is correct and one effect is missing. The library's chain simulates the
-scans with three times as many rays per pixel and direction as the model. The column `ours` has the diagnosis.
+scans with three times as many rays per pixel and direction as the model. The column `diagnosis` has its result.
 """
 
 import time
@@ -22,7 +22,9 @@ from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipso
 SAMPLES, FINER = 4, 3
 KINDS = ("missing", "bubble", "denser", "material", "displaced", "rod")
 LIBRARY = [name for name in names() if not acts_on_images(name)]
-FIELDS = "draw kind truth ours verdict place_off_mm width_mm hu removes mended_verdict mended_effects seconds".split()
+FIELDS = (
+    "draw kind truth diagnosis verdict place_off_mm width_mm hu removes mended_verdict mended_effects seconds".split()
+)
 
 
 def place(random):
@@ -79,11 +81,11 @@ def one(task):
     began = time.perf_counter()
     content = find_missing_physics("draw", given(scans), LIBRARY, accuracy).content
     row = {"draw": draw, "kind": kind, "truth": truth, "verdict": content["verdict"]}
-    row |= {"ours": "+".join(effect["name"] for effect in content["effects"]) or "none"}
+    row |= {"diagnosis": "+".join(effect["name"] for effect in content["effects"]) or "none"}
     row["seconds"] = round(time.perf_counter() - began, 1)
     if "object" in content:
         piece = content["object"]["pieces"][0]
-        row |= {"ours": "object", "removes": round(content["object"]["removes"], 3), "hu": round(piece["hu"])}
+        row |= {"diagnosis": "object", "removes": round(content["object"]["removes"], 3), "hu": round(piece["hu"])}
         row["width_mm"] = round(piece["width_mm"], 1)
         if at is not None:
             axes = 2 if piece["z_mm"] is None else 3
@@ -107,16 +109,18 @@ def run(options):
         rows.append(row)
         print(row, flush=True)
     objects = [row for row in rows if row["kind"] != "physics"]
-    told = sum(row["ours"] == "object" for row in objects)
-    false = sum(row["ours"] == "object" for row in rows if row["kind"] == "physics")
-    print(f"object differs: told in {told} of {len(objects)}; said of physics in {false} of {len(rows) - len(objects)}")
+    found = sum(row["diagnosis"] == "object" for row in objects)
+    false = sum(row["diagnosis"] == "object" for row in rows if row["kind"] == "physics")
+    print(
+        f"mismatch reported in {found} of {len(objects)}; physics reported as mismatch in {false} of {len(rows) - len(objects)}"
+    )
     seconds = [row["seconds"] for row in objects]
     off = max(
         (row["place_off_mm"] for row in objects if row["kind"] != "displaced" and "place_off_mm" in row), default=0
     )
     print(f"in {np.median(seconds):.1f} s (median; {max(seconds):.0f} at most)")
     print(f"inserts beside their places apart, at most {off:.1f} mm off")
-    mended = [row for row in objects if row["ours"] == "object"]
+    mended = [row for row in objects if row["diagnosis"] == "object"]
     match = sum(row["mended_verdict"] == "match" for row in mended)
     named = sum(row["mended_effects"] != "none" for row in mended)
     print(f"with the object mended: a match in {match} of {len(mended)}, effects named in {named}")

@@ -29,7 +29,7 @@ CHANCE = 0.01
 MOST = 4  # steps of the forward selection, as in the diagnosis
 FITTED = 5  # fits per step, with the largest matched filters
 TOO_MANY = ("gain_pattern", "view_blur")  # omitted by `all`
-WAYS = ("ours", "filter", "forward", "all")
+WAYS = ("diagnosis", "filter", "forward", "all")
 
 
 def without_halves(prepared):
@@ -120,8 +120,8 @@ def answers(truth, config, seed):
         "forward": forward(fitter, tried),
         "all": all_at_once(fitter, smooth),
     }
-    ours = equals, said["verdict"] in ADMITTED
-    return {"ours": ours} | {way: ([[name] for name in named], rest) for way, (named, rest) in rivals.items()}
+    diagnosis = equals, said["verdict"] in ADMITTED
+    return {"diagnosis": diagnosis} | {way: ([[name] for name in named], rest) for way, (named, rest) in rivals.items()}
 
 
 def judged(case, named, rest):

@@ -1,6 +1,6 @@
 """Docstrings list no parameter and no attribute that does not exist.
 
-Sections may omit names: an entry that only repeats the name or the type has no value. ruff checks the rest: that public
+Sections may omit names: an entry that only repeats the name or the type has no value. Ruff checks the rest: that public
 names have a summary line, the format, and the exceptions under Raises.
 """
 

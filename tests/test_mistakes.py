@@ -364,7 +364,7 @@ MISTAKES = {
         lambda: public({"compared": TANDEM | {"groups": [9]}}),
         "public_scans.compared.groups",
     ),
-    "A scan held against itself": (
+    "A scan compared with itself": (
         lambda: public(
             {"phantom": TANDEM | {"groups": [8], "acquisitions": [1, 2]}, "compared": TANDEM | {"acquisitions": [2, 3]}}
         ),

@@ -15,7 +15,7 @@ from virtual_phantom.features.extraction import RadiomicsWarning
 from virtual_phantom.features.names import FEATURES, family
 from virtual_phantom.io.volumes import Volume
 
-# Image Biomarker Standardisation Initiative, digital phantom (reference manual, arXiv:1612.07003v11, section 5.1, CC BY
+# IBSI, digital phantom (reference manual, arXiv:1612.07003v11, section 5.1, CC BY
 # 4.0): 5 x 4 x 4 voxels of 2 mm, here [z, y, x]; 0 marks voxels outside the ROI.
 IBSI_PHANTOM = np.array(
     [

@@ -28,7 +28,7 @@ PHOTONS = 2e4
     [((721, 1, 560), 1, 1), ((180, 16, 128), 2, 1), ((984, 64, 888), 1, 23), ((984, 64, 888), 2, 41)],
 )
 def test_number_of_fitted_views(shape, samples, step):
-    """Of a fan beam with 0.4 million rays all views are fitted; of a clinical turn every 23rd, as long as views cover
+    """All views of a fan beam with 0.4 million rays are fitted; every 23rd of a clinical turn, if views cover
     the turn.
     """
     assert workload.step_for(shape, samples) == step

@@ -139,7 +139,7 @@ def test_doubts_and_data_remarks_are_cautions():
     assert doubted[0] == "Best explanation: scatter."
     assert "Caution: chi-square per datum is 1.41; 2 more in the report." in doubted
     assert "Caution: 3 % of the rays have no signal." in lines_of(
-        "scatter", caveats=["3 % of the rays have no signal. They are left out."]
+        "scatter", caveats=["3 % of the rays have no signal. They are excluded."]
     )
 
 

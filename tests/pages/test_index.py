@@ -113,7 +113,7 @@ TABLES = ("tables/trust", "tables/stable_features", "tables/stability", "feature
 
 
 def made(results, *, config=CONFIG, names=TABLES, diagnoses=True, figures=("rois",)):
-    sections = {"rois": ("Phantom", "Regions <1>"), "comparison_clinic": ("Recordings", "ours, against clinic")}
+    sections = {"rois": ("Phantom", "Regions <1>"), "comparison_clinic": ("Recordings", "simulation and clinic")}
     figures = [
         study.ReportFigure(results / "figures" / f"{name}.png", *sections[name], results / "rois.rst", {}, {})
         for name in figures
@@ -228,7 +228,7 @@ def test_comparison_lists_agreeing_features(results):
         "A feature needs to agree in at least 80 % of the 3 ROIs. Features with the recorded order of ROIs (Kendall's "
         "tau at least 0.7): 1. All features: tables/comparison_clinic_features.csv."
     ) in said
-    assert said.index("Comparisons with recordings: ours, against clinic.") < said.index("Stable features 1 of")
+    assert said.index("Comparisons with recordings: simulation and clinic.") < said.index("Stable features 1 of")
     assert 'href="#comparison_clinic"' in page and 'id="comparison_clinic"' in page
 
 

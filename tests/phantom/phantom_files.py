@@ -1,6 +1,6 @@
 """A small CT of a known object, written as DICOM series, NIfTI, DICOM SEG and RTSTRUCT.
 
-The object lies in the NIfTI world frame (mm, x right, y anterior, z superior) around CENTRE. It is a water cylinder
+The object lies in the NIfTI world frame (mm, x right, y anterior, z superior) around `CENTRE`. It is a water cylinder
 along z and two balls off all axes, so that a reversed or shifted axis changes it.
 """
 

@@ -240,8 +240,9 @@ def test_several_series_are_listed_with_their_differences(slices, tmp_path):
         one.save_as(folder / f"sharp{number}", enforce_file_format=True)
     refused(
         folder,
-        "holds more than one DICOM series: series 1 of 14 slices, kernel Br38f/3, 3 mm (001.dcm); series 2 of 9 "
-        "slices, kernel Br59d, 1 mm (sharp0); copy or link the files of one series into a new folder and give that",
+        "holds more than one DICOM series: series 1 of 14 slices, kernel Br38f/3, 3 mm (001.dcm); "
+        + "series 2 of 9 slices, kernel Br59d, 1 mm (sharp0); "
+        + "copy or link the files of one series into a new folder and give that",
     )
 
 

@@ -325,7 +325,7 @@ def test_broken_slice_and_empty_folder_are_rejected(slices, nifti, tmp_path):
         ({"label": 3, "parts": 0}, "rois.0.parts: 0 is less than the minimum of 1"),
         ({"label": 3, "parts": 2.0}, "rois.0.parts: 2.0 is not a whole number to YAML; write 2"),
         ({"label": 3, "parts": 60}, "ROI bright_[0-9]+ (is lost between|fills no voxel)"),
-        ({"label": 3, "colour": "red"}, "unknown key 'colour' in rois.0; known keys: name, tissue_class"),
+        ({"label": 3, "color": "red"}, "unknown key 'color' in rois.0; known keys: name, tissue_class"),
         ({"label": 3, "name": "dark"}, "the name dark is given twice"),
         ({"label": 3, "name": "DARK"}, "the names DARK and dark differ only in case; rename one of them"),
         ({"label": 3, "name": "a-b"}, "rois.0.name: 'a-b' must be of letters"),

@@ -249,7 +249,7 @@ def refuse(layout, match, grid=SMALL_GRID):
 @pytest.mark.parametrize(
     ("path", "value", "match"),
     [
-        (("tissues", "plain", "colour"), "red", "tissues: plain: unknown key colour"),
+        (("tissues", "plain", "color"), "red", "tissues: plain: unknown key color"),
         (("tissues", "rough", "texture", 0, "sd_hu"), -1, "tissues: rough: a texture needs sd_hu >= 0"),
         (("tissues", "plain", "hu"), None, "tissues: plain"),
         (("shapes", 0, "kind"), "cube", "shapes: 1: kind 'cube' must be one of ellipsoid, column, tube, arc"),

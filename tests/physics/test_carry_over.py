@@ -288,7 +288,7 @@ def test_study_has_the_same_dark_signal_at_every_dose_and_keeps_its_times(tmp_pa
 
 
 def test_readings_and_shares_become_photons_of_a_study():
-    """Of 20 000 photons, 900 of 30 000 readout units or 3 % of the air signal are 600 photons."""
+    """900 of 30 000 readout units, or 3 % of an air signal of 20 000 photons, are 600 photons."""
     geometry, aligned = scanner(view_interval_ms=5.0), {"log_photons": np.log(2e4)}
     for readout, level in ((30900.0, 900.0), (AIR, 0.03)):
         model = ScansModel(Chain(DiscScene(160.0, "water"), geometry, readout=readout), ())

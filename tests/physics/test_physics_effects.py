@@ -491,7 +491,7 @@ def test_disc_of_voxels_and_disc_in_closed_form_agree():
     scenes = DiscScene(60.0, "water"), VoxelScene(voxels, grid, ("water",), 60.0)
     for moved in (None, motion):
         one, other = (scene.path_lengths(GEOMETRY, pose, moved)[0, :, 2:4] for scene in scenes)
-        # a rotation about the isocenter moves an off-axis disc; motion of the object is in room coordinates
+        # a rotation about the isocenter moves an off-axis disc; motion of the object is in fixed coordinates
         assert np.abs(one - other).mean() < 0.1 and np.quantile(np.abs(one - other), 0.9) < 0.3
 
 

@@ -44,7 +44,7 @@ def test_power_of_the_signal_scales_line_integrals_and_their_noise():
 
 
 def test_saturation_equals_that_of_a_dead_time():
-    """Of n events per interval, each of which blocks the counter for the share t, n / (1 + n t) are counted."""
+    """If each of n events per interval blocks the counter for the share t, n / (1 + n t) are counted."""
     loss = 0.2 / PHOTONS
     plain, less = chain().state({}), chain().state(saturation(loss))
     arriving = plain.signal * PHOTONS

@@ -56,7 +56,7 @@ def by_hand(geometry, spots=((0.0, 0.0, 0.0),), focus_mm=None):
 
 
 def chords(sources, pixels, matrix, centre):
-    """Exact lengths within (x - centre) . matrix (x - centre) = 1, mm."""
+    """Exact lengths in mm within `(x - centre) . matrix (x - centre) = 1`."""
     way = pixels - sources
     start = sources - np.asarray(centre)
     a, half = (np.einsum("...i,ij,...j->...", way, matrix, other) for other in (way, np.broadcast_to(start, way.shape)))

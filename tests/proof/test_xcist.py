@@ -301,7 +301,7 @@ def test_heel_is_tungsten_passed_by_oblique_rays(plain):
 
 
 def test_heel_of_the_library_agrees_with_the_catalog(plain):
-    """Of either sign: the white field along the rows, by the library's own equation and cross sections."""
+    """Both signs: the white field along the rows, by the library's own equation and cross sections."""
     for random in (np.random.default_rng(seed) for seed in (0, 1)):
         settings, comparable = CATALOGUE["heel"].make(0.01, random)
         taken = scan(**settings)

@@ -343,10 +343,14 @@ def test_file_other_than_a_configuration_is_one_line(text, message, desk, capsys
         (
             {"bright": "tumour"},
             None,
-            "comparison.ours: the recording has no ROI dark; to compare the common ROIs, add rois: [bright]",
+            "comparison.tumors: the recording has no ROI dark; to compare the common ROIs, add rois: [bright]",
         ),
-        ({"bright": "tumour", "dark": "fat", "spine": "bone"}, None, "comparison.ours: the study has no ROI spine; to"),
-        ({"bright": "tumour"}, ["dark"], "comparison.ours: the recording has no ROI dark; to compare"),
+        (
+            {"bright": "tumour", "dark": "fat", "spine": "bone"},
+            None,
+            "comparison.tumors: the study has no ROI spine; to",
+        ),
+        ({"bright": "tumour"}, ["dark"], "comparison.tumors: the recording has no ROI dark; to compare"),
     ],
 )
 def test_regions_of_a_table_are_compared_with_those_of_the_study(rois, chosen, message, desk, capsys):
@@ -362,7 +366,7 @@ def test_regions_of_a_table_are_compared_with_those_of_the_study(rois, chosen, m
         pd.concat(rows).drop(columns="roi").assign(dose_mgy=1).to_csv(f"clinic/{file}", index=False)
     asked = {"recording": "clinic", "where": {"dose_mgy": 1}, "protocol": "fbp_150", "noise": "dose10"}
     asked |= {} if chosen is None else {"rois": chosen}
-    code, lines = checked(changed(CT, recordings={"clinic": "clinic"}, analyses__comparison={"ours": asked}), capsys)
+    code, lines = checked(changed(CT, recordings={"clinic": "clinic"}, analyses__comparison={"tumors": asked}), capsys)
     assert (code, len(lines)) == (int(message is not None), 1), lines
     assert (message or "no errors") in lines[0]
 

@@ -143,8 +143,8 @@ def test_forecast_ranges_from_few_scans_and_rounds_to_many():
     assert counted().forecast({"seconds": {}}) is None
 
 
-# Recordings and the CPU seconds of their diagnosis (one or two processes, with and without cached kernels) on a loaded
-# machine: a real disc (docs/validation/real-discs.md), and discs scanned by skimage's Radon transform.
+# Recordings and the CPU seconds of their diagnosis with one or two processes on a loaded machine. Kernels were partly
+# cached. The first is a real disc (docs/validation/real-discs.md); skimage's Radon transform scanned the others.
 DISC = {"disc": {"diameter_mm": 70, "material": "pmma"}}
 TAKEN = [
     ((721, 1, 560), DISC | {"samples": 1, "view_step": 15}, 6, (39.8, 46.5)),

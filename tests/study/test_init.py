@@ -86,7 +86,7 @@ def test_regions_of_every_form_become_rois(image, labels, desk, capsys):
 
 
 def test_scanned_volume_is_the_body(desk):
-    """A cylinder of 80 x 64 mm (x, y) and 42 mm along z, at CENTRE, without a table or arms."""
+    """A cylinder of 80 x 64 mm (x, y) and 42 mm along z, at `CENTRE`, without a table or arms."""
     settings = initialised("ct.nii.gz", "--labels", "labels.nii.gz")
     phantom = settings["phantom"]["ct"]
     assert "keep_mm" not in phantom and "keep_mm is not needed" in Path("my.yaml").read_text()
