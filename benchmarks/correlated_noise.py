@@ -75,16 +75,16 @@ def one(chain, model, name, physics, draw, repeats=REPEATS):
     key = (list(SETTINGS | FURTHER).index(name), draw)
     random = np.random.default_rng(np.random.SeedSequence(23, spawn_key=key))
     began = time.perf_counter()
-    given = prepared.prepare(
+    prepared_data = prepared.prepare(
         chain_scans.scans(chain, physics, random, repeats=repeats), None, model, nominal_photons=PHOTONS
     )
-    fit = trial(given.fitter, tuple(physics), trial(given.fitter, ())).fit
-    correlated = given.with_noise_of(fit)
-    if correlated is not given:
-        given = correlated
-        fit = trial(given.fitter, tuple(physics), trial(given.fitter, ())).fit
-    fitted, held = given.halves(fit)
-    places = given.domains(held, fit, fitted, aligned(fit, given.fitter.model.distortions))
+    fit = trial(prepared_data.fitter, tuple(physics), trial(prepared_data.fitter, ())).fit
+    correlated = prepared_data.with_noise_of(fit)
+    if correlated is not prepared_data:
+        prepared_data = correlated
+        fit = trial(prepared_data.fitter, tuple(physics), trial(prepared_data.fitter, ())).fit
+    fitted, held_out = prepared_data.halves(fit)
+    places = prepared_data.domains(held_out, fit, fitted, aligned(fit, prepared_data.fitter.model.distortions))
     worst = places[0]
     row = {"setting": name, "draw": draw, "seconds": round(time.perf_counter() - began, 2)}
     row |= {"verdict": "left" if worst.significant else "nothing left", "worst": worst.domain, "p": worst.p}

@@ -29,8 +29,8 @@ def run(_options):
         )
         scipy *= COUNTS / FEW
         print(
-            f"mean {middle:g}: Virtual Phantom {1e9 * inversion / COUNTS:.0f} ns a count; NumPy's {numpy / inversion:.2f} times, SciPy's "
-            f"ppf {scipy / inversion:.0f} times as long",
+            f"mean {middle:g}: Virtual Phantom {1e9 * inversion / COUNTS:.0f} ns per count; "
+            f"NumPy's {numpy / inversion:.2f} times, SciPy's ppf {scipy / inversion:.0f} times as long",
             flush=True,
         )
     means = 5e4 * random.uniform(0.8, 1.2, COUNTS)

@@ -62,24 +62,24 @@ def one(task):
     random = np.random.default_rng(np.random.SeedSequence(20261125, spawn_key=(draw,)))
     accuracy = defaults_of("diagnosis", "model_accuracy")
 
-    def given(scans):
+    def prepare_scans(scans):
         return chain_scans.prepared_with_floor(scans, chain_scans.shapes_scene(), chain_scans.GEOMETRY, SAMPLES)
 
     physics, at = {}, None
     if kind == "physics":
         shapes = body()
-        blank = given(
+        blank = prepare_scans(
             chain_scans.scans(Chain(ShapesScene(shapes), chain_scans.GEOMETRY, chain_scans.PHOTONS), {}, random)
         )
-        wanted = common.log_uniform(random, 15.0, 150.0)
+        target_snr = common.log_uniform(random, 15.0, 150.0)
         truth = str(random.choice([name for name in LIBRARY if name != "gain_pattern"]))
-        physics = {truth: chain_scans.strengths(truth, wanted, random, blank)}
+        physics = {truth: chain_scans.strengths(truth, target_snr, random, blank)}
     else:
         shapes, truth, at = changed(kind, random)
     scanned = Chain(ShapesScene(shapes), chain_scans.GEOMETRY, chain_scans.PHOTONS, samples=FINER * SAMPLES)
     scans = chain_scans.scans(scanned, physics, random)
     began = time.perf_counter()
-    content = find_missing_physics("draw", given(scans), LIBRARY, accuracy).content
+    content = find_missing_physics("draw", prepare_scans(scans), LIBRARY, accuracy).content
     row = {"draw": draw, "kind": kind, "truth": truth, "verdict": content["verdict"]}
     row |= {"diagnosis": "+".join(effect["name"] for effect in content["effects"]) or "none"}
     row["seconds"] = round(time.perf_counter() - began, 1)
@@ -91,7 +91,7 @@ def one(task):
             axes = 2 if piece["z_mm"] is None else 3
             found = np.array([piece["x_mm"], piece["y_mm"], piece["z_mm"] or 0.0])
             row["place_off_mm"] = round(float(np.linalg.norm((found - at)[:axes])), 1)
-        mended = find_missing_physics("draw", given(scans), LIBRARY, accuracy, object_may_differ=True).content
+        mended = find_missing_physics("draw", prepare_scans(scans), LIBRARY, accuracy, object_may_differ=True).content
         row |= {"mended_verdict": mended["verdict"]}
         row["mended_effects"] = "+".join(effect["name"] for effect in mended["effects"]) or "none"
     return [row]
@@ -112,7 +112,8 @@ def run(options):
     found = sum(row["diagnosis"] == "object" for row in objects)
     false = sum(row["diagnosis"] == "object" for row in rows if row["kind"] == "physics")
     print(
-        f"mismatch reported in {found} of {len(objects)}; physics reported as mismatch in {false} of {len(rows) - len(objects)}"
+        f"mismatch reported in {found} of {len(objects)}; "
+        f"physics reported as mismatch in {false} of {len(rows) - len(objects)}"
     )
     seconds = [row["seconds"] for row in objects]
     off = max(

@@ -111,8 +111,8 @@ def answers(truth, config, seed):
     recording, prepared, model = simulator_scans.prepared(truth, config, seed)
     tried = list(candidates(model["settings"]))
     found = find_missing_physics(recording.name, prepared, tried, config["diagnosis"]["model_accuracy"])
-    said = found.content
-    equals = [[one["name"], *said["ambiguous_with"].get(one["name"], [])] for one in said["effects"]]
+    document = found.content
+    equals = [[one["name"], *document["ambiguous_with"].get(one["name"], [])] for one in document["effects"]]
     fitter = without_halves(prepared)
     smooth = [name for name in tried if name not in TOO_MANY]
     rivals = {
@@ -120,7 +120,7 @@ def answers(truth, config, seed):
         "forward": forward(fitter, tried),
         "all": all_at_once(fitter, smooth),
     }
-    diagnosis = equals, said["verdict"] in ADMITTED
+    diagnosis = equals, document["verdict"] in ADMITTED
     return {"diagnosis": diagnosis} | {way: ([[name] for name in named], rest) for way, (named, rest) in rivals.items()}
 
 

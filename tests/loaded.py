@@ -43,8 +43,8 @@ def loaded(*files: Path, named=(), library: Path = LIBRARY) -> set[str]:
     library   the folder that holds virtual_phantom
     Third-party packages that are not installed are skipped.
     """
-    given = json.dumps([[str(file) for file in files], list(named)])
+    argument = json.dumps([[str(file) for file in files], list(named)])
     environment = os.environ | {"PYTHONPATH": str(library)}
-    run = subprocess.run([sys.executable, "-c", PROBE, given], capture_output=True, text=True, env=environment)
+    run = subprocess.run([sys.executable, "-c", PROBE, argument], capture_output=True, text=True, env=environment)
     assert run.returncode == 0, run.stderr[-4000:]
     return {name.partition(".")[2] for name in json.loads(run.stdout)} - {""}

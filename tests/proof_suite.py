@@ -134,22 +134,22 @@ def write_suite(folder, truths=TRUTHS, diagnoses=DIAGNOSES, others=OTHERS):
     """All files of the test under `folder`; returns the arguments of case.collect."""
     documents = [seal.sealed(one, SALT) for one in truths]
     seal.write(seal.publish(documents), folder / "seals.json")
-    given = {"sealed": [], "seals": folder / "seals.json", "verdicts": [], "diagnoses": [], "others": []}
+    paths = {"sealed": [], "seals": folder / "seals.json", "verdicts": [], "diagnoses": [], "others": []}
     for document, content in zip(documents, diagnoses, strict=True):
         case = document["case"]
-        given["sealed"].append(folder / "sealed" / f"{case}.json")
-        seal.write(document, given["sealed"][-1])
-        given["diagnoses"].append(folder / "diagnosis" / case / "diagnosis.json")
-        write_text(json.dumps(content, indent=2) + "\n", given["diagnoses"][-1])
+        paths["sealed"].append(folder / "sealed" / f"{case}.json")
+        seal.write(document, paths["sealed"][-1])
+        paths["diagnoses"].append(folder / "diagnosis" / case / "diagnosis.json")
+        write_text(json.dumps(content, indent=2) + "\n", paths["diagnoses"][-1])
         other = folder / "diagnosis" / case / "held_out_protocol.json" if case in others else None
         if other is not None:
-            given["others"].append(other)
+            paths["others"].append(other)
             seal.write(others[case], other)
-        given["verdicts"].append(folder / "verdicts" / f"{case}.json")
-        seal.write(seal.verdict_of(case, given["diagnoses"][-1], other), given["verdicts"][-1])
+        paths["verdicts"].append(folder / "verdicts" / f"{case}.json")
+        seal.write(seal.verdict_of(case, paths["diagnoses"][-1], other), paths["verdicts"][-1])
         maps = folder / "diagnosis" / case / "maps"
         maps.mkdir()
         ramp = np.linspace(-8, 8, 30 * 20).reshape(30, 20)
         np.save(maps / "residuals before.npy", ramp)
         np.save(maps / "residuals after.npy", ramp / 8)
-    return given
+    return paths

@@ -175,13 +175,13 @@ def comments(found) -> Iterator[Text]:
     parts: list[str] = []
     start, last, place = 0, -1, -1
     for line, column, text in [*found, (-9, -9, "# end")]:
-        said = re.sub(r"^#+:?\s?", "", text).strip()
-        if parts and (line != last + 1 or column != place or not said or re.match(r"[*+-] |\d+[.)] ", said)):
+        content = re.sub(r"^#+:?\s?", "", text).strip()
+        if parts and (line != last + 1 or column != place or not content or re.match(r"[*+-] |\d+[.)] ", content)):
             yield Text(start, " ".join(parts))
             parts = []
-        if said and not re.match(r"(?:noqa|type:|pragma|fmt:|!)", said):
+        if content and not re.match(r"(?:noqa|type:|pragma|fmt:|!)", content):
             start = start if parts else line
-            parts.append(said)
+            parts.append(content)
         last, place = line, column
 
 

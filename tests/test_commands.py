@@ -47,10 +47,10 @@ def words(program):
 
 
 def test_make_has_the_targets():
-    wanted = {word for line in words("make") for word in line[1:] if "=" not in word}
-    assert {"setup", "test", "docs"} <= wanted
+    expected = {word for line in words("make") for word in line[1:] if "=" not in word}
+    assert {"setup", "test", "docs"} <= expected
     make = shutil.which("make")
-    process = subprocess.run([make, "-n", *sorted(wanted)], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    process = subprocess.run([make, "-n", *sorted(expected)], cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert process.returncode == 0, process.stderr
 
 

@@ -210,9 +210,11 @@ def test_code_is_stored_in_the_first_writable_folder(places, caplog, stated, var
     file, folder, state = places
     state(stated, **variables)
     assert [counted(2), counted(2)] == [(20, "compiled"), (20, "loaded")]
-    (kept,) = folder.rglob(f"*{SUFFIX}")
-    assert kept.parent == folder / kept_in
-    line = f"NUMBA_CACHE_DIR: {file} cannot be written to (Not a directory); compiled kernels are kept in {kept.parent}"
+    (stored,) = folder.rglob(f"*{SUFFIX}")
+    assert stored.parent == folder / kept_in
+    line = (
+        f"NUMBA_CACHE_DIR: {file} cannot be written to (Not a directory); compiled kernels are kept in {stored.parent}"
+    )
     assert caplog.messages == ([line] if stated == "{file}" else [])
 
 

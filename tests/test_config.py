@@ -403,9 +403,9 @@ def test_plan_of_the_paper():
         for g, (a, n) in enumerate([(a, n) for a in ("sirt", "fbp") for n in (150, 200, 250, 300)], start=1)
     }
     assert plan.geometry_of("sirt_150") == plan.geometry_of("fbp_150") == "views150"
-    wanted = plan.acquisitions()
-    assert all((protocol, "dose10") in wanted for protocol in plan.groups())
-    assert ("sirt_300", "quadruple") in wanted and ("sirt_300", "quadruple") not in plan.featured()
+    all_acquisitions = plan.acquisitions()
+    assert all((protocol, "dose10") in all_acquisitions for protocol in plan.groups())
+    assert ("sirt_300", "quadruple") in all_acquisitions and ("sirt_300", "quadruple") not in plan.featured()
 
 
 def test_every_seed_is_in_one_batch():

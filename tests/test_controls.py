@@ -39,11 +39,14 @@ def test_every_control_is_the_default_study_with_its_stated_change(tmp_path):
 
 def test_other_phantom_differs_in_texture_only(tmp_path):
     controls.write_layout(tmp_path / "layout.yaml")
-    ours, theirs = (read_layout(path) for path in (None, tmp_path / "layout.yaml"))
+    default_layout, other_layout = (read_layout(path) for path in (None, tmp_path / "layout.yaml"))
     for roi in ("c1", "hem", "n2"):
-        one, other = ours["tissues"][roi], theirs["tissues"][roi]
+        one, other = default_layout["tissues"][roi], other_layout["tissues"][roi]
         assert one["hu"] == other["hu"] and [part["sd_hu"] for part in other["texture"]] == [15]
-    assert ours["tissues"]["spleen"] == theirs["tissues"]["spleen"] and ours["rois"] == theirs["rois"]
+    assert (
+        default_layout["tissues"]["spleen"] == other_layout["tissues"]["spleen"]
+        and default_layout["rois"] == other_layout["rois"]
+    )
 
 
 def test_stored_seeds_are_of_the_current_default_study():

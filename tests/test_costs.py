@@ -113,11 +113,11 @@ def test_unmeasured_stages_are_reported_and_not_estimated():
 
 def test_temporary_images_count_as_written():
     rates = read_rates(RATES)
-    kept, not_kept = (
+    stored, not_kept = (
         cost_summary(Plan(complete(changed("keep_images", keep))), "cpu", rates)[1] for keep in (True, False)
     )
-    assert kept["bytes_written"] == not_kept["bytes_written"]
-    assert kept["bytes_kept"] - not_kept["bytes_kept"] == kept["bytes"]["images"]["total"]
+    assert stored["bytes_written"] == not_kept["bytes_written"]
+    assert stored["bytes_kept"] - not_kept["bytes_kept"] == stored["bytes"]["images"]["total"]
 
 
 def test_stored_projections_are_one_file_per_scan():

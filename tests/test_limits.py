@@ -45,7 +45,7 @@ def sizes(*overlays, engine="cpu"):
     return Sizes(plan_of(*overlays), engine)
 
 
-def asked(name, engine="cpu"):
+def minutes_of(name, engine="cpu"):
     """{stage: minutes of its shortest and longest jobs} for config/<name>.yaml."""
     found = {}
     for job in study_jobs(plan_of(yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text())), engine, rois=1):
@@ -122,16 +122,16 @@ def test_unmeasured_stages_use_similar_measured_ones():
 
 def test_user_rates_have_priority():
     stage, work = sizes(PAPER, engine="astra_cuda").reconstruction("sirt_450", 10)
-    own = {"seconds": RATES["seconds"] | {stage: {"ray_step_lane": 60 / work["ray_step_lane"]}}}
-    assert minutes(own, stage, work) == FLOOR_MINUTES
-    own["seconds"][stage]["job"] = 3540.0
-    assert minutes(own, stage, work) == SAFETY * 60
+    user_rates = {"seconds": RATES["seconds"] | {stage: {"ray_step_lane": 60 / work["ray_step_lane"]}}}
+    assert minutes(user_rates, stage, work) == FLOOR_MINUTES
+    user_rates["seconds"][stage]["job"] = 3540.0
+    assert minutes(user_rates, stage, work) == SAFETY * 60
 
 
 @pytest.mark.parametrize(("name", "engine"), LIMITS)
 def test_shipped_configurations_have_these_limits(name, engine):
     found = {}
-    for stage, limits in asked(name, engine).items():
+    for stage, limits in minutes_of(name, engine).items():
         # One entry for SIRT, for all back-projectors and engines.
         found["reconstruct_sirt" if stage.startswith("reconstruct_sirt") else stage] = limits
     assert {stage: found[stage] for stage in LIMITS[name, engine]} == LIMITS[name, engine]

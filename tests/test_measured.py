@@ -175,14 +175,14 @@ def test_scores_of_equal_repeats():
 @pytest.mark.real
 def test_stored_draws_equal_those_of_the_table(study):
     for acquisitions, table in (("fixed", study[study["acquisition"] <= 20]), ("all", study)):
-        kept = measured.load_score_draws(10, acquisitions)
+        shipped = measured.load_score_draws(10, acquisitions)
         found = next(repeats.subsamples(table, 10, "acquisition", shared=True))
         scores = wilcoxon.scores(found[0], measured.STUDY_FEATURES)
         for kind in KINDS:
-            assert np.allclose(kept.loc[kept["draw"] == 1, f"{kind}_percent"], scores[f"{kind}_percent"])
+            assert np.allclose(shipped.loc[shipped["draw"] == 1, f"{kind}_percent"], scores[f"{kind}_percent"])
     # Ten per group, drawn by another program: 17.5 and 79.2 %, with an SD of about 1 %
-    assert repeats.mean_over_features(kept, "stability")[0] == pytest.approx(17.5, abs=1)
-    assert repeats.mean_over_features(kept, "discrimination")[0] == pytest.approx(79.2, abs=1)
+    assert repeats.mean_over_features(shipped, "stability")[0] == pytest.approx(17.5, abs=1)
+    assert repeats.mean_over_features(shipped, "discrimination")[0] == pytest.approx(79.2, abs=1)
 
 
 @pytest.mark.real
@@ -190,8 +190,8 @@ def test_stored_draws_equal_those_of_the_table(study):
 def test_stored_group_summary_equals_that_of_the_table():
     table = convert_to_hu(measured.load_full_table(STUDY))
     means = table.groupby(["group", "roi", "tissue_class"])[list(measured.STUDY_FEATURES)].mean().reset_index()
-    kept = measured.group_means()[list(means.columns)]
-    pd.testing.assert_frame_equal(kept, means, rtol=1e-7, check_dtype=False)
+    shipped = measured.group_means()[list(means.columns)]
+    pd.testing.assert_frame_equal(shipped, means, rtol=1e-7, check_dtype=False)
     raw = measured.load_full_table(STUDY)  # assumptions of convert_to_hu about the file
     square = raw["original_firstorder_Variance"] + raw["original_firstorder_Mean"] ** 2
     assert np.allclose(raw["original_firstorder_Energy"], raw["n_voxels"] * square, rtol=1e-12)
@@ -201,12 +201,12 @@ def test_stored_group_summary_equals_that_of_the_table():
 @pytest.mark.skipif(not DOSE.exists(), reason="the table of the dose series is not beside the checkout")
 def test_stored_dose_series_equals_that_of_the_table():
     raw = pd.read_csv(DOSE)
-    kept = measured.load_dose_series()
+    shipped = measured.load_dose_series()
     for (dose, code, name), rows in raw.groupby(["dose_mGy", "recon_code", "roi6"]):
-        of = kept[
-            (kept["dose_mgy"] == dose)
-            & (kept["reconstruction"] == measured.DOSE_RECONSTRUCTIONS[code])
-            & (kept["roi"] == measured.DOSE_ROIS[name])
+        of = shipped[
+            (shipped["dose_mgy"] == dose)
+            & (shipped["reconstruction"] == measured.DOSE_RECONSTRUCTIONS[code])
+            & (shipped["roi"] == measured.DOSE_ROIS[name])
         ].set_index("feature")
         assert np.allclose(of.loc[list(FEATURES), "mean"], rows[list(FEATURES)].mean(), rtol=1e-7)
         assert np.allclose(of.loc[list(FEATURES), "sd"], rows[list(FEATURES)].std(), rtol=1e-6)

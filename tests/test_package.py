@@ -80,7 +80,7 @@ def test_study_in_a_few_lines(installed, tmp_path):
 
 
 def test_all_data_files_are_installed(installed):
-    ours, theirs = (
+    actual, theirs = (
         {
             str(path.relative_to(place))
             for path in place.rglob("*")
@@ -88,7 +88,7 @@ def test_all_data_files_are_installed(installed):
         }
         for place in (Path(virtual_phantom.__file__).parent, installed / "virtual_phantom")
     )
-    assert {path for path in ours if not Path(path).name.startswith(".")} == theirs
+    assert {path for path in actual if not Path(path).name.startswith(".")} == theirs
 
 
 def test_copy_of_the_library_has_its_kernels(installed, tmp_path):

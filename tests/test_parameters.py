@@ -59,9 +59,9 @@ def test_values_equal_those_of_pyradiomics_own_command(tmp_path, content):
     array = sitk.GetArrayFromImage(sitk.ReadImage(str(image)))
     labels = label_map()
     masks = {name: labels == label for name, label in LABELS.items()}
-    ours = extraction.extract(Volume(array, Grid(SHAPE, SPACING_MM[::-1])), masks, parameters=parameters)
-    assert features_of(ours) == features_of(theirs) == list(parameters.features)
-    pd.testing.assert_frame_equal(ours[features_of(ours)], theirs[features_of(ours)], rtol=1e-6, atol=1e-9)
+    actual = extraction.extract(Volume(array, Grid(SHAPE, SPACING_MM[::-1])), masks, parameters=parameters)
+    assert features_of(actual) == features_of(theirs) == list(parameters.features)
+    pd.testing.assert_frame_equal(actual[features_of(actual)], theirs[features_of(actual)], rtol=1e-6, atol=1e-9)
     assert not differences(read_extraction(path), *distinct_extractions(read_extractions(theirs, "t.csv")))
     assert {family(name) for name in parameters.features} >= {"first order"}
 
@@ -83,9 +83,9 @@ def test_table_of_user_features_is_read_back_completely(tmp_path):
 
 
 def test_settings_of_a_filter_only_affect_its_features(tmp_path):
-    ours = read_extraction(written(tmp_path, FILTERED))
+    actual = read_extraction(written(tmp_path, FILTERED))
     other = FILTERED | {"imageType": {"Original": {}, "Wavelet": {"wavelet": "db1"}, "LoG": {"binWidth": 7}}}
-    found = {str(one): one for one in differences(ours, read_extraction(written(tmp_path, other)))}
+    found = {str(one): one for one in differences(actual, read_extraction(written(tmp_path, other)))}
     assert set(found) == {"LoG: binWidth is 7, the study's 5", "Wavelet: wavelet is db1, the study's haar"}
     log, wavelet = (found[name] for name in sorted(found))
     assert log.changes("log-sigma-3-0-mm-3D_glcm_Idn") and not log.changes("log-sigma-3-0-mm-3D_firstorder_Mean")

@@ -27,13 +27,13 @@ def phantom():
     return Phantom(image, image, ())
 
 
-def kinds(function, **given):
+def kinds(function, **values):
     """Call a function with each wrong value: it accepts the value or raises InputError, and rejects an object."""
-    (name,) = [name for name, value in given.items() if value is WRONG]
+    (name,) = [name for name, value in values.items() if value is WRONG]
     refused = set()
     for place, value in enumerate(WRONG):
         try:
-            function(**{**given, name: value})
+            function(**{**values, name: value})
         except InputError as error:
             assert "\n" not in str(error), error
             refused.add(place)
@@ -65,8 +65,8 @@ def test_images_are_made_or_rejected(name):
 
 @pytest.mark.parametrize("name", ["disc", "mask", "labels", "shapes", "recording", "effects", "matters", "alignment"])
 def test_recording_is_diagnosed_or_rejected(name, tmp_path):
-    given = {"recording": tmp_path} if name in ("disc", "mask", "labels", "shapes") else {"disc": (70.0, "water")}
-    kinds(vp.diagnose, **{"recording": tmp_path, **given, name: WRONG})
+    values = {"recording": tmp_path} if name in ("disc", "mask", "labels", "shapes") else {"disc": (70.0, "water")}
+    kinds(vp.diagnose, **{"recording": tmp_path, **values, name: WRONG})
 
 
 @pytest.mark.parametrize(

@@ -26,8 +26,8 @@ def test_container_installs_from_the_lock_with_the_same_command():
     assert ("RUN", "make setup") in instructions and not re.search(r"pip install|curl|wget", lines)
     # Debian 12 has the oldest supported Python.
     assert ("FROM", "debian:bookworm-slim") in instructions
-    wanted = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["requires-python"]
-    assert wanted.startswith(">=3.11")
+    expected = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["requires-python"]
+    assert expected.startswith(">=3.11")
 
 
 def test_container_contains_no_results_and_no_environment():

@@ -30,9 +30,9 @@ def script(tmp_path):
 def test_forked_python_behaves_like_python(script, tmp_path, variables):
     environment = os.environ | {"GIVEN": "a b", "PYTHONPATH": "mine"} | variables
     run = dict(cwd=tmp_path, env=environment, input="said\n", capture_output=True, text=True)
-    theirs, ours = (subprocess.run([one, script, "7"], **run) for one in (sys.executable, warm.python()))
-    assert (ours.returncode, ours.stdout, ours.stderr) == (7, theirs.stdout, theirs.stderr)
-    assert theirs.stdout.startswith("['7']") and theirs.stderr == "said\n"
+    plain, forked = (subprocess.run([one, script, "7"], **run) for one in (sys.executable, warm.python()))
+    assert (forked.returncode, forked.stdout, forked.stderr) == (7, plain.stdout, plain.stderr)
+    assert plain.stdout.startswith("['7']") and plain.stderr == "said\n"
     broken = subprocess.run([warm.python(), script], **run)
     assert broken.returncode == 1 and "IndexError" in broken.stderr
 

@@ -185,8 +185,8 @@ def serve(program, place):
                 else:
                     signal.set_wakeup_fd(-1)
                     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-                    for held in (waiting, listening, connection, woken, wake, *running.values()):
-                        held.close()
+                    for descriptor in (waiting, listening, connection, woken, wake, *running.values()):
+                        descriptor.close()
                     become(program, words, cwd, environment, files)
                 for file in files:
                     os.close(file)

@@ -93,8 +93,8 @@ def astra_slice():
 def memory():
     """Additional memory of a Chebyshev reconstruction relative to the arrays that it must hold."""
     with get_context("spawn").Pool(1) as pool:
-        needed, held = pool.apply(_memory)
-    return {"solver": "Virtual Phantom, memory", "needed_mib": needed / 2**20, "over_arrays": needed / held}
+        needed, array_bytes = pool.apply(_memory)
+    return {"solver": "Virtual Phantom, memory", "needed_mib": needed / 2**20, "over_arrays": needed / array_bytes}
 
 
 def _memory():
@@ -109,8 +109,8 @@ def _memory():
     after = _peak()
     volume, block = projector.empty_volume().nbytes, projector.views_per_block
     packed = projector.pack_projections(lines).nbytes
-    held = lines.nbytes + packed + packed / LANES + 4 * volume + volume / LANES + packed * block / 64
-    return after - before, held
+    array_bytes = lines.nbytes + packed + packed / LANES + 4 * volume + volume / LANES + packed * block / 64
+    return after - before, array_bytes
 
 
 def _peak():

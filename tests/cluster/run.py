@@ -150,11 +150,12 @@ def graphics(environment, folder):
     rules = [f"reconstruct_{number}:gpu=1" for number in range(3)]
     code, text, seconds, submitted = run(environment, results, *targets, more=["--set-resources", *rules])
     job_summary("images with a GPU", seconds, submitted)
-    asked = {job["comment"].split("_")[1]: job["gpus"] for job in submitted}
-    print(f"    asked for: {asked}")
+    requested = {job["comment"].split("_")[1]: job["gpus"] for job in submitted}
+    print(f"    asked for: {requested}")
     expect(code == 0 and all(target.exists() for target in targets), "it ends well", text)
     expect(
-        asked["acquisitions"].endswith("gpu:1") and "gpu" not in asked["preparation"], "one GPU for the images alone"
+        requested["acquisitions"].endswith("gpu:1") and "gpu" not in requested["preparation"],
+        "one GPU for the images alone",
     )
 
 
@@ -174,8 +175,8 @@ def no_device(environment, folder):
     expect(code == 0 and clean.exists(), "what needs no device is done without one", text)
     expect(not any("gpu" in job["gpus"] for job in prepared), "and asked for none")
     # All GPUs that SLURM counts are in use.
-    held = f"--gpus={len(PRETENDED_GPUS)}"
-    holder = ["sbatch", "--parsable", held, "--mem=10", "--output=/dev/null", "--wrap=sleep 600"]
+    gpu_option = f"--gpus={len(PRETENDED_GPUS)}"
+    holder = ["sbatch", "--parsable", gpu_option, "--mem=10", "--output=/dev/null", "--wrap=sleep 600"]
     number = subprocess.run(holder, env=environment, check=True, capture_output=True, text=True).stdout.strip()
     before = len(jobs(environment))
     targets = [results / "features" / f"{algorithm}_300" / "dose10" / "seed00.csv" for algorithm in ("sirt", "fbp")]
@@ -199,9 +200,9 @@ def no_device(environment, folder):
         expect("Reason=Resources" in _job(environment, waits["id"]), "it waits for resources, the other one has ended")
         subprocess.run(["scancel", number], env=environment, check=True)
         # SLURM reports the resources of a job only while it runs.
-        while "JobState=RUNNING" not in (given := _job(environment, waits["id"])) and process.poll() is None:
+        while "JobState=RUNNING" not in (record := _job(environment, waits["id"])) and process.poll() is None:
             time.sleep(0.2)
-        expect("GRES=gpu:1(IDX:" in given, "once there is one, it is given one", given)
+        expect("GRES=gpu:1(IDX:" in record, "once there is one, it is given one", record)
         process.wait(400)
         output.seek(0)
         text = output.read()
@@ -212,8 +213,10 @@ def no_device(environment, folder):
     print("    " + "\n    ".join(lines))
     failed = [job for job in submitted if job["state"] == "FAILED"]
     expect([job["id"] for job in failed] == [waits["id"]], "it alone has failed", text)
-    asked = [job["id"] for job in submitted if "gpu" in job["gpus"]]
-    expect(asked == [waits["id"]] and failed[0]["gpus"].endswith("gpu:1"), "it alone asked for a GPU, for one", text)
+    requested = [job["id"] for job in submitted if "gpu" in job["gpus"]]
+    expect(
+        requested == [waits["id"]] and failed[0]["gpus"].endswith("gpu:1"), "it alone asked for a GPU, for one", text
+    )
     expect(process.returncode == 1 and lines, "where there is no device, a line says so", text)
     expect(targets[1].exists() and not targets[0].exists(), "images by FBP are there, those by SIRT are not", text)
 
@@ -235,8 +238,8 @@ def _left_waiting(submitted):
 
 def _job(environment, number):
     """Controller's record of a job."""
-    asked = ["scontrol", "show", "job", "-d", str(number)]
-    return subprocess.run(asked, env=environment, check=True, capture_output=True, text=True).stdout
+    requested = ["scontrol", "show", "job", "-d", str(number)]
+    return subprocess.run(requested, env=environment, check=True, capture_output=True, text=True).stdout
 
 
 def _print_of_job(environment, number, keys):

@@ -113,17 +113,17 @@ def diagnosed(scene, geometry, physics, library, repeats=8):
     lines = noisy_lines(state, repeats, np.random.default_rng(np.random.SeedSequence(4))).astype(np.float32)
     white = (state.measured_air * state.photons).mean(axis=0)
     taken = observed.Scans(lines, white, np.ones(lines.shape[1:], bool))
-    given = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
-    return taken, given, chosen(given.fitter, library)
+    prepared_data = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
+    return taken, prepared_data, chosen(prepared_data.fitter, library)
 
 
 def test_hidden_blur_disagrees_before_the_fit_and_agrees_within_noise_after(scanned):
     scene = VoxelScene.of(scanned.fine, Segmentation(), MU_WATER)
     physics = {"optical_crosstalk": {"column": 0.08, "row": 0.08}}
-    taken, given, choice = diagnosed(scene, GEOMETRY, physics, ("optical_crosstalk", "scatter"))
+    taken, prepared_data, choice = diagnosed(scene, GEOMETRY, physics, ("optical_crosstalk", "scatter"))
     repeats = held_out_repeats(taken, None)
     assert len(repeats) == 4 and np.array_equal(repeats.repeats, taken.repeats[1::2])
-    found = agreement_of_repeats(repeats, given, choice, MU_WATER, np.random.SeedSequence(1), scanned)
+    found = agreement_of_repeats(repeats, prepared_data, choice, MU_WATER, np.random.SeedSequence(1), scanned)
     assert found["left_out"] == {} and found["rois"] == ["bone", "fat"] and found["repeats"] == 4
     metrics = found["metrics"]
     # Sharing between neighbors lowers noise and resolution.
@@ -164,8 +164,10 @@ def test_scan_of_less_than_half_a_turn_is_rejected_in_one_line():
         column_pitch_mm=1.6,
         row_pitch_mm=1.6,
     )
-    taken, given, choice = diagnosed(DiscScene(70.0, "pmma"), geometry, {}, ("scatter",), repeats=4)
-    found = agreement_of_repeats(held_out_repeats(taken, None), given, choice, MU_WATER, np.random.SeedSequence(1))
+    taken, prepared_data, choice = diagnosed(DiscScene(70.0, "pmma"), geometry, {}, ("scatter",), repeats=4)
+    found = agreement_of_repeats(
+        held_out_repeats(taken, None), prepared_data, choice, MU_WATER, np.random.SeedSequence(1)
+    )
     assert found["metrics"] == {} and "do not contain all directions of rays" in found["left_out"]["images"]
     html = agreement_table(found)
     assert "Images were not compared (scan: 40 views over 0.3 turns" in html and "<table>" not in html

@@ -15,10 +15,10 @@ def test_photon_flux_is_a_candidate_only_with_declared_photons():
 
 
 def test_each_kind_of_data_has_its_candidates():
-    ours = {kind: set(candidates({"nominal_photons": 1e5}, kind)) for kind in ("projections", "images")}
+    offered_names = {kind: set(candidates({"nominal_photons": 1e5}, kind)) for kind in ("projections", "images")}
     of_images = {name for name in names() if acts_on_images(name)}
-    assert set(names()) - ours["projections"] == of_images | {"water_correction", "current_along_z"}
-    assert set(names()) - ours["images"] == {"gain_pattern", "water_correction", "current_along_z"}
+    assert set(names()) - offered_names["projections"] == of_images | {"water_correction", "current_along_z"}
+    assert set(names()) - offered_names["images"] == {"gain_pattern", "water_correction", "current_along_z"}
 
 
 def test_vendor_corrections_are_candidates_for_corrected_data_only():

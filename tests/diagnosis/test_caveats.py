@@ -36,8 +36,8 @@ def scans(made, physics=None, usable=None, seed=1):
 
 
 def cautions(taken, simulated, candidates=(), **stated):
-    given = prepare(taken, None, simulated, **stated)
-    return diagnose("bench", given, chosen(given.fitter, candidates)).content["caveats"]
+    prepared_data = prepare(taken, None, simulated, **stated)
+    return diagnose("bench", prepared_data, chosen(prepared_data.fitter, candidates)).content["caveats"]
 
 
 def test_correct_object_has_no_caution():

@@ -111,8 +111,8 @@ def test_whitened_noise_is_white(column, row, share, memory):
     # Each ray keeps its own quantum noise before sharing, relative to the signal: S / I0 / (H S)^2.
     alone = white.variance(np.concatenate([lines] * 4)).ravel()[last] / PHOTONS
     np.testing.assert_allclose(np.diag(found), alone, rtol=2e-3)
-    own = state.signal / state.photons / state.measured**2
-    np.testing.assert_allclose(alone, own.ravel()[last], rtol=1e-5)
+    own_noise = state.signal / state.photons / state.measured**2
+    np.testing.assert_allclose(alone, own_noise.ravel()[last], rtol=1e-5)
     np.testing.assert_allclose(white.inverse(white(lines_like := random.normal(size=shape))), lines_like, atol=1e-9)
 
 
@@ -229,10 +229,14 @@ def test_no_residual_remains_with_the_true_effect_in_correlated_noise(scene, nam
     draws = 3
     for draw in range(draws):
         random = np.random.default_rng(np.random.SeedSequence(11, spawn_key=(draw,)))
-        given = prepared.prepare(scans(chain, {name: CORRELATED[name]}, random), None, chain, nominal_photons=PHOTONS)
-        fitter = given.fitter
+        prepared_data = prepared.prepare(
+            scans(chain, {name: CORRELATED[name]}, random), None, chain, nominal_photons=PHOTONS
+        )
+        fitter = prepared_data.fitter
         fit = trial(fitter, (name,)).fit
-        places = given.domains(given.half(fit, held_out=True), fit, given.half(fit, held_out=False))
+        places = prepared_data.domains(
+            prepared_data.half(fit, held_out=True), fit, prepared_data.half(fit, held_out=False)
+        )
         assert not places[0].significant, places[0]
         for place in places:
             z.setdefault(place.domain, []).append(place.map.ravel())
@@ -247,8 +251,8 @@ def test_errors_of_a_fit_are_those_of_the_directions_that_parameters_span():
     tr(J'WJ (J'WJ + K)^-1), the number of directions constrained by the data more than by the prior.
     """
     chain = Chain(DiscScene(200.0, "water"), geometry_of(24, 2, 40), PHOTONS)
-    given = prepared.prepare(scans(chain, {}, np.random.default_rng(8)), None, chain, nominal_photons=PHOTONS)
-    fitter = given.fitter
+    prepared_data = prepared.prepare(scans(chain, {}, np.random.default_rng(8)), None, chain, nominal_photons=PHOTONS)
+    fitter = prepared_data.fitter
     fit = trial(fitter, ("electronic_noise",)).fit
     found = left_by_numbers(fitter, fit)
     total = sum(float((weight * one**2).sum()) for weight, one in zip(fitter.weights, found, strict=True))
@@ -264,14 +268,19 @@ def test_halves_share_no_noise_if_weights_are_measured():
     chain = Chain(DiscScene(200.0, "water"), geometry_of(36, 4, 16, 20.0), PHOTONS)
     z = []
     for draw in range(40):
-        given = prepared.prepare(scans(chain, {}, np.random.default_rng(draw)), None, chain, nominal_photons=PHOTONS)
-        fitter = given.fitter
+        prepared_data = prepared.prepare(
+            scans(chain, {}, np.random.default_rng(draw)), None, chain, nominal_photons=PHOTONS
+        )
+        fitter = prepared_data.fitter
         place = {one.name: one.expected for one in fitter.model.aligned}
-        parts = [data.residuals(fitter.model.predict({}, place, data)) for data in (given.data, given.held_out)]
+        parts = [
+            data.residuals(fitter.model.predict({}, place, data))
+            for data in (prepared_data.data, prepared_data.held_out)
+        ]
         halves = [
             Half(part, weights, data)
             for part, weights, data in zip(
-                parts, (fitter.weights, fitter.held_weights), (given.data, given.held_out), strict=True
+                parts, (fitter.weights, fitter.held_weights), (prepared_data.data, prepared_data.held_out), strict=True
             )
         ]
         common = halves[1].in_common(halves[0])
@@ -299,13 +308,13 @@ def test_single_repeat_takes_its_correlations_from_the_fit():
     """
     physics = {"optical_crosstalk": {"column": 0.1, "row": 0.1}}
     chain = Chain(DiscScene(200.0, "water"), geometry_of(60, 8, 40), PHOTONS)
-    given = prepared.prepare(
+    prepared_data = prepared.prepare(
         scans(chain, physics, np.random.default_rng(12), repeats=1), None, chain, nominal_photons=PHOTONS
     )
-    first = trial(given.fitter, ("optical_crosstalk",)).fit
-    found = given.with_noise_of(first)
-    assert found.fitter is not given.fitter and found.with_noise_of(first) is found
-    assert given.with_noise_of(trial(given.fitter, ()).fit) is given
+    first = trial(prepared_data.fitter, ("optical_crosstalk",)).fit
+    found = prepared_data.with_noise_of(first)
+    assert found.fitter is not prepared_data.fitter and found.with_noise_of(first) is found
+    assert prepared_data.with_noise_of(trial(prepared_data.fitter, ()).fit) is prepared_data
     fit = trial(found.fitter, ("optical_crosstalk",)).fit
 
     def spread(one, of):
@@ -316,7 +325,7 @@ def test_single_repeat_takes_its_correlations_from_the_fit():
         return np.sqrt((z**2).mean())
 
     assert spread(found, found.fitter) == pytest.approx(1, abs=3 / np.sqrt(2 * 384))
-    assert spread(given, given.fitter) > 1.2
+    assert spread(prepared_data, prepared_data.fitter) > 1.2
 
 
 def test_declared_physics_sets_the_noise_correlation_of_a_single_repeat():
@@ -326,9 +335,10 @@ def test_declared_physics_sets_the_noise_correlation_of_a_single_repeat():
     declared = {name: {key: Statement(value, 0.0) for key, value in one.items()} for name, one in physics.items()}
     chain = Chain(DiscScene(200.0, "water"), geometry_of(60, 8, 40), PHOTONS)
     taken = scans(chain, physics, np.random.default_rng(12), repeats=1)
-    beside = {"optical_crosstalk": declared["optical_crosstalk"]}
+    declared_only = {"optical_crosstalk": declared["optical_crosstalk"]}
     whole, part, none = (
-        prepared.prepare(taken, None, chain, nominal_photons=PHOTONS, declared=one) for one in (declared, beside, {})
+        prepared.prepare(taken, None, chain, nominal_photons=PHOTONS, declared=one)
+        for one in (declared, declared_only, {})
     )
     fit = trial(whole.fitter, ()).fit
     assert whole.with_noise_of(fit) is whole

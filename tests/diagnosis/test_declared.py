@@ -55,8 +55,10 @@ def found(scene, physics, baseline, tried=OTHERS, seed=1):
     white = state.measured_air[0] * state.photons
     taken = observed.scans([Projections(state.counts(random), white, np.zeros_like(white)) for _ in range(4)])
     chain = Chain(scene, GEOMETRY, PHOTONS)
-    given = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS, declared=declared(baseline, "baseline"))
-    return diagnose("bench", given, chosen(given.fitter, tried)).content
+    prepared_data = prepared.prepare(
+        taken, None, chain, nominal_photons=PHOTONS, declared=declared(baseline, "baseline")
+    )
+    return diagnose("bench", prepared_data, chosen(prepared_data.fitter, tried)).content
 
 
 def test_declared_physics_is_in_every_model_and_not_reported_as_missing(scene):

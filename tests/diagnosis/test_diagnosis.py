@@ -74,21 +74,21 @@ def scans(scene, physics, repeats=4, seed=1, geometry=GEOMETRY):
 
 
 def diagnosed(scene, physics, library=LIBRARY, **options):
-    given = prepared.prepare(
+    prepared_data = prepared.prepare(
         scans(scene, physics, **options),
         None,
         Chain(scene, GEOMETRY, PHOTONS),
         floor_chain=None,
         nominal_photons=PHOTONS,
     )
-    return given, diagnose("bench", given, chosen(given.fitter, library))
+    return prepared_data, diagnose("bench", prepared_data, chosen(prepared_data.fitter, library))
 
 
 def test_complete_physics_is_a_match(scene):
-    given, found = diagnosed(scene, {})
+    prepared_data, found = diagnosed(scene, {})
     assert found.content["verdict"] == "match" and found.content["effects"] == []
     assert found.content["remainder_sd"] < 3
-    assert given.photons == pytest.approx(PHOTONS, rel=0.02)
+    assert prepared_data.photons == pytest.approx(PHOTONS, rel=0.02)
     held_out = found.content["held_out"]
     assert held_out["chi_square_mean"]["before"] == pytest.approx(1, abs=0.05)
     assert held_out["rms_line_integral"]["before"] == pytest.approx(held_out["rms_line_integral"]["floor"], rel=0.03)
@@ -121,9 +121,9 @@ def test_effect_that_forces_the_alignment_beyond_its_priors_is_detected(scene):
 
 
 def test_two_missing_effects_are_both_named(scene):
-    concealed = {name: CONCEALED[name] for name in ("scatter", "electronic_noise")}
-    _, found = diagnosed(scene, concealed)
-    assert {effect["name"] for effect in found.content["effects"]} == set(concealed), found.content["sentence"]
+    hidden = {name: CONCEALED[name] for name in ("scatter", "electronic_noise")}
+    _, found = diagnosed(scene, hidden)
+    assert {effect["name"] for effect in found.content["effects"]} == set(hidden), found.content["sentence"]
 
 
 def test_effect_without_candidates_is_not_explained_away(scene):
@@ -137,8 +137,8 @@ def test_effect_without_candidates_is_not_explained_away(scene):
 
 
 def test_noise_of_a_single_repeat_comes_from_neighboring_views(scene):
-    given, found = diagnosed(scene, {}, ("scatter", "detector_offset"), repeats=1)
-    assert given.single and given.photons == pytest.approx(PHOTONS, rel=0.2)
+    prepared_data, found = diagnosed(scene, {}, ("scatter", "detector_offset"), repeats=1)
+    assert prepared_data.single and prepared_data.photons == pytest.approx(PHOTONS, rel=0.2)
     assert found.content["noise_from_one_repeat"] and found.content["verdict"] == "match"
     _, found = diagnosed(
         scene, {"scatter": {"amount": 0.05, "width_mm": 60.0}}, ("scatter", "detector_offset"), repeats=1
@@ -158,17 +158,17 @@ def test_pixel_pattern_is_distinguished_from_noise_and_smooth_changes():
 
 
 def test_locations_of_a_difference_are_found(scene):
-    given, _ = diagnosed(scene, {}, ("scatter",))
-    fitter = given.fitter
+    prepared_data, _ = diagnosed(scene, {}, ("scatter",))
+    fitter = prepared_data.fitter
     parts = fitter.residuals(trial(fitter, ()).fit)
-    shape = given.held_out.mean.shape
+    shape = prepared_data.held_out.mean.shape
     moved = parts[0].reshape(shape).copy()
     moved[:, :, 17] += 0.01
-    worst = locate([moved.ravel(), *parts[1:]], fitter.held_weights, given.held_out)[0]
+    worst = locate([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out)[0]
     assert worst.domain in ("columns", "pixels") and worst.p < ALPHA
     columns = next(
         place
-        for place in locate([moved.ravel(), *parts[1:]], fitter.held_weights, given.held_out)
+        for place in locate([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out)
         if place.domain == "columns"
     )
     assert columns.where == "column 17 of 40" and columns.z > 0
@@ -176,8 +176,8 @@ def test_locations_of_a_difference_are_found(scene):
 
 def test_difference_spread_over_all_rays_is_detected_in_both_halves(scene):
     """Random sign, a third of the noise of every ray: no location is significant, but the halves agree."""
-    given, _ = diagnosed(scene, {}, ("scatter",))
-    fitter, fit = given.fitter, trial(given.fitter, ()).fit
+    prepared_data, _ = diagnosed(scene, {}, ("scatter",))
+    fitter, fit = prepared_data.fitter, trial(prepared_data.fitter, ()).fit
     random = np.random.default_rng(5)
     noise = 1 / np.sqrt(np.maximum(fitter.held_weights[0], 1e-30)) * (fitter.held_weights[0] > 0)
     thin = noise * random.choice([-1.0, 1.0], noise.size) / 3
@@ -185,7 +185,9 @@ def test_difference_spread_over_all_rays_is_detected_in_both_halves(scene):
     def both_halves(added):
         parts, fitted = (fitter.residuals(fit, held_out) for held_out in (True, False))
         parts[0], fitted[0] = parts[0] + added, fitted[0] + added
-        places = locate(parts, fitter.held_weights, given.held_out, fitted=Half(fitted, fitter.weights, given.data))
+        places = locate(
+            parts, fitter.held_weights, prepared_data.held_out, fitted=Half(fitted, fitter.weights, prepared_data.data)
+        )
         return next(place for place in places if place.domain == "both halves"), places
 
     calm, _ = both_halves(0)
@@ -225,16 +227,16 @@ def test_scores_of_variances_follow_chi_square(freedom):
 
 def test_one_fitted_repeat_is_compared_with_several(scene):
     """Only the noise of the held-out data is then known."""
-    given, _ = diagnosed(scene, {}, ("scatter",))
-    fitter, fit = given.fitter, trial(given.fitter, ()).fit
+    prepared_data, _ = diagnosed(scene, {}, ("scatter",))
+    fitter, fit = prepared_data.fitter, trial(prepared_data.fitter, ()).fit
     parts = fitter.residuals(fit)
-    alone = Half(parts[:1], fitter.weights[:1], replace(given.data, variance=None))
-    places = locate(parts, fitter.held_weights, given.held_out, fitted=alone)
+    alone = Half(parts[:1], fitter.weights[:1], replace(prepared_data.data, variance=None))
+    places = locate(parts, fitter.held_weights, prepared_data.held_out, fitted=alone)
     assert {"noise level", "noise correlation", "both halves"} <= {place.domain for place in places}
 
 
 def test_fits_are_read_from_files_and_the_report_states_the_findings(scene, tmp_path):
-    given, found = diagnosed(scene, {"gain_pattern": CONCEALED["gain_pattern"]}, ("gain_pattern", "scatter"))
+    prepared_data, found = diagnosed(scene, {"gain_pattern": CONCEALED["gain_pattern"]}, ("gain_pattern", "scatter"))
     errors = LinearizationPoint({"detector_offset": {"columns_px": 0.3}}, {"x_mm": 0.1})
     moved = Linearization(errors, LinearizationPoint({}, {"y_mm": 0.2}))
     elsewhere = replace(found.choice.chosen, fit=replace(found.choice.chosen.fit, linearization=moved, corrected=2.5))
@@ -275,11 +277,11 @@ def test_disc_needs_no_image():
     scene = DiscScene(70.0, "pmma")
     physics = {"spectrum": {"kvp": 90.0, "filtration_mm": 3.0, "sensor_mm": 0.6}}
     taken = scans(scene, physics, 4, geometry=geometry)
-    given = prepared.prepare(
+    prepared_data = prepared.prepare(
         taken, None, Chain(scene, geometry, PHOTONS), tube_kvp=90.0, known={"scale": 0.3, "size": 0.01}
     )
-    baseline = trial(given.fitter, ())
-    found = trial(given.fitter, ("spectrum",), baseline, baseline)
+    baseline = trial(prepared_data.fitter, ())
+    found = trial(prepared_data.fitter, ("spectrum",), baseline, baseline)
     assert found.score - baseline.score > 100
     assert found.fit.physics["spectrum"]["filtration_mm"] == pytest.approx(
         3.0, abs=3 * found.fit.errors["spectrum"]["filtration_mm"]
@@ -302,8 +304,8 @@ def test_logarithms_of_sample_variances_are_unbiased():
 
 def test_alignment_at_its_limit_changes_the_verdict_text(scene):
     """A quarter fewer photons than declared, and scatter: scatter is named with a caution."""
-    concealed = {"photon_flux": {"factor": 0.75}, "scatter": {"amount": 0.05, "width_mm": 60.0}}
-    _, found = diagnosed(scene, concealed, library=("scatter", "motion"))
+    hidden = {"photon_flux": {"factor": 0.75}, "scatter": {"amount": 0.05, "width_mm": 60.0}}
+    _, found = diagnosed(scene, hidden, library=("scatter", "motion"))
     content = found.content
     assert [one["name"] for one in content["effects"]] == ["scatter"]
     assert content["verdict"] == "mismatch partly explained"

@@ -107,8 +107,8 @@ def test_changed_property_is_named(scene, tables, name):
         low, high = found["effects"][0]["parameters"][key]["ci95"]
         # Features are interpolated between simulated strengths: within a step of the truth.
         assert low - 0.12 * abs(value) - 0.02 <= value <= high + 0.12 * abs(value) + 0.02, (key, low, high)
-    wanted = {name} if name in ("photon_flux", "hu_calibration", "reconstruction_kernel") else set()
-    assert set(overlay(data, found)["physics"]) == wanted
+    expected = {name} if name in ("photon_flux", "hu_calibration", "reconstruction_kernel") else set()
+    assert set(overlay(data, found)["physics"]) == expected
 
 
 @pytest.mark.parametrize("name", CHANGED)
@@ -148,14 +148,16 @@ def test_mismatches_are_counted_by_family(scene, tables):
 def test_coarser_and_finer_voxels_hold_the_same_object(scene):
     mean, masks = scene
     mean = 100 + mean - sum(HU[roi] * mask for roi, mask in masks.items())  # no steps: voxels at edges mix little
-    images, grid, own = sampled(scans(mean, seed=2), GRID, masks, (1.0, 0.75, 0.75))
+    images, grid, own_masks = sampled(scans(mean, seed=2), GRID, masks, (1.0, 0.75, 0.75))
     assert grid.spacing == (1.0, 0.75, 0.75) and images.shape[1:] == grid.shape
     for roi, mask in masks.items():
-        assert own[roi].sum() * np.prod(grid.spacing) == pytest.approx(mask.sum() * np.prod(GRID.spacing), rel=0.05)
-        assert images[:, own[roi]].mean() == pytest.approx(mean[mask].mean(), abs=4)
+        assert own_masks[roi].sum() * np.prod(grid.spacing) == pytest.approx(
+            mask.sum() * np.prod(GRID.spacing), rel=0.05
+        )
+        assert images[:, own_masks[roi]].mean() == pytest.approx(mean[mask].mean(), abs=4)
         centres = [
             np.argwhere(part).mean(axis=0)[::-1] * np.array(on.spacing[::-1]) + on.affine[:3, 3]
-            for part, on in ((mask, GRID), (own[roi], grid))
+            for part, on in ((mask, GRID), (own_masks[roi], grid))
         ]
         np.testing.assert_allclose(*centres, atol=0.1)
 

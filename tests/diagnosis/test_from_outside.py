@@ -183,8 +183,10 @@ def test_user_effect_on_projections_is_found(scene, added):
     state = chain.state({"output_drift": {"drift_per_s": 0.03}})
     lines = noisy_lines(state, 4, np.random.default_rng(1)).astype(np.float32)
     taken = observed.Scans(lines, state.measured_air.mean(axis=0) * PHOTONS, np.ones(lines[0].shape, bool))
-    given = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
-    found = diagnose("bench", given, chosen(given.fitter, ("output_drift", "scatter", "motion"))).content
+    prepared_data = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
+    found = diagnose(
+        "bench", prepared_data, chosen(prepared_data.fitter, ("output_drift", "scatter", "motion"))
+    ).content
     (one,) = found["effects"]
     low, high = one["parameters"]["drift_per_s"]["ci95"]
     assert one["name"] == "output_drift" and low < 0.03 < high and found["verdict"] == "mismatch explained"
@@ -201,8 +203,12 @@ def test_user_effect_on_images_is_found(scene, added):
     noisy = reconstruct(noisy_lines(chain.state({}), 4, np.random.default_rng(2)))
     images = np.stack([apply_image_effects(one, grid.spacing, {"cupping": {"depth_hu": 12.0}}) for one in noisy])
     seed, valid = np.random.SeedSequence(3), complete(GEOMETRY, grid)
-    given = prepare_images(images, None, chain, chain, reconstruct, grid.spacing, valid, seed, nominal_photons=PHOTONS)
-    found = diagnose("scanner", given, chosen(given.fitter, ("cupping", "hu_calibration", "scatter"))).content
+    prepared_data = prepare_images(
+        images, None, chain, chain, reconstruct, grid.spacing, valid, seed, nominal_photons=PHOTONS
+    )
+    found = diagnose(
+        "scanner", prepared_data, chosen(prepared_data.fitter, ("cupping", "hu_calibration", "scatter"))
+    ).content
     assert [one["name"] for one in found["effects"]][:1] == ["cupping"]
     low, high = found["effects"][0]["parameters"]["depth_hu"]["ci95"]
     assert low - (high - low) / 2 < 12.0 < high + (high - low) / 2
@@ -259,15 +265,15 @@ def test_effect_declares_its_priors_and_its_owner(scene, leaking):
 
 def test_effect_warns_at_a_bound_and_if_absent(scene, leaking):
     taken = scans_of(Chain(scene, GEOMETRY, PHOTONS).state({}), 4, np.random.default_rng(1))
-    given = prepared.prepare(taken, None, Chain(scene, GEOMETRY, PHOTONS), tube_kvp=100.0)
-    choice = chosen(given.fitter, ("scatter",))
+    prepared_data = prepared.prepare(taken, None, Chain(scene, GEOMETRY, PHOTONS), tube_kvp=100.0)
+    choice = chosen(prepared_data.fitter, ("scatter",))
     absent = replace(choice, alone={"leakage": -20.0})
-    assert "A tube of 100 kV leaks, and this one does not." in caveats(given, absent, 100.0)
-    assert caveats(given, replace(choice, alone={"leakage": 0.0}), 100.0) == caveats(given, choice)
+    assert "A tube of 100 kV leaks, and this one does not." in caveats(prepared_data, absent, 100.0)
+    assert caveats(prepared_data, replace(choice, alone={"leakage": 0.0}), 100.0) == caveats(prepared_data, choice)
     values = {"leakage": {"share": 0.01, "kvp": 105.0, "width_mm": 30.0}}
     errors = {"leakage": dict.fromkeys(values["leakage"], 0.01)}
     fit = replace(choice.chosen.fit, effects=("leakage",), physics=values, errors=errors)
-    (doubt,) = doubts(replace(choice, chosen=replace(choice.chosen, fit=fit)), given.fitter.model, {})
+    (doubt,) = doubts(replace(choice, chosen=replace(choice.chosen, fit=fit)), prepared_data.fitter.model, {})
     assert doubt == "voltage behind the housing of leakage is 105 kV (stated: 100, known within 1)"
 
 
@@ -308,8 +314,8 @@ def test_kind_of_scene_is_one_file(tmp_path):
     state = chain.state({"detector_offset": {"columns_px": 0.05}})
     lines = noisy_lines(state, 4, np.random.default_rng(1)).astype(np.float32)
     taken = observed.Scans(lines, state.measured_air.mean(axis=0) * PHOTONS, np.ones(lines[0].shape, bool))
-    given = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
-    found = diagnose("bench", given, chosen(given.fitter, ("detector_offset", "scatter"))).content
+    prepared_data = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
+    found = diagnose("bench", prepared_data, chosen(prepared_data.fitter, ("detector_offset", "scatter"))).content
     assert [one["name"] for one in found["effects"]] == ["detector_offset"] and found["verdict"] == "mismatch explained"
     low, high = found["effects"][0]["parameters"]["columns_px"]["ci95"]
     assert low < 0.05 < high and high - low < 0.05

@@ -38,7 +38,7 @@ DENSITY = (0.964, 0.011)
 def test_physics_of_the_solid_disc_predicts_a_disc_with_holes(tmp_path):
     name = "htc2022_ta_full"
     recording = import_htc2022(REAL / f"{name}.mat", tmp_path / "ta", segmentation=REAL / f"{name}_recon_fbp_seg.mat")
-    geometry, taken, kept = recording.geometry, scans(recording.repeats), slice(0, 720, EVERY)
+    geometry, taken, selected = recording.geometry, scans(recording.repeats), slice(0, 720, EVERY)
     geometry = geometry.every(EVERY)  # the last view repeats the first one
     geometry = replace(
         geometry,
@@ -46,7 +46,7 @@ def test_physics_of_the_solid_disc_predicts_a_disc_with_holes(tmp_path):
         source_z_mm=geometry.source_z_mm[:-1],
         view_times=geometry.view_times[:-1],
     )
-    taken = replace(taken, repeats=taken.repeats[:, kept], usable=taken.usable[kept])
+    taken = replace(taken, repeats=taken.repeats[:, selected], usable=taken.usable[selected])
     chain = Chain(PosedScene(mask_scene(tmp_path / "ta" / OBJECT, "pmma")), geometry, readout=AIR)
     variance = np.exp(taken.repeats[0].astype(float)) / PHOTONS
     odd = (np.arange(geometry.views) % 2 == 1)[:, None, None]

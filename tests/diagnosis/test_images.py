@@ -62,9 +62,9 @@ def test_floor_acts_like_noise_common_to_all_repeats():
     random = np.random.default_rng(2)
     used, noise = np.ones(SHAPE, bool), blurred_noise(random, 40, 0.3)
     floor = 10 * random.normal(size=SHAPE)
-    bare, held = (image_whitening(noise, used, error, 4) for error in (np.zeros(SHAPE), floor))
+    bare, with_floor = (image_whitening(noise, used, error, 4) for error in (np.zeros(SHAPE), floor))
     # The noise of a mean of 4 repeats is 20 / 2 = 10 HU. A floor of the same size halves the inverse variance.
-    assert (held(floor) ** 2).mean() / (bare(floor) ** 2).mean() == pytest.approx(0.5, abs=0.1)
+    assert (with_floor(floor) ** 2).mean() / (bare(floor) ** 2).mean() == pytest.approx(0.5, abs=0.1)
 
 
 def test_noise_statistics_scatter_by_their_errors():
@@ -132,8 +132,8 @@ def prepared(scene, physics, seed=1, repeats=REPEATS):
     )
 
 
-def found(given, candidates):
-    return diagnose("images", given, chosen(given.fitter, candidates))
+def found(prepared_data, candidates):
+    return diagnose("images", prepared_data, chosen(prepared_data.fitter, candidates))
 
 
 def test_realizations_use_the_same_random_numbers_with_and_without_afterglow(scene):
@@ -148,9 +148,9 @@ CANDIDATES = ("hu_calibration", "reconstruction_kernel", "photon_flux")
 
 
 def test_no_hidden_effect_is_a_match(scene):
-    given = prepared(scene, {})
-    assert given.photons == pytest.approx(PHOTONS, rel=0.15)
-    content = found(given, CANDIDATES).content
+    prepared_data = prepared(scene, {})
+    assert prepared_data.photons == pytest.approx(PHOTONS, rel=0.15)
+    content = found(prepared_data, CANDIDATES).content
     assert content["verdict"] == "match", content["sentence"]
     rms = content["held_out"]["rms_hu"]
     assert rms["before"] == pytest.approx(rms["floor"], rel=0.05)
@@ -188,12 +188,12 @@ def test_single_repeat_states_the_source_of_its_noise(scene):
     """Mean of six realizations: chi-square of one realization scatters by 0.05."""
     chi_square = []
     for seed in range(1, 7):
-        given = prepared(scene, {}, seed, repeats=1)
-        assert given.single and "slices" in given.held_out_text
-        assert given.photons == pytest.approx(PHOTONS, rel=0.15)
-        baseline = trial(given.fitter, ())
-        square = (given.fitter.residuals(baseline.fit)[0] ** 2 * given.fitter.held_weights[0]).sum()
-        chi_square.append(square / (given.fitter.held_weights[0] > 0).sum())
+        prepared_data = prepared(scene, {}, seed, repeats=1)
+        assert prepared_data.single and "slices" in prepared_data.held_out_text
+        assert prepared_data.photons == pytest.approx(PHOTONS, rel=0.15)
+        baseline = trial(prepared_data.fitter, ())
+        square = (prepared_data.fitter.residuals(baseline.fit)[0] ** 2 * prepared_data.fitter.held_weights[0]).sum()
+        chi_square.append(square / (prepared_data.fitter.held_weights[0] > 0).sum())
     assert np.mean(chi_square) == pytest.approx(1, abs=0.2)
 
 

@@ -37,7 +37,7 @@ SCATTER = {"scatter": {"amount": 0.03, "width_mm": 60.0}}
 DISCS = {"large": (160.0, (0.4, -0.3)), "middle": (120.0, (-0.5, 0.2)), "small": (70.0, (0.1, 0.6))}
 
 
-def made_ready(name, physics, seed=1, stated=None):
+def prepare_recording(name, physics, seed=1, stated=None):
     diameter, (x, y) = DISCS[name]
     chain = Chain(DiscScene(diameter, "water"), GEOMETRY, PHOTONS)
     state = chain.state(physics, Pose(x_mm=x, y_mm=y))
@@ -47,7 +47,7 @@ def made_ready(name, physics, seed=1, stated=None):
 
 
 def fitter(name, physics, seed=1):
-    return made_ready(name, physics, seed).fitter
+    return prepare_recording(name, physics, seed).fitter
 
 
 @pytest.fixture(scope="module")
@@ -139,9 +139,9 @@ def test_unfitted_recording_is_predicted_by_the_physics_of_the_others(fitters, j
     together = JointFitter(fitters)
     for name, one in fitters.items():
         plain = one.score(one.fit(()))
-        held = together.left_out([name], ("scatter",), joint)[name]
-        assert one.score(held) > plain + 10
-        assert held.free == 0
+        held_out = together.left_out([name], ("scatter",), joint)[name]
+        assert one.score(held_out) > plain + 10
+        assert held_out.free == 0
 
 
 def test_gain_pattern_belongs_to_one_scan(fitters):
@@ -184,7 +184,7 @@ def test_single_recording_cannot_be_held_out(fitters):
 
 
 def test_scanner_diagnosis_writes_a_document_and_a_page():
-    made = {name: made_ready(name, SCATTER) for name in DISCS}
+    made = {name: prepare_recording(name, SCATTER) for name in DISCS}
     found = run_scanner_diagnosis(
         "bench", made, ("scatter", "veiling_glare"), defaults_of("diagnosis", "model_accuracy")
     )
@@ -205,7 +205,7 @@ def test_scanner_diagnosis_writes_a_document_and_a_page():
 
 
 def test_scanner_without_missing_physics_is_a_match():
-    made = {name: made_ready(name, {}, seed=9) for name in DISCS}
+    made = {name: prepare_recording(name, {}, seed=9) for name in DISCS}
     found = run_scanner_diagnosis("bench", made, ("scatter",), defaults_of("diagnosis", "model_accuracy")).content
     assert found["verdict"] == "match"
     assert found["verdict_lines"] == ["Shared missing physics: none; 3 recordings agree with the simulation."]
@@ -219,7 +219,7 @@ def test_wrong_declarations_on_a_scanner_are_reported():
 
     def reported(amount, protocols=None):
         stated = {"scatter": {"amount": {"value": amount, "sd": 0.002}, "width_mm": {"value": 60.0, "sd": 1.0}}}
-        made = {name: made_ready(name, SCATTER, 9, stated) for name in DISCS}
+        made = {name: prepare_recording(name, SCATTER, 9, stated) for name in DISCS}
         content = run_scanner_diagnosis("bench", made, ("veiling_glare",), accuracy, protocols).content
         validate(content, schema_of_kind(SCANNER), "scanner.json")
         return content
@@ -280,8 +280,8 @@ def test_scanner_report_lists_effects_of_each_scan(drifting):
     validate(content, schema_of_kind(SCANNER), "scanner.json")
     (effect,) = content["effects"]
     assert effect["name"] == "dark_signal" and set(effect["parameters"]) == {"level_units"}
-    own = {name: one["own"]["dark_signal"]["drift_units_per_s"] for name, one in content["recordings"].items()}
-    assert own["small"] < own["middle"] < own["large"]
+    drifts = {name: one["own"]["dark_signal"]["drift_units_per_s"] for name, one in content["recordings"].items()}
+    assert drifts["small"] < drifts["middle"] < drifts["large"]
     assert "drift" in scanner_page(content)
 
 
@@ -293,18 +293,20 @@ PROTOCOLS = {"narrow": ["large", "small"], "wide": ["middle", "further"]}
 def collimated():
     """Discs with scatter of one width; half of them have another amount."""
     return {
-        name: made_ready(name if name in DISCS else "large", {"scatter": {"amount": amount, "width_mm": 60.0}}, seed=7)
+        name: prepare_recording(
+            name if name in DISCS else "large", {"scatter": {"amount": amount, "width_mm": 60.0}}, seed=7
+        )
         for name, amount in AMOUNTS.items()
     }
 
 
 def test_recordings_of_one_protocol_share_protocol_parameters(collimated):
     fitters = {name: one.fitter for name, one in collimated.items()}
-    alike = JointFitter(fitters).fit(("scatter",))
+    similar = JointFitter(fitters).fit(("scatter",))
     together = JointFitter(fitters, protocols_of(collimated, PROTOCOLS))
     fit = together.fit(("scatter",))
-    assert (alike.free, fit.free) == (2, 3)
-    assert fit.chi_square < alike.chi_square - 100
+    assert (similar.free, fit.free) == (2, 3)
+    assert fit.chi_square < similar.chi_square - 100
     assert set(fit.errors["scatter"]) == {"width_mm"}
     for name, amount in AMOUNTS.items():
         found, error = (one["scatter"]["amount"] for one in (fit.fits[name].physics, fit.fits[name].errors))

@@ -74,17 +74,17 @@ def test_mismatch_in_all_rays_is_not_attributed_to_voxels(tmp_path):
 def test_modeled_object_is_described():
     settings = {"samples": 1, "view_step": 1, "alignment": {}}
     materials = {"1": "pmma", "2": {"compound": "C2F4", "density_g_per_cm3": 2.16}, "3": "nothing", "4": "pmma"}
-    given = {"object": {"labels": "maps/rods.nii.gz", "materials": materials}}
-    asked = DiagnosisRequest("nowhere", Settings.of(settings | given), MU_WATER_PER_MM, {})
-    assert isinstance(asked.settings.object, LabelledObject)
-    assert object_text(asked) == "the label map rods.nii.gz, of pmma and C2F4 (2.16 g/cm3)"
+    object_settings = {"object": {"labels": "maps/rods.nii.gz", "materials": materials}}
+    diagnosis_request = DiagnosisRequest("nowhere", Settings.of(settings | object_settings), MU_WATER_PER_MM, {})
+    assert isinstance(diagnosis_request.settings.object, LabelledObject)
+    assert object_text(diagnosis_request) == "the label map rods.nii.gz, of pmma and C2F4 (2.16 g/cm3)"
 
 
 def test_beam_without_effects_equals_that_of_shapes(tmp_path):
     """At the energy where water has the declared attenuation; only there has the map its line integrals."""
     path = drawn(tmp_path / "labels.nii.gz", 0.2)
-    given = {"object": {"labels": str(path), "materials": {str(key): of for key, of in MATERIALS.items()}}}
-    settings = Settings.of({"samples": 1, "view_step": 1, "alignment": {}} | given)
+    object_settings = {"object": {"labels": str(path), "materials": {str(key): of for key, of in MATERIALS.items()}}}
+    settings = Settings.of({"samples": 1, "view_step": 1, "alignment": {}} | object_settings)
     scene = scene_of(DiagnosisRequest("nowhere", settings, MU_WATER_PER_MM, {}))
     shapes = ShapesScene([cylinder(*one) for one in CYLINDERS], ENERGY_KEV)
     found, expected = (Chain(one, GEOMETRY).state({}).line_integrals() for one in (scene, shapes))

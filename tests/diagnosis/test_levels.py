@@ -48,7 +48,7 @@ def test_unknown_and_exactly_known_values():
 
 
 def test_printed_interval_lies_within_the_plausible_range():
-    told = intervals(1.0, 1.0, 2.0, 0.0, 1.5)
-    assert list(told) == ["ci50", "ci95", "ci95_noise"]
-    assert told["ci50"] == pytest.approx([max(0.0, 1 - half_width(0.5, 1.0, 2.0)), 1.5])
-    assert told["ci95"] == told["ci95_noise"] == [0.0, 1.5]
+    reported = intervals(1.0, 1.0, 2.0, 0.0, 1.5)
+    assert list(reported) == ["ci50", "ci95", "ci95_noise"]
+    assert reported["ci50"] == pytest.approx([max(0.0, 1 - half_width(0.5, 1.0, 2.0)), 1.5])
+    assert reported["ci95"] == reported["ci95_noise"] == [0.0, 1.5]

@@ -52,7 +52,7 @@ SECTION = {"disc": {"diameter_mm": 160, "material": "water"}}
 OFFSET, AXIS = "detector_offset", "centre_of_rotation"
 
 
-def made_ready(physics, seed=1):
+def prepare_recording(physics, seed=1):
     chain = Chain(DiscScene(160.0, "water"), GEOMETRY, PHOTONS, samples=2)
     lines = noisy_lines(chain.state(physics, Pose(x_mm=0.4, y_mm=-0.3)), 4, np.random.default_rng(seed))
     return prepare(observed.Scans(lines.astype(np.float32), None, np.ones(lines.shape[1:], bool)), None, chain)
@@ -97,10 +97,10 @@ def test_difference_that_parameters_do_not_absorb_separates_explanations():
     left = np.linalg.lstsq(one.changes, difference, rcond=None)[1][0]
     assert expected_log_score_loss(normal_equations([one], [difference])) == pytest.approx(left / 2)
     room = np.tile([-0.05, 0.05], (5, 1))
-    held = MeasurementInformation(one.keys, one.changes, one.predicted, one.knowledge, room, one.steps)
+    held_out = MeasurementInformation(one.keys, one.changes, one.predicted, one.knowledge, room, one.steps)
     bounded = lsq_linear(one.changes, difference, (-0.05, 0.05), method="bvls")
     assert (
-        expected_log_score_loss(normal_equations([held], [difference])) == pytest.approx(bounded.cost)
+        expected_log_score_loss(normal_equations([held_out], [difference])) == pytest.approx(bounded.cost)
         and bounded.cost > left / 2 * 1.01
     )
 
@@ -109,18 +109,18 @@ def test_parameters_with_equal_effect_have_a_correlation_of_one():
     one = measurement("a", 6)
     changes = one.changes.copy()
     changes[:, 1] = -3 * changes[:, 0] + changes[:, 2]  # the alignment absorbs the rest
-    alike = MeasurementInformation(one.keys, changes, one.predicted, one.knowledge, one.room, one.steps)
-    assert correlation(normal_equations([alike]), GROUP[:1], GROUP[1:]) == pytest.approx(1)
+    similar = MeasurementInformation(one.keys, changes, one.predicted, one.knowledge, one.room, one.steps)
+    assert correlation(normal_equations([similar]), GROUP[:1], GROUP[1:]) == pytest.approx(1)
     assert correlation(normal_equations([one]), GROUP[:1], GROUP[1:]) < 0.5
 
 
 @pytest.fixture(scope="module")
 def moved():
     """Scan of a disc by a shifted detector, which a shifted axis of rotation explains equally well."""
-    prepared = {"disc": made_ready({OFFSET: {"columns_px": 0.15}})}
+    prepared = {"disc": prepare_recording({OFFSET: {"columns_px": 0.15}})}
     chosen, ambiguities = refit(prepared["disc"], "disc", {OFFSET: [AXIS]})
-    wanted = ("same", "less_magnified", "half_current", "air", "dark_frames")
-    some = [one for one in possible(prepared, SECTION) if one.name in wanted]
+    suggested = ("same", "less_magnified", "half_current", "air", "dark_frames")
+    some = [one for one in possible(prepared, SECTION) if one.name in suggested]
     assert [one.name for one in some] == ["same", "less_magnified", "half_current", "air", "dark_frames"]
     return prepared, chosen, ambiguities, rank(prepared, chosen, ambiguities, some)
 
@@ -139,7 +139,7 @@ def test_detector_offset_and_axis_offset_separate_at_another_magnification(moved
 
 def test_expected_gain_of_a_pair_equals_that_of_two_fits():
     """Glare and scatter, which the present recording distinguishes: fits give the true separation."""
-    prepared = made_ready({"veiling_glare": {"share": 0.02, "width_mm": 60.0}}, seed=3)
+    prepared = prepare_recording({"veiling_glare": {"share": 0.02, "width_mm": 60.0}}, seed=3)
     fitter = prepared.fitter
     fits = {name: fitter.fit((name,)) for name in ("veiling_glare", "scatter")}
     scan, model = FurtherScan("disc", "", fitter.model.chain.scene, GEOMETRY), fitter.model
@@ -154,7 +154,7 @@ def test_expected_gain_of_a_pair_equals_that_of_two_fits():
 
 
 def test_dark_frames_measure_a_dark_signal():
-    prepared = {"disc": made_ready({"dark_signal": {"level_units": 400.0, "drift_units_per_s": 0.0}}, seed=4)}
+    prepared = {"disc": prepare_recording({"dark_signal": {"level_units": 400.0, "drift_units_per_s": 0.0}}, seed=4)}
     fitter = prepared["disc"].fitter
     fits = {name: {"disc": fitter.fit((name,))} for name in ("dark_signal", "scatter")}
     frames = [one for one in possible(prepared, SECTION) if one.name in ("dark_frames", "air")]
@@ -166,19 +166,19 @@ def test_dark_frames_measure_a_dark_signal():
 def test_similarity_of_effects_equals_that_of_templates(moved):
     prepared, *_ = moved
     baseline = {"disc": prepared["disc"].fitter.fit(())}
-    alike = effect_similarity(prepared, baseline, (OFFSET, AXIS, "scatter", "gain_pattern"))
-    assert set(alike) == {(OFFSET, AXIS), (OFFSET, "scatter"), (AXIS, "scatter")}  # a pattern has no parameters
-    assert alike[OFFSET, AXIS]["disc"] > 0.95 and alike[OFFSET, "scatter"]["disc"] < 0.2
-    assert alike[OFFSET, AXIS][""] == pytest.approx(alike[OFFSET, AXIS]["disc"])
-    rows = similarity_table(alike)
+    similar = effect_similarity(prepared, baseline, (OFFSET, AXIS, "scatter", "gain_pattern"))
+    assert set(similar) == {(OFFSET, AXIS), (OFFSET, "scatter"), (AXIS, "scatter")}  # a pattern has no parameters
+    assert similar[OFFSET, AXIS]["disc"] > 0.95 and similar[OFFSET, "scatter"]["disc"] < 0.2
+    assert similar[OFFSET, AXIS][""] == pytest.approx(similar[OFFSET, AXIS]["disc"])
+    rows = similarity_table(similar)
     assert list(rows.columns) == ["effect", "other", "disc", "together"] and rows["together"].is_monotonic_decreasing
 
 
 def test_ambiguity_of_a_scanner_diagnosis_is_found(moved):
     prepared, *_ = moved
     baseline = {"disc": prepared["disc"].fitter.fit(())}
-    alike = effect_similarity(prepared, baseline, (OFFSET, AXIS, "scatter"))
-    chosen, ambiguities = refit_jointly(prepared, (OFFSET,), (OFFSET, AXIS, "scatter"), alike)
+    similar = effect_similarity(prepared, baseline, (OFFSET, AXIS, "scatter"))
+    chosen, ambiguities = refit_jointly(prepared, (OFFSET,), (OFFSET, AXIS, "scatter"), similar)
     assert chosen["disc"].effects == (OFFSET,)
     assert [list(one.fits) for one in ambiguities] == [[OFFSET, AXIS]]
 
@@ -219,7 +219,7 @@ def test_table_figure_and_recording_template_are_written(moved):
 
 def test_explanations_are_compared_with_the_same_noise():
     """Both kinds of crosstalk blur alike and differ slightly in noise: repeating the scan separates them little."""
-    prepared = {"disc": made_ready({"xray_crosstalk": {"column": 0.012, "row": 0.0}}, seed=7)}
+    prepared = {"disc": prepare_recording({"xray_crosstalk": {"column": 0.012, "row": 0.0}}, seed=7)}
     fitter = prepared["disc"].fitter
     fits = {name: {"disc": fitter.fit((name,))} for name in ("xray_crosstalk", "optical_crosstalk")}
     some = [one for one in possible(prepared, SECTION) if one.name in ("same", "air")]
@@ -230,7 +230,7 @@ def test_explanations_are_compared_with_the_same_noise():
 
 def test_unconstrained_parameters_are_not_the_target():
     """A fan beam has no information on crosstalk between rows."""
-    prepared = {"disc": made_ready({"xray_crosstalk": {"column": 0.012, "row": 0.0}}, seed=7)}
+    prepared = {"disc": prepare_recording({"xray_crosstalk": {"column": 0.012, "row": 0.0}}, seed=7)}
     fitter = prepared["disc"].fitter
     fits = {"disc": fitter.fit(("xray_crosstalk",))}
     some = [one for one in possible(prepared, SECTION) if one.name == "same"]
@@ -246,7 +246,7 @@ def test_unconstrained_parameters_are_not_the_target():
 
 def test_recordings_of_several_protocols_share_only_scanner_parameters():
     """Scatter has an amount per protocol and a width per scanner; the dark signal's drift is per scan."""
-    prepared = made_ready({"scatter": {"amount": 0.05, "width_mm": 60.0}})
+    prepared = prepare_recording({"scatter": {"amount": 0.05, "width_mm": 60.0}})
     effects = ("scatter", "dark_signal")
     model, fit = prepared.fitter.model, prepared.fitter.fit(effects)
     again = possible({"disc": prepared}, SECTION)[0]
@@ -267,7 +267,7 @@ def test_recordings_of_several_protocols_share_only_scanner_parameters():
 
 def test_displacement_changes_nothing_without_an_object_in_the_beam():
     """The step of other parameters is not affected."""
-    prepared = made_ready({OFFSET: {"columns_px": 0.15}})
+    prepared = prepare_recording({OFFSET: {"columns_px": 0.15}})
     fit, model = prepared.fitter.fit((OFFSET,)), prepared.fitter.model
     nothing = FurtherScan("air", "", DiscScene(0.0, "air"), GEOMETRY)
     told_of = nothing.information(model, (OFFSET,), fit, conditions_of(prepared), ())

@@ -69,14 +69,14 @@ def prepared_from(known, state, illumination=SOLID_ANGLE, coarse=True):
     )
 
 
-def judged(known, illumination=SOLID_ANGLE, told=SOLID_ANGLE, coarse=True):
+def diagnosed(known, illumination=SOLID_ANGLE, reported_field=SOLID_ANGLE, coarse=True):
     state = Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY, illumination=illumination).state({})
-    given = prepared_from(known, state, told, coarse)
-    return diagnose("bench", given, choose(given.fitter, trial(given.fitter, ()), ())).content
+    prepared_data = prepared_from(known, state, reported_field, coarse)
+    return diagnose("bench", prepared_data, choose(prepared_data.fitter, trial(prepared_data.fitter, ()), ())).content
 
 
 def test_voxels_of_twice_the_scanned_size_are_a_match(known):
-    found = judged(known)
+    found = diagnosed(known)
     assert found["verdict"] == "match", found["sentence"]
     # Richardson: halving the voxels again changes a third of the first change; the scanned voxels are one halving.
     assert 0.1 < found["alignment"]["voxels"]["value"] < 0.4
@@ -85,8 +85,8 @@ def test_voxels_of_twice_the_scanned_size_are_a_match(known):
 @pytest.mark.parametrize("name", ["rays", "voxels"])
 def test_nonuniform_discretization_errors_shift_parameters_by_the_counted_error(known, monkeypatch, name):
     """The data contain a discretization error that depends on direction: the parameters move by their stated errors."""
-    given = prepared_from(known, Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY).state({}))
-    fitter = given.fitter
+    prepared_data = prepared_from(known, Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY).state({}))
+    fitter = prepared_data.fitter
     fit = trial(fitter, ()).fit
     share = 0.5
     whole = harmonics(fitter.model.turned_rad, fitter.data.mean.shape)
@@ -166,7 +166,7 @@ def test_gain_pattern_excludes_the_discretization_errors(known):
 
 
 def test_without_a_second_voxel_size_errors_are_reported_as_mismatch(known):
-    assert judged(known, coarse=False)["verdict"] == "unexplained"
+    assert diagnosed(known, coarse=False)["verdict"] == "unexplained"
 
 
 @pytest.mark.parametrize(("rows", "columns", "orders"), [(1, 64, 4), (2, 64, 5), (3, 64, 5), (4, 64, 5), (5, 64, 6)])
@@ -187,7 +187,7 @@ def test_signal_loss_of_edge_pixels_does_not_shape_a_white_field(rows, columns, 
 
 
 def test_unreported_solid_angle_appears_in_the_white_field(known):
-    found = judged(known, told="even")
+    found = diagnosed(known, reported_field="even")
     assert "white field" in [place["domain"] for place in found["unexplained"]]
 
 

@@ -61,8 +61,8 @@ def ready(scanned, physics=None, stated=(FAT,), seed=1):
 
 def report(scanned, physics=None, differ=False, stated=(FAT,), seed=1):
     """Text of the report on the object."""
-    given, accuracy = ready(scanned, physics, stated, seed), defaults_of("diagnosis", "model_accuracy")
-    content = find_missing_physics("bench", given, TRIED, accuracy, object_may_differ=differ).content
+    prepared_data, accuracy = ready(scanned, physics, stated, seed), defaults_of("diagnosis", "model_accuracy")
+    content = find_missing_physics("bench", prepared_data, TRIED, accuracy, object_may_differ=differ).content
     jsonschema.validate(content, SCHEMA)
     return content
 
@@ -174,15 +174,15 @@ def test_missing_insert_is_reported_as_object_and_not_as_physics():
 def test_missing_large_insert_explains_all(monkeypatch):
     """A bone insert shifts the pose, size and density of the object, and is found with fits of the corrected object."""
     bone = ellipsoid("bone", (40, 10, 5), (18, 18, 18))
-    given = ready((FAT,), stated=(FAT, bone))
-    baseline = trial(given.fitter, ())
-    piece = differing_by(given, baseline.fit)
+    prepared_data = ready((FAT,), stated=(FAT, bone))
+    baseline = trial(prepared_data.fitter, ())
+    piece = differing_by(prepared_data, baseline.fit)
     assert baseline.fit.chi_square > 1e6
-    mended = given.with_piece(piece.piece, baseline.fit)
-    monkeypatch.setattr(type(given), "with_piece", lambda *_: mended)  # it takes seconds
-    assert explains_all(piece, given, baseline)
+    mended = prepared_data.with_piece(piece.piece, baseline.fit)
+    monkeypatch.setattr(type(prepared_data), "with_piece", lambda *_: mended)  # it takes seconds
+    assert explains_all(piece, prepared_data, baseline)
     fit = mended.fitter.fit(())
-    assert fit.chi_square < given.fitter.data.usable.sum() * 1.02
+    assert fit.chi_square < prepared_data.fitter.data.usable.sum() * 1.02
     (found_at,) = (one.content for one in mended.pieces(fit))
     np.testing.assert_allclose([found_at[name] for name in ("x_mm", "y_mm", "z_mm")], (40, 10, 5), atol=0.2)
     assert found_at["width_mm"] == pytest.approx(36, abs=0.3)
@@ -249,12 +249,12 @@ def test_discretization_errors_belong_to_the_corrected_object():
 
 def test_mismatch_is_found_with_the_fitted_detector_position(monkeypatch):
     monkeypatch.setattr(prepared, "MOST_MOVES", 2)
-    given = ready((), {"detector_offset": {"columns_px": 4.0}})
-    fit = given.fitter.fit(("detector_offset",))
-    mended = given.with_piece(differing_by(given, fit).piece, fit)
+    prepared_data = ready((), {"detector_offset": {"columns_px": 4.0}})
+    fit = prepared_data.fitter.fit(("detector_offset",))
+    mended = prepared_data.with_piece(differing_by(prepared_data, fit).piece, fit)
     after = mended.fitter.fit(("detector_offset",))
     true = Nuisance("piece_1", "1/mm", 0.0, np.inf), Piece((-35.0, -20.0, -3.0), 15.0, False)
-    at_truth = given.fitter.of(given.fitter.model.with_piece(*true)).fit(("detector_offset",))
+    at_truth = prepared_data.fitter.of(prepared_data.fitter.model.with_piece(*true)).fit(("detector_offset",))
     assert after.chi_square < at_truth.chi_square + 5
     (piece,) = mended.pieces(after)
     place = [piece.content[name] for name in ("x_mm", "y_mm", "z_mm")]
@@ -264,26 +264,26 @@ def test_mismatch_is_found_with_the_fitted_detector_position(monkeypatch):
 def test_two_mismatches_are_corrected_in_turn(monkeypatch):
     monkeypatch.setattr(prepared, "MOST_MOVES", 2)
     bone = ellipsoid("bone", (40, 10, 5), (10, 10, 10))
-    given = ready((), stated=(FAT, bone))
+    prepared_data = ready((), stated=(FAT, bone))
     for count in (1, 2):
-        fit = given.fitter.fit(())
-        given = given.with_piece(differing_by(given, fit).piece, fit)
-        assert list(given.fitter.model.pieces) == ["piece_1", "piece_2"][:count]
-    fit = given.fitter.fit(())
-    assert fit.chi_square < given.fitter.data.usable.sum() * 1.05
-    first, second = given.pieces(fit)
+        fit = prepared_data.fitter.fit(())
+        prepared_data = prepared_data.with_piece(differing_by(prepared_data, fit).piece, fit)
+        assert list(prepared_data.fitter.model.pieces) == ["piece_1", "piece_2"][:count]
+    fit = prepared_data.fitter.fit(())
+    assert fit.chi_square < prepared_data.fitter.data.usable.sum() * 1.05
+    first, second = prepared_data.pieces(fit)
     assert first.content["hu"] < -1000 and 0 < second.content["hu"] < 200
     assert first.content["width_mm"] == pytest.approx(20, abs=0.5)
 
 
 def test_mismatch_does_not_explain_all_that_physics_changes():
-    given = ready((FAT,), {"spectrum": {}})
-    baseline = trial(given.fitter, ())
-    piece = differing_by(given, baseline.fit)
-    assert excess(given, baseline.fit) > 10_000
+    prepared_data = ready((FAT,), {"spectrum": {}})
+    baseline = trial(prepared_data.fitter, ())
+    piece = differing_by(prepared_data, baseline.fit)
+    assert excess(prepared_data, baseline.fit) > 10_000
     # Even if it seemed to gain half of it.
-    half = replace(piece, gain=max(piece.gain, excess(given, baseline.fit) / 2))
-    assert not explains_all(half, given, baseline)
+    half = replace(piece, gain=max(piece.gain, excess(prepared_data, baseline.fit) / 2))
+    assert not explains_all(half, prepared_data, baseline)
 
 
 @pytest.mark.parametrize("count", [1, 3])

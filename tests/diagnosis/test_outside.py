@@ -22,7 +22,7 @@ def chain():
     return Chain(inserts_in_muscle(), GEOMETRY, PHOTONS)
 
 
-def given(chain, seed, changed=0.0):
+def simulated(chain, seed, changed=0.0):
     """Four repeats with changed line integrals."""
     state, random = chain.state({}), np.random.default_rng(seed)
     white = state.measured_air[0] * state.photons
@@ -38,7 +38,7 @@ def found(one, fit):
 def test_z_of_every_kind_is_standard_normal_for_noise_alone(chain):
     z = []
     for seed in range(NOISE_DRAWS):
-        one = given(chain, seed)
+        one = simulated(chain, seed)
         every = found(one, trial(one.fitter, ()).fit)
         assert min(change.p for change in every) * len(every) > 1e-3
         z += [change.z for change in every]
@@ -74,7 +74,7 @@ def shifted_detector_module(chain):
     ],
 )
 def test_change_is_named_by_its_dependence(chain, made, called):
-    one = given(chain, 3, np.broadcast_to(made(chain), lines(chain).shape))
+    one = simulated(chain, 3, np.broadcast_to(made(chain), lines(chain).shape))
     every = found(one, trial(one.fitter, ()).fit)
     best = max(every, key=lambda change: change.gain)
     if called is None:
@@ -85,7 +85,7 @@ def test_change_is_named_by_its_dependence(chain, made, called):
 
 def test_remaining_change_and_better_explanation_are_reported(chain):
     """Line integrals with an S-shaped error; the only candidate effect is a power of the signal."""
-    one = given(chain, 5, 0.03 * np.sin(2 * lines(chain)))
+    one = simulated(chain, 5, 0.03 * np.sin(2 * lines(chain)))
     content = diagnose("bench", one, chosen(one.fitter, ("dark_signal", "detector_offset"))).content
     assert content["verdict"] == "mismatch partly explained"
     assert KINDS in [place["domain"] for place in content["unexplained"]]

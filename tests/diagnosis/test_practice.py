@@ -43,14 +43,14 @@ def test_known_changes_are_reported(regions):
 def test_noise_alone_is_never_reported_as_relevant(regions):
     """None of 40 pairs of recordings that differ by noise alone exceeds a threshold, however low it is."""
     lowest = dict.fromkeys(THRESHOLDS, 0.0)
-    told = [
+    reported = [
         above_thresholds(as_told(images(regions, 2 * i), images(regions, 2 * i + 1), regions), lowest)
         for i in range(40)
     ]
     # One in 22 of the three relative measures exceeds two standard errors; one in 20 of the largest HU, for two
     # measures.
-    assert sum(len(one) for one in told) <= 20
-    assert not [one for one in told if over_by_margin(one)]
+    assert sum(len(one) for one in reported) <= 20
+    assert not [one for one in reported if over_by_margin(one)]
 
 
 def as_told(without, with_it, regions):
@@ -75,7 +75,7 @@ def test_local_difference_outside_of_all_regions_is_detected(regions):
         assert abs(found.value) - 2 * found.error > 1
 
 
-def told(recorded, effects, together=None):
+def reported(recorded, effects, together=None):
     def stated(values):
         return {name: {"value": value, "error": 0.0} for name, value in values.items()}
 
@@ -101,27 +101,29 @@ def content(verdict, effects, practice):
 
 def test_effect_below_the_relevance_thresholds_is_not_reported_as_missing():
     effects = {"dark_signal": {"hu": 0.03, "contrast_percent": 0.02}, "veiling_glare": {"hu": -0.2}}
-    found = judge_relevance(content("mismatch explained", effects, told({"hu": 0.4}, effects)), THRESHOLDS)
+    found = judge_relevance(content("mismatch explained", effects, reported({"hu": 0.4}, effects)), THRESHOLDS)
     assert found["verdict"] == PRACTICAL and found["practice"]["small"] == list(effects)
     differs = judge_relevance(
-        content("mismatch explained", effects, told({"resolution_percent": -1.23}, effects)), THRESHOLDS
+        content("mismatch explained", effects, reported({"resolution_percent": -1.23}, effects)), THRESHOLDS
     )
     assert differs["verdict"] == "unexplained"
     assert differs["practice"]["differing"] == {"resolution_percent": -1.23}
-    exact = judge_relevance(content("mismatch explained", effects, told({}, effects)), dict.fromkeys(THRESHOLDS, 0))
+    exact = judge_relevance(content("mismatch explained", effects, reported({}, effects)), dict.fromkeys(THRESHOLDS, 0))
     assert exact["verdict"] == "mismatch explained" and exact["practice"]["small"] == []
 
 
 def test_relevant_effect_is_named_and_the_other_is_listed():
     effects = {"scatter": {"hu": -12.0}, "dark_signal": {"hu": 0.03}}
-    found = judge_relevance(content("mismatch explained", effects, told({"hu": -12.0}, effects)), THRESHOLDS)
+    found = judge_relevance(content("mismatch explained", effects, reported({"hu": -12.0}, effects)), THRESHOLDS)
     assert found["verdict"] == "mismatch explained"
     assert found["practice"]["small"] == ["dark_signal"]
 
 
 def test_effects_that_are_only_relevant_together_are_all_named():
     effects = {"scatter": {"hu": 0.8}, "bowtie": {"hu": 0.7}}
-    found = judge_relevance(content("mismatch explained", effects, told({"hu": 1.5}, effects, {"hu": 1.5})), THRESHOLDS)
+    found = judge_relevance(
+        content("mismatch explained", effects, reported({"hu": 1.5}, effects, {"hu": 1.5})), THRESHOLDS
+    )
     assert found["practice"]["small"] == [] and found["verdict"] == "mismatch explained"
 
 
@@ -134,6 +136,6 @@ def test_recording_without_images_has_no_relevance():
 
 def test_wrong_declaration_is_no_match_even_if_images_agree():
     off = {"stated": 0.005, "sd": 0.001, "value": 0.02, "ci95": [0.019, 0.021], "unit": "1", "pull": 15.0, "off": True}
-    given = content("mismatch explained", {}, told({}, {})) | {"declared": {"scatter": {"amount": off}}}
-    found = judge_relevance(given, THRESHOLDS)
+    document = content("mismatch explained", {}, reported({}, {})) | {"declared": {"scatter": {"amount": off}}}
+    found = judge_relevance(document, THRESHOLDS)
     assert found["verdict"] == "mismatch explained"

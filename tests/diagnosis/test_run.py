@@ -63,8 +63,8 @@ def test_verdict_is_the_same_in_several_processes_and_from_cached_fits(scene, tm
     A user's diagnosis has processes and may be interrupted.
     """
     physics = {"scatter": {"amount": 0.03, "width_mm": 60.0}, "detector_offset": {"columns_px": 0.05}}
-    kept = FitCache(tmp_path, "this recording", lambda effect: "as it is")
-    at_once = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY, processes=2, cache=kept)
+    stored = FitCache(tmp_path, "this recording", lambda effect: "as it is")
+    at_once = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY, processes=2, cache=stored)
     assert {one["name"] for one in at_once.content["effects"]} == set(physics)
     files = {path.name for path in tmp_path.glob("*.json")}
     # A focal spot has no first-order gain and is not fitted alone.
@@ -77,7 +77,7 @@ def test_verdict_is_the_same_in_several_processes_and_from_cached_fits(scene, tm
     monkeypatch.setattr(trials, "trial", lambda fitter, *task: made.append(task[0]) or trial(fitter, *task))
     (tmp_path / "scatter.json").write_text("{")  # like a full disk
     (tmp_path / "detector_offset.json").unlink()
-    gone_on = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY, cache=kept)
+    gone_on = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY, cache=stored)
     assert set(made) == {("detector_offset",), ("scatter",)} and len(made) == 2
     for other in (in_turn, gone_on):
         assert written(other.content) == written(at_once.content)
@@ -88,13 +88,13 @@ def test_verdict_is_the_same_in_several_processes_and_from_cached_fits(scene, tm
 def test_cached_fit_is_used_for_its_own_inputs_only(scene, tmp_path):
     fitter = ready(scene, {}).fitter
     baseline = trial(fitter, ())
-    kept = FitCache(tmp_path, "this recording", lambda effect: "as it is")
-    kept.put(baseline, ("scatter",), baseline, baseline)
-    asked = ("scatter",), baseline, baseline
-    assert kept.get(*asked).fit == baseline.fit
-    assert kept.get(("scatter",), None, baseline) is None and kept.get(("heel",), baseline, baseline) is None
-    assert FitCache(tmp_path, "another recording", kept.code).get(*asked) is None
-    assert FitCache(tmp_path, "this recording", lambda effect: f"{effect}, mended").get(*asked) is None
+    stored = FitCache(tmp_path, "this recording", lambda effect: "as it is")
+    stored.put(baseline, ("scatter",), baseline, baseline)
+    request = ("scatter",), baseline, baseline
+    assert stored.get(*request).fit == baseline.fit
+    assert stored.get(("scatter",), None, baseline) is None and stored.get(("heel",), baseline, baseline) is None
+    assert FitCache(tmp_path, "another recording", stored.code).get(*request) is None
+    assert FitCache(tmp_path, "this recording", lambda effect: f"{effect}, mended").get(*request) is None
 
 
 SETTINGS = (
@@ -115,10 +115,10 @@ def test_predictions_do_not_depend_on_earlier_calls(scene):
         physics, off = settings
         return one.fitter.model.predict(physics, expected | off, one.data, place).mean
 
-    asked = [(settings, place) for settings in SETTINGS for place in places]
-    for one in reversed(asked):
+    request = [(settings, place) for settings in SETTINGS for place in places]
+    for one in reversed(request):
         predicted(used, *one)
-    for one in asked:
+    for one in request:
         np.testing.assert_array_equal(predicted(fresh, *one), predicted(used, *one))
     # Displaced rays are not traced again. The traced rays from which they are displaced must not depend on the call
     # order.

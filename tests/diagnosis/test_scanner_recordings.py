@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from test_joint import DISCS, SCATTER, made_ready
+from test_joint import DISCS, SCATTER, prepare_recording
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
@@ -24,7 +24,7 @@ EXACT = {"default": 0.0, "numerical": 0.0}
 def differences(amounts, seed, accuracy):
     """Consistency tests of discs with these amounts of scatter, each against the others."""
     fitters = {
-        name: made_ready(name, {"scatter": {"amount": amount, "width_mm": 60.0}}, seed).fitter
+        name: prepare_recording(name, {"scatter": {"amount": amount, "width_mm": 60.0}}, seed).fitter
         for name, amount in amounts.items()
     }
     together = JointFitter(fitters)
@@ -41,7 +41,7 @@ def test_recordings_of_one_scanner_agree():
 
 
 def test_difference_of_two_recordings_equals_the_loss_of_their_joint_fit():
-    fitters = {name: made_ready(name, SCATTER, 61).fitter for name in ("large", "small")}
+    fitters = {name: prepare_recording(name, SCATTER, 61).fitter for name in ("large", "small")}
     together = JointFitter(fitters)
     chosen = together.fit(("scatter",))
     found = alone(together, chosen, pulled_of_recordings(together, chosen, {}, EXACT))
@@ -62,24 +62,24 @@ def test_neither_of_two_inconsistent_recordings_is_preferred():
 
 
 def test_difference_within_model_errors_is_consistent():
-    apart = {"large": 0.03, "middle": 0.034}
+    scatter_amounts = {"large": 0.03, "middle": 0.034}
     exact, inexact = (
-        differences(apart, 21, accuracy)["middle"] for accuracy in (EXACT, {"default": 0.5, "numerical": 0.0})
+        differences(scatter_amounts, 21, accuracy)["middle"] for accuracy in (EXACT, {"default": 0.5, "numerical": 0.0})
     )
     assert exact.disagrees and not inexact.disagrees and inexact.chi_square < 0.5 * exact.chi_square
 
 
 def test_recordings_for_testing_are_not_used_in_selection_and_fit():
-    made = {name: made_ready(name, SCATTER) for name in DISCS}
+    made = {name: prepare_recording(name, SCATTER) for name in DISCS}
     two = {name: made[name] for name in ("large", "middle")}
     effects = ("scatter", "veiling_glare")
     plain = run_scanner_diagnosis("bench", two, effects, ACCURACY).content
     found = run_scanner_diagnosis("bench", made, effects, ACCURACY, judged_on=["small"]).content
     validate(found, schema_of_kind(SCANNER), "scanner.json")
     assert [name for name, one in found["recordings"].items() if one["judged"]] == ["small"]
-    (ours,), (theirs,) = found["effects"], plain["effects"]
-    assert ours["name"] == theirs["name"] == "scatter" and ours["evidence"] == theirs["evidence"]
-    for key, one in ours["parameters"].items():
+    (actual,), (theirs,) = found["effects"], plain["effects"]
+    assert actual["name"] == theirs["name"] == "scatter" and actual["evidence"] == theirs["evidence"]
+    for key, one in actual["parameters"].items():
         assert one["value"] == theirs["parameters"][key]["value"] and set(one["without"]) == set(two)
         assert one["ci95"] == pytest.approx(theirs["parameters"][key]["ci95"])
     assert found["excess_rms_removed"] == plain["excess_rms_removed"]
@@ -92,7 +92,7 @@ def test_recordings_for_testing_are_not_used_in_selection_and_fit():
 
 def test_inconsistent_test_recording_is_reported():
     strong = {"scatter": {"amount": 0.05, "width_mm": 60.0}}
-    made = {name: made_ready(name, strong if name == "small" else SCATTER) for name in DISCS}
+    made = {name: prepare_recording(name, strong if name == "small" else SCATTER) for name in DISCS}
     found = run_scanner_diagnosis("bench", made, ("scatter",), ACCURACY, judged_on=["small"]).content
     assert found["recordings"]["small"]["agreement"]["disagrees"] and found["verdict"] == "mismatch partly explained"
     assert "Disagreement: small disagrees with large, middle on shared parameters; " in found["sentence"]
@@ -105,7 +105,7 @@ def test_priors_do_not_hide_an_inconsistency():
     """A wrong declaration and different recordings are separate findings."""
     stated = {"scatter": {"amount": {"value": 0.001, "sd": 0.005}, "width_mm": {"value": 60.0, "sd": 1.0}}}
     made = {
-        name: made_ready(name, {"scatter": {"amount": amount, "width_mm": 60.0}}, 20, stated)
+        name: prepare_recording(name, {"scatter": {"amount": amount, "width_mm": 60.0}}, 20, stated)
         for name, amount in {"large": 0.03, "middle": 0.04}.items()
     }
     together = JointFitter({name: one.fitter for name, one in made.items()})
@@ -116,7 +116,9 @@ def test_priors_do_not_hide_an_inconsistency():
 
 def test_no_recording_is_named_if_most_disagree():
     amounts = {"large": 0.03, "small": 0.05}
-    made = {name: made_ready(name, {"scatter": {"amount": one, "width_mm": 60.0}}) for name, one in amounts.items()}
+    made = {
+        name: prepare_recording(name, {"scatter": {"amount": one, "width_mm": 60.0}}) for name, one in amounts.items()
+    }
     found = run_scanner_diagnosis("bench", made, ("scatter",), ACCURACY).content
     assert "Disagreement: large, small disagree with each other on shared parameters." in found["sentence"]
 
@@ -124,7 +126,7 @@ def test_no_recording_is_named_if_most_disagree():
 def test_declared_parameters_are_taken_from_the_other_recordings():
     """A held-out recording does not affect declared scanner parameters."""
     stated = {"scatter": {"amount": {"value": 0.02, "sd": 0.01}, "width_mm": {"value": 60.0, "sd": 1.0}}}
-    together = JointFitter({name: made_ready(name, SCATTER, 9, stated).fitter for name in DISCS})
+    together = JointFitter({name: prepare_recording(name, SCATTER, 9, stated).fitter for name in DISCS})
     both = together.fit(())
     left = together.left_out(["small"], (), both)["small"]
     others = together.without(["small"]).fit((), both)
@@ -135,31 +137,33 @@ def test_declared_parameters_are_taken_from_the_other_recordings():
 
 def test_parameters_from_other_recordings_have_correlated_errors():
     """Amount and width of scatter are correlated over noise realizations, as the covariance states."""
-    together = JointFitter({name: made_ready(name, SCATTER).fitter for name in ("large", "small")})
+    together = JointFitter({name: prepare_recording(name, SCATTER).fitter for name in ("large", "small")})
     left = together.left_out(["small"], ("scatter",), together.fit(("scatter",)))["small"]
     rows = {key: np.array(row) for key, row in left.directions["scatter"].items()}
     numbers = {one.name: one for one in together.fitters["large"].model.unknowns(("scatter",))}
     for key, row in rows.items():
         error = numbers[key].number_error(left.physics["scatter"][key], left.errors["scatter"][key])
         assert np.linalg.norm(row) == pytest.approx(error, rel=1e-3)
-    said = rows["amount"] @ rows["width_mm"] / np.prod([np.linalg.norm(row) for row in rows.values()])
-    drawn = [made_ready("large", SCATTER, seed).fitter.fit(("scatter",)).physics["scatter"] for seed in range(90, 114)]
+    text = rows["amount"] @ rows["width_mm"] / np.prod([np.linalg.norm(row) for row in rows.values()])
+    drawn = [
+        prepare_recording("large", SCATTER, seed).fitter.fit(("scatter",)).physics["scatter"] for seed in range(90, 114)
+    ]
     found = np.corrcoef([[numbers[key].of(one[key]) for one in drawn] for key in rows])[0, 1]
-    assert abs(np.arctanh(found) - np.arctanh(said)) < 3 / np.sqrt(len(drawn) - 3) and said < -0.6
+    assert abs(np.arctanh(found) - np.arctanh(text)) < 3 / np.sqrt(len(drawn) - 3) and text < -0.6
 
 
 def test_correlated_errors_change_a_recording_less_than_independent_errors():
     """A voltage and a sensor thickness are known much better together than each alone."""
     spectrum = {"spectrum": {"kvp": 100.0, "filtration_mm": 6.0, "sensor_mm": 0.6}}
-    together = JointFitter({name: made_ready(name, spectrum).fitter for name in ("large", "small")})
+    together = JointFitter({name: prepare_recording(name, spectrum).fitter for name in ("large", "small")})
     left = together.left_out(["small"], ("spectrum",), together.fit(("spectrum",)))["small"]
-    moved, apart = (
+    moved, scatter_amounts = (
         (left_by_numbers(together.fitters["small"], fit)[0] ** 2).sum() for fit in (left, replace(left, directions={}))
     )
-    assert 0 < moved < 0.5 * apart
+    assert 0 < moved < 0.5 * scatter_amounts
 
 
 def test_one_recording_plus_test_recordings_is_too_few():
-    made = {name: made_ready(name, SCATTER) for name in ("large", "small")}
+    made = {name: prepare_recording(name, SCATTER) for name in ("large", "small")}
     with pytest.raises(InputError, match="needs two recordings"):
         run_scanner_diagnosis("bench", made, ("scatter",), ACCURACY, judged_on=["small"])

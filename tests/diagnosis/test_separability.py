@@ -43,8 +43,8 @@ def ready(**known):
     state, random = chain.state({}), np.random.default_rng(5)
     white = state.measured_air[0] * PHOTONS
     taken = [Projections(state.counts(random), white, np.zeros_like(white)) for _ in range(8)]
-    given = prepared.prepare(observed.scans(taken), None, chain, nominal_photons=PHOTONS, known=known)
-    return given.fitter, given.fitter.fit(())
+    prepared_data = prepared.prepare(observed.scans(taken), None, chain, nominal_photons=PHOTONS, known=known)
+    return prepared_data.fitter, prepared_data.fitter.fit(())
 
 
 @pytest.fixture(scope="module")
@@ -113,8 +113,8 @@ def test_free_density_scale_absorbs_more_scatter_than_a_fixed_one():
         (scatter,) = described(fitter, fit, ["scatter"])
         found.append(taken_up_in_range(fitter, fit, scatter.whole[None])[0])
         assert found[-1] <= scatter.taken_up + 1e-9
-    held, free = found
-    assert held < free - 0.02 and free == pytest.approx(scatter.taken_up, abs=1e-6)
+    held_out, free = found
+    assert held_out < free - 0.02 and free == pytest.approx(scatter.taken_up, abs=1e-6)
 
 
 def test_change_outside_the_prior_range_is_not_absorbed(disc):
@@ -163,6 +163,6 @@ def test_page_lists_every_effect_on_projections():
     with effect_templates.TABLE.open(encoding="utf-8", newline="") as file:
         header, *rows = csv.reader(file)
     listed = {row[0].split(":")[0] for row in rows}
-    wanted = {label(name) for name in offered(names(), ()) if not acts_on_images(name)}
-    assert listed == wanted, "run python docs/generators/effect_templates.py"
+    labels = {label(name) for name in offered(names(), ()) if not acts_on_images(name)}
+    assert listed == labels, "run python docs/generators/effect_templates.py"
     assert all(len(row) == len(header) == 7 for row in rows)

@@ -92,8 +92,8 @@ MISTAKES = {
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_mistake_is_named_with_the_corrected_setting(mistake, lines):
-    changed, spoiled, line = MISTAKES[mistake]
-    found = finding(lines if spoiled is None else spoiled(lines), {**SCAN, **changed})
+    changed, damaged, line = MISTAKES[mistake]
+    found = finding(lines if damaged is None else damaged(lines), {**SCAN, **changed})
     assert (found.kind, found.best.name) == ("description", mistake)
     assert line in found.best.line
 

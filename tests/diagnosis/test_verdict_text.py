@@ -236,7 +236,7 @@ def test_wrong_set_up(setup, expected):
 
 def test_features_and_their_properties():
     place = {"domain": "family", "where": "texture of liver"}
-    given = {
+    document = {
         "verdict": "unexplained",
         "locations": [place],
         "effects": [],
@@ -245,10 +245,10 @@ def test_features_and_their_properties():
         "unexplained": [],
         "next_measurement": ["scan again"],
     }
-    assert written(feature_lines(given | {"verdict": "match"})) == [
+    assert written(feature_lines(document | {"verdict": "match"})) == [
         "Differing image property: none; features differ by no more than between repeats."
     ]
-    assert written(feature_lines(given)) == [
+    assert written(feature_lines(document)) == [
         "Differing image property: unknown; no single property explains the difference.",
         "Largest mismatch: family (texture of liver).",
         "Closest property: noise texture, which removes 12 % of the difference on held-out regions.",
@@ -256,7 +256,7 @@ def test_features_and_their_properties():
     ]
     effect = {"name": "noise_texture", "evidence": {"held_out_gain": 0.8}}
     found = written(
-        feature_lines(given | {"verdict": "mismatch explained", "effects": [effect], "unexplained": [place]})
+        feature_lines(document | {"verdict": "mismatch explained", "effects": [effect], "unexplained": [place]})
     )
     assert found[:2] == [
         "Differing image property: noise texture.",
@@ -353,8 +353,8 @@ def stepped():
     repeats = noisy_lines(chain.state({}), 4, np.random.default_rng(3)).astype(np.float32)
     repeats[:, 20] *= 1.05
     taken = observed.Scans(repeats, None, np.ones(repeats.shape[1:], bool))
-    given = prepare(taken, None, chain, step=2)
-    return given, diagnose("bench", given, chosen(given.fitter, ("scatter",)))
+    document = prepare(taken, None, chain, step=2)
+    return document, diagnose("bench", document, chosen(document.fitter, ("scatter",)))
 
 
 def test_locations_use_the_numbers_of_the_recording(stepped):

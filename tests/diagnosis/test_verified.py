@@ -91,22 +91,22 @@ def other(tmp_path_factory):
     state = Chain(dense, GEOMETRY, PHOTONS).state(TRUTH)
     random, air = np.random.default_rng(3), state.measured_air.mean(axis=0) * PHOTONS
     taken = observed.scans([Projections(state.counts(random), air, 0 * air) for _ in range(4)])
-    given = prepared.prepare(
+    prepared_data = prepared.prepare(
         taken, None, Chain(PosedScene(scene), GEOMETRY, PHOTONS), tube_kvp=90.0, known={"scale": 1.0}
     )
-    return given, mask, folder
+    return prepared_data, mask, folder
 
 
 def test_physics_of_another_recording_removes_the_excess(other):
-    given, _, folder = other
+    prepared_data, _, folder = other
     (folder / "diagnosis.json").write_text(json.dumps(found_on("disc", DENSITY)))
     physics = Physics.read(folder / "diagnosis.json")
-    baseline = trial(given.fitter, ())
-    choice = verified(given.fitter, baseline, physics, same_material=True)
+    baseline = trial(prepared_data.fitter, ())
+    choice = verified(prepared_data.fitter, baseline, physics, same_material=True)
     assert choice.chosen.fit.physics == TRUTH and choice.chosen.fit.free == 0
     assert choice.chosen.fit.nuisance["scale"] == pytest.approx(DENSITY, abs=0.003)
     assert all(gain > 100 for gain in choice.gains.values())
-    content = stated(diagnose("notch", given, choice).content, physics)
+    content = stated(diagnose("notch", prepared_data, choice).content, physics)
     json.dumps(content, allow_nan=False)
     assert content["excess_removed"] > 0.9 and content["excess_rms_removed"] > 0.8
     assert "Source of the physics: transferred from disc" in content["sentence"]
@@ -117,14 +117,16 @@ def test_physics_of_another_recording_removes_the_excess(other):
 
 
 def test_noise_and_model_errors_are_stated_separately(other):
-    given, _, folder = other
+    prepared_data, _, folder = other
     content = found_on("disc", DENSITY)
     for effect in content["effects"]:
         for one in effect["parameters"].values():
             one["ci95_noise"] = [0.999 * one["value"], 1.001 * one["value"]]
     (folder / "apart.json").write_text(json.dumps(content))
-    choice = verified(given.fitter, trial(given.fitter, ()), Physics.read(folder / "apart.json"), same_material=True)
-    for effect in diagnose("notch", given, choice).content["effects"]:
+    choice = verified(
+        prepared_data.fitter, trial(prepared_data.fitter, ()), Physics.read(folder / "apart.json"), same_material=True
+    )
+    for effect in diagnose("notch", prepared_data, choice).content["effects"]:
         for one in effect["parameters"].values():
             whole, noise, half = (one[key][1] - one["value"] for key in ("ci95", "ci95_noise", "ci50"))
             assert (whole, noise) == pytest.approx((0.01 * one["value"], 0.001 * one["value"]), rel=1e-3)
@@ -148,11 +150,11 @@ def test_intervals_truncated_at_a_bound_keep_their_length(tmp_path):
 
 
 def test_wrong_density_removes_less(other):
-    given, _, folder = other
-    baseline = trial(given.fitter, ())
+    prepared_data, _, folder = other
+    baseline = trial(prepared_data.fitter, ())
     (folder / "light.json").write_text(json.dumps(found_on("disc", 0.95)))
-    wrong = verified(given.fitter, baseline, Physics.read(folder / "light.json"), same_material=True)
-    right = verified(given.fitter, baseline, Physics.read(folder / "light.json"), same_material=False)
+    wrong = verified(prepared_data.fitter, baseline, Physics.read(folder / "light.json"), same_material=True)
+    right = verified(prepared_data.fitter, baseline, Physics.read(folder / "light.json"), same_material=False)
     assert wrong.chosen.score < right.chosen.score - 1000
 
 
@@ -230,7 +232,7 @@ def test_effects_with_less_than_a_tenth_of_the_expected_gain_are_not_fitted():
 
 
 def test_every_nth_view_keeps_the_noise_of_all(other):
-    given, mask, _ = other
+    prepared_data, mask, _ = other
     chain = Chain(PosedScene(mask_scene(mask, "pmma")), GEOMETRY, PHOTONS)
     random = np.random.default_rng(5)
     state = chain.state({})
@@ -303,8 +305,14 @@ def test_default_model_accuracy_is_that_of_the_configuration(scored):
     default = yaml.safe_load((root / "config/config.yaml").read_text())
     stated = complete(default)["diagnosis"]["model_accuracy"]
     assert set(stated) > {"default", "numerical"} and stated["default"] > 0
-    given, taken = (forward_selection.choose(BARE, scored(()), singles, **one) for one in ({"accuracy": stated}, {}))
-    assert (given.undecided, given.ruled_out, given.tolerance) == (taken.undecided, taken.ruled_out, taken.tolerance)
+    prepared_data, taken = (
+        forward_selection.choose(BARE, scored(()), singles, **one) for one in ({"accuracy": stated}, {})
+    )
+    assert (prepared_data.undecided, prepared_data.ruled_out, prepared_data.tolerance) == (
+        taken.undecided,
+        taken.ruled_out,
+        taken.tolerance,
+    )
     assert taken.tolerance > forward_selection.choose(BARE, scored(()), singles, accuracy={"default": 0.0}).tolerance
 
 
@@ -391,17 +399,17 @@ def test_transferred_physics_can_be_declared(tmp_path):
     stated = {"stated": 20.0, "sd": 5.0, "value": 24.0, "ci95": [20.08, 27.92], "unit": "ms", "pull": 1.0, "off": False}
     glow = {"time_constant_ms": stated, "share": stated | {"value": 0.03, "ci95": [0.0104, 0.0496], "unit": "1"}}
     (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, declared={"afterglow": glow})))
-    own = {"scatter": {"amount": {"value": 0.01, "sd": 0.001}}}
-    model = {"folder": "here", "settings": {"samples": 1, "baseline": own}}
+    user_declaration = {"scatter": {"amount": {"value": 0.01, "sd": 0.001}}}
+    model = {"folder": "here", "settings": {"samples": 1, "baseline": user_declaration}}
     settings = with_declared(model, tmp_path / "d.json")["settings"]
-    assert settings["samples"] == 1 and settings["baseline"]["scatter"] == own["scatter"]
+    assert settings["samples"] == 1 and settings["baseline"]["scatter"] == user_declaration["scatter"]
     assert set(settings["baseline"]) == set(TRUTH) | {"afterglow"}
     assert settings["baseline"]["afterglow"]["time_constant_ms"] == pytest.approx({"value": 24.0, "sd": 2.0}, rel=1e-4)
     errors = Physics.read(tmp_path / "d.json").errors
     for name in set(TRUTH) - {"scatter"}:
         for key, value in TRUTH[name].items():
             assert settings["baseline"][name][key] == pytest.approx({"value": value, "sd": errors[name][key]})
-    assert model["settings"]["baseline"] == own and with_declared(model, None) == model
+    assert model["settings"]["baseline"] == user_declaration and with_declared(model, None) == model
 
 
 DRIFTS = {"dark_signal": {"level_units": 2e3, "drift_units_per_s": 3e3}}
@@ -420,17 +428,19 @@ def test_effect_of_each_scan_is_fitted_with_transferred_physics(tmp_path):
     chain = Chain(DiscScene(70.0, "pmma"), replace(GEOMETRY, view_interval_ms=1e3 / GEOMETRY.views), PHOTONS)
     here = {"dark_signal": {"level_units": 2e3, "drift_units_per_s": -1e3}}
     lines = noisy_lines(chain.state(here), 4, np.random.default_rng(7)).astype(np.float32)
-    given = prepared.prepare(observed.Scans(lines, None, np.ones(lines.shape[1:], bool)), None, chain)
+    prepared_data = prepared.prepare(observed.Scans(lines, None, np.ones(lines.shape[1:], bool)), None, chain)
     (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, DRIFTS)))
     physics = Physics.read(tmp_path / "d.json")
-    units = {one.name: one.unit for one in given.fitter.model.parameters("dark_signal")}
-    choice = verified(given.fitter, trial(given.fitter, ()), replace(physics, units={"dark_signal": units}), True)
+    units = {one.name: one.unit for one in prepared_data.fitter.model.parameters("dark_signal")}
+    choice = verified(
+        prepared_data.fitter, trial(prepared_data.fitter, ()), replace(physics, units={"dark_signal": units}), True
+    )
     found, errors = (one["dark_signal"] for one in (choice.chosen.fit.physics, choice.chosen.fit.errors))
     assert found["level_units"] == 2e3 and errors["level_units"] == physics.errors["dark_signal"]["level_units"]
     assert abs(found["drift_units_per_s"] + 1e3) < 4 * errors["drift_units_per_s"] < 500
     # The level was fitted elsewhere and has the error from there. All others have errors from the data.
     fit, worse = choice.chosen.fit, {"dark_signal": errors | {"level_units": 10 * errors["level_units"]}}
-    known, unsure = (left_by_numbers(given.fitter, one) for one in (fit, replace(fit, errors=worse)))
+    known, unsure = (left_by_numbers(prepared_data.fitter, one) for one in (fit, replace(fit, errors=worse)))
     assert unsure[0][0] == pytest.approx(10 * known[0][0], rel=1e-6) and np.abs(known[0][0]).max() > 0
     np.testing.assert_allclose(unsure[0][1:], known[0][1:])
 

@@ -66,13 +66,13 @@ def test_pixels_are_to_scale(make_phantom):
 def test_every_roi_is_outlined_and_named(make_phantom, names):
     phantom, masks = make_phantom(names)
     figure = rois.draw(phantom, masks, {name: name[:4] for name in names})
-    said = texts(figure)
+    words = texts(figure)
     for name in names:
-        assert label(name) in said
+        assert label(name) in words
     outlines = sum(len(axes.findobj(ContourSet)) for axes in figure.axes)
     assert outlines >= len(names)
-    assert "CT number (HU)" in said and "R" in said and "L" in said
-    assert any(text.endswith(" mm") and text.split()[0].isdigit() for text in said), "scale bar"
+    assert "CT number (HU)" in words and "R" in words and "L" in words
+    assert any(text.endswith(" mm") and text.split()[0].isdigit() for text in words), "scale bar"
 
 
 def test_names_do_not_overlap(make_phantom):
@@ -146,10 +146,10 @@ def test_rms_is_taken_in_the_body(make_phantom, rng):
     phantom, _ = make_phantom(["cyst"])
     air = phantom.array < -500
     wrong = Volume(np.where(air, phantom.array + 500, phantom.array - 7).astype(np.float32), phantom.grid)
-    said = texts(scans.draw(phantom, {"FBP": wrong, "SIRT": phantom}, 12))
-    assert "FBP − input\nRMS 7.0 HU in the body" in said
-    assert "SIRT − input\nRMS 0.0 HU in the body" in said
-    assert "CT number (HU)" in said and "difference from the input (HU)" in said
+    words = texts(scans.draw(phantom, {"FBP": wrong, "SIRT": phantom}, 12))
+    assert "FBP − input\nRMS 7.0 HU in the body" in words
+    assert "SIRT − input\nRMS 0.0 HU in the body" in words
+    assert "CT number (HU)" in words and "difference from the input (HU)" in words
 
 
 def test_scans_share_window_and_slice(make_phantom, rng):

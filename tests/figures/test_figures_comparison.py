@@ -89,15 +89,15 @@ def test_constant_cells_and_marks(table):
         assert black + white == (table[q] < 0.05).sum() and rings == table[equivalent].sum()
         assert white > 0 or q == "q_sd"
     tau = comparison_summary.ranks(table)["kendall_tau"]
-    said = texts(figure)
-    assert said.count("–") == tau.isna().sum() > 0
-    assert {"title", "cyst 1", "−30", "30", "1/8", "1/2", "8", "equivalent"} <= set(said)
-    assert {"shift of the mean (repeat SDs of the recording)", "SD over repeats, simulated / recorded"} <= set(said)
+    words = texts(figure)
+    assert words.count("–") == tau.isna().sum() > 0
+    assert {"title", "cyst 1", "−30", "30", "1/8", "1/2", "8", "equivalent"} <= set(words)
+    assert {"shift of the mean (repeat SDs of the recording)", "SD over repeats, simulated / recorded"} <= set(words)
 
 
 def test_margin_moves_the_color_steps(table):
-    said = texts(figures.draw(table.assign(margin_sd=0.5, sd_factor=1.5), comparison_summary.ranks(table)))
-    assert {"−0.5", "0.5", "15", "1.5", "1/1.5"} <= set(said)
+    words = texts(figures.draw(table.assign(margin_sd=0.5, sd_factor=1.5), comparison_summary.ranks(table)))
+    assert {"−0.5", "0.5", "15", "1.5", "1/1.5"} <= set(words)
 
 
 def test_text_fits_on_the_pages(table):
@@ -125,8 +125,8 @@ def test_bad_tables_are_rejected(table):
 
 def test_table_without_roi_order_has_no_order_column(table):
     few = table[table["roi"].isin(list(dict.fromkeys(table["roi"]))[:2])]
-    said = texts(figures.draw(few, comparison_summary.summary(few)))
-    assert not [text for text in said if "τ" in text] and "equivalent" in said
+    words = texts(figures.draw(few, comparison_summary.summary(few)))
+    assert not [text for text in words if "τ" in text] and "equivalent" in words
     assert {"order,\nτ", "τ ≥ 0.7: ROIs in order"} <= set(texts(figures.draw(table, comparison_summary.summary(table))))
 
 

@@ -58,13 +58,13 @@ def test_fit_and_crossings_in_closed_form():
     """Variance 50 + 2e6 A: 250 HU^2 is reached at A = 1e-4, 650 HU^2 at 3e-4, 40 HU^2 at no positive A."""
     table = line(2e6, 50, [0.5e-4, 1e-4, 2e-4])
     figure = noise_calibration.draw(table, {"study": 1e-4}, [("high", 250.0), ("low", 650.0), ("never", 40.0)])
-    said = texts(figure)
-    assert "fit: 200 HU² · A/10⁻⁴ + 50 HU², R² = 1.0000" in said
-    assert "measured high: 250 HU², reached at A = 1 ×10⁻⁴" in said
-    assert "measured low: 650 HU², reached at A = 3 ×10⁻⁴" in said
-    assert "measured never: 40 HU², not reached" in said
-    assert "level of the study: A = 1 ×10⁻⁴ (study)" in said
-    assert "variance over repeats, all ROIs (HU²)" in said and "noise level A = 1/I₀ (10⁻⁴)" in said
+    words = texts(figure)
+    assert "fit: 200 HU² · A/10⁻⁴ + 50 HU², R² = 1.0000" in words
+    assert "measured high: 250 HU², reached at A = 1 ×10⁻⁴" in words
+    assert "measured low: 650 HU², reached at A = 3 ×10⁻⁴" in words
+    assert "measured never: 40 HU², not reached" in words
+    assert "level of the study: A = 1 ×10⁻⁴ (study)" in words
+    assert "variance over repeats, all ROIs (HU²)" in words and "noise level A = 1/I₀ (10⁻⁴)" in words
     assert figure.axes[0].get_xlim()[1] > 3
 
 
@@ -116,10 +116,10 @@ def test_every_feature_is_drawn(stability, draws):
             expected = shapes[family].get_path().transformed(shapes[family].get_transform())
             assert np.array_equal(path.vertices, expected.vertices)
         assert f"{total} features" in axes.get_title()
-    said = texts(figure)
-    assert "stability: pairs of groups with |W| < 1 (%)" in said
-    assert "discriminative power: pairs across classes with |W| > 1 (%)" in said
-    assert {"First order", "GLCM", "GLDM", "GLRLM", "GLSZM"} <= set(said)
+    words = texts(figure)
+    assert "stability: pairs of groups with |W| < 1 (%)" in words
+    assert "discriminative power: pairs across classes with |W| > 1 (%)" in words
+    assert {"First order", "GLCM", "GLDM", "GLRLM", "GLSZM"} <= set(words)
 
 
 def test_features_with_equal_values_are_one_larger_marker():
@@ -161,8 +161,8 @@ def test_numbered_features_have_their_stability_interval(stability):
     drawn = [(line[0][0], line[1][0]) for line in bars.get_segments()]
     value = chosen["stability_percent"].to_numpy()
     assert np.allclose(drawn, np.stack([value * 0.5, value + 10], axis=1))
-    said = next(text for text in texts(figure) if text.startswith("1  ")).splitlines()
-    assert [line.partition(", ")[2] for line in said] == [f"{one / 2:.0f} to {one + 10:.0f} %" for one in value]
+    words = next(text for text in texts(figure) if text.startswith("1  ")).splitlines()
+    assert [line.partition(", ")[2] for line in words] == [f"{one / 2:.0f} to {one + 10:.0f} %" for one in value]
     # One repeat per group gives no interval.
     none = stability_discrimination.draw(stability, 1.0, intervals=intervals.assign(ci95_low=np.nan))
     assert not [text for text in texts(none) if " to " in text]
@@ -173,14 +173,14 @@ def test_both_panels_state_their_repeats_and_spreads(stability, draws):
         axes.get_title()
         for axes in stability_discrimination.draw(stability, 1.0, draws, repeats=10, sd=(0.25, 1.5)).axes
     )
-    stable, apart = stability["stability_percent"].mean(), stability["discrimination_percent"].mean()
+    stable, difference = stability["stability_percent"].mean(), stability["discrimination_percent"].mean()
     assert simulated.startswith("Simulated, 86 features, 10 repeats per group\n")
-    assert simulated.endswith(f"means: {stable:.1f} ± 0.2 % stable, {apart:.1f} ± 1.5 % discriminated")
-    stable, apart = (draws[f"{kind}_percent"].mean() for kind in ("stability", "discrimination"))
+    assert simulated.endswith(f"means: {stable:.1f} ± 0.2 % stable, {difference:.1f} ± 1.5 % discriminated")
+    stable, difference = (draws[f"{kind}_percent"].mean() for kind in ("stability", "discrimination"))
     # Means of the two realizations differ by 2: SD sqrt(2), for 4 of 12 repeats divided by sqrt(1 - 1 / 3)
     assert measured == (
         f"Measured, 85 features, 4 repeats per group\n"
-        f"means: {stable:.1f} ± 1.7 % stable, {apart:.1f} ± 1.7 % discriminated"
+        f"means: {stable:.1f} ± 1.7 % stable, {difference:.1f} ± 1.7 % discriminated"
     )
     assert "±" not in stability_discrimination.draw(stability, 1.0, draws[draws["draw"] == 1]).axes[1].get_title()
 
@@ -188,16 +188,16 @@ def test_both_panels_state_their_repeats_and_spreads(stability, draws):
 def test_user_measured_scores_have_families(stability, draws):
     """As from repeats.score_draws; the scores shipped with the library have no families."""
     family = stability.set_index("feature")["family"]
-    own, kept = (
+    user_scores, stored = (
         stability_discrimination.draw(stability, 1.0, of).axes[1]
         for of in (draws.assign(family=draws["feature"].map(family)), draws)
     )
-    assert own.get_title() == kept.get_title()
+    assert user_scores.get_title() == stored.get_title()
 
 
 def test_noise_level_is_stated(stability):
-    said = " ".join(texts(stability_discrimination.draw(stability, 1.0, noise={"dose10": 1.24e-6})))
-    assert "Noise level dose10 (A = 1.24 ×10⁻⁶).\nLarger markers: several features." in said
+    words = " ".join(texts(stability_discrimination.draw(stability, 1.0, noise={"dose10": 1.24e-6})))
+    assert "Noise level dose10 (A = 1.24 ×10⁻⁶).\nLarger markers: several features." in words
     assert style.noise_levels({"a": 2e-4, "met": None}) == "noise levels a (A = 2 ×10⁻⁴), met"
 
 
@@ -231,8 +231,8 @@ def test_almost_coincident_features_share_a_label():
             "discrimination_percent": [90.0, 90, 60],
         }
     )
-    said = texts(stability_discrimination.draw(table, 1.0))
-    assert "1, 2" in said and "3" in said
+    words = texts(stability_discrimination.draw(table, 1.0))
+    assert "1, 2" in words and "3" in words
 
 
 def test_bad_stability_tables_are_rejected(stability, draws):
@@ -285,12 +285,12 @@ def test_a_marker_for_every_row(make_pca, names, measured):
     for axes in figure.axes[:2]:
         drawn = np.concatenate(points(axes))
         assert sorted(map(tuple, drawn)) == sorted(map(tuple, table[["pc1", "pc2"]].to_numpy()))
-    said = texts(figure)
-    assert {style.label(name) for name in names} <= set(said)
-    assert "PC 1 (61.2 % of variance)" in said and "PC 2 (17.5 % of variance)" in said
-    assert "number of projections" in said and "noise level A = 1/I₀ (10⁻⁴)" in said
-    assert {"150", "450", "0.8", "1.4"} <= set(said)
-    assert ("black: measured" in said) == bool(measured)
+    words = texts(figure)
+    assert {style.label(name) for name in names} <= set(words)
+    assert "PC 1 (61.2 % of variance)" in words and "PC 2 (17.5 % of variance)" in words
+    assert "number of projections" in words and "noise level A = 1/I₀ (10⁻⁴)" in words
+    assert {"150", "450", "0.8", "1.4"} <= set(words)
+    assert ("black: measured" in words) == bool(measured)
 
 
 def test_measured_rows_have_the_color_of_their_condition(make_pca):
@@ -347,8 +347,8 @@ def test_color_follows_the_parameter(make_pca):
 
 def test_thousands_of_projections_are_printed_in_full(make_pca):
     table = make_pca(("a",), 0)
-    said = texts(pca.draw(table.assign(projections=10 * table["projections"])))
-    assert {"1500", "4500"} <= set(said) and not any("e+" in text for text in said)
+    words = texts(pca.draw(table.assign(projections=10 * table["projections"])))
+    assert {"1500", "4500"} <= set(words) and not any("e+" in text for text in words)
 
 
 def test_many_measured_rows_lie_below_with_means_on_top(make_pca):

@@ -147,23 +147,23 @@ def test_page_is_well_formed_and_all_links_lead_to_files(page, results):
 
 
 def test_answer_comes_first_with_its_intervals(page):
-    said = text(page)
-    assert "1 of 3 features is stable between the 4 protocols, 1 is not stable, and 1 is undecided." in said
-    assert said.index("Stable features 1 of") < said.index("Warnings ROI") < said.index("Regions")
+    page_words = text(page)
+    assert "1 of 3 features is stable between the 4 protocols, 1 is not stable, and 1 is undecided." in page_words
+    assert page_words.index("Stable features 1 of") < page_words.index("Warnings ROI") < page_words.index("Regions")
     # Sorted by the lower end of the interval.
-    places = [said.index(words) for words in ("62 %, 52 to 68 %", "40 %, 25 to 55 %", "0 %, 0 to 4.4 %")]
+    places = [page_words.index(words) for words in ("62 %, 52 to 68 %", "40 %, 25 to 55 %", "0 %, 0 to 4.4 %")]
     assert places == sorted(places)
-    assert "ICC(2,1) 1, ICC(3,1) 1, CCC 1, CV 1, QCD 1." in said
-    assert "A feature that no protocol changes has a stability of 60 % on average" in said
-    assert "is at 50 % or above (most comparisons agree), and not stable" in said
+    assert "ICC(2,1) 1, ICC(3,1) 1, CCC 1, CV 1, QCD 1." in page_words
+    assert "A feature that no protocol changes has a stability of 60 % on average" in page_words
+    assert "is at 50 % or above (most comparisons agree), and not stable" in page_words
 
 
 def test_every_tissue_has_an_answer(page, results):
-    said = text(page)
-    assert "Most stable features stability, 95 % interval stable in cyst in liver" in said
-    assert "62 %, 52 to 68 % yes 83 % 42 %" in said  # features in the other table, in its order
+    page_words = text(page)
+    assert "Most stable features stability, 95 % interval stable in cyst in liver" in page_words
+    assert "62 %, 52 to 68 % yes 83 % 42 %" in page_words  # features in the other table, in its order
     # Four protocols make six pairs, and each class has one ROI.
-    assert "there are too few for an interval: 6 in cyst, 6 in liver." in said
+    assert "there are too few for an interval: 6 in cyst, 6 in liver." in page_words
     assert 'href="tables/stability.csv"' in page
 
 
@@ -193,10 +193,10 @@ def test_many_tissues_have_their_own_table(results, tmp_path):
 
 
 def test_features_stable_by_other_measures_are_named(page):
-    said = (
+    page_words = (
         "Stable by at least two measures (number): GLCM Idn (6). All measures and features: tables/stable_features.csv."
     )
-    assert said in text(page)
+    assert page_words in text(page)
 
 
 def test_ten_of_many_stable_features_are_named(results, tmp_path):
@@ -207,8 +207,8 @@ def test_ten_of_many_stable_features_are_named(results, tmp_path):
     measures.to_csv(tmp_path / "stable_features.csv", index=False)
     TRUST.to_csv(tmp_path / "trust.csv", index=False)
     tables = [index.LinkedTable(name, tmp_path / f"{name}.csv") for name in ("trust", "stable_features")]
-    said = text(index.index_page(tmp_path, [], tables, [], CONFIG, COMMANDS))
-    assert "GLCM F01 (5), GLCM F02 (3)" in said and "GLCM F10 (3) and 2 more. All measures" in said
+    page_words = text(index.index_page(tmp_path, [], tables, [], CONFIG, COMMANDS))
+    assert "GLCM F01 (5), GLCM F02 (3)" in page_words and "GLCM F10 (3) and 2 more. All measures" in page_words
 
 
 def test_stability_tables_are_sorted_by_stability():
@@ -221,25 +221,27 @@ def test_stability_tables_are_sorted_by_stability():
 def test_comparison_lists_agreeing_features(results):
     names = (*TABLES, "tables/comparison_clinic", "tables/comparison_clinic_features")
     page = made(results, names=names, figures=("rois", "comparison_clinic"))
-    said = html.unescape(text(page))
+    page_words = html.unescape(text(page))
     assert (
         "Agreement of the 6 features: mean and SD 1, mean only 1, SD only 2, neither 2. The mean agrees if it is "
         "within 1 repeat SD of the recorded mean. The SD agrees if the ratio of the SDs is between 1/2 and 2. "
         "A feature needs to agree in at least 80 % of the 3 ROIs. Features with the recorded order of ROIs (Kendall's "
         "tau at least 0.7): 1. All features: tables/comparison_clinic_features.csv."
-    ) in said
-    assert said.index("Comparisons with recordings: simulation and clinic.") < said.index("Stable features 1 of")
+    ) in page_words
+    assert page_words.index("Comparisons with recordings: simulation and clinic.") < page_words.index(
+        "Stable features 1 of"
+    )
     assert 'href="#comparison_clinic"' in page and 'id="comparison_clinic"' in page
 
 
 def test_features_that_cannot_be_compared_are_counted():
     cells, summary = COMPARISON.values()
     marked = summary.assign(other_settings=["bins", *[None] * 5], other_sizes=[None, "512 voxels", "", *["more"] * 3])
-    said = answer.agreement_text(marked, cells)
-    assert said.startswith(
+    page_words = answer.agreement_text(marked, cells)
+    assert page_words.startswith(
         "Agreement of the 1 comparable features: mean and SD 0, mean only 0, SD only 1, neither 0. The mean"
     )
-    assert said.endswith(
+    assert page_words.endswith(
         " Not comparable: 1 (extracted with other settings (*)). Not comparable: 4 (they grow with the ROI, and its "
         "size differs (†))."
     )
@@ -249,11 +251,11 @@ def test_features_without_a_repeat_sd_are_counted_separately():
     cells, summary = COMPARISON.values()
     names = summary["feature"]
     still = pd.concat([cells.assign(feature=name, sd_recorded=float(name != names[0])) for name in names])
-    said = answer.agreement_text(summary, still)
-    assert said.startswith(
+    page_words = answer.agreement_text(summary, still)
+    assert page_words.startswith(
         "Agreement of the 5 comparable features: mean and SD 0, mean only 1, SD only 2, neither 2. The mean"
     )
-    assert said.endswith(" Not comparable: 1 (constant in the recording).")
+    assert page_words.endswith(" Not comparable: 1 (constant in the recording).")
     none = still.assign(sd_recorded=0.0)
     assert answer.agreement_text(summary, none).startswith(
         "None of the 6 features can be compared. Not comparable: 6 (constant"
@@ -262,19 +264,21 @@ def test_features_without_a_repeat_sd_are_counted_separately():
 
 def test_single_roi_has_no_order():
     cells, summary = COMPARISON.values()
-    said = answer.agreement_text(summary.assign(mean_right=False, sd_right=False), cells[cells["roi"] == "a"])
-    assert said.startswith("Agreement of the 6 features: mean and SD 0, mean only 0, SD only 0, neither 6. The mean")
-    assert said.endswith("the ratio of the SDs is between 1/2 and 2.")
+    page_words = answer.agreement_text(summary.assign(mean_right=False, sd_right=False), cells[cells["roi"] == "a"])
+    assert page_words.startswith(
+        "Agreement of the 6 features: mean and SD 0, mean only 0, SD only 0, neither 6. The mean"
+    )
+    assert page_words.endswith("the ratio of the SDs is between 1/2 and 2.")
 
 
 def test_warnings_are_read_from_the_feature_table():
-    said = index.study_warnings(ALL, TRUST)
-    assert [one.partition(".")[0] for one in said] == [
+    page_words = index.study_warnings(ALL, TRUST)
+    assert [one.partition(".")[0] for one in page_words] == [
         "ROI cyst_2 has 24 voxels",
         "ROI cyst_2 has fewer than 3 gray levels in 1 of 2 images",
         "There are 3 repeats per group",
     ]
-    assert "need at least 64" in said[0]
+    assert "need at least 64" in page_words[0]
     assert index.study_warnings(ALL[ALL["roi"] == "liver"], TRUST.assign(repeats=10)) == []
     assert len(index.study_warnings(ALL, None)) == 2
 
@@ -288,8 +292,8 @@ def test_diagnosis_verdict_is_shown(page, results):
 def test_trial_is_labeled(page, results):
     words = "too small for meaningful results"
     assert words not in page and words in made(results, config=CONFIG | {"trial": True})
-    said = text(made(results, config=CONFIG | {"trial": "init ct --size normal"}))
-    assert f"{words}. Use it to check your setup. For results, run: init ct --size normal" in said
+    page_words = text(made(results, config=CONFIG | {"trial": "init ct --size normal"}))
+    assert f"{words}. Use it to check your setup. For results, run: init ct --size normal" in page_words
 
 
 def test_study_without_groups_has_a_page(results):

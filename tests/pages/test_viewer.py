@@ -46,10 +46,10 @@ def stored(page, name, dtype="<i2"):
 
 def test_page_contains_the_displayed_voxels(page):
     phantom, masks, reconstructions = arguments()
-    given = {"input": phantom}
+    inputs = {"input": phantom}
     for key, one in reconstructions.items():
-        given |= {f"{key}_one": one.single, f"{key}_mean": one.mean}
-    for name, volume in given.items():
+        inputs |= {f"{key}_one": one.single, f"{key}_mean": one.mean}
+    for name, volume in inputs.items():
         # The first voxel is anterior and on the patient's right: both at the high ends of the axes.
         expected = np.rint(volume.array)[:, ::-1, ::-1]
         np.testing.assert_array_equal(stored(page, name).reshape(GRID.shape), expected)
@@ -68,8 +68,8 @@ def test_large_studies_are_subsampled_to_the_limit():
     assert viewer.thinning((48, 128, 128), 5) == (1, 1, 1)
     for shape in ((96, 512, 512), (300, 512, 512), (1000, 128, 128)):
         steps = viewer.thinning(shape, 5)
-        kept = np.zeros(shape, np.int8)[:: steps[0], :: steps[1], :: steps[2]].size
-        assert 2 * 5 * kept <= viewer.MOST_BYTES
+        voxel_count = np.zeros(shape, np.int8)[:: steps[0], :: steps[1], :: steps[2]].size
+        assert 2 * 5 * voxel_count <= viewer.MOST_BYTES
     phantom, masks, reconstructions = arguments()
     array = viewer.displayed(phantom.array, (2, 1, 3))
     np.testing.assert_array_equal(array, phantom.array[::2, ::-1, ::-3])

@@ -70,8 +70,8 @@ def test_surface_becomes_as_sharp_as_before():
     sharp = deconvolve(edge(1.0), OWN, NO_NOISE)
     assert SD_OF_HALF / edge_mtf_half(sharp) == pytest.approx(0.8, rel=0.07)  # 1.0^2 - 0.6^2 = 0.8^2
     air = edge(1.0).array < -999
-    kept = keep_air(sharp, Volume(np.where(air, -1000, 0).astype(np.float32), GRID))
-    assert kept.array.min() == -1000 and (kept.array[air] == -1000).all()
+    stored = keep_air(sharp, Volume(np.where(air, -1000, 0).astype(np.float32), GRID))
+    assert stored.array.min() == -1000 and (stored.array[air] == -1000).all()
 
 
 def test_noise_is_removed_and_not_amplified():
@@ -118,9 +118,9 @@ def test_linear_interpolation_blurs_by_a_sixth_of_a_voxel_squared():
 @pytest.mark.parametrize("fine", [1, 2])
 def test_blur_by_voxels_appears_in_projections(fine):
     """A Gaussian through `ct` and the projector: its width along z, and across rays of all directions."""
-    own, sd = Grid((64, 64, 64), (1.3, 1.3, 1.3)), 3.1
-    z, y, x = np.meshgrid(*own.axes_mm(), indexing="ij")
-    image = Volume((-1000 + 800 * np.exp(-(x**2 + y**2 + z**2) / 2 / sd**2)).astype(np.float32), own)
+    fine_grid, sd = Grid((64, 64, 64), (1.3, 1.3, 1.3)), 3.1
+    z, y, x = np.meshgrid(*fine_grid.axes_mm(), indexing="ij")
+    image = Volume((-1000 + 800 * np.exp(-(x**2 + y**2 + z**2) / 2 / sd**2)).astype(np.float32), fine_grid)
     grid = Grid((28, 28, 28), (3.0, 3.0, 3.0)).refined(fine)
     phantom = Volume(resample(image, grid, outside=-1000.0), grid)
     far = 1e5  # almost parallel
@@ -137,7 +137,7 @@ def test_blur_by_voxels_appears_in_projections(fine):
     places = (np.arange(200) - 99.5) * 0.4
     of_rows, of_columns = (profile.sum(axis=axis) for axis in (1, 0))
     found = [np.average((places - np.average(places, weights=w)) ** 2, weights=w) for w in (of_rows, of_columns)]
-    expected = add_voxel_blur((sd,) * 3, own.spacing, grid.spacing)
+    expected = add_voxel_blur((sd,) * 3, fine_grid.spacing, grid.spacing)
     np.testing.assert_allclose(found, np.square(expected[:2]), rtol=2e-3)
     assert expected[0] ** 2 > 1.04 * sd**2  # the difference under test exceeds the tolerance
 

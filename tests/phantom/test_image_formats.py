@@ -33,7 +33,7 @@ def nifti(path, array=HU, affine=CT_GRID.affine, kind=nibabel.Nifti1Image, **cha
     return path
 
 
-def spoiled(path, **fields):
+def damaged(path, **fields):
     """Copy of a file with header fields replaced: {field: value}, in the dtype of the header."""
     content = bytearray(path.read_bytes())
     header = np.frombuffer(content[:348], nibabel.nifti1.header_dtype).copy()
@@ -75,7 +75,7 @@ def test_itk_formats_agree_with_simpleitk(name, flipped, tmp_path, notes):
 )
 def test_nifti_variants_are_the_same_image(name, options, fields, tmp_path):
     path = nifti(tmp_path / name, **options)
-    volume = read_image(spoiled(path, **fields) if fields else path)
+    volume = read_image(damaged(path, **fields) if fields else path)
     assert volume.grid.matches(CT_GRID) and np.array_equal(volume.array, HU)
 
 
@@ -106,7 +106,7 @@ def test_compression_is_detected_independently_of_the_name(tmp_path):
 )
 def test_damaged_header_is_one_line(fields, line, tmp_path):
     with pytest.raises(InputError, match=line):
-        read_image(spoiled(nifti(tmp_path / "c.nii"), **fields))
+        read_image(damaged(nifti(tmp_path / "c.nii"), **fields))
 
 
 def test_color_and_complex_images_are_rejected(tmp_path):
@@ -187,5 +187,5 @@ def test_two_orientations_or_none_are_reported(tmp_path, notes):
         nibabel.save(shifted, tmp_path / "q.nii")
         assert read_image(tmp_path / "q.nii").grid.matches(CT_GRID)  # sform
         assert any(f"up to {millimeters / 2:.3g} voxels apart; sform is used" in one for one in notes()) == reported
-    read_image(spoiled(nifti(tmp_path / "n.nii"), sform_code=0, qform_code=0))
+    read_image(damaged(nifti(tmp_path / "n.nii"), sform_code=0, qform_code=0))
     assert "n.nii: its header has no orientation (sform_code and qform_code are 0)" in notes()[-1]

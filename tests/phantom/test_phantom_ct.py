@@ -154,8 +154,8 @@ def test_keep_mm_removes_a_table(nifti, tmp_path):
     slim = Grid((14, 34, 42), (3.0, 2.0, 2.0))
     needed = r"The grid spans 68 and 84 mm; set grid.shape to at least \[14, 40, 48\] \(z, y, x\)"
     refuse(nifti, rf"does not fit\. .* 80 mm along y and 96 mm along x\. {needed}", slim)
-    kept = ct.load_phantom({**nifti, "keep_mm": [[-60, 60], [CENTRE[1] - 36, CENTRE[1] + 36]]}, slim, 1)
-    np.testing.assert_allclose(kept.image.array, object_hu()[:, 3:-3, 3:-3], atol=1e-2)
+    stored = ct.load_phantom({**nifti, "keep_mm": [[-60, 60], [CENTRE[1] - 36, CENTRE[1] + 36]]}, slim, 1)
+    np.testing.assert_allclose(stored.image.array, object_hu()[:, 3:-3, 3:-3], atol=1e-2)
 
 
 @pytest.mark.parametrize("margin", [2.0, 5.0])

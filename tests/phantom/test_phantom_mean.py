@@ -77,11 +77,11 @@ def test_large_motion_is_measured():
 
 def test_table_is_not_part_of_the_object():
     inside = np.any(list(masks().values()), axis=0)
-    kept = object_mask(Volume((np.maximum(body(), table())).astype(np.float32), GRID), inside)
-    assert kept[body() > -300].all()
+    stored = object_mask(Volume((np.maximum(body(), table())).astype(np.float32), GRID), inside)
+    assert stored[body() > -300].all()
     alone = (table() > 0) & (body() < -900)
     # Voxels directly below the object are within its rim.
-    assert kept[alone].mean() < 0.15
+    assert stored[alone].mean() < 0.15
 
 
 def write(folder, names=NAMES, image_of=lambda scan_: scan(scan_.acquisition), masks_of=lambda scan_: masks()):
@@ -148,7 +148,7 @@ def test_scans_that_cannot_be_averaged_are_rejected(tmp_path, wrong):
         regions = ("cyst2", "spleen")
     if wrong == "one":
         scans = scans[:1]
-    said = {
+    text = {
         "moved": r"813/ct: the object is displaced by up to 1\.\d mm relative to .*811/ct",
         "region": r"813/seg.dcm: region cyst2 differs from most of the scans in position",
         "name": r"811/seg.dcm: .*there are: .*cyst1",
@@ -158,6 +158,6 @@ def test_scans_that_cannot_be_averaged_are_rejected(tmp_path, wrong):
     }[wrong]
     if wrong == "empty":
         scans = write(tmp_path / "b", image_of=lambda _: Volume(np.full(GRID.shape, -1000, np.float32), GRID))
-    with pytest.raises(InputError, match=said) as error:
+    with pytest.raises(InputError, match=text) as error:
         average_scans(scans, regions, height_mm=8.0)
     assert "\n" not in str(error.value)

@@ -150,11 +150,13 @@ def test_layout_agrees_with_the_tables():
     for name in ("hemangioma", "metastasis", "normal_1", "normal_2"):
         (texture,) = tissues[layout[name]["tissue"]]["texture"]
         total = variance[edge_names[name]]
-        own = total - noise
-        assert texture["sd_hu"] == pytest.approx(np.sqrt(own), abs=0.1)
+        texture_variance = total - noise
+        assert texture["sd_hu"] == pytest.approx(np.sqrt(texture_variance), abs=0.1)
         if name == "normal_2":  # close to the noise: shape from the other lesion
             continue
-        assert texture["skewness"] == pytest.approx(skewness[edge_names[name]] * (total / own) ** 1.5, abs=0.1)
+        assert texture["skewness"] == pytest.approx(
+            skewness[edge_names[name]] * (total / texture_variance) ** 1.5, abs=0.1
+        )
         covariance = correlation[edge_names[name]] * (total + 25**2 / 12) - noise_covariance
         length = np.sqrt(-1.2 / (2 * np.log(covariance / (total - variance["cyst_large"]))))
         assert texture["correlation_mm"] == pytest.approx(length, abs=0.25)

@@ -98,11 +98,14 @@ def test_regions_of_the_layout_follow_the_pose():
 def test_regions_of_a_ct_follow_the_pose(tmp_path):
     """A CT whose isocenter has any world position."""
     centre = (40.0, -70.0, 300.0)
-    own = Grid((30, 80, 80), (1.0, 1.0, 1.0), centre)
+    ct_grid = Grid((30, 80, 80), (1.0, 1.0, 1.0), centre)
     names = []
-    for name, array in (("ct", np.where(ball(own), 0, -1000).astype(np.int16)), ("ball", ball(own).astype(np.uint8))):
+    for name, array in (
+        ("ct", np.where(ball(ct_grid), 0, -1000).astype(np.int16)),
+        ("ball", ball(ct_grid).astype(np.uint8)),
+    ):
         names.append(str(tmp_path / f"{name}.nii.gz"))
-        nibabel.save(nibabel.Nifti1Image(array.T, own.affine), names[-1])
+        nibabel.save(nibabel.Nifti1Image(array.T, ct_grid.affine), names[-1])
     settings = {"image": names[0], "labels": names[1], "rois": [{"name": "ball", "tissue_class": "one", "label": 1}]}
     grid = Grid((24, 60, 60), (1.5, 1.4, 1.3), centre)
     still, moved = (ct.rois(settings, grid, *pose)[0].mask for pose in ((), (POSE,)))

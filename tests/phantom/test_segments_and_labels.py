@@ -33,10 +33,10 @@ def test_segments_of_every_type_and_order_are_placed_by_their_frames(kind, order
     path = segmentation(slices[order], tmp_path / "s.dcm", array, kind)
     regions = open_regions(path, CT_GRID)
     assert regions.list_regions() == {1: "bright", 2: "dark"}
-    kept = np.isin(np.arange(14), np.arange(14)[order])[:, None, None]
+    stored = np.isin(np.arange(14), np.arange(14)[order])[:, None, None]
     for n, name in enumerate(BALLS, 1):
         for label in (n, name, str(n)):
-            assert np.array_equal(regions.mask(label), ball(name) & kept)
+            assert np.array_equal(regions.mask(label), ball(name) & stored)
     assert ("FRACTIONAL; voxels of at least 0.5" in caplog.text) == (kind == "FRACTIONAL")
 
 
@@ -207,10 +207,10 @@ def test_slicer_segmentations_have_names_and_layers(tmp_path, caplog):
     both = np.stack([ball("bright"), ball("bright") | ball("dark")], axis=-1).astype(np.uint8)
     path = itk(both[2:13], tmp_path / "s.seg.nrrd", _part(2, 13), header, vector=True)
     regions = open_regions(path, CT_GRID)
-    kept = np.isin(np.arange(14), np.arange(2, 13))[:, None, None]
+    stored = np.isin(np.arange(14), np.arange(2, 13))[:, None, None]
     assert list(regions.list_regions().values()) == ["liver", "lesion é"]
-    assert np.array_equal(regions.mask("liver"), ball("bright") & kept)
-    assert np.array_equal(regions.mask("lesion é"), (ball("bright") | ball("dark")) & kept)
+    assert np.array_equal(regions.mask("liver"), ball("bright") & stored)
+    assert np.array_equal(regions.mask("lesion é"), (ball("bright") | ball("dark")) & stored)
     assert (
         "has 48 x 40 x 11 voxels (x, y, z) of the CT's grid, which has 48 x 40 x 14; the rest is empty" in caplog.text
     )

@@ -95,10 +95,10 @@ def test_displaced_rays_on_a_rolled_detector(scene):
     posed = PosedScene(scene).near([(geometry, Pose(), None)])
     start = posed.path_lengths(geometry)
     near = Pose(x_mm=0.004, y_mm=-0.003, z_mm=0.002, turn_deg=0.001)
-    followed, anew = posed.path_lengths(geometry, near), scene.path_lengths(geometry, near)
-    changed = np.abs(anew - start).max()
-    assert changed > 1e-3 and not np.array_equal(followed, anew)
-    assert np.sqrt(np.mean((followed - anew) ** 2)) < 0.05 * np.sqrt(np.mean((anew - start) ** 2))
+    followed, retraced = posed.path_lengths(geometry, near), scene.path_lengths(geometry, near)
+    changed = np.abs(retraced - start).max()
+    assert changed > 1e-3 and not np.array_equal(followed, retraced)
+    assert np.sqrt(np.mean((followed - retraced) ** 2)) < 0.05 * np.sqrt(np.mean((retraced - start) ** 2))
 
 
 def test_jittering_source(scene):

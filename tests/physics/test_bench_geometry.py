@@ -206,10 +206,10 @@ def test_skewed_fan_agrees_with_astra():
     scene = VoxelScene(
         object_[None, None].astype(np.float32), Grid((1, size, size), (50.0, 1.0, 1.0)), ("water",), 60.0
     )
-    ours = scene.path_lengths(Mounting(skew_deg=5.0).of(fan))[0, :, 0]
+    actual = scene.path_lengths(Mounting(skew_deg=5.0).of(fan))[0, :, 0]
     plain = scene.path_lengths(fan)[0, :, 0]
     assert np.abs(plain - theirs).max() > 0.1
-    np.testing.assert_allclose(ours, theirs, atol=0.01 * theirs.max())
+    np.testing.assert_allclose(actual, theirs, atol=0.01 * theirs.max())
 
 
 def test_small_rotations_of_a_rotated_detector():
@@ -220,7 +220,7 @@ def test_small_rotations_of_a_rotated_detector():
     start, near = (Mounting(one, 1.0).of(small) for one in (0.5, 0.505))
     posed = PosedScene(scene).near([(start, Pose(), None)])
     assert posed.follows((near, Pose(), None)) and not posed.follows((small, Pose(), None))
-    first, anew = scene.path_lengths(start), scene.path_lengths(near)
-    change = np.abs(anew - first).max()
-    assert change > 1e-3 and np.abs(posed.path_lengths(near) - anew).max() < 0.1 * change
+    first, retraced = scene.path_lengths(start), scene.path_lengths(near)
+    change = np.abs(retraced - first).max()
+    assert change > 1e-3 and np.abs(posed.path_lengths(near) - retraced).max() < 0.1 * change
     np.testing.assert_array_equal(posed.path_lengths(small), scene.path_lengths(small))

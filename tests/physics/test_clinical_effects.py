@@ -154,8 +154,8 @@ def test_study_draws_noise_from_stored_line_integrals(name, tmp_path):
     there = {} if effect.beside is None else {effect.beside: load(effect.beside).values({})}
     state = chain(replace(HELIX, view_interval_ms=20.0)).state(there | {name: effect.values({})})
     write_line_integrals(tmp_path / "clean.h5", state.line_integrals(), state.geometry, to_store(state))
-    kept = read_state(tmp_path / "clean.h5")
-    counts, again = (one.counts(np.random.default_rng(1)) for one in (state, kept))
+    stored = read_state(tmp_path / "clean.h5")
+    counts, again = (one.counts(np.random.default_rng(1)) for one in (state, stored))
     # Means are stored in single precision, which changes a few counts by one.
     assert np.mean(np.abs(counts - again) > 1.5) == 0 and np.mean(np.abs(counts - again) > 0.1) < 0.01
 

@@ -36,9 +36,9 @@ def test_common_names_of_materials_are_accepted(written, meant):
 
 
 def test_user_or_unknown_material_keeps_its_name():
-    own = Mixture("PMMA", 1.0, "C2H4")
+    user_material = Mixture("PMMA", 1.0, "C2H4")
     assert (
-        library_name(own) is own
+        library_name(user_material) is user_material
         and library_name("Delrin") == "Delrin"
         and library_name("") == ""
         and library_name(7) == 7

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import sinograms
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -58,11 +58,11 @@ def astra_sinograms():
 
 def test_astra_model_equals_astras_function(astra_sinograms):
     """Mean and variance of every pixel over repeats, and the distribution of all counts of three pixels."""
-    given = np.broadcast_to(SINOGRAM, (REPEATS, *SINOGRAM.shape))
-    counts = simulate_counts(given, 1 / PHOTONS, "astra", SEED)
-    ours, theirs = counts.line_integrals(0.5).astype(float), astra_sinograms
-    variances = ours.var(axis=0, ddof=1), theirs.var(axis=0, ddof=1)
-    z = (ours.mean(axis=0) - theirs.mean(axis=0)) / np.sqrt(sum(variances) / REPEATS)
+    sinograms = np.broadcast_to(SINOGRAM, (REPEATS, *SINOGRAM.shape))
+    counts = simulate_counts(sinograms, 1 / PHOTONS, "astra", SEED)
+    actual, theirs = counts.line_integrals(0.5).astype(float), astra_sinograms
+    variances = actual.var(axis=0, ddof=1), theirs.var(axis=0, ddof=1)
+    z = (actual.mean(axis=0) - theirs.mean(axis=0)) / np.sqrt(sum(variances) / REPEATS)
     assert np.abs(z).max() < 4.5 and 0.7 < z.std() < 1.3
     # The logarithm of a variance of normal values has the variance 2 / n; logarithms of counts are nearly normal.
     z = np.log(variances[0] / variances[1]) / np.sqrt(4 / REPEATS)
@@ -78,11 +78,11 @@ def test_astra_model_has_the_scaling_of_astra(astra_sinograms):
     drawn = PHOTONS * np.exp(-astra_sinograms / SINOGRAM.max())
     np.testing.assert_allclose(drawn, np.rint(drawn), atol=1e-9)
     scale = simulate_counts(SINOGRAM[None], 1 / PHOTONS, "astra", SEED).scale
-    ours = Counts(np.rint(drawn).astype(np.uint32), PHOTONS, scale).line_integrals(0.5)
-    np.testing.assert_allclose(ours, astra_sinograms, atol=2e-6 * SINOGRAM.max())
+    actual = Counts(np.rint(drawn).astype(np.uint32), PHOTONS, scale).line_integrals(0.5)
+    np.testing.assert_allclose(actual, astra_sinograms, atol=2e-6 * SINOGRAM.max())
 
 
-@given(st.floats(0.01, 1.0))
+@sinograms(st.floats(0.01, 1.0))
 def test_zero_photons_are_read_as_the_configured_number(zero_counts_as):
     counts = Counts(np.zeros((1, 1, 2), np.uint16), 1000.0, 1.0)
     np.testing.assert_allclose(counts.line_integrals(zero_counts_as), -np.log(zero_counts_as / 1000), rtol=1e-5)

@@ -101,14 +101,14 @@ def test_effect_at_its_neutral_value_changes_nothing(chain, name):
 
 def test_settings_are_checked():
     assert checked({"scatter": None}) == {"scatter": {"amount": 0.05, "width_mm": 60.0}}
-    for given, message in [
+    for settings, message in [
         ({"glow": {}}, "there is no effect 'glow'"),
         ({"scatter": {"ratio": 1}}, "scatter: has no ratio"),
         ({"scatter": {"amount": 3}}, "amount: 3 1 is out of the plausible range, 0 to 0.6"),
         ({"scatter": {"amount": math.nan}}, "is no finite number"),
     ]:
         with pytest.raises(InputError, match=message):
-            checked(given)
+            checked(settings)
 
 
 def test_spectrum_hardens_as_the_sum_over_its_energies():

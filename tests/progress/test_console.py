@@ -55,8 +55,10 @@ def ended(run):
 
 
 def exited_with_1(run):
-    said = "RuleException:\nCalledProcessError in file \"r.smk\", line 4:\nCommand 'x' returned non-zero exit status 1."
-    run.log(LogEvent.ERROR, said, logging.ERROR, exception="RuleException")
+    exception_text = (
+        "RuleException:\nCalledProcessError in file \"r.smk\", line 4:\nCommand 'x' returned non-zero exit status 1."
+    )
+    run.log(LogEvent.ERROR, exception_text, logging.ERROR, exception="RuleException")
 
 
 class Script:
@@ -373,13 +375,13 @@ def test_acquisitions_are_named_by_level_and_seeds():
 def stopped():
     """Stop a run by a signal; Snakemake's own handler is replaced."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    heard = []
+    received = []
 
     def stop(run, number):
-        signal.signal(number, lambda *arguments: heard.append(arguments[0]))
+        signal.signal(number, lambda *arguments: received.append(arguments[0]))
         run.console.catch_signals()
         signal.raise_signal(number)
-        assert heard == [number]
+        assert received == [number]
 
     yield stop
     for number, handler in before.items():
@@ -494,11 +496,11 @@ def test_time_passes_while_jobs_run(monkeypatch, install_console):
     handler.acquire()
     handler.close()
     handler.release()
-    said = stream.getvalue()
+    exception_text = stream.getvalue()
     handler._timer.join(20)
     assert not handler._timer.is_alive()
-    assert re.search(r"0 of 1 jobs done, .* to .* h left; now: phantom \(0 of 1 done\)", said)
-    assert stream.getvalue() == said and said.count("0 of 1 jobs done") >= 4
+    assert re.search(r"0 of 1 jobs done, .* to .* h left; now: phantom \(0 of 1 done\)", exception_text)
+    assert stream.getvalue() == exception_text and exception_text.count("0 of 1 jobs done") >= 4
 
 
 @pytest.mark.parametrize(

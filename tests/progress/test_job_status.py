@@ -108,10 +108,10 @@ def test_small_diagnosis_reports_until_its_verdict(processes, tmp_path):
 
 
 def test_cached_fits_are_not_counted(tmp_path):
-    kept, words = FitCache(tmp_path / "fits", "this recording", lambda effect: "as it is"), []
+    stored, words = FitCache(tmp_path / "fits", "this recording", lambda effect: "as it is"), []
     for _ in range(2):
         progress = DiagnosisProgress(lambda status: words.append(status.words))
-        find_missing_physics("bench", ready(), CANDIDATES, {"default": 0.02}, cache=kept, progress=progress)
+        find_missing_physics("bench", ready(), CANDIDATES, {"default": 0.02}, cache=stored, progress=progress)
     assert words[-1] == "alignment fitted; 2 effects ranked beside scatter; verdict found"
     assert "fits made" in words[words.index("alignment fitted", 1) - 1]
 
@@ -172,8 +172,8 @@ def test_time_of_remaining_fits_follows_recent_ones():
 def test_status_describes_the_current_step():
     progress = DiagnosisProgress()
     progress.reached(ALIGNED)
-    for beside in ((), ("xray_crosstalk", "heel")):
-        done = progress.begin(RANKED, 2, beside)
+    for others in ((), ("xray_crosstalk", "heel")):
+        done = progress.begin(RANKED, 2, others)
         done()
     assert progress.words == "alignment fitted; 1 of 2 effects ranked beside X-ray crosstalk and heel"
     done()

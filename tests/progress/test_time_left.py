@@ -51,8 +51,8 @@ def test_uncertainty_of_a_job_widens_its_range():
     job = steps("diagnose", 1)
     low, high, _ = Progress(job, 1, lambda: rates(*job, seconds=(20.0, 180.0)), 0.0).range_left(0.0)
     assert middle(low, high) == pytest.approx(60 * SLOWER)
-    own = math.log(9) / (2 * WIDE)
-    assert math.log(high / low) == pytest.approx(2 * WIDE * math.sqrt(RUN_SD**2 + STAGE_SD**2 + own**2))
+    log_sd = math.log(9) / (2 * WIDE)
+    assert math.log(high / low) == pytest.approx(2 * WIDE * math.sqrt(RUN_SD**2 + STAGE_SD**2 + log_sd**2))
 
 
 def test_finished_jobs_count_by_their_number():
@@ -104,7 +104,7 @@ def test_running_job_is_one_of_those_that_take_longer():
 
 def test_ranges_cover_the_truth_at_their_level():
     """Eight of ten runs, before the first job and in the middle, for runs drawn from the assumed distribution."""
-    random, held = np.random.default_rng(5), {0: 0, 30: 0}
+    random, held_out = np.random.default_rng(5), {0: 0, 30: 0}
     for _ in range(150):
         jobs = [step for stage in range(4) for step in steps(f"stage{stage}", 15, first=15 * stage)]
         random.shuffle(jobs)
@@ -114,13 +114,13 @@ def test_ranges_cover_the_truth_at_their_level():
         takes = [expected[s.files[0]] * slower * of_stage[s.stage] * random.lognormal(0, JOB_SD) for s in jobs]
         progress, now = Progress(jobs, 1, lambda expected=expected: expected, began=0.0), 0.0
         for done, (step, seconds) in enumerate(zip(jobs, takes, strict=True)):
-            if done in held:
+            if done in held_out:
                 low, high, _ = progress.range_left(now)
-                held[done] += low <= sum(takes[done:]) <= high
+                held_out[done] += low <= sum(takes[done:]) <= high
             progress.start(step.number, now)
             now += seconds
             progress.finish(step.number, now)
-    assert all(0.75 < count / 150 < 0.97 for count in held.values()), held
+    assert all(0.75 < count / 150 < 0.97 for count in held_out.values()), held_out
 
 
 def test_jobs_without_a_rate_use_the_mean_of_their_stage():

@@ -49,8 +49,8 @@ def test_cone_vectors_describe_the_same_rays():
 class OnDevice(np.lib.mixins.NDArrayOperatorsMixin):
     """Array with the supported operations of CuPy: never mixed with NumPy arrays or converted implicitly."""
 
-    def __init__(self, held):
-        self.held = held
+    def __init__(self, held_out):
+        self.held = held_out
 
     shape = property(lambda self: self.held.shape)
 
@@ -195,21 +195,21 @@ def test_astra_functions_exist():
 
 def test_realizations_are_transferred_one_by_one(device, monkeypatch):
     """The device needs memory for a single realization only."""
-    asked = []
+    request = []
 
     def made(engine, geometry, grid, lanes, threads):
-        asked.append((engine, lanes))
+        request.append((engine, lanes))
         cpu = engine == "cpu"
         return CpuProjector(geometry, grid, lanes) if cpu else AstraCudaProjector(geometry, grid, lanes, device)
 
     monkeypatch.setattr(images, "projector", made)
     scan = np.random.default_rng(5).random((3, GEOMETRY.views, GEOMETRY.rows, GEOMETRY.columns), np.float32)
     settings = {**SIRT, "iterations": 4, "backprojector": "voxel"}
-    ours, theirs = (
+    actual, theirs = (
         images.in_hu(scan, GEOMETRY, GRID, "sirt", settings, engine, 0.02) for engine in ("cpu", "astra_cuda")
     )
-    assert asked == [("cpu", 3), ("astra_cuda", 1)]
-    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 1e-3 * ours.std()
+    assert request == [("cpu", 3), ("astra_cuda", 1)]
+    assert np.sqrt(np.mean((actual - theirs) ** 2)) < 1e-3 * actual.std()
 
 
 @needs_cuda
@@ -218,9 +218,9 @@ def test_gpu_and_cpu_projections_agree():
     cpu = CpuProjector(GEOMETRY, GRID)
     gpu = projectors.projector("astra_cuda", GEOMETRY, GRID)
     ball = _ball()
-    ours = cpu.unpack_projections(cpu.forward(cpu.pack_volume(ball[None])))
+    actual = cpu.unpack_projections(cpu.forward(cpu.pack_volume(ball[None])))
     theirs = gpu.unpack_projections(gpu.forward(gpu.pack_volume(ball[None])))
-    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 1e-4 * ours.max()
+    assert np.sqrt(np.mean((actual - theirs) ** 2)) < 1e-4 * actual.max()
 
 
 @needs_cuda
@@ -234,10 +234,10 @@ def test_gpu_and_cpu_back_projections_agree():
     cpu = CpuProjector(GEOMETRY, GRID)
     gpu = projectors.projector("astra_cuda", GEOMETRY, GRID)
     scan = np.random.default_rng(3).random((1, GEOMETRY.views, GEOMETRY.rows, GEOMETRY.columns), np.float32)
-    ours = cpu.unpack_volume(cpu.back(cpu.pack_projections(scan)))
+    actual = cpu.unpack_volume(cpu.back(cpu.pack_projections(scan)))
     theirs = gpu.unpack_volume(gpu.back(gpu.pack_projections(scan)))
-    theirs = theirs * (np.vdot(ours, theirs) / np.vdot(theirs, theirs))
-    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.004 * ours.std()
+    theirs = theirs * (np.vdot(actual, theirs) / np.vdot(theirs, theirs))
+    assert np.sqrt(np.mean((actual - theirs) ** 2)) < 0.004 * actual.std()
 
 
 @needs_cuda
@@ -248,11 +248,11 @@ def test_gpu_and_cpu_reconstructions_agree():
     lines = cpu.unpack_projections(cpu.forward(cpu.pack_volume(0.02 * _ball()[None])))
     noise = np.random.default_rng(7).normal(0, 0.02, lines.shape).astype(np.float32)
     settings = {**SIRT, "iterations": 500, "terms": 60, "backprojector": "voxel"}
-    quiet, ours, theirs = (
+    quiet, actual, theirs = (
         images.in_hu(data, GEOMETRY, GRID, "sirt", settings, engine, 0.02)[0]
         for data, engine in ((lines, "cpu"), (lines + noise, "cpu"), (lines + noise, "astra_cuda"))
     )
-    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.03 * (ours - quiet).std()
+    assert np.sqrt(np.mean((actual - theirs) ** 2)) < 0.03 * (actual - quiet).std()
 
 
 def _ball():

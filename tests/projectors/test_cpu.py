@@ -214,7 +214,9 @@ def test_central_slice_agrees_with_astra_fan_beam():
     image = ellipsoid_coverage(grid, (10.0, -20.0, 0.0), (90.0, 70.0, 1e6))[1]
     image += 0.5 * ellipsoid_coverage(grid, (-30.0, 10.0, 0.0), (25.0, 20.0, 1e6))[1]
     projector = CpuProjector(geometry, grid)
-    ours = projector.unpack_projections(projector.forward(projector.pack_volume(np.stack([image] * 3)[None])))[0, :, 0]
+    actual = projector.unpack_projections(projector.forward(projector.pack_volume(np.stack([image] * 3)[None])))[
+        0, :, 0
+    ]
 
     # ASTRA's rows run downwards: row 0 is at +y.
     volume = astra.create_vol_geom(n, n, -n * spacing / 2, n * spacing / 2, -n * spacing / 2, n * spacing / 2)
@@ -227,7 +229,7 @@ def test_central_slice_agrees_with_astra_fan_beam():
     astra.data2d.delete(data_id)
     astra.projector.delete(projector_id)
     inside = theirs > theirs.max() / 4
-    error = np.sqrt(np.mean((ours - theirs)[inside] ** 2)) / theirs[inside].mean()
+    error = np.sqrt(np.mean((actual - theirs)[inside] ** 2)) / theirs[inside].mean()
     assert error < 0.005
 
 

@@ -198,8 +198,8 @@ def test_parallel_beam_has_parallel_chords():
     found = ShapesScene([ellipsoid("water", CENTRE, HALF_AXES)]).path_lengths(geometry)[0]
     angle = geometry.angles_rad[:, None, None]
     along = np.stack([np.sin(angle), -np.cos(angle), 0 * angle], axis=-1)
-    beside = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-    pixels = geometry.column_positions_mm()[:, None] * beside + geometry.row_positions_mm()[:, None, None] * [0, 0, 1.0]
+    others = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    pixels = geometry.column_positions_mm()[:, None] * others + geometry.row_positions_mm()[:, None, None] * [0, 0, 1.0]
     exact = chords(pixels - along * 500, pixels + along * 500, ELLIPSOID, CENTRE)
     inside = exact > 0.1 * exact.max()
     np.testing.assert_allclose(found[inside], exact[inside], atol=1e-5 * exact.max())

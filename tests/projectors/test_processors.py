@@ -46,24 +46,24 @@ def test_all_kinds_give_equal_projections(variables, tmp_path):
 def test_truths_apply_to_all_kinds(variables):
     if variables.get("NUMBA_CPU_NAME") is None:
         pytest.skip("this processor's own kind: test_cpu.py itself")
-    said = run(["-m", "pytest", "-x", "-p", "no:xdist", HERE / "test_cpu.py", "-k", TRUTHS], variables)
-    assert int(re.search(r"(\d+) passed", said)[1]) >= 13
+    output = run(["-m", "pytest", "-x", "-p", "no:xdist", HERE / "test_cpu.py", "-k", TRUTHS], variables)
+    assert int(re.search(r"(\d+) passed", output)[1]) >= 13
 
 
 def test_scenes_have_equal_path_lengths_on_all_kinds(variables):
     """The scenes' kernel, for all rows at once, against the one for single rows."""
     if variables.get("NUMBA_CPU_NAME") is None:
         pytest.skip("this processor's own kind: test_scene.py itself")
-    said = run(
+    output = run(
         ["-m", "pytest", "-x", "-p", "no:xdist", HERE.parent / "physics" / "test_scene.py", "-k", "paths"], variables
     )
-    assert int(re.search(r"(\d+) passed", said)[1]) >= 6
+    assert int(re.search(r"(\d+) passed", output)[1]) >= 6
 
 
 def test_process_uses_the_selected_kind(variables, request):
-    asked = request.node.callspec.params["variables"]
+    settings = request.node.callspec.params["variables"]
     script = "from virtual_phantom.projectors.processors import PROCESSOR; print(PROCESSOR)"
-    assert run(["-c", script], variables).strip() == asked
+    assert run(["-c", script], variables).strip() == settings
 
 
 @pytest.mark.parametrize(

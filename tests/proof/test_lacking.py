@@ -64,8 +64,8 @@ def test_lost_view_repeats_the_previous_one(taken):
     found = read(taken, lost_views=0.1, lost_seed=8)
     lost = chosen(VIEWS, 0.1, 8)
     np.testing.assert_array_equal(found.readings[:, lost], found.readings[:, lost - 1])
-    kept = np.setdiff1d(np.arange(VIEWS), lost)
-    np.testing.assert_array_equal(found.readings[:, kept], taken.readings[:, kept])
+    stored = np.setdiff1d(np.arange(VIEWS), lost)
+    np.testing.assert_array_equal(found.readings[:, stored], taken.readings[:, stored])
 
 
 def test_warming_detector_approaches_a_limit_and_keeps_the_mean_of_a_view():

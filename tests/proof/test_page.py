@@ -38,13 +38,13 @@ class Given(dict):
 def made(tmp_path_factory):
     """Outputs of the script for the suite of nine cases."""
     folder = tmp_path_factory.mktemp("suite")
-    given = Given(write_suite(folder), maps=[folder / "diagnosis" / one["case"] / "maps" for one in TRUTHS])
-    given |= {"real": [], "real_maps": [], "times": [], "record": RESOURCES / "proof_record.yaml"}
+    inputs = Given(write_suite(folder), maps=[folder / "diagnosis" / one["case"] / "maps" for one in TRUTHS])
+    inputs |= {"real": [], "real_maps": [], "times": [], "record": RESOURCES / "proof_record.yaml"}
     names = ("confusion_png", "confusion_pdf", "example_png", "example_pdf")
     output = Given({name: folder / name.replace("_", ".") for name in names})
     output |= {"score": folder / "score.json", "page": folder / "index.html"}
     params = Given(suite={"seed": 4711})
-    snakemake = SimpleNamespace(input=given, output=Given(output), params=params, log=[folder / "log"], threads=1)
+    snakemake = SimpleNamespace(input=inputs, output=Given(output), params=params, log=[folder / "log"], threads=1)
     runpy.run_path(str(ROOT / "workflow/scripts/score_proof.py"), {"snakemake": snakemake})
     return output
 
@@ -157,11 +157,11 @@ def test_percent(value, text):
 
 
 def test_real_recordings_are_shown_and_not_scored(tmp_path):
-    given = write_suite(tmp_path)
-    cases = collect(given["sealed"], given["seals"], given["verdicts"], given["diagnoses"], given["others"])
+    inputs = write_suite(tmp_path)
+    cases = collect(inputs["sealed"], inputs["seals"], inputs["verdicts"], inputs["diagnoses"], inputs["others"])
     file = tmp_path / "diagnosis.json"
-    said = diagnosis("disc", "mismatch partly explained", {"spectrum": {"kvp": (45.0, 44.0, 46.0)}}, removed=0.9)
-    file.write_text(json.dumps(said | {"excess_rms_removed": 0.74, "caveats": ["one repeat"]}))
+    document = diagnosis("disc", "mismatch partly explained", {"spectrum": {"kvp": (45.0, 44.0, 46.0)}}, removed=0.9)
+    file.write_text(json.dumps(document | {"excess_rms_removed": 0.74, "caveats": ["one repeat"]}))
     with_real, without = score(cases, 80.0, [row(file)]), score(cases, 80.0)
     assert with_real["targets"] == without["targets"] and with_real["counts"] == without["counts"]
     blank = np.zeros((4, 4))

@@ -103,19 +103,19 @@ def test_coverage_is_that_of_the_effect_or_of_the_smallest_group(record):
 def test_diagnosis_states_the_coverage_of_each_interval(record):
     entries = read_proof_record(record(entry(2, coverage=[(("scatter",), (1, 4))])))
     values = {"scatter": {"amount": (0.1, 0.0, 0.2)}, "motion": {"x_mm": (1.0, 0.9, 1.1)}}
-    said = with_coverage(diagnosis("a", "mismatch explained", values), entries)
-    first, second = (one["parameters"] for one in said["effects"])
+    text = with_coverage(diagnosis("a", "mismatch explained", values), entries)
+    first, second = (one["parameters"] for one in text["effects"])
     whole = {"count": 6, "n": 10}
     assert first["amount"]["ci95_held"] == {"count": 1, "n": 4, "effects": ["scatter"], "all": whole}
     assert first["amount"]["ci95"] == [0.0, 0.2] and second["x_mm"]["ci95_held"]["count"] is None
-    texts = [render_diagnosis("parameters", said, e=one) for one in said["effects"]]
+    texts = [render_diagnosis("parameters", text, e=one) for one in text["effects"]]
     assert (
         "covered the true values of 1 of 4 parameters of scatter and of 6 of 10 parameters of all effects."
         in unescape(texts[0])
     )
     assert "of 6 of 10 parameters of all effects (none of this effect were tested)." in unescape(texts[1])
     plain = diagnosis("a", "mismatch explained", values)["effects"][0]
-    assert "covered the true values" not in render_diagnosis("parameters", said, e=plain)
+    assert "covered the true values" not in render_diagnosis("parameters", text, e=plain)
 
 
 def test_score_is_added_once_below_the_existing_ones(record, found):
@@ -144,21 +144,21 @@ def test_from_the_command_line(record, found, tmp_path, capsys, monkeypatch):
             runpy.run_path(str(ROOT / "workflow/scripts/proof_record.py"), run_name="__main__")
         return ended.value.code, capsys.readouterr()
 
-    code, said = run("add", tmp_path / "score.json", "--state", "abc1234", "--note", "n")
+    code, text = run("add", tmp_path / "score.json", "--state", "abc1234", "--note", "n")
     assert (
-        code == 0 and "seeds 11, 14" in said.out and "two effects: both named: 3 of 6" in said.out.replace("\xa0", " ")
+        code == 0 and "seeds 11, 14" in text.out and "two effects: both named: 3 of 6" in text.out.replace("\xa0", " ")
     )
-    code, said = run("add", tmp_path / "score.json", "--state", "abc1234", "--note", "n")
-    assert code == 1 and said.err.startswith("Error: ") and said.err.count("\n") == 1
-    code, said = run("rows", tmp_path / "score.json")
-    table = said.out.splitlines()
+    code, text = run("add", tmp_path / "score.json", "--state", "abc1234", "--note", "n")
+    assert code == 1 and text.err.startswith("Error: ") and text.err.count("\n") == 1
+    code, text = run("rows", tmp_path / "score.json")
+    table = text.out.splitlines()
     assert code == 0 and {line.count("|") for line in table} == {5}
     assert "| both of two effects named | 1 of 2 (50 %; 9.5 to 91 %) | at least 75 % | **missed** |" in table
     wrong = "held-out excess removed, median and tenth percentile: an effect named that is not hidden"
     assert f"| {wrong} | 65 %, 53 % of 4 cases |  |  |" in table
     assert run("pooled")[0] == 0
-    code, said = run("coverage", tmp_path / "score.json", tmp_path / "score.json")
-    assert code == 0 and "seed 14" in said.out
+    code, text = run("coverage", tmp_path / "score.json", tmp_path / "score.json")
+    assert code == 0 and "seed 14" in text.out
 
 
 def test_coverage_of_two_scores_in_one_table(found):

@@ -301,9 +301,9 @@ def test_inconsistent_truths_are_rejected(change, said):
 
 
 def test_broken_diagnosis_is_named(tmp_path):
-    given = write_suite(tmp_path, TRUTHS[:1], [DIAGNOSES[0] | {"verdict": "guilty"}])
+    suite_files = write_suite(tmp_path, TRUTHS[:1], [DIAGNOSES[0] | {"verdict": "guilty"}])
     with pytest.raises(InputError, match="case_01/diagnosis.json: .*'guilty'"):
-        collect(**given)
+        collect(**suite_files)
 
 
 def test_broken_table_is_named(tmp_path):

@@ -64,25 +64,25 @@ CHANGED = "the truth or the salt of case_01 was changed"
     ],
 )
 def test_changed_truth_or_salt_is_detected(tmp_path, change, message):
-    given = write_suite(tmp_path)
-    changed(given["sealed"][0], change)
+    suite_files = write_suite(tmp_path)
+    changed(suite_files["sealed"][0], change)
     with pytest.raises(InputError, match=f"case_01.json: {message}"):
-        collect(**given)
+        collect(**suite_files)
 
 
 def test_exchanged_truths_are_detected(tmp_path):
     """Both are published, but a scan that reads one by its name would hide the other."""
-    given = write_suite(tmp_path)
-    exchange(*given["sealed"][:2])
+    suite_files = write_suite(tmp_path)
+    exchange(*suite_files["sealed"][:2])
     with pytest.raises(InputError, match="case_01.json: contains case case_02"):
-        collect(**given)
+        collect(**suite_files)
 
 
 def test_unpublished_case_is_detected(tmp_path):
-    given = write_suite(tmp_path)
-    changed(given["seals"], lambda seals: seals.pop("case_03"))
+    suite_files = write_suite(tmp_path)
+    changed(suite_files["seals"], lambda seals: seals.pop("case_03"))
     with pytest.raises(InputError, match="case_03 is not among the published seals"):
-        collect(**given)
+        collect(**suite_files)
 
 
 @pytest.mark.parametrize("content", ["{}", "[]", "nonsense", '{"case": "case_01", "truth": 3, "salt": 4}'])
@@ -94,58 +94,58 @@ def test_broken_seal_is_named(tmp_path, content):
 
 
 def test_diagnosis_changed_after_its_verdict_is_detected(tmp_path):
-    given = write_suite(tmp_path)
-    path = given["diagnoses"][2]
+    suite_files = write_suite(tmp_path)
+    path = suite_files["diagnoses"][2]
     path.write_text(path.read_text().replace("match", "unexplained"))
     with pytest.raises(InputError, match="case_03/diagnosis.json: was changed after its verdict"):
-        collect(**given)
+        collect(**suite_files)
 
 
 def test_additional_space_in_a_diagnosis_is_detected(tmp_path):
-    given = write_suite(tmp_path)
-    path = given["diagnoses"][0]
+    suite_files = write_suite(tmp_path)
+    path = suite_files["diagnoses"][0]
     path.write_text(path.read_text() + " ")
     with pytest.raises(InputError, match="was changed after"):
-        seal.check_verdict(path, given["verdicts"][0], given["others"][0])
+        seal.check_verdict(path, suite_files["verdicts"][0], suite_files["others"][0])
 
 
 def test_changed_verdict_is_detected(tmp_path):
-    given = write_suite(tmp_path)
-    changed(given["verdicts"][1], lambda verdict: verdict.update(diagnosis_sha256="0" * 64))
+    suite_files = write_suite(tmp_path)
+    changed(suite_files["verdicts"][1], lambda verdict: verdict.update(diagnosis_sha256="0" * 64))
     with pytest.raises(InputError, match="case_02/diagnosis.json: was changed after its verdict"):
-        collect(**given)
+        collect(**suite_files)
 
 
 def test_exchanged_diagnoses_are_detected(tmp_path):
-    given = write_suite(tmp_path)
-    exchange(*given["diagnoses"][:2])
+    suite_files = write_suite(tmp_path)
+    exchange(*suite_files["diagnoses"][:2])
     with pytest.raises(InputError, match="was changed after its verdict"):
-        collect(**given)
+        collect(**suite_files)
 
 
 def test_diagnosis_of_another_case_is_detected_although_it_was_bound(tmp_path):
-    given = write_suite(tmp_path)
-    seal.write(seal.read(given["diagnoses"][2]), given["diagnoses"][3])
-    seal.write(seal.verdict_of("case_04", given["diagnoses"][3]), given["verdicts"][3])
+    suite_files = write_suite(tmp_path)
+    seal.write(seal.read(suite_files["diagnoses"][2]), suite_files["diagnoses"][3])
+    seal.write(seal.verdict_of("case_04", suite_files["diagnoses"][3]), suite_files["verdicts"][3])
     with pytest.raises(InputError, match="case_04/diagnosis.json: is the diagnosis of 'case_03'"):
-        collect(**given)
+        collect(**suite_files)
 
 
 def test_table_of_another_protocol_is_bound_too(tmp_path):
-    given = write_suite(tmp_path)
-    changed(given["others"][0], lambda table: table["contrast"]["after"].update(relative_difference=0.0))
+    suite_files = write_suite(tmp_path)
+    changed(suite_files["others"][0], lambda table: table["contrast"]["after"].update(relative_difference=0.0))
     with pytest.raises(InputError, match="case_01/held_out_protocol.json: was changed after its verdict"):
-        collect(**given)
-    del given["others"][0]
+        collect(**suite_files)
+    del suite_files["others"][0]
     with pytest.raises(InputError, match="verdicts/case_01.json: does not match the present files of case_01"):
-        collect(**given)
+        collect(**suite_files)
 
 
 @pytest.mark.parametrize(
     ("key", "what"), [("sealed", "sealed truth"), ("diagnoses", "diagnosis"), ("verdicts", "verdict")]
 )
 def test_every_published_case_counts(tmp_path, key, what):
-    given = write_suite(tmp_path)
-    del given[key][4]
+    suite_files = write_suite(tmp_path)
+    del suite_files[key][4]
     with pytest.raises(InputError, match=f"seals.json: case_05 was published but has no {what}"):
-        collect(**given)
+        collect(**suite_files)

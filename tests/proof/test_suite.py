@@ -130,20 +130,20 @@ OF_ITS_OWN = ("readout", "generate", "faults", "unsteady", "changed_object")
 def test_origin_of_models():
     """Effects of XCIST are those whose settings no callback and no readout of the blind validation reads."""
     assert sorted(name for made in MODELS.values() for name in made) == sorted(CATALOGUE)
-    ours = set()
+    actual = set()
     folder = LIBRARY / "hiding"
     for path in [*(folder / "hooks").glob("*.py"), *(folder / f"{one}.py" for one in OF_ITS_OWN)]:
         for node in ast.walk(ast.parse(path.read_text())):
-            ours |= {node.attr} if isinstance(node, ast.Attribute) else set()
-            ours |= {node.value} if isinstance(node, ast.Constant) and isinstance(node.value, str) else set()
+            actual |= {node.attr} if isinstance(node, ast.Attribute) else set()
+            actual |= {node.value} if isinstance(node, ast.Constant) and isinstance(node.value, str) else set()
     for name, one in CATALOGUE.items():
         settings, _ = one.draw("strong", np.random.default_rng(1))
-        assert bool(ours & set(settings)) == (name not in MODELS[XCIST]), (name, settings)
+        assert bool(actual & set(settings)) == (name not in MODELS[XCIST]), (name, settings)
 
 
 def test_recordings_differ_in_readings_only(tmp_path):
     """Same keys, attributes and sizes, whatever is hidden."""
-    said, sizes = [], []
+    documents, sizes = [], []
     random = np.random.default_rng(1)
     for name, hidden in (("plain", {}), ("other", {"scatter_scale": 4.0, "kvp": 80, "aluminium_mm": 3})):
         settings = {"columns": 40, "rows": 4}
@@ -153,17 +153,17 @@ def test_recordings_differ_in_readings_only(tmp_path):
         recording = load_recording(tmp_path / name)
         assert len(recording.repeats) == 2 and recording.geometry.views == 30
         assert recording.geometry.duration_s == pytest.approx(0.8) and recording.geometry.exposure_ms == 0
-        said.append(yaml.safe_load((tmp_path / name / "recording.yaml").read_text()))
+        documents.append(yaml.safe_load((tmp_path / name / "recording.yaml").read_text()))
         sizes.append([path.stat().st_size for path in sorted((tmp_path / name).glob("*.h5"))])
         with h5py.File(tmp_path / name / "scan01.h5") as file:
-            told = []
-            file.visititems(lambda path, item, told=told: told.append((path, dict(item.attrs))))
-            said[-1]["file"] = told
-    assert said[0] == said[1] and sizes[0] == sizes[1]
+            reported = []
+            file.visititems(lambda path, item, reported=reported: reported.append((path, dict(item.attrs))))
+            documents[-1]["file"] = reported
+    assert documents[0] == documents[1] and sizes[0] == sizes[1]
 
 
 def test_images_contain_no_information_but_their_voxels(tmp_path):
-    said, headers = [], []
+    documents, headers = [], []
     one, random = OBJECTS["quality_assurance"], np.random.default_rng(1)
     for name, hidden in (("plain", {}), ("other", {"kernel_pixels": 1.0, "hu_scale": 1.1, "hu_offset": 20.0})):
         scan = scan_section(one, {"columns": 60, "rows": 6}, 24, 1e5, 800.0, 70.0, hidden)
@@ -173,9 +173,9 @@ def test_images_contain_no_information_but_their_voxels(tmp_path):
         recording = load_recording(tmp_path / name)
         assert recording.kind == "images" and len(recording.repeats) == 2
         assert all(np.isfinite(image.array).all() for image in recording.repeats)
-        said.append((tmp_path / name / "recording.yaml").read_text())
+        documents.append((tmp_path / name / "recording.yaml").read_text())
         headers.append([path.read_bytes()[:NIFTI_HEADER] for path in sorted((tmp_path / name).glob("*.nii"))])
-    assert said[0] == said[1] and headers[0] == headers[1] and len(headers[0]) == 2
+    assert documents[0] == documents[1] and headers[0] == headers[1] and len(headers[0]) == 2
 
 
 def test_quick_set_has_fifteen_cases_of_every_kind():

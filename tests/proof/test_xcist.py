@@ -373,8 +373,8 @@ def test_rotation_during_a_view_blurs_the_shadow_by_its_path(plain):
     state = State(geometry)
     load("view_blur").apply(state, comparable)
     moments_of = np.array(state.turns)
-    ours = (moments_of[:, 1] * moments_of[:, 0] ** 2).sum() * (2 * np.pi / VIEWS) ** 2
-    assert ours == pytest.approx(arc.var(), rel=1e-4)
+    actual = (moments_of[:, 1] * moments_of[:, 0] ** 2).sum() * (2 * np.pi / VIEWS) ** 2
+    assert actual == pytest.approx(arc.var(), rel=1e-4)
 
 
 def test_spot_jumps_as_in_the_library(plain):

@@ -52,12 +52,12 @@ def test_list_agrees_with_the_collections():
 @pytest.mark.skipif(not INDEX.exists(), reason="the index of the collections is not beside this checkout")
 @pytest.mark.parametrize("collection", [TANDEM, "ct4harmonization_multicentric"])
 def test_every_series_of_the_index_is_listed_correctly(collection):
-    ours = {series.uid: (scan, series) for scan in public_scans() for series in scan.series}
+    actual = {series.uid: (scan, series) for scan in public_scans() for series in scan.series}
     with open(INDEX / f"{collection}.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) in (476, 2756)
     for row in rows:
-        scan, series = ours[row["SeriesInstanceUID"]]
+        scan, series = actual[row["SeriesInstanceUID"]]
         assert (series.modality, series.folder) == (row["Modality"], row["crdc_series_uuid"])
         assert (scan.study, scan.collection) == (row["StudyInstanceUID"], collection)
         assert series.files == int(row["instanceCount"]) and series.megabytes == float(row["series_size_MB"])
@@ -140,14 +140,14 @@ def test_complete_scan_is_not_fetched_again(s3, tmp_path):
     fetch_scan(scan, target, one.endpoint, BUCKET)
     (target / "source.json").unlink()
     target.rename(partial)
-    kept, lost, cut, *_ = sorted((partial / "ct").iterdir())
-    os.utime(kept, (1e9, 1e9))
+    stored, lost, cut, *_ = sorted((partial / "ct").iterdir())
+    os.utime(stored, (1e9, 1e9))
     lost.unlink()
     whole = cut.read_bytes()
     cut.write_bytes(whole[:200])
     (partial / "ct" / "x.dcm99").write_bytes(whole[:200])  # as a killed s5cmd leaves it
     fetch_scan(scan, target, one.endpoint, BUCKET)
-    assert (target / "ct" / kept.name).stat().st_mtime == 1e9
+    assert (target / "ct" / stored.name).stat().st_mtime == 1e9
     assert (target / "ct" / cut.name).read_bytes() == whole and len(files_in(target / "ct")) == 6
 
 
@@ -161,23 +161,23 @@ def refused(scan, target, endpoint, bucket=BUCKET):
 
 def test_missing_service_or_bucket_is_one_line(s3, tmp_path):
     one, (scan, _) = s3
-    said = refused(scan, tmp_path / "801", "http://localhost:9")
-    assert "801: 0 of 7 files were downloaded (no connection)" in said and "run again to continue" in said
+    text = refused(scan, tmp_path / "801", "http://localhost:9")
+    assert "801: 0 of 7 files were downloaded (no connection)" in text and "run again to continue" in text
     assert "0 of 7 files were downloaded (" in refused(scan, tmp_path / "801", one.endpoint, "another-bucket")
 
 
 def test_missing_series_leaves_the_others(s3, tmp_path):
     one, (scan, _) = s3
     missing = replace(scan, seg=replace(scan.seg, folder="00000000-0000-4000-8000-000000000000"))
-    said = refused(missing, tmp_path / "801", one.endpoint)
-    assert "801: 6 of 7 files were downloaded (no object found)" in said
+    text = refused(missing, tmp_path / "801", one.endpoint)
+    assert "801: 6 of 7 files were downloaded (no object found)" in text
     fetch_scan(scan, tmp_path / "801", one.endpoint, BUCKET)
 
 
 @pytest.mark.parametrize("wrong", ["size", "count", "series", "doubled"])
 def test_files_that_differ_from_the_list_are_rejected(s3, tmp_path, wrong):
     one, (scan, other) = s3
-    said = {
+    text = {
         "size": "the files of its CT have 0.01 MB, but the list says 0.06 MB",
         "count": "6 of 7 files of its CT are present",
         "series": f"belongs to series {other.ct.uid}, not to {scan.ct.uid}",
@@ -196,7 +196,7 @@ def test_files_that_differ_from_the_list_are_rejected(s3, tmp_path, wrong):
         first = min((one.folder / BUCKET / scan.ct.folder).iterdir())
         shutil.copy(first, partial / "again.dcm")
     line = refused(listed, tmp_path / "801", one.endpoint)
-    assert said in line and ("delete" in line or "remove one" in line), line
+    assert text in line and ("delete" in line or "remove one" in line), line
 
 
 def test_full_disk_is_reported_before_the_transfer(s3, tmp_path, monkeypatch):
@@ -209,8 +209,8 @@ def test_full_disk_is_reported_before_the_transfer(s3, tmp_path, monkeypatch):
 
 def test_missing_s5cmd_is_one_line_with_installation(tmp_path, monkeypatch):
     monkeypatch.setattr(fetching.shutil, "which", lambda *_, **__: None)
-    said = refused(public_files.listed("801")[0], tmp_path / "801", "http://localhost:9")
-    assert said.startswith("s5cmd: is not installed") and "make setup-fetch" in said
+    text = refused(public_files.listed("801")[0], tmp_path / "801", "http://localhost:9")
+    assert text.startswith("s5cmd: is not installed") and "make setup-fetch" in text
     assert not list(tmp_path.iterdir())
 
 
@@ -266,24 +266,24 @@ def test_error_in_a_folder_is_one_line(bucket, tmp_path, wrong):
     first, *_ = sorted((mine / scans[0].ct.folder).iterdir())
     if wrong == "missing":
         shutil.rmtree(mine / scans[1].seg.folder)
-        said = f"{mine}: 1 of 2 scans are missing (first: 802, {scans[1].description}, without SEG)"
+        text = f"{mine}: 1 of 2 scans are missing (first: 802, {scans[1].description}, without SEG)"
     elif wrong == "half":
         first.unlink()
-        said = f"{mine}: scan 801: 5 of 6 files of its CT are present; copy that series to"
+        text = f"{mine}: scan 801: 5 of 6 files of its CT are present; copy that series to"
     elif wrong == "doubled":
         again = mine / "zz" / "again.dcm"  # after the others
         again.parent.mkdir()
         shutil.copy(first, again)
-        said = f"{again}: is the same slice as {first}; remove one of them"
+        text = f"{again}: is the same slice as {first}; remove one of them"
     elif wrong == "broken":
         first.write_bytes(first.read_bytes()[:200])
-        said = f"{first}: cannot be read as DICOM"
+        text = f"{first}: cannot be read as DICOM"
     else:
         mine = tmp_path / "elsewhere"
-        said = f"downloads.scans: {mine}: no such folder"
+        text = f"downloads.scans: {mine}: no such folder"
     with pytest.raises(InputError) as error:
         find_scans(mine, scans)
-    assert said in str(error.value)
+    assert text in str(error.value)
     assert "\n" not in str(error.value)
 
 
@@ -299,22 +299,22 @@ def test_scan_damaged_after_the_transfer_is_one_line(bucket, tmp_path, wrong):
     again = f"delete {target} and run snakemake fetch again"
     if wrong == "missing":
         first.unlink()
-        said = f"{target}: 5 of 6 files of its CT are present; {again}"
+        text = f"{target}: 5 of 6 files of its CT are present; {again}"
     elif wrong == "foreign":
         stray = target / "ct" / "stray.dcm"
         shutil.copy(min((folder / other.ct.folder).iterdir()), stray)
-        said = f"{stray}: belongs to series {other.ct.uid}, not to {scan.ct.uid}; {again}"
+        text = f"{stray}: belongs to series {other.ct.uid}, not to {scan.ct.uid}; {again}"
     elif wrong == "doubled":
         copy = target / "ct" / "zz.dcm"
         shutil.copy(first, copy)
-        said = f"{copy}: is the same slice as {first}; remove one of them"
+        text = f"{copy}: is the same slice as {first}; remove one of them"
     elif wrong == "without regions":
         shutil.rmtree(target / "seg")
-        said = f"{target}: 0 of 1 files of its SEG are present; {again}"
+        text = f"{target}: 0 of 1 files of its SEG are present; {again}"
     else:
         first.write_bytes(first.read_bytes()[:200])
-        said = f"{first}: cannot be read as DICOM"
+        text = f"{first}: cannot be read as DICOM"
     with pytest.raises(InputError) as error:
         check_scan(scan, target, sizes=False)
-    assert str(error.value).startswith(said)
+    assert str(error.value).startswith(text)
     assert "\n" not in str(error.value)

@@ -54,8 +54,8 @@ def test_substitute_file_is_read_in_the_same_way(series, tmp_path):
     path = tmp_path / "seg.dcm"
     public_files.seg(scan, slices, public_files.some_masks()).save_as(path, enforce_file_format=True)
     compare(path, folder)
-    ours, theirs = pydicom.dcmread(path), pydicom.dcmread(WRITTEN)
-    assert ours.NumberOfFrames == theirs.NumberOfFrames
+    actual, theirs = pydicom.dcmread(path), pydicom.dcmread(WRITTEN)
+    assert actual.NumberOfFrames == theirs.NumberOfFrames
 
 
 @pytest.mark.skipif(PYTHON is None, reason="PYDICOM_SEG_PYTHON names no Python that has pydicom-seg 0.4.1")
@@ -69,8 +69,10 @@ def test_pydicom_seg_writes_the_stored_file(series, tmp_path):
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     subprocess.run(command, check=True, timeout=120, env=environment)
     compare(out, folder)
-    kept, fresh = pydicom.dcmread(WRITTEN), pydicom.dcmread(out)
-    assert kept.PixelData == fresh.PixelData
-    for ours, theirs in zip(kept.PerFrameFunctionalGroupsSequence, fresh.PerFrameFunctionalGroupsSequence, strict=True):
-        assert ours.PlanePositionSequence == theirs.PlanePositionSequence
-        assert ours.SegmentIdentificationSequence == theirs.SegmentIdentificationSequence
+    stored, fresh = pydicom.dcmread(WRITTEN), pydicom.dcmread(out)
+    assert stored.PixelData == fresh.PixelData
+    for actual, theirs in zip(
+        stored.PerFrameFunctionalGroupsSequence, fresh.PerFrameFunctionalGroupsSequence, strict=True
+    ):
+        assert actual.PlanePositionSequence == theirs.PlanePositionSequence
+        assert actual.SegmentIdentificationSequence == theirs.SegmentIdentificationSequence

@@ -72,11 +72,11 @@ def test_values_equal_the_study_extraction(table, images):
     masks = {name: labels == label for name, label in LABELS.items()}
     for (dose, repeat), path in images[1].items():
         image = sitk.GetArrayFromImage(sitk.ReadImage(str(path)))
-        own = extraction.extract(Volume(image, Grid(labels.shape, SPACING_MM[::-1])), masks)
+        extracted = extraction.extract(Volume(image, Grid(labels.shape, SPACING_MM[::-1])), masks)
         theirs = recording.repeats.query(f"image == 'dose{dose}/r{repeat}.nii.gz'")
         assert theirs["roi"].tolist() == theirs["tissue_class"].tolist() == list(masks)
         pd.testing.assert_frame_equal(
-            own[list(FEATURES)], theirs[list(FEATURES)].reset_index(drop=True), check_exact=False, rtol=1e-9
+            extracted[list(FEATURES)], theirs[list(FEATURES)].reset_index(drop=True), check_exact=False, rtol=1e-9
         )
     notes = summarize_recording(recording)["notes"]
     # 14 of shape, 5 of NGTDM, the co-occurrence's MCC and SumAverage.
@@ -126,8 +126,8 @@ def test_setting_changes_the_stated_features(images, tmp_path):
     }
     for setting, value in changes.items():
         other = pd.read_csv(batch(cases, tmp_path / f"{setting}.csv", SAME | {setting: value}))
-        apart = (plain[list(FEATURES)] - other[list(FEATURES)]).abs().max()
-        moved = set(FEATURES) - set(apart.index[apart <= 1e-9 * plain[list(FEATURES)].abs().max()])
+        feature_changes = (plain[list(FEATURES)] - other[list(FEATURES)]).abs().max()
+        moved = set(FEATURES) - set(feature_changes.index[feature_changes <= 1e-9 * plain[list(FEATURES)].abs().max()])
         (used,) = distinct_extractions(read_extractions(other, "t"))
         (found,) = [difference for difference in differences(STUDY, used) if difference.setting == setting]
         changed = {name for name in FEATURES if found.changes(name)}
@@ -161,7 +161,7 @@ def test_user_columns(table):
     assert whole.repeats["tissue_class"].nunique() == 1 and len(whole.repeats) == 12
 
 
-def spoiled(**columns):
+def damaged(**columns):
     return lambda t: t.assign(**columns)
 
 
@@ -191,16 +191,16 @@ def spoiled(**columns):
             "has no rows below its header; use the table that pyradiomics wrote",
         ),
         (lambda t: t.drop(columns=list(FEATURES)), ROIS, "have none of the 86 features of the study in common"),
-        (spoiled(**{FEATURES[3]: float("nan")}), ROIS, f"{FEATURES[3]} is nan for roi liver"),
+        (damaged(**{FEATURES[3]: float("nan")}), ROIS, f"{FEATURES[3]} is nan for roi liver"),
         (
-            spoiled(diagnostics_Configuration_Settings="os.remove('x')"),
+            damaged(diagnostics_Configuration_Settings="os.remove('x')"),
             ROIS,
             "not a dictionary as pyradiomics writes it",
         ),
-        (spoiled(diagnostics_Configuration_Settings="{" * 900), ROIS, "not a dictionary as pyradiomics"),
-        (spoiled(diagnostics_Configuration_Settings="{1: 2}"), ROIS, "not a dictionary as pyradiomics"),
+        (damaged(diagnostics_Configuration_Settings="{" * 900), ROIS, "not a dictionary as pyradiomics"),
+        (damaged(diagnostics_Configuration_Settings="{1: 2}"), ROIS, "not a dictionary as pyradiomics"),
         (
-            spoiled(diagnostics_Configuration_EnabledImageTypes="{'Original': 5}"),
+            damaged(diagnostics_Configuration_EnabledImageTypes="{'Original': 5}"),
             ROIS,
             "row 2: diagnostics_Configuration_EnabledImageTypes holds",
         ),
@@ -212,7 +212,7 @@ def spoiled(**columns):
             "repeats were extracted with binWidth 25 and 50; list a column that distinguishes them",
         ),
         (
-            spoiled(diagnostics_Configuration_Settings="{'force2D': True}"),
+            damaged(diagnostics_Configuration_Settings="{'force2D': True}"),
             ROIS,
             "was extracted slice by slice (force2D), but recording.yaml says features.dimensions 3",
         ),

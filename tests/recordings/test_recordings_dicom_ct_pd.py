@@ -142,20 +142,20 @@ def test_several_frames_of_a_file_are_views(scan, tmp_path):
     folder = tmp_path / "frames"
     folder.mkdir()
     views = [pydicom.dcmread(path) for path in sorted(scan.glob("*.dcm"))]
-    own = (pd.FOCAL_ANGLE, pd.FOCAL_Z, pd.SPOT_ANGLE, pd.SPOT_Z, pd.SPOT_RADIUS)
+    spot_elements = (pd.FOCAL_ANGLE, pd.FOCAL_Z, pd.SPOT_ANGLE, pd.SPOT_Z, pd.SPOT_RADIUS)
     for part in range(2):
         some, whole = views[20 * part : 20 * part + 20], pydicom.dcmread(scan / "view000001.dcm")
         items = []
         for view in some:
             item, rescale, place = Dataset(), Dataset(), Dataset()
-            for tag in own:
+            for tag in spot_elements:
                 place[tag] = view[tag]
             rescale.RescaleSlope, rescale.RescaleIntercept = view.RescaleSlope, view.RescaleIntercept
             item.PixelValueTransformationSequence = Sequence([rescale])
             item.add_new((0x7031, 0x0010), "LO", pd.CREATORS[0x7031])
             item.add_new((0x7031, 0x1099), "SQ", Sequence([place]))
             items.append(item)
-        for tag in (*own, Tag("RescaleSlope"), Tag("RescaleIntercept")):
+        for tag in (*spot_elements, Tag("RescaleSlope"), Tag("RescaleIntercept")):
             del whole[tag]
         whole.PerFrameFunctionalGroupsSequence, whole.NumberOfFrames = Sequence(items), len(items)
         whole.InstanceNumber = part + 1

@@ -72,7 +72,7 @@ def test_all_mistakes_are_reported_together(bench):
         content = changed(content, path, value)
     with pytest.raises(InputErrors) as error:
         read_document(write_yaml(folder, content))
-    said = (
+    expected_line = (
         "scan.column_offset_px is nan; give a finite number",
         "unknown key 'scna'",
         "scan.views: 24.5 is not of type 'integer'",
@@ -82,9 +82,9 @@ def test_all_mistakes_are_reported_together(bench):
         "'gone.h5' does not exist",
         "'a.h5' is under both repeats and held_out",
     )
-    for one in said:
+    for one in expected_line:
         assert sum(one in line for line in error.value.lines) == 1, (one, error.value.lines)
-    assert len(error.value.lines) == len(said)
+    assert len(error.value.lines) == len(expected_line)
 
 
 @pytest.mark.parametrize(

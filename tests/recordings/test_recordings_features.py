@@ -35,7 +35,7 @@ def test_any_finite_value_survives(tmp_path_factory, values):
     np.testing.assert_array_equal(read_table(path)["original_glcm_Id"], values)
 
 
-def spoiled(table, change):
+def damaged(table, change):
     folder, _ = table
     change(features_table(start=3)).to_csv(folder / "b.csv", index=False)
     return folder
@@ -67,7 +67,7 @@ def spoiled(table, change):
     ],
 )
 def test_other_tables_are_rejected(table, change, message):
-    refused(spoiled(table, change), message)
+    refused(damaged(table, change), message)
 
 
 def test_duplicate_column_is_rejected(table):

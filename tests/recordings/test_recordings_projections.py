@@ -180,12 +180,12 @@ def test_stated_sensor_is_used_in_the_model(tmp_path):
     for name in "abc":
         noisy = line_integrals(SCAN) + random.normal(0, 0.01, SHAPE)
         write_projections(folder / f"{name}.h5", log=True, data=noisy.astype(np.float32))
-    for said, right in (
+    for output, right in (
         ({}, ("caesium_iodide", "energy", 0.6, 1.0)),
         ({"material": "silicon", "reads": "counts"}, ("silicon", "counts", 30.0, 0.5)),
         ({"material": "caesium_iodide", "thickness_mm": 0.4}, ("caesium_iodide", "energy", 0.4, 0.05)),
     ):
-        write_yaml(folder, content | {"nominal": {"sensor": said} if said else {}})
+        write_yaml(folder, content | {"nominal": {"sensor": output} if output else {}})
         _, prepared = prepare_recording(DiagnosisRequest(folder, settings, 0.0193, {}))
         sensor = prepared.fitter.model.chain.sensor
         assert (sensor.material, sensor.reads, sensor.thickness_mm, sensor.thickness_sd) == right

@@ -30,7 +30,7 @@ pytestmark = [
 def first_turn(recording):
     """Line integrals of the 720 views of one turn, every second of them, as for FDK, and their geometry."""
     whole = recording.geometry
-    kept = slice(0, 720, 2)
+    selected = slice(0, 720, 2)
     geometry = OrbitGeometry(
         source_to_isocentre_mm=whole.source_to_isocentre_mm,
         source_to_detector_mm=whole.source_to_detector_mm,
@@ -38,11 +38,11 @@ def first_turn(recording):
         rows=whole.rows,
         column_pitch_mm=whole.column_pitch_mm,
         row_pitch_mm=whole.row_pitch_mm,
-        angles_rad=whole.angles_rad[kept],
-        source_z_mm=whole.source_z_mm[kept],
+        angles_rad=whole.angles_rad[selected],
+        source_z_mm=whole.source_z_mm[selected],
         views_per_rotation=360,
     )
-    return recording.repeats[0].data[kept], geometry
+    return recording.repeats[0].data[selected], geometry
 
 
 def reconstruction(recording, size):

@@ -148,14 +148,14 @@ class TestReal:
         published = measured.load_published_top().query("kind == 'stability' and source == 'phantom'")["feature"]
         best = scores.sort_values("stability_percent", ascending=False, kind="stable")["feature"][:12]
         assert len(published) == 10 and len(set(best) & set(published)) >= 6
-        kept = measured.load_scores()  # of all images, 30 in most groups
+        shipped = measured.load_scores()  # of all images, 30 in most groups
         for kind in ranking.KINDS:
-            assert np.corrcoef(kept[f"{kind}_percent"], scores[f"{kind}_percent"])[0, 1] > 0.99
+            assert np.corrcoef(shipped[f"{kind}_percent"], scores[f"{kind}_percent"])[0, 1] > 0.99
 
     def test_means_equal_those_in_resources(self, study):
         means = of(study, per="condition").sort_values(["group", "roi"], ignore_index=True)
-        kept = measured.group_means()[list(means.columns)].sort_values(["group", "roi"], ignore_index=True)
-        pd.testing.assert_frame_equal(means, kept, rtol=1e-6, check_dtype=False)
+        shipped = measured.group_means()[list(means.columns)].sort_values(["group", "roi"], ignore_index=True)
+        pd.testing.assert_frame_equal(means, shipped, rtol=1e-6, check_dtype=False)
 
     def test_both_recordings_are_markers_and_lists(self, study, dose_series):
         simulated = of(dose_series).rename(columns={"group": "seed"})

@@ -174,14 +174,14 @@ def mutations(content: bytes, count: int, random: np.random.Generator) -> Iterat
             yield f"cut at byte {place}", content[:place]
         elif number % 3 == 1:
             bit = int(random.integers(8))
-            spoiled = bytearray(content)
-            spoiled[place] ^= 1 << bit
-            yield f"bit {bit} of byte {place} turned", bytes(spoiled)
+            damaged = bytearray(content)
+            damaged[place] ^= 1 << bit
+            yield f"bit {bit} of byte {place} turned", bytes(damaged)
         else:
             length = int(random.integers(1, 65))
-            spoiled = bytearray(content)
-            spoiled[place : place + length] = bytes(len(spoiled[place : place + length]))
-            yield f"{length} bytes from {place} on zeroed", bytes(spoiled)
+            damaged = bytearray(content)
+            damaged[place : place + length] = bytes(len(damaged[place : place + length]))
+            yield f"{length} bytes from {place} on zeroed", bytes(damaged)
 
 
 def same(a: object, b: object) -> bool:

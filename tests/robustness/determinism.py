@@ -47,7 +47,7 @@ def make_under(circumstance: str, folder: Path, targets: list[str], reference: P
     if circumstance == "one core":
         return make(folder, targets, cores=1)
     if circumstance == "four cores, four threads":
-        return make(folder, targets, cores=4, overlay={"threads": 4}, beside=folder.parent / "config")
+        return make(folder, targets, cores=4, overlay={"threads": 4}, config_folder=folder.parent / "config")
     if circumstance == "another order":
         made = sorted(reference.glob("features/*/*/seed00.csv"), key=lambda path: -path.stat().st_mtime)
         for path in made:  # most recent files first
@@ -86,10 +86,10 @@ def compare_processors(folder: Path, reference: Path, variables: dict[str, str])
             subprocess.run(list(map(str, command)), check=True, env=os.environ | changed)
             made.append(out)
     agree, half = bool(made), len(made) // 2
-    for ours, theirs in zip(made[:half], made[half:], strict=True):
-        one, other = np.load(ours), np.load(theirs)
+    for actual, theirs in zip(made[:half], made[half:], strict=True):
+        one, other = np.load(actual), np.load(theirs)
         lines = np.abs(one["lines"] - other["lines"]).max() / one["lines"].max()
-        print(f"{ours.stem}, noise-free projections: they differ by up to {lines:.1e} of the largest")
+        print(f"{actual.stem}, noise-free projections: they differ by up to {lines:.1e} of the largest")
         agree &= bool(lines <= PROJECTIONS_WITHIN)
         for name in ALGORITHMS:
             largest = np.abs(one[name] - other[name]).max()
@@ -105,11 +105,12 @@ def compare_processors(folder: Path, reference: Path, variables: dict[str, str])
             pd.read_csv(one).select_dtypes(float).filter(like="original_")
             for one in (path, folder / path.relative_to(reference), path.with_name("seed01.csv"))
         )
-        apart, repeats = ((here - one).abs().to_numpy().ravel() for one in (there, repeat))
-        share = apart[repeats > 0] / repeats[repeats > 0]
+        difference, repeats = ((here - one).abs().to_numpy().ravel() for one in (there, repeat))
+        share = difference[repeats > 0] / repeats[repeats > 0]
         print(
-            f"{path.relative_to(reference).parent}: {100 * (apart == 0).mean():.1f} % of features the same; over what "
-            f"two repeats differ by: median {np.median(share):.2g}, 95th percentile {np.quantile(share, 0.95):.2g}"
+            f"{path.relative_to(reference).parent}: {100 * (difference == 0).mean():.1f} % of features are equal; "
+            f"difference over that of two repeats: median {np.median(share):.2g}, "
+            f"95th percentile {np.quantile(share, 0.95):.2g}"
         )
     return agree
 

@@ -67,7 +67,7 @@ values = st.recursive(
 )
 
 
-def alike(value):
+def same_type(value):
     """Values of the same type, which pass the type check."""
     if isinstance(value, bool):
         return st.booleans()
@@ -100,7 +100,7 @@ def spoiled(draw, content: dict):
             section = section[key]
         change = draw(st.sampled_from(["set", "set", "set", "remove", "rename", "add"]))
         if change == "set":
-            section[last] = draw(st.one_of(alike(section[last]), alike(section[last]), values))
+            section[last] = draw(st.one_of(same_type(section[last]), same_type(section[last]), values))
         elif change == "remove":
             del section[last]
         elif change == "rename" and isinstance(section, dict):

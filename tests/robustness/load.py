@@ -90,14 +90,14 @@ def main() -> int:
     names = write_recordings(parent / "recordings", arguments.recordings)
     base = yaml.safe_load((ROOT / "config" / "tiny.yaml").read_text())
     whole = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
-    wanted = overlay(arguments.acquisitions, parent / "recordings", names)
+    settings = overlay(arguments.acquisitions, parent / "recordings", names)
     # An overlay can only add entries; null removes those of the files below it.
     for section, keys in (("protocols", whole["protocols"]), ("analyses", whole["analyses"])):
-        wanted[section] = {**dict.fromkeys(keys), **wanted[section]}
-    wanted["noise"]["levels"] = {**dict.fromkeys(whole["noise"]["levels"]), **wanted["noise"]["levels"]}
-    wanted["analyses"]["pca"] = {**dict.fromkeys(whole["analyses"]["pca"]), **wanted["analyses"]["pca"]}
-    wanted["grid"] = base["grid"]
-    (parent / "load.yaml").write_text(yaml.safe_dump(wanted))
+        settings[section] = {**dict.fromkeys(keys), **settings[section]}
+    settings["noise"]["levels"] = {**dict.fromkeys(whole["noise"]["levels"]), **settings["noise"]["levels"]}
+    settings["analyses"]["pca"] = {**dict.fromkeys(whole["analyses"]["pca"]), **settings["analyses"]["pca"]}
+    settings["grid"] = base["grid"]
+    (parent / "load.yaml").write_text(yaml.safe_dump(settings))
     command = [sys.executable, "-m", "snakemake", f"{results}/features.csv", "recordings"]
     command += ["--cores", str(arguments.cores), "--configfile", str(ROOT / "config" / "tiny.yaml")]
     command += [str(parent / "load.yaml"), "--config", f"results_dir={results}"]

@@ -19,9 +19,9 @@ def test_every_damaged_file_is_rejected_by_name(artefact, tmp_path):
     path = artefact.write(tmp_path)
     whole, random = path.read_bytes(), np.random.default_rng(0)
     assert same(artefact.read(path), artefact.read(path))
-    for what, spoiled in mutations(whole, MUTATIONS, random):
-        path.write_bytes(spoiled)
-        if spoiled == whole:  # zeros overwritten by zeros
+    for what, damaged in mutations(whole, MUTATIONS, random):
+        path.write_bytes(damaged)
+        if damaged == whole:  # zeros overwritten by zeros
             continue
         with pytest.raises(InputError, match="is not as it was written") as error:
             artefact.read(path)
@@ -36,8 +36,8 @@ def test_file_without_its_checksum_is_read_or_rejected_in_a_line(artefact, tmp_p
     expected = artefact.read(path)
     files.checksum_path(path).unlink()
     assert same(artefact.read(path), expected)
-    for what, spoiled in mutations(whole, MUTATIONS, random):
-        path.write_bytes(spoiled)
+    for what, damaged in mutations(whole, MUTATIONS, random):
+        path.write_bytes(damaged)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # warnings about numbers that are wrong on purpose
@@ -53,9 +53,9 @@ def test_file_without_its_checksum_is_read_or_rejected_in_a_line(artefact, tmp_p
 
 def test_damaged_checksum_is_rejected(tmp_path):
     files.write_text("A: 1\n", tmp_path / "a.yaml")
-    kept = files.checksum_path(tmp_path / "a.yaml")
-    for content in (b"", kept.read_bytes()[:20], b"\xff" * 64):
-        kept.write_bytes(content)
+    stored = files.checksum_path(tmp_path / "a.yaml")
+    for content in (b"", stored.read_bytes()[:20], b"\xff" * 64):
+        stored.write_bytes(content)
         with pytest.raises(InputError, match="a.yaml: is not as it was written"):
             files.read_text(tmp_path / "a.yaml")
 

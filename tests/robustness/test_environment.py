@@ -26,8 +26,8 @@ print(matplotlib.get_configdir())
 
 
 def run(program, cwd, **variables):
-    given = {name: value for name, value in os.environ.items() if not name.startswith(("MPL", "XDG"))}
-    environment = given | {"PYTHONPATH": str(LIBRARY)} | variables
+    clean = {name: value for name, value in os.environ.items() if not name.startswith(("MPL", "XDG"))}
+    environment = clean | {"PYTHONPATH": str(LIBRARY)} | variables
     words = [sys.executable, "-c", program]
     return subprocess.run(words, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
 
@@ -94,7 +94,7 @@ def test_all_paths_of_a_configuration_may_begin_with_a_tilde(home):
 
 def test_command_line_and_function_arguments_may_begin_with_a_tilde(home):
     words = []
-    run_command(lambda given: words.extend(given) or 0, ["init", "~/ct", "--out=~/a=b.yaml", "--names", "5=~", "~x"])
+    run_command(lambda clean: words.extend(clean) or 0, ["init", "~/ct", "--out=~/a=b.yaml", "--names", "5=~", "~x"])
     assert words == ["init", f"{home}/ct", f"--out={home}/a=b.yaml", "--names", "5=~", "~x"]
     with pytest.raises(InputError, match=f"^{home}/no.nii"):
         vp.read_phantom("~/no.nii", [{"name": "a", "tissue_class": "liver", "file": "~/a.nii"}])

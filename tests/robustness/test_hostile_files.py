@@ -54,10 +54,10 @@ def test_any_nifti_header_gives_a_volume_or_one_line(tmp_path):
     phantom_files.write_nifti_array(phantom_files.object_hu(), path)
     whole, random = path.read_bytes(), np.random.default_rng(0)
     for _ in range(4 * EXAMPLES):
-        spoiled = bytearray(whole)
+        damaged = bytearray(whole)
         for place in random.integers(HEADER, size=random.integers(1, 6)):
-            spoiled[place] = random.choice([0, 1, 127, 128, 255, random.integers(256)])
-        path.write_bytes(spoiled)
+            damaged[place] = random.choice([0, 1, 127, 128, 255, random.integers(256)])
+        path.write_bytes(damaged)
         volume = outcome("NIfTI header", read_nifti, path)
         if volume is not None:
             assert all(np.isfinite(volume.grid.spacing)) and np.isfinite(volume.grid.centre_mm).all()
@@ -93,10 +93,10 @@ def test_any_dicom_header_gives_a_volume_or_one_line(tmp_path):
             dataset[number] = RawDataElement(number, vr, len(value), value, 0, False, True)
             dataset.save_as(path)
         else:
-            spoiled = bytearray(contents[path])
+            damaged = bytearray(contents[path])
             for place in random.integers(132, 1200, size=random.integers(1, 4)):
-                spoiled[place] = random.integers(256)
-            path.write_bytes(spoiled)
+                damaged[place] = random.integers(256)
+            path.write_bytes(damaged)
         outcome("DICOM header", read, folder)
 
 
@@ -122,10 +122,10 @@ def test_any_region_file_gives_a_mask_or_one_line(kind, tmp_path):
         return [regions.mask(name) for name in phantom_files.BALLS]
 
     for number in range(EXAMPLES):
-        spoiled = bytearray(whole)
+        damaged = bytearray(whole)
         for place in random.integers(132, len(whole), size=random.integers(1, 6)):
-            spoiled[place] = random.integers(256)
-        path.write_bytes(spoiled[: random.integers(132, len(whole))] if number % 5 == 0 else spoiled)
+            damaged[place] = random.integers(256)
+        path.write_bytes(damaged[: random.integers(132, len(whole))] if number % 5 == 0 else damaged)
         masks = outcome(kind, mask)
         assert masks is None or all(one.shape == phantom_files.CT_GRID.shape for one in masks)
 
@@ -135,10 +135,10 @@ def test_any_hdf5_gives_projections_or_one_line(tmp_path):
     path = folder / "b.h5"
     whole, random = path.read_bytes(), np.random.default_rng(0)
     for number in range(EXAMPLES):
-        spoiled = bytearray(whole)
+        damaged = bytearray(whole)
         for place in random.integers(4000 if number % 2 else len(whole), size=random.integers(1, 6)):
-            spoiled[place] = random.integers(256)
-        path.write_bytes(spoiled)
+            damaged[place] = random.integers(256)
+        path.write_bytes(damaged)
         outcome("HDF5", load_recording, folder)
 
 

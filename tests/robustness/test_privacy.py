@@ -62,10 +62,10 @@ def planted(tmp_path):
 def no_mark_printed(capfd, caplog):
     """Fail if the mark is in the output, a log or a warning of the test."""
     caplog.set_level(logging.DEBUG)
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
-    assert MARK not in "".join(capfd.readouterr()) + caplog.text + "".join(str(one.message) for one in said)
+    assert MARK not in "".join(capfd.readouterr()) + caplog.text + "".join(str(one.message) for one in caught)
 
 
 def contents(folder: Path) -> bytes:

@@ -51,5 +51,5 @@ def test_images_and_features_agree(both):
     sd = here["features"].std(axis=0, ddof=1)
     known = sd > 1e-9 * np.abs(here["features"]).mean(axis=0)
     assert known.mean() > 0.9
-    apart = np.abs(here["features"] - there["features"])[:, known] / sd[known]
-    assert np.median(apart) < 1e-3 and np.quantile(apart, 0.99) < 0.1 and apart.max() < 1
+    difference = np.abs(here["features"] - there["features"])[:, known] / sd[known]
+    assert np.median(difference) < 1e-3 and np.quantile(difference, 0.99) < 0.1 and difference.max() < 1

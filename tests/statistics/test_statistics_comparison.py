@@ -65,10 +65,10 @@ def test_shift_and_ratio_of_simple_values():
 
 
 def test_p_values_equal_scipys():
-    ours, theirs = drawn(1, shift=0.7, spread=2.0), drawn(2)
-    result = comparison.compare(ours, theirs, FEATURES[:6])
+    simulated, recorded = drawn(1, shift=0.7, spread=2.0), drawn(2)
+    result = comparison.compare(simulated, recorded, FEATURES[:6])
     for row in result.itertuples():
-        a, b = (part.loc[part["roi"] == row.roi, row.feature] for part in (ours, theirs))
+        a, b = (part.loc[part["roi"] == row.roi, row.feature] for part in (simulated, recorded))
         assert row.p_mean == pytest.approx(stats.ttest_ind(a, b, equal_var=False).pvalue)
         assert row.p_sd == pytest.approx(stats.levene(a, b, center="median").pvalue)
     assert result["q_mean"].to_numpy() == pytest.approx(stats.false_discovery_control(result["p_mean"], method="by"))
@@ -84,12 +84,12 @@ def test_holm_correction_of_simple_values():
 def test_interval_of_the_shift_has_its_coverage(shift, n, m):
     rng = np.random.default_rng(3)
     trials = 4000
-    ours, theirs = 5 + 3 * (shift + 1.5 * rng.normal(size=(n, trials))), 5 + 3 * rng.normal(size=(m, trials))
-    test = stats.ttest_ind(ours, theirs, equal_var=False)
+    simulated, recorded = 5 + 3 * (shift + 1.5 * rng.normal(size=(n, trials))), 5 + 3 * rng.normal(size=(m, trials))
+    test = stats.ttest_ind(simulated, recorded, equal_var=False)
     for level in (0.95, 0.9):
         bounds = test.confidence_interval(level)
         lower, upper = comparison.shift_interval(
-            ours.mean(0) - theirs.mean(0), bounds.low, bounds.high, theirs.std(0, ddof=1), m, level
+            simulated.mean(0) - recorded.mean(0), bounds.low, bounds.high, recorded.std(0, ddof=1), m, level
         )
         covered = ((lower <= shift) & (shift <= upper)).mean()
         assert level - 0.02 < covered < level + 0.04  # conservative for few repeats
@@ -112,13 +112,13 @@ def test_known_repeat_sd_leaves_the_interval_of_the_difference():
 )
 def test_units_and_sign_of_a_feature(seed, scale, offset, shift, n):
     """Another unit changes nothing; a change of sign reverses the shift and keeps the ratio."""
-    ours, theirs = drawn(seed, n, FEATURES[:2], shift=shift), drawn(seed + 1, n + 1, FEATURES[:2])
+    simulated, recorded = drawn(seed, n, FEATURES[:2], shift=shift), drawn(seed + 1, n + 1, FEATURES[:2])
     features = list(FEATURES[:2])
     numbers = ["shift_sd", "shift_lower", "shift_upper", "sd_ratio", "sd_ratio_lower", "sd_ratio_upper", "p_mean"]
-    plain = comparison.compare(ours, theirs, features)
+    plain = comparison.compare(simulated, recorded, features)
     assert (plain["shift_lower"] <= plain["shift_sd"]).all() and (plain["shift_sd"] <= plain["shift_upper"]).all()
     for factor in (scale, -scale):
-        moved = [part.assign(**{f: factor * part[f] + offset for f in features}) for part in (ours, theirs)]
+        moved = [part.assign(**{f: factor * part[f] + offset for f in features}) for part in (simulated, recorded)]
         changed = comparison.compare(*moved, features)
         expected = plain[numbers].to_numpy(copy=True)
         if factor < 0:
@@ -208,10 +208,10 @@ def test_order_of_rois_of_simple_values():
     """One swap of neighbors among four: 1 of 6 pairs, tau 4/6; Spearman 1 - 6 x 2/(4 x 15)."""
     places = {"cyst_1": 0, "cyst_2": 10, "normal_1": 20, "normal_2": 30}
     swapped = places | {"cyst_1": 10, "cyst_2": 0}
-    ours, theirs = (table(**{roi: [v, v + 1, v + 2] for roi, v in p.items()}) for p in (swapped, places))
-    row = only(comparison_summary.ranks(comparison.compare(ours, theirs, [MEAN])))
+    simulated, recorded = (table(**{roi: [v, v + 1, v + 2] for roi, v in p.items()}) for p in (swapped, places))
+    row = only(comparison_summary.ranks(comparison.compare(simulated, recorded, [MEAN])))
     assert row[["kendall_tau", "spearman", "rois"]].tolist() == pytest.approx([4 / 6, 0.8, 4])
-    same = comparison.compare(theirs.assign(**{MEAN: theirs.groupby("roi").cumcount() * 1.0}), theirs, [MEAN])
+    same = comparison.compare(recorded.assign(**{MEAN: recorded.groupby("roi").cumcount() * 1.0}), recorded, [MEAN])
     assert only(comparison_summary.ranks(same))[["kendall_tau", "spearman"]].isna().all()
 
 
@@ -223,15 +223,15 @@ def test_two_swaps_of_six_count_as_in_order_with_a_chance_of_3_percent():
 def test_summary_of_simple_values():
     """Six ROIs: correct in all but one; then the SD three times too large; then in reverse order."""
     features = list(FEATURES[:3])
-    theirs = drawn(2, 12, features)
-    ours = theirs.copy()
+    recorded = drawn(2, 12, features)
+    simulated = recorded.copy()
     rois = list(TISSUE_CLASSES)
-    last = ours["roi"] == rois[-1]
-    ours.loc[last, features[0]] += 3 * theirs.loc[last, features[0]].std()
-    centre = theirs.groupby("roi")[features].transform("mean")
-    ours[features[1]] = centre[features[1]] + 3 * (theirs[features[1]] - centre[features[1]])
-    ours[features[2]] = -theirs[features[2]]
-    result = comparison.compare(ours, theirs, features)
+    last = simulated["roi"] == rois[-1]
+    simulated.loc[last, features[0]] += 3 * recorded.loc[last, features[0]].std()
+    centre = recorded.groupby("roi")[features].transform("mean")
+    simulated[features[1]] = centre[features[1]] + 3 * (recorded[features[1]] - centre[features[1]])
+    simulated[features[2]] = -recorded[features[2]]
+    result = comparison.compare(simulated, recorded, features)
     summary = comparison_summary.summary(result).set_index("feature")
     assert summary["verdict"].tolist() == ["mean, SD and rank right", "mean and rank right", "SD right"]
     first, second, third = (summary.loc[feature] for feature in features)
@@ -250,8 +250,8 @@ def test_summary_of_simple_values():
 
 
 def test_verdicts_are_english_text():
-    said = [comparison_summary._verdict(right) for right in ((1, 1, 1), (1, 0, 1), (0, 0, 1), (0, 0, 0))]
-    assert said == ["mean, SD and rank right", "mean and rank right", "rank right", "none right"]
+    verdicts = [comparison_summary._verdict(right) for right in ((1, 1, 1), (1, 0, 1), (0, 0, 1), (0, 0, 0))]
+    assert verdicts == ["mean, SD and rank right", "mean and rank right", "rank right", "none right"]
 
 
 # Comparable features
@@ -344,19 +344,19 @@ def test_features_that_grow_with_the_roi_are_named_if_voxels_differ():
     def rows(edge, spacing=1.0):
         return pd.DataFrame([features_of(rng.normal(50, 20, (edge,) * 3), spacing) for _ in range(2)]).assign(roi="a")
 
-    ours = rows(6)
-    assert comparability.other_sizes(ours, rows(6), FEATURES, ["a"]) == {}
-    larger = comparability.other_sizes(ours, rows(8), FEATURES, ["a"])
+    simulated = rows(6)
+    assert comparability.other_sizes(simulated, rows(6), FEATURES, ["a"]) == {}
+    larger = comparability.other_sizes(simulated, rows(8), FEATURES, ["a"])
     assert set(larger) == set(comparability.SIZED)
     assert set(larger.values()) == {"512 voxels of 1 mm³, the study's 216 voxels of 1 mm³"}
-    coarser = comparability.other_sizes(ours, rows(6, 2.0), FEATURES, ["a"])
+    coarser = comparability.other_sizes(simulated, rows(6, 2.0), FEATURES, ["a"])
     assert set(coarser.values()) == {"216 voxels of 8 mm³, the study's 216 voxels of 1 mm³"}
     # An ROI that is not compared gives no information. In a table without Energy, pyradiomics' own column is used.
-    beside = pd.concat([rows(6), rows(8).assign(roi="b")])
-    assert comparability.other_sizes(ours, beside, FEATURES, ["a"]) == {}
+    both_rois = pd.concat([rows(6), rows(8).assign(roi="b")])
+    assert comparability.other_sizes(simulated, both_rois, FEATURES, ["a"]) == {}
     some = rows(8).drop(columns="original_firstorder_Energy")
-    assert comparability.other_sizes(ours, some, FEATURES, ["a"]) == {}
-    counted = comparability.other_sizes(ours, some.assign(**{comparability.COUNTS[2]: 512}), FEATURES, ["a"])
+    assert comparability.other_sizes(simulated, some, FEATURES, ["a"]) == {}
+    counted = comparability.other_sizes(simulated, some.assign(**{comparability.COUNTS[2]: 512}), FEATURES, ["a"])
     assert set(counted.values()) == {"512 voxels, the study's 216 voxels of 1 mm³"}
 
 

@@ -106,13 +106,13 @@ def test_band_covers_95_percent_of_unrelated_studies_unlike_that_of_independent_
     for _ in range(25):
         one, other = (unrelated_study(rng, root, 1.0).rename(columns=dict(enumerate(names))) for _ in range(2))
         scores = [wilcoxon.scores(study, names) for study in (one, other)]
-        for shared, kept in ((ranking.shared_variance(one, names), inside), (independent(names), independent_inside)):
+        for shared, stored in ((ranking.shared_variance(one, names), inside), (independent(names), independent_inside)):
             found = ranking.overlap(*scores, shared)
             for kind in ranking.KINDS:
                 share, lower, upper = (
                     found[f"{what}_{kind}_percent"].to_numpy()[:-1] for what in ("overlap", "lower", "upper")
                 )
-                kept.append(np.mean((share >= lower - 1e-9) & (share <= upper + 1e-9)))
+                stored.append(np.mean((share >= lower - 1e-9) & (share <= upper + 1e-9)))
     # 50 curves with dependent lengths: the mean share inside has a standard error of 0.02.
     assert np.mean(inside) > 0.93
     assert np.mean(independent_inside[::2]) < 0.87  # of stability

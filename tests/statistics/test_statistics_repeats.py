@@ -27,8 +27,8 @@ def test_each_group_has_as_many_repeats_drawn_without_replacement():
     assert len(found) == repeats.DRAWS and {of for _, of in found} == {12}
     for chosen, _ in found:
         assert (chosen.groupby(["group", "roi"])["unit"].nunique() == 5).all() and len(chosen) == 5 * 6
-    alike = [chosen.groupby("group")["unit"].agg(frozenset).nunique() == 1 for chosen, _ in found]
-    assert not all(alike)
+    similar = [chosen.groupby("group")["unit"].agg(frozenset).nunique() == 1 for chosen, _ in found]
+    assert not all(similar)
     # Every unit is drawn: 30 draws of 5 of 12 miss one with probability (7 / 12)^30
     assert set().union(*(chosen["unit"] for chosen, _ in found)) == set(range(12))
 

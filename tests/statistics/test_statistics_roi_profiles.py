@@ -21,8 +21,8 @@ def test_order_and_distance_of_simple_values():
     assert found["distance"].tolist() == pytest.approx(
         [22.5 / np.sqrt(5 / 3), 2 / np.sqrt(5 / 3), np.inf, 0.5 / np.sqrt(5 / 3)]
     )
-    said = roi_profiles.profile_agreement(found)
-    assert said["order"] == pytest.approx(0.2) and said["alike_percent"] == 25
+    agreement = roi_profiles.profile_agreement(found)
+    assert agreement["order"] == pytest.approx(0.2) and agreement["alike_percent"] == 25
     assert roi_profiles.profile_agreement(roi_profiles.compare_profiles(truth, truth))["distance"] == 0
 
 
@@ -47,8 +47,8 @@ def test_another_reconstruction_of_the_same_scans_orders_rois_equally():
         part.pivot(index="roi", columns="feature", values="mean")[list(FEATURES)]
         for _, part in rows.groupby("reconstruction")
     )
-    said = roi_profiles.profile_agreement(roi_profiles.compare_profiles(one, other))
-    assert said["order"] > 0.9 and said["alike_percent"] > 85
+    agreement = roi_profiles.profile_agreement(roi_profiles.compare_profiles(one, other))
+    assert agreement["order"] > 0.9 and agreement["alike_percent"] > 85
     # The same values of each feature, assigned to ROIs at random: no agreement remains.
     rng = np.random.default_rng(2)
     mixed = other.apply(lambda column: rng.permutation(column.to_numpy()))

@@ -69,8 +69,8 @@ def test_value_equals_scipys_share(units):
 
 def test_equal_and_different_groups():
     _, equal = studies(1, 4, 6, 0.0)
-    _, apart = studies(1, 4, 6, 100.0)
-    found = stability_intervals(np.concatenate([equal, apart]), APART, range(4))
+    _, different = studies(1, 4, 6, 100.0)
+    found = stability_intervals(np.concatenate([equal, different]), APART, range(4))
     assert found.value[1] == found.low[1] == 0 and 0 < found.high[1] < 0.25
     assert found.low[0] > 0.3 and found.high[0] >= stable_probability(6)
     # More repeats show existing differences better, and no others.
@@ -118,8 +118,8 @@ def test_intervals_cover_the_expected_stability(spread, groups, repeats, monkeyp
     noise = np.random.default_rng(6).normal(size=(4000, *x.shape[1:]))
     truth = design.stability(noise + means[0][..., None]).mean()
     found = stability_intervals(x, APART, range(groups))
-    held = int(((found.low <= truth) & (truth <= found.high)).sum())
-    assert 135 <= held < 150
+    covered = int(((found.low <= truth) & (truth <= found.high)).sum())
+    assert 135 <= covered < 150
     assert 0.02 < (found.high - found.low).mean() < 0.45
 
 

@@ -88,9 +88,9 @@ def test_eight_groups_of_the_paper_give_28_pairs_per_roi():
 
 def test_threshold_changes_both_scores():
     # 1 2 3 against 4 5 6 in either direction: W is 1.964 (see above).
-    apart = table(lambda g, roi, k: 3 * g + 3 * (roi == "metastasis") + k, groups=(1, 2), repeats=3)
-    assert percents(wilcoxon.scores(apart, [FEATURE], threshold=1.96)) == [0, 100]
-    assert percents(wilcoxon.scores(apart, [FEATURE], threshold=1.97)) == [100, 0]
+    difference = table(lambda g, roi, k: 3 * g + 3 * (roi == "metastasis") + k, groups=(1, 2), repeats=3)
+    assert percents(wilcoxon.scores(difference, [FEATURE], threshold=1.96)) == [0, 100]
+    assert percents(wilcoxon.scores(difference, [FEATURE], threshold=1.97)) == [100, 0]
 
 
 @settings(max_examples=25, deadline=None)
@@ -176,7 +176,7 @@ def test_roi_wise_comparison_ranks_published_discriminative_features_higher_than
 
 @pytest.mark.real
 def test_stored_scores_equal_those_of_the_table(study):
-    kept = measured.load_scores()
-    scores = wilcoxon.scores(study, measured.STUDY_FEATURES)[list(kept.columns)]
-    assert list(kept["feature"]) == list(scores["feature"])
-    assert np.allclose(kept.iloc[:, 1:], scores.iloc[:, 1:], rtol=1e-7)
+    stored = measured.load_scores()
+    scores = wilcoxon.scores(study, measured.STUDY_FEATURES)[list(stored.columns)]
+    assert list(stored["feature"]) == list(scores["feature"])
+    assert np.allclose(stored.iloc[:, 1:], scores.iloc[:, 1:], rtol=1e-7)

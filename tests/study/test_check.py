@@ -280,7 +280,7 @@ def test_table_removed_by_keep_mm_is_a_note_each_time(desk, capsys):
         assert code == 0 and not lines and len(notes) == 1
         assert f"removes {share} % of the tissue (voxels above -300 HU): {share} % outside" in notes[0]
         assert notes[0].endswith("and 0 % of the body")
-    assert [kept.read_bytes() for kept in Path(".snakemake/virtual_phantom").iterdir()] == [b"notes"]
+    assert [cached.read_bytes() for cached in Path(".snakemake/virtual_phantom").iterdir()] == [b"notes"]
 
 
 def test_ct_not_in_hu_hides_no_mistake_of_its_regions(desk, capsys):
@@ -364,9 +364,11 @@ def test_regions_of_a_table_are_compared_with_those_of_the_study(rois, chosen, m
             for image in range(2 * first, 2 * first + 2)
         ]
         pd.concat(rows).drop(columns="roi").assign(dose_mgy=1).to_csv(f"clinic/{file}", index=False)
-    asked = {"recording": "clinic", "where": {"dose_mgy": 1}, "protocol": "fbp_150", "noise": "dose10"}
-    asked |= {} if chosen is None else {"rois": chosen}
-    code, lines = checked(changed(CT, recordings={"clinic": "clinic"}, analyses__comparison={"tumors": asked}), capsys)
+    comparison_settings = {"recording": "clinic", "where": {"dose_mgy": 1}, "protocol": "fbp_150", "noise": "dose10"}
+    comparison_settings |= {} if chosen is None else {"rois": chosen}
+    code, lines = checked(
+        changed(CT, recordings={"clinic": "clinic"}, analyses__comparison={"tumors": comparison_settings}), capsys
+    )
     assert (code, len(lines)) == (int(message is not None), 1), lines
     assert (message or "no errors") in lines[0]
 
@@ -426,8 +428,8 @@ def test_correct_ct_is_checked_once(desk, looks):
     _, settings = read_config.read_configs([])
     settings |= CT
     assert [preflight.problems(settings, keep=True) for _ in range(3)] == [[], [], []] and len(looks) == 1
-    (kept,) = Path(".snakemake/virtual_phantom").iterdir()
-    assert len(kept.name) == 64 and kept.read_bytes() == b""  # no user file
+    (cached,) = Path(".snakemake/virtual_phantom").iterdir()
+    assert len(cached.name) == 64 and cached.read_bytes() == b""  # no user file
     assert preflight.problems(settings | {"seed": 7}, keep=True) == [] and looks[1:] == [7]
 
 

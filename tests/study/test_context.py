@@ -71,10 +71,10 @@ def test_next_commands_name_the_configuration_of_the_study():
     assert list(context_of(trial=larger).pages.commands().values())[0] == larger
     pages = context_of().pages
     assert list(pages.commands().values())[-1] == "snakemake --cores 2"
-    own = list(replace(pages, configured_by=tuple(files)).commands().values())
-    assert own[-1] == "snakemake --cores 2 --configfile config/tiny.yaml my.yaml"
-    assert own[-2] == "snakemake plan --cores 2 --configfile config/tiny.yaml my.yaml"
-    assert not [one for one in own if "diagnosis" in one or "recordings" in one]
+    commands = list(replace(pages, configured_by=tuple(files)).commands().values())
+    assert commands[-1] == "snakemake --cores 2 --configfile config/tiny.yaml my.yaml"
+    assert commands[-2] == "snakemake plan --cores 2 --configfile config/tiny.yaml my.yaml"
+    assert not [one for one in commands if "diagnosis" in one or "recordings" in one]
 
 
 def test_memory_is_that_of_the_arrays():
@@ -221,9 +221,11 @@ def test_recordings_of_a_scanner_declare_the_same_physics(tmp_path):
 
     folders = {name: recorded(tmp_path, name, "projections", scan=SCAN) for name in ("one", "two", "three")}
 
-    def bench(own=None, baseline=None, **scanner):
+    def bench(baselines=None, baseline=None, **scanner):
         one = {"disc": {"diameter_mm": 70, "material": "pmma"}}
-        recordings = {name: one | ({"baseline": own[name]} if own and name in own else {}) for name in folders}
+        recordings = {
+            name: one | ({"baseline": baselines[name]} if baselines and name in baselines else {}) for name in folders
+        }
         scanner = {"recordings": ["one", "two"], "baseline": baseline or {}, **scanner}
         return context_of(
             recordings=folders, diagnosis={"recordings": recordings, "scanners": {"bench": scanner}}
@@ -238,16 +240,16 @@ def test_recordings_of_a_scanner_declare_the_same_physics(tmp_path):
     assert [*judged.models("bench", judged=False)] == ["one", "two"]
     assert "baseline" not in found.settings["one"] or not found.settings["one"]["baseline"]
     # Protocol parameters may differ.
-    apart = bench({"one": stated(0.1), "two": stated(0.2)})
-    assert apart.models("bench")["two"]["settings"]["baseline"]["scatter"]["amount"]["value"] == 0.2
+    different = bench({"one": stated(0.1), "two": stated(0.2)})
+    assert different.models("bench")["two"]["settings"]["baseline"]["scatter"]["amount"]["value"] == 0.2
     spot = {"focal_spot": {"width_mm": {"value": 1, "sd": 0.1}, "length_mm": {"value": 1, "sd": 0.1}}}
     wider = {"focal_spot": {"width_mm": {"value": 2, "sd": 0.1}, "length_mm": {"value": 1, "sd": 0.1}}}
-    for own, words in (
+    for baselines, words in (
         ({"one": spot}, "bench: recording one declares focal_spot, but others do not; declare it under diagnosis"),
         ({"one": spot, "two": wider}, "bench: one and two declare different values of width_mm of focal_spot"),
     ):
         with pytest.raises(InputError, match=words):
-            bench(own)
+            bench(baselines)
     with pytest.raises(InputError, match="bench.effects: scatter is declared under baseline; remove it"):
         bench(baseline=stated(0.1), effects=["scatter"])
     with pytest.raises(InputError, match="bench.baseline.scatter: nothing is stated of width_mm"):
@@ -304,8 +306,8 @@ def captions_of(context, **config):
 
 def test_captions_mention_the_printed_phantom_only_where_it_is_shown():
     words = ("Flouris", "Cancer Imaging", "printed phantom", "Black", "paper")
-    own = {"phantom": {"source": "ct", "ct": {}}}
-    for name, caption in captions_of(context_of(measured={"overlay": False}), **own).items():
+    settings = {"phantom": {"source": "ct", "ct": {}}}
+    for name, caption in captions_of(context_of(measured={"overlay": False}), **settings).items():
         assert not [word for word in words if word in caption], name
     shown = captions_of(context_of())
     assert all("Flouris" in caption for caption in shown.values())

@@ -214,11 +214,11 @@ def test_job_and_plan_state_the_same_forecast(tmp_path, monkeypatch, load):
     monkeypatch.setattr(forecast, "slowdown", lambda cores: load)
     context = diagnosed(tmp_path, bench=({}, {"check_setup": False}))
     fine = drawn(tmp_path / "fine.nii", 2, 256, 200)
-    told = context.diagnosis.forecasts(2)[0]
+    planned = context.diagnosis.forecasts(2)[0]
     model, shape = context.diagnosis.model("bench"), (180, 16, 128)
-    line = forecast_line("bench", model, shape, told["effects"], 2, fine)
-    time, effects = duration_range(*(load * seconds for seconds in told["seconds"])), told["effects"]
-    cpu = duration_range(*told["cpu_seconds"])
+    line = forecast_line("bench", model, shape, planned["effects"], 2, fine)
+    time, effects = duration_range(*(load * seconds for seconds in planned["seconds"])), planned["effects"]
+    cpu = duration_range(*planned["cpu_seconds"])
     assert line == (
         f"diagnosis of bench: {time} with 2 processes (CPU time {cpu}; {effects} effects, 1.5 million rays)"
     )

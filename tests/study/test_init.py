@@ -104,8 +104,8 @@ def test_arms_and_table_are_excluded(desk):
     hu[:, 14:26, :3] = 50
     phantom_files.write_nifti_array(hu, "arms.nii.gz")
     plain = propose("ct.nii.gz", "labels.nii.gz").box_mm
-    kept = propose("arms.nii.gz", "labels.nii.gz").config["phantom"]["ct"]["keep_mm"]
-    np.testing.assert_allclose(kept, plain, atol=0)
+    keep_mm = propose("arms.nii.gz", "labels.nii.gz").config["phantom"]["ct"]["keep_mm"]
+    np.testing.assert_allclose(keep_mm, plain, atol=0)
 
 
 def test_whole_chest_is_scanned(desk):
@@ -318,17 +318,17 @@ def test_proposal_for_a_clinical_ct_agrees_with_the_manual_one(monkeypatch, tmp_
     names = {"5": "liver", "1": "spleen", "87": "muscle_right", "86": "muscle_left", "52": "aorta"}
     found = propose("abdomen_ct/dicom", "abdomen_ct/labels.nii.gz", names=names, rois=list(names)).config
     hand = yaml.safe_load((ROOT / "config" / "abdomen.yaml").read_text())
-    ours, theirs = found["phantom"]["ct"], hand["phantom"]["ct"]
-    np.testing.assert_allclose(ours["keep_mm"], theirs["keep_mm"], atol=12)
-    np.testing.assert_allclose(ours["centre_mm"], theirs["centre_mm"], atol=6)
+    proposed_ct, manual = found["phantom"]["ct"], hand["phantom"]["ct"]
+    np.testing.assert_allclose(proposed_ct["keep_mm"], manual["keep_mm"], atol=12)
+    np.testing.assert_allclose(proposed_ct["centre_mm"], manual["centre_mm"], atol=6)
     assert found["grid"]["shape"][0] == hand["grid"]["shape"][0]
     np.testing.assert_allclose(found["grid"]["spacing_mm"], hand["grid"]["spacing_mm"], rtol=0.05)
     assert found["grid"]["oversampling"] == hand["grid"]["oversampling"]
     width = {name: one["columns"] * one["column_pitch_mm"] for name, one in (("o", found["scan"]), ("t", hand["scan"]))}
     assert width["o"] == pytest.approx(width["t"], rel=0.05)
     assert found["scan"]["rows"] == hand["scan"]["rows"]
-    parts = {one["name"]: (one["tissue_class"], one.get("parts", 1)) for one in theirs["rois"]}
-    assert {one["name"]: (one["tissue_class"], one.get("parts", 1)) for one in ours["rois"]} == parts
+    parts = {one["name"]: (one["tissue_class"], one.get("parts", 1)) for one in manual["rois"]}
+    assert {one["name"]: (one["tissue_class"], one.get("parts", 1)) for one in proposed_ct["rois"]} == parts
     default = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
     assert preflight.problems(default | found) == []
 

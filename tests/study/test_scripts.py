@@ -42,7 +42,7 @@ def test_script_passes_every_argument_of_its_main(path):
     if path.name == BY_HAND:
         return
     *_, end = path.read_text().split('\nif "snakemake" in globals():\n    with job(snakemake):\n        main(')
-    given = dict.fromkeys(inspect.signature(imported(path).main).parameters)
+    keywords = dict.fromkeys(inspect.signature(imported(path).main).parameters)
 
     class Anything:
         """Replacement of any attribute, item or call of `snakemake`."""
@@ -60,7 +60,7 @@ def test_script_passes_every_argument_of_its_main(path):
             return self
 
     call = eval(f"dict({end}", {**imported(path).__dict__, "snakemake": Anything(), "dict": dict})
-    assert call.keys() == given.keys()
+    assert call.keys() == keywords.keys()
 
 
 @pytest.mark.parametrize("name", LOADED_LAZILY)

@@ -81,10 +81,10 @@ def test_files_are_read_as_by_snakemake(content, settings):
     Path("my.yaml").write_bytes(content.encode())
     lines, found = read_config.read_configs(["my.yaml"])
     assert not lines
-    own = load_configfile("my.yaml")
+    loaded = load_configfile("my.yaml")
     for key, value in settings.items():
-        assert found[key] == value if value is not None else own[key].items() <= found[key].items(), key
-        assert value is None or own[key] == value
+        assert found[key] == value if value is not None else loaded[key].items() <= found[key].items(), key
+        assert value is None or loaded[key] == value
 
 
 @pytest.mark.parametrize("path", [".", "gone.yaml", "a\0b"])
@@ -126,8 +126,8 @@ def test_null_removes_an_entry_and_each_reference_gets_one_line(capsys):
         ("analyses.pca.sirt.protocols", "sirt_300"),
         ("analyses.pca.fbp.protocols", "fbp_450"),
     ):
-        said = f"config: {where} names '{name}', which protocols.{name}: null removes; remove it or name another: "
-        assert sum(said in line for line in lines) == 1, lines
+        message = f"config: {where} names '{name}', which protocols.{name}: null removes; remove it or name another: "
+        assert sum(message in line for line in lines) == 1, lines
     assert not [line for line in lines if "did you mean" in line]
 
 

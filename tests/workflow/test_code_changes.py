@@ -43,8 +43,8 @@ def test_changed_text_runs_nothing(project):
 def test_changed_code_runs_again_unless_touched(project):
     with (project / POSE).open("a") as file:
         file.write("\nADDED = 1\n")
-    said = dry(project)
-    assert "rule positions" in said and "Params have changed" in said
+    output = dry(project)
+    assert "rule positions" in output and "Params have changed" in output
     assert "positions.csv" in dry(project, "--summary")
     process = snakemake(TARGET, "--touch", *TINY, project=project, environment={"PYTHONPATH": ""})
     assert process.returncode == 0, process.stderr[-2000:]

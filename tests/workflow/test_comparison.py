@@ -97,9 +97,9 @@ def test_recording_agrees_with_its_own_protocol_and_not_with_another(compared):
 
 def test_features_are_diagnosed(compared):
     """The same protocol is a match; another number of projections is not."""
-    own = {"recordings": {"own": str(compared.parent / "own")}, **OVERLAY}
-    overlay = {**own, "diagnosis": {"comparisons": ["same", "other"]}}
-    process = tiny(compared, "diagnosis", overlay=overlay, beside=compared.parent / "diagnosed")
+    settings = {"recordings": {"own": str(compared.parent / "own")}, **OVERLAY}
+    overlay = {**settings, "diagnosis": {"comparisons": ["same", "other"]}}
+    process = tiny(compared, "diagnosis", overlay=overlay, config_folder=compared.parent / "diagnosed")
     assert process.returncode == 0, process.stderr[-4000:]
     found = {}
     for name in ("same", "other"):
@@ -112,8 +112,8 @@ def test_features_are_diagnosed(compared):
     assert found["same"]["verdict"] == "match" and found["other"]["verdict"] != "match"
     for place in found["other"]["locations"]:
         assert place["p"] < 0.01 and (compared / "diagnosis" / "other" / "maps" / place["map"]).exists()
-    overlay = {**own, "diagnosis": {"recordings": {"own": {}}}}
-    process = tiny(compared, "-n", "diagnosis", overlay=overlay, beside=compared.parent / "wrong")
+    overlay = {**settings, "diagnosis": {"recordings": {"own": {}}}}
+    process = tiny(compared, "-n", "diagnosis", overlay=overlay, config_folder=compared.parent / "wrong")
     assert process.returncode == 1
     assert "Error: diagnosis.recordings.own: holds features; name comparisons" in process.stderr
 

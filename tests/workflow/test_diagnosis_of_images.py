@@ -29,7 +29,9 @@ def scanner(tmp_path_factory):
     """A folder with the recording `scanner` and its diagnosis under `results`."""
     folder = tmp_path_factory.mktemp("scanner")
     images = [f"{folder}/made/images/bench/bench/seed{seed:02d}.nii.gz" for seed in range(4)]
-    process = tiny(folder / "made", *images, overlay={**STUDY, "physics": CONCEALED}, beside=folder / "concealed")
+    process = tiny(
+        folder / "made", *images, overlay={**STUDY, "physics": CONCEALED}, config_folder=folder / "concealed"
+    )
     assert process.returncode == 0, process.stderr[-4000:]
     recording = folder / "recording"
     recording.mkdir()
@@ -48,7 +50,7 @@ def diagnosis(folder, *arguments, **settings):
         "recordings": {"scanner": str(folder / "recording")},
         "diagnosis": {"recordings": {"scanner": {key: value for key, value in diagnosed.items() if value}}},
     }
-    return tiny(folder / "results", "diagnosis", *arguments, overlay=overlay, beside=folder / "overlay")
+    return tiny(folder / "results", "diagnosis", *arguments, overlay=overlay, config_folder=folder / "overlay")
 
 
 def test_kernel_is_named_with_its_width(scanner):
@@ -72,7 +74,7 @@ def test_kernel_is_named_with_its_width(scanner):
 def test_its_physics_is_an_overlay_for_images_only(scanner):
     physics = yaml.safe_load((scanner / "results" / "diagnosis" / "scanner" / "physics.yaml").read_text())
     overlay = {**STUDY, "physics": physics["physics"]}
-    process = tiny(scanner / "made", "-n", overlay=overlay, beside=scanner / "richer")
+    process = tiny(scanner / "made", "-n", overlay=overlay, config_folder=scanner / "richer")
     assert process.returncode == 0, process.stderr[-2000:]
     jobs = planned(process)
     assert jobs["reconstruct_0"] == ["protocol=bench"] and "geometry=views60" not in jobs["project"]

@@ -33,14 +33,14 @@ STUDY = {
 def bench(tmp_path_factory):
     """A folder with the recording `bench` and its diagnosis under `results`."""
     folder = tmp_path_factory.mktemp("bench")
-    concealed = {**STUDY, "physics": CONCEALED, "keep_projections": True}
+    hidden = {**STUDY, "physics": CONCEALED, "keep_projections": True}
     whole = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
     whole["noise"]["model"] = "physical"
     whole = {**whole, "physics": CONCEALED, "protocols": whole["protocols"] | STUDY["protocols"]}
     label = Plan(complete(whole)).geometry_of("bench")
     made = folder / "made"
     targets = [f"{made}/projections/{label}/bench/seed{seed:02d}.h5" for seed in range(4)]
-    process = tiny(made, *targets, overlay=concealed, beside=folder / "concealed")
+    process = tiny(made, *targets, overlay=hidden, config_folder=folder / "concealed")
     assert process.returncode == 0, process.stderr[-4000:]
     import_study(made / "projections" / label / "bench", folder / "bench")
     process = diagnosis(folder)
@@ -56,7 +56,7 @@ def diagnosis(folder, *arguments, target="diagnosis", **settings):
         "recordings": {"bench": str(folder / "bench")},
         "diagnosis": {"recordings": {"bench": diagnosed | settings}},
     }
-    return tiny(folder / "results", target, *arguments, overlay=overlay, beside=folder / "overlay")
+    return tiny(folder / "results", target, *arguments, overlay=overlay, config_folder=folder / "overlay")
 
 
 def shown(found, where):
@@ -96,7 +96,7 @@ def test_verdicts_of_fail_on_exit_with_an_error_after_all_outputs(bench):
     overlay = yaml.safe_load((bench / "overlay" / "overlay.yaml").read_text())
     for verdict, code in (("mismatch explained", 1), ("another object", 0)):
         overlay["diagnosis"]["fail_on"] = [verdict]
-        process = tiny(bench / "results", "diagnosis", overlay=overlay, beside=bench / "failing")
+        process = tiny(bench / "results", "diagnosis", overlay=overlay, config_folder=bench / "failing")
         assert process.returncode == code, process.stderr[-4000:]
         assert ("verdicts of diagnosis.fail_on: bench (mismatch explained)" in process.stderr + process.stdout) == bool(
             code
@@ -105,24 +105,30 @@ def test_verdicts_of_fail_on_exit_with_an_error_after_all_outputs(bench):
 
 
 def test_time_is_stated_before_the_fits_and_by_the_plan(bench):
-    (said,) = re.findall(
+    (time_line,) = re.findall(
         r"^diagnosis of bench: .* with 2 processes \(CPU time (.*); (.*)\)$", (bench / "said").read_text(), re.M
     )
-    assert said[1] == "4 effects, 98 thousand rays"  # 90 views of 16 x 68 pixels, one ray each
+    assert time_line[1] == "4 effects, 98 thousand rays"  # 90 views of 16 x 68 pixels, one ray each
     log = (bench / "results" / "logs" / "diagnosis" / "bench" / "diagnose.log").read_text()
     assert log.index("diagnosis of bench: ") < log.index("fitted the alignment")
     assert not [path for path in (bench / "results" / "logs").rglob(".*") if path.suffix == ".now"]
     process = diagnosis(bench, target="plan")
     assert process.returncode == 0, process.stderr[-4000:]
-    (told,) = json.loads((bench / "results" / "plan.json").read_text())["diagnoses"]
-    assert told["rays"] == 90 * 16 * 68 and told["effects"] == 4 and said[0] == duration_range(*told["cpu_seconds"])
-    assert re.search(rf"^bench +4 +98 thousand rays +2 +{duration_range(*told['seconds'])}$", process.stdout, re.M)
+    (forecast,) = json.loads((bench / "results" / "plan.json").read_text())["diagnoses"]
+    assert (
+        forecast["rays"] == 90 * 16 * 68
+        and forecast["effects"] == 4
+        and time_line[0] == duration_range(*forecast["cpu_seconds"])
+    )
+    assert re.search(rf"^bench +4 +98 thousand rays +2 +{duration_range(*forecast['seconds'])}$", process.stdout, re.M)
 
 
 def test_its_physics_is_an_overlay_that_the_study_accepts(bench):
     physics = yaml.safe_load((bench / "results" / "diagnosis" / "bench" / "physics.yaml").read_text())
     assert set(physics["physics"]) == set(CONCEALED) and physics["noise"] == {"model": "physical"}
-    process = tiny(bench / "results", "-n", overlay={**STUDY, "physics": physics["physics"]}, beside=bench / "richer")
+    process = tiny(
+        bench / "results", "-n", overlay={**STUDY, "physics": physics["physics"]}, config_folder=bench / "richer"
+    )
     jobs = planned(process)
     assert jobs["project"] and all("_physics_" in job for job in jobs["project"])
 
@@ -145,23 +151,23 @@ def twin(bench, *arguments, of="bench"):
         },
         "measured": {"overlay": False},
     }
-    return tiny(bench / "results", *arguments, overlay=overlay, beside=bench / "twin")
+    return tiny(bench / "results", *arguments, overlay=overlay, config_folder=bench / "twin")
 
 
 def test_study_runs_on_the_diagnosed_scanner(bench):
     """A missing diagnosis is made first, its effects are in the scans, and a table contains both."""
     physics = bench / "results" / "diagnosis" / "bench" / "physics.yaml"
-    kept = physics.read_bytes()
+    content_before = physics.read_bytes()
     physics.unlink()
     jobs = planned(twin(bench, "-n"))
     assert jobs["diagnose"] and len(jobs["project"]) == 4
     assert sum("_physics_of_bench" in job for job in jobs["project"]) == 2
-    physics.write_bytes(kept)
+    physics.write_bytes(content_before)
     process = twin(bench)
     assert process.returncode == 0, process.stderr[-4000:]
     results = bench / "results"
     log = (results / "logs" / "project" / "views90_physics_of_bench.log").read_text()
-    found = yaml.safe_load(kept)["physics"]
+    found = yaml.safe_load(content_before)["physics"]
     assert f"effects: {found}" in log
     table = pd.read_csv(results / "tables" / "physics_change.csv").set_index("feature")
     stability = pd.read_csv(results / "tables" / "stability.csv").set_index("feature")["stability_percent"]
@@ -175,10 +181,12 @@ def test_study_runs_on_the_diagnosed_scanner(bench):
 
 
 def test_invalid_source_of_physics_is_one_line(bench):
-    process = tiny(bench / "results", "-n", overlay={**STUDY, "physics": {"from": "bank"}}, beside=bench / "bank")
+    process = tiny(
+        bench / "results", "-n", overlay={**STUDY, "physics": {"from": "bank"}}, config_folder=bench / "bank"
+    )
     assert "physics.from names 'bank', which does not exist" in process.stderr
-    beside = {"from": "bank", "scatter": None}
-    process = tiny(bench / "results", "-n", overlay={**STUDY, "physics": beside}, beside=bench / "bank")
+    edited = {"from": "bank", "scatter": None}
+    process = tiny(bench / "results", "-n", overlay={**STUDY, "physics": edited}, config_folder=bench / "bank")
     assert "physics has from and scatter; keep one of them" in process.stderr
 
 
@@ -198,7 +206,7 @@ def further(bench):
             "scanners": {"room": {"recordings": OF_SCANNER, "judged_on": OF_SCANNER[2:]}},
         },
     }
-    process = tiny(bench / "results", "diagnosis", overlay=overlay, beside=bench / "next")
+    process = tiny(bench / "results", "diagnosis", overlay=overlay, config_folder=bench / "next")
     assert process.returncode == 0, process.stderr[-4000:]
     return bench / "results" / "diagnosis", process.stdout
 
@@ -240,7 +248,7 @@ def test_bad_settings_are_one_line(bench):
     process = diagnosis(bench, "-n", effects=["glow"])
     assert process.returncode == 1 and "diagnosis.effects: there is no effect 'glow'" in process.stderr
     overlay = {**STUDY, "physics": {"scatter": {"amount": 7}}}
-    process = tiny(bench / "results", "-n", overlay=overlay, beside=bench / "bad")
+    process = tiny(bench / "results", "-n", overlay=overlay, config_folder=bench / "bad")
     assert process.returncode == 1
     assert (
         "Error: config: protocols." in process.stderr and "amount: 7 1 is out of the plausible range" in process.stderr
@@ -259,7 +267,7 @@ def test_wrong_scan_description_ends_in_the_line_to_change(bench):
     (wrong / "recording.yaml").write_text(re.sub(r"direction: -?1", f"direction: {turned}", text))
     overlay = {**STUDY, "recordings": {"wrong": str(wrong), "bench": str(bench / "bench")}}
     overlay["diagnosis"] = {"recordings": {"wrong": {"samples": 1}}}
-    process = tiny(bench / "results", "diagnosis", overlay=overlay, beside=bench / "wrong_overlay")
+    process = tiny(bench / "results", "diagnosis", overlay=overlay, config_folder=bench / "wrong_overlay")
     assert process.returncode == 0, process.stderr[-4000:]
     folder = bench / "results" / "diagnosis" / "wrong"
     found = json.loads((folder / "diagnosis.json").read_text())
@@ -273,7 +281,7 @@ def test_wrong_scan_description_ends_in_the_line_to_change(bench):
     page = (folder / "report.html").read_text()
     assert shown(found, html.unescape(page)) and "check_setup: false" in page
     overlay["diagnosis"]["recordings"]["bench"] = {"samples": 1, "physics_from": "wrong"}
-    process = tiny(bench / "results", "diagnosis", overlay=overlay, beside=bench / "wrong_overlay")
+    process = tiny(bench / "results", "diagnosis", overlay=overlay, config_folder=bench / "wrong_overlay")
     assert process.returncode == 1 and "Physics cannot be taken from it" in process.stdout + process.stderr
     process = twin(bench, of="wrong")
     assert process.returncode == 1

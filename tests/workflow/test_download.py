@@ -62,9 +62,9 @@ def phantom(project, server, *arguments):
     (project / "mirror.yaml").write_text(yaml.safe_dump({"downloads": {"abdomen_ct": server}}))
     settings = ("--configfile", "config/abdomen.yaml", "mirror.yaml")
     process = snakemake(*arguments, *settings, project=project)
-    said = process.stdout + process.stderr
-    assert "Traceback" not in said, said[-3000:]
-    return process.returncode, said, [line for line in said.splitlines() if line.startswith("Error:")]
+    output = process.stdout + process.stderr
+    assert "Traceback" not in output, output[-3000:]
+    return process.returncode, output, [line for line in output.splitlines() if line.startswith("Error:")]
 
 
 def test_missing_clinical_ct_is_fetched(tmp_path):
@@ -85,15 +85,15 @@ def test_missing_clinical_ct_is_fetched(tmp_path):
         put(web, published)
         put(project, {first: published[places[first]]})
         os.utime(project / first, (1e9, 1e9))
-        code, said, _ = phantom(project, server, "download_abdomen_ct")
-        assert code == 0, said[-3000:]
+        code, output, _ = phantom(project, server, "download_abdomen_ct")
+        assert code == 0, output[-3000:]
     assert (project / first).stat().st_mtime == 1e9  # used unchanged
     assert {path: (project / path).read_bytes() for path in places} == {
         path: published[source] for path, source in places.items()
     }
 
-    code, said, _ = phantom(project, NOWHERE, "-n", image)  # no second download
-    assert code == 0 and "rule phantom:" in said and "download_abdomen_ct" not in said, said[-3000:]
+    code, output, _ = phantom(project, NOWHERE, "-n", image)  # no second download
+    assert code == 0 and "rule phantom:" in output and "download_abdomen_ct" not in output, output[-3000:]
     (project / others[-1]).write_bytes(b"drawn by somebody else")
     code, _, errors = phantom(project, NOWHERE, "-n", image)
     assert code == 1 and len(errors) == 1 and errors[0].startswith(f"Error: {others[-1]}: is not the file that")

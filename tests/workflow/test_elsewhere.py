@@ -64,10 +64,10 @@ def test_run_by_directory_continues_as_a_module(folder, tmp_path, first, second)
     assert "Nothing to be done" in snakemake(folder, TABLE).stderr
     other = TABLE.replace("fbp", "sirt")
     process = snakemake(folder, other)
-    said = process.stdout + process.stderr
-    assert process.returncode == 0 and (folder / other).exists(), said[-3000:]
+    output = process.stdout + process.stderr
+    assert process.returncode == 0 and (folder / other).exists(), output[-3000:]
     # Lines of Virtual Phantom instead of Snakemake's, as in the project's own folder.
-    assert re.search(r"^[\d:]+ (\d+) of \1 jobs done", said, re.MULTILINE) and "rule extract" not in said
+    assert re.search(r"^[\d:]+ (\d+) of \1 jobs done", output, re.MULTILINE) and "rule extract" not in output
     assert (folder / TABLE).read_bytes() == made
     assert sorted(path.name for path in folder.iterdir()) == [".snakemake", "Snakefile", "config", "results-tiny"]
 

@@ -23,7 +23,7 @@ def diagnosis(folder, *arguments):
         "recordings": {"bench": str(folder / "bench")},
         "diagnosis": {"recordings": {"bench": {"effects": ["spectrum", "scatter"], "object": object_}}},
     }
-    return tiny(folder / "results", "diagnosis", *arguments, overlay=overlay, beside=folder / "overlay")
+    return tiny(folder / "results", "diagnosis", *arguments, overlay=overlay, config_folder=folder / "overlay")
 
 
 def test_label_map_is_diagnosed_and_again_after_a_change(folder):

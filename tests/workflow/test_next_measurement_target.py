@@ -31,7 +31,7 @@ def ranked(tmp_path_factory):
         write_line_integrals(folder / "disc" / name, lines, geometry)
     content = {"name": "disc", "kind": "projections", "repeats": names, "scan": SCAN}
     (folder / "disc" / "recording.yaml").write_text(yaml.safe_dump(content))
-    asked = {
+    settings = {
         "disc": {"diameter_mm": 160, "material": "water"},
         "effects": ["detector_offset", "centre_of_rotation", "electronic_noise"],
         "samples": 1,
@@ -39,7 +39,7 @@ def ranked(tmp_path_factory):
     overlay = {
         "results_dir": str(folder / "results"),
         "recordings": {"disc": str(folder / "disc")},
-        "diagnosis": {"recordings": {"disc": asked}, "matters": None},
+        "diagnosis": {"recordings": {"disc": settings}, "matters": None},
     }
     (folder / "overlay.yaml").write_text(yaml.safe_dump(overlay))
     process = snakemake("next_measurement", "--configfile", "config/tiny.yaml", folder / "overlay.yaml")
@@ -51,8 +51,8 @@ def test_diagnosis_points_to_the_ranking(ranked):
     folder, _ = ranked
     found = json.loads((folder / "diagnosis.json").read_text())
     assert [one["name"] for one in found["effects"]] in (["detector_offset"], ["centre_of_rotation"]), found["sentence"]
-    (said,) = found["next_measurement"]
-    assert "snakemake next_measurement" in said and said in (folder / "report.html").read_text()
+    (line,) = found["next_measurement"]
+    assert "snakemake next_measurement" in line and line in (folder / "report.html").read_text()
 
 
 def test_table_figure_and_recording_exist(ranked):
@@ -68,9 +68,9 @@ def test_table_figure_and_recording_exist(ranked):
         assert (np.diff(part["information_gain_nats"]) <= 0).all()
     for name in ("ranking.png", "ranking.pdf"):
         assert (folder / "next_measurement" / name).stat().st_size > 1000
-    alike = pd.read_csv(folder / "next_measurement" / "alike.csv")
-    assert set(alike.iloc[0][["effect", "other"]]) == {"detector_offset", "centre_of_rotation"}
-    assert alike.iloc[0]["together"] > 0.95
+    ambiguous = pd.read_csv(folder / "next_measurement" / "alike.csv")
+    assert set(ambiguous.iloc[0][["effect", "other"]]) == {"detector_offset", "centre_of_rotation"}
+    assert ambiguous.iloc[0]["together"] > 0.95
 
 
 def test_recording_template_is_valid(ranked):

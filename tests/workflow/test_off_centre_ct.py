@@ -117,7 +117,7 @@ def test_body_beyond_the_detector_is_rejected_also_with_effects(made, overlay):
     rich = {"physics": {"scatter": {"amount": 0.05}}, "noise": overlay["noise"] | {"model": "physical"}}
     narrow = {"scan": overlay["scan"] | {"columns": 62}}
     target = made / "images" / "fbp_150" / "dose10" / "seed00.nii.gz"
-    process = tiny(made, target, overlay=overlay | rich | narrow, beside=made.parent / "narrow")
+    process = tiny(made, target, overlay=overlay | rich | narrow, config_folder=made.parent / "narrow")
     assert process.returncode == 1
     assert "Error: scan: the phantom reaches 4" in process.stderr, process.stderr[-3000:]
 
@@ -142,7 +142,9 @@ def measured(made, overlay):
         "diagnosis": {"recordings": {"scanner": diagnosed}},
     }
     table = made / "tables" / "comparison_same_families.csv"
-    process = tiny(made, "alignment", "diagnosis", table, overlay=overlay | more, beside=made.parent / "measured")
+    process = tiny(
+        made, "alignment", "diagnosis", table, overlay=overlay | more, config_folder=made.parent / "measured"
+    )
     assert process.returncode == 0, process.stderr[-4000:]
     return made
 

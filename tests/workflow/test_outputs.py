@@ -51,7 +51,7 @@ def planned_files(tmp_path_factory):
     overlay["diagnosis"] = {"recordings": discs, "scanners": {"bench": {"recordings": list(discs)}}}
     (folder / "overlay.yaml").write_text(yaml.safe_dump(overlay))
     settings = ("--configfile", "config/recordings.yaml", folder / "overlay.yaml")
-    beside = made(snakemake("all", *ALL, "-n", "--forceall", *settings))
+    with_recordings = made(snakemake("all", *ALL, "-n", "--forceall", *settings))
     scanned = made(
         snakemake("all", "-n", "--forceall", "--configfile", "config/printed_phantom.yaml", "--config", "results_dir=r")
     )
@@ -60,7 +60,9 @@ def planned_files(tmp_path_factory):
     (folder / "moved.yaml").write_text(yaml.safe_dump(moved))
     voxels = made(snakemake("all", "-n", "--forceall", "--configfile", "config/as_scanned.yaml", folder / "moved.yaml"))
     alone = made(snakemake("all", "proof", "-n", "--forceall", "--config", "results_dir=r"))
-    return {(rule, str(PurePosixPath(file).relative_to("r"))) for rule, file in beside | alone | scanned | voxels}
+    return {
+        (rule, str(PurePosixPath(file).relative_to("r"))) for rule, file in with_recordings | alone | scanned | voxels
+    }
 
 
 def test_every_file_of_a_rule_is_in_the_table(planned_files):

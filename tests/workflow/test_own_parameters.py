@@ -37,11 +37,11 @@ def own(study, tmp_path_factory):
 
 def test_tables_have_the_features_of_the_file(own, study):
     results = own[0] / "results"
-    ours, default = (pd.read_csv(one / "features.csv") for one in (results, study))
-    assert [name for name in ours if name.startswith(("original_", "log-"))] == OWN
+    features, default = (pd.read_csv(one / "features.csv") for one in (results, study))
+    assert [name for name in features if name.startswith(("original_", "log-"))] == OWN
     keys = ["protocol", "noise", "seed", "roi"]
-    both = ours.merge(default, on=keys, suffixes=("", "_default"), validate="one_to_one")
-    assert len(both) == len(default) == len(ours)
+    both = features.merge(default, on=keys, suffixes=("", "_default"), validate="one_to_one")
+    assert len(both) == len(default) == len(features)
     for name in OWN[:2]:  # independent of the bin width
         pd.testing.assert_series_equal(both[name], both[f"{name}_default"], check_names=False)
     assert (both["original_glcm_Idn"] != both["original_glcm_Idn_default"]).any()

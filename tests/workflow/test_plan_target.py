@@ -72,7 +72,7 @@ def rules_of(path):
 
 def test_every_rule_that_is_not_local_states_its_resources():
     """Memory and time, without which a cluster gives every job the same. A GPU is requested with a number."""
-    local, told = set(), 0
+    local, gpu_rules = set(), 0
     paths = sorted((ROOT / "workflow" / "rules").glob("*.smk"))
     for path in paths:
         for rule, text in rules_of(path).items():
@@ -83,23 +83,23 @@ def test_every_rule_that_is_not_local_states_its_resources():
             assert resources, f"{path.name}: {rule} has no resources"
             for key in ("mem_mb", "runtime"):
                 assert f"{key}=" in resources[1], f"{path.name}: {rule}: {key}"
-            told += 1
-    assert told >= 40 and {"plan", "proof_seal", "recordings"} <= local
+            gpu_rules += 1
+    assert gpu_rules >= 40 and {"plan", "proof_seal", "recordings"} <= local
 
 
 def test_rules_request_the_time_of_their_work(tmp_path):
     """At the paper's scale, where it differs from rule to rule."""
     process = snakemake("-n", "--configfile", "config/paper.yaml", "--config", "engine=cpu", f"results_dir={tmp_path}")
     blocks = re.findall(r"^ +output: (.*)\n(?:.*\n)*? +resources: .*runtime=(\d+)", process.stdout, re.MULTILINE)
-    asked = {file: int(runtime) for files, runtime in blocks for file in files.split(", ")}
+    minutes_by_file = {file: int(runtime) for files, runtime in blocks for file in files.split(", ")}
     plan = plan_of(yaml.safe_load((ROOT / "config" / "paper.yaml").read_text()))
     counted = Counter()
     for job in study_jobs(plan, "cpu", rois=1):
         if job.rule in ("phantom", "project", "reconstruct", "extract", "merge_features", "noise_calibration"):
             counted[job.rule] += 1
             for file in job.outputs:
-                assert asked[f"{tmp_path}/{file}"] == minutes(RATES, job.stage, job.work), (job.rule, file)
-    assert len(counted) == 6 and len(set(asked.values())) > 10
+                assert minutes_by_file[f"{tmp_path}/{file}"] == minutes(RATES, job.stage, job.work), (job.rule, file)
+    assert len(counted) == 6 and len(set(minutes_by_file.values())) > 10
 
 
 def test_groups_of_the_profile_are_those_of_the_rules():

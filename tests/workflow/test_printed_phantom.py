@@ -72,9 +72,9 @@ def made(tmp_path_factory):
 
 def test_one_command_makes_every_figure(made):
     project, process, _ = made
-    said = process.stdout + process.stderr
-    assert process.returncode == 0, said[-3000:]
-    assert "8 CT and 8 SEG series" in said
+    output = process.stdout + process.stderr
+    assert process.returncode == 0, output[-3000:]
+    assert "8 CT and 8 SEG series" in output
     assert len(list((project / "results" / "logs" / "fetch").glob("*.log"))) == 2 * len(NAMES)
     figures = project / "results" / "figures"
     expected = {"rois", "stability_discrimination", "overlap", "overlap_printed_phantom", "pca_fbp"}
@@ -125,17 +125,17 @@ def test_phantom_is_the_mean_of_the_scans(made):
         # Another grid: interpolation over half a voxel, at most.
         assert rois.loc[roi.name, "n_voxels"] == pytest.approx(roi.mask.sum(), rel=0.35)
         assert rois.loc[roi.name, "mean_hu"] == pytest.approx(mean[roi.mask].mean(), abs=6)
-    own = pd.read_csv(project / "results/public_scans/own_blur.csv").fillna({"region": ""})
-    own = own.set_index(["what", "region"])
+    own_blur = pd.read_csv(project / "results/public_scans/own_blur.csv").fillna({"region": ""})
+    own_blur = own_blur.set_index(["what", "region"])
     assert (project / "results/public_scans/sharp.nii.gz").exists()
-    resolution = own.loc[("mtf_half_per_mm", "")]
+    resolution = own_blur.loc[("mtf_half_per_mm", "")]
     assert resolution["without_own_blur"] > 1.1 * resolution["of_the_mean"]
     # Slices of 1 mm in the list; SD of a Gaussian of the same width at half its height.
-    assert own.loc[("blur_along_z_mm", ""), "of_the_mean"] == pytest.approx(0.4247, abs=1e-4)
+    assert own_blur.loc[("blur_along_z_mm", ""), "of_the_mean"] == pytest.approx(0.4247, abs=1e-4)
     by_segment = dict(zip(public_files.SEGMENTS, rois.index, strict=True))
     masks = {roi.name: roi.mask for roi in phantom.rois}
     for segment, name in by_segment.items():
-        assert own.loc[("mean_hu", segment), "of_the_mean"] == pytest.approx(mean[masks[name]].mean(), abs=0.1)
+        assert own_blur.loc[("mean_hu", segment), "of_the_mean"] == pytest.approx(mean[masks[name]].mean(), abs=0.1)
     image = nibabel.load(project / "results/phantom/image.nii.gz").get_fdata()
     assert image.min() == -1000 and (image[0] == -1000).all() and (image[:, 0] == -1000).all()
 
@@ -180,7 +180,7 @@ def test_invalid_region_is_one_line(made):
     (project / "wrong.yaml").write_text(yaml.safe_dump({"phantom": {"ct": {"rois": rois}}}))
     files = ("config/printed_phantom.yaml", "mine.yaml", "wrong.yaml")
     process = snakemake("results/phantom/image.nii.gz", "--configfile", *files, project=project, cores=1)
-    said = process.stdout + process.stderr
-    assert process.returncode == 1 and "Traceback" not in said
-    (error,) = [line for line in said.splitlines() if line.startswith("Error:")]
+    output = process.stdout + process.stderr
+    assert process.returncode == 1 and "Traceback" not in output
+    (error,) = [line for line in output.splitlines() if line.startswith("Error:")]
     assert "cyst_1 has the label cyst_1, which is not in public_scans.regions; did you mean 'cyst1'?" in error

@@ -32,8 +32,8 @@ def test_defaults_are_those_of_the_default_study():
     assert simulated.STUDY["scan"].items() <= scan.items()
     assert noise["levels"]["dose10"]["A"] == simulated.NOISE_LEVEL
     assert simulated.PROJECTIONS in {one["projections"] for one in section("config.yaml", "protocols").values()}
-    given = inspect.signature(vp.draw_phantom).parameters
-    assert given["oversampling"].default == grid["oversampling"]
+    default_arguments = inspect.signature(vp.draw_phantom).parameters
+    assert default_arguments["oversampling"].default == grid["oversampling"]
 
 
 @pytest.fixture(scope="module")
@@ -61,8 +61,8 @@ def test_images_by_sirt_equal_those_of_the_study(study, phantom):
     """Up to rounding to integer HU: the study reconstructs more realizations at once, whose sums round differently."""
     (image,) = vp.reconstruct(scanned(phantom, 1), "sirt", **section("tiny.yaml", "reconstruction")["sirt"])
     made = read_nifti(study / "images" / "sirt_150" / "dose10" / "seed00.nii.gz").array
-    apart = np.abs(image.array.astype(int) - made)
-    assert apart.max() <= 1 and (apart > 0).mean() < 0.01
+    difference = np.abs(image.array.astype(int) - made)
+    assert difference.max() <= 1 and (difference > 0).mean() < 0.01
 
 
 def test_effects_act_on_the_scan_and_on_its_images(phantom):

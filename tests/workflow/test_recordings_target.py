@@ -64,9 +64,9 @@ def test_alignment_target_transforms_the_rois_of_the_phantom(study, tmp_path):
     assert process.returncode == 0, process.stderr[-3000:]
     found = json.loads((tmp_path / "r" / "recordings" / "m" / "alignment.json").read_text())
     assert found["translation_mm"] == pytest.approx([30, -20, 500], abs=0.05) and found["rois_from"] == "phantom"
-    own, carried = (pd.read_csv(tmp_path / "r" / place / "rois.csv") for place in ("phantom", "recordings/m"))
-    assert carried["roi"].tolist() == own["roi"].tolist()
-    assert carried["n_voxels"].tolist() == pytest.approx(own["n_voxels"].tolist(), rel=0.05)
+    original, carried = (pd.read_csv(tmp_path / "r" / place / "rois.csv") for place in ("phantom", "recordings/m"))
+    assert carried["roi"].tolist() == original["roi"].tolist()
+    assert carried["n_voxels"].tolist() == pytest.approx(original["n_voxels"].tolist(), rel=0.05)
     assert (tmp_path / "r" / "figures" / "alignment_m.png").stat().st_size > 10_000
 
     (folder / "recording.yaml").write_text(yaml.safe_dump(content | {"phantom": "bench"}))

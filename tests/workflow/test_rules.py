@@ -101,12 +101,12 @@ def rows(paths):
 
 def test_paths_of_rules_are_those_of_the_table():
     table = rows(path for output in OUTPUTS for path in output.paths())
-    given = rows(stated())
+    rule_paths = rows(stated())
     # Inputs whose wildcards have one value, and figures that the table lists by name.
     one_value = {"phantom/moved/seed*/grid/rois.csv", "phantom/moved/seed*/grid/rois", "logs/kernels/1.txt"}
-    assert given - table == one_value | {"figures/pca_*.png", "figures/pca_*.pdf"}
+    assert rule_paths - table == one_value | {"figures/pca_*.png", "figures/pca_*.pdf"}
     functions = {"proof/verdicts/*.json", "*.parquet"}  # lists made by the context
-    assert table - given == functions | {f"figures/pca_{name}{suffix}" for name in PCA for suffix in PICTURES}
+    assert table - rule_paths == functions | {f"figures/pca_{name}{suffix}" for name in PCA for suffix in PICTURES}
 
 
 def test_rules_do_not_contain_the_results_folder():

@@ -205,15 +205,15 @@ def test_group_records_have_the_expected_fields():
 def test_events_have_the_expected_names():
     from snakemake_interface_logger_plugins.common import LogEvent
 
-    told = {"job_info", "job_finished", "job_error", "group_info", "group_error", "error"}
-    assert told | SILENT_EVENTS | startup.SILENT_EVENTS <= {str(event) for event in LogEvent}
-    assert all(hasattr(Console, f"_{event}") for event in told)
+    events = {"job_info", "job_finished", "job_error", "group_info", "group_error", "error"}
+    assert events | SILENT_EVENTS | startup.SILENT_EVENTS <= {str(event) for event in LogEvent}
+    assert all(hasattr(Console, f"_{event}") for event in events)
 
 
 def test_messages_without_event_have_the_expected_text(seen):
-    said = [record["msg"] for record in seen["records"] if record["event"] is None]
+    texts = [record["msg"] for record in seen["records"] if record["event"] is None]
     for beginning in {*messages.HIDDEN, *messages.HIDDEN_AT_STARTUP} - ELSEWHERE:
-        assert any(text.startswith(beginning) for text in said), beginning
+        assert any(text.startswith(beginning) for text in texts), beginning
     modules = ("snakemake.workflow", "snakemake.dag", "snakemake.scheduling.job_scheduler")
     sources = "".join(inspect.getsource(sys.modules[name]) for name in modules)
     for text in (*ELSEWHERE, *messages.DRY_RUN, messages.DRY_RUN_ENDS):

@@ -117,11 +117,11 @@ def test_every_figure_and_table_is_made(study):
 
 
 def test_few_lines_report_the_progress(study_run):
-    folder, said = study_run
+    folder, lines = study_run
     jobs = 41  # `all` is not counted
-    stated = re.findall(r"^\d\d:\d\d:\d\d (\d+) of (\d+) jobs done(.*)$", said, re.MULTILINE)
+    stated = re.findall(r"^\d\d:\d\d:\d\d (\d+) of (\d+) jobs done(.*)$", lines, re.MULTILINE)
     first = rf"Jobs to do: {jobs}, .+ (s|min) on 2 cores.*\. Results: {folder}; logs: {folder}/logs"
-    assert re.fullmatch(rf"\d\d:\d\d:\d\d {first}", said.splitlines()[1]), said[:2000]
+    assert re.fullmatch(rf"\d\d:\d\d:\d\d {first}", lines.splitlines()[1]), lines[:2000]
     assert {int(total) for _, total, _ in stated} == {jobs}
     done = [int(number) for number, _, _ in stated]
     assert done == sorted(done) and done[0] == 0 and done[-1] == jobs
@@ -130,7 +130,7 @@ def test_few_lines_report_the_progress(study_run):
     left = r", (under|about|[\d.]+( s)? to) [\d.]+ (s|min) left; now: \w+ \("
     assert all(re.match(left, rest) for _, _, rest in stated[1:-1]), stated
     assert sum(" left" in rest for _, _, rest in stated[1:-1]) > len(stated[1:-1]) / 2
-    assert len(said.splitlines()) < 60 and "jobid" not in said and "Job stats" not in said
+    assert len(lines.splitlines()) < 60 and "jobid" not in lines and "Job stats" not in lines
 
 
 def test_every_job_has_written_its_own_log(study):
@@ -173,7 +173,7 @@ def test_images_are_aligned_with_the_phantom_in_every_reader(study):
 def test_pages_and_dicom_of_the_study(study, tmp_path):
     """Exported images are aligned with the NIfTI ones, and the report contains every figure and its provenance."""
     overlay = {"dicom": {"images": ["sirt_150/double/seed02"]}}
-    process = tiny(study, "dicom", "report_page", overlay=overlay, beside=tmp_path)
+    process = tiny(study, "dicom", "report_page", overlay=overlay, config_folder=tmp_path)
     assert process.returncode == 0, process.stderr[-4000:]
     (series,) = (study / "dicom").glob("*/*/*/series")
     exported = read_series(series)
@@ -214,7 +214,7 @@ def test_no_partial_file_is_left(study):
 def test_stored_projections_are_those_of_the_images(study, tmp_path):
     """The image from a stored file of counts equals the one of the study, voxel by voxel."""
     file = study / "projections" / "views150" / "double" / "seed01.h5"
-    process = tiny(study, file, overlay={"keep_projections": True}, beside=tmp_path)
+    process = tiny(study, file, overlay={"keep_projections": True}, config_folder=tmp_path)
     assert process.returncode == 0, process.stderr[-2000:]
     counts, geometry = exchange.read_counts(file)
     file.unlink()
@@ -236,7 +236,7 @@ def test_stored_projections_are_those_of_the_images(study, tmp_path):
 def test_common_random_numbers_give_noise_levels_the_same_noise(study, tmp_path):
     files = [study / "projections" / "views150" / level / "seed01.h5" for level in ("dose10", "double")]
     overlay = {"keep_projections": True, "noise": {"draws": "common"}}
-    process = tiny(study, *files, overlay=overlay, beside=tmp_path)
+    process = tiny(study, *files, overlay=overlay, config_folder=tmp_path)
     assert process.returncode == 0, process.stderr[-2000:]
     clean, _ = exchange.read_line_integrals(study / "projections" / "views150" / "clean.h5")
     noise = [exchange.read_counts(file)[0].line_integrals(0.5) - clean for file in files]
@@ -274,26 +274,26 @@ AFTER_FEATURES = AFTER_STABILITY | {"merge_features", "pca", *(f"figure_pca_{nam
 def test_new_protocol_only_runs_its_own_jobs(study, tmp_path, settings, projected):
     """And common outputs: the merged table, the statistics, their figures, and kernels for its bundle's size."""
     overlay = {"protocols": {"new": PROTOCOL | settings | {"group": 9}}}
-    jobs = planned(tiny(study, "-n", overlay=overlay, beside=tmp_path))
-    own = {rule for rule in jobs if rule.startswith(("reconstruct", "extract"))}
-    assert own and all(one.startswith("protocol=new") for rule in own for one in jobs[rule])
+    jobs = planned(tiny(study, "-n", overlay=overlay, config_folder=tmp_path))
+    own_jobs = {rule for rule in jobs if rule.startswith(("reconstruct", "extract"))}
+    assert own_jobs and all(one.startswith("protocol=new") for rule in own_jobs for one in jobs[rule])
     assert jobs.pop("project", []) == projected
-    assert jobs.keys() - own <= AFTER_FEATURES | {"compile_kernels"}
+    assert jobs.keys() - own_jobs <= AFTER_FEATURES | {"compile_kernels"}
 
 
 def test_threshold_only_changes_the_statistics(study, tmp_path):
-    jobs = planned(tiny(study, "-n", overlay={"statistics": {"threshold": 1.5}}, beside=tmp_path))
+    jobs = planned(tiny(study, "-n", overlay={"statistics": {"threshold": 1.5}}, config_folder=tmp_path))
     assert set(jobs) == AFTER_STABILITY
 
 
 def test_noise_model_keeps_the_line_integrals(study, tmp_path):
-    jobs = planned(tiny(study, "-n", overlay={"noise": {"model": "physical"}}, beside=tmp_path))
+    jobs = planned(tiny(study, "-n", overlay={"noise": {"model": "physical"}}, config_folder=tmp_path))
     assert not {"phantom", "project", "compile_kernels"} & set(jobs)
     assert sum(len(jobs[rule]) for rule in jobs if rule.startswith("extract")) == 10
 
 
 def test_solver_setting_keeps_the_other_algorithm(study, tmp_path):
-    jobs = planned(tiny(study, "-n", overlay={"reconstruction": {"sirt": {"terms": 30}}}, beside=tmp_path))
+    jobs = planned(tiny(study, "-n", overlay={"reconstruction": {"sirt": {"terms": 30}}}, config_folder=tmp_path))
     made = [one for rule, wildcards in jobs.items() if rule.startswith("reconstruct") for one in wildcards]
     assert made and all("protocol=sirt_" in one for one in made)
     assert not {"phantom", "project"} & set(jobs)
@@ -305,7 +305,7 @@ def test_another_noise_level_keeps_existing_images(study, tmp_path):
         "noise": {"levels": {"loud": {"A": 5.0e-5, "repeats": 5}}},
         "analyses": {"pca": {"fbp": {"noise": ["dose10", "dose10_plus12", "loud"]}}},
     }
-    jobs = planned(tiny(study, "-n", overlay=overlay, beside=tmp_path))
+    jobs = planned(tiny(study, "-n", overlay=overlay, config_folder=tmp_path))
     extracted = [one for rule, wildcards in jobs.items() if rule.startswith("extract") for one in wildcards]
     assert sorted(extracted) == ["protocol=fbp_150, noise=loud", "protocol=fbp_300, noise=loud"]
 
@@ -376,7 +376,7 @@ def test_four_cores_and_no_compiled_kernels_give_the_same_images_and_features(st
     nowhere = str(copy / "features.csv" / "x")
     environment = {"NUMBA_CACHE_DIR": str(kernels), "TMPDIR": nowhere, "XDG_CACHE_HOME": nowhere}
     environment |= {"MPLBACKEND": "module://matplotlib_inline.backend_inline", "PYTHONIOENCODING": "ascii"}
-    process = tiny(copy, *targets, cores=4, overlay={"threads": 2}, beside=tmp_path, environment=environment)
+    process = tiny(copy, *targets, cores=4, overlay={"threads": 2}, config_folder=tmp_path, environment=environment)
     assert process.returncode == 0, process.stderr[-4000:]
     assert list(kernels.glob("*.kernel"))
     made = [copy / "projections" / "views150" / "clean.h5"]
@@ -414,13 +414,13 @@ def test_mistakes_in_the_config(overlay, messages, tmp_path):
     if messages == ["needs a CUDA device"] and astra.use_cuda():
         pytest.skip("there is a CUDA device here")
     process = tiny(tmp_path / "r", "-n", overlay=overlay)
-    said = (process.stderr + process.stdout).splitlines()
+    lines = (process.stderr + process.stdout).splitlines()
     assert process.returncode == 1
-    assert sum(line.startswith("Error:") for line in said) == 1
-    first = next(number for number, line in enumerate(said) if line.startswith("Error:"))
-    listed = said[first : first + len(messages)]
+    assert sum(line.startswith("Error:") for line in lines) == 1
+    first = next(number for number, line in enumerate(lines) if line.startswith("Error:"))
+    listed = lines[first : first + len(messages)]
     for message in messages:  # one line each, in any order within a section
-        assert sum(message in line for line in listed) == 1, said
+        assert sum(message in line for line in listed) == 1, lines
     assert "Traceback" not in process.stderr
     assert not (tmp_path / "r").exists()
 
