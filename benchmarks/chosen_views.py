@@ -27,7 +27,7 @@ LIBRARY = [name for name in names() if not acts_on_images(name)]
 FIELDS = "draw truth stands step chosen equals verdict seconds".split()
 
 
-def one(task):
+def diagnose_subset(task):
     """Rows of one scan: with all views and with every `step`-th view."""
     draw, step = task
     random = np.random.default_rng(np.random.SeedSequence(20261124, spawn_key=(draw,)))
@@ -87,7 +87,7 @@ def add_arguments(parser):
 def run(options):
     tasks = [(draw, options.step) for draw in range(options.first, options.first + options.draws)]
     same, times = [], {1: [], options.step: []}
-    for rows in common.parallel_rows(one, tasks, options, FIELDS):
+    for rows in common.parallel_rows(diagnose_subset, tasks, options, FIELDS):
         same.append(agree(*rows))
         for row in rows:
             times[row["step"]].append(row["seconds"])

@@ -70,7 +70,7 @@ def scene():
     return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193)
 
 
-def one(chain, model, name, physics, draw, repeats=REPEATS):
+def location_rows(chain, model, name, physics, draw, repeats=REPEATS):
     """One row per location of the residual maps."""
     key = (list(SETTINGS | FURTHER).index(name), draw)
     random = np.random.default_rng(np.random.SeedSequence(23, spawn_key=key))
@@ -135,7 +135,7 @@ def run(options):
     with common.csv_writer(options.out, FIELDS) as write:
         for name in options.settings:
             for draw in range(options.first, options.first + options.draws):
-                found = one(chain, model, name, (SETTINGS | FURTHER)[name], draw, options.repeats)
+                found = location_rows(chain, model, name, (SETTINGS | FURTHER)[name], draw, options.repeats)
                 write(*found)
                 rows += found
     summary(rows)

@@ -74,7 +74,7 @@ def left_over(prepared_data, physics, fit):
     return size, seen
 
 
-def one(task):
+def diagnose_scan(task):
     kind, draw, only, accuracy, samples, edge_mm, known, finer, shaped = task
     key = (len(kind), draw, known) if known else (len(kind), draw)
     random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=key))
@@ -191,7 +191,7 @@ def run(options):
     settings = options.only, accuracy, options.samples, options.edge_mm, options.declared, options.finer, options.shapes
     tasks = [(options.kind, draw, *settings) for draw in draws]
     rows = []
-    for found in common.parallel_rows(one, tasks, options, FIELDS):
+    for found in common.parallel_rows(diagnose_scan, tasks, options, FIELDS):
         rows += found
         print({key: found[0][key] for key in FIELDS[:8]}, flush=True)
     summary(rows)

@@ -213,7 +213,7 @@ def counted_scans():
     return scans
 
 
-def one(folder, processes):
+def diagnose_case(folder, processes):
     """Diagnose as workflow/scripts/diagnose.py does; prints times, counts and named effects."""
     clock, scans = processor_seconds, counted_scans()
     case = json.loads((folder / "case.json").read_text())
@@ -308,7 +308,7 @@ def add_arguments(parser):
 
 def run(options):
     if options.one:
-        one(options.one, options.processes)
+        diagnose_case(options.one, options.processes)
         return
     if options.every_effect:
         report(runs_of(every_effect()), read_rates(RATES)["seconds"][STAGE])

@@ -95,7 +95,7 @@ def settled(prepared, further, group):
     return max(scores, key=scores.get)
 
 
-def one(group, draw):
+def compare_choices(group, draw):
     """Row of one realization: the choice with one scan and with two."""
     began, effects = time.perf_counter(), GROUPS[group]
     random = np.random.default_rng(np.random.SeedSequence(20261125, spawn_key=(list(GROUPS).index(group), draw)))
@@ -153,7 +153,7 @@ def run(options):
             for group in options.groups:
                 if (group, draw) in done:
                     continue
-                rows.append(dict.fromkeys(FIELDS, "") | one(group, draw))
+                rows.append(dict.fromkeys(FIELDS, "") | compare_choices(group, draw))
                 write(rows[-1])
                 print(rows[-1], flush=True)
     counted(rows)

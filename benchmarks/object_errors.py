@@ -57,7 +57,7 @@ def changed(kind, random):
     return body(more=cylinder("pmma", at, radius)), f"rod of pmma, {2 * radius:.1f} mm wide", at
 
 
-def one(task):
+def diagnose_scan(task):
     draw, kind = task
     random = np.random.default_rng(np.random.SeedSequence(20261125, spawn_key=(draw,)))
     accuracy = defaults_of("diagnosis", "model_accuracy")
@@ -105,7 +105,7 @@ def run(options):
     order = islice(cycle([*KINDS[:3], "physics", *KINDS[3:], "physics"]), options.first + options.draws)
     tasks = [*enumerate(order)][options.first :]
     rows = []
-    for (row,) in common.parallel_rows(one, tasks, options, FIELDS):
+    for (row,) in common.parallel_rows(diagnose_scan, tasks, options, FIELDS):
         rows.append(row)
         print(row, flush=True)
     objects = [row for row in rows if row["kind"] != "physics"]

@@ -9,7 +9,7 @@ SHROUT_FLEISS = np.array(
 )[..., None]
 
 
-def one(icc):
+def values(icc):
     return [float(part) for part in (icc.value, icc.low, icc.high)]
 
 
@@ -20,13 +20,13 @@ def test_mean_squares_equal_published_ones():
 
 def test_icc_equals_published_values():
     # Values: their Table 4. Intervals: as the R package psych prints them for its function ICC on these data.
-    assert one(measures.icc_agreement(SHROUT_FLEISS)) == pytest.approx([0.29, 0.019, 0.76], abs=0.005)
-    assert one(measures.icc_consistency(SHROUT_FLEISS)) == pytest.approx([0.71, 0.342, 0.95], abs=0.005)
+    assert values(measures.icc_agreement(SHROUT_FLEISS)) == pytest.approx([0.29, 0.019, 0.76], abs=0.005)
+    assert values(measures.icc_consistency(SHROUT_FLEISS)) == pytest.approx([0.71, 0.342, 0.95], abs=0.005)
 
 
 def test_duplicate_repeats_change_nothing_and_features_are_separate():
     twice = np.repeat(SHROUT_FLEISS, 2, axis=-1)
-    assert one(measures.icc_agreement(twice)) == pytest.approx(one(measures.icc_agreement(SHROUT_FLEISS)))
+    assert values(measures.icc_agreement(twice)) == pytest.approx(values(measures.icc_agreement(SHROUT_FLEISS)))
     both = measures.icc_consistency(np.stack([twice, twice[::-1] ** 2]))
     assert both.value.tolist() == pytest.approx([float(measures.icc_consistency(x).value) for x in (twice, twice**2)])
 
@@ -52,7 +52,7 @@ def test_icc_intervals_have_their_coverage():
 
 def test_shift_between_conditions_reduces_agreement_and_not_consistency():
     x = np.array([[1.0, 11], [2, 12], [4, 14]])[..., None]
-    assert one(measures.icc_consistency(x)) == [1, 1, 1]
+    assert values(measures.icc_consistency(x)) == [1, 1, 1]
     assert float(measures.icc_agreement(x).value) < 0.1
 
 
@@ -60,7 +60,7 @@ def test_shift_between_conditions_reduces_agreement_and_not_consistency():
 def test_measures_without_variance_are_undefined():
     x = np.full((3, 4, 2), 0.1)
     for icc in (measures.icc_agreement(x), measures.icc_consistency(x)):
-        assert np.isnan(one(icc)).all()
+        assert np.isnan(values(icc)).all()
     assert np.isnan(measures.concordance(x))
     assert measures.coefficient_of_variation(x) == pytest.approx(0) and measures.quartile_dispersion(x) == 0
 

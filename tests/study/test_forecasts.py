@@ -126,20 +126,20 @@ def test_forecast_ranges_from_few_scans_and_rounds_to_many():
     """One rate at a time, so that both ends have a closed form."""
     points = counted().work(1, 1)["point"]
 
-    def one(unit, processes=1):
+    def forecast(unit, processes=1):
         found = counted().forecast({"seconds": {STAGE: {unit: 2.0}}}, processes)
         return found.cpu, found.wall
 
-    assert one("job") == ((2 / RATES_OFF, 2 * RATES_OFF),) * 2
-    assert one("compiled")[0] == (0, 2 * RATES_OFF)  # kernels may be cached
-    cpu, wall = one("evaluation_point", 4)
+    assert forecast("job") == ((2 / RATES_OFF, 2 * RATES_OFF),) * 2
+    assert forecast("compiled")[0] == (0, 2 * RATES_OFF)  # kernels may be cached
+    cpu, wall = forecast("evaluation_point", 4)
     low, high = (2 * points * count for count in EVALUATIONS)
     assert cpu == pytest.approx((low / RATES_OFF, high * RATES_OFF))
     assert wall == pytest.approx((cpu[0] / 4, cpu[1] / 2.5))  # half of the processes are idle at worst
-    assert one("filter_point")[0] == pytest.approx(
+    assert forecast("filter_point")[0] == pytest.approx(
         [2 * points * 27 * k for k in (ROUNDS[0] / RATES_OFF, ROUNDS[1] * RATES_OFF)]
     )
-    assert one("point", 4)[1] == one("point")[1] and not {"job", "plane", "point"} & set(SHARED)
+    assert forecast("point", 4)[1] == forecast("point")[1] and not {"job", "plane", "point"} & set(SHARED)
     assert counted().forecast({"seconds": {}}) is None
 
 
