@@ -143,7 +143,7 @@ def kind_and_effects(
     """Kind of the verdict and ranked effects."""
     recording, prepared = made or prepare_recording(diagnosis_request)
     found = diagnosis_run.find_missing_physics(recording.name, prepared, tried, accuracy, cache=remembered)
-    return {"verdict": found.content["verdict"], "effects": [one["name"] for one in found.content["effects"]]}
+    return {"verdict": found.content["verdict"], "effects": [effect["name"] for effect in found.content["effects"]]}
 
 
 def answers(folder: Path, truth: dict, config: dict, seed: int, of_fits: bool) -> dict[str, dict]:
@@ -214,7 +214,7 @@ def run(options):
             found = answers(Path(folder), truth, config, options.seed, options.fits)
         rows.append({"truth": truth, "answers": found})
         common.append_jsonl(options.out, rows[-1])
-        hidden = ", ".join(one["name"] for one in truth["effects"]) or "nothing"
+        hidden = ", ".join(effect["name"] for effect in truth["effects"]) or "nothing"
         stated, others = found[STATED], [key for key in found if changed(found[key], found[STATED])]
         words = f"{stated['verdict']}, {', '.join(stated['effects']) or 'no effect'}"
         seconds = time.perf_counter() - began

@@ -48,7 +48,7 @@ def diagnosed(truth: dict, baseline: dict, config: dict, seed: int) -> dict:
         "concealed": truth["concealed"],
         "strength": truth["effects"][0]["strength"] if truth["concealed"] else None,
         "declared": list(baseline),
-        "effects": [one["name"] for one in content["effects"]],
+        "effects": [effect["name"] for effect in content["effects"]],
         "equals": content["ambiguous_with"].get(content["effects"][0]["name"], []) if content["effects"] else [],
         "off": [f"{name}.{key}" for name, one in content["declared"].items() for key, two in one.items() if two["off"]],
         "verdict": content["verdict"],

@@ -114,7 +114,7 @@ def diagnose_scan(task):
         "draw": draw,
         "kind": kind,
         "truth": "+".join(truth) or "none",
-        "chosen": "+".join(one["name"] for one in content["effects"]) or "none",
+        "chosen": "+".join(effect["name"] for effect in content["effects"]) or "none",
         "stand_ins": ";".join("/".join(found.ambiguous_with(name)) for name in found.chosen.fit.effects),
         "verdict": content["verdict"],
         "seconds": round(time.perf_counter() - began, 1),

@@ -26,7 +26,7 @@ def drawn(name, target_snr, random, prepared_data, exact):
     physics = {name: exact.fixed_parameters(name) | strengths(name, target_snr, random, prepared_data)}
     ready = prepared_with_floor(scans(exact, physics, random), scene(), GEOMETRY, SAMPLES)
     baseline = trial(ready.fitter, ())
-    library = [one for one in names() if not acts_on_images(one)]
+    library = [name for name in names() if not acts_on_images(name)]
     found = screened(ready.fitter, baseline.fit, library)
     fits = {one: trial(ready.fitter, (one,), baseline, baseline) for one in library}
     return {one: (found[one].gain, found[one].blind, fits[one].score - baseline.score, found[one].p) for one in library}
@@ -43,7 +43,7 @@ def summary(rows):
             continue
         count += 1
         lost += best not in few
-        near = [one for one in scores if scores[one] > scores[best] - AS_GOOD]
+        near = [score for score in scores if scores[score] > scores[best] - AS_GOOD]
         close, close_lost = close + len(near), close_lost + sum(one not in few for one in near)
     print(f"{len(rows)} draws, {fitted / len(rows):.1f} candidates fitted of {len(rows[0]['candidates'])}")
     print(f"best of all fits not among them: {lost} of {count}; of those as good: {close_lost} of {close}")

@@ -366,4 +366,4 @@ def run(options):
         print(f"{found}: {count}")
     for fault in faults:
         print(*fault, sep="  ")
-    return int(any(counts[one] for one in FAULTS))
+    return int(any(counts[fault] for fault in FAULTS))

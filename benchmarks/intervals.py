@@ -116,8 +116,8 @@ def run(options):
         cases.append({"case": case, "effect": effect["name"], "strength": effect["strength"]} | found)
         common.append_jsonl(options.out, cases[-1])
         text = (
-            f"{one['name']} {one['value']:.4g} +- {one['noise']:.2g} ({one['whole']:.2g}), {one['truth']:.4g}"
-            for one in found["parameters"]
+            "{name} {value:.4g} +- {noise:.2g} ({whole:.2g}), {truth:.4g}".format(**parameter)
+            for parameter in found["parameters"]
         )
         print(f"{case} {effect['name']} ({effect['strength']}): {'; '.join(text)}", flush=True)
     counted(cases)

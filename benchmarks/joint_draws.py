@@ -45,7 +45,7 @@ def scanned(number, phantom, effects, config, seed):
 
 def fitted(made, effects, accuracy):
     """Parameters fitted jointly, and the consistency test of each recording."""
-    names = tuple(one["name"] for one in effects)
+    names = tuple(effect["name"] for effect in effects)
 
     def fit():
         together = JointFitter({name: one.fitter for name, one in made.items()})
@@ -61,19 +61,22 @@ def fitted(made, effects, accuracy):
     errors, first = errors_of_pulled(scans), next(iter(made))
     rows = [
         {
-            "effect": one["name"],
+            "effect": effect["name"],
             "name": key,
             "truth": truth,
-            "value": found.fits[first].physics[one["name"]][key],
-            "noise": found.fits[first].errors[one["name"]][key],
-            "whole": errors[first][one["name"]][key],
+            "value": found.fits[first].physics[effect["name"]][key],
+            "noise": found.fits[first].errors[effect["name"]][key],
+            "whole": errors[first][effect["name"]][key],
         }
-        for one in effects
-        for key, truth in one["comparable"].items()
-        if key in errors[first][one["name"]]
+        for effect in effects
+        for key, truth in effect["comparable"].items()
+        if key in errors[first][effect["name"]]
     ]
     differences = [one.difference for one in alone(together, found, scans).values()]
-    return rows, [{"chi_square": one.chi_square, "numbers": one.numbers, "p": one.p} for one in differences]
+    return rows, [
+        {"chi_square": difference.chi_square, "numbers": difference.numbers, "p": difference.p}
+        for difference in differences
+    ]
 
 
 def counted(draws):

@@ -36,8 +36,8 @@ def of_this_process(repeats):
         ]
         if scan.feed_per_rotation_mm == 0:
             contenders.append(engines.rtk(scan))
-        ahead = common.medians([one.forward for one in contenders], repeats)
-        behind = common.medians([one.back for one in contenders], repeats)
+        ahead = common.medians([contender.forward for contender in contenders], repeats)
+        behind = common.medians([contender.back for contender in contenders], repeats)
         found = [
             {
                 "engine": one.name,

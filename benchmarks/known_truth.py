@@ -49,7 +49,7 @@ def of_image(drawn, image, oversampling=2):
 
 def of_own_scans(drawn, finer, seed):
     """Mean of AVERAGED scans, its blur, and its spectrum and noise spectrum."""
-    scans = np.stack([one.array for one in images(drawn, AVERAGED, seed, finer)]).astype(np.float64)
+    scans = np.stack([image.array for image in images(drawn, AVERAGED, seed, finer)]).astype(np.float64)
     noise = np.tensordot(np.resize([1, -1], AVERAGED), scans, 1) / AVERAGED
     inside = np.any([roi.mask for roi in drawn.rois], axis=0)
     print(f"noise of one scan {np.sqrt(scans[:, inside].var(axis=0, ddof=1).mean()):.1f} HU", flush=True)

@@ -97,7 +97,7 @@ def add_arguments(parser):
 
 def run(options):
     began = time.perf_counter()
-    names = sorted(one.name for one in options.recordings.iterdir() if one.is_dir())
+    names = sorted(path.name for path in options.recordings.iterdir() if path.is_dir())
     discs = {name: prepared(options.recordings, name, options.view_step) for name in names}
     accuracy = defaults_of("diagnosis", "model_accuracy")
     found = run_scanner_diagnosis("bench", discs, options.effects, accuracy, judged_on=options.judged_on)

@@ -25,8 +25,8 @@ def projectors(repeats):
         engines.virtual_phantom(lanes, where, transpose=transpose) for where, transpose in pairs for lanes in (1, 16)
     ]
     contenders += [engines.rtk(scan), engines.rtk(scan, transpose=True), engines.astra_fan(scan)]
-    forward = common.medians([one.forward for one in contenders], repeats)
-    back = common.medians([one.back for one in contenders], repeats)
+    forward = common.medians([contender.forward for contender in contenders], repeats)
+    back = common.medians([contender.back for contender in contenders], repeats)
     reference = contenders[0].projected
     rows = []
     for one, ahead, behind in zip(contenders, forward, back, strict=True):
@@ -40,7 +40,7 @@ def projectors(repeats):
             "Virtual Phantom, 16 at once, helix" if row["engine"].endswith("helix") else "Virtual Phantom, 16 at once"
         )
         row["both_over_full_batch"] = engines.ns_of_a_view(row) / engines.ns_of_a_view(
-            next(one for one in rows if one["engine"] == batch)
+            next(row for row in rows if row["engine"] == batch)
         )
     rows.append(
         {"engine": "XCIST, distance-driven", "forward_ns_per_ray": engines.xcist_ns_per_ray(scan, engines.GRID)}

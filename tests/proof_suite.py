@@ -132,7 +132,7 @@ OTHERS = {
 
 def write_suite(folder, truths=TRUTHS, diagnoses=DIAGNOSES, others=OTHERS):
     """All files of the test under `folder`; returns the arguments of case.collect."""
-    documents = [seal.sealed(one, SALT) for one in truths]
+    documents = [seal.sealed(truth, SALT) for truth in truths]
     seal.write(seal.publish(documents), folder / "seals.json")
     paths = {"sealed": [], "seals": folder / "seals.json", "verdicts": [], "diagnoses": [], "others": []}
     for document, content in zip(documents, diagnoses, strict=True):

@@ -104,7 +104,9 @@ def test_thresholds_are_read_with_their_comments(tmp_path, monkeypatch):
         '"""A module."""\n\n# Radius of a ball (a paper),\n# in mm.\nRADIUS_MM = 2.5\nFEW, MANY = 3, 10  # repeats\n'
         'SILENT = -1e-3\nNAME = "no number"\nSOME = {"a": 1 / 3}  # shares\n'
     )
-    found = {one.name: (one.value, one.comment) for one in thresholds.thresholds(tmp_path / "one.py")}
+    found = {
+        threshold.name: (threshold.value, threshold.comment) for threshold in thresholds.thresholds(tmp_path / "one.py")
+    }
     assert found == {
         "RADIUS_MM": ("2.5", "Radius of a ball (a paper), in mm."),
         "FEW, MANY": ("3, 10", "repeats"),

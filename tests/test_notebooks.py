@@ -58,7 +58,7 @@ def test_notebook_runs_and_its_stored_output_is_current(path, folder):
         if cell.cell_type != "code":
             continue
         found = shown(cell.source, names)
-        stored = "".join(one.get("text") or one["data"]["text/plain"] for one in cell.outputs)
+        stored = "".join(output.get("text") or output["data"]["text/plain"] for output in cell.outputs)
         assert cell.execution_count and stored, cell.source
         if "Figure" not in stored:
             assert firsts(found) == firsts(stored)

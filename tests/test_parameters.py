@@ -85,7 +85,9 @@ def test_table_of_user_features_is_read_back_completely(tmp_path):
 def test_settings_of_a_filter_only_affect_its_features(tmp_path):
     actual = read_extraction(written(tmp_path, FILTERED))
     other = FILTERED | {"imageType": {"Original": {}, "Wavelet": {"wavelet": "db1"}, "LoG": {"binWidth": 7}}}
-    found = {str(one): one for one in differences(actual, read_extraction(written(tmp_path, other)))}
+    found = {
+        str(difference): difference for difference in differences(actual, read_extraction(written(tmp_path, other)))
+    }
     assert set(found) == {"LoG: binWidth is 7, the study's 5", "Wavelet: wavelet is db1, the study's haar"}
     log, wavelet = (found[name] for name in sorted(found))
     assert log.changes("log-sigma-3-0-mm-3D_glcm_Idn") and not log.changes("log-sigma-3-0-mm-3D_firstorder_Mean")

@@ -48,7 +48,7 @@ def quotations(path):
 
 def test_readme_quotes_the_output_of_the_guide():
     """tests/workflow/test_marked_pages.py compares the guide's output with its command."""
-    (quote,) = [one for one in quotations(ROOT / "README.md") if one.startswith("solid_disc")]
+    (quote,) = [quotation for quotation in quotations(ROOT / "README.md") if quotation.startswith("solid_disc")]
     printed = [block.text for block in blocks(DOCS / "getting-started" / "own-sinogram.md") if block.kind == "prints"]
     assert any(quoted(quote, one) for one in printed), quote
 

@@ -65,7 +65,7 @@ def test_each_note_is_printed_once_and_reaches_no_other_handler(capsys, caplog):
 
 def test_outside_of_a_command_notes_are_log_records(caplog):
     note("a.dcm: skipped")
-    assert [(one.levelname, one.getMessage()) for one in caplog.records] == [("WARNING", "a.dcm: skipped")]
+    assert [(record.levelname, record.getMessage()) for record in caplog.records] == [("WARNING", "a.dcm: skipped")]
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])

@@ -47,7 +47,7 @@ def body(**changes):
     """Body of shapes with muscle, bone, fat and a PMMA rod; `changes` replaces inserts (None removes one)."""
     inserts = {name: ellipsoid(name, at, [radius] * 3) for name, (at, radius) in INSERTS.items()} | changes
     muscle = ellipsoid("soft_tissue", (0, 0, 0), (110, 80, 1000))
-    return [muscle, *(one for one in inserts.values() if one is not None), cylinder("pmma", *ROD)]
+    return [muscle, *(insert for insert in inserts.values() if insert is not None), cylinder("pmma", *ROD)]
 
 
 def shapes_scene():
@@ -100,7 +100,7 @@ def stated(physics, model, random=None):
     """Declared physics with a relative SD of STATED; without `random`, the values are exact."""
     found = {}
     for name, values in physics.items():
-        low_high = {one.name: (one.low, one.high) for one in model.parameters(name)}
+        low_high = {parameter.name: (parameter.low, parameter.high) for parameter in model.parameters(name)}
         found[name] = {}
         for key, value in values.items():
             sd = STATED * abs(value)
@@ -127,8 +127,10 @@ def signal_to_noise(prepared_data, physics):
 def scaled(chain, name, share):
     """Parameters of an effect at a share of its typical strength; those without a neutral value are typical."""
     return {
-        one.name: one.typical if one.neutral is None else one.neutral + share * (one.typical - one.neutral)
-        for one in chain.parameters(name)
+        parameter.name: parameter.typical
+        if parameter.neutral is None
+        else parameter.neutral + share * (parameter.typical - parameter.neutral)
+        for parameter in chain.parameters(name)
     }
 
 

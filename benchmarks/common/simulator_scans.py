@@ -84,7 +84,11 @@ def declarable_effects() -> list[str]:
     for name in KNOWN:
         effect = load(name)
         _, comparable = CATALOGUE[name].draw("medium", generator(branch(0, TRUTH)))
-        if name not in LEFT_OUT and not effect.pattern and {one.name for one in effect.parameters} <= set(comparable):
+        if (
+            name not in LEFT_OUT
+            and not effect.pattern
+            and {parameter.name for parameter in effect.parameters} <= set(comparable)
+        ):
             found.append(name)
     return found
 

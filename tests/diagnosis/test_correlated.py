@@ -67,7 +67,7 @@ def covariance_of(state) -> np.ndarray:
     """Covariance [ray, ray] of the line integrals from the share of each photon in each ray, without earlier views."""
     shape = state.signal.shape
     units = np.eye(state.signal.size).reshape(-1, *shape)
-    read = np.stack([state.read_out(one, before_scan=np.zeros(shape[1:])).ravel() for one in units], axis=1)
+    read = np.stack([state.read_out(unit, before_scan=np.zeros(shape[1:])).ravel() for unit in units], axis=1)
     found = read @ np.diag(state.signal.ravel() / state.photons) @ read.T
     found += np.eye(len(found)) * (state.electronic / state.photons) ** 2
     change = 1 / state.measured.ravel()
@@ -103,7 +103,7 @@ def test_whitened_noise_is_white(column, row, share, memory):
     shape = state.signal.shape
     white = Whitening(shared_by(column, row, share, memory), np.concatenate([lines] * 4), np.ones(shape, bool))
     units = np.eye(state.signal.size).reshape(-1, *shape)
-    change = np.stack([white(one).ravel() for one in units], axis=1)
+    change = np.stack([white(unit).ravel() for unit in units], axis=1)
     last = slice(-views * SHAPE[1] * SHAPE[2], None)
     found = (change @ covariance_of(state) @ change.T)[last, last]
     scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))

@@ -72,7 +72,7 @@ def test_declared_physics_is_in_every_model_and_not_reported_as_missing(scene):
 
 def test_missing_effect_is_named_with_declared_physics(scene):
     content = found(scene, {"scatter": SCATTER, "detector_offset": {"columns_px": 0.03}}, STATED)
-    assert [one["name"] for one in content["effects"]] == ["detector_offset"], content["sentence"]
+    assert [effect["name"] for effect in content["effects"]] == ["detector_offset"], content["sentence"]
     low, high = content["effects"][0]["parameters"]["columns_px"]["ci95"]
     assert abs(0.03 - (low + high) / 2) <= high - low
     assert "scatter" not in content["sentence"]

@@ -307,7 +307,7 @@ def test_alignment_at_its_limit_changes_the_verdict_text(scene):
     hidden = {"photon_flux": {"factor": 0.75}, "scatter": {"amount": 0.05, "width_mm": 60.0}}
     _, found = diagnosed(scene, hidden, library=("scatter", "motion"))
     content = found.content
-    assert [one["name"] for one in content["effects"]] == ["scatter"]
+    assert [effect["name"] for effect in content["effects"]] == ["scatter"]
     assert content["verdict"] == "mismatch partly explained"
     assert any(line.startswith("log photons of the alignment reached the limit") for line in content["doubts"])
     assert content["verdict_lines"][0].startswith("Best explanation: scatter")

@@ -117,7 +117,7 @@ def test_repair_removes_most_mismatches_in_held_out_regions(scene, tables, name)
     recorded = recording(CHANGED[name][0](mean), masks)
     _, found = diagnosed(tables, recorded)
     counts = {one: candidate["families"]["all"] for one, candidate in found["candidates"].items()}
-    assert len({(one["cells"], one["misses"]) for one in counts.values()}) == 1
+    assert len({(count["cells"], count["misses"]) for count in counts.values()}) == 1
     best = max(counts, key=lambda one: (counts[one]["repaired"], counts[one]["median_removed_share"]))
     assert best == name and counts[name]["median_removed_share"] > 0.5, counts
 

@@ -209,7 +209,7 @@ def test_user_effect_on_images_is_found(scene, added):
     found = diagnose(
         "scanner", prepared_data, chosen(prepared_data.fitter, ("cupping", "hu_calibration", "scatter"))
     ).content
-    assert [one["name"] for one in found["effects"]][:1] == ["cupping"]
+    assert [effect["name"] for effect in found["effects"]][:1] == ["cupping"]
     low, high = found["effects"][0]["parameters"]["depth_hu"]["ci95"]
     assert low - (high - low) / 2 < 12.0 < high + (high - low) / 2
 
@@ -253,7 +253,7 @@ def test_effect_declares_its_priors_and_its_owner(scene, leaking):
     assert effect.absolute_attenuation(["leakage"]) and not effect.absolute_attenuation(["scatter"])
     taken = scans_of(Chain(scene, GEOMETRY, PHOTONS).state({}), 4, np.random.default_rng(1))
     fitter = prepared.prepare(taken, None, Chain(scene, GEOMETRY, PHOTONS), tube_kvp=100.0).fitter
-    kvp = next(one for one in fitter.model.unknowns(("leakage",)) if one.name == "kvp")
+    kvp = next(unknown for unknown in fitter.model.unknowns(("leakage",)) if unknown.name == "kvp")
     assert (kvp.expected, kvp.sd, kvp.low, kvp.high, kvp.starts) == (100.0, 1.0, 95.0, 105.0, (100.0,))
     scale, free = (
         next(one for one in fitter.model.alignment(names) if one.name == "scale") for names in (("leakage",), ())
@@ -316,6 +316,8 @@ def test_kind_of_scene_is_one_file(tmp_path):
     taken = observed.Scans(lines, state.measured_air.mean(axis=0) * PHOTONS, np.ones(lines[0].shape, bool))
     prepared_data = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
     found = diagnose("bench", prepared_data, chosen(prepared_data.fitter, ("detector_offset", "scatter"))).content
-    assert [one["name"] for one in found["effects"]] == ["detector_offset"] and found["verdict"] == "mismatch explained"
+    assert [effect["name"] for effect in found["effects"]] == ["detector_offset"] and found[
+        "verdict"
+    ] == "mismatch explained"
     low, high = found["effects"][0]["parameters"]["columns_px"]["ci95"]
     assert low < 0.05 < high and high - low < 0.05

@@ -139,7 +139,7 @@ def found(prepared_data, candidates):
 def test_realizations_use_the_same_random_numbers_with_and_without_afterglow(scene):
     state = Chain(scene, GEOMETRY, PHOTONS).state({})
     states = (state, replace(state, lag=(1e-4, 0.0, 1.0)))
-    plain, glowing = (noise_lines(one, 2, np.random.SeedSequence(3)) for one in states)
+    plain, glowing = (noise_lines(state, 2, np.random.SeedSequence(3)) for state in states)
     assert np.corrcoef(plain.ravel(), glowing.ravel())[0, 1] > 0.999
     assert np.abs(plain - glowing).max() > 0
 
@@ -169,12 +169,15 @@ def test_no_hidden_effect_is_a_match(scene):
 def test_hidden_effect_is_named(scene, name, key, value):
     effect = load(name)
     key = key or effect.parameters[0].name
-    values = {one.name: one.neutral if one.neutral is not None else one.typical for one in effect.parameters}
+    values = {
+        parameter.name: parameter.neutral if parameter.neutral is not None else parameter.typical
+        for parameter in effect.parameters
+    }
     values[key] = 0.6 if value is None else value
     removed = []
     for seed in (1, 2, 3):
         content = found(prepared(scene, {name: values}, seed), dict.fromkeys([*CANDIDATES, name])).content
-        named = {one["name"]: one["parameters"] for one in content["effects"]}
+        named = {effect["name"]: effect["parameters"] for effect in content["effects"]}
         assert list(named)[:1] == [name], content["sentence"]
         low, high = named[name][key]["ci95"]
         assert low - (high - low) / 2 < values[key] < high + (high - low) / 2

@@ -62,7 +62,7 @@ def test_intervals_are_correct_for_data_with_model_errors(chain):
     errors divided by total standard errors are standard normal.
     """
     fitter, *fits = fitted(chain, 3)
-    there, here = (fitter.predicted(one).mean for one in fits)
+    there, here = (fitter.predicted(fit).mean for fit in fits)
     random, z, of_noise = np.random.default_rng(8), [], []
     for seed in range(24):
         added = sum(SHARE * random.normal() * shape for shape in shapes(here).values()) * (here - there)

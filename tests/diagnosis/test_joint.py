@@ -83,7 +83,7 @@ def test_truth_lies_within_the_errors(joint):
 
 def test_joint_errors_are_smaller_than_single_errors(fitters, joint):
     for key in SCATTER["scatter"]:
-        alone = [one.fit(("scatter",)).errors["scatter"][key] for one in fitters.values()]
+        alone = [fitter.fit(("scatter",)).errors["scatter"][key] for fitter in fitters.values()]
         assert joint.errors["scatter"][key] < min(alone)
 
 
@@ -191,7 +191,7 @@ def test_scanner_diagnosis_writes_a_document_and_a_page():
     content = found.content
     validate(content, schema_of_kind(SCANNER), "scanner.json")
     assert content["verdict"] == "mismatch explained", content["sentence"]
-    assert [one["name"] for one in content["effects"]] == ["scatter"]
+    assert [effect["name"] for effect in content["effects"]] == ["scatter"]
     assert content["verdict_lines"][0].startswith("Shared missing physics: scatter (amount 0.0")
     assert content["verdict_lines"][0].endswith("), in 3 recordings.")
     assert content["verdict_lines"][1].startswith("Fit on left-out recordings: ")

@@ -180,7 +180,7 @@ def test_ambiguity_of_a_scanner_diagnosis_is_found(moved):
     similar = effect_similarity(prepared, baseline, (OFFSET, AXIS, "scatter"))
     chosen, ambiguities = refit_jointly(prepared, (OFFSET,), (OFFSET, AXIS, "scatter"), similar)
     assert chosen["disc"].effects == (OFFSET,)
-    assert [list(one.fits) for one in ambiguities] == [[OFFSET, AXIS]]
+    assert [list(ambiguity.fits) for ambiguity in ambiguities] == [[OFFSET, AXIS]]
 
 
 def test_without_ambiguity_the_named_effects_are_measured_better(moved):

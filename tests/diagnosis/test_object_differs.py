@@ -183,7 +183,7 @@ def test_missing_large_insert_explains_all(monkeypatch):
     assert explains_all(piece, prepared_data, baseline)
     fit = mended.fitter.fit(())
     assert fit.chi_square < prepared_data.fitter.data.usable.sum() * 1.02
-    (found_at,) = (one.content for one in mended.pieces(fit))
+    (found_at,) = (piece.content for piece in mended.pieces(fit))
     np.testing.assert_allclose([found_at[name] for name in ("x_mm", "y_mm", "z_mm")], (40, 10, 5), atol=0.2)
     assert found_at["width_mm"] == pytest.approx(36, abs=0.3)
 
@@ -199,7 +199,7 @@ def test_object_is_corrected_on_request():
 def test_physics_is_named_with_a_corrected_object():
     physics = {"dark_signal": {"level_units": 1500.0}}
     content = report((), physics, True)
-    assert [one["name"] for one in content["effects"]] == ["dark_signal"], content["sentence"]
+    assert [effect["name"] for effect in content["effects"]] == ["dark_signal"], content["sentence"]
     low, high = content["effects"][0]["parameters"]["level_units"]["ci95"]
     assert low - (high - low) < 1500 < high + (high - low)
     assert len(content["object"]["pieces"]) == 1

@@ -101,7 +101,7 @@ def test_images_far_from_the_isocenter_are_reported_with_their_shift(shift, wher
     found = orientation(recorded(10, shift=shift, axes=(50, 40), inserts=small), of, PHANTOM, IMAGES)
     assert (found.kind, list(found.mistakes)) == (DESCRIPTION, ["location"])
     off = [float(number) for number in found.mistakes["location"].split("(it is ")[1].split(" mm")[0].split(", ")]
-    assert off == pytest.approx([float(one) for one in where.split(", ")], abs=2.0)
+    assert off == pytest.approx([float(part) for part in where.split(", ")], abs=2.0)
 
 
 def test_restored_order_is_the_inverse():

@@ -27,7 +27,7 @@ def simulated(chain, seed, changed=0.0):
     state, random = chain.state({}), np.random.default_rng(seed)
     white = state.measured_air[0] * state.photons
     counts = [random.poisson(state.signal * np.exp(-changed) * PHOTONS).astype(float) for _ in range(4)]
-    taken = observed.scans([Projections(one, white, np.zeros_like(white)) for one in counts])
+    taken = observed.scans([Projections(count, white, np.zeros_like(white)) for count in counts])
     return prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
 
 

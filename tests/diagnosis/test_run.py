@@ -65,7 +65,7 @@ def test_verdict_is_the_same_in_several_processes_and_from_cached_fits(scene, tm
     physics = {"scatter": {"amount": 0.03, "width_mm": 60.0}, "detector_offset": {"columns_px": 0.05}}
     stored = FitCache(tmp_path, "this recording", lambda effect: "as it is")
     at_once = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY, processes=2, cache=stored)
-    assert {one["name"] for one in at_once.content["effects"]} == set(physics)
+    assert {effect["name"] for effect in at_once.content["effects"]} == set(physics)
     files = {path.name for path in tmp_path.glob("*.json")}
     # A focal spot has no first-order gain and is not fitted alone.
     assert {"alignment.json", "scatter.json", "detector_offset.json"} < files and "focal_spot.json" not in files

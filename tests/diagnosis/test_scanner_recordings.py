@@ -58,7 +58,9 @@ def test_inconsistent_recording_is_named_and_the_others_are_not():
 
 
 def test_neither_of_two_inconsistent_recordings_is_preferred():
-    assert all(one.disagrees for one in differences({"large": 0.03, "middle": 0.04}, 20, ACCURACY).values())
+    assert all(
+        difference.disagrees for difference in differences({"large": 0.03, "middle": 0.04}, 20, ACCURACY).values()
+    )
 
 
 def test_difference_within_model_errors_is_consistent():
@@ -140,7 +142,7 @@ def test_parameters_from_other_recordings_have_correlated_errors():
     together = JointFitter({name: prepare_recording(name, SCATTER).fitter for name in ("large", "small")})
     left = together.left_out(["small"], ("scatter",), together.fit(("scatter",)))["small"]
     rows = {key: np.array(row) for key, row in left.directions["scatter"].items()}
-    numbers = {one.name: one for one in together.fitters["large"].model.unknowns(("scatter",))}
+    numbers = {unknown.name: unknown for unknown in together.fitters["large"].model.unknowns(("scatter",))}
     for key, row in rows.items():
         error = numbers[key].number_error(left.physics["scatter"][key], left.errors["scatter"][key])
         assert np.linalg.norm(row) == pytest.approx(error, rel=1e-3)

@@ -59,7 +59,7 @@ def test_missing_effect_is_named(bench):
     found = vp.diagnose(
         bench, shapes="acr464_module1", samples=1, effects=["scatter", "optical_crosstalk"], check_setup=False
     )
-    assert [one["name"] for one in found.content["effects"]] == ["scatter"], found.content["sentence"]
+    assert [effect["name"] for effect in found.content["effects"]] == ["scatter"], found.content["sentence"]
     low, high = found.content["effects"][0]["parameters"]["amount"]["ci95"]
     assert low - (high - low) / 2 < 0.06 < high + (high - low) / 2
 
@@ -73,7 +73,7 @@ def test_parallel_beam_is_read_and_diagnosed(tmp_path):
     assert "source_to_isocentre_mm" not in (folder / "recording.yaml").read_text()
     tried = ["dark_signal", "electronic_noise", "detector_roll"]
     found = vp.diagnose(folder, shapes="acr464_module1", samples=1, effects=tried)
-    assert [one["name"] for one in found.content["effects"]] == ["dark_signal"], found.content["sentence"]
+    assert [effect["name"] for effect in found.content["effects"]] == ["dark_signal"], found.content["sentence"]
     assert found.content["setup"]["kind"] == "as stated", found.content["setup"]
     with pytest.raises(InputError, match="focal_spot goes by the place of a focal spot"):
         vp.diagnose(folder, shapes="acr464_module1", samples=1, effects=["focal_spot"])

@@ -64,7 +64,7 @@ def test_current_changes_are_found_if_every_nth_view_is_fitted(chain, monkeypatc
     """The noise is measured in neighboring views only."""
     monkeypatch.setattr(prepared, "MOST_LOOKED_AT", 0)
     content = named(prepare_recording(chain, MODULATED, 2, step=3))
-    assert [one["name"] for one in content["effects"]] == ["current_modulation"]
+    assert [effect["name"] for effect in content["effects"]] == ["current_modulation"]
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_current_changes_are_found_if_every_nth_view_is_fitted(chain, monkeypatc
 def test_constant_current_is_not_reported(chain, physics, pose):
     """An elongated, shifted body differs from the baseline twice per turn, like a varying current."""
     content = named(prepare_recording(chain, physics, 3, pose))
-    assert {one["name"] for one in content["effects"]} == set(physics)
+    assert {effect["name"] for effect in content["effects"]} == set(physics)
 
 
 def test_noise_is_measured_with_a_shifted_object(chain):

@@ -431,7 +431,7 @@ def test_effect_of_each_scan_is_fitted_with_transferred_physics(tmp_path):
     prepared_data = prepared.prepare(observed.Scans(lines, None, np.ones(lines.shape[1:], bool)), None, chain)
     (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, DRIFTS)))
     physics = Physics.read(tmp_path / "d.json")
-    units = {one.name: one.unit for one in prepared_data.fitter.model.parameters("dark_signal")}
+    units = {parameter.name: parameter.unit for parameter in prepared_data.fitter.model.parameters("dark_signal")}
     choice = verified(
         prepared_data.fitter, trial(prepared_data.fitter, ()), replace(physics, units={"dark_signal": units}), True
     )

@@ -273,7 +273,7 @@ def test_single_roi_has_no_order():
 
 def test_warnings_are_read_from_the_feature_table():
     page_words = index.study_warnings(ALL, TRUST)
-    assert [one.partition(".")[0] for one in page_words] == [
+    assert [word.partition(".")[0] for word in page_words] == [
         "ROI cyst_2 has 24 voxels",
         "ROI cyst_2 has fewer than 3 gray levels in 1 of 2 images",
         "There are 3 repeats per group",

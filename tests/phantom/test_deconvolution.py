@@ -78,7 +78,7 @@ def test_noise_is_removed_and_not_amplified():
     """Coarse texture of 10 HU under white noise of 6 HU: the result is closer to the texture than the mean image is."""
     rng = np.random.default_rng(7)
     frequencies = np.ix_(*(np.fft.fftfreq(size, step) for size, step in zip(GRID.shape, GRID.spacing, strict=True)))
-    squares = sum(one**2 for one in frequencies)
+    squares = sum(frequency**2 for frequency in frequencies)
 
     def blurred(array, sd):
         return np.fft.ifftn(np.fft.fftn(array) * np.exp(-2 * np.pi**2 * sd**2 * squares)).real

@@ -186,6 +186,6 @@ def test_two_orientations_or_none_are_reported(tmp_path, notes):
         shifted.set_qform(affine, code=1)
         nibabel.save(shifted, tmp_path / "q.nii")
         assert read_image(tmp_path / "q.nii").grid.matches(CT_GRID)  # sform
-        assert any(f"up to {millimeters / 2:.3g} voxels apart; sform is used" in one for one in notes()) == reported
+        assert any(f"up to {millimeters / 2:.3g} voxels apart; sform is used" in note for note in notes()) == reported
     read_image(damaged(nifti(tmp_path / "n.nii"), sform_code=0, qform_code=0))
     assert "n.nii: its header has no orientation (sform_code and qform_code are 0)" in notes()[-1]

@@ -179,7 +179,7 @@ def test_every_format_in_upper_and_lower_case(name, tmp_path):
         image = kind(LABELS.T, CT_GRID.affine)
         if kind is nibabel.Nifti1Pair:
             suffixes = ("HDR", "IMG") if name.isupper() else ("hdr", "img")
-            files = [path.with_suffix(f".{one}") for one in suffixes]
+            files = [path.with_suffix(f".{suffix}") for suffix in suffixes]
             image.to_file_map(
                 nibabel.Nifti1Pair.make_file_map(dict(zip(("header", "image"), map(str, files), strict=True)))
             )

@@ -123,7 +123,7 @@ def straightened(material):
     physics = TUBE | {"water_correction": {"quadratic": square, "cubic": cube}}
     lengths = thick if material == "water" else thick[thick < 100]
     plain, corrected = (
-        np.array([behind(material, one, effects) for one in lengths]) / lengths for effects in (TUBE, physics)
+        np.array([behind(material, length, effects) for length in lengths]) / lengths for effects in (TUBE, physics)
     )
     return plain / plain[0], corrected / corrected[0]
 

@@ -55,7 +55,7 @@ def through(slab, aluminium_mm=0.0, target="tungsten", target_mm=0.0):
         attenuation_per_mm("aluminium", energies) * aluminium_mm + attenuation_per_mm(target, energies) * target_mm
     )
     inside = sum(attenuation_per_mm(m, energies) * mm for m, mm in zip(slab.materials, slab.paths_mm, strict=True))
-    return [(photons * one * np.exp(-filters - inside)).sum() / (photons * one).sum() for one in moments]
+    return [(photons * moment * np.exp(-filters - inside)).sum() / (photons * moment).sum() for moment in moments]
 
 
 BOWTIE = load("bowtie").values({"at_20deg_mm": 15.0})

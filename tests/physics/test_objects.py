@@ -112,7 +112,7 @@ def test_user_object_file(tmp_path):
         ],
     )
     shaped = read_object(mine, {"wide_mm": 30})
-    assert [str(one.material) for one in shaped.shapes] == ["pmma", "wax", "water"]
+    assert [str(shape.material) for shape in shaped.shapes] == ["pmma", "wax", "water"]
     assert shaped.names == ("wall", None, None)
     assert shaped.shapes[0].around[2] == pytest.approx(25, abs=0.01)
     assert shaped.shapes[1].around[2] == pytest.approx(22.5, abs=0.01)
@@ -125,7 +125,7 @@ def test_file_on_the_page_is_an_object(tmp_path):
     (block,) = [one for one in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL) if one.startswith("description:")]
     (tmp_path / "bottle.yaml").write_text(block)
     shaped = read_object(str(tmp_path / "bottle.yaml"), {"wide_mm": 40})
-    assert [one.around[2] for one in shaped.shapes[:2]] == pytest.approx([21, 20], abs=0.01)
+    assert [shape.around[2] for shape in shaped.shapes[:2]] == pytest.approx([21, 20], abs=0.01)
     listed = page.split("## An object")[0]
     assert set(object_names()) == set(re.findall(r"^\| `(\w+)` \| .* \| .* \|$", listed, re.MULTILINE))
 

@@ -125,9 +125,9 @@ convex = st.one_of(
 @given(st.lists(convex, min_size=1, max_size=5), st.integers(0, 6), st.integers(0, 8), st.integers(0, 39))
 def test_path_lengths_agree_with_sampled_points(shapes, view, row, column):
     """Any shapes in any order; later shapes replace earlier ones."""
-    if all(one.material == NOTHING for one in shapes):
+    if all(shape.material == NOTHING for shape in shapes):
         return
-    source, pixel = (one[view, row, column] for one in rays(GEOMETRY))
+    source, pixel = (ray[view, row, column] for ray in rays(GEOMETRY))
     scene = ShapesScene(shapes)
     found = dict(zip(scene.materials, scene.path_lengths(GEOMETRY)[:, view, row, column], strict=True))
     expected, step = counted(shapes, source, pixel)

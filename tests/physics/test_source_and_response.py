@@ -227,4 +227,4 @@ def test_focal_spot_has_the_same_width_with_off_focal_radiation():
 def test_collimator_is_not_fitted():
     known = chain().fixed_parameters("off_focal_radiation")
     assert known == {"collimator_mm": 200.0}
-    assert [one.name for one in chain().parameters("off_focal_radiation")] == ["share", "width_mm"]
+    assert [parameter.name for parameter in chain().parameters("off_focal_radiation")] == ["share", "width_mm"]

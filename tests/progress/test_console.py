@@ -352,8 +352,8 @@ def test_failed_job_of_a_group_is_named(tmp_path):
     (tmp_path / "a.log").write_text("2026-01-01 00:00:00 INFO all is well\n")
     jobs = [failed(run, 0, [tmp_path / "a.log"]), failed(run, 1, [log]), failed(run, 2, [tmp_path / "none.log"])]
     run.log(LogEvent.GROUP_ERROR, "Error", logging.ERROR, groupid="g", aux_logs=["slurm.log"], job_error_info=jobs)
-    for one in jobs:
-        run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **one | {"indent": True})
+    for failure in jobs:
+        run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failure | {"indent": True})
     ended(run)
     assert [line for line in run.lines() if "Failed" in line] == [
         f"Failed: reconstruct of images/1.nii.gz and 1 more: broken; mend it (log: {log})"

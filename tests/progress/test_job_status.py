@@ -94,7 +94,7 @@ def test_small_diagnosis_reports_until_its_verdict(processes, tmp_path):
     found = find_missing_physics(
         "bench", ready(), CANDIDATES, {"default": 0.02}, processes, progress=DiagnosisProgress(status_lines)
     )
-    assert [one["name"] for one in found.content["effects"]] == ["scatter"]
+    assert [effect["name"] for effect in found.content["effects"]] == ["scatter"]
     texts = [line.partition("bench: ")[2] for line in run.lines() if "bench: " in line]
     assert texts[0] == "alignment fitted"
     assert texts[1:5] == [f"alignment fitted; {done}3 effects ranked" for done in ("0 of ", "1 of ", "2 of ", "")]

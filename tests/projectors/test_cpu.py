@@ -150,7 +150,9 @@ def test_tiles_of_any_width_take_every_sample(centre_mm):
         projector = CpuProjector(geometry, grid, lanes, centre_mm=centre_mm)
         lines = projector.forward(projector.pack_volume(np.repeat(volume[None], lanes, 0)))
         images = (projector.back(lines), projector.adjoint(lines))
-        found.append([projector.unpack_projections(lines)[-1], *(projector.unpack_volume(one)[-1] for one in images)])
+        found.append(
+            [projector.unpack_projections(lines)[-1], *(projector.unpack_volume(image)[-1] for image in images)]
+        )
     for one, *others in zip(*found, strict=True):
         assert one.any()
         for other in others:

@@ -38,7 +38,7 @@ class Given(dict):
 def made(tmp_path_factory):
     """Outputs of the script for the suite of nine cases."""
     folder = tmp_path_factory.mktemp("suite")
-    inputs = Given(write_suite(folder), maps=[folder / "diagnosis" / one["case"] / "maps" for one in TRUTHS])
+    inputs = Given(write_suite(folder), maps=[folder / "diagnosis" / truth["case"] / "maps" for truth in TRUTHS])
     inputs |= {"real": [], "real_maps": [], "times": [], "record": RESOURCES / "proof_record.yaml"}
     names = ("confusion_png", "confusion_pdf", "example_png", "example_pdf")
     output = Given({name: folder / name.replace("_", ".") for name in names})
@@ -75,9 +75,9 @@ def test_page_shows_all_seeds_and_the_origin_of_their_models(made):
 
 def test_page_has_every_case_with_its_pictures_and_report(made):
     text = made["page"].read_text()
-    for one in TRUTHS:
-        assert f'id="{one["case"]}"' in text
-        assert f'href="diagnosis/{one["case"]}/report.html"' in text
+    for sealed in TRUTHS:
+        assert f'id="{sealed["case"]}"' in text
+        assert f'href="diagnosis/{sealed["case"]}/report.html"' in text
     assert text.count("data:image/png;base64,") == 1 + 2 * len(TRUTHS)
     assert "http" not in text
 

@@ -104,11 +104,11 @@ def test_diagnosis_states_the_coverage_of_each_interval(record):
     entries = read_proof_record(record(entry(2, coverage=[(("scatter",), (1, 4))])))
     values = {"scatter": {"amount": (0.1, 0.0, 0.2)}, "motion": {"x_mm": (1.0, 0.9, 1.1)}}
     text = with_coverage(diagnosis("a", "mismatch explained", values), entries)
-    first, second = (one["parameters"] for one in text["effects"])
+    first, second = (effect["parameters"] for effect in text["effects"])
     whole = {"count": 6, "n": 10}
     assert first["amount"]["ci95_held"] == {"count": 1, "n": 4, "effects": ["scatter"], "all": whole}
     assert first["amount"]["ci95"] == [0.0, 0.2] and second["x_mm"]["ci95_held"]["count"] is None
-    texts = [render_diagnosis("parameters", text, e=one) for one in text["effects"]]
+    texts = [render_diagnosis("parameters", text, e=effect) for effect in text["effects"]]
     assert (
         "covered the true values of 1 of 4 parameters of scatter and of 6 of 10 parameters of all effects."
         in unescape(texts[0])
@@ -196,7 +196,7 @@ def test_docs_have_the_pooled_counts():
     shown = summary(read_proof_record(RECORD))
     for name, share in shown["pooled"].items():
         assert f"| {share['count']} of {share['n']} ({percent(share['share'])}; " in page, name
-    assert all(f"seed {one['seed']}" in page or f"seeds {one['seed']}" in page for one in shown["seeds"])
+    assert all(f"seed {seed['seed']}" in page or f"seeds {seed['seed']}" in page for seed in shown["seeds"])
     known, all_ = len(names()) - len(never_hidden()), len(names())
     never = page.split(f"{known} of the library's {all_} effects. Never hidden are ")[1].split(". ###")[0]
     assert all(part in never for name in never_hidden() for part in label(name).split()), never
@@ -207,7 +207,7 @@ def test_docs_count_the_seed_that_was_scored_last_and_the_worst():
     entries = [one for one in read_proof_record(RECORD) if one.unseen and one.counts]
     for name, (count, n) in pooled_counts(entries).items():
         (row,) = [line for line in page.splitlines() if f"| {count} of {n} (" in line]
-        pairs = [one.counts[name] for one in entries]
+        pairs = [entry.counts[name] for entry in entries]
         worst = (max if name == "false_alarms" else min)(pairs, key=lambda pair: pair[0] / pair[1])
         assert row.endswith("".join(f"| {one} of {of} " for one, of in (pairs[-1], worst)) + "|"), row
 

@@ -234,4 +234,4 @@ def test_conditions_may_have_their_own_settings(table):
         return t.assign(diagnostics_Configuration_Settings=t["Dose"].map("{{'binWidth': {}}}".format))
 
     recording = load_recording(table(change=other, conditions=["Dose"]))
-    assert [one.settings["binWidth"] for one in recording.extractions] == [3, 10]
+    assert [extraction.settings["binWidth"] for extraction in recording.extractions] == [3, 10]

@@ -140,7 +140,7 @@ def test_rounding_in_headers_makes_no_difference(tmp_path):
     scan(tree / "b", 1, PixelSpacing=[2.000001, 2], SliceThickness=3.00001, KVP=120.00001)
     recording = import_dicom_tree(tree, tmp_path / "recording")
     assert len(recording.repeats) == 2 and recording.grid.matches(CT_GRID, 0.02)
-    np.testing.assert_allclose(np.mean([one.array for one in recording.repeats]), object_hu().mean(), atol=3)
+    np.testing.assert_allclose(np.mean([repeat.array for repeat in recording.repeats]), object_hu().mean(), atol=3)
 
 
 @pytest.mark.filterwarnings("ignore:The value length")  # text that is too long on purpose
@@ -163,7 +163,7 @@ def test_impossible_values_are_reported_and_omitted(tmp_path, caplog):
     content = recording.document.content
     assert content["scan"] == {"source_to_detector_mm": 1500} and content["nominal"]["tube_kvp"] == 120
     assert not {"pitch", "dose_mgy"} & content["nominal"].keys()
-    (line,) = (one for one in caplog.messages if "omitted" in one)
+    (line,) = (message for message in caplog.messages if "omitted" in message)
     assert "pitch (0.0), dose_mgy (-1.0), source_to_isocentre_mm (0.0)" in line
 
 

@@ -143,7 +143,9 @@ def main() -> int:
         variables = plain_processor(parent / "kernels")
         folder = make(parent / "plain processor", arguments.target, environment=variables)
         return int(not compare_processors(folder, reference, variables))
-    folders = [make_under(one, parent / one, arguments.target, reference) for one in CIRCUMSTANCES]
+    folders = [
+        make_under(circumstance, parent / circumstance, arguments.target, reference) for circumstance in CIRCUMSTANCES
+    ]
     return int(not all([compare(folder, reference) for folder in folders]))
 
 

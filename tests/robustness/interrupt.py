@@ -47,7 +47,7 @@ def finish(folder: Path, target: str, cores: int) -> float:
 def without_minutes(score: Path) -> bytes:
     """Score of the blind test without its run time."""
     content = json.loads(score.read_bytes())
-    content["targets"] = [one for one in content["targets"] if one["name"] != "minutes"]
+    content["targets"] = [target for target in content["targets"] if target["name"] != "minutes"]
     return json.dumps(content, sort_keys=True).encode()
 
 

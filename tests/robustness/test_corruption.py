@@ -10,11 +10,11 @@ from artefacts import ARTEFACTS, mutations, same
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.io import files
 
-OURS_TO_READ = [one for one in ARTEFACTS if one.name != "YAML, physics"]  # read by Snakemake
+OURS_TO_READ = [artefact for artefact in ARTEFACTS if artefact.name != "YAML, physics"]  # read by Snakemake
 MUTATIONS = int(os.environ.get("MUTATIONS", "40"))  # per kind of file
 
 
-@pytest.mark.parametrize("artefact", ARTEFACTS, ids=[one.name for one in ARTEFACTS])
+@pytest.mark.parametrize("artefact", ARTEFACTS, ids=[artefact.name for artefact in ARTEFACTS])
 def test_every_damaged_file_is_rejected_by_name(artefact, tmp_path):
     path = artefact.write(tmp_path)
     whole, random = path.read_bytes(), np.random.default_rng(0)

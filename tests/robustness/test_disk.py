@@ -74,7 +74,7 @@ def test_full_disk_is_reported_and_the_old_file_remains(name, small_disk):
         WRITERS[name](path)
     assert str(error.value) == f"{path}: cannot be written: the disk is full; free some space and run again"
     assert files.read_text(path) == "old"
-    assert sorted(one.name for one in small_disk.iterdir()) == [f".{name}.sha256", name]
+    assert sorted(path.name for path in small_disk.iterdir()) == [f".{name}.sha256", name]
 
 
 def test_disk_with_no_space_for_the_checksum(small_disk):

@@ -127,7 +127,7 @@ def test_any_region_file_gives_a_mask_or_one_line(kind, tmp_path):
             damaged[place] = random.integers(256)
         path.write_bytes(damaged[: random.integers(132, len(whole))] if number % 5 == 0 else damaged)
         masks = outcome(kind, mask)
-        assert masks is None or all(one.shape == phantom_files.CT_GRID.shape for one in masks)
+        assert masks is None or all(mask.shape == phantom_files.CT_GRID.shape for mask in masks)
 
 
 def test_any_hdf5_gives_projections_or_one_line(tmp_path):

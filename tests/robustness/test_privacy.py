@@ -71,7 +71,7 @@ def no_mark_printed(capfd, caplog):
 def contents(folder: Path) -> bytes:
     """Contents of all files under a folder, with their names; compressed files are unpacked."""
     parts = []
-    for path in (one for one in folder.rglob("*") if one.is_file()):
+    for path in (path for path in folder.rglob("*") if path.is_file()):
         raw = path.read_bytes()
         parts += [str(path.relative_to(folder)).encode(), gzip.decompress(raw) if path.suffix == ".gz" else raw]
     assert parts

@@ -35,7 +35,7 @@ def test_counts_of_a_scan_differ_by_one_where_means_differ(both):
     here, there = both
     lines = here["lines"].astype(float), there["lines"].astype(float)
     assert np.abs(lines[0] - lines[1]).max() < 1e-5 * lines[0].max()
-    means = [np.exp(-one / one.max()) / NOISE_LEVEL for one in lines]
+    means = [np.exp(-line / line.max()) / NOISE_LEVEL for line in lines]
     moved = np.abs(here["counts"].astype(int) - there["counts"])
     assert moved.max() <= 1
     expected = len(moved) * np.abs(means[0] - means[1]).sum()

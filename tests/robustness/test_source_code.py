@@ -46,7 +46,7 @@ def test_no_code_is_executed_from_data(path):
             assert (node.module or "").split(".")[0] not in banned, node.lineno
         if not isinstance(node, ast.Call):
             continue
-        name, keywords = name_of(node.func), {one.arg: one.value for one in node.keywords}
+        name, keywords = name_of(node.func), {keyword.arg: keyword.value for keyword in node.keywords}
         assert name not in CALLS, f"{name}, line {node.lineno}"
         assert "shell" not in keywords, node.lineno
         if name in ("np.load", "numpy.load"):
@@ -59,7 +59,7 @@ def test_only_compiled_code_with_a_correct_checksum_is_unpickled():
     (path,) = [path for path in SOURCES if path.as_posix().endswith(READS_COMPILED_CODE)]
     tree = ast.parse(path.read_text(encoding="utf-8"))
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and name_of(node.func).startswith("pickle.")]
-    assert [ast.unparse(one) for one in calls] == ["pickle.loads(payload)"]
+    assert [ast.unparse(call) for call in calls] == ["pickle.loads(payload)"]
     (read,) = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "_read"]
     returned = {ast.unparse(node) for node in ast.walk(read) if isinstance(node, ast.Return)}
     assert returned == {"return None", "return payload if checksum == CHECKSUM(key + payload).digest() else None"}
@@ -68,7 +68,7 @@ def test_only_compiled_code_with_a_correct_checksum_is_unpickled():
 def test_only_s5cmd_is_started_with_a_list_of_arguments():
     (path,) = [path for path in SOURCES if path.as_posix().endswith(STARTS_A_PROGRAM)]
     calls = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
-    (started,) = [one for one in calls if name_of(one.func).startswith("subprocess.")]
+    (started,) = [call for call in calls if name_of(call.func).startswith("subprocess.")]
     assert name_of(started.func) == "subprocess.run" and isinstance(started.args[0], ast.List)
     assert fetch.PROGRAM == "s5cmd" and ast.unparse(started.args[0].elts[0]) == "run"
 

@@ -24,7 +24,7 @@ def counts(geometry, noise, seed, lines=LINES, level=1e-4, **options):
 
 
 def test_streams_are_uncorrelated():
-    drawn = np.array([counts(*one).ravel() for one in LABELS], float)
+    drawn = np.array([counts(*label).ravel() for label in LABELS], float)
     correlation = np.corrcoef(drawn)[np.triu_indices(len(LABELS), 1)]
     # For n values each, the standard deviation is 1 / sqrt(n); the largest of 780 is below 4.5 of them with 99.5 %.
     z = correlation * np.sqrt(LINES.size)
@@ -42,7 +42,7 @@ def test_shifted_streams_are_uncorrelated():
 
 def test_no_two_of_many_acquisitions_share_a_stream():
     labels = itertools.product((f"views{n}" for n in range(100, 120)), ("a", "b", "ab"), range(100))
-    states = {tuple(streams.acquisition(1, *one).generate_state(4)) for one in labels}
+    states = {tuple(streams.acquisition(1, *label).generate_state(4)) for label in labels}
     assert len(states) == 20 * 3 * 100
 
 

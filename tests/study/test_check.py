@@ -463,7 +463,7 @@ BENEATH = {  # overlays on overlays, as stated in their first lines
 def test_shipped_configurations_have_no_mistake_but_files_to_fetch(name, monkeypatch):
     monkeypatch.chdir(ROOT)
     names = [*BENEATH.get(name, []), name]
-    lines, settings = read_config.read_configs([f"config/{one}.yaml" for one in names])
+    lines, settings = read_config.read_configs([f"config/{name}.yaml" for name in names])
     assert not lines
     assert not [line for line in preflight.problems(settings) if "no such" not in line]
 

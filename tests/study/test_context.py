@@ -74,7 +74,7 @@ def test_next_commands_name_the_configuration_of_the_study():
     commands = list(replace(pages, configured_by=tuple(files)).commands().values())
     assert commands[-1] == "snakemake --cores 2 --configfile config/tiny.yaml my.yaml"
     assert commands[-2] == "snakemake plan --cores 2 --configfile config/tiny.yaml my.yaml"
-    assert not [one for one in commands if "diagnosis" in one or "recordings" in one]
+    assert not [command for command in commands if "diagnosis" in command or "recordings" in command]
 
 
 def test_memory_is_that_of_the_arrays():
@@ -118,7 +118,7 @@ def test_recordings_request_memory_for_their_largest_file(with_recordings):
 def test_header_of_a_comparison_states_what_is_compared(with_recordings):
     title = "FBP 150, noise dose10, against scanner (dose mGy 1, kernel soft)"
     assert with_recordings.comparisons.title("near") == title
-    shown = {one["title"]: one for one in with_recordings.pages.figures()}
+    shown = {figure["title"]: figure for figure in with_recordings.pages.figures()}
     assert shown[title]["section"] == "Recordings" and shown[title]["wildcards"] == {"comparison": "near"}
 
 
@@ -301,7 +301,7 @@ def test_context_loads_no_heavy_library():
 def captions_of(context, **config):
     """Captions of a study's figures with another configuration."""
     figures = study.report_figures(context.pages.pictures(), context.pages.caption_files(), context.pages.figures())
-    return {one.path.stem: study.caption(one, context.config | config) for one in figures}
+    return {figure.path.stem: study.caption(figure, context.config | config) for figure in figures}
 
 
 def test_captions_mention_the_printed_phantom_only_where_it_is_shown():

@@ -54,7 +54,7 @@ def diagnosed(folder, **recordings):
 
 
 def seconds_of(context, name, cores):
-    (found,) = (one for one in context.diagnosis.forecasts(cores) if one["name"] == name)
+    (found,) = (forecast for forecast in context.diagnosis.forecasts(cores) if forecast["name"] == name)
     assert found["processes"] == cores
     return found["seconds"]
 
@@ -186,7 +186,7 @@ def test_plan_lists_the_known_work_of_each_diagnosis(tmp_path):
         again=({"rows": 1}, disc | {"physics_from": "disc"}),
         missing=({}, {"object": {"kind": "pmma_disc"}}),
     )
-    forecasts = {one["name"]: one for one in context.diagnosis.forecasts(4)}
+    forecasts = {forecast["name"]: forecast for forecast in context.diagnosis.forecasts(4)}
     rays = 180 * 16 * 128 * 4
     bench = Extent(
         rays // 4, rays, 2 * 256, 3, True

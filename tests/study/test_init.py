@@ -223,7 +223,7 @@ def test_legend_of_the_picture_names_what_it_shows(desk):
         phantom_files.write_nifti_array(labels, "some.nii.gz", flip_y=True)
         proposed = propose("ct.nii.gz", "some.nii.gz")
         proposed = replace(proposed, box_mm=box_mm or proposed.box_mm)
-        return [one.get_text() for one in preview(proposed).legends[0].get_texts()]
+        return [text.get_text() for text in preview(proposed).legends[0].get_texts()]
 
     some, shown = labelled(), ["label 3", "label 5", "scanned box"]
     some[some == 9] = 0
@@ -327,8 +327,8 @@ def test_proposal_for_a_clinical_ct_agrees_with_the_manual_one(monkeypatch, tmp_
     width = {name: one["columns"] * one["column_pitch_mm"] for name, one in (("o", found["scan"]), ("t", hand["scan"]))}
     assert width["o"] == pytest.approx(width["t"], rel=0.05)
     assert found["scan"]["rows"] == hand["scan"]["rows"]
-    parts = {one["name"]: (one["tissue_class"], one.get("parts", 1)) for one in manual["rois"]}
-    assert {one["name"]: (one["tissue_class"], one.get("parts", 1)) for one in proposed_ct["rois"]} == parts
+    parts = {roi["name"]: (roi["tissue_class"], roi.get("parts", 1)) for roi in manual["rois"]}
+    assert {roi["name"]: (roi["tissue_class"], roi.get("parts", 1)) for roi in proposed_ct["rois"]} == parts
     default = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
     assert preflight.problems(default | found) == []
 

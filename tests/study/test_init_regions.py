@@ -36,7 +36,7 @@ def desk(tmp_path, monkeypatch):
 
 
 def read(labels, names=None, **options):
-    return {one.name: one for one in read_regions(read_nifti("ct.nii.gz"), labels, names or {}, **options)}
+    return {region.name: region for region in read_regions(read_nifti("ct.nii.gz"), labels, names or {}, **options)}
 
 
 def notes(capsys):
@@ -61,7 +61,7 @@ def test_contour_outside_of_the_ct_leaves_the_other_regions(desk, capsys):
     assert [line.split(":")[0] for line in lines] == left_out
     assert "leaves the CT" in lines[0] and "does not lie in a slice of the CT" in lines[1]
     assert lines[3] == "rt.dcm: 1 region without voxels skipped: no"
-    assert [one["name"] for one in yaml.safe_load(Path("my.yaml").read_text())["phantom"]["ct"]["rois"]] == list(BALLS)
+    assert [roi["name"] for roi in yaml.safe_load(Path("my.yaml").read_text())["phantom"]["ct"]["rois"]] == list(BALLS)
     assert main.main(["check", "my.yaml"]) == 0 and not notes(capsys)
     Path("my.yaml").unlink()
     Path("my.png").unlink()
@@ -159,7 +159,7 @@ def test_gaps_are_filled_by_an_option_that_the_configuration_keeps(desk, capsys)
     assert main.main([*words, "--fill-gaps"]) == 0
     assert "4 of its 9 slices" in notes(capsys)[0]
     settings = yaml.safe_load(Path("my.yaml").read_text())
-    assert all(one["fill_gaps"] for one in settings["phantom"]["ct"]["rois"])
+    assert all(roi["fill_gaps"] for roi in settings["phantom"]["ct"]["rois"])
     assert "--fill-gaps" in settings["trial"]
     assert main.main(["check", "my.yaml"]) == 0
     whole = read("rt.dcm", fill_gaps=True)

@@ -199,7 +199,7 @@ def test_rejected_entry_is_the_only_mistake(entry, capsys):
 
 def test_removing_a_protocol_as_documented_works(capsys):
     text = (ROOT / "docs" / "how-to" / "protocols.md").read_text()
-    (block,) = [one for one in text.split("```yaml\n")[1:] if "sirt_300: null" in one]
+    (block,) = [part for part in text.split("```yaml\n")[1:] if "sirt_300: null" in part]
     assert checked(block.partition("```")[0], capsys) == (0, [])
 
 

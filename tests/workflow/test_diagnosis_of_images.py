@@ -56,7 +56,7 @@ def diagnosis(folder, *arguments, **settings):
 def test_kernel_is_named_with_its_width(scanner):
     folder = scanner / "results" / "diagnosis" / "scanner"
     found = json.loads((folder / "diagnosis.json").read_text())
-    assert [one["name"] for one in found["effects"]] == ["reconstruction_kernel"], found["sentence"]
+    assert [effect["name"] for effect in found["effects"]] == ["reconstruction_kernel"], found["sentence"]
     low, high = found["effects"][0]["parameters"]["sigma_mm"]["ci95"]
     assert low - (high - low) / 2 < CONCEALED["reconstruction_kernel"]["sigma_mm"] < high + (high - low) / 2
     rms = found["held_out"]["rms_hu"]

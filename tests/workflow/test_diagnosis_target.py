@@ -222,11 +222,11 @@ def test_found_physics_is_declared_for_the_next_recording(further):
 def test_recordings_of_a_scanner_are_diagnosed_together(further):
     folder = further[0] / "scanners" / "room"
     found = json.loads((folder / "scanner.json").read_text())
-    assert [one["name"] for one in found["effects"]] == ["scatter"] and shown(found, further[1])
+    assert [effect["name"] for effect in found["effects"]] == ["scatter"] and shown(found, further[1])
     assert [(name, one["judged"]) for name, one in found["recordings"].items()] == [
         *zip(OF_SCANNER, (False, False, True), strict=True)
     ]
-    assert not any(one["agreement"]["disagrees"] for one in found["recordings"].values())
+    assert not any(recording["agreement"]["disagrees"] for recording in found["recordings"].values())
     physics = yaml.safe_load((folder / "physics.yaml").read_text())["physics"]["scatter"]
     assert physics["amount"] == found["effects"][0]["parameters"]["amount"]["value"] == pytest.approx(0.04, rel=0.1)
     assert "(judges only)" in (folder / "report.html").read_text()

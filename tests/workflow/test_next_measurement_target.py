@@ -50,7 +50,9 @@ def ranked(tmp_path_factory):
 def test_diagnosis_points_to_the_ranking(ranked):
     folder, _ = ranked
     found = json.loads((folder / "diagnosis.json").read_text())
-    assert [one["name"] for one in found["effects"]] in (["detector_offset"], ["centre_of_rotation"]), found["sentence"]
+    assert [effect["name"] for effect in found["effects"]] in (["detector_offset"], ["centre_of_rotation"]), found[
+        "sentence"
+    ]
     (line,) = found["next_measurement"]
     assert "snakemake next_measurement" in line and line in (folder / "report.html").read_text()
 

@@ -33,7 +33,7 @@ def pattern(output, suffix):
     return re.compile("".join(words) + re.escape(suffix))
 
 
-PATTERNS = [(one, suffix, pattern(one, suffix)) for one in OUTPUTS for suffix in one.suffixes]
+PATTERNS = [(output, suffix, pattern(output, suffix)) for output in OUTPUTS for suffix in output.suffixes]
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +80,6 @@ def test_every_row_of_the_table_is_made_by_its_rule(planned_files):
 
 
 def test_rows_distinguish_files():
-    assert len({one.name for one in OUTPUTS}) == len(OUTPUTS)
-    assert len({(one.rule, one.pattern) for one in OUTPUTS}) == len(OUTPUTS)
-    assert all(stage_of(one.rule) in (one.rule, "figures") for one in OUTPUTS)
+    assert len({output.name for output in OUTPUTS}) == len(OUTPUTS)
+    assert len({(output.rule, output.pattern) for output in OUTPUTS}) == len(OUTPUTS)
+    assert all(stage_of(output.rule) in (output.rule, "figures") for output in OUTPUTS)

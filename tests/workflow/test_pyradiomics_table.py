@@ -39,8 +39,8 @@ def read(study, tmp_path_factory):
         "kind": "features",
         "repeats": ["t.csv"],
         "rois": [
-            {"name": one.roi, "tissue_class": one.tissue_class, "file": f"{one.roi}.nii.gz"}
-            for one in rois.itertuples()
+            {"name": itertuple.roi, "tissue_class": itertuple.tissue_class, "file": f"{itertuple.roi}.nii.gz"}
+            for itertuple in rois.itertuples()
         ],
         "features": {"conditions": ["width"]},
     }

@@ -294,7 +294,7 @@ def test_noise_model_keeps_the_line_integrals(study, tmp_path):
 
 def test_solver_setting_keeps_the_other_algorithm(study, tmp_path):
     jobs = planned(tiny(study, "-n", overlay={"reconstruction": {"sirt": {"terms": 30}}}, config_folder=tmp_path))
-    made = [one for rule, wildcards in jobs.items() if rule.startswith("reconstruct") for one in wildcards]
+    made = [wildcard for rule, wildcards in jobs.items() if rule.startswith("reconstruct") for wildcard in wildcards]
     assert made and all("protocol=sirt_" in one for one in made)
     assert not {"phantom", "project"} & set(jobs)
 
@@ -306,7 +306,7 @@ def test_another_noise_level_keeps_existing_images(study, tmp_path):
         "analyses": {"pca": {"fbp": {"noise": ["dose10", "dose10_plus12", "loud"]}}},
     }
     jobs = planned(tiny(study, "-n", overlay=overlay, config_folder=tmp_path))
-    extracted = [one for rule, wildcards in jobs.items() if rule.startswith("extract") for one in wildcards]
+    extracted = [wildcard for rule, wildcards in jobs.items() if rule.startswith("extract") for wildcard in wildcards]
     assert sorted(extracted) == ["protocol=fbp_150, noise=loud", "protocol=fbp_300, noise=loud"]
 
 
