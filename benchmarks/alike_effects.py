@@ -65,7 +65,7 @@ def run(options):
     for pair in PAIRS:
         for effect, rival in (pair, pair[::-1]):
             drawn = {"seed": options.seed, "effects": [effect], "strengths": [options.strength]}
-            ((_, truth),) = truths(simulator_scans.asked_of_proof(drawn | {"none": 0, "unknown": 0})).items()
+            ((_, truth),) = truths(simulator_scans.proof_settings(drawn | {"none": 0, "unknown": 0})).items()
             _, prepared, _ = simulator_scans.prepared(truth, config, options.seed)
             words, false = verdict(prepared.fitter, effect, rival)
             counts[false] += 1

@@ -45,7 +45,7 @@ def acquisitions(config: dict, results: Path, repeats: int) -> pd.DataFrame:
     groups = {}
     for protocol in config["protocols"].values():
         voxels = voxels_over(grid, protocol["voxels"]["spacing_mm"])
-        (roi,) = (one for one in synthetic.rois(layout.read_layout(), voxels, seed) if one.name == ROI)
+        (roi,) = (roi for roi in synthetic.rois(layout.read_layout(), voxels, seed) if roi.name == ROI)
         largest = int(np.count_nonzero(roi.mask, axis=(1, 2)).argmax())
         section = np.zeros_like(roi.mask)
         section[largest] = roi.mask[largest]
@@ -108,7 +108,7 @@ def text(simulated: pd.DataFrame, printed: pd.DataFrame, config: dict) -> str:
         "GLCM correlation, measured | simulated |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    thickness = {one["group"]: one["voxels"]["thickness_mm"] for one in config["protocols"].values()}
+    thickness = {protocol["group"]: protocol["voxels"]["thickness_mm"] for protocol in config["protocols"].values()}
     for group, kernel in NAMES.items():
         real, made = printed.loc[group], simulated.loc[group]
         ratios = [one["sd"] / table.loc[MET, "sd"] for one, table in ((real, printed), (made, simulated))]
@@ -126,7 +126,7 @@ def draw(simulated: pd.DataFrame, printed: pd.DataFrame, config: dict):
     """Plot simulated and measured SD and GLCM correlation per group."""
     figure = style.figure(style.DOUBLE_COLUMN_MM, 62)
     words = {"sd": "SD in the large cyst's section (HU)", "grain": "GLCM Correlation"}
-    thickness = {one["group"]: one["voxels"]["thickness_mm"] for one in config["protocols"].values()}
+    thickness = {protocol["group"]: protocol["voxels"]["thickness_mm"] for protocol in config["protocols"].values()}
     names = [f"group {group}\n{thickness[group]:.1f} mm, {NAMES[group]}" for group in simulated.index]
     at = np.arange(len(names))
     for index, (axes, (what, word)) in enumerate(zip(figure.subplots(1, 2), words.items(), strict=True)):

@@ -27,7 +27,7 @@ LIBRARY = [name for name in names() if not acts_on_images(name)]
 FIELDS = "draw truth stands step chosen equals verdict seconds".split()
 
 
-def one(task):
+def diagnose_subset(task):
     """Rows of one scan: with all views and with every `step`-th view."""
     draw, step = task
     random = np.random.default_rng(np.random.SeedSequence(20261124, spawn_key=(draw,)))
@@ -37,27 +37,27 @@ def one(task):
     options = {"floor_chain": floor, "nominal_photons": chain_scans.PHOTONS}
     physics = {}
     if draw % 4:
-        wanted = common.log_uniform(random, WEAKEST, STRONGEST)
+        target_snr = common.log_uniform(random, WEAKEST, STRONGEST)
         blank = prepared.prepare(chain_scans.scans(chain, {}, random), None, model, **options)
         for name in map(str, random.permutation(LIBRARY)):
             with contextlib.suppress(ValueError):  # too weak within its range
-                physics[name] = chain_scans.strengths(name, wanted, random, blank)
+                physics[name] = chain_scans.strengths(name, target_snr, random, blank)
                 break
     taken = chain_scans.scans(chain, physics, random)
     rows = []
     for every in (1, step):
         began = time.perf_counter()
-        given = prepared.prepare(taken, None, model, step=every, **options)
-        found = choose(given.fitter, trial(given.fitter, ()), LIBRARY)
-        content = diagnose("draw", given, found).content
+        prepared_data = prepared.prepare(taken, None, model, step=every, **options)
+        found = choose(prepared_data.fitter, trial(prepared_data.fitter, ()), LIBRARY)
+        content = diagnose("draw", prepared_data, found).content
         if every == 1:
-            told = physics and not any(load(name).pattern for name in physics)
-            stands = chain_scans.stands_out(given, physics) if told else None
+            testable = physics and not any(load(name).pattern for name in physics)
+            snr = chain_scans.signal_to_noise(prepared_data, physics) if testable else None
         rows.append(
             {
                 "draw": draw,
                 "truth": "+".join(physics) or "none",
-                "stands": "" if stands is None else round(stands, 1),
+                "stands": "" if snr is None else round(snr, 1),
                 "step": every,
                 "chosen": "+".join(effect["name"] for effect in content["effects"]) or "none",
                 "equals": ";".join("/".join(found.ambiguous_with(name)) for name in found.chosen.fit.effects),
@@ -68,7 +68,7 @@ def one(task):
     return rows
 
 
-def alike(every, some):
+def agree(every, some):
     """Whether the verdicts agree and name the same or indistinguishable effects."""
     if every["verdict"] != some["verdict"]:
         return False
@@ -87,11 +87,11 @@ def add_arguments(parser):
 def run(options):
     tasks = [(draw, options.step) for draw in range(options.first, options.first + options.draws)]
     same, times = [], {1: [], options.step: []}
-    for rows in common.parallel_rows(one, tasks, options, FIELDS):
-        same.append(alike(*rows))
+    for rows in common.parallel_rows(diagnose_subset, tasks, options, FIELDS):
+        same.append(agree(*rows))
         for row in rows:
             times[row["step"]].append(row["seconds"])
-        said = [f"{row['chosen']} [{row['equals']}] {row['verdict']}" for row in rows]
-        print(rows[0]["draw"], rows[0]["truth"], rows[0]["stands"], said, "" if same[-1] else "DIFFER", flush=True)
+        texts = [f"{row['chosen']} [{row['equals']}] {row['verdict']}" for row in rows]
+        print(rows[0]["draw"], rows[0]["truth"], rows[0]["stands"], texts, "" if same[-1] else "DIFFER", flush=True)
     medians = ", ".join(f"{np.median(seconds):.1f} s with one view of {step}" for step, seconds in times.items())
     print(f"{sum(same)} of {len(same)} verdicts are the same; median {medians}")

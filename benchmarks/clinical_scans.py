@@ -147,8 +147,8 @@ def diagnosed(number: int, options) -> dict:
         config = write_config(one, folder, options.view_step)
         snakemake = str(Path(sys.executable).with_name("snakemake"))
         done([snakemake, "diagnosis", "--cores", str(options.cores), "--configfile", str(config)])
-    said = json.loads(path.read_text(encoding="utf-8"))
-    return one | {"said": said, "seconds": time.perf_counter() - began}
+    document = json.loads(path.read_text(encoding="utf-8"))
+    return one | {"said": document, "seconds": time.perf_counter() - began}
 
 
 def add_arguments(parser):

@@ -95,8 +95,8 @@ def run(options):
         file["exchange/data_dark"] = np.zeros((1, *shape[1:]))
     content = {"name": "clinical", "kind": "projections", "repeats": ["scan.h5"], "scan": scan}
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
-    asked = {"object": {"mask": "water.nii.gz", "material": "water"}, "samples": options.samples}
-    asked["nominal_photons"] = PHOTONS
-    overlay = {"recordings": {"clinical": "recordings/clinical"}, "diagnosis": {"recordings": {"clinical": asked}}}
+    settings = {"object": {"mask": "water.nii.gz", "material": "water"}, "samples": options.samples}
+    settings["nominal_photons"] = PHOTONS
+    overlay = {"recordings": {"clinical": "recordings/clinical"}, "diagnosis": {"recordings": {"clinical": settings}}}
     (options.folder / "my.yaml").write_text(yaml.safe_dump(overlay))
     print(f"{options.folder}: {np.prod(shape) / 1e6:.1f} million rays, hidden: {physics or 'nothing'}")

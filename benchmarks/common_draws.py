@@ -55,7 +55,7 @@ class Study:
     def made(self, physics=None, level=LEVEL, views=VIEWS, times=1.0):
         """Counts of the first repeat, images [repeat, z, y, x] and features [repeat, ROI, feature]."""
         geometry = scan_geometry(self.config["scan"], views, self.grid)
-        values = {name: load(name).values(given) for name, given in (physics or {}).items()}
+        values = {name: load(name).values(settings) for name, settings in (physics or {}).items()}
         state = Chain(self.scene, geometry, photons=1.0).state(values)
         clean = times * state.line_integrals()
         labels = dict(geometry="", noise="", noise_level=level, model="physical", study_seed=self.config["seed"])
@@ -80,9 +80,9 @@ def run(options):
     rows = []
     for name, changed in CHANGES.items():
         counts_there, images_there, there = study.made(**changed)
-        apart = features.var(axis=0, ddof=1) + there.var(axis=0, ddof=1)
+        independent = features.var(axis=0, ddof=1) + there.var(axis=0, ddof=1)
         paired = (there - features).var(axis=0, ddof=1)
-        share = np.divide(paired, apart, out=np.full(apart.shape, np.nan), where=apart > 0)
+        share = np.divide(paired, independent, out=np.full(independent.shape, np.nan), where=independent > 0)
         low, middle, high = np.nanquantile(share, (0.25, 0.5, 0.75))
         noise = [one - one.mean(axis=0) for one in (images, images_there)]
         rows.append(

@@ -137,32 +137,41 @@ class Remembered:
             unmodeled.changes = changes
 
 
-def said(
-    asked: DiagnosisRequest, tried: list[str], accuracy: dict[str, float], remembered: Remembered, made=None
+def kind_and_effects(
+    diagnosis_request: DiagnosisRequest, tried: list[str], accuracy: dict[str, float], remembered: Remembered, made=None
 ) -> dict:
     """Kind of the verdict and ranked effects."""
-    recording, prepared = made or prepare_recording(asked)
+    recording, prepared = made or prepare_recording(diagnosis_request)
     found = diagnosis_run.find_missing_physics(recording.name, prepared, tried, accuracy, cache=remembered)
-    return {"verdict": found.content["verdict"], "effects": [one["name"] for one in found.content["effects"]]}
+    return {"verdict": found.content["verdict"], "effects": [effect["name"] for effect in found.content["effects"]]}
 
 
 def answers(folder: Path, truth: dict, config: dict, seed: int, of_fits: bool) -> dict[str, dict]:
     """{changed constant: verdict}."""
     model = simulator_scans.recorded(folder, truth, config, seed)
-    asked, tried = DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1), list(candidates(model["settings"]))
-    accuracy, made, remembered = config["diagnosis"]["model_accuracy"], prepare_recording(asked), Remembered()
+    diagnosis_request, tried = (
+        DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1),
+        list(candidates(model["settings"])),
+    )
+    accuracy, made, remembered = (
+        config["diagnosis"]["model_accuracy"],
+        prepare_recording(diagnosis_request),
+        Remembered(),
+    )
     found = {}
     with remembered.of_everything():
-        found[STATED] = said(asked, tried, accuracy, remembered, made)
+        found[STATED] = kind_and_effects(diagnosis_request, tried, accuracy, remembered, made)
         for one in [*(Constant("", name) for name in accuracy), *constants_of(OF_VERDICTS)]:
             for factor in FACTORS:
                 with one.times(factor, accuracy) as taken:
-                    found[f"{one.label} * {factor:g}"] = said(asked, tried, taken, remembered, made)
+                    found[f"{one.label} * {factor:g}"] = kind_and_effects(
+                        diagnosis_request, tried, taken, remembered, made
+                    )
     for one in constants_of(OF_FITS) if of_fits else []:
         for factor in FACTORS:
             fresh = Remembered()
             with one.times(factor, accuracy) as taken, fresh.of_everything():
-                found[f"{one.label} * {factor:g}"] = said(asked, tried, taken, fresh)
+                found[f"{one.label} * {factor:g}"] = kind_and_effects(diagnosis_request, tried, taken, fresh)
     return found
 
 
@@ -205,9 +214,9 @@ def run(options):
             found = answers(Path(folder), truth, config, options.seed, options.fits)
         rows.append({"truth": truth, "answers": found})
         common.append_jsonl(options.out, rows[-1])
-        concealed = ", ".join(one["name"] for one in truth["effects"]) or "nothing"
+        hidden = ", ".join(effect["name"] for effect in truth["effects"]) or "nothing"
         stated, others = found[STATED], [key for key in found if changed(found[key], found[STATED])]
         words = f"{stated['verdict']}, {', '.join(stated['effects']) or 'no effect'}"
         seconds = time.perf_counter() - began
-        print(f"{case} {concealed}: {words}; changed by {', '.join(others) or 'none'} [{seconds:.0f} s]", flush=True)
+        print(f"{case} {hidden}: {words}; changed by {', '.join(others) or 'none'} [{seconds:.0f} s]", flush=True)
     counted(rows)

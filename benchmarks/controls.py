@@ -217,10 +217,10 @@ def run(options):
         if name == "default":
             rows["default, re-positioned too"] = headline(table, measured.load_score_draws(repeated, "all"))
         if seed := re.fullmatch(r"seed(\d+)", name):
-            kept = wilcoxon.scores(table, FEATURES)[["feature", "stability_percent", "discrimination_percent"]]
-            kept.insert(0, "settings", plan.scored_settings())
-            kept.insert(1, "seed", int(seed[1]))
-            scores.append(kept.round(6))
+            new_scores = wilcoxon.scores(table, FEATURES)[["feature", "stability_percent", "discrimination_percent"]]
+            new_scores.insert(0, "settings", plan.scored_settings())
+            new_scores.insert(1, "seed", int(seed[1]))
+            scores.append(new_scores.round(6))
     with replacing(RESOURCES / "default_study_seeds.csv", checksum=False) as temporary:
         pd.concat(scores).to_csv(temporary, index=False, lineterminator="\n")
     if options.table:
@@ -234,6 +234,6 @@ def run(options):
     print(markdown(table))
     for acquisitions in measured.ACQUISITIONS:
         draws = measured.load_score_draws(10, acquisitions)
-        said = ["{:.1f} +- {:.1f} %".format(*repeats.mean_over_features(draws, kind)) for kind in ranking.KINDS]
-        print(f"printed phantom, 10 of {draws['of'].iloc[0]} acquisitions ({acquisitions}): {', '.join(said)}")
+        texts = ["{:.1f} +- {:.1f} %".format(*repeats.mean_over_features(draws, kind)) for kind in ranking.KINDS]
+        print(f"printed phantom, 10 of {draws['of'].iloc[0]} acquisitions ({acquisitions}): {', '.join(texts)}")
     print("SD of the seeds:", further_seeds.sd_over_seeds(further_seeds.read_seed_scores()))

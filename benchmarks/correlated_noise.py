@@ -70,21 +70,21 @@ def scene():
     return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193)
 
 
-def one(chain, model, name, physics, draw, repeats=REPEATS):
+def location_rows(chain, model, name, physics, draw, repeats=REPEATS):
     """One row per location of the residual maps."""
     key = (list(SETTINGS | FURTHER).index(name), draw)
     random = np.random.default_rng(np.random.SeedSequence(23, spawn_key=key))
     began = time.perf_counter()
-    given = prepared.prepare(
+    prepared_data = prepared.prepare(
         chain_scans.scans(chain, physics, random, repeats=repeats), None, model, nominal_photons=PHOTONS
     )
-    fit = trial(given.fitter, tuple(physics), trial(given.fitter, ())).fit
-    correlated = given.with_noise_of(fit)
-    if correlated is not given:
-        given = correlated
-        fit = trial(given.fitter, tuple(physics), trial(given.fitter, ())).fit
-    fitted, held = given.halves(fit)
-    places = given.domains(held, fit, fitted, aligned(fit, given.fitter.model.distortions))
+    fit = trial(prepared_data.fitter, tuple(physics), trial(prepared_data.fitter, ())).fit
+    correlated = prepared_data.with_noise_of(fit)
+    if correlated is not prepared_data:
+        prepared_data = correlated
+        fit = trial(prepared_data.fitter, tuple(physics), trial(prepared_data.fitter, ())).fit
+    fitted, held_out = prepared_data.halves(fit)
+    places = prepared_data.domains(held_out, fit, fitted, aligned(fit, prepared_data.fitter.model.distortions))
     worst = places[0]
     row = {"setting": name, "draw": draw, "seconds": round(time.perf_counter() - began, 2)}
     row |= {"verdict": "left" if worst.significant else "nothing left", "worst": worst.domain, "p": worst.p}
@@ -135,7 +135,7 @@ def run(options):
     with common.csv_writer(options.out, FIELDS) as write:
         for name in options.settings:
             for draw in range(options.first, options.first + options.draws):
-                found = one(chain, model, name, (SETTINGS | FURTHER)[name], draw, options.repeats)
+                found = location_rows(chain, model, name, (SETTINGS | FURTHER)[name], draw, options.repeats)
                 write(*found)
                 rows += found
     summary(rows)

@@ -30,29 +30,29 @@ def drawn(number: int, draws: int, seed: int) -> tuple[dict, dict]:
     """Truth and declared physics of a case; cases from `draws` on have no hidden effect."""
     random = generator(branch(seed, simulator_scans.TRUTH, number))
     order = generator(branch(seed, simulator_scans.ORDER)).permutation(len(KNOWN))
-    concealed = KNOWN[order[number % len(KNOWN)]] if number < draws else None
+    hidden = KNOWN[order[number % len(KNOWN)]] if number < draws else None
     effects, baseline = [], {}
-    if concealed:
-        effects.append(simulator_scans.of_catalogue(concealed, str(random.choice(["medium", "strong"])), random))
-    others = [name for name in simulator_scans.statable() if name != concealed]
+    if hidden:
+        effects.append(simulator_scans.of_catalogue(hidden, str(random.choice(["medium", "strong"])), random))
+    others = [name for name in simulator_scans.declarable_effects() if name != hidden]
     for name in random.choice(others, DECLARED, replace=False):
         effects.append(simulator_scans.of_catalogue(name, "medium", random))
         baseline[str(name)] = stated(effects[-1]["comparable"], random)
     truth = {"case": f"case_{number:02d}", "number": number, "phantom": PHANTOMS[number % 2], "effects": effects}
-    return truth | {"concealed": concealed}, baseline
+    return truth | {"concealed": hidden}, baseline
 
 
 def diagnosed(truth: dict, baseline: dict, config: dict, seed: int) -> dict:
-    said, seconds = simulator_scans.diagnosed(truth, config, seed, baseline=baseline)
+    content, seconds = simulator_scans.diagnosed(truth, config, seed, baseline=baseline)
     return {
         "concealed": truth["concealed"],
         "strength": truth["effects"][0]["strength"] if truth["concealed"] else None,
         "declared": list(baseline),
-        "effects": [one["name"] for one in said["effects"]],
-        "equals": said["ambiguous_with"].get(said["effects"][0]["name"], []) if said["effects"] else [],
-        "off": [f"{name}.{key}" for name, one in said["declared"].items() for key, two in one.items() if two["off"]],
-        "verdict": said["verdict"],
-        "sentence": said["sentence"],
+        "effects": [effect["name"] for effect in content["effects"]],
+        "equals": content["ambiguous_with"].get(content["effects"][0]["name"], []) if content["effects"] else [],
+        "off": [f"{name}.{key}" for name, one in content["declared"].items() for key, two in one.items() if two["off"]],
+        "verdict": content["verdict"],
+        "sentence": content["sentence"],
         "seconds": seconds,
     }
 

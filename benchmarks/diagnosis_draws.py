@@ -48,9 +48,9 @@ FIELDS = (
 )
 
 
-def left_over(given, physics, fit):
+def left_over(prepared_data, physics, fit):
     """Hidden physics that a fit does not explain, without noise: size in SDs, and domains where it is significant."""
-    fitter, held_out = given.fitter, given.held_out
+    fitter, held_out = prepared_data.fitter, prepared_data.held_out
     place = {one.name: one.expected for one in fitter.model.aligned}
     truth = fitter.model.predict(physics, place, held_out, Linearization(*2 * (LinearizationPoint.of(physics, place),)))
     gain = fitter.model.chain.state(physics).gain
@@ -60,7 +60,7 @@ def left_over(given, physics, fit):
     pattern = (0 if fit.pattern is None else -fit.pattern) - (0 if gain is None else np.log(gain))
     parts[0] = (parts[0].reshape(shape) + held_out.whitened(np.where(held_out.usable, pattern, 0))).ravel()
     size = float(np.linalg.norm(whitened(parts, fitter.held_weights)))
-    fitted = Half([part.copy() for part in parts], fitter.weights, given.data)
+    fitted = Half([part.copy() for part in parts], fitter.weights, prepared_data.data)
     more = aligned(fit, fitter.model.distortions)
     places = locate(parts, fitter.held_weights, held_out, fit.pattern_variance, fitted, more)
     # Without noise, a sum of squares lacks the expectation of the noise.
@@ -74,7 +74,7 @@ def left_over(given, physics, fit):
     return size, seen
 
 
-def one(task):
+def diagnose_scan(task):
     kind, draw, only, accuracy, samples, edge_mm, known, finer, shaped = task
     key = (len(kind), draw, known) if known else (len(kind), draw)
     random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=key))
@@ -82,17 +82,17 @@ def one(task):
     chain = Chain(bare, GEOMETRY, PHOTONS, samples=finer * samples)
     model, floor = model_and_floor(bare, GEOMETRY, samples, photons=PHOTONS)
     library = [name for name in names() if not acts_on_images(name) and (only is None or name in only)]
-    statable = [name for name in library if not load(name).pattern]
-    beside, baseline = {}, {}
+    declarable = [name for name in library if not load(name).pattern]
+    declared_physics, baseline = {}, {}
     if known:
         if kind != "none":  # each effect is hidden in turn
-            statable = [name for name in statable if name != library[draw % len(library)]]
-        beside = {str(name): load(str(name)).values({}) for name in random.permutation(statable)[:known]}
-        baseline = stated(beside, model, random)
+            declarable = [name for name in declarable if name != library[draw % len(library)]]
+        declared_physics = {str(name): load(str(name)).values({}) for name in random.permutation(declarable)[:known]}
+        baseline = stated(declared_physics, model, random)
     options = {"floor_chain": floor, "nominal_photons": PHOTONS}
-    exact = declared(stated(beside, model), "draws")
-    blank = prepared.prepare(scans(chain, beside, random), None, model, declared=exact, **options)
-    library = [name for name in library if name not in beside]
+    exact = declared(stated(declared_physics, model), "draws")
+    blank = prepared.prepare(scans(chain, declared_physics, random), None, model, declared=exact, **options)
+    library = [name for name in library if name not in declared_physics]
     count = {"none": 0, "pair": 2}.get(kind, 1)
     truth = [str(name) for name in random.permutation(library)[:count]]
     if count == 1:
@@ -100,21 +100,21 @@ def one(task):
         truth = [shown[draw % len(shown)]]
     physics = {}
     for name in truth:
-        wanted = common.log_uniform(random, WEAKEST, STRONGEST)
-        physics[name] = strengths(name, wanted, random, blank)
+        target_snr = common.log_uniform(random, WEAKEST, STRONGEST)
+        physics[name] = strengths(name, target_snr, random, blank)
     began = time.perf_counter()
-    taken = scans(chain, beside | physics, random)
-    given = prepared.prepare(taken, None, model, declared=declared(baseline, "draws"), **options)
+    taken = scans(chain, declared_physics | physics, random)
+    prepared_data = prepared.prepare(taken, None, model, declared=declared(baseline, "draws"), **options)
     tried = [name for name in library if kind != "missing" or name not in truth]
-    baseline = trial(given.fitter, ())
-    found = choose(given.fitter, baseline, tried, accuracy=accuracy)
-    content = diagnose("draw", given, found).content
-    left, seen = left_over(given, beside | physics, found.chosen.fit)
+    baseline = trial(prepared_data.fitter, ())
+    found = choose(prepared_data.fitter, baseline, tried, accuracy=accuracy)
+    content = diagnose("draw", prepared_data, found).content
+    left, seen = left_over(prepared_data, declared_physics | physics, found.chosen.fit)
     row = {
         "draw": draw,
         "kind": kind,
         "truth": "+".join(truth) or "none",
-        "chosen": "+".join(one["name"] for one in content["effects"]) or "none",
+        "chosen": "+".join(effect["name"] for effect in content["effects"]) or "none",
         "stand_ins": ";".join("/".join(found.ambiguous_with(name)) for name in found.chosen.fit.effects),
         "verdict": content["verdict"],
         "seconds": round(time.perf_counter() - began, 1),
@@ -146,13 +146,13 @@ def summary(rows):
         exact += set(chosen) == truth
     n = len(draws)
     if draws and next(iter(draws))["kind"] == "missing":
-        told = [row for row in draws if row["left"] >= WEAKEST]
-        right = [row for row in told if row["verdict"] in LEFT_OPEN and row["worst"] in row["seen"].split(";")]
-        open_ = [row for row in told if row["verdict"] in LEFT_OPEN]
-        print(f"{n - len(told)} explained by alternatives within the noise")
-        print(f"of the other {len(told)}: {len(open_)} not or partly explained, {len(right)} in the right domain")
+        detectable = [row for row in draws if row["left"] >= WEAKEST]
+        right = [row for row in detectable if row["verdict"] in LEFT_OPEN and row["worst"] in row["seen"].split(";")]
+        open_ = [row for row in detectable if row["verdict"] in LEFT_OPEN]
+        print(f"{n - len(detectable)} explained by alternatives within the noise")
+        print(f"of the other {len(detectable)}: {len(open_)} not or partly explained, {len(right)} in the right domain")
         for low, high in pairwise(LEFT_BINS):
-            within = [row for row in told if low <= row["left"] < high]
+            within = [row for row in detectable if low <= row["left"] < high]
             found = sum(row in right for row in within)
             print(f"  left {low:g} to {high:g}: {found} of {len(within)} in the right domain")
     verdicts = dict(Counter(row["verdict"] for row in draws))
@@ -191,7 +191,7 @@ def run(options):
     settings = options.only, accuracy, options.samples, options.edge_mm, options.declared, options.finer, options.shapes
     tasks = [(options.kind, draw, *settings) for draw in draws]
     rows = []
-    for found in common.parallel_rows(one, tasks, options, FIELDS):
+    for found in common.parallel_rows(diagnose_scan, tasks, options, FIELDS):
         rows += found
         print({key: found[0][key] for key in FIELDS[:8]}, flush=True)
     summary(rows)

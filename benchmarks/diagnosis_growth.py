@@ -49,7 +49,7 @@ def measured(rounds):
                 place = Path(folder) / case.name
                 extent = written(case, place)
                 runs = [run_case(place, processes) for _ in range(rounds)]
-                seconds = float(np.median([one["wall"] for one in runs]))
+                seconds = float(np.median([run["wall"] for run in runs]))
                 row = {"of": of, "size": size_of(of, value, extent), "seconds": round(seconds, 2)}
                 rows.append(row | {"found": "+".join(runs[0]["found"]) or "none"})
                 print(rows[-1], flush=True)

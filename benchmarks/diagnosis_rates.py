@@ -125,15 +125,15 @@ def geometry_of(case):
 def written(case, folder):
     """Write a recording with its object and the input of its job."""
     folder.mkdir()
-    section, given = dict(case.scanned), {}
+    section, inputs = dict(case.scanned), {}
     if case.scanned == PHANTOM:
         half = case.across // 2  # drawn with twice as many voxels
         write_phantom(draw_phantom((SLICES, half, half), (4.0, ACROSS_MM / half, ACROSS_MM / half)), folder)
-        given = {"phantom": folder / "fine.nii.gz", "image": folder / "image.nii.gz", "rois": folder / "rois.csv"}
+        inputs = {"phantom": folder / "fine.nii.gz", "image": folder / "image.nii.gz", "rois": folder / "rois.csv"}
     elif case.scanned == MASK:
-        given = {"mask": folder / "mask.nii.gz"}
-        write_nifti(masked(case.across), given["mask"])
-        section["object"] = section["object"] | {"mask": str(given["mask"])}
+        inputs = {"mask": folder / "mask.nii.gz"}
+        write_nifti(masked(case.across), inputs["mask"])
+        section["object"] = section["object"] | {"mask": str(inputs["mask"])}
     schema = schema_of("diagnosis", "recordings")["additionalProperties"] | {"$defs": schema_of()["$defs"]}
     fill_defaults(section, schema)
     model = {
@@ -144,9 +144,9 @@ def written(case, folder):
         "seed": defaults_of()["seed"],
         "protocol": None,
     }
-    given = {key: str(path) for key, path in given.items()}
+    inputs = {key: str(path) for key, path in inputs.items()}
     geometry, random = geometry_of(case), np.random.default_rng(np.random.SeedSequence(SEED))
-    scene = scene_of(DiagnosisRequest.of(model, given.get("phantom"), 1))
+    scene = scene_of(DiagnosisRequest.of(model, inputs.get("phantom"), 1))
     shapes = is_shapes(section)
     samples = samples_for(section["samples"], shapes, geometry.shape)
     # Edges of shapes are sharp: few rays miss them.
@@ -160,8 +160,8 @@ def written(case, folder):
     content = {"name": case.name, "kind": "projections", "scan": scan_section(geometry), "repeats": files}
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
     tried = list(case.effects) or candidates(section | {"effects": None})
-    (folder / "case.json").write_text(json.dumps({"model": model, "given": given, "effects": tried}))
-    voxels = shape_of(given["phantom"]) if "phantom" in given else ()
+    (folder / "case.json").write_text(json.dumps({"model": model, "given": inputs, "effects": tried}))
+    voxels = shape_of(inputs["phantom"]) if "phantom" in inputs else ()
     return extent(section, geometry.shape, len(tried), (voxels, material_count(model["materials"])))
 
 
@@ -213,24 +213,24 @@ def counted_scans():
     return scans
 
 
-def one(folder, processes):
+def diagnose_case(folder, processes):
     """Diagnose as workflow/scripts/diagnose.py does; prints times, counts and named effects."""
     clock, scans = processor_seconds, counted_scans()
     case = json.loads((folder / "case.json").read_text())
-    given, timed = case["given"], Timed(clock)
-    asked = DiagnosisRequest.of(case["model"], given.get("phantom"), processes)
+    inputs, timed = case["given"], Timed(clock)
+    diagnosis_request = DiagnosisRequest.of(case["model"], inputs.get("phantom"), processes)
     recording = load_recording(folder)
     marks = [clock()]
-    assert check_setup(recording, asked).kind == "as stated", folder
+    assert check_setup(recording, diagnosis_request).kind == "as stated", folder
     marks.append(clock())
-    _, prepared = prepare_recording(asked, recording)
+    _, prepared = prepare_recording(diagnosis_request, recording)
     found = find_missing_physics(
         folder.name, prepared, case["effects"], defaults_of("diagnosis", "model_accuracy"), processes, None, timed
     )
-    study_rois = (given["image"], given["rois"]) if "phantom" in given else None
-    scanned = ScannedVolume.of(asked, recording, study_rois)
+    study_rois = (inputs["image"], inputs["rois"]) if "phantom" in inputs else None
+    scanned = ScannedVolume.of(diagnosis_request, recording, study_rois)
     found.content["agreement"] = compare_images(
-        recording, found.prepared, found.choice, asked, Branch.AGREEMENT, scanned, with_changes=True
+        recording, found.prepared, found.choice, diagnosis_request, Branch.AGREEMENT, scanned, with_changes=True
     )
     marks.append(clock())
     found = replace(found, scanned=scanned)
@@ -247,10 +247,10 @@ def run_case(folder, processes=1):
     """Diagnose in a new Python; returns CPU time per part, wall time, counts and named effects."""
     began, before = time.perf_counter(), common.child_seconds()[1]
     arguments = "--one", folder, "--processes", processes
-    told = common.run_scenario("diagnosis_rates", *arguments, **dict.fromkeys(THREAD_VARIABLES, str(processes)))
+    outcome = common.run_scenario("diagnosis_rates", *arguments, **dict.fromkeys(THREAD_VARIABLES, str(processes)))
     spent = common.child_seconds()[1] - before
-    parts = told["parts"] | {START: spent - sum(told["parts"].values())}
-    return told | {"parts": parts, "wall": time.perf_counter() - began}
+    parts = outcome["parts"] | {START: spent - sum(outcome["parts"].values())}
+    return outcome | {"parts": parts, "wall": time.perf_counter() - began}
 
 
 @dataclass(frozen=True)
@@ -259,17 +259,17 @@ class Run:
 
     case: Case
     extent: Extent
-    told: dict
+    outcome: dict
 
     @property
     def seconds(self):
-        return sum(self.told["parts"].values())
+        return sum(self.outcome["parts"].values())
 
     @property
     def measured(self):
         """Work and seconds per part; kernels count as compiled once."""
-        work = self.extent.work(self.told["scans"], self.told["rounds"], compiled=True)
-        return work, self.told["parts"] | {COMPILED: COMPILED_SECONDS}
+        work = self.extent.work(self.outcome["scans"], self.outcome["rounds"], compiled=True)
+        return work, self.outcome["parts"] | {COMPILED: COMPILED_SECONDS}
 
 
 def runs_of(cases):
@@ -279,10 +279,10 @@ def runs_of(cases):
             size = written(case, Path(folder) / case.name)
             run_case(Path(folder) / case.name)  # compiles what this kind of object needs
             found.append(Run(case, size, run_case(Path(folder) / case.name)))
-            told = found[-1].told
-            words = ", ".join(f"{part} {told['parts'][part]:.1f}" for part in PARTS if part in told["parts"])
-            counts = f"{told['scans']} scans, {told['rounds']:.1f} rounds"
-            print(f"{case.name:20s} {found[-1].seconds:6.1f} s: {words}; {counts}; {told['found']}", flush=True)
+            outcome = found[-1].outcome
+            words = ", ".join(f"{part} {outcome['parts'][part]:.1f}" for part in PARTS if part in outcome["parts"])
+            counts = f"{outcome['scans']} scans, {outcome['rounds']:.1f} rounds"
+            print(f"{case.name:20s} {found[-1].seconds:6.1f} s: {words}; {counts}; {outcome['found']}", flush=True)
     return found
 
 
@@ -291,8 +291,8 @@ def report(runs, rates):
     inside, off = 0, []
     for one_run in runs:
         low, high = one_run.extent.forecast({"seconds": {STAGE: rates}}).cpu
-        held = " held out" if one_run.case.held_out else ""
-        print(f"{one_run.case.name:20s} {one_run.seconds:12.1f} {duration_range(low, high):>18s}{held}")
+        suffix = " held out" if one_run.case.held_out else ""
+        print(f"{one_run.case.name:20s} {one_run.seconds:12.1f} {duration_range(low, high):>18s}{suffix}")
         inside += low <= one_run.seconds <= high
         off.append(max(low / one_run.seconds, one_run.seconds / high))
     print(f"{inside} of {len(runs)} within the forecast; the farthest is off by a factor of {max(*off, 1.0):.2f}")
@@ -308,7 +308,7 @@ def add_arguments(parser):
 
 def run(options):
     if options.one:
-        one(options.one, options.processes)
+        diagnose_case(options.one, options.processes)
         return
     if options.every_effect:
         report(runs_of(every_effect()), read_rates(RATES)["seconds"][STAGE])
@@ -326,6 +326,6 @@ def run(options):
             "time": "CPU time, one process",
             "recordings": len(fitted),
             "seconds": {one_run.case.name: round(one_run.seconds, 1) for one_run in runs},
-            "simulated_scans": {one_run.case.name: one_run.told["scans"] for one_run in runs},
+            "simulated_scans": {one_run.case.name: one_run.outcome["scans"] for one_run in runs},
         }
         write(whole)

@@ -37,14 +37,14 @@ def run(options):
         marks[name] = time.perf_counter() - began - sum(marks.values())
         print(f"{name:12s} {marks[name]:7.1f} s", flush=True)
 
-    given = prepared_with_floor(taken, scene(), GEOMETRY, options.samples)
+    prepared_data = prepared_with_floor(taken, scene(), GEOMETRY, options.samples)
     mark("preparation")
-    baseline = trial(given.fitter, ())
+    baseline = trial(prepared_data.fitter, ())
     mark("alignment")
     library = [name for name in names() if not acts_on_images(name)]
-    found = choose(given.fitter, baseline, library, options.processes)
+    found = choose(prepared_data.fitter, baseline, library, options.processes)
     mark("choice")
-    content = diagnose("benchmark", given, found).content
+    content = diagnose("benchmark", prepared_data, found).content
     mark("verdict")
     print(content["sentence"])
     print(f"all {sum(marks.values()):.0f} s, {len(library)} candidates, {options.processes} processes")

@@ -19,7 +19,7 @@ def run(_options):
     random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(1)))
     for middle in MEANS:
         means = middle * random.uniform(0.8, 1.2, COUNTS)
-        ours, numpy, scipy = common.medians(
+        inversion, numpy, scipy = common.medians(
             [
                 lambda means=means: poisson_counts(means, random),
                 lambda means=means: random.poisson(means),
@@ -29,12 +29,12 @@ def run(_options):
         )
         scipy *= COUNTS / FEW
         print(
-            f"mean {middle:g}: ours {1e9 * ours / COUNTS:.0f} ns a count; NumPy's {numpy / ours:.2f} times, SciPy's "
-            f"ppf {scipy / ours:.0f} times as long",
+            f"mean {middle:g}: Virtual Phantom {1e9 * inversion / COUNTS:.0f} ns per count; "
+            f"NumPy's {numpy / inversion:.2f} times, SciPy's ppf {scipy / inversion:.0f} times as long",
             flush=True,
         )
     means = 5e4 * random.uniform(0.8, 1.2, COUNTS)
-    for name, draw in (("ours", poisson_counts), ("NumPy's", lambda means, random: random.poisson(means))):
+    for name, draw in (("Virtual Phantom", poisson_counts), ("NumPy's", lambda means, random: random.poisson(means))):
         here, there = (draw(each, np.random.default_rng(2)) - means for each in (means, means * (1 + 1e-7)))
         moved = np.abs(there - here)
         print(

@@ -33,7 +33,7 @@ def run(options):
 
     def apply_image_effects(chosen):
         scene = VoxelScene.of(phantom, Segmentation(**config["materials"]), mu_water, 1)
-        physics = {name: {one.name: one.typical for one in load(name).parameters} for name in chosen}
+        physics = {name: {parameter.name: parameter.typical for parameter in load(name).parameters} for name in chosen}
         Chain(scene, geometry, photons=1.0).state(physics).line_integrals()
 
     clean_line_integrals(phantom, few, mu_water)  # compiles

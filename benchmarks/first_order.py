@@ -21,12 +21,12 @@ WANTED = (4000.0, 8.0, 60.0, 600.0)  # signal-to-noise ratios; the strongest are
 SAMPLES = 2
 
 
-def drawn(name, wanted, random, given, exact):
+def drawn(name, target_snr, random, prepared_data, exact):
     """{candidate: (first-order gain, blind, gain of a full fit, p)} for one missing effect."""
-    physics = {name: exact.fixed_parameters(name) | strengths(name, wanted, random, given)}
+    physics = {name: exact.fixed_parameters(name) | strengths(name, target_snr, random, prepared_data)}
     ready = prepared_with_floor(scans(exact, physics, random), scene(), GEOMETRY, SAMPLES)
     baseline = trial(ready.fitter, ())
-    library = [one for one in names() if not acts_on_images(one)]
+    library = [name for name in names() if not acts_on_images(name)]
     found = screened(ready.fitter, baseline.fit, library)
     fits = {one: trial(ready.fitter, (one,), baseline, baseline) for one in library}
     return {one: (found[one].gain, found[one].blind, fits[one].score - baseline.score, found[one].p) for one in library}
@@ -43,7 +43,7 @@ def summary(rows):
             continue
         count += 1
         lost += best not in few
-        near = [one for one in scores if scores[one] > scores[best] - AS_GOOD]
+        near = [score for score in scores if scores[score] > scores[best] - AS_GOOD]
         close, close_lost = close + len(near), close_lost + sum(one not in few for one in near)
     print(f"{len(rows)} draws, {fitted / len(rows):.1f} candidates fitted of {len(rows[0]['candidates'])}")
     print(f"best of all fits not among them: {lost} of {count}; of those as good: {close_lost} of {close}")
@@ -61,18 +61,18 @@ def run(options):
     exact = Chain(scene(), GEOMETRY, PHOTONS, samples=2 * SAMPLES)
     root = np.random.SeedSequence(options.seed)
     nothing = scans(exact, {}, np.random.default_rng(root))
-    given = prepared_with_floor(nothing, scene(), GEOMETRY, SAMPLES)
-    tasks = [(wanted, name) for wanted in options.wanted for name in names() if not acts_on_images(name)]
-    for place, (wanted, name) in enumerate(tasks):
-        if (name, wanted) in there:
+    prepared_data = prepared_with_floor(nothing, scene(), GEOMETRY, SAMPLES)
+    tasks = [(target_snr, name) for target_snr in options.wanted for name in names() if not acts_on_images(name)]
+    for place, (target_snr, name) in enumerate(tasks):
+        if (name, target_snr) in there:
             continue
         random = np.random.default_rng(np.random.SeedSequence([options.seed, place]))
         try:
-            candidates = drawn(name, wanted, random, given, exact)
+            candidates = drawn(name, target_snr, random, prepared_data, exact)
         except ValueError as error:  # too weak within its range
             print(error)
             continue
-        rows.append({"effect": name, "wanted": wanted, "candidates": candidates})
+        rows.append({"effect": name, "wanted": target_snr, "candidates": candidates})
         common.append_jsonl(options.out, rows[-1])
-        print(name, wanted, flush=True)
+        print(name, target_snr, flush=True)
     summary(rows)

@@ -88,7 +88,7 @@ def run(options):
             "jobs": len(timed),
             "voxels": grid["shape"],
             "detector_rows_columns": [scan["rows"], scan["columns"]],
-            "projections": sorted({one["projections"] for one in config["protocols"].values()}),
+            "projections": sorted({protocol["projections"] for protocol in config["protocols"].values()}),
             "seconds": {stage: round(total["measured"], 1) for stage, total in by_stage(timed).items()},
             "bytes": dict(sorted(found.items())),
         },

@@ -67,7 +67,7 @@ def scanned(group):
     return ShapesScene([cylinder("water", (OFF_AXIS_MM, 0.0, 0.0), DISC_MM / 2)])
 
 
-def made_ready(scan, like, physics, random):
+def prepare_scan(scan, like, physics, random):
     """Simulate and prepare a scan with a small random shift of the object."""
     stated = scan.chain(like)
     model, floor = model_and_floor(
@@ -87,15 +87,15 @@ def made_ready(scan, like, physics, random):
 def settled(prepared, further, group):
     """Effect of the group that both recordings together support."""
     together = JointFitter({"first": prepared.fitter, "further": further.fitter})
-    given = together.fit(())
+    shared_fit = together.fit(())
     scores = {}
     for name in group:
-        fits = together.fit((name,), given).fits
+        fits = together.fit((name,), shared_fit).fits
         scores[name] = sum(one.score(fits[key]) for key, one in together.fitters.items())
     return max(scores, key=scores.get)
 
 
-def one(group, draw):
+def compare_choices(group, draw):
     """Row of one realization: the choice with one scan and with two."""
     began, effects = time.perf_counter(), GROUPS[group]
     random = np.random.default_rng(np.random.SeedSequence(20261125, spawn_key=(list(GROUPS).index(group), draw)))
@@ -103,23 +103,23 @@ def one(group, draw):
     like = Chain(scanned(group), GEOMETRY, chain_scans.PHOTONS, SAMPLES)
     physics = {truth: drawn(truth, random, like.air_reading)}
     first = FurtherScan("first", "", like.scene, GEOMETRY)
-    prepared = made_ready(first, like, physics, random)
+    prepared = prepare_scan(first, like, physics, random)
     found = choose(prepared.fitter, trial(prepared.fitter, ()), list(effects))
     row = {"group": group, "draw": draw, "truth": truth, "alone": "", "ambiguous": ""}
     if not found.chosen.fit.effects:
         return row | {"seconds": round(time.perf_counter() - began)}
     named = found.chosen.fit.effects[0]
-    alike = found.ambiguous_with(named)
-    row |= {"alone": named, "ambiguous": "/".join(alike)}
-    if alike:
-        chosen, ambiguities = refit(prepared, "first", {named: alike})
+    ambiguous = found.ambiguous_with(named)
+    row |= {"alone": named, "ambiguous": "/".join(ambiguous)}
+    if ambiguous:
+        chosen, ambiguities = refit(prepared, "first", {named: ambiguous})
         section = {"disc": {"diameter_mm": DISC_MM, "material": "water"}}
         scans = [one for one in possible({"first": prepared}, section) if isinstance(one, FurtherScan)]
         ranked = rank({"first": prepared}, chosen, ambiguities, scans).ranked
         for place, which in ((0, "first"), (-1, "last")):
             scan = ranked[place].measurement
-            further = made_ready(scan, like, physics, random)
-            row |= {which: scan.name, f"{which}_right": settled(prepared, further, [named, *alike]) == truth}
+            further = prepare_scan(scan, like, physics, random)
+            row |= {which: scan.name, f"{which}_right": settled(prepared, further, [named, *ambiguous]) == truth}
     return row | {"seconds": round(time.perf_counter() - began)}
 
 
@@ -153,7 +153,7 @@ def run(options):
             for group in options.groups:
                 if (group, draw) in done:
                     continue
-                rows.append(dict.fromkeys(FIELDS, "") | one(group, draw))
+                rows.append(dict.fromkeys(FIELDS, "") | compare_choices(group, draw))
                 write(rows[-1])
                 print(rows[-1], flush=True)
     counted(rows)

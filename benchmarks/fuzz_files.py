@@ -144,8 +144,8 @@ def same_ct(hu):
         if volume.array.shape != hu.shape or np.abs(volume.array - hu).max() > LARGEST_HU:
             return False
         ends = np.array([(i, j, k, 1) for i in (0, 33) for j in (0, 29) for k in (0, 11)]).T
-        apart = np.abs(((volume.grid.affine - GRID.affine) @ ends)[:3]).max(axis=1)
-        return bool((apart <= GRID.spacing[::-1]).all())
+        distances = np.abs(((volume.grid.affine - GRID.affine) @ ends)[:3]).max(axis=1)
+        return bool((distances <= GRID.spacing[::-1]).all())
 
     return same
 
@@ -270,9 +270,9 @@ def valid(whole, path):
     before, after = pydicom.dcmread(pydicom.filebase.DicomBytesIO(whole)), pydicom.dcmread(path)
     if "SegmentSequence" in before:
         return False
-    own = [len(item.get("ContourSequence") or ()) for item in before.ROIContourSequence]
+    contour_counts = [len(item.get("ContourSequence") or ()) for item in before.ROIContourSequence]
     now = [len(item.get("ContourSequence") or ()) for item in after.get("ROIContourSequence") or ()]
-    return now != own  # a contour at an end of the region is missing; a gap within would be reported
+    return now != contour_counts  # a contour at an end of the region is missing; a gap within would be reported
 
 
 def rtstruct(labels, path):
@@ -366,4 +366,4 @@ def run(options):
         print(f"{found}: {count}")
     for fault in faults:
         print(*fault, sep="  ")
-    return int(any(counts[one] for one in FAULTS))
+    return int(any(counts[fault] for fault in FAULTS))

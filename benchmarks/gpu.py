@@ -68,8 +68,8 @@ def compare(config, projections, threads):
     sirt(gpu, lines, **(sirt_settings | {"iterations": 2, "terms": 2}))  # CuPy compiles
     began = time.perf_counter()
     image = sirt(gpu, lines + noise, **sirt_settings)[0]
-    ours = time.perf_counter() - began
-    held = cupy.get_default_memory_pool().total_bytes()
+    chebyshev = time.perf_counter() - began
+    allocated = cupy.get_default_memory_pool().total_bytes()
     began = time.perf_counter()
     volume = gpu.pack_volume(object_[None])
     for _ in range(sirt_settings["terms"] + 1):
@@ -80,19 +80,19 @@ def compare(config, projections, threads):
     plain, reference = plain_on_device(gpu, lines + noise, sirt_settings["iterations"])
     inside = object_ > 0
     spread = (image - quiet)[inside].std()
-    apart = np.sqrt(np.mean((image - reference)[inside] ** 2)) / spread
-    print(f"  Chebyshev SIRT {ours:.1f} s, its projections alone {projecting:.1f} s")
-    print(f"  {sirt_settings['iterations']} plain iterations of ASTRA {plain:.1f} s: {plain / ours:.1f} times as long")
-    print(f"  images apart by {apart:.2%} of the noise's standard deviation")
+    difference = np.sqrt(np.mean((image - reference)[inside] ** 2)) / spread
+    print(f"  Chebyshev SIRT {chebyshev:.1f} s, its projections alone {projecting:.1f} s")
+    print(f"  {sirt_settings['iterations']} plain iterations of ASTRA {plain:.1f} s: {plain / chebyshev:.1f} times")
+    print(f"  images apart by {difference:.2%} of the noise's standard deviation")
     if threads:
         cpu = CpuProjector(geometry, grid, threads=threads)
         began = time.perf_counter()
         theirs = sirt(cpu, lines + noise, **sirt_settings)[0]
         seconds = time.perf_counter() - began
-        apart = np.sqrt(np.mean((image - theirs)[inside] ** 2)) / spread
-        print(f"  the CPU engine's image, {threads} threads, {seconds:.1f} s, is apart by {apart:.2%} of it")
+        difference = np.sqrt(np.mean((image - theirs)[inside] ** 2)) / spread
+        print(f"  the CPU engine's image, {threads} threads, {seconds:.1f} s, is apart by {difference:.2%} of it")
     print(f"  memory of this process so far {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.1f} GiB,")
-    print(f"  of the device, without ASTRA's own copies, {held / 2**30:.1f} GiB", flush=True)
+    print(f"  of the device, without ASTRA's own copies, {allocated / 2**30:.1f} GiB", flush=True)
 
 
 def add_arguments(parser):

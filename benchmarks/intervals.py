@@ -58,7 +58,7 @@ def fitted(truth, config, seed):
     }
 
 
-def held(rows, noise, whole):
+def coverage(rows, noise, whole):
     """Coverage per level of the intervals from these standard errors."""
     off = np.array([abs(row["value"] - row["truth"]) for row in rows])
     halves = np.array([[half_width(level, row[noise], row[whole]) for level in LEVELS] for row in rows])
@@ -67,7 +67,7 @@ def held(rows, noise, whole):
 
 def shares(rows):
     """Coverage in words for all entries of COUNTED."""
-    return "  ".join("/".join(f"{100 * one:3.0f}" for one in held(rows, *errors)) for errors in COUNTED)
+    return "  ".join("/".join(f"{100 * one:3.0f}" for one in coverage(rows, *errors)) for errors in COUNTED)
 
 
 def line(words, rows):
@@ -108,16 +108,16 @@ def run(options):
     drawn = {"seed": options.seed, "effects": options.effects, "strengths": options.strengths, "none": 0, "unknown": 0}
     cases = common.read_jsonl(options.out)
     done = {case["case"] for case in cases}
-    for case, truth in truths(simulator_scans.asked_of_proof(drawn)).items():
+    for case, truth in truths(simulator_scans.proof_settings(drawn)).items():
         (effect,) = truth["effects"]
         if case in done or not effect["comparable"]:
             continue
         found = fitted(truth, config, options.seed)
         cases.append({"case": case, "effect": effect["name"], "strength": effect["strength"]} | found)
         common.append_jsonl(options.out, cases[-1])
-        said = (
-            f"{one['name']} {one['value']:.4g} +- {one['noise']:.2g} ({one['whole']:.2g}), {one['truth']:.4g}"
-            for one in found["parameters"]
+        text = (
+            "{name} {value:.4g} +- {noise:.2g} ({whole:.2g}), {truth:.4g}".format(**parameter)
+            for parameter in found["parameters"]
         )
-        print(f"{case} {effect['name']} ({effect['strength']}): {'; '.join(said)}", flush=True)
+        print(f"{case} {effect['name']} ({effect['strength']}): {'; '.join(text)}", flush=True)
     counted(cases)

@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import simulator_scans
-from benchmarks.intervals import LEVELS, held, shares
+from benchmarks.intervals import LEVELS, coverage, shares
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA
@@ -30,7 +30,7 @@ WAYS = ("both", *OBJECTS)
 def drawn(number, seed):
     """Effects of a scanner, and the same with other parameters of the first effect."""
     random = generator(branch(seed, number))
-    shared = [name for name in simulator_scans.statable() if not load(name).of_one_scan]
+    shared = [name for name in simulator_scans.declarable_effects() if not load(name).of_one_scan]
     effects = [
         simulator_scans.of_catalogue(name, "medium", random) for name in random.choice(shared, EFFECTS, replace=False)
     ]
@@ -45,7 +45,7 @@ def scanned(number, phantom, effects, config, seed):
 
 def fitted(made, effects, accuracy):
     """Parameters fitted jointly, and the consistency test of each recording."""
-    names = tuple(one["name"] for one in effects)
+    names = tuple(effect["name"] for effect in effects)
 
     def fit():
         together = JointFitter({name: one.fitter for name, one in made.items()})
@@ -61,25 +61,28 @@ def fitted(made, effects, accuracy):
     errors, first = errors_of_pulled(scans), next(iter(made))
     rows = [
         {
-            "effect": one["name"],
+            "effect": effect["name"],
             "name": key,
             "truth": truth,
-            "value": found.fits[first].physics[one["name"]][key],
-            "noise": found.fits[first].errors[one["name"]][key],
-            "whole": errors[first][one["name"]][key],
+            "value": found.fits[first].physics[effect["name"]][key],
+            "noise": found.fits[first].errors[effect["name"]][key],
+            "whole": errors[first][effect["name"]][key],
         }
-        for one in effects
-        for key, truth in one["comparable"].items()
-        if key in errors[first][one["name"]]
+        for effect in effects
+        for key, truth in effect["comparable"].items()
+        if key in errors[first][effect["name"]]
     ]
-    apart = [one.difference for one in alone(together, found, scans).values()]
-    return rows, [{"chi_square": one.chi_square, "numbers": one.numbers, "p": one.p} for one in apart]
+    differences = [one.difference for one in alone(together, found, scans).values()]
+    return rows, [
+        {"chi_square": difference.chi_square, "numbers": difference.numbers, "p": difference.p}
+        for difference in differences
+    ]
 
 
 def counted(draws):
-    for way, said in (("apart", "recordings of one scanner"), ("apart_other", "with another first effect in one")):
+    for way, text in (("apart", "recordings of one scanner"), ("apart_other", "with another first effect in one")):
         found = sum(any(one["p"] < ALPHA for one in draw[way]) for draw in draws)
-        print(f"{said}: {found} of {len(draws)} pairs are inconsistent")
+        print(f"{text}: {found} of {len(draws)} pairs are inconsistent")
     print(f"{'fitted to':12} {'n':>4}  noise 50/80/95  whole 50/80/95  width over that of both (median)")
     widths = {way: np.array([row["whole"] for draw in draws for row in draw[way]]) for way in WAYS}
     for way in WAYS:
@@ -88,7 +91,7 @@ def counted(draws):
     every = [row for draw in draws for row in draw["both"]]
     for effect in sorted({row["effect"] for row in every}):
         rows = [row for row in every if row["effect"] == effect]
-        share = 100 * held(rows, "whole")[-1]
+        share = 100 * coverage(rows, "whole")[-1]
         print(f"  {effect:24} {len(rows):3}  {share:3.0f} % by {100 * LEVELS[-1]:g} % intervals")
 
 
@@ -118,9 +121,9 @@ def run(options):
         _, one["apart_other"] = fitted(made | {second: other}, other_day, accuracy)
         draws.append(one)
         common.append_jsonl(options.out, one)
-        said = (
+        text = (
             f"{row['effect']}.{row['name']} {row['value']:.4g} +- {row['whole']:.2g}, {row['truth']:.4g}"
             for row in one["both"]
         )
-        print(f"{number} [{time.process_time() - began:.0f} s]: {'; '.join(said)}", flush=True)
+        print(f"{number} [{time.process_time() - began:.0f} s]: {'; '.join(text)}", flush=True)
     counted(draws)

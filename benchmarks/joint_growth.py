@@ -40,7 +40,7 @@ def recorded(count):
     return found
 
 
-def one(count):
+def diagnose_recordings(count):
     """CPU time, memory and named effects for a number of recordings."""
     prepared, accuracy = recorded(count), defaults_of("diagnosis", "model_accuracy")
     began = time.process_time()
@@ -61,7 +61,7 @@ def add_arguments(parser):
 
 def run(options):
     if options.one:
-        print(json.dumps(one(options.one)))
+        print(json.dumps(diagnose_recordings(options.one)))
         return
     rows = []
     for count in options.counts:

@@ -13,8 +13,10 @@ from virtual_phantom.projectors.processors import available, environment
 
 
 def measured(repeats):
-    """Rows of kind, engine, ns per ray forwards and per voxel and view back, and both over ours in a full batch of the
-    same scan, with voxel-driven back-projection."""
+    """Rows of kind, engine, and times per ray and per voxel and view, in ns.
+
+    The sum of both times is also relative to a full batch of Virtual Phantom with voxel-driven back-projection.
+    """
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for number, kind in enumerate(available()):
@@ -28,12 +30,14 @@ def of_this_process(repeats):
     rows = []
     for scan in (engines.geometry(), engines.helix()):
         contenders = [
-            engines.ours(lanes, scan, transpose=transpose) for transpose in (False, True) for lanes in (16, 1)
+            engines.virtual_phantom(lanes, scan, transpose=transpose)
+            for transpose in (False, True)
+            for lanes in (16, 1)
         ]
         if scan.feed_per_rotation_mm == 0:
             contenders.append(engines.rtk(scan))
-        ahead = common.medians([one.forward for one in contenders], repeats)
-        behind = common.medians([one.back for one in contenders], repeats)
+        ahead = common.medians([contender.forward for contender in contenders], repeats)
+        behind = common.medians([contender.back for contender in contenders], repeats)
         found = [
             {
                 "engine": one.name,

@@ -81,9 +81,9 @@ def run(options):
         z = np.array([float(row["z"]) for row in rows if row["kind"] == kind])
         print(f"{kind}: mean {z.mean():.2f}, SD {z.std(ddof=1):.2f}, largest {z.max():.2f} of {z.size}")
     for level in (0.1, 0.01, 0.001):
-        below = [min(float(row["p"]) for row in one) * len(one) < level for one in draws.values()]
+        below = [min(float(row["p"]) for row in draw) * len(draw) < level for draw in draws.values()]
         gained = [
-            any(float(row["p"]) * len(one) < level and float(row["gain"]) > LEAST_GAIN for row in one)
-            for one in draws.values()
+            any(float(row["p"]) * len(draw) < level and float(row["gain"]) > LEAST_GAIN for row in draw)
+            for draw in draws.values()
         ]
         print(f"p below {level:g}: {sum(below)} of {len(draws)}; and a gain above {LEAST_GAIN:g}: {sum(gained)}")

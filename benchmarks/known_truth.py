@@ -2,7 +2,7 @@
 
 The truth is the drawn phantom on voxels a third as wide as the study's. The mean of ten scans is the truth with a
 Gaussian blur of 0.75 voxels and noise. A feature in a region agrees if Welch's test gives p >= 0.05. Prints a row per
-phantom:
+phantom::
 
     the truth          scanned again with other noise: the upper limit
     own blur kept      the mean image, which is blurred twice
@@ -49,7 +49,7 @@ def of_image(drawn, image, oversampling=2):
 
 def of_own_scans(drawn, finer, seed):
     """Mean of AVERAGED scans, its blur, and its spectrum and noise spectrum."""
-    scans = np.stack([one.array for one in images(drawn, AVERAGED, seed, finer)]).astype(np.float64)
+    scans = np.stack([image.array for image in images(drawn, AVERAGED, seed, finer)]).astype(np.float64)
     noise = np.tensordot(np.resize([1, -1], AVERAGED), scans, 1) / AVERAGED
     inside = np.any([roi.mask for roi in drawn.rois], axis=0)
     print(f"noise of one scan {np.sqrt(scans[:, inside].var(axis=0, ddof=1).mean()):.1f} HU", flush=True)
@@ -61,24 +61,26 @@ def blur_and_spectra(drawn, mean, noise, sd_voxels):
     """Blur of a mean image (z, y, x; along z in voxels), and its spectrum and noise spectrum."""
     (box,) = find_objects(np.any([roi.mask for roi in drawn.rois], axis=0).astype(np.uint8))
     in_plane = SD_OF_HALF / edge_mtf_half(mean)
-    own = (sd_voxels * mean.grid.spacing[0], in_plane, in_plane)
-    return own, measure_spectra(mean.array[box], noise[box], mean.grid.spacing)
+    own_blur = (sd_voxels * mean.grid.spacing[0], in_plane, in_plane)
+    return own_blur, measure_spectra(mean.array[box], noise[box], mean.grid.spacing)
 
 
 def run(options):
     repeats, scans, own_voxels, seed = options.repeats, options.scans, options.own_voxels, options.seed
     warnings.simplefilter("ignore")  # about small regions
-    drawn, truth, mean, own, measured = scanned(scans, own_voxels, seed) if scans else modeled()
+    drawn, truth, mean, own_blur, measured = scanned(scans, own_voxels, seed) if scans else modeled()
     finer = scans if own_voxels else 1
     spacing, fine = mean.grid.spacing, drawn.image.grid.refined(options.oversampling).spacing
     aligned = np.allclose(spacing, fine)
-    print(f"own blur in the plane: SD {own[1]:.2f} mm, along z {own[0]:.2f} mm; {repeats} repeats", flush=True)
+    print(
+        f"own blur in the plane: SD {own_blur[1]:.2f} mm, along z {own_blur[0]:.2f} mm; {repeats} repeats", flush=True
+    )
     phantoms = {"the truth": truth} | {
         name: of_image(drawn, image, options.oversampling)
         for name, image in (
             ("own blur kept", mean),
-            ("own blur removed", deconvolve(mean, own, measured)),
-            ("and voxels", deconvolve(mean, add_voxel_blur(own, spacing, fine, aligned), measured)),
+            ("own blur removed", deconvolve(mean, own_blur, measured)),
+            ("and voxels", deconvolve(mean, add_voxel_blur(own_blur, spacing, fine, aligned), measured)),
         )
     }
     reference = vp.extract(images(truth, repeats, seed, finer), drawn)
@@ -110,8 +112,8 @@ def modeled():
 def scanned(finer, own_voxels, seed):
     """As modeled, with a mean image of simulated scans, whose blur is measured."""
     fine, drawn, truth = drawn_finer(finer)
-    mean, own, measured = of_own_scans(fine, finer, seed + 2)
-    return (fine, fine, mean, own, measured) if own_voxels else (drawn, truth, mean, own, measured)
+    mean, own_blur, measured = of_own_scans(fine, finer, seed + 2)
+    return (fine, fine, mean, own_blur, measured) if own_voxels else (drawn, truth, mean, own_blur, measured)
 
 
 def drawn_finer(finer):

@@ -27,17 +27,17 @@ def run(options):
     config = common.configuration()
     rows = common.read_jsonl(options.out)
     for case, truth in simulator_scans.left_to_do(options, rows).items():
-        said, seconds = simulator_scans.diagnosed(truth, config, options.seed, options.left_out)
-        rows.append({"truth": truth, "diagnosis": {key: said[key] for key in KEPT}, "seconds": seconds})
+        content, seconds = simulator_scans.diagnosed(truth, config, options.seed, options.left_out)
+        rows.append({"truth": truth, "diagnosis": {key: content[key] for key in KEPT}, "seconds": seconds})
         common.append_jsonl(options.out, rows[-1])
-        concealed = ", ".join(f"{one['name']} ({one['strength']})" for one in truth["effects"]) or "nothing"
-        print(f"{case} {concealed}: {said['sentence']} [{seconds:.0f} s]", flush=True)
+        hidden = ", ".join(f"{effect['name']} ({effect['strength']})" for effect in truth["effects"]) or "nothing"
+        print(f"{case} {hidden}: {content['sentence']} [{seconds:.0f} s]", flush=True)
     cases = [Case(row["truth"], row["diagnosis"]) for row in rows]
     found = summary(cases)
     for name, one in found["by_kind"].items():
         print(f"{name}: reported as unexplained: {one['count']} of {one['n']}")
     categories = ("single", "none", "unknown", "pair")
-    singles, blank, unknown, pairs = ([case for case in cases if case.category == one] for one in categories)
+    singles, blank, unknown, pairs = ([case for case in cases if case.category == category] for category in categories)
     reported = sum(case.reported_unexplained for case in unknown)
     print(f"reported as unexplained: {reported} of {len(unknown)}; area {found['area']}")
     print(f"single effects ranked first: {sum(case.first_right for case in singles)} of {len(singles)}")

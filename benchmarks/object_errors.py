@@ -2,7 +2,7 @@
 
 The scanned body differs from the model by a missing insert, a bubble or dense ball, another material, a displaced
 insert or a rod. In every fourth scan the object is correct and one effect is missing. The library's chain simulates the
-scans with three times as many rays per pixel and direction as the model. The column `ours` has the diagnosis.
+scans with three times as many rays per pixel and direction as the model. The column `diagnosis` has its result.
 """
 
 import time
@@ -22,7 +22,9 @@ from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipso
 SAMPLES, FINER = 4, 3
 KINDS = ("missing", "bubble", "denser", "material", "displaced", "rod")
 LIBRARY = [name for name in names() if not acts_on_images(name)]
-FIELDS = "draw kind truth ours verdict place_off_mm width_mm hu removes mended_verdict mended_effects seconds".split()
+FIELDS = (
+    "draw kind truth diagnosis verdict place_off_mm width_mm hu removes mended_verdict mended_effects seconds".split()
+)
 
 
 def place(random):
@@ -55,41 +57,41 @@ def changed(kind, random):
     return body(more=cylinder("pmma", at, radius)), f"rod of pmma, {2 * radius:.1f} mm wide", at
 
 
-def one(task):
+def diagnose_scan(task):
     draw, kind = task
     random = np.random.default_rng(np.random.SeedSequence(20261125, spawn_key=(draw,)))
     accuracy = defaults_of("diagnosis", "model_accuracy")
 
-    def given(scans):
+    def prepare_scans(scans):
         return chain_scans.prepared_with_floor(scans, chain_scans.shapes_scene(), chain_scans.GEOMETRY, SAMPLES)
 
     physics, at = {}, None
     if kind == "physics":
         shapes = body()
-        blank = given(
+        blank = prepare_scans(
             chain_scans.scans(Chain(ShapesScene(shapes), chain_scans.GEOMETRY, chain_scans.PHOTONS), {}, random)
         )
-        wanted = common.log_uniform(random, 15.0, 150.0)
+        target_snr = common.log_uniform(random, 15.0, 150.0)
         truth = str(random.choice([name for name in LIBRARY if name != "gain_pattern"]))
-        physics = {truth: chain_scans.strengths(truth, wanted, random, blank)}
+        physics = {truth: chain_scans.strengths(truth, target_snr, random, blank)}
     else:
         shapes, truth, at = changed(kind, random)
     scanned = Chain(ShapesScene(shapes), chain_scans.GEOMETRY, chain_scans.PHOTONS, samples=FINER * SAMPLES)
     scans = chain_scans.scans(scanned, physics, random)
     began = time.perf_counter()
-    content = find_missing_physics("draw", given(scans), LIBRARY, accuracy).content
+    content = find_missing_physics("draw", prepare_scans(scans), LIBRARY, accuracy).content
     row = {"draw": draw, "kind": kind, "truth": truth, "verdict": content["verdict"]}
-    row |= {"ours": "+".join(effect["name"] for effect in content["effects"]) or "none"}
+    row |= {"diagnosis": "+".join(effect["name"] for effect in content["effects"]) or "none"}
     row["seconds"] = round(time.perf_counter() - began, 1)
     if "object" in content:
         piece = content["object"]["pieces"][0]
-        row |= {"ours": "object", "removes": round(content["object"]["removes"], 3), "hu": round(piece["hu"])}
+        row |= {"diagnosis": "object", "removes": round(content["object"]["removes"], 3), "hu": round(piece["hu"])}
         row["width_mm"] = round(piece["width_mm"], 1)
         if at is not None:
             axes = 2 if piece["z_mm"] is None else 3
             found = np.array([piece["x_mm"], piece["y_mm"], piece["z_mm"] or 0.0])
             row["place_off_mm"] = round(float(np.linalg.norm((found - at)[:axes])), 1)
-        mended = find_missing_physics("draw", given(scans), LIBRARY, accuracy, object_may_differ=True).content
+        mended = find_missing_physics("draw", prepare_scans(scans), LIBRARY, accuracy, object_may_differ=True).content
         row |= {"mended_verdict": mended["verdict"]}
         row["mended_effects"] = "+".join(effect["name"] for effect in mended["effects"]) or "none"
     return [row]
@@ -103,20 +105,23 @@ def run(options):
     order = islice(cycle([*KINDS[:3], "physics", *KINDS[3:], "physics"]), options.first + options.draws)
     tasks = [*enumerate(order)][options.first :]
     rows = []
-    for (row,) in common.parallel_rows(one, tasks, options, FIELDS):
+    for (row,) in common.parallel_rows(diagnose_scan, tasks, options, FIELDS):
         rows.append(row)
         print(row, flush=True)
     objects = [row for row in rows if row["kind"] != "physics"]
-    told = sum(row["ours"] == "object" for row in objects)
-    false = sum(row["ours"] == "object" for row in rows if row["kind"] == "physics")
-    print(f"object differs: told in {told} of {len(objects)}; said of physics in {false} of {len(rows) - len(objects)}")
+    found = sum(row["diagnosis"] == "object" for row in objects)
+    false = sum(row["diagnosis"] == "object" for row in rows if row["kind"] == "physics")
+    print(
+        f"mismatch reported in {found} of {len(objects)}; "
+        f"physics reported as mismatch in {false} of {len(rows) - len(objects)}"
+    )
     seconds = [row["seconds"] for row in objects]
     off = max(
         (row["place_off_mm"] for row in objects if row["kind"] != "displaced" and "place_off_mm" in row), default=0
     )
     print(f"in {np.median(seconds):.1f} s (median; {max(seconds):.0f} at most)")
     print(f"inserts beside their places apart, at most {off:.1f} mm off")
-    mended = [row for row in objects if row["ours"] == "object"]
+    mended = [row for row in objects if row["diagnosis"] == "object"]
     match = sum(row["mended_verdict"] == "match" for row in mended)
     named = sum(row["mended_effects"] != "none" for row in mended)
     print(f"with the object mended: a match in {match} of {len(mended)}, effects named in {named}")

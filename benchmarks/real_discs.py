@@ -24,8 +24,10 @@ def prepared(folder: Path, name: str, view_step: int):
     if name != "solid_disc":
         scanned = {"object": MaskedObject(str(folder / name / "object.nii.gz"), "pmma")}
     settings = Settings(1, view_step, ALIGNMENT, **scanned)
-    asked = DiagnosisRequest(folder / name, settings, defaults_of()["mu_water_per_mm"], defaults_of("materials"))
-    return prepare_recording(asked)[1]
+    diagnosis_request = DiagnosisRequest(
+        folder / name, settings, defaults_of()["mu_water_per_mm"], defaults_of("materials")
+    )
+    return prepare_recording(diagnosis_request)[1]
 
 
 def left(one, baseline: Trial, chosen: Trial) -> str:

@@ -59,13 +59,13 @@ def print_left(discs: Mapping[str, Prepared], fits: Mapping[str, Fit]) -> None:
             shares.append(((sums**2 - noises)[counts > 0] / counts[counts > 0]).sum() / rest)
         ratio = np.nansum(left**2) / np.nansum(noise)
         print(f"| {name} | {ratio:.2f} | {100 * shares[0]:.0f} % | {100 * shares[1]:.0f} % |")
-    alike = []
+    differences = []
     names = list(columns)
     for place, name in enumerate(names):
         for other in names[place + 1 :]:
             both = np.isfinite(columns[name]) & np.isfinite(columns[other])
-            alike.append(np.corrcoef(columns[name][both], columns[other][both])[0, 1])
-    low, middle, high = np.quantile(alike, [0.1, 0.5, 0.9])
+            differences.append(np.corrcoef(columns[name][both], columns[other][both])[0, 1])
+    low, middle, high = np.quantile(differences, [0.1, 0.5, 0.9])
     print(f"\nColumns' constants of two discs correlate by {middle:.2f} (median; 10 to 90 %: {low:.2f} to {high:.2f}).")
 
 
@@ -82,8 +82,10 @@ def print_halves(discs: Mapping[str, Prepared], effects: Sequence[str]) -> None:
                 (half.physics[effect][key] for half in halves),
                 [half.errors[effect][key] for half in halves],
             )
-            apart = abs(one - other) / np.hypot(*errors)
-            print(f"| {key} of {effect} | {one:.4g} ± {errors[0]:.2g} | {other:.4g} ± {errors[1]:.2g} | {apart:.1f} |")
+            agreement = abs(one - other) / np.hypot(*errors)
+            print(
+                f"| {key} of {effect} | {one:.4g} ± {errors[0]:.2g} | {other:.4g} ± {errors[1]:.2g} | {agreement:.1f} |"
+            )
 
 
 def add_arguments(parser):
@@ -95,7 +97,7 @@ def add_arguments(parser):
 
 def run(options):
     began = time.perf_counter()
-    names = sorted(one.name for one in options.recordings.iterdir() if one.is_dir())
+    names = sorted(path.name for path in options.recordings.iterdir() if path.is_dir())
     discs = {name: prepared(options.recordings, name, options.view_step) for name in names}
     accuracy = defaults_of("diagnosis", "model_accuracy")
     found = run_scanner_diagnosis("bench", discs, options.effects, accuracy, judged_on=options.judged_on)
@@ -107,11 +109,13 @@ def run(options):
     print("|---|---|---|---|---|---|---|")
     for name, one in found.content["recordings"].items():
         rms = one["rms_line_integral"]
-        own = "; ".join(f"{key} {value:.2g}" for values in one["own"].values() for key, value in values.items())
-        share, apart = f"{100 * one['excess_rms_removed']:.1f} %", one["agreement"]
-        beside = f"chi-square {apart['chi_square']:.0f} of {apart['numbers']} numbers" if apart else ""
+        own_parameters = "; ".join(
+            f"{key} {value:.2g}" for values in one["own"].values() for key, value in values.items()
+        )
+        share, agreement = f"{100 * one['excess_rms_removed']:.1f} %", one["agreement"]
+        note = f"chi-square {agreement['chi_square']:.0f} of {agreement['numbers']} numbers" if agreement else ""
         each = f"{rms['before']:.4f} | {rms['after']:.4f} | {rms['floor']:.4f} | {share}"
-        print(f"| {name}{' (judges only)' if one['judged'] else ''} | {each} | {beside} | {own} |")
+        print(f"| {name}{' (judges only)' if one['judged'] else ''} | {each} | {note} | {own_parameters} |")
     discs = {name: discs[name] for name in found.choice.left_out}
     print_left(discs, found.choice.left_out)
     if effects := found.choice.chosen.effects:

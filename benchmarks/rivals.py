@@ -29,7 +29,7 @@ CHANCE = 0.01
 MOST = 4  # steps of the forward selection, as in the diagnosis
 FITTED = 5  # fits per step, with the largest matched filters
 TOO_MANY = ("gain_pattern", "view_blur")  # omitted by `all`
-WAYS = ("ours", "filter", "forward", "all")
+WAYS = ("diagnosis", "filter", "forward", "all")
 
 
 def without_halves(prepared):
@@ -96,9 +96,9 @@ def all_at_once(fitter, tried):
     worth = {}
     for name in tried:
         pulls = [
-            ((fit.physics[name][one.name] - one.neutral) / fit.errors[name][one.name]) ** 2
-            for one in fitter.model.parameters(name)
-            if one.neutral is not None and fit.errors[name].get(one.name)
+            ((fit.physics[name][parameter.name] - parameter.neutral) / fit.errors[name][parameter.name]) ** 2
+            for parameter in fitter.model.parameters(name)
+            if parameter.neutral is not None and fit.errors[name].get(parameter.name)
         ]
         if pulls:
             worth[name] = sum(pulls) - price * len(pulls)
@@ -111,8 +111,8 @@ def answers(truth, config, seed):
     recording, prepared, model = simulator_scans.prepared(truth, config, seed)
     tried = list(candidates(model["settings"]))
     found = find_missing_physics(recording.name, prepared, tried, config["diagnosis"]["model_accuracy"])
-    said = found.content
-    equals = [[one["name"], *said["ambiguous_with"].get(one["name"], [])] for one in said["effects"]]
+    document = found.content
+    equals = [[effect["name"], *document["ambiguous_with"].get(effect["name"], [])] for effect in document["effects"]]
     fitter = without_halves(prepared)
     smooth = [name for name in tried if name not in TOO_MANY]
     rivals = {
@@ -120,17 +120,17 @@ def answers(truth, config, seed):
         "forward": forward(fitter, tried),
         "all": all_at_once(fitter, smooth),
     }
-    ours = equals, said["verdict"] in ADMITTED
-    return {"ours": ours} | {way: ([[name] for name in named], rest) for way, (named, rest) in rivals.items()}
+    diagnosis = equals, document["verdict"] in ADMITTED
+    return {"diagnosis": diagnosis} | {way: ([[name] for name in named], rest) for way, (named, rest) in rivals.items()}
 
 
 def judged(case, named, rest):
     """{criterion: whether the answer meets it}, by the category of the case."""
-    true = [one["name"] for one in case.truth["effects"]]
+    true = [effect["name"] for effect in case.truth["effects"]]
     if case.category == "none":
         return {"no false alarm": not named and not rest}
     if case.category == "unknown":
-        equals = [set(equal) for one in case.truth["effects"] for equal in one["equals"]]
+        equals = [set(equal) for effect in case.truth["effects"] for equal in effect["equals"]]
         return {"owned up": rest or {group[0] for group in named} in equals}
     first = bool(named) and bool(set(named[0]) & set(true))  # or indistinguishable
     every = all(any(name in group for group in named) for name in true)
@@ -149,7 +149,7 @@ def run(options):
     for case, truth in simulator_scans.left_to_do(options, rows).items():
         rows.append({"truth": truth, "answers": answers(truth, config, options.seed)})
         common.append_jsonl(options.out, rows[-1])
-        print(case, [one["name"] for one in truth["effects"]], rows[-1]["answers"], flush=True)
+        print(case, [effect["name"] for effect in truth["effects"]], rows[-1]["answers"], flush=True)
     counted: dict[tuple[str, str], dict[str, list[bool]]] = {}
     for row in rows:
         case = Case(row["truth"], {})

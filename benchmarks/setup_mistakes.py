@@ -134,16 +134,16 @@ NAMED, ALIKE, MISSED = "named", "alike", "missed"
 
 def outcome(kind, hidden, found):
     """Whether an error is named, listed as indistinguishable, or missed."""
-    alike = {other.name for other in found.alike}
+    alternatives = {other.name for other in found.alike}
     if hidden:
-        return ALIKE if found.kind == AS_STATED and kind in alike else MISSED
+        return ALIKE if found.kind == AS_STATED and kind in alternatives else MISSED
     if kind == "none":
         return NAMED if found.kind == AS_STATED else MISSED
     if kind == "object":
         return NAMED if found.kind == OBJECT else MISSED
     if found.kind == DESCRIPTION and found.best.name == kind:
         return NAMED
-    return ALIKE if kind in alike | {found.best.name} else MISSED
+    return ALIKE if kind in alternatives | {found.best.name} else MISSED
 
 
 def found(scene, scan, lines):
@@ -186,12 +186,12 @@ def run(options):
                 writer.writerow((draw, kind, "+".join(physics), "refused", str(error), "", "", "", "", "", came))
                 continue
             seconds = time.process_time() - began
-            alike = " | ".join(other.name for other in one.alike)
+            alternatives = " | ".join(other.name for other in one.alike)
             row = (draw, made if kind == "hidden" else kind, "+".join(physics), one.kind, one.best.name)
             shares = (f"{value:.2g}" for value in (one.stated.share, one.best.share, one.share))
             came = outcome(made, kind == "hidden", one)
             counted[kind][came] += 1
-            writer.writerow((*row, *shares, alike, f"{seconds:.1f}", came))
+            writer.writerow((*row, *shares, alternatives, f"{seconds:.1f}", came))
             sys.stdout.flush()
     for kind, outcomes in counted.items():
         print(f"{kind}: " + ", ".join(f"{came} {outcomes[came]}" for came in (NAMED, ALIKE, MISSED)), file=sys.stderr)

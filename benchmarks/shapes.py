@@ -38,8 +38,8 @@ def run(options):
         (whole,) = common.medians([lambda shapes=shapes: ShapesScene(shapes).path_lengths(GEOMETRY)], repeats)
         alone = common.medians(
             [
-                lambda one=one: ShapesScene([cylinder("water", (0, 0, 0), 100.0), one]).path_lengths(GEOMETRY)
-                for one in shapes
+                lambda shape=shape: ShapesScene([cylinder("water", (0, 0, 0), 100.0), shape]).path_lengths(GEOMETRY)
+                for shape in shapes
             ],
             1,
         )

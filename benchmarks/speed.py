@@ -21,22 +21,26 @@ def projectors(repeats):
     """Times per ray, and per voxel and view, also relative to a full batch; difference of the projections."""
     scan, helix = engines.geometry(), engines.helix()
     pairs = [(where, transpose) for where in (scan, helix) for transpose in (False, True)]
-    contenders = [engines.ours(lanes, where, transpose=transpose) for where, transpose in pairs for lanes in (1, 16)]
+    contenders = [
+        engines.virtual_phantom(lanes, where, transpose=transpose) for where, transpose in pairs for lanes in (1, 16)
+    ]
     contenders += [engines.rtk(scan), engines.rtk(scan, transpose=True), engines.astra_fan(scan)]
-    forward = common.medians([one.forward for one in contenders], repeats)
-    back = common.medians([one.back for one in contenders], repeats)
-    ours = contenders[0].projected
+    forward = common.medians([contender.forward for contender in contenders], repeats)
+    back = common.medians([contender.back for contender in contenders], repeats)
+    reference = contenders[0].projected
     rows = []
     for one, ahead, behind in zip(contenders, forward, back, strict=True):
         row = {"engine": one.name, "forward_ns_per_ray": ahead / one.rays * 1e9}
         row["back_ns_per_voxel_and_view"] = behind / one.voxels_by_views * 1e9
         if one.projected is not None:
-            row["difference"] = float(np.sqrt(np.mean((one.projected - ours) ** 2)) / ours.max())
+            row["difference"] = float(np.sqrt(np.mean((one.projected - reference) ** 2)) / reference.max())
         rows.append(row)
     for row in rows:
-        batch = "ours, 16 at once, helix" if row["engine"].endswith("helix") else "ours, 16 at once"
+        batch = (
+            "Virtual Phantom, 16 at once, helix" if row["engine"].endswith("helix") else "Virtual Phantom, 16 at once"
+        )
         row["both_over_full_batch"] = engines.ns_of_a_view(row) / engines.ns_of_a_view(
-            next(one for one in rows if one["engine"] == batch)
+            next(row for row in rows if row["engine"] == batch)
         )
     rows.append(
         {"engine": "XCIST, distance-driven", "forward_ns_per_ray": engines.xcist_ns_per_ray(scan, engines.GRID)}

@@ -99,9 +99,9 @@ def of_kinds(means, sds, noise, repeats, sharing, tables_of_each, rng):
 
 def line(title, rows):
     truth, near, low, high, plain_low, plain_high = rows.T
-    held = (low - near <= truth) & (truth <= high + near)
+    covered = (low - near <= truth) & (truth <= high + near)
     plain = (plain_low <= truth) & (truth <= plain_high)
-    outside = held.mean(), (truth < low - near).mean(), (truth > high + near).mean()
+    outside = covered.mean(), (truth < low - near).mean(), (truth > high + near).mean()
     shares = truth.mean(), *outside, (high - low).mean(), plain.mean(), (plain_high - plain_low).mean()
     print(f"| {title} | " + " | ".join(f"{100 * value:.1f}" for value in shares) + " |", flush=True)
 

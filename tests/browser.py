@@ -1,4 +1,4 @@
-"""Pages in a headless browser, where there is one."""
+"""Open pages in a headless browser, if one is installed."""
 
 import html
 import json
@@ -9,14 +9,14 @@ import subprocess
 import pytest
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "chrome")
-# A page's own errors and what could not be loaded; but not the advice on speed that tests earn who read pixels back.
+# Errors of a page and failed requests. Performance advice is ignored: tests that read pixels back cause it.
 TROUBLE = re.compile(r"CONSOLE(?!.*willReadFrequently).*|net::ERR_\w+|Uncaught.*")
 
 
 def opened(page, folder, script="return {};", width=1280):
-    """Open a page's text in a browser, run the body of an async function in it once the page says that it is ready.
+    """Open a page in a browser and run the body of an async function when the page is ready.
 
-    Returns what the function returns. Fails if anything was written to the console. Skips where there is no browser.
+    Returns the result of the function. Fails if anything was written to the console. Skips if there is no browser.
     """
     program = next(filter(None, map(shutil.which, PROGRAMS)), None)
     if program is None:
@@ -55,7 +55,7 @@ def opened(page, folder, script="return {};", width=1280):
 
 
 def outside_resources(page):
-    """Addresses that a page would load from elsewhere: links to click are none."""
+    """Addresses that a page would load from elsewhere; links to click do not count."""
     loading = (
         r"""(?:src|srcset|poster|data)\s*=\s*["'](?!data:|\#)([^"']+)|<link[^>]+href\s*=\s*["'](?!data:)([^"']+)"""
     )

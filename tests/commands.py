@@ -1,4 +1,4 @@
-"""Commands that the documentation names, as a user would type them."""
+"""Commands in the documentation, as a user would type them."""
 
 import re
 from pathlib import Path
@@ -18,8 +18,11 @@ INLINE = re.compile(rf"`({PROGRAMS} [^`]+)`")
 
 
 def commands(root: Path) -> dict[str, list[str]]:
-    """Every command and the pages that name it. Blocks that are marked to be run are not among them:
-    tests/workflow/test_marked_pages.py runs them, and tests/cluster/run.py those that want a SLURM."""
+    """Every command and the pages that name it.
+
+    Blocks that are marked to be run are excluded: tests/workflow/test_marked_pages.py runs them, and
+    tests/cluster/run.py those that need SLURM.
+    """
     found: dict[str, list[str]] = {}
     for page in sorted({path for pattern in PAGES for path in root.glob(pattern)}):
         text = page.read_text(encoding="utf-8")

@@ -4,20 +4,20 @@ from pathlib import Path
 
 from hypothesis import HealthCheck, settings
 
-# Python starts hundreds of times in these tests: each time it would compile the library, were its bytecode not kept.
+# Tests start Python hundreds of times; without cached bytecode, each start would compile the library.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
-# Threads of linear algebra wait for each other in busy loops. Beside other workers, that takes longer than the work.
+# Linear algebra threads busy-wait for each other. With several workers this takes longer than the work.
 if "PYTEST_XDIST_WORKER" in os.environ:
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
 
-# No test asserts a time: on a loaded machine an example may take any.
+# No test asserts a time: on a loaded machine, an example may take any time.
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("untimed")
 
-# Files that take longest, the longest first: handed out at the end, one would keep a worker busy alone.
+# Files that take longest, longest first. If one started last, it would keep a single worker busy.
 LONGEST = (
     "workflow/test_workflow.py",
     "workflow/test_diagnosis_target.py",
@@ -39,11 +39,11 @@ HERE = Path(__file__).parent
 
 
 def pytest_configure(config):
-    # xdist would begin with the files of most tests, which are short.
+    # By default, xdist starts with the files that have most tests, which are short.
     config.option.loadscopereorder = False
 
 
 def pytest_collection_modifyitems(items):
-    """Workers of `pytest -n --dist loadfile` take files in this order: LONGEST, others of the workflow, the rest."""
+    """Order the files for the workers of `pytest -n --dist loadfile`: LONGEST, others of the workflow, the rest."""
     places = {HERE / name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: (places.get(item.path, len(places)), HERE / "workflow" not in item.path.parents))

@@ -1,4 +1,4 @@
-"""An object of two cylinders, known exactly and drawn in voxels: its recordings, label maps and masks."""
+"""An object of two cylinders with known geometry, drawn in voxels: its recordings, label maps and masks."""
 
 import h5py
 import numpy as np
@@ -30,7 +30,7 @@ SPECTRUM = {"kvp": 100.0, "filtration_mm": 4.0, "sensor_mm": 0.6}
 
 
 def bench(folder, physics, cylinders=CYLINDERS):
-    """Four repeats of exact cylinders with this physics, written as a recording."""
+    """Write four repeats of the exact cylinders with this physics as a recording."""
     scene = ShapesScene([cylinder(*one) for one in cylinders], ENERGY_KEV)
     state = Chain(scene, GEOMETRY, photons=1e5, samples=2).state(checked(physics))
     names = [f"{number}.h5" for number in range(4)]
@@ -45,7 +45,7 @@ def bench(folder, physics, cylinders=CYLINDERS):
 
 
 def drawn(path, voxel_mm, finer=None):
-    """One slice of the cylinders in labels; or the share that they fill of voxels, by so many samples along a side."""
+    """One slice of the cylinders as labels, or as volume fractions from `samples` points along each side of a voxel."""
     across = round(80 / voxel_mm) * (finer or 1)
     axis = (np.arange(across) - (across - 1) / 2) * voxel_mm / (finer or 1)
     labels = np.zeros((across, across), np.uint8)

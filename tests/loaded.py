@@ -1,4 +1,4 @@
-"""Which modules of the library a script loads: seen in a process of its own, after all imports behind it."""
+"""Modules of the library that a script loads, found in a separate process after all indirect imports."""
 
 import json
 import os
@@ -8,8 +8,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 LIBRARY = ROOT / "workflow" / "lib"
-# Runs the imports of a file, then those of every module of the library that came in, those in functions too, until no
-# more come in. What is imported by name (effects, callbacks) is told beside it.
+# Runs the imports of a file, then those of every library module that is loaded, in functions too, until no more follow.
+# Modules imported by name (effects, callbacks) are passed as arguments.
 PROBE = """
 import ast, importlib, json, sys
 from pathlib import Path
@@ -39,12 +39,12 @@ print(json.dumps(sorted(done)))
 def loaded(*files: Path, named=(), library: Path = LIBRARY) -> set[str]:
     """Names of the library's modules that are loaded, below virtual_phantom, by the imports of these files.
 
-    named     modules that are imported by name beside them
+    named     additional modules that are imported by name
     library   the folder that holds virtual_phantom
-    Packages of others that are not installed are left out.
+    Third-party packages that are not installed are skipped.
     """
-    given = json.dumps([[str(file) for file in files], list(named)])
+    argument = json.dumps([[str(file) for file in files], list(named)])
     environment = os.environ | {"PYTHONPATH": str(library)}
-    run = subprocess.run([sys.executable, "-c", PROBE, given], capture_output=True, text=True, env=environment)
+    run = subprocess.run([sys.executable, "-c", PROBE, argument], capture_output=True, text=True, env=environment)
     assert run.returncode == 0, run.stderr[-4000:]
     return {name.partition(".")[2] for name in json.loads(run.stdout)} - {""}

@@ -11,7 +11,7 @@ SALT = "5a" * 32
 
 
 def truth(case, category, effects=(), strength=None, where=(), kind="projections", phantom="abdomen"):
-    """effects: {name: comparable parameters}; those that the library lacks begin with an exclamation mark."""
+    """Truth with effects {name: comparable parameters}; the library has no model of those with an exclamation mark."""
     return {
         "case": case,
         "kind": kind,
@@ -33,9 +33,10 @@ def truth(case, category, effects=(), strength=None, where=(), kind="projections
 
 
 def diagnosis(case, verdict, effects=(), ambiguous=None, ruled_out=None, removed=None, p=0.0, gain=500.0, **named):
-    """What is scored of a diagnosis.json.
+    """Scored content of a diagnosis.json.
 
-    effects: {name: {parameter: (value, low, high)}}, the first chosen first; p: of the location in columns."""
+    effects: {name: {parameter: (value, low, high)}}, the first chosen first; p: of the location in columns.
+    """
     return {
         "recording": case,
         "verdict": verdict,
@@ -131,24 +132,24 @@ OTHERS = {
 
 def write_suite(folder, truths=TRUTHS, diagnoses=DIAGNOSES, others=OTHERS):
     """All files of the test under `folder`; returns the arguments of case.collect."""
-    documents = [seal.sealed(one, SALT) for one in truths]
+    documents = [seal.sealed(truth, SALT) for truth in truths]
     seal.write(seal.publish(documents), folder / "seals.json")
-    given = {"sealed": [], "seals": folder / "seals.json", "verdicts": [], "diagnoses": [], "others": []}
+    paths = {"sealed": [], "seals": folder / "seals.json", "verdicts": [], "diagnoses": [], "others": []}
     for document, content in zip(documents, diagnoses, strict=True):
         case = document["case"]
-        given["sealed"].append(folder / "sealed" / f"{case}.json")
-        seal.write(document, given["sealed"][-1])
-        given["diagnoses"].append(folder / "diagnosis" / case / "diagnosis.json")
-        write_text(json.dumps(content, indent=2) + "\n", given["diagnoses"][-1])
+        paths["sealed"].append(folder / "sealed" / f"{case}.json")
+        seal.write(document, paths["sealed"][-1])
+        paths["diagnoses"].append(folder / "diagnosis" / case / "diagnosis.json")
+        write_text(json.dumps(content, indent=2) + "\n", paths["diagnoses"][-1])
         other = folder / "diagnosis" / case / "held_out_protocol.json" if case in others else None
         if other is not None:
-            given["others"].append(other)
+            paths["others"].append(other)
             seal.write(others[case], other)
-        given["verdicts"].append(folder / "verdicts" / f"{case}.json")
-        seal.write(seal.verdict_of(case, given["diagnoses"][-1], other), given["verdicts"][-1])
+        paths["verdicts"].append(folder / "verdicts" / f"{case}.json")
+        seal.write(seal.verdict_of(case, paths["diagnoses"][-1], other), paths["verdicts"][-1])
         maps = folder / "diagnosis" / case / "maps"
         maps.mkdir()
         ramp = np.linspace(-8, 8, 30 * 20).reshape(30, 20)
         np.save(maps / "residuals before.npy", ramp)
         np.save(maps / "residuals after.npy", ramp / 8)
-    return given
+    return paths

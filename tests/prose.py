@@ -1,8 +1,8 @@
 """Check the project's prose against its style: `python tests/prose.py [PATH ...]` prints `file:line: rule: text`.
 
 It reads pages, docstrings, comments, descriptions in YAML files and strings that look like sentences. The rules are
-MAX_WORDS, WORDS, SPELLING and STARTS. Without PATH, it checks the whole project except UNCONVERTED, the paths that
-are not rewritten yet.
+MAX_WORDS, WORDS, SPELLING and STARTS. Without PATH, it checks the whole project except UNCONVERTED, the paths that are
+not rewritten yet.
 """
 
 import ast
@@ -20,15 +20,12 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 CHECKED = ("README.md", "CONTRIBUTING.md", "config", "docs", "workflow", "benchmarks", "tests")
-UNCONVERTED = (  # patterns of paths
-    "benchmarks",
-    "tests",
-)
-EXAMPLES = ("tests/test_prose.py",)  # of what is not allowed
-MAX_WORDS = 30  # of a sentence
-MIN_WORDS = 5  # of a string that is read as a sentence
+UNCONVERTED: tuple[str, ...] = ()  # patterns of paths
+EXAMPLES = ("tests/test_prose.py",)  # forbidden examples
+MAX_WORDS = 30  # per sentence
+MIN_WORDS = 5  # of a string that is checked as a sentence
 
-# Rule: what must not be found in a sentence, and the term to use.
+# Rule: forbidden pattern, and the term to use.
 WORDS = {
     r"(?:told|tells?|telling)\b[^.;:]{0,60}\bapart": "distinguish, discriminate",
     r"own(?:ed|s|ing)? up": "report as unexplained",
@@ -73,7 +70,7 @@ SECTION = re.compile(
 )
 
 DESCRIPTIONS = ("description", "title", "summary", "meaning", "note")  # keys of YAML files
-END = re.compile(r"(?<=[.!?])[)\"']?\s+(?=[\"'(`]?[A-Z0-9`])")  # of a sentence
+END = re.compile(r"(?<=[.!?])[)\"']?\s+(?=[\"'(`]?[A-Z0-9`])")  # end of a sentence
 COMMAND = re.compile(r">>>|\.\.\.|(?:python|snakemake|virtual-phantom\S*|pytest|make) ")  # lines of a docstring
 
 
@@ -169,7 +166,7 @@ def message(line: int, text: str) -> Iterator[Text]:
     """A string, if it reads as a sentence: MIN_WORDS words or more, most of them in lower case."""
     words = text.split()
     plain = [word for word in words if re.fullmatch(r"[a-z]+(?:'[a-z]+)?[,.;:]?", word)]
-    if len(words) >= MIN_WORDS and len(plain) > len(words) / 2 and not re.search(r"\\[a-zA-Z]|^\s*<", text):
+    if len(words) >= MIN_WORDS and len(plain) > len(words) / 2 and not re.search(r"\\[a-zA-Z]|^\s*<|\bimport \w", text):
         yield from markdown(text, line)
 
 
@@ -178,13 +175,13 @@ def comments(found) -> Iterator[Text]:
     parts: list[str] = []
     start, last, place = 0, -1, -1
     for line, column, text in [*found, (-9, -9, "# end")]:
-        said = re.sub(r"^#+:?\s?", "", text).strip()
-        if parts and (line != last + 1 or column != place or not said or re.match(r"[*+-] |\d+[.)] ", said)):
+        content = re.sub(r"^#+:?\s?", "", text).strip()
+        if parts and (line != last + 1 or column != place or not content or re.match(r"[*+-] |\d+[.)] ", content)):
             yield Text(start, " ".join(parts))
             parts = []
-        if said and not re.match(r"(?:noqa|type:|pragma|fmt:|!)", said):
+        if content and not re.match(r"(?:noqa|type:|pragma|fmt:|!)", content):
             start = start if parts else line
-            parts.append(said)
+            parts.append(content)
         last, place = line, column
 
 

@@ -1,3 +1,3 @@
-"""The source and detector distances that tests of geometry and projection share."""
+"""Source and detector distances in tests of geometry and projection."""
 
 SCANNER = dict(source_to_isocentre_mm=500.0, source_to_detector_mm=1000.0)  # magnifies twice

@@ -1,4 +1,4 @@
-"""What tests of physics and diagnosis share: a body with inserts, its scans by the chain, and the choice of effects."""
+"""A body with inserts, its scans by the chain, and effect selection, for tests of physics and diagnosis."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from virtual_phantom.diagnosis.projections.observed import Scans
 from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.io.volumes import Volume
 
-# Of a fan beam, as recording.yaml has it.
+# Fan-beam settings in the form of recording.yaml.
 SCAN = {
     "trajectory": "circular",
     "source_to_isocentre_mm": 500,
@@ -28,7 +28,7 @@ SCAN = {
 def body(grid, half_axes_mm, hu, inserts):
     """An elliptic cylinder along z in air, with inserts of other HU.
 
-    inserts   [(centre (x, y, z) in mm, radius in mm, HU)]; balls, or cylinders along z where z is None
+    inserts   [(center (x, y, z) in mm, radius in mm, HU)]; balls, or cylinders along z where z is None
     """
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
     array = np.where((x / half_axes_mm[0]) ** 2 + (y / half_axes_mm[1]) ** 2 < 1, hu, -1000.0)
@@ -39,13 +39,13 @@ def body(grid, half_axes_mm, hu, inserts):
 
 
 def noisy_lines(state, repeats, random):
-    """Noisy line integrals [repeat, view, row, column] of a state of the chain, against what it measures in air."""
+    """Noisy line integrals [repeat, view, row, column] of a state of the chain, relative to its reading in air."""
     air = state.measured_air * state.photons
     return np.stack([-np.log(np.maximum(state.counts(random), 0.5) / air) for _ in range(repeats)])
 
 
 def scans_of(state, repeats, random, added=0.0):
-    """Such line integrals with something added, as they are taken: with the white field, all pixels usable."""
+    """The same with `added` line integrals and the white field; all pixels are usable."""
     lines = (noisy_lines(state, repeats, random) + added).astype(np.float32)
     return Scans(lines, state.measured_air.mean(axis=0) * state.photons, np.ones(lines.shape[1:], bool))
 
@@ -65,6 +65,6 @@ def disc_bench(view_interval_ms):
 
 
 def chosen(fitter, candidates):
-    """The choice among candidate effects, each first fitted alone."""
+    """Effect selection among candidates, each first fitted alone."""
     baseline = trial(fitter, ())
     return choose(fitter, baseline, candidates)

@@ -38,21 +38,21 @@ def run(*arguments):
     return subprocess.run([sys.executable, "-m", "benchmarks", *arguments], cwd=ROOT, capture_output=True, text=True)
 
 
-def test_the_list_has_a_line_with_the_time_of_each_scenario(capsys):
+def test_list_has_a_line_with_the_time_of_each_scenario(capsys):
     assert benchmarks.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == sorted(SCENARIOS)
     assert all(line.endswith(").") for line in lines)
 
 
-def test_a_scenario_runs_under_its_name_with_hyphens(tmp_path):
+def test_scenario_runs_under_its_name_with_hyphens(tmp_path):
     out = tmp_path / "nothing.csv"
     done = run("run", "kinds-of-change", "--maker", "chain", "--draws", "1", "--out", str(out))
     assert done.returncode == 0, done.stderr
     assert "p below 0.01: 0 of 1" in done.stdout and out.read_text().startswith("maker,draw,kind,z,p,gain\nchain,0,")
 
 
-def test_an_unknown_scenario_and_missing_options_exit_with_a_message():
+def test_unknown_scenario_and_missing_options_exit_with_a_message():
     assert "`list` prints the names" in run("run", "nonsense").stderr
     done = run("run", "intervals")
     assert done.returncode == 1 and done.stderr == "--seed and --out are missing; give both, or --count\n"

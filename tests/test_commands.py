@@ -1,4 +1,4 @@
-"""Every command of the documentation has what runs it, and names files, options and targets that are there."""
+"""Every documented command has a test, and its files, options and targets exist."""
 
 import re
 import shlex
@@ -15,7 +15,7 @@ FOUND = commands(ROOT)
 TABLE = yaml.safe_load((ROOT / "tests" / "commands.yaml").read_text(encoding="utf-8"))
 
 
-def test_a_page_s_commands_are_found(tmp_path):
+def test_commands_of_a_page_are_found(tmp_path):
     (tmp_path / "docs").mkdir()
     (tmp_path / "README.md").write_text(
         "Say `snakemake -n\n--lint` or `snakemake`.\n\n"
@@ -35,22 +35,22 @@ def test_every_command_is_run_by_a_test_or_by_hand():
 
 
 @pytest.mark.parametrize("test", sorted({test for tests in TABLE["tests"].values() for test in tests}))
-def test_what_runs_them_is_there(test):
+def test_tests_of_commands_exist(test):
     file, name = test.split("::")
     assert re.search(rf"^ *def {name}\(", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
 
 
 def words(program):
-    """The words of every command that begins with a program, of each part of a line of several."""
+    """Arguments of every command that begins with a program, for each part of a line with several."""
     parts = [part for command in FOUND for part in re.split(r" && ", command)]
     return [shlex.split(part.replace("...", "")) for part in parts if re.match(rf"(\S*/)?{program}(\s|$)", part)]
 
 
 def test_make_has_the_targets():
-    wanted = {word for line in words("make") for word in line[1:] if "=" not in word}
-    assert {"setup", "test", "docs"} <= wanted
+    expected = {word for line in words("make") for word in line[1:] if "=" not in word}
+    assert {"setup", "test", "docs"} <= expected
     make = shutil.which("make")
-    process = subprocess.run([make, "-n", *sorted(wanted)], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    process = subprocess.run([make, "-n", *sorted(expected)], cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert process.returncode == 0, process.stderr
 
 
@@ -71,8 +71,8 @@ def test_scripts_have_the_options():
             assert f'"{option}"' in text, f"{script} has no {option}"
 
 
-def test_files_that_are_named_are_there():
-    """Of the project's own: a user's are called my.yaml."""
+def test_named_files_exist():
+    """Only files of the project: users' files are called my.yaml."""
     named = [
         (after, line[line.index(after) + 1])
         for after in ("--configfile", "-r", "--requirement", "--profile")

@@ -1,4 +1,4 @@
-"""Compiled kernels on disk: concurrent writers, damaged files, and folders that cannot be written to."""
+"""Compiled kernels on disk: concurrent writers, damaged files, and read-only folders."""
 
 import errno
 import importlib
@@ -18,7 +18,10 @@ from virtual_phantom.base.compiled import SUFFIX, KernelCache
 from virtual_phantom.base.errors import InputError
 
 LIBRARY = Path(module.__file__).resolve().parents[1]
-WIDTHS = {13: 16, 2: 64}  # columns of a tile of kernels.py by the number of realizations: TILE beyond FEW, else WIDER
+WIDTHS = {
+    13: 16,
+    2: 64,
+}  # Columns of a tile of kernels.py by the number of realizations: TILE above FEW, otherwise WIDER.
 # Two processes have both read the cache before either writes. The second writes its index last, the first its data:
 # with Numba's own cache, the index then pairs the second's signature with the first's code.
 RACE = """
@@ -84,7 +87,7 @@ def count(lanes):
 
 
 def state_folder(monkeypatch, folder):
-    """As if NUMBA_CACHE_DIR had been set when Numba was imported; Numba's compiler reads changed variables again."""
+    """Set the cache folder as NUMBA_CACHE_DIR would have on import; Numba's compiler reads changed variables again."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder))
     monkeypatch.setattr(module.numba.config, "CACHE_DIR", str(folder))
 
@@ -99,7 +102,7 @@ def cache(tmp_path, monkeypatch):
 
 
 def counted(lanes):
-    """What a dispatcher that knows no signature returns, and where its code is from."""
+    """Result of a dispatcher without known signatures, and the source of its code."""
     dispatcher = module.compiled()(count)
     value = dispatcher((0,) * lanes)
     return value, "loaded" if sum(dispatcher.stats.cache_hits.values()) else "compiled"
@@ -146,7 +149,7 @@ def test_damaged_code_is_compiled_again_and_replaced(cache, damage):
     assert len([*cache.iterdir()]) == 2  # nothing temporary remains
 
 
-def test_a_folder_in_the_place_of_code_costs_time_only(cache, monkeypatch, tmp_path, caplog):
+def test_folder_in_the_place_of_code_only_costs_time(cache, monkeypatch, tmp_path, caplog):
     monkeypatch.setattr(module, "BESIDE", tmp_path / "beside")
     for path in [*cache.iterdir()]:
         path.unlink()
@@ -154,14 +157,14 @@ def test_a_folder_in_the_place_of_code_costs_time_only(cache, monkeypatch, tmp_p
     assert [counted(lanes) for lanes in (2, 2)] == [(20, "compiled")] * 2
 
 
-def test_code_that_was_kept_by_another_version_is_not_run(cache, monkeypatch):
+def test_code_of_another_version_is_not_run(cache, monkeypatch):
     monkeypatch.setattr(module.llvmlite, "__version__", "0.1")
     assert counted(2) == (20, "compiled")
     monkeypatch.undo()
 
 
-def test_every_compiled_function_of_the_library_is_kept_so():
-    """Numba's own cache is used nowhere, and its private names that the cache relies on are there."""
+def test_every_compiled_function_of_the_library_uses_the_cache():
+    """Numba's own cache is not used, and the private names that the cache relies on exist."""
     dispatchers = {}
     for path in LIBRARY.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
@@ -175,7 +178,7 @@ def test_every_compiled_function_of_the_library_is_kept_so():
 
 @pytest.fixture
 def places(tmp_path, monkeypatch):
-    """A file, which no folder can be made in, and a folder; the package's own folder cannot be written to."""
+    """A file, in which no folder can be made, and a folder; the package's own folder is read-only."""
     file, folder = tmp_path / "file", tmp_path / "folder"
     file.touch()
     folder.mkdir()
@@ -203,17 +206,19 @@ def places(tmp_path, monkeypatch):
         ("{file}", {"XDG_CACHE_HOME": "{folder}"}, "virtual_phantom/kernels"),
     ],
 )
-def test_code_is_kept_in_the_first_folder_that_can_be_written_to(places, caplog, stated, variables, kept_in):
+def test_code_is_stored_in_the_first_writable_folder(places, caplog, stated, variables, kept_in):
     file, folder, state = places
     state(stated, **variables)
     assert [counted(2), counted(2)] == [(20, "compiled"), (20, "loaded")]
-    (kept,) = folder.rglob(f"*{SUFFIX}")
-    assert kept.parent == folder / kept_in
-    line = f"NUMBA_CACHE_DIR: {file} cannot be written to (Not a directory); compiled kernels are kept in {kept.parent}"
+    (stored,) = folder.rglob(f"*{SUFFIX}")
+    assert stored.parent == folder / kept_in
+    line = (
+        f"NUMBA_CACHE_DIR: {file} cannot be written to (Not a directory); compiled kernels are kept in {stored.parent}"
+    )
     assert caplog.messages == ([line] if stated == "{file}" else [])
 
 
-def test_code_is_not_kept_where_others_could_have_written_it(places):
+def test_code_is_not_stored_where_others_could_have_written_it(places):
     _, folder, state = places
     state("", XDG_CACHE_HOME="{file}", TMPDIR="{folder}")
     assert counted(2) == (20, "compiled") and counted(2) == (20, "loaded")
@@ -221,17 +226,17 @@ def test_code_is_not_kept_where_others_could_have_written_it(places):
     assert counted(2) == (20, "compiled")
 
 
-def test_a_cache_folder_of_another_user_is_not_used(tmp_path, monkeypatch):
+def test_cache_folder_of_another_user_is_not_used(tmp_path, monkeypatch):
     folder = tmp_path / "virtual_phantom"
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert user_cache() == folder  # not made yet
+    assert user_cache() == folder  # does not exist yet
     folder.mkdir()
     assert user_cache() == folder
     monkeypatch.setattr(os, "getuid", lambda: folder.stat().st_uid + 1)
     assert user_cache() is None
 
 
-def test_where_nothing_can_be_written_functions_run_with_one_note(places, caplog, monkeypatch):
+def test_without_a_writable_folder_functions_run_with_one_note(places, caplog, monkeypatch):
     file, _, state = places
     state("{file}", XDG_CACHE_HOME="{file}")
     monkeypatch.setattr(tempfile, "tempdir", str(file))
@@ -244,7 +249,7 @@ def test_where_nothing_can_be_written_functions_run_with_one_note(places, caplog
     ]
 
 
-def test_a_read_only_folder_is_read(cache, monkeypatch):
+def test_read_only_folder_is_read(cache, monkeypatch):
     """As in a container whose image contains compiled code."""
     monkeypatch.setattr(module, "_write", raise_read_only)
     monkeypatch.setattr(module, "BESIDE", cache)
@@ -256,7 +261,7 @@ def raise_read_only(path, content):
     raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
 
-def test_a_compiler_that_is_switched_off_is_one_line(monkeypatch):
+def test_disabled_compiler_is_one_line(monkeypatch):
     monkeypatch.setattr(module.numba.config, "DISABLE_JIT", 1)
     line = "NUMBA_DISABLE_JIT: Numba's compiler is off, and kernels run only compiled; unset it"
     with pytest.raises(InputError, match=f"^{line}$"):

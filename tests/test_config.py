@@ -1,4 +1,4 @@
-"""The configuration: defaults, overlays, and one clear line for every mistake."""
+"""Configuration: defaults, overlays, and one clear line for every mistake."""
 
 import copy
 import os
@@ -38,7 +38,7 @@ def changed(path, value):
 
 
 def refuse(config, message):
-    """Both say so, and neither changes what it was given."""
+    """Check that both functions reject the configuration and leave it unchanged."""
     before = copy.deepcopy(config)
     for function in (check, complete):
         with pytest.raises(InputError) as error:
@@ -50,14 +50,14 @@ def refuse(config, message):
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "config").glob("*.yaml")))
 def test_checking_and_completing_change_nothing(name):
-    """Of every shipped configuration, with effects, of which defaults are filled in too."""
+    """For every shipped configuration with effects, whose defaults are completed too."""
     config = copy.deepcopy(DEFAULT)
     for file in (*BENEATH.get(f"{name}.yaml", ()), f"{name}.yaml"):
         update_config(config, yaml.safe_load((ROOT / "config" / file).read_text()))
     config |= {"physics": {"scatter": None, "reconstruction_kernel": {"sigma_mm": 1.0}}, "measured": {"overlay": False}}
     config["noise"]["model"] = "physical"
     boxed = {name for name, protocol in config["protocols"].items() if protocol and "voxels" in protocol}
-    for one in boxed:  # whose images take no effects
+    for one in boxed:  # images have no effects in this configuration
         config["protocols"][one]["physics"] = {"scatter": None}
     before = copy.deepcopy(config)
     assert check(config) is None and config == before
@@ -67,7 +67,7 @@ def test_checking_and_completing_change_nothing(name):
     for one, protocol in whole["protocols"].items():
         assert protocol["physics"]["scatter"]["amount"] > 0
         assert protocol["image_physics"] == ({} if one in boxed else {"reconstruction_kernel": {"sigma_mm": 1.0}})
-    # Nor do the two share anything that one could change in the other.
+    # The two share no mutable values.
     for protocol in whole["protocols"].values():
         protocol["physics"].clear()
     whole["noise"]["levels"].clear()
@@ -86,7 +86,7 @@ def test_defaults_are_filled_in():
     assert "seed" not in DEFAULT
 
 
-def test_a_comparison_and_a_recording_that_are_diagnosed_have_names_of_their_own():
+def test_comparison_and_diagnosed_recording_have_different_names():
     config = changed("analyses.comparison", {"scanner": COMPARISON})
     config["recordings"] = {"scanner": "somewhere"}
     config["diagnosis"] = {"comparisons": ["scanner"]}
@@ -95,7 +95,7 @@ def test_a_comparison_and_a_recording_that_are_diagnosed_have_names_of_their_own
     refuse(config, "diagnosis.comparisons and diagnosis.recordings both have 'scanner'")
 
 
-def test_the_key_attribute_is_deprecated():
+def test_key_attribute_is_deprecated():
     old = changed("analyses.comparison", {"near": COMPARISON | {"attribute": True}})
     old["recordings"] = {COMPARISON["recording"]: "somewhere"}
     new = changed("analyses.comparison", {"near": COMPARISON})
@@ -148,14 +148,14 @@ SCANNED = {name: {} for name in ("a", "b", "c", "scanners")}
         ),
     ],
 )
-def test_names_that_lead_to_one_file_are_refused(changes, message):
+def test_names_of_the_same_file_are_rejected(changes, message):
     config = copy.deepcopy(DEFAULT)
     update_config(config, {"recordings": {**dict.fromkeys(SCANNED, "x"), "scanner": "y"}})
     update_config(config, changes)
     refuse(config, f"{message}")
 
 
-def test_names_that_only_look_as_if_they_lead_to_one_file_are_taken():
+def test_similar_names_of_different_files_are_accepted():
     config = copy.deepcopy(DEFAULT)
     names = ("features", "index", "cells", "scanner", "a", "a_scores", "maps")
     config["recordings"] = dict.fromkeys(names, "x")
@@ -228,13 +228,13 @@ def test_names_that_only_look_as_if_they_lead_to_one_file_are_taken():
         ("phantom.source", "ct", "phantom.source is ct, but phantom.ct is missing"),
     ],
 )
-def test_mistakes_are_told_in_one_line(path, value, message):
+def test_mistakes_are_one_line(path, value, message):
     config = changed(path, value)
     config["noise"]["levels"]["same"] = {"A": DEFAULT["noise"]["levels"]["dose10"]["A"], "repeats": 8}
     refuse(config, message)
 
 
-def test_a_phantom_of_shapes_needs_its_object_and_no_overlay():
+def test_phantom_of_shapes_needs_its_object_and_no_overlay():
     config = changed("phantom", {"source": "object", "object": {"kind": "pmma_disc"}})
     refuse(config, "config: measured.overlay needs the ROIs of the printed phantom")
     config = changed("phantom", {"source": "object"}) | {"measured": {"overlay": False}}
@@ -254,7 +254,7 @@ def test_a_phantom_of_shapes_needs_its_object_and_no_overlay():
         ({"kinds": "ball"}, "did you mean 'kind'?"),
     ],
 )
-def test_an_object_is_shapes_or_a_mask_or_a_label_map(value, message):
+def test_object_is_shapes_or_a_mask_or_a_label_map(value, message):
     settings = changed("diagnosis.recordings", {"x": {"object": value}}) | {"recordings": {"x": "x"}}
     refuse(settings, message)
 
@@ -265,7 +265,7 @@ def labelled(materials):
     }
 
 
-def test_labels_are_whole_numbers_or_text_and_the_same():
+def test_labels_are_integers_or_equivalent_text():
     acrylic = {"compound": "C5H8O2", "density_g_per_cm3": 1.19}
     settings = labelled({0: "water", "1": "pmma", 20: acrylic})
     before = copy.deepcopy(settings)
@@ -289,13 +289,13 @@ def test_labels_are_whole_numbers_or_text_and_the_same():
         ({1: {"compound": "H2O", "density": 1}}, "unknown key 'density' in diagnosis.recordings.x.object.materials.1"),
     ],
 )
-def test_labels_and_definitions_that_are_none_are_refused(materials, message):
+def test_invalid_labels_and_definitions_are_rejected(materials, message):
     refuse(labelled(materials), message)
 
 
 @pytest.mark.parametrize("key", [1, 2.5, True, None])
 @pytest.mark.parametrize("section", ["", "protocols", "noise.levels", "scans", "protocols.sirt_150", "analyses.pca"])
-def test_keys_that_are_not_text_are_refused(section, key):
+def test_keys_other_than_text_are_rejected(section, key):
     config = changed("scans.short", {"rows": 8})
     place = config
     for name in filter(None, section.split(".")):
@@ -304,7 +304,7 @@ def test_keys_that_are_not_text_are_refused(section, key):
     refuse(config, f"config: the key {key} in {section or 'config'} is not text to YAML")
 
 
-def test_a_key_that_is_not_text_is_found_in_a_list():
+def test_key_other_than_text_is_found_in_a_list():
     config = changed("phantom.ct", {"image": "a", "rois": [{"name": "a", "tissue_class": "b", 1: 2}]})
     refuse(config, "the key 1 in phantom.ct.rois.0 is not text")
 
@@ -312,14 +312,14 @@ def test_a_key_that_is_not_text_is_found_in_a_list():
 @pytest.mark.parametrize(
     "text, value", [("1e-4", 1e-4), ("2.5e3", 2.5e3), ("-3E+02", -300), (".5e-6", 5e-7), ("5.e2", 500), ("7", 7)]
 )
-def test_numbers_are_suggested_as_yaml_reads_them(text, value):
+def test_numbers_are_suggested_in_yaml_notation(text, value):
     for path in ("scan.start_angle_deg", "scan.column_offset_px"):
         with pytest.raises(InputError) as error:
             complete(changed(path, text))
         assert yaml.safe_load(str(error.value).rsplit("write ", 1)[1]) == value
 
 
-def test_calibration_takes_levels_of_one_a_beside_another():
+def test_calibration_uses_levels_of_one_a_only():
     config = changed("analyses.noise_calibration.noise", ["dose10", "same", "half"])
     config["noise"]["levels"]["same"] = {"A": DEFAULT["noise"]["levels"]["dose10"]["A"], "repeats": 8}
     complete(config)
@@ -334,7 +334,7 @@ def ct_of(*names, **more):
     return {"source": "ct", "ct": {"image": "ct.nii.gz", "labels": "labels.nii.gz", "rois": rois}}
 
 
-def test_measured_overlay_needs_the_printed_phantoms_rois():
+def test_measured_overlay_needs_the_rois_of_the_printed_phantom():
     refuse(changed("phantom", ct_of("liver")), "phantom.ct.rois also has liver; set measured.overlay: false")
     refuse(changed("phantom", ct_of(*list(TISSUE_CLASSES)[:5])), "phantom.ct.rois lacks metastasis; set measured")
     refuse(changed("phantom", ct_of(*TISSUE_CLASSES, "liver")), "phantom.ct.rois also has liver; set measured")
@@ -346,7 +346,7 @@ def test_measured_overlay_needs_the_printed_phantoms_rois():
 
 
 @pytest.mark.parametrize("fit_on", ["measured", "pooled"])
-def test_components_cannot_be_fitted_on_measured_data_left_out(fit_on):
+def test_components_cannot_be_fitted_on_missing_measured_data(fit_on):
     config = changed("analyses.pca.fbp.fit_on", fit_on)
     complete(config)
     refuse(config | {"measured": {"overlay": False}}, f"analyses.pca.fbp.fit_on is {fit_on}, but measured.overlay")
@@ -358,7 +358,7 @@ def test_background_is_no_label():
 
 
 def test_reading_a_configuration_loads_no_heavy_library():
-    """Every job of the workflow does it."""
+    """Every job of the workflow reads it."""
     heavy = {"pandas", "scipy", "sklearn", "radiomics"}
     code = f"import sys, virtual_phantom.config.config; print({heavy} & set(sys.modules))"
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "workflow" / "lib")}
@@ -366,7 +366,7 @@ def test_reading_a_configuration_loads_no_heavy_library():
     assert result.stdout.strip() == "set()"
 
 
-def test_null_takes_away():
+def test_null_removes_an_entry():
     config = complete(
         changed("protocols.sirt_450", None) | {"analyses": {"stability": {"noise": "dose10"}, "pca": None}}
     )
@@ -374,7 +374,7 @@ def test_null_takes_away():
     assert "pca" not in config["analyses"]
 
 
-def test_null_takes_away_a_key_of_a_protocol():
+def test_null_removes_a_key_of_a_protocol():
     config = changed("protocols.sirt_150.group", None)
     config["protocols"]["sirt_200"]["scan"] = None
     config = complete(config)
@@ -403,9 +403,9 @@ def test_plan_of_the_paper():
         for g, (a, n) in enumerate([(a, n) for a in ("sirt", "fbp") for n in (150, 200, 250, 300)], start=1)
     }
     assert plan.geometry_of("sirt_150") == plan.geometry_of("fbp_150") == "views150"
-    wanted = plan.acquisitions()
-    assert all((protocol, "dose10") in wanted for protocol in plan.groups())
-    assert ("sirt_300", "quadruple") in wanted and ("sirt_300", "quadruple") not in plan.featured()
+    all_acquisitions = plan.acquisitions()
+    assert all((protocol, "dose10") in all_acquisitions for protocol in plan.groups())
+    assert ("sirt_300", "quadruple") in all_acquisitions and ("sirt_300", "quadruple") not in plan.featured()
 
 
 def test_every_seed_is_in_one_batch():
@@ -417,7 +417,7 @@ def test_every_seed_is_in_one_batch():
         assert all(len(batch) <= 4 for batch in batches)
 
 
-def test_bundles_hold_every_acquisition_once_and_keep_levels_whole():
+def test_bundles_contain_every_acquisition_once_and_keep_levels_whole():
     plan = Plan(complete(DEFAULT))
     seen = [
         (protocol, noise, seed)
@@ -431,8 +431,8 @@ def test_bundles_hold_every_acquisition_once_and_keep_levels_whole():
     assert tuple([("dose10", seed) for seed in plan.seeds("dose10")]) in plan.bundles()
 
 
-def test_a_level_that_is_found_from_images_is_in_no_bundle_with_them():
-    """Its images would wait for themselves."""
+def test_level_matched_to_images_is_in_no_bundle_with_them():
+    """Its images would otherwise wait for themselves."""
     config = complete(DEFAULT)
     config["noise"]["levels"] = {"one": {"A": 1e-6, "repeats": 3}, "met": {"meets": MEETS, "repeats": 3}}
     config["noise"]["levels"] |= {"other": {"A": 2e-6, "repeats": 3}, "next": {"A": 3e-6, "repeats": 3}}
@@ -442,8 +442,8 @@ def test_a_level_that_is_found_from_images_is_in_no_bundle_with_them():
     assert [sorted({noise for noise, _ in bundle}) for bundle in bundles] == [["one"], ["met"], ["next", "other"]]
 
 
-def test_bundles_stay_when_an_analysis_asks_for_more():
-    """A further level for one protocol leaves every bundle that does not share its group as it was."""
+def test_bundles_do_not_change_if_an_analysis_needs_more():
+    """A further level for one protocol leaves every bundle that does not share its group unchanged."""
     before = Plan(complete(DEFAULT)).bundles()
     more = changed("analyses.pca.multicentre.noise", ["dose10", "dose10_plus6", "dose10_plus16", "quadruple"])
     after = Plan(complete(more)).bundles()
@@ -468,12 +468,12 @@ def test_bundles_stay_when_an_analysis_asks_for_more():
         ({"baseline_from": "a", "physics_from": "a"}, "b has both physics_from and baseline_from; keep one of them"),
     ],
 )
-def test_diagnosed_objects_and_their_physics_are_one_each(settings, message):
+def test_diagnosed_objects_and_their_physics_are_unique(settings, message):
     config = changed("recordings", {"a": "recordings/a", "b": "recordings/b"})
     refuse({**config, "diagnosis": {"recordings": {"a": {}, "b": settings}}}, message)
 
 
-def test_materials_have_one_name_however_they_are_written():
+def test_materials_have_one_name_in_any_notation():
     config = changed("recordings", {"a": "recordings/a", "b": "recordings/b"})
     config["materials"] = {"soft": "Water", "dense": "Aluminum"}
     config["diagnosis"] = {
@@ -486,7 +486,7 @@ def test_materials_have_one_name_however_they_are_written():
     assert (whole["materials"]["soft"], whole["materials"]["dense"]) == ("water", "aluminium")
     recordings = whole["diagnosis"]["recordings"]
     assert recordings["a"]["disc"]["material"] == recordings["b"]["object"]["material"] == "pmma"
-    # Every place of the schema that takes a material is one of these four.
+    # Every material key of the schema is one of these four.
     schema = (LIBRARY / "schemas" / "config.schema.yaml").read_text()
     assert schema.count('$defs/material"') == 4
     config["diagnosis"]["recordings"]["a"]["disc"]["material"] = "acryl"
@@ -495,7 +495,7 @@ def test_materials_have_one_name_however_they_are_written():
     refuse(config, "config: diagnosis.recordings.a.disc: 'PMMA' is not of type 'object'")
 
 
-def test_physics_is_not_taken_from_where_it_was_taken_to():
+def test_circular_transfer_of_physics_is_rejected():
     config = changed("recordings", {name: f"recordings/{name}" for name in "abc"})
     diagnosed = {"a": {}, "b": {"physics_from": "a"}, "c": {"physics_from": "b"}}
     refuse({**config, "diagnosis": {"recordings": diagnosed}}, "which has physics_from; name the recording given there")
@@ -512,7 +512,7 @@ def test_physics_is_not_taken_from_where_it_was_taken_to():
     refuse({**config, "diagnosis": together}, "names 'c', which has baseline_from: a; remove that key")
 
 
-def test_protocols_of_a_scanner_are_of_its_recordings_and_each_of_one():
+def test_protocols_of_a_scanner_partition_its_recordings():
     config = changed("recordings", {name: f"recordings/{name}" for name in "abc"})
     scanner = {"recordings": ["a", "b"], "protocols": {"low": ["a"], "high": ["b"]}}
     config["diagnosis"] = {"recordings": {name: {} for name in "abc"}, "scanners": {"s": scanner}}
@@ -523,7 +523,7 @@ def test_protocols_of_a_scanner_are_of_its_recordings_and_each_of_one():
     refuse(config, "diagnosis.scanners.s.protocols.high names 'c', which does not exist; known: a, b")
 
 
-def test_recordings_that_judge_a_scanner_are_its_own_and_leave_two_to_choose_by():
+def test_test_recordings_of_a_scanner_are_its_own_and_leave_two_for_selection():
     config = changed("recordings", {name: f"recordings/{name}" for name in "abcd"})
     scanner = {"recordings": ["a", "b", "c"], "judged_on": ["c"]}
     config["diagnosis"] = {"recordings": {name: {} for name in "abcd"}, "scanners": {"s": scanner}}
@@ -537,7 +537,7 @@ def test_recordings_that_judge_a_scanner_are_its_own_and_leave_two_to_choose_by(
     )
 
 
-def test_effects_of_images_are_not_for_images_in_boxes():
+def test_image_effects_are_rejected_for_images_in_boxes():
     voxels = {"spacing_mm": [1.0, 0.7, 0.7], "thickness_mm": 2.0}
     config = changed("protocols.boxed", {"algorithm": "fbp", "projections": 200, "voxels": voxels})
     config["noise"]["model"] = "physical"

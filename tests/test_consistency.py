@@ -1,4 +1,4 @@
-"""Relations between features: every table of pyradiomics satisfies them, and a row that is not one does not."""
+"""Relations between features: every pyradiomics table satisfies them, and wrong rows do not."""
 
 from functools import cache
 from itertools import combinations
@@ -20,7 +20,7 @@ from virtual_phantom.recordings.reading import load_recording
 
 MEAN, ENERGY = "original_firstorder_Mean", "original_firstorder_Energy"
 
-# Settings, image types and regions that reach the limits of relations.
+# Settings, image types and regions at the limits of the relations.
 NOISE = np.random.default_rng(3).normal(40, 60, (5, 7, 8))
 IMAGES = {
     "noise": NOISE,
@@ -40,7 +40,7 @@ SETTINGS = [
 
 @cache
 def extracted(image, number, types=("Original",), least=-2.0):
-    """One row as pyradiomics writes it, of the voxels whose noise is above `least`."""
+    """One pyradiomics row of the voxels whose noise is above `least`."""
     extractor = RadiomicsFeatureExtractor(minimumROIDimensions=1, additionalInfo=True, **SETTINGS[number])
     extractor.disableAllImageTypes()
     for name in types:
@@ -64,7 +64,7 @@ def rounded(table, how):
 
 @pytest.mark.parametrize("image", IMAGES)
 @pytest.mark.parametrize("number", range(len(SETTINGS)))
-def test_what_pyradiomics_writes_is_accepted_and_so_is_it_rounded(image, number):
+def test_pyradiomics_rows_are_accepted_also_if_rounded(image, number):
     if image == "uniform" and "normalize" in SETTINGS[number]:
         return  # pyradiomics divides by the standard deviation
     table = extracted(image, number)
@@ -81,17 +81,17 @@ def test_filtered_images_and_regions_of_a_few_voxels_are_accepted():
         check(extracted("noise", 0, least=least), "t")
 
 
-def test_rows_rounded_otherwise_than_their_neighbours_are_accepted():
+def test_rows_with_different_rounding_are_accepted():
     rows = [extracted("noise", 0), rounded(extracted("ramp", 0), lambda value: float(f"{value:.3g}"))]
     check(pd.concat(rows, ignore_index=True), "t")
 
 
-def test_the_error_of_rounding():
+def test_rounding_error():
     exact = np.random.default_rng(0).normal(0, 1000, (4, 9))
     assert (rounding(exact) < 1e-4).all()
     for written in (exact.round(2), np.vectorize(lambda value: float(f"{value:.4g}"))(exact)):
         assert (rounding(written) >= abs(written - exact)).all()
-    exact[:, 3], exact[2] = exact[:, 3].round(1), exact[2].round(0)  # a column, and a row, of fewer digits
+    exact[:, 3], exact[2] = exact[:, 3].round(1), exact[2].round(0)  # a column and a row with fewer digits
     assert (rounding(exact)[:, 3] >= 0.05).all() and (rounding(exact)[2] >= 0.5).all()
 
 
@@ -110,19 +110,19 @@ def caught(values):
 
 @given(st.integers(0, 84), st.sampled_from([-3, -2, -1, 1, 2, 3]), st.integers(0, 5))
 @settings(max_examples=60, deadline=None)
-def test_a_row_that_is_shifted_from_some_column_on_is_refused(start, by, row):
+def test_row_shifted_from_some_column_on_is_rejected(start, by, row):
     values = noisy().to_numpy(copy=True)
     part = values[row, start:].copy()
     moved = part[-by:] if by < 0 else part[: len(part) - by]
     if len(moved) < 3:
-        return  # within the last three columns two features may change places unseen
+        return  # within the last three columns, a swap of two features may remain undetected
     values[row, start:] = np.nan
     values[row, start + max(by, 0) : start + max(by, 0) + len(moved)] = moved
     assert caught(values)
 
 
-def test_columns_that_changed_places_are_refused():
-    """All but pairs of alike magnitude, of which a table without its header says nothing."""
+def test_swapped_columns_are_rejected():
+    """Except pairs of similar magnitude, which a table without its header cannot reveal."""
     values = noisy().to_numpy(copy=True)
     pairs = list(combinations(range(len(FEATURES)), 2))[::37]
     found = 0
@@ -138,7 +138,7 @@ def test_columns_that_changed_places_are_refused():
 
 
 @pytest.mark.parametrize("feature", FEATURES)
-def test_a_number_that_lost_its_decimal_sign_is_refused(feature):
+def test_number_without_its_decimal_point_is_rejected(feature):
     values = noisy().to_numpy(copy=True)
     place = FEATURES.index(feature)
     digits = f"{values[1, place]:.12f}".rstrip("0").replace(".", "")
@@ -162,7 +162,7 @@ def test_a_number_that_lost_its_decimal_sign_is_refused(feature):
         ({"original_firstorder_RootMeanSquared": 1064.0}, "RootMeanSquared^2 is Variance + Mean^2, but the values"),
     ],
 )
-def test_the_line_says_which_relation_fails(change, message):
+def test_message_names_the_violated_relation(change, message):
     table = noisy().set_axis(range(2, 8))
     table.loc[3, list(change)] = list(change.values())
     with pytest.raises(InputError) as error:
@@ -170,14 +170,14 @@ def test_the_line_says_which_relation_fails(change, message):
     assert message in str(error.value), str(error.value)
 
 
-def test_standardized_features_are_refused_as_such():
+def test_standardized_features_are_rejected_as_such():
     table = noisy()
     with pytest.raises(InputError, match=r"6 of 6 rows are wrong: are columns mixed up, or features standardized"):
         check((table - table.mean()) / table.std() - 9, "t")
 
 
-def test_an_unknown_shift_of_grey_values_is_found():
-    """Without its settings a table has one shift, which most rows tell."""
+def test_unknown_shift_of_gray_values_is_found():
+    """A table without settings has one shift, which most rows determine."""
     table = pd.concat([extracted(name, 1) for name in ("noise", "ramp", "two values")], ignore_index=True)
     table = table.drop(columns="diagnostics_Configuration_Settings")
     check(table, "t")
@@ -190,25 +190,25 @@ def folder(tmp_path):
     return features_folder(tmp_path / "table")[0]
 
 
-def test_one_image_in_stored_values_among_others_is_refused(folder):
+def test_single_image_in_stored_values_is_rejected(folder):
     other = features_table(1, start=5, mean=1064.0)
     pd.concat([features_table(2, start=3), other]).to_csv(folder / "b.csv", index=False)
     refused(folder, "b.csv: the means of the ROIs of image i5 are 10")
     refused(folder, "above the same ROIs in other images; convert all rows to HU, or all to HU + 1024")
 
 
-def test_an_image_that_is_there_twice_is_refused(folder):
+def test_duplicate_image_is_rejected(folder):
     copy = features_table(1, start=1).assign(image="i9")
     pd.concat([features_table(2, start=3), copy]).to_csv(folder / "b.csv", index=False)
     refused(folder, "b.csv: row 6 (image i9) repeats all 86 features of row 4 (image i1) for ROI cyst_1")
     content = {"name": "table", "kind": "features", "repeats": ["a.csv", "b.csv"]}
-    copy = copy.assign(dose_mgy=3)  # of another condition, as of a setting that changes no image
+    copy = copy.assign(dose_mgy=3)  # of another condition, as for a setting that changes no image
     pd.concat([features_table(2, start=3), copy]).to_csv(folder / "b.csv", index=False)
     assert len(load_recording(write_yaml(folder, content | {"features": {"conditions": ["dose_mgy"]}})).repeats) == 12
 
 
 @pytest.mark.parametrize("value", [1e61, -1e200])
-def test_a_number_that_no_image_has_is_named(value):
+def test_impossible_number_is_named(value):
     table = pd.DataFrame(
         {"original_firstorder_Mean": [1.0, value], "original_firstorder_Energy": [2.0, 3.0]}, index=[2, 3]
     )

@@ -1,4 +1,4 @@
-"""The negative controls of benchmarks/controls.py, and what is kept of the default study's further seeds."""
+"""Negative controls of benchmarks/controls.py, and the stored seeds of the default study."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ def plan(changes=None, *files):
     return Plan(config.complete(merged))
 
 
-def test_every_control_is_the_default_study_but_for_what_it_says(tmp_path):
+def test_every_control_is_the_default_study_with_its_stated_change(tmp_path):
     default = plan()
     assert plan(None, "config/controls.yaml").scored_settings() == default.scored_settings() != ""
     studies = controls.studies()
@@ -33,21 +33,24 @@ def test_every_control_is_the_default_study_but_for_what_it_says(tmp_path):
     levels = (one.config["noise"]["levels"]["dose10"]["A"] for one in (noisy, default))
     assert next(levels) == pytest.approx(10 * next(levels))
     assert noisy.scored_settings() != default.scored_settings() != plan(None, "config/tiny.yaml").scored_settings()
-    # Nothing is simulated but the groups of the stability analysis.
+    # Only groups of the stability analysis are simulated.
     assert {noise for _, noise in noisy.acquisitions()} == {"dose10"} and len(noisy.acquisitions()) == 8
 
 
-def test_the_other_phantom_differs_in_texture_alone(tmp_path):
+def test_other_phantom_differs_in_texture_only(tmp_path):
     controls.write_layout(tmp_path / "layout.yaml")
-    ours, theirs = (read_layout(path) for path in (None, tmp_path / "layout.yaml"))
+    default_layout, other_layout = (read_layout(path) for path in (None, tmp_path / "layout.yaml"))
     for roi in ("c1", "hem", "n2"):
-        one, other = ours["tissues"][roi], theirs["tissues"][roi]
+        one, other = default_layout["tissues"][roi], other_layout["tissues"][roi]
         assert one["hu"] == other["hu"] and [part["sd_hu"] for part in other["texture"]] == [15]
-    assert ours["tissues"]["spleen"] == theirs["tissues"]["spleen"] and ours["rois"] == theirs["rois"]
+    assert (
+        default_layout["tissues"]["spleen"] == other_layout["tissues"]["spleen"]
+        and default_layout["rois"] == other_layout["rois"]
+    )
 
 
-def test_kept_seeds_are_of_the_default_study_as_it_is():
-    """Who changes the default study runs benchmarks/controls.py, and its figure says the new spread."""
+def test_stored_seeds_are_of_the_current_default_study():
+    """After a change of the default study, benchmarks/controls.py must run again for the figure's spread."""
     seeds = further_seeds.read_seed_scores()
     assert further_seeds.match_settings(seeds, plan().scored_settings())
     assert not further_seeds.match_settings(seeds, plan(None, "config/tiny.yaml").scored_settings())
@@ -55,7 +58,7 @@ def test_kept_seeds_are_of_the_default_study_as_it_is():
     assert (seeds.groupby("seed").size() == 86).all()
 
 
-def test_the_spread_of_the_seeds_is_that_of_their_means():
+def test_spread_of_the_seeds_is_that_of_their_means():
     seeds = pd.DataFrame(
         {
             "settings": "a",
@@ -68,8 +71,8 @@ def test_the_spread_of_the_seeds_is_that_of_their_means():
     assert further_seeds.match_settings(seeds, "a") and not further_seeds.match_settings(seeds.iloc[:0], "a")
 
 
-def test_a_list_is_set_beside_measured_ones_of_as_many_repeats():
-    """The printed phantom's own order of features agrees with its draws far above chance; a random one does not."""
+def test_list_is_compared_with_measured_ones_of_as_many_repeats():
+    """The printed phantom's own feature order agrees with its realizations far above chance; a random one does not."""
     rng = np.random.default_rng(np.random.SeedSequence(3))
     rows = pd.DataFrame(
         rng.normal(size=(8 * 6 * 4, len(measured.STUDY_FEATURES))), columns=list(measured.STUDY_FEATURES)
@@ -80,6 +83,6 @@ def test_a_list_is_set_beside_measured_ones_of_as_many_repeats():
     )
     row = controls.headline(rows, measured.load_score_draws(4), measured.STUDY_FEATURES)
     assert row["repeats"] == 4
-    assert 60 < row["stability_percent"] < 75  # |z| < 1 in 68 % where nothing differs
+    assert 60 < row["stability_percent"] < 75  # |z| < 1 in 68 % without a difference
     assert row["stability_area"] < row["stability_area_chance"] < 0.6
     assert row["stability_above"] < 30

@@ -1,4 +1,4 @@
-"""What a study costs: held against a study that was run, and against rates and sizes that are known."""
+"""Estimated costs of a study, compared with a completed study, and with known rates and sizes."""
 
 from collections import defaultdict
 from pathlib import Path
@@ -35,9 +35,11 @@ def totals(jobs, stage):
     return found
 
 
-def test_the_default_study_costs_what_it_took():
-    """Each stage within a quarter of its measured seconds, all of them within a tenth. Noisy projections are apart:
-    they were measured on ten files that the default study does not make."""
+def test_default_study_has_its_measured_cost():
+    """Each stage within a quarter of its measured seconds, all stages within a tenth.
+
+    Noisy projections are excluded: they were measured on ten files that the default study does not make.
+    """
     rates = read_rates(RATES)
     measured = {stage: took for stage, took in rates["measured"]["seconds"].items() if stage != "acquire"}
     estimated = defaultdict(float)
@@ -49,7 +51,7 @@ def test_the_default_study_costs_what_it_took():
     assert sum(estimated.values()) == pytest.approx(sum(measured.values()), rel=0.1)
 
 
-def test_the_default_study_writes_what_it_wrote():
+def test_default_study_writes_its_measured_size():
     rates = read_rates(RATES)
     _, content = cost_summary(Plan(complete(DEFAULT)), "cpu", rates)
     for kind, sizes in content["bytes"].items():
@@ -79,7 +81,7 @@ def test_work_grows_with_the_sizes(key, value, stage, unit, times):
     assert after / before == pytest.approx(times)
 
 
-def test_the_large_study_is_one():
+def test_large_study_is_one():
     config = yaml.safe_load((ROOT / "config" / "large.yaml").read_text())
     levels = DEFAULT["noise"]["levels"]
     merged = {name: level | config["noise"]["levels"][name] for name, level in levels.items()}
@@ -95,7 +97,7 @@ def test_more_repeats_are_more_images_and_jobs():
     assert (after["image_voxel"] - before["image_voxel"]) / (48 * 128 * 128) == 100
 
 
-def test_what_was_not_measured_is_said_and_not_estimated():
+def test_unmeasured_stages_are_reported_and_not_estimated():
     config = changed("reconstruction", {"sirt": {"backprojector": "voxel"}})
     rates = read_rates(RATES)
     for engine, stage in (("cpu", "reconstruct_sirt_voxel"), ("astra_cuda", "reconstruct_sirt_astra_cuda")):
@@ -109,33 +111,33 @@ def test_what_was_not_measured_is_said_and_not_estimated():
     assert cost_summary(Plan(complete(config)), "cpu", rates)[1]["jobs_without_rate"]["project_physics"] == 5
 
 
-def test_images_that_are_not_kept_are_written_all_the_same():
+def test_temporary_images_count_as_written():
     rates = read_rates(RATES)
-    kept, not_kept = (
+    stored, not_kept = (
         cost_summary(Plan(complete(changed("keep_images", keep))), "cpu", rates)[1] for keep in (True, False)
     )
-    assert kept["bytes_written"] == not_kept["bytes_written"]
-    assert kept["bytes_kept"] - not_kept["bytes_kept"] == kept["bytes"]["images"]["total"]
+    assert stored["bytes_written"] == not_kept["bytes_written"]
+    assert stored["bytes_kept"] - not_kept["bytes_kept"] == stored["bytes"]["images"]["total"]
 
 
-def test_kept_projections_are_one_file_per_scan():
-    """Protocols that differ in the reconstruction alone share their noisy projections."""
+def test_stored_projections_are_one_file_per_scan():
+    """Protocols that differ only in the reconstruction share their noisy projections."""
     jobs = jobs_of(changed("keep_projections", True))
     files = [job.outputs[0] for job in jobs if job.rule == "acquire"]
     assert len(files) == len(set(files))
     assert files.count("projections/views150/dose10/seed09.h5") == 1
     with_rate = [written_bytes(job, read_rates(RATES)) for job in jobs if job.rule == "acquire"]
-    # Poisson counts of about 20 bits, compressed: between one byte and four per pixel.
+    # Poisson counts of about 20 bits, compressed: between one and four bytes per pixel.
     rays = [job.work["ray"] for job in jobs if job.rule == "acquire"]
     assert all(1 < size / ray < 4 for size, ray in zip(with_rate, rays, strict=True))
 
 
-def test_rates_that_made_the_times_are_found_again():
+def test_rates_are_recovered_from_times():
     random = np.random.default_rng(np.random.SeedSequence(4))
     work = [{"job": 1, "ray": float(ray), "image": 3.0} for ray in random.uniform(1e6, 1e7, 20)]
     jobs = [(Job("r", "scan", (), one), 1.5 + 2e-7 * one["ray"]) for one in work]
     assert fit(jobs, {"scan": ["job", "ray"]})["scan"] == pytest.approx({"job": 1.5, "ray": 2e-7})
-    # One job: what is longer than the shortest job of all is work.
+    # With one job, all time beyond the shortest job of all is work.
     alone = (Job("t", "other", (), work[0]), 7.5)
     shortest = min(took for _, took in jobs)
     rates = fit([*jobs, alone], {"scan": ["job", "ray"], "other": ["job", "ray"]})["other"]
@@ -154,7 +156,7 @@ def test_rates_that_made_the_times_are_found_again():
         ("[]", "needs seconds"),
     ],
 )
-def test_a_broken_file_of_rates_is_named(text, message, tmp_path):
+def test_broken_file_of_rates_is_named(text, message, tmp_path):
     path = tmp_path / "rates.yaml"
     if text is not None:
         path.write_text(text)
@@ -163,14 +165,14 @@ def test_a_broken_file_of_rates_is_named(text, message, tmp_path):
     assert str(path) in str(error.value) and "\n" not in str(error.value)
 
 
-def test_regions_cut_into_parts_are_counted_one_by_one():
+def test_regions_cut_into_parts_are_counted_separately():
     ct = {"image": "ct.nii.gz", "rois": [{"name": "a", "tissue_class": "b", "file": "m.nii.gz", "parts": 3}]}
     config = changed("phantom", {"source": "ct", "ct": ct | {"rois": ct["rois"] * 2}})
     config["measured"] = {"overlay": False}
     assert roi_count(complete(config)["phantom"]) == 6
 
 
-def test_the_file_of_rates_says_what_it_was_measured_on():
+def test_file_of_rates_states_its_measurement():
     measured = yaml.safe_load(RATES.read_text())["measured"]
     assert measured["voxels"] == DEFAULT["grid"]["shape"]
     assert measured["detector_rows_columns"] == [DEFAULT["scan"]["rows"], DEFAULT["scan"]["columns"]]

@@ -1,4 +1,4 @@
-"""Files behind a script are those that Python loads for it, and their version follows the code, not the words."""
+"""Dependencies of a script are the files that Python loads; their version follows the code and not the text."""
 
 import ast
 import subprocess
@@ -18,7 +18,7 @@ SCRIPTS = LIBRARY.parents[1] / "scripts"
     ["reconstruction.images", "physics.scenes.line_integrals", "phantom.ct", "statistics.pca", "recordings.summary"],
 )
 def test_no_loaded_module_is_missed(module, tmp_path):
-    """Against the modules that an interpreter holds after the import."""
+    """Compare with the modules of an interpreter after the import."""
     script = tmp_path / "script.py"
     script.write_text(f"import virtual_phantom.{module}\n")
     report = (
@@ -42,14 +42,14 @@ def test_imports_inside_a_script_and_inside_functions_count():
     assert not {"extraction.py", "wilcoxon.py", "errors.py"} & names
 
 
-def test_templates_count_with_the_pages_that_they_make():
+def test_templates_count_with_their_pages():
     names = {file.name for file in files_behind(SCRIPTS / "viewer.py")}
     assert {"viewer.html.j2", "viewer.js.j2", "html.py"} <= names
     assert not [file for file in files_behind(SCRIPTS / "reconstruct.py") if file.suffix == ".j2"]
 
 
 def named(path):
-    """The library's modules that a file imports, as Python parses it: names below virtual_phantom."""
+    """Library modules that a file imports according to Python's parser: names below virtual_phantom."""
     package = path.relative_to(LIBRARY.parent).parts[:-1] if LIBRARY in path.parents else ()
     modules = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -63,7 +63,7 @@ def named(path):
 
 
 @pytest.mark.parametrize("folder", [LIBRARY, SCRIPTS], ids=["library", "scripts"])
-def test_imports_are_those_that_python_parses(folder):
+def test_imports_agree_with_pythons_parser(folder):
     for path in folder.rglob("*.py"):
         expected = set()
         for module in named(path):
@@ -85,7 +85,7 @@ def area(radius: float, scale=1.0) -> float:
 
 @pytest.fixture
 def version(tmp_path, monkeypatch):
-    """The version of a module with this text, by a cache of its own."""
+    """Version of a module with this text, from a separate cache."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     forget()
 
@@ -114,7 +114,7 @@ def forget():
         ("import math", "\n\nimport math"),
     ],
 )
-def test_words_and_lines_do_not_count(version, old, new):
+def test_text_and_line_numbers_do_not_count(version, old, new):
     assert old in MODULE
     assert version(MODULE.replace(old, new)) == version(MODULE)
 
@@ -136,7 +136,7 @@ def test_code_counts(version, old, new):
     assert version(MODULE.replace(old, new)) != version(MODULE)
 
 
-def test_modules_that_are_imported_count(version, monkeypatch):
+def test_imported_modules_count(version, monkeypatch):
     imports = MODULE + "\nfrom virtual_phantom.base import geometry\n"
     before = version(imports)
     changed = (LIBRARY / "base" / "geometry.py").read_bytes() + b"\nEND = 1\n"
@@ -147,7 +147,7 @@ def test_modules_that_are_imported_count(version, monkeypatch):
     assert version(imports) != before
 
 
-def test_effects_and_hooks_that_are_imported_by_name_count():
+def test_effects_and_hooks_imported_by_name_count():
     script = SCRIPTS / "project.py"
     alone = code_version(script)
     assert len({alone, code_version(script, ["scatter"]), code_version(script, hooks=True)}) == 3
@@ -155,7 +155,7 @@ def test_effects_and_hooks_that_are_imported_by_name_count():
 
 
 @pytest.mark.parametrize("content", ["", "[]", '{"a', None])
-def test_a_damaged_cache_or_none_changes_nothing(version, tmp_path, content, monkeypatch):
+def test_damaged_or_missing_cache_changes_nothing(version, tmp_path, content, monkeypatch):
     before = version(MODULE)
     (file,) = (tmp_path / "cache" / "virtual_phantom").glob("code-*.json")
     if content is None:
@@ -165,7 +165,7 @@ def test_a_damaged_cache_or_none_changes_nothing(version, tmp_path, content, mon
     assert version(MODULE) == before
 
 
-def test_a_cached_file_is_not_parsed_again(version, monkeypatch):
+def test_cached_file_is_not_parsed_again(version, monkeypatch):
     before = version(MODULE)
     monkeypatch.setattr(dependencies.ast, "parse", None)
     assert version(MODULE) == before

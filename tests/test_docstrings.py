@@ -1,7 +1,7 @@
-"""Docstrings list no parameter and no attribute that the code does not have.
+"""Docstrings list no parameter and no attribute that does not exist.
 
-Sections may leave names out: an entry that only repeats the name or the type has no value. ruff checks the rest: that
-public names have a summary line, the format, and the exceptions under Raises.
+Sections may omit names: an entry that only repeats the name or the type has no value. Ruff checks the rest: that public
+names have a summary line, the format, and the exceptions under Raises.
 """
 
 import ast
@@ -66,7 +66,7 @@ def classes_and_functions():
                 yield f"{path.relative_to(LIBRARY)}:{node.lineno} {node.name}", node
 
 
-def test_lists_name_only_what_exists():
+def test_lists_name_existing_parameters_only():
     assert not {place: found for place, node in classes_and_functions() if (found := unknown_names(node))}
 
 

@@ -1,4 +1,4 @@
-"""Documents with a schema: refused when they are written and when they are read, in a line that names the key."""
+"""Documents with a schema: rejected on writing and reading, in a line that names the key."""
 
 import json
 
@@ -20,7 +20,7 @@ DOCUMENT = {
 }
 
 
-def test_a_document_comes_back(tmp_path):
+def test_document_is_read_back(tmp_path):
     write_document(DOCUMENT, tmp_path / "d.json", DIAGNOSIS)
     assert read_document(tmp_path / "d.json", DIAGNOSIS) == DOCUMENT
 
@@ -35,7 +35,7 @@ def test_a_document_comes_back(tmp_path):
         ({"effects": [{"name": "scatter"}]}, "physics"),
     ],
 )
-def test_what_the_schema_refuses_is_neither_written_nor_read(tmp_path, change, named):
+def test_invalid_document_is_neither_written_nor_read(tmp_path, change, named):
     path = tmp_path / "d.json"
     with pytest.raises(InputError, match=named) as error:
         write_document(DOCUMENT | change, path, DIAGNOSIS)
@@ -47,7 +47,7 @@ def test_what_the_schema_refuses_is_neither_written_nor_read(tmp_path, change, n
 
 
 @pytest.mark.parametrize("text", [None, "{", "[1]", '{"verdict": NaN}'])
-def test_other_files_are_refused(tmp_path, text):
+def test_other_files_are_rejected(tmp_path, text):
     if text is not None:
         (tmp_path / "d.json").write_text(text)
     with pytest.raises(InputError, match="is no score.json"):
@@ -55,15 +55,15 @@ def test_other_files_are_refused(tmp_path, text):
 
 
 @pytest.mark.parametrize("kind", [DIAGNOSIS, SCORE])
-def test_every_key_of_a_schema_is_of_a_kind(kind):
-    """Required keys are described, so that none is misspelt."""
+def test_every_key_of_a_schema_has_a_type(kind):
+    """Required keys are described, which excludes misspelled ones."""
     schema = schema_of_kind(kind)
     assert set(schema["required"]) <= set(schema["properties"])
 
 
 @pytest.mark.parametrize("path", sorted(SCHEMAS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_every_name_in_a_schema_is_text(path):
-    """YAML takes an unquoted off for False, which no document has."""
+    """YAML reads an unquoted off as False, which no document contains."""
 
     def names(node):
         if isinstance(node, dict):

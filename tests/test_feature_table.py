@@ -45,7 +45,7 @@ TABLES = [
 ]
 
 
-def test_columns_stand_in_the_contracts_order():
+def test_columns_have_the_documented_order():
     assert list(image_table().columns) == [
         "protocol",
         "algorithm",
@@ -77,13 +77,13 @@ def test_written_and_read_bit_for_bit(tmp_path):
 
 @settings(max_examples=15, deadline=None)
 @given(st.permutations(TABLES))
-def test_the_order_of_files_does_not_matter(shuffled):
+def test_order_of_files_has_no_effect(shuffled):
     merged = tables.merge_tables(shuffled)
     assert merged.equals(tables.merge_tables(TABLES))
     assert len(merged) == 36
     keys = merged[["protocol", "noise", "seed"]].drop_duplicates().values.tolist()
     assert keys == sorted(keys) and keys[0] == ["fbp_150", "dose_1", 0]
-    assert list(merged["roi"]) == list(ROIS) * 12  # the order in the tables, not the alphabet
+    assert list(merged["roi"]) == list(ROIS) * 12  # order of the tables, not of the alphabet
 
 
 def test_selecting_takes_the_first_seeds():
@@ -131,7 +131,7 @@ def test_bad_input_is_one_clear_line(call, message):
     assert message in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_a_table_without_a_feature_is_refused(tmp_path):
+def test_table_without_a_feature_is_rejected(tmp_path):
     files.write_csv(image_table().drop(columns=FEATURES[5]), tmp_path / "short.csv")
     with pytest.raises(InputError, match=f"short.csv: lacks 1 column.*{FEATURES[5]}"):
         tables.read_features(tmp_path / "short.csv")

@@ -1,4 +1,4 @@
-"""Files: whole or not at all, the same bytes for the same content, broken ones named."""
+"""Files are written completely or not at all and reproducibly; broken files are named."""
 
 import h5py
 import numpy as np
@@ -30,7 +30,7 @@ def volume(dtype=np.float32):
     return Volume(random.integers(-1000, 1000, (3, 4, 5)).astype(dtype), Grid((3, 4, 5), (2, 1.5, 1), (10, -20, 30)))
 
 
-def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
+def test_failed_write_keeps_the_old_file_and_nothing_else(tmp_path):
     target = tmp_path / "table.csv"
     target.write_text("old")
     with pytest.raises(RuntimeError), files.replacing(target) as temporary:
@@ -40,14 +40,14 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_csv_reads_back_bit_for_bit(tmp_path):
+def test_csv_is_read_back_bit_for_bit(tmp_path):
     table = pd.DataFrame({"x": np.random.default_rng(1).random(50) * 1e-7})
     files.write_csv(table, tmp_path / "a" / "t.csv")
     np.testing.assert_array_equal(pd.read_csv(tmp_path / "a" / "t.csv")["x"], table["x"])
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.int16, np.uint8])
-def test_nifti_round_trip_and_simpleitk_agrees_where_voxels_are(tmp_path, dtype):
+def test_nifti_round_trip_and_voxel_positions_in_simpleitk(tmp_path, dtype):
     original = volume(dtype)
     path = tmp_path / "v.nii.gz"
     write_nifti(original, path)
@@ -56,7 +56,7 @@ def test_nifti_round_trip_and_simpleitk_agrees_where_voxels_are(tmp_path, dtype)
     assert back.grid.matches(original.grid)
     image = sitk.ReadImage(str(path))
     np.testing.assert_array_equal(sitk.GetArrayFromImage(image), original.array)
-    # SimpleITK's world is LPS: x and y have the other sign.
+    # SimpleITK's world is LPS: x and y have the opposite sign.
     world = np.array(image.TransformIndexToPhysicalPoint((4, 3, 2))) * (-1, -1, 1)
     np.testing.assert_allclose(world, (original.grid.affine @ (4, 3, 2, 1))[:3], atol=1e-4)
 
@@ -126,7 +126,7 @@ def test_unreadable_tables(tmp_path, content, message):
     assert str(path) in str(error.value) and "\n" not in str(error.value)
 
 
-def test_parquet_keeps_types_and_leaves_nothing_half_written(tmp_path):
+def test_parquet_keeps_types_and_leaves_no_partial_file(tmp_path):
     table = pd.DataFrame({"hash": ["012", "9e9"], "n": [1, 2], "x": [0.1, np.nan]})
     files.write_parquet(table, tmp_path / "a" / "t.parquet")
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "a" / "t.parquet"), table)

@@ -1,4 +1,4 @@
-"""Reference pages that are made from the code (docs/generators): nothing is missing in them, and nothing is empty."""
+"""Reference pages generated from the code (docs/generators) are complete and have no empty cells."""
 
 import re
 
@@ -19,13 +19,13 @@ def rows(page: str) -> list[list[str]]:
     return [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)] for line in lines]
 
 
-# Results have other columns, and blanks: tests/proof/test_record.py.
+# Results have other columns and blanks: tests/proof/test_record.py.
 @pytest.mark.parametrize("path", sorted(set(PAGES) - {"reference/validation-record.md"}))
 def test_every_page_has_a_title_and_full_tables(path):
     page = PAGES[path]()
     assert page.startswith("# ") and page.endswith("\n")
     assert {len(row) for row in rows(page)} <= {3}
-    # A key that is any name has the meaning of the key above it.
+    # A key with an arbitrary name has the meaning of the key above it.
     assert not [row for row in rows(page) if not all(row) and not row[0].endswith("*`")]
 
 
@@ -46,7 +46,7 @@ def named(node):
             yield from named(value)
 
 
-def test_the_configuration_page_has_every_key():
+def test_configuration_page_has_every_key():
     page = PAGES["reference/configuration.md"]()
     keys = re.findall(r"^\| `(\S+)` ", page, re.MULTILINE)
     assert len(set(keys)) == len(keys) > 200
@@ -58,14 +58,14 @@ def test_the_configuration_page_has_every_key():
     assert not set(named(schema)) - words
 
 
-def test_a_key_has_its_type_bounds_default_and_value_in_the_paper():
+def test_key_has_its_type_bounds_default_and_value_in_the_paper():
     entry = {"description": "a or | b", "type": ["number", "null"], "minimum": 1, "exclusiveMaximum": 9, "default": 2}
     row = configuration.row("scan.angle", entry | {"x-paper": "5"}, True)
     assert row == "| `scan.angle` | a or \\| b | number or null; ≥ 1; < 9; required; default `2`; paper: 5 |\n"
     assert configuration.row("a", {"enum": ["x", "y"]}, False) == "| `a` |  | one of x, y |\n"
 
 
-def test_the_effects_page_has_every_effect_with_equation_and_source():
+def test_effects_page_has_every_effect_with_equation_and_source():
     page = PAGES["reference/effects.md"]()
     sections = {re.match(r".*\n\n`(\w+)`", text)[1]: text for text in page.split("\n## ")[1:]}
     assert set(sections) == set(names())
@@ -75,13 +75,13 @@ def test_the_effects_page_has_every_effect_with_equation_and_source():
         assert all(f"* `{parameter.name}`: {parameter.meaning}" in text for parameter in effect.parameters), name
 
 
-def test_the_files_page_has_every_output():
+def test_files_page_has_every_output():
     page = PAGES["reference/files.md"]()
     for output in OUTPUTS:
         assert re.search(rf"^\| `{re.escape(output.pattern)}[^|]*` \| [^|]+ \| `{output.rule}` \|$", page, re.MULTILINE)
 
 
-def test_the_python_page_has_every_public_name():
+def test_python_page_has_every_public_name():
     page = PAGES["reference/python.md"]()
     functions = {name: getattr(virtual_phantom, name) for name in dir(virtual_phantom)}
     public = [
@@ -90,7 +90,7 @@ def test_the_python_page_has_every_public_name():
     assert len(public) > 5 and all(f"\n### {name}\n\n```text\nvp.{name}(\n" in page for name in public)
 
 
-def test_the_thresholds_page_has_every_number_with_a_source():
+def test_thresholds_page_has_every_constant_with_a_source():
     page, found = PAGES["reference/thresholds.md"](), thresholds.every_threshold()
     every = [threshold for package in found.values() for threshold in package]
     assert len(every) > 300 and all(f"| `{threshold.name}` in " in page for threshold in every)
@@ -104,7 +104,9 @@ def test_thresholds_are_read_with_their_comments(tmp_path, monkeypatch):
         '"""A module."""\n\n# Radius of a ball (a paper),\n# in mm.\nRADIUS_MM = 2.5\nFEW, MANY = 3, 10  # repeats\n'
         'SILENT = -1e-3\nNAME = "no number"\nSOME = {"a": 1 / 3}  # shares\n'
     )
-    found = {one.name: (one.value, one.comment) for one in thresholds.thresholds(tmp_path / "one.py")}
+    found = {
+        threshold.name: (threshold.value, threshold.comment) for threshold in thresholds.thresholds(tmp_path / "one.py")
+    }
     assert found == {
         "RADIUS_MM": ("2.5", "Radius of a ball (a paper), in mm."),
         "FEW, MANY": ("3, 10", "repeats"),
@@ -113,7 +115,7 @@ def test_thresholds_are_read_with_their_comments(tmp_path, monkeypatch):
     }
 
 
-def test_the_licenses_page_has_every_pinned_package():
+def test_licenses_page_has_every_pinned_package():
     pinned = licenses.pinned()
     assert len(pinned) > 100
     assert [row[:2] for row in rows(PAGES["reference/licenses.md"]())[1:]] == [list(entry) for entry in pinned.items()]

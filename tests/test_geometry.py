@@ -22,7 +22,7 @@ DETECTOR = dict(
 
 
 @given(st.tuples(*[st.integers(1, 9)] * 3), st.tuples(*[st.floats(0.1, 9)] * 3), st.tuples(*[st.floats(-99, 99)] * 3))
-def test_affine_maps_the_middle_of_the_array_to_the_centre(shape, spacing, centre):
+def test_affine_maps_the_middle_of_the_array_to_the_center(shape, spacing, centre):
     grid = Grid(shape, spacing, centre)
     middle = (np.array(shape[::-1]) - 1) / 2
     np.testing.assert_allclose(nibabel.affines.apply_affine(grid.affine, middle), centre, atol=1e-9)
@@ -30,7 +30,7 @@ def test_affine_maps_the_middle_of_the_array_to_the_centre(shape, spacing, centr
     assert np.mean(grid.axes_mm()[2]) == pytest.approx(0, abs=1e-9)
 
 
-def test_matches_looks_at_every_corner():
+def test_matches_compares_every_corner():
     grid = Grid((10, 20, 30), (1, 1, 1))
     assert grid.matches(Grid((10, 20, 30), (1, 1, 1), (1e-4, 0, 0)))
     assert not grid.matches(Grid((10, 20, 30), (1, 1, 1), (0.01, 0, 0)))
@@ -48,7 +48,7 @@ def test_impossible_grids(shape, spacing):
 
 
 def test_rays_at_angle_zero_and_a_quarter_turn():
-    """At 0 the source is at +y and columns run along +x; a quarter turn on, it is at -x and columns run along +y."""
+    """At 0 the source is at +y and columns run along +x; after a quarter turn, it is at -x and columns run along +y."""
     geometry = circular(views=4, **DETECTOR)
     source, pixel = geometry.ray(0, 5, 60)
     np.testing.assert_allclose(source, (0, 500, 0), atol=1e-9)
@@ -58,8 +58,8 @@ def test_rays_at_angle_zero_and_a_quarter_turn():
     np.testing.assert_allclose(pixel, (500, 0, 20), atol=1e-9)
 
 
-def test_helix_carries_the_whole_beam_over_the_volume():
-    """Beam at the isocentre 22 mm, pitch 1, volume 44 mm: 3 turns of 22 mm, symmetric about the isocentre."""
+def test_helix_covers_the_volume_with_the_whole_beam():
+    """Beam at the isocenter 22 mm, pitch 1, volume 44 mm: 3 turns of 22 mm, symmetric about the isocenter."""
     geometry = helical(views=301, volume_height_mm=44, pitch=1.0, **DETECTOR)
     assert geometry.feed_per_rotation_mm == pytest.approx(22)
     assert geometry.views / geometry.views_per_rotation == pytest.approx(3)
@@ -69,7 +69,7 @@ def test_helix_carries_the_whole_beam_over_the_volume():
     assert circular(views=10, **DETECTOR).feed_per_rotation_mm == 0
 
 
-def test_field_of_view_is_the_cylinder_that_the_outermost_ray_touches():
+def test_field_of_view_is_the_cylinder_touched_by_the_outermost_ray():
     geometry = circular(views=1, **DETECTOR)
     half = 101  # mm at the detector, 1000 mm away
     assert geometry.field_of_view_radius_mm == pytest.approx(500 * half / math.hypot(half, 1000))

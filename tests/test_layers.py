@@ -1,4 +1,4 @@
-"""Packages of the library lie in layers: imports point downwards and never form a cycle."""
+"""The library's packages have layers: imports point downwards and form no cycle."""
 
 import ast
 from graphlib import TopologicalSorter
@@ -7,7 +7,7 @@ import pytest
 
 from virtual_phantom.config.dependencies import LIBRARY, imported
 
-# Lowest first. A package imports from itself and from those before it.
+# Lowest first. A package imports from itself and from packages before it.
 PACKAGES = (
     *("base", "io", "phantom", "projectors", "reconstruction", "physics", "simulation", "features", "statistics"),
     *("recordings", "diagnosis", "figures", "report", "proof", "config", "study", "cli", "api"),
@@ -20,7 +20,7 @@ INSIDE = {
         *("assumptions", "setup", "run", "scanner", "planning"),
     ),
 }
-LARGEST_PACKAGE = 12  # modules of a package inside `diagnosis`, so that a reader sees them at once
+LARGEST_PACKAGE = 12  # modules of a package inside `diagnosis`, few enough for an overview
 
 
 def modules():
@@ -28,12 +28,12 @@ def modules():
 
 
 def unit(path, depth):
-    """The name of the package or module that a path belongs to, `depth` folders down."""
+    """Name of the package or module of a path, `depth` folders down."""
     return path.relative_to(LIBRARY).parts[depth].removesuffix(".py")
 
 
 def imports(path):
-    """The library's modules that a module imports, without the __init__ files on the way to them."""
+    """Library modules that a module imports, without the __init__ files on the way to them."""
     return [other for other in imported(path) if other.name != "__init__.py"]
 
 
@@ -56,7 +56,7 @@ def test_no_import_points_upwards():
 
 
 @pytest.mark.parametrize("package", INSIDE)
-def test_no_import_points_upwards_inside(package):
+def test_no_import_points_upwards_inside_a_package(package):
     inside = [path for path in modules() if unit(path, 0) == package and path != LIBRARY / package / "__init__.py"]
     assert {unit(path, 1) for path in inside} == set(INSIDE[package])
     assert not upwards(INSIDE[package], 1, inside)
@@ -68,11 +68,11 @@ def test_packages_inside_the_diagnosis_are_small():
 
 
 def test_no_import_forms_a_cycle():
-    """Within packages either; raises graphlib.CycleError, which names the modules."""
+    """Also within packages; raises graphlib.CycleError, which names the modules."""
     TopologicalSorter({path: imports(path) for path in modules()}).prepare()
 
 
-def test_the_library_does_not_import_snakemake():
+def test_library_does_not_import_snakemake():
     for path in LIBRARY.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []

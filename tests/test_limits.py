@@ -17,11 +17,11 @@ from virtual_phantom.study.costs.rates import read_rates, seconds
 
 ROOT = Path(__file__).resolve().parents[1]
 RATES = read_rates(RESOURCES / "rates.yaml")
-# Large enough for the floor to be far below.
+# Large enough to be far above the minimum.
 PAPER = yaml.safe_load((ROOT / "config" / "paper.yaml").read_text())
 ON_CPU = {"reconstruction": {"sirt": {"backprojector": "adjoint"}}}
 
-# (configuration, engine): minutes of the shortest and the longest job of each stage.
+# {(configuration, engine)}: minutes of the shortest and the longest job of each stage.
 STAGES = ("phantom", "project", "reconstruct_sirt", "reconstruct_fbp", "merge_features", "noise_calibration")
 SHORTEST = dict.fromkeys(STAGES, (10, 10)) | {"extract": (30, 30)}
 LARGE = SHORTEST | {"project": (10, 26), "reconstruct_fbp": (10, 12)}
@@ -34,7 +34,7 @@ LIMITS = {
 
 
 def plan_of(*overlays):
-    """The default study with overlays on top."""
+    """Default study with overlays on top."""
     config = copy.deepcopy(DEFAULT)
     for overlay in overlays:
         update_config(config, copy.deepcopy(overlay))
@@ -45,8 +45,8 @@ def sizes(*overlays, engine="cpu"):
     return Sizes(plan_of(*overlays), engine)
 
 
-def asked(name, engine="cpu"):
-    """{stage: minutes of its shortest and longest jobs} of the study of config/<name>.yaml."""
+def minutes_of(name, engine="cpu"):
+    """{stage: minutes of its shortest and longest jobs} for config/<name>.yaml."""
     found = {}
     for job in study_jobs(plan_of(yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text())), engine, rois=1):
         found.setdefault(job.stage, set()).add(minutes(RATES, job.stage, job.work))
@@ -65,7 +65,7 @@ def asked(name, engine="cpu"):
         {"reconstruction": {"sirt": {"solver": "plain"}}},
     ],
 )
-def test_a_larger_job_asks_for_more(overlay):
+def test_larger_jobs_get_more_time(overlay):
     before, after = sizes(PAPER, ON_CPU), sizes(PAPER, ON_CPU, overlay)
     sirt = [minutes(RATES, *one.reconstruction("sirt_150", 16)) for one in (before, after)]
     assert FLOOR_MINUTES < sirt[0] < sirt[1]
@@ -78,18 +78,18 @@ def test_a_larger_job_asks_for_more(overlay):
     assert projection[0] < projection[1] if steps[0] < steps[1] else projection[0] == projection[1]
 
 
-def test_more_realisations_ask_for_more():
+def test_more_realizations_get_more_time():
     paper = sizes(PAPER, ON_CPU)
     images = [minutes(RATES, *paper.reconstruction("sirt_450", lanes)) for lanes in (1, 8, 16, 17, 64)]
     assert images == sorted(set(images))
-    # One more than a pass of the projector takes is another pass.
+    # One more realization than fits into a pass of the projector takes another pass.
     assert images[3] > 1.8 * images[2]
     for stage in ("extract", "merge_features", "noise_calibration"):
         few, many = (minutes(RATES, stage, paper.images(count)) for count in (10, 100_000))
         assert few < many, stage
 
 
-def test_small_jobs_ask_for_the_floor_and_others_for_a_multiple():
+def test_small_jobs_get_the_minimum_and_others_a_multiple():
     small, large = sizes(), sizes(PAPER, ON_CPU)
     assert minutes(RATES, *small.reconstruction("sirt_450", 16)) == FLOOR_MINUTES
     stage, work = large.reconstruction("sirt_450", 10)
@@ -97,9 +97,11 @@ def test_small_jobs_ask_for_the_floor_and_others_for_a_multiple():
     assert SAFETY * measured <= minutes(RATES, stage, work) < SAFETY * measured + 1
 
 
-def test_what_was_not_measured_stands_on_something_that_was():
-    """One core's time for a GPU, the adjoint's for voxel-driven back-projection; what nothing is known of does not get
-    the floor."""
+def test_unmeasured_stages_use_similar_measured_ones():
+    """One core's time for a GPU, and the adjoint's for voxel-driven back-projection.
+
+    A stage without any measurement gets more than the minimum.
+    """
     stage, work = sizes(PAPER, ON_CPU).reconstruction("sirt_300", 10)
     adjoint = minutes(RATES, stage, work)
     voxel, gpu = (
@@ -118,24 +120,24 @@ def test_what_was_not_measured_stands_on_something_that_was():
     )
 
 
-def test_rates_of_ones_own_come_first():
+def test_user_rates_have_priority():
     stage, work = sizes(PAPER, engine="astra_cuda").reconstruction("sirt_450", 10)
-    own = {"seconds": RATES["seconds"] | {stage: {"ray_step_lane": 60 / work["ray_step_lane"]}}}
-    assert minutes(own, stage, work) == FLOOR_MINUTES
-    own["seconds"][stage]["job"] = 3540.0
-    assert minutes(own, stage, work) == SAFETY * 60
+    user_rates = {"seconds": RATES["seconds"] | {stage: {"ray_step_lane": 60 / work["ray_step_lane"]}}}
+    assert minutes(user_rates, stage, work) == FLOOR_MINUTES
+    user_rates["seconds"][stage]["job"] = 3540.0
+    assert minutes(user_rates, stage, work) == SAFETY * 60
 
 
 @pytest.mark.parametrize(("name", "engine"), LIMITS)
 def test_shipped_configurations_have_these_limits(name, engine):
     found = {}
-    for stage, limits in asked(name, engine).items():
+    for stage, limits in minutes_of(name, engine).items():
         # One entry for SIRT, for all back-projectors and engines.
         found["reconstruct_sirt" if stage.startswith("reconstruct_sirt") else stage] = limits
     assert {stage: found[stage] for stage in LIMITS[name, engine]} == LIMITS[name, engine]
 
 
-def test_the_documentation_quotes_the_longest_limits():
+def test_documentation_quotes_the_longest_limits():
     text = " ".join((ROOT / "docs" / "how-to" / "cluster.md").read_text().split())
     cpu, gpu = ("{} to {}".format(*LIMITS["paper", engine]["reconstruct_sirt"]) for engine in ("cpu", "astra_cuda"))
     assert f"{cpu} minutes on CPUs and {gpu} on GPUs" in text

@@ -1,4 +1,4 @@
-"""Noise levels on their way between jobs."""
+"""Matched noise levels and their exchange between jobs."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.study import matched_noise
 
 
-def test_levels_are_filled_in_where_they_are_open(tmp_path):
+def test_open_levels_are_filled_in(tmp_path):
     matched_noise.write_level({"A": 2.5e-6, "variance_hu2": 228.0}, tmp_path / "dose10.json")
     acquisitions = [
         {"noise": "dose10", "noise_level": None, "seed": 1},
@@ -18,7 +18,7 @@ def test_levels_are_filled_in_where_they_are_open(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"A": "x"}', "[1]", '{"A": 1e-6'])
-def test_a_broken_level_is_named(tmp_path, text):
+def test_broken_level_is_named(tmp_path, text):
     (tmp_path / "low.json").write_text(text)
     with pytest.raises(InputError, match="low.json: is not a noise level"):
         matched_noise.read_level(tmp_path / "low.json")

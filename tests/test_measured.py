@@ -28,7 +28,7 @@ def study_rows(**changes):
     return pd.DataFrame(rows | changes)
 
 
-def test_names_of_the_full_table_become_ours(tmp_path):
+def test_names_of_the_full_table_are_translated(tmp_path):
     study_rows().to_csv(tmp_path / "table.csv", index=False)
     table = measured.load_full_table(tmp_path / "table.csv")
     columns = ["scan", "group", "acquisition", "repositioned", "roi", "tissue_class", "n_voxels"]
@@ -52,27 +52,27 @@ def wide(study, roi):
 
 @pytest.mark.real
 def test_all_groups_reconstruct_the_same_acquisitions(study):
-    """Means of an ROI go up and down together from one acquisition to the next: in all groups it is the same noise."""
+    """Means of an ROI vary together from acquisition to acquisition in all groups, because the noise is the same."""
     as_named = study.assign(acquisition=study["scan"] % 100)
     for roi, least in (("cyst_1", 0.9), ("cyst_2", 0.8), ("normal_2", 0.5)):
         still = wide(study, roi).loc[:20]  # without re-positioning
         assert still.corr()[8].min() > least
         named = wide(as_named, roi).corr()[8]
         assert named[[1, 2, 3]].max() < 0.5 and named[[4, 7]].min() > 0.9
-        for group in (1, 2, 3):  # one acquisition later or earlier there is nothing
+        for group in (1, 2, 3):  # no correlation with the previous or next acquisition
             assert max(still[group].shift(step).corr(still[8]) for step in (-1, 1)) < 0.1
 
 
 @pytest.mark.real
-def test_the_phantom_lies_elsewhere_in_the_acquisitions_21_to_30(study):
-    """Bounding boxes of the large cyst, which all groups show in the same pixels of 0.684 mm."""
+def test_phantom_was_repositioned_for_acquisitions_21_to_30(study):
+    """Bounding boxes of the large cyst, which are at the same pixels of 0.684 mm in all groups."""
     raw = pd.read_csv(STUDY)
     box = raw["diagnostics_Mask-original_BoundingBox"][(raw["class"] == "c1").to_numpy()]
     cyst = study[study["roi"] == "cyst_1"].assign(box=box)
     boxes = cyst.pivot(index="acquisition", columns="group", values="box")
     still = boxes.loc[:20].stack().dropna().unique()  # scans 130 and 230 are absent
     assert len(still) == 1 and not (boxes.loc[21:] == still[0]).any().any()
-    assert (boxes.loc[21:].nunique(axis=1) == 1).sum() >= 9  # all groups show one place
+    assert (boxes.loc[21:].nunique(axis=1) == 1).sum() >= 9  # all groups show one position
     assert (cyst["repositioned"] == (cyst["box"] != still[0])).all()
     assert boxes.loc[21:, 8].nunique() >= 4
 
@@ -86,7 +86,7 @@ def test_the_phantom_lies_elsewhere_in_the_acquisitions_21_to_30(study):
         ({measured.STUDY_FEATURES[3]: [1.0, np.nan]}, "features that are not finite"),
     ],
 )
-def test_a_table_that_is_something_else_is_refused(tmp_path, changes, message):
+def test_other_tables_are_rejected(tmp_path, changes, message):
     study_rows(**changes).to_csv(tmp_path / "table.csv", index=False)
     with pytest.raises(InputError, match=message):
         measured.load_full_table(tmp_path / "table.csv")
@@ -98,7 +98,7 @@ def test_a_table_that_is_something_else_is_refused(tmp_path, changes, message):
 
 
 @pytest.mark.parametrize("offset", [1000, 1024])
-def test_first_order_features_in_hu_are_those_of_the_shifted_values(offset):
+def test_first_order_features_in_hu_equal_those_of_shifted_values(offset):
     hu = np.random.default_rng(0).normal(5, 12, 300)
     stored = hu + offset
 
@@ -138,7 +138,7 @@ def test_summaries_are_complete():
     assert measured.group_means().shape == (48, 3 + 85)
 
 
-def test_mean_hu_of_the_rois_is_what_the_data_sets_notes_say():
+def test_mean_hu_of_the_rois_agrees_with_the_data_sets_notes():
     means = measured.group_means().groupby("roi")["original_firstorder_Mean"].mean()
     noted = {"normal_1": 98, "normal_2": 86, "cyst_1": 5, "cyst_2": 14, "hemangioma": 43, "metastasis": 45}
     assert means.to_dict() == pytest.approx(noted, abs=1)
@@ -149,13 +149,13 @@ def test_variance_of_the_large_cyst_against_dose(reconstruction, variances):
     assert [dose_variance(reconstruction, dose) for dose in (1, 3, 10)] == pytest.approx(variances, abs=1)
 
 
-def test_an_unknown_dose_is_refused():
+def test_unknown_dose_is_rejected():
     with pytest.raises(InputError, match="no value for reconstruction fbp, 2 mGy, ROI cyst_1"):
         dose_variance("fbp", 2)
 
 
 def test_scores_of_equal_repeats():
-    """|W| grows with the root of the repeats: fewer of them are more stable and tell less apart."""
+    """|W| grows with the root of the repeats: fewer repeats give higher stability and lower discrimination."""
     means = {
         number: [repeats.mean_over_features(measured.load_score_draws(number), kind)[0] for kind in KINDS]
         for number in (3, 10, 19)
@@ -173,40 +173,40 @@ def test_scores_of_equal_repeats():
 
 
 @pytest.mark.real
-def test_the_kept_draws_are_those_of_the_table(study):
+def test_stored_draws_equal_those_of_the_table(study):
     for acquisitions, table in (("fixed", study[study["acquisition"] <= 20]), ("all", study)):
-        kept = measured.load_score_draws(10, acquisitions)
+        shipped = measured.load_score_draws(10, acquisitions)
         found = next(repeats.subsamples(table, 10, "acquisition", shared=True))
         scores = wilcoxon.scores(found[0], measured.STUDY_FEATURES)
         for kind in KINDS:
-            assert np.allclose(kept.loc[kept["draw"] == 1, f"{kind}_percent"], scores[f"{kind}_percent"])
-    # Ten a group, drawn by another program: 17.5 and 79.2 %, its SD of some 1 %
-    assert repeats.mean_over_features(kept, "stability")[0] == pytest.approx(17.5, abs=1)
-    assert repeats.mean_over_features(kept, "discrimination")[0] == pytest.approx(79.2, abs=1)
+            assert np.allclose(shipped.loc[shipped["draw"] == 1, f"{kind}_percent"], scores[f"{kind}_percent"])
+    # Ten per group, drawn by another program: 17.5 and 79.2 %, with an SD of about 1 %
+    assert repeats.mean_over_features(shipped, "stability")[0] == pytest.approx(17.5, abs=1)
+    assert repeats.mean_over_features(shipped, "discrimination")[0] == pytest.approx(79.2, abs=1)
 
 
 @pytest.mark.real
 @pytest.mark.skipif(not STUDY.exists(), reason="the table of CT-Phantom4Radiomics is not beside the checkout")
-def test_the_kept_group_summary_is_that_of_the_table():
+def test_stored_group_summary_equals_that_of_the_table():
     table = convert_to_hu(measured.load_full_table(STUDY))
     means = table.groupby(["group", "roi", "tissue_class"])[list(measured.STUDY_FEATURES)].mean().reset_index()
-    kept = measured.group_means()[list(means.columns)]
-    pd.testing.assert_frame_equal(kept, means, rtol=1e-7, check_dtype=False)
-    raw = measured.load_full_table(STUDY)  # what convert_to_hu assumes of the file
+    shipped = measured.group_means()[list(means.columns)]
+    pd.testing.assert_frame_equal(shipped, means, rtol=1e-7, check_dtype=False)
+    raw = measured.load_full_table(STUDY)  # assumptions of convert_to_hu about the file
     square = raw["original_firstorder_Variance"] + raw["original_firstorder_Mean"] ** 2
     assert np.allclose(raw["original_firstorder_Energy"], raw["n_voxels"] * square, rtol=1e-12)
 
 
 @pytest.mark.real
 @pytest.mark.skipif(not DOSE.exists(), reason="the table of the dose series is not beside the checkout")
-def test_the_kept_dose_series_is_that_of_the_table():
+def test_stored_dose_series_equals_that_of_the_table():
     raw = pd.read_csv(DOSE)
-    kept = measured.load_dose_series()
+    shipped = measured.load_dose_series()
     for (dose, code, name), rows in raw.groupby(["dose_mGy", "recon_code", "roi6"]):
-        of = kept[
-            (kept["dose_mgy"] == dose)
-            & (kept["reconstruction"] == measured.DOSE_RECONSTRUCTIONS[code])
-            & (kept["roi"] == measured.DOSE_ROIS[name])
+        of = shipped[
+            (shipped["dose_mgy"] == dose)
+            & (shipped["reconstruction"] == measured.DOSE_RECONSTRUCTIONS[code])
+            & (shipped["roi"] == measured.DOSE_ROIS[name])
         ].set_index("feature")
         assert np.allclose(of.loc[list(FEATURES), "mean"], rows[list(FEATURES)].mean(), rtol=1e-7)
         assert np.allclose(of.loc[list(FEATURES), "sd"], rows[list(FEATURES)].std(), rtol=1e-6)

@@ -1,4 +1,4 @@
-"""Every mistake of tests/mistakes.yaml gives the message stated there, which says what is wrong and what to do."""
+"""Every mistake of tests/mistakes.yaml gives its message, which states what is wrong and what to do."""
 
 import copy
 import re
@@ -88,7 +88,7 @@ def clipped_to_a_window():
 
 
 def series(second_kernel=None, **attributes):
-    """The CT as DICOM slices in the folder `series`, with a second series beside them if it has a kernel."""
+    """CT as DICOM slices in the folder `series`, with a second series if it has a kernel."""
     slices = phantom_files.ct_slices()
     for one in slices:
         one.ConvolutionKernel = "Br38f"
@@ -145,7 +145,7 @@ def without_white():
 
 
 def clinic(rois=True, **changes):
-    """A table in pyradiomics' columns."""
+    """A table with pyradiomics' columns."""
     rows = {"Image": ["a.nii.gz", "b.nii.gz"], "Mask": "m.nii.gz", "Label": 1, FEATURES[0]: [1.0, 2.0]}
     content = {"name": "clinic", "kind": "features", "repeats": ["features.csv"]}
     named = {"rois": [{"name": "liver", "tissue_class": "liver", "label": 1}]} if rois else {}
@@ -167,7 +167,7 @@ def of_two_versions():
 
 
 def study_of_the_ct(keep_mm=None, **changes):
-    """Start a study of the CT, one of whose balls is `lesion` and the other `fat`."""
+    """Start a study of the CT, whose balls are `lesion` and `fat`."""
     rois = [{"name": name, "tissue_class": name, "label": label} for label, name in enumerate(("lesion", "fat"), 1)]
     config = copy.deepcopy(DEFAULT) | {
         "phantom": {"source": "ct", "ct": {"image": "ct.nii.gz", "labels": "labels.nii.gz", "rois": rois}},
@@ -203,7 +203,7 @@ def rods():
 
 
 def label_map(array, materials):
-    """A recording of the object of a label map."""
+    """A recording whose object is a label map."""
     recording_folders.projections_folder(Path("bench"))
     object_ = {"labels": written(array, "rods.nii.gz"), "materials": materials}
     diagnosed = {"recordings": {"bench": {"object": object_}}}
@@ -226,7 +226,7 @@ def public(selections):
 
 
 def fetched(path):
-    """A scan is fetched where nothing answers, with programs in these folders alone."""
+    """Fetch a scan from an address without a service, with programs of these folders only."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fetch.sys, "executable", "/nowhere/python")
         patch.setenv("PATH", path)
@@ -252,7 +252,7 @@ def empty_folder():
     find_scans("mine", select_scans(TANDEM | {"groups": [8], "acquisitions": [1]}, "public_scans.phantom"))
 
 
-# What is done wrong, and the file or key that the message must name.
+# Each mistake, and the file or key that the message must name.
 MISTAKES = {
     "A misspelled key": (lambda: protocol(projection=180), "'projection'"),
     "A misspelled algorithm": (lambda: protocol(algorithm="sitr"), "protocols.sirt_180.algorithm"),
@@ -364,7 +364,7 @@ MISTAKES = {
         lambda: public({"compared": TANDEM | {"groups": [9]}}),
         "public_scans.compared.groups",
     ),
-    "A scan held against itself": (
+    "A scan compared with itself": (
         lambda: public(
             {"phantom": TANDEM | {"groups": [8], "acquisitions": [1, 2]}, "compared": TANDEM | {"acquisitions": [2, 3]}}
         ),
@@ -384,14 +384,14 @@ MISTAKES = {
 
 @pytest.fixture
 def desk(tmp_path, monkeypatch):
-    """A folder with a CT and a label map, to work in."""
+    """A working folder with a CT and a label map."""
     monkeypatch.chdir(tmp_path)
     written(phantom_files.object_hu(), "ct.nii.gz")
     written((phantom_files.ball("bright") + 2 * phantom_files.ball("dark")).astype(np.uint8), "labels.nii.gz")
 
 
 def matches(message, expected):
-    """Return whether a message is as expected, where `...` is any text."""
+    """Return whether a message is as expected; `...` matches any text."""
     return re.fullmatch(".*".join(map(re.escape, expected.split("..."))), message) is not None
 
 
@@ -400,13 +400,13 @@ def test_every_message_has_a_test():
     assert set(MESSAGES) == {*MISTAKES, "A target after the configuration"}
 
 
-def test_the_page_quotes_these_messages():
+def test_page_quotes_these_messages():
     assert len(EXPLAINED) >= 8 and PAGE.count("<!-- message -->") == len(EXPLAINED)
     for title, quoted in EXPLAINED.items():
         assert matches(MESSAGES[title], quoted), title
 
 
-def test_without_a_mistake_there_is_no_message(desk):
+def test_correct_input_gives_no_message(desk):
     configured()
     protocol(group=9)
     assert len(phantom().rois) == 1
@@ -415,7 +415,7 @@ def test_without_a_mistake_there_is_no_message(desk):
 
 
 @pytest.mark.parametrize("title", MISTAKES)
-def test_a_mistake_gives_its_message(title, desk):
+def test_mistake_gives_its_message(title, desk):
     make, named = MISTAKES[title]
     with pytest.raises(InputError) as error:
         make()
@@ -425,7 +425,7 @@ def test_a_mistake_gives_its_message(title, desk):
     assert named in message and what and fix
 
 
-def test_snakemake_takes_a_target_after_the_configuration_for_a_file():
+def test_snakemake_reads_a_target_after_the_configuration_as_a_file():
     command = [sys.executable, "-m", "snakemake", "-n", "--configfile", "config/tiny.yaml", "figure_rois"]
     process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert process.returncode != 0

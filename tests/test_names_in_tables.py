@@ -26,7 +26,7 @@ READERS = ("read_csv", "read_table", "read_fwf")
 NAMES = st.text(PRINTED, min_size=1, max_size=12) | st.sampled_from(ODD)
 
 
-def test_no_other_reader_of_tables():
+def test_tables_are_read_by_two_functions_only():
     """Every CSV is read by io.files.read_csv or features.table_files.read_table, or as text by the module csv."""
     found = [
         str(path.relative_to(ROOT))
@@ -44,7 +44,7 @@ def test_no_other_reader_of_tables():
 
 @given(st.lists(NAMES, min_size=1, max_size=6), st.sampled_from(sorted(files.NAMES)))
 @settings(max_examples=150, deadline=None)
-def test_any_name_comes_back(tmp_path_factory, names, column):
+def test_any_name_is_read_back(tmp_path_factory, names, column):
     path = tmp_path_factory.mktemp("t") / "t.csv"
     files.write_csv(pd.DataFrame({column: names, "value": np.arange(len(names)) / 7}), path)
     table = files.read_csv(path)
@@ -53,8 +53,8 @@ def test_any_name_comes_back(tmp_path_factory, names, column):
 
 
 @pytest.mark.parametrize("name", sorted({*ODD} - {"False", "1", "inf"}))  # as pandas writes other types
-def test_a_condition_of_any_name_stays_text(tmp_path, name):
-    """Columns that a user names, where every name is odd."""
+def test_condition_of_any_name_stays_text(tmp_path, name):
+    """Columns named by users, with unusual names only."""
     files.write_csv(pd.DataFrame({"site": [name] * 3, "x": [1, 2, 3]}), tmp_path / "t.csv")
     assert files.read_csv(tmp_path / "t.csv")["site"].tolist() == [name] * 3
 
@@ -75,13 +75,13 @@ def test_numbers_truth_values_and_gaps_keep_their_types(tmp_path):
     pd.testing.assert_frame_equal(files.read_csv(tmp_path / "t.csv"), table, check_exact=True)
 
 
-def test_a_column_of_numbers_that_has_the_name_of_one_of_text(tmp_path):
+def test_number_column_with_the_name_of_a_text_column(tmp_path):
     files.write_csv(pd.DataFrame({"noise": [1.5, 2.0]}), tmp_path / "t.csv")
     assert files.read_csv(tmp_path / "t.csv", numbers=["noise"])["noise"].tolist() == [1.5, 2.0]
 
 
-def test_rows_that_are_longer_than_the_header_are_refused(tmp_path):
-    """pandas takes the first column for an index then."""
+def test_rows_longer_than_the_header_are_rejected(tmp_path):
+    """pandas would use the first column as index."""
     (tmp_path / "t.csv").write_text("a,b\n1,2,3\n4,5,6\n")
     with pytest.raises(InputError, match="cannot be read as CSV"):
         files.read_csv(tmp_path / "t.csv")
@@ -112,7 +112,7 @@ def test_features_and_parquet(tmp_path):
         assert all(one[name].tolist() == ODD for name in rows if rows[name] is ODD)
 
 
-def test_a_condition_of_text_is_found_by_a_number_of_yaml():
+def test_text_condition_is_found_by_a_number_of_yaml():
     table = pd.DataFrame({"kernel": ["30", "30", "50"], "dose_mgy": [1, 3, 3]})
     assert select_rows(table, {"kernel": 30, "dose_mgy": 3}, "r").index.tolist() == [1]
     with pytest.raises(InputError, match="r: no images with kernel 40; choose from 30, 50"):

@@ -1,4 +1,4 @@
-"""The notebooks run and print what they show."""
+"""Notebooks run, and their stored output is current."""
 
 import ast
 import contextlib
@@ -18,7 +18,7 @@ NEEDS = {"own-ct": CT, "diagnosis": ROOT / "../shared/real/htc2022"}
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Where a notebook finds what it reads."""
+    """Folder with the input files of a notebook."""
     if CT.exists():
         (tmp_path / "resources").mkdir()
         (tmp_path / "resources" / "abdomen_ct").symlink_to(CT)
@@ -27,7 +27,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def shown(source: str, names: dict) -> str:
-    """What a cell prints, and the text of its last expression, as a notebook has them."""
+    """Output of a cell, and the text of its last expression, as stored in a notebook."""
     tree = ast.parse(source)
     last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
     printed = io.StringIO()
@@ -40,14 +40,14 @@ def shown(source: str, names: dict) -> str:
 
 
 def firsts(text: str) -> list[str]:
-    """The first word of every line."""
+    """First word of every line."""
     return [line.split()[0] for line in text.splitlines() if line.strip()]
 
 
 @pytest.mark.filterwarnings("ignore::virtual_phantom.features.extraction.RadiomicsWarning")
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_it_runs_and_its_first_lines_are_what_it_shows(path, folder):
-    """Numbers end in other digits on other processors: the first word of every printed line is compared."""
+def test_notebook_runs_and_its_stored_output_is_current(path, folder):
+    """The last digits depend on the processor: the first word of every printed line is compared."""
     needed = NEEDS.get(path.stem)
     if needed is not None and not needed.exists():
         pytest.skip(f"needs {needed.name} among the real measurements")
@@ -58,7 +58,7 @@ def test_it_runs_and_its_first_lines_are_what_it_shows(path, folder):
         if cell.cell_type != "code":
             continue
         found = shown(cell.source, names)
-        stored = "".join(one.get("text") or one["data"]["text/plain"] for one in cell.outputs)
+        stored = "".join(output.get("text") or output["data"]["text/plain"] for output in cell.outputs)
         assert cell.execution_count and stored, cell.source
         if "Figure" not in stored:
             assert firsts(found) == firsts(stored)

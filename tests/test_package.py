@@ -1,4 +1,4 @@
-"""The package as pip installs it, without the project's folder: library, data files, and the importer's command."""
+"""The installed package without the project's folder: library, data files, and the importer's command."""
 
 import os
 import shutil
@@ -43,7 +43,7 @@ print(virtual_phantom.__file__)
 
 
 def run(*command, cwd, **environment):
-    """What a program prints that is run in a folder, with this interpreter's packages."""
+    """Output of a program that runs in a folder with this interpreter's packages."""
     environment = os.environ | environment
     process = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=300)
     assert process.returncode == 0, process.stderr[-3000:]
@@ -52,7 +52,7 @@ def run(*command, cwd, **environment):
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
-    """A folder into which pip installed the wheel. Building writes beside the sources, so that it has its own copy."""
+    """A folder into which pip installed the wheel. Building writes into the sources, so it uses a copy."""
     source, wheels, target = (tmp_path_factory.mktemp(name) for name in ("source", "wheels", "target"))
     for name in ("pyproject.toml", "LICENSE"):
         shutil.copy2(ROOT / name, source)
@@ -63,14 +63,14 @@ def installed(tmp_path_factory):
     (wheel,) = wheels.glob("virtual_phantom-*.whl")
     assert wheel.name.split("-")[1] == virtual_phantom.__version__
     run(*PIP, "install", *alone, "--target", str(target), str(wheel), cwd=source)
-    # Kernels that other tests have compiled: a copy of the library finds them.
+    # Kernels compiled by other tests are found by a copy of the library.
     if BESIDE.exists():
         place = target / "virtual_phantom" / BESIDE.relative_to(LIBRARY)
         shutil.copytree(BESIDE, place, ignore=shutil.ignore_patterns("*.tmp.*"))
     return target
 
 
-def test_a_study_in_a_few_lines(installed, tmp_path):
+def test_study_in_a_few_lines(installed, tmp_path):
     assert len([line for line in STUDY.splitlines() if line and not line.startswith(("import", "from"))]) <= 20
     *rois, place = run(sys.executable, "-c", STUDY, cwd=tmp_path, PYTHONPATH=str(installed)).splitlines()
     assert Path(place).is_relative_to(installed)
@@ -79,8 +79,8 @@ def test_a_study_in_a_few_lines(installed, tmp_path):
         assert float(measured) == pytest.approx(float(true), abs=25), name  # HU
 
 
-def test_every_file_that_the_library_reads_is_there(installed):
-    ours, theirs = (
+def test_all_data_files_are_installed(installed):
+    actual, theirs = (
         {
             str(path.relative_to(place))
             for path in place.rglob("*")
@@ -88,11 +88,11 @@ def test_every_file_that_the_library_reads_is_there(installed):
         }
         for place in (Path(virtual_phantom.__file__).parent, installed / "virtual_phantom")
     )
-    assert {path for path in ours if not Path(path).name.startswith(".")} == theirs
+    assert {path for path in actual if not Path(path).name.startswith(".")} == theirs
 
 
-def test_a_copy_of_the_library_has_its_kernels(installed, tmp_path):
-    """One that was compiled in a folder is found in a copy of it, and so in a project that was moved."""
+def test_copy_of_the_library_has_its_kernels(installed, tmp_path):
+    """Compiled kernels are found in a copy of their folder, for example of a project that was moved."""
     program = """
 from virtual_phantom.projectors.kernels import tile_width
 tile_width((0,) * 13)
@@ -105,7 +105,7 @@ print(sum(tile_width.stats.cache_hits.values()), sum(tile_width.stats.cache_miss
     assert (first.split(), again.split()) == (["0", "1"], ["1", "0"])
 
 
-def test_the_importer_is_a_command(installed, tmp_path):
+def test_importer_is_a_command(installed, tmp_path):
     scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
     assert set(scripts) == {"virtual-phantom", "virtual-phantom-import"}
     name = "virtual-phantom-import"

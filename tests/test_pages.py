@@ -1,4 +1,4 @@
-"""Following a page: what comes out as it says passes, and nothing else does."""
+"""Following a page succeeds if its results are as stated, and fails otherwise."""
 
 import pytest
 from pages import blocks, follow, marked
@@ -38,7 +38,7 @@ b.txt
 
 @pytest.fixture
 def page(tmp_path):
-    """Writes a page and follows it in a folder of its own."""
+    """Write a page and follow it in a new folder."""
 
     def written(text):
         (tmp_path / "page.md").write_text(text)
@@ -47,7 +47,7 @@ def page(tmp_path):
     return written
 
 
-def test_a_page_that_is_right(page, tmp_path):
+def test_correct_page(page, tmp_path):
     page(PAGE)
     assert [block.kind for block in blocks(tmp_path / "page.md")] == ["write", "run", "prints", "makes"]
     assert (tmp_path / "notes" / "a.txt").read_text() == "one two\n"
@@ -65,21 +65,21 @@ def test_a_page_that_is_right(page, tmp_path):
         ("<!-- run -->\n", "<!-- run -->\nand then\n", "4 comments, 3 blocks"),
     ],
 )
-def test_a_page_that_is_wrong_fails(page, right, wrong, message):
+def test_wrong_page_fails(page, right, wrong, message):
     assert right in PAGE
     with pytest.raises(AssertionError, match=message.replace("|", r"\|")):
         page(PAGE.replace(right, wrong))
 
 
-def test_stand_ins_at_the_end_are_made_first(page):
+def test_example_data_at_the_end_are_made_first(page):
     stand_in = "\n<!-- run first -->\n```\necho seven > given.txt; echo eight\n```\n"
     page("<!-- run -->\n```\ncat given.txt\n```\n\n<!-- prints -->\n```\nseven\n```\n" + stand_in)
-    # What they print is of no block before them.
+    # Their output belongs to no earlier block.
     with pytest.raises(AssertionError, match="nothing has been run"):
         page("<!-- prints -->\n```\neight\n```\n" + stand_in)
 
 
-def test_what_needs_a_cluster_is_done_where_there_is_one(tmp_path):
+def test_cluster_blocks_run_only_with_a_cluster(tmp_path):
     text = PAGE.replace(
         "<!-- makes -->", "<!-- run on slurm -->\n```\necho six > c.txt\n```\n\n<!-- makes on slurm -->"
     )

@@ -1,4 +1,4 @@
-"""Parameter files of pyradiomics: values are those of its own command, mistakes are told in one line."""
+"""Parameter files of pyradiomics: values equal those of its own command, and mistakes are one line."""
 
 import json
 import logging
@@ -39,14 +39,14 @@ def written(folder, content):
     return str(path)
 
 
-def test_without_a_file_nothing_has_changed():
-    """The hash of the default study, as tables made before there were parameter files have it."""
+def test_default_settings_are_unchanged():
+    """The hash of the default study, as in tables from before parameter files."""
     assert read_parameters(None) is DEFAULT and DEFAULT.features == FEATURES
     assert extraction.DEFAULT.hash() == "23e4155cfad53c0a"
 
 
 @pytest.mark.parametrize("content", [FILTERED, PREPARED], ids=["filters", "resampled and normalised"])
-def test_values_are_those_of_pyradiomics_own_command(tmp_path, content):
+def test_values_equal_those_of_pyradiomics_own_command(tmp_path, content):
     path = written(tmp_path, content)
     ((_, image),) = scans(tmp_path, doses=(10,), repeats=1).items()
     cases = [{"Image": image, "Mask": tmp_path / "labels.nii.gz", "Label": label} for label in LABELS.values()]
@@ -59,14 +59,14 @@ def test_values_are_those_of_pyradiomics_own_command(tmp_path, content):
     array = sitk.GetArrayFromImage(sitk.ReadImage(str(image)))
     labels = label_map()
     masks = {name: labels == label for name, label in LABELS.items()}
-    ours = extraction.extract(Volume(array, Grid(SHAPE, SPACING_MM[::-1])), masks, parameters=parameters)
-    assert features_of(ours) == features_of(theirs) == list(parameters.features)
-    pd.testing.assert_frame_equal(ours[features_of(ours)], theirs[features_of(ours)], rtol=1e-6, atol=1e-9)
+    actual = extraction.extract(Volume(array, Grid(SHAPE, SPACING_MM[::-1])), masks, parameters=parameters)
+    assert features_of(actual) == features_of(theirs) == list(parameters.features)
+    pd.testing.assert_frame_equal(actual[features_of(actual)], theirs[features_of(actual)], rtol=1e-6, atol=1e-9)
     assert not differences(read_extraction(path), *distinct_extractions(read_extractions(theirs, "t.csv")))
     assert {family(name) for name in parameters.features} >= {"first order"}
 
 
-def test_a_table_of_own_features_is_read_back_whole(tmp_path):
+def test_table_of_user_features_is_read_back_completely(tmp_path):
     parameters = read_parameters(written(tmp_path, FILTERED))
     image = np.random.default_rng(3).normal(0, 50, (12, 12, 12))
     mask = np.zeros(image.shape, bool)
@@ -82,10 +82,12 @@ def test_a_table_of_own_features_is_read_back_whole(tmp_path):
     assert other.features == parameters.features and other.hash() != parameters.hash()
 
 
-def test_settings_of_a_filter_concern_its_features_alone(tmp_path):
-    ours = read_extraction(written(tmp_path, FILTERED))
+def test_settings_of_a_filter_only_affect_its_features(tmp_path):
+    actual = read_extraction(written(tmp_path, FILTERED))
     other = FILTERED | {"imageType": {"Original": {}, "Wavelet": {"wavelet": "db1"}, "LoG": {"binWidth": 7}}}
-    found = {str(one): one for one in differences(ours, read_extraction(written(tmp_path, other)))}
+    found = {
+        str(difference): difference for difference in differences(actual, read_extraction(written(tmp_path, other)))
+    }
     assert set(found) == {"LoG: binWidth is 7, the study's 5", "Wavelet: wavelet is db1, the study's haar"}
     log, wavelet = (found[name] for name in sorted(found))
     assert log.changes("log-sigma-3-0-mm-3D_glcm_Idn") and not log.changes("log-sigma-3-0-mm-3D_firstorder_Mean")
@@ -139,7 +141,7 @@ def test_mistakes_are_one_line(tmp_path, content, message):
     assert message in str(error.value) and str(error.value).startswith(path) and "\n" not in str(error.value)
 
 
-def test_a_region_that_pyradiomics_refuses_is_named(tmp_path):
+def test_region_rejected_by_pyradiomics_is_named(tmp_path):
     parameters = read_parameters(written(tmp_path, {"setting": {"minimumROISize": 900}}))
     image = np.random.default_rng(3).normal(0, 50, (12, 12, 12))
     mask = np.zeros(image.shape, bool)
@@ -148,8 +150,8 @@ def test_a_region_that_pyradiomics_refuses_is_named(tmp_path):
         extraction.extract(Volume(image, Grid(image.shape, (2.0, 2.0, 2.0))), {"spot": mask}, "scan 7", parameters)
 
 
-def test_json_is_read_as_pyradiomics_reads_it(tmp_path):
-    """With tabs, which YAML refuses."""
+def test_json_is_read_like_pyradiomics_reads_it(tmp_path):
+    """With tabs, which YAML rejects."""
     content = {"featureClass": {"firstorder": ["Mean"]}, "setting": {"binWidth": 5}}
     path = written(tmp_path, json.dumps(content, indent="\t"))
     assert read_parameters(path).features == ("original_firstorder_Mean",)
@@ -181,7 +183,7 @@ def test_json_is_read_as_pyradiomics_reads_it(tmp_path):
         ),
     ],
 )
-def test_settings_that_change_nothing_are_noted_and_change_nothing(tmp_path, content, line, caplog):
+def test_settings_without_effect_are_noted_and_change_nothing(tmp_path, content, line, caplog):
     content = {"featureClass": {"firstorder": ["Mean", "Energy"], "glcm": ["Contrast"]}} | content
     path = written(tmp_path, content)
     with caplog.at_level(logging.WARNING):
@@ -201,7 +203,7 @@ def spot():
     return Volume(image, Grid(image.shape, (2.0, 2.0, 2.0))), {"spot": mask}
 
 
-def test_what_takes_effect_is_not_noted(tmp_path, caplog):
+def test_settings_with_effect_are_not_noted(tmp_path, caplog):
     stated = {"normalize": True, "normalizeScale": 100, "binWidth": 5, "preCrop": False, "force2D": True}
     with caplog.at_level(logging.WARNING):
         read_parameters(written(tmp_path, {"setting": stated | {"force2Ddimension": 1, "weightingNorm": "euclidean"}}))
@@ -209,14 +211,14 @@ def test_what_takes_effect_is_not_noted(tmp_path, caplog):
 
 
 def test_every_setting_of_pyradiomics_is_known():
-    """By the schema of the version that is installed: a new one needs a decision."""
+    """From the schema of the installed version: a new setting needs a decision."""
     schema = yaml.safe_load(Path(getParameterValidationFiles()[0]).read_text())["mapping"]
     known = settings.UNSTATED.keys() | settings.HARMLESS | parameter_checks.FILTER.keys() | parameter_checks.OF_FILES
     assert schema["setting"]["mapping"].keys() <= known
     assert set(schema) == {"setting", "voxelSetting", "featureClass", "imageType"}
 
 
-def test_shape_in_2d_is_that_of_pyradiomics(tmp_path):
+def test_shape_in_2d_equals_that_of_pyradiomics(tmp_path):
     content = {"featureClass": {"shape2D": ["MeshSurface", "Perimeter"], "firstorder": ["Mean"]}}
     parameters = read_parameters(written(tmp_path, content), "largest")
     volume, masks = spot()

@@ -1,4 +1,4 @@
-"""The project's prose follows its style, and the check of it finds what it should."""
+"""The project's prose follows its style, and the check detects violations."""
 
 import json
 
@@ -28,7 +28,7 @@ def test_prose(path):
     assert not [f"{path.name}:{finding.line}: {finding.rule}: {finding.text}" for finding in findings(path)]
 
 
-def test_paths_that_are_not_converted_are_there():
+def test_unconverted_paths_exist():
     assert [name for name in UNCONVERTED if not any(ROOT.glob(name))] == []
 
 

@@ -1,4 +1,4 @@
-"""Wrong arguments of the public functions are InputErrors that name the argument; faults say how to report them."""
+"""Wrong arguments of public functions are InputErrors that name the argument; faults say how to report them."""
 
 import datetime
 import inspect
@@ -27,13 +27,13 @@ def phantom():
     return Phantom(image, image, ())
 
 
-def kinds(function, **given):
-    """Call a function with each wrong value: it takes the value or raises InputError, and refuses an object."""
-    (name,) = [name for name, value in given.items() if value is WRONG]
+def kinds(function, **values):
+    """Call a function with each wrong value: it accepts the value or raises InputError, and rejects an object."""
+    (name,) = [name for name, value in values.items() if value is WRONG]
     refused = set()
     for place, value in enumerate(WRONG):
         try:
-            function(**{**given, name: value})
+            function(**{**values, name: value})
         except InputError as error:
             assert "\n" not in str(error), error
             refused.add(place)
@@ -43,14 +43,14 @@ def kinds(function, **given):
 
 
 @pytest.mark.parametrize("name", ["image", "rois", "labels", "shape", "spacing_mm", "oversampling", "keep_mm", "other"])
-def test_a_ct_is_read_or_refused(name):
+def test_ct_is_read_or_rejected(name):
     kinds(vp.read_phantom, **{"image": "none.nii", "rois": [{"name": "a", "tissue_class": "b"}], name: WRONG})
 
 
 @pytest.mark.parametrize(
     "name", ["phantom", "projections", "noise_level", "physics", "stream", "columns", "pitch", "beam"]
 )
-def test_a_scan_is_made_or_refused(name, phantom, monkeypatch):
+def test_scan_is_made_or_rejected(name, phantom, monkeypatch):
     monkeypatch.setattr(simulated, "project_phantom", lambda *_, **__: (np.zeros((1, 1, 1)), None))
     monkeypatch.setattr(
         simulated, "acquire", lambda *_, **__: type("A", (), {"line_integrals": lambda *_: np.zeros(1)})
@@ -59,14 +59,14 @@ def test_a_scan_is_made_or_refused(name, phantom, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["scan", "algorithm", "engine", "threads", "normalise"])
-def test_images_are_made_or_refused(name):
+def test_images_are_made_or_rejected(name):
     kinds(vp.reconstruct, **{"scan": None, name: WRONG})
 
 
 @pytest.mark.parametrize("name", ["disc", "mask", "labels", "shapes", "recording", "effects", "matters", "alignment"])
-def test_a_recording_is_diagnosed_or_refused(name, tmp_path):
-    given = {"recording": tmp_path} if name in ("disc", "mask", "labels", "shapes") else {"disc": (70.0, "water")}
-    kinds(vp.diagnose, **{"recording": tmp_path, **given, name: WRONG})
+def test_recording_is_diagnosed_or_rejected(name, tmp_path):
+    values = {"recording": tmp_path} if name in ("disc", "mask", "labels", "shapes") else {"disc": (70.0, "water")}
+    kinds(vp.diagnose, **{"recording": tmp_path, **values, name: WRONG})
 
 
 @pytest.mark.parametrize(
@@ -96,19 +96,19 @@ def test_a_recording_is_diagnosed_or_refused(name, tmp_path):
         ),
     ],
 )
-def test_the_line_names_the_argument(call, line, phantom, tmp_path, monkeypatch):
+def test_line_names_the_argument(call, line, phantom, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError) as error:
         call(phantom)
     assert str(error.value).startswith(line)
 
 
-def test_arrays_and_numbers_of_numpy_are_taken():
+def test_numpy_arrays_and_numbers_are_accepted():
     drawn = vp.draw_phantom(np.array((12, 40, 40)), np.array((8.0, 7.5, 7.5)), oversampling=np.int64(1))
     assert drawn.image.grid.shape == (12, 40, 40)
 
 
-def test_a_fault_is_one_line_that_says_what_to_report():
+def test_internal_error_is_one_line_with_what_to_report():
     @public
     def broken(one):
         return [][one]
@@ -123,6 +123,6 @@ def test_a_fault_is_one_line_that_says_what_to_report():
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_signature_and_documentation_are_the_function_s_own(name):
+def test_signature_and_documentation_are_the_functions_own(name):
     function = getattr(vp, name)
     assert inspect.getdoc(function) and "arguments" not in inspect.signature(function).parameters

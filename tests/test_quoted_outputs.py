@@ -1,4 +1,4 @@
-"""Outputs that pages quote are what the program prints, or are listed below with the reason why none is compared."""
+"""Outputs quoted on pages are those of the program, or are listed below with the reason why they are not compared."""
 
 import re
 from pathlib import Path
@@ -20,7 +20,7 @@ QUOTE = re.compile(r"(?:^ *> .*\n)+", re.MULTILINE)
 FENCED = re.compile(r"(?P<mark><!-- .* -->\n)?^ *```text\n(?P<text>.*?)^ *```$", re.MULTILINE | re.DOTALL)
 # Pages whose blocks are formulas.
 WITHOUT = {"theory.md", "statistics.md"}
-# First words of what a page quotes: the test that compares it, or why none does.
+# First words of a quotation: the test that compares it, or why none does.
 UNCHECKED = {
     "14:25:46 Jobs to do": "times of one run; the form is that of tests/progress/test_console.py",
     "phantom -> project": "a drawing",
@@ -37,7 +37,7 @@ def words(text):
 
 
 def quoted(text, printed):
-    """Whether all parts of a quotation, between [...] or ..., are in this order in what is printed."""
+    """Whether all parts of a quotation, between [...] or ..., occur in this order in the output."""
     parts = [re.escape(words(part)) for part in re.split(r"\[\.\.\.\]|^\.\.\.$", text, flags=re.MULTILINE)]
     return re.search(".*?".join(parts), words(printed)) is not None
 
@@ -46,14 +46,14 @@ def quotations(path):
     return [words(re.sub(r"^ *> ?", "", one, flags=re.MULTILINE)) for one in QUOTE.findall(path.read_text())]
 
 
-def test_the_readme_quotes_what_the_guide_prints():
-    """The output of the guide is compared with its command by tests/workflow/test_marked_pages.py."""
-    (quote,) = [one for one in quotations(ROOT / "README.md") if one.startswith("solid_disc")]
+def test_readme_quotes_the_output_of_the_guide():
+    """tests/workflow/test_marked_pages.py compares the guide's output with its command."""
+    (quote,) = [quotation for quotation in quotations(ROOT / "README.md") if quotation.startswith("solid_disc")]
     printed = [block.text for block in blocks(DOCS / "getting-started" / "own-sinogram.md") if block.kind == "prints"]
     assert any(quoted(quote, one) for one in printed), quote
 
 
-def test_the_plan_of_a_large_study_is_quoted_as_it_is_printed(monkeypatch):
+def test_plan_of_a_large_study_is_quoted_correctly(monkeypatch):
     monkeypatch.chdir(ROOT)
     lines, settings = read_configs(["config/large.yaml"])
     assert not lines
@@ -63,7 +63,7 @@ def test_the_plan_of_a_large_study_is_quoted_as_it_is_printed(monkeypatch):
     assert quoted(text, printed), printed
 
 
-def test_the_line_of_a_killed_script_is_quoted_as_it_is_printed():
+def test_line_of_a_killed_script_is_quoted_correctly():
     files = [f"results/phantom/{name}" for name in ("image.nii.gz", "labels.nii.gz", "rois.csv", "rois.npz")]
     job = {"rule_name": "phantom", "jobid": 1, "output": files, "log": ["results/logs/phantom.log"]}
     (line,) = without_reason([job], message="died with <Signals.SIGKILL: 9>.").values()
@@ -82,7 +82,7 @@ def test_every_quoted_output_is_compared_or_has_a_reason(path):
     assert not [one for one in found if not one.startswith(known)]
 
 
-def test_quotations_are_parts_in_their_order():
+def test_parts_of_quotations_occur_in_order():
     assert quoted("one two [...] five", "one  two three four five six")
     assert not quoted("five [...] one two", "one two three four five six")
     assert not quoted("one three", "one two three")

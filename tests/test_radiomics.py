@@ -14,8 +14,8 @@ from virtual_phantom.features.extraction import RadiomicsWarning
 from virtual_phantom.features.names import FEATURES, family
 from virtual_phantom.io.volumes import Volume
 
-# Image Biomarker Standardisation Initiative, digital phantom (reference manual, arXiv:1612.07003v11, section
-# 5.1, CC BY 4.0): 5 x 4 x 4 voxels of 2 mm, here [z, y, x]; 0 marks voxels outside the ROI.
+# IBSI, digital phantom (reference manual, arXiv:1612.07003v11, section 5.1, CC BY
+# 4.0): 5 x 4 x 4 voxels of 2 mm, here [z, y, x]; 0 marks voxels outside the ROI.
 IBSI_PHANTOM = np.array(
     [
         [[1, 4, 4, 1, 1], [1, 4, 6, 1, 1], [4, 1, 6, 4, 1], [4, 4, 6, 4, 1]],
@@ -25,9 +25,9 @@ IBSI_PHANTOM = np.array(
     ]
 )
 # Published reference values, three significant digits: GLCM and GLRLM averaged over 3D directions, GLSZM and NGLDM
-# (which pyradiomics calls GLDM) in 3D. Intensities here are 25 times the phantom's, so that 25 HU bins give
-# its grey levels; dimensionless and texture features stay, the others scale by 25 or 25^2. Kurtosis is
-# without the -3 of the manual.
+# (GLDM in pyradiomics) in 3D. Intensities here are 25 times the phantom's, so that 25 HU bins give its gray levels.
+# Dimensionless and texture features do not change, the others scale by 25 or 25^2. Kurtosis is without the -3 of the
+# manual.
 IBSI_VALUES = {
     "firstorder_Mean": 25 * 2.15,
     "firstorder_Variance": 25**2 * 3.05,
@@ -129,7 +129,7 @@ def one_row(array, mask=None, **kwargs):
         return extraction.extract(volume(array, **kwargs), {"roi": mask}).iloc[0]
 
 
-def test_the_features_are_the_papers_86():
+def test_features_are_the_86_of_the_paper():
     counts = {
         name: sum(family(feature) == name for feature in FEATURES)
         for name in ("first order", "GLCM", "GLDM", "GLRLM", "GLSZM")
@@ -148,10 +148,10 @@ def test_values_published_for_the_ibsi_digital_phantom():
         assert row[f"original_{name}"] == pytest.approx(value, rel=6e-3), name  # half a unit of the third digit
 
 
-def test_values_worked_by_hand_on_a_row_of_six_voxels():
-    # Grey levels 1 1 1 2 3 3, one direction. Co-occurrence, symmetrical, of 10: (1,1) 4, (1,2) and (2,1) 1
-    # each, (2,3) and (3,2) 1 each, (3,3) 2. Runs and zones (level x length): 1 x 3, 2 x 1, 3 x 2. Dependence,
-    # the voxel itself counted: 2 3 2 | 1 | 2 2.
+def test_values_of_a_row_of_six_voxels():
+    # Gray levels 1 1 1 2 3 3, one direction. Co-occurrence, symmetric, of 10: (1,1) 4, (1,2) and (2,1) 1 each, (2,3)
+    # and (3,2) 1 each, (3,3) 2. Runs and zones (level x length): 1 x 3, 2 x 1, 3 x 2. Dependence, including the voxel
+    # itself: 2 3 2 | 1 | 2 2.
     row = one_row([[[25.0, 30, 49, 50, 75, 99]]], spacing=(3.0, 2.0, 1.0))
     expected = {
         "firstorder_Energy": 25**2 + 30**2 + 49**2 + 50**2 + 75**2 + 99**2,
@@ -204,33 +204,33 @@ def test_equal_to_the_plain_extractor_on_the_full_image_bit_for_bit(dtype):
         assert table.loc[roi, "n_voxels"] == mask.sum()
 
 
-def test_grey_levels_are_the_occupied_bins_whose_edges_are_multiples_of_25():
+def test_gray_levels_are_the_occupied_bins_whose_edges_are_multiples_of_25():
     assert one_row([[[-0.1, 0, 24.9, 25, 130.0]]])["grey_levels"] == 4
     assert one_row([[[-25.0, -0.1, -24, -1]]])["grey_levels"] == 1
 
 
-def test_voxels_outside_the_roi_do_not_matter():
+def test_voxels_outside_the_roi_have_no_effect():
     image, masks = blobs(np.random.default_rng(2))
     other = np.where(masks["ball"], image, -1000.0)
     first, second = (extraction.extract(volume(array), {"ball": masks["ball"]}) for array in (image, other))
     assert first.equals(second)
 
 
-def test_rows_say_what_made_them():
+def test_rows_state_their_settings():
     row = one_row(25.0 * IBSI_PHANTOM, IBSI_PHANTOM > 0)
     assert row["pyradiomics_version"].startswith("v3.0.1") or row["pyradiomics_version"].startswith("3.0.1")
     assert row["numpy_version"] == np.__version__
     assert len(row["settings_hash"]) == 16 and int(row["settings_hash"], 16) >= 0
 
 
-def test_the_settings_hash_follows_the_settings(monkeypatch):
+def test_settings_hash_depends_on_the_settings(monkeypatch):
     before = extraction.DEFAULT.hash()
     assert extraction.DEFAULT.hash() == before
     monkeypatch.setitem(extraction.SETTINGS, "binWidth", 26)
     assert extraction.DEFAULT.hash() != before
 
 
-def test_warns_with_numbers_of_small_and_of_flat_regions():
+def test_warns_with_numbers_of_small_and_of_constant_regions():
     noise = np.random.default_rng(0).normal(0, 60, (6, 6, 6))
     small = np.zeros(noise.shape, bool)
     small[:3, :3, :3] = True
@@ -245,18 +245,18 @@ def test_warns_with_numbers_of_small_and_of_flat_regions():
         extraction.extract(volume(noise), {"good": np.ones(noise.shape, bool)})
 
 
-def test_what_pyradiomics_logs_becomes_a_warning_and_its_logger_is_left_as_it_was(monkeypatch, capfd):
+def test_pyradiomics_log_becomes_a_warning_and_its_logger_is_unchanged(monkeypatch, capfd):
     logger = logging.getLogger("radiomics")
     before = logger.handlers[:], logger.propagate
     real = extraction.DEFAULT.extractor
 
-    class Grumbling:
+    class NoisyExtractor:
         def execute(self, image, label):
             logging.getLogger("radiomics.glcm").warning("something is odd")
             logging.getLogger("radiomics.glcm").info("small talk")
             return real.execute(image, label)
 
-    monkeypatch.setitem(vars(extraction.DEFAULT), "extractor", Grumbling())
+    monkeypatch.setitem(vars(extraction.DEFAULT), "extractor", NoisyExtractor())
     noise = np.random.default_rng(0).normal(0, 60, (6, 6, 6))
     with pytest.warns(RadiomicsWarning, match="image, ROI roi: pyradiomics: something is odd") as caught:
         extraction.extract(volume(noise), {"roi": np.ones(noise.shape, bool)})

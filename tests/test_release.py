@@ -1,4 +1,4 @@
-"""What a release must agree on: the version, and the container's environment."""
+"""Consistency of a release: the version, and the container's environment."""
 
 import re
 import tomllib
@@ -11,7 +11,7 @@ import virtual_phantom
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def test_the_version_is_the_same_everywhere():
+def test_version_is_the_same_everywhere():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     heading = re.search(r"^## (\S+) \((.+)\)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert citation["version"] == heading[1] == virtual_phantom.__version__
@@ -20,17 +20,17 @@ def test_the_version_is_the_same_everywhere():
     assert ("date-released" in citation) == bool(released)
 
 
-def test_the_container_installs_from_the_lock_by_the_same_command():
+def test_container_installs_from_the_lock_with_the_same_command():
     lines = (ROOT / "Dockerfile").read_text(encoding="utf-8")
     instructions = re.findall(r"^([A-Z]+) (.+)$", lines.replace("\\\n", ""), re.MULTILINE)
     assert ("RUN", "make setup") in instructions and not re.search(r"pip install|curl|wget", lines)
-    # Debian 12 has the oldest Python that the package takes.
+    # Debian 12 has the oldest supported Python.
     assert ("FROM", "debian:bookworm-slim") in instructions
-    wanted = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["requires-python"]
-    assert wanted.startswith(">=3.11")
+    expected = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["requires-python"]
+    assert expected.startswith(">=3.11")
 
 
-def test_the_container_takes_no_results_and_no_environment_along():
+def test_container_contains_no_results_and_no_environment():
     left_out = set((ROOT / ".dockerignore").read_text(encoding="utf-8").split())
     ignored = {line.strip("/") for line in (ROOT / ".gitignore").read_text(encoding="utf-8").split()}
     assert {".venv", ".snakemake", "results*", "recordings", "resources/*", "downloads"} <= left_out & ignored

@@ -1,4 +1,4 @@
-"""Numbers of reports, rounded to what their intervals say."""
+"""Numbers of reports are rounded according to their intervals."""
 
 import pytest
 
@@ -17,5 +17,5 @@ from virtual_phantom.report.html import within
         (120.4, [119.0, 122.0], "120.4"),
     ],
 )
-def test_a_number_has_the_digits_of_its_interval_or_its_own(value, interval, text):
+def test_number_has_the_digits_of_its_interval_or_its_own(value, interval, text):
     assert within(value, interval) == text

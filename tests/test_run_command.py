@@ -1,4 +1,4 @@
-"""Commands end every exception in one line, print notes once, and show names that the terminal cannot encode."""
+"""Commands end every exception in one line, print notes once, and escape names that the terminal cannot encode."""
 
 import logging
 import os
@@ -46,7 +46,7 @@ def test_debug_prints_the_traceback_before_the_line(capsys):
     assert printed.startswith("Traceback") and printed.splitlines()[-1].startswith("Error: unexpected KeyError: 'x'")
 
 
-def test_an_interruption_has_the_code_of_the_shell():
+def test_interruption_has_the_exit_code_of_the_shell():
     assert run_command(raising(KeyboardInterrupt()), []) == INTERRUPTED
 
 
@@ -65,11 +65,11 @@ def test_each_note_is_printed_once_and_reaches_no_other_handler(capsys, caplog):
 
 def test_outside_of_a_command_notes_are_log_records(caplog):
     note("a.dcm: skipped")
-    assert [(one.levelname, one.getMessage()) for one in caplog.records] == [("WARNING", "a.dcm: skipped")]
+    assert [(record.levelname, record.getMessage()) for record in caplog.records] == [("WARNING", "a.dcm: skipped")]
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
-def test_names_are_escaped_where_the_terminal_cannot_show_them(encoding):
+def test_names_are_escaped_if_the_terminal_cannot_show_them(encoding):
     code = START + "run_command(lambda words: print('Zyste \u00df \u8102') or 0, [])"
     variables = os.environ | {"PYTHONIOENCODING": encoding, "PYTHONPATH": str(LIBRARY)}
     run = subprocess.run([sys.executable, "-c", code], env=variables, capture_output=True, check=True)
@@ -77,7 +77,7 @@ def test_names_are_escaped_where_the_terminal_cannot_show_them(encoding):
     assert run.stdout == shown[encoding] and run.stderr == b""
 
 
-def test_a_closed_pipe_is_no_error():
+def test_closed_pipe_is_no_error():
     code = START + "run_command(lambda words: print('x\\n' * 99999) or 0, [])"
     variables = os.environ | {"PYTHONPATH": str(LIBRARY)}
     with subprocess.Popen(

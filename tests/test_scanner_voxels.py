@@ -1,4 +1,4 @@
-"""Kernels against closed forms, boxes against the whole volume, thick slices against thin ones."""
+"""Kernels against closed forms, boxes against the whole volume, and thick slices against thin ones."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from virtual_phantom.reconstruction.fbp import fbp
 from virtual_phantom.reconstruction.kernel import Kernel
 
 SMOOTH, SHARP = Kernel(2.5, 4.2), Kernel(4.0, 7.0)
-FAN = circular(views=400, columns=240, rows=1, column_pitch_mm=1.4, row_pitch_mm=2.0, **SCANNER)  # 0.7 mm at the centre
+FAN = circular(views=400, columns=240, rows=1, column_pitch_mm=1.4, row_pitch_mm=2.0, **SCANNER)  # 0.7 mm at the center
 FINE = Grid((1, 72, 72), (1.0, 0.6, 0.6))
 HELIX = helical(views=170, volume_height_mm=20, columns=60, rows=10, column_pitch_mm=3.0, row_pitch_mm=4.0, **SCANNER)
 WHOLE = Grid((12, 40, 44), (1.6, 2.0, 1.8))
@@ -36,7 +36,7 @@ def test_the_mtf_passes_through_its_two_points(kernel):
 
 
 @pytest.mark.parametrize("kernel", [SMOOTH, SHARP])
-def test_the_closed_form_of_the_noise_is_the_integral(kernel):
+def test_closed_form_of_the_noise_equals_the_integral(kernel):
     integral, _ = quad(lambda f: f**2 * kernel.mtf(f) ** 2, 0, np.inf)
     assert kernel.noise == pytest.approx(integral, rel=1e-6)
 
@@ -56,9 +56,11 @@ def test_noise_of_filtered_back_projection_has_its_closed_form():
 
 
 @pytest.mark.parametrize("kernel", [SMOOTH, SHARP])
-def test_a_blob_is_as_sharp_as_the_mtf_says(kernel):
-    """A Gaussian's peak, off the axis, where rays pass between samples as it comes: the integral of 2 pi f times its
-    spectrum times the MTF."""
+def test_gaussian_object_is_blurred_by_the_mtf(kernel):
+    """Peak of an off-axis Gaussian, whose rays pass between samples:
+
+    the integral of 2 pi f times its spectrum times the MTF.
+    """
     sigma, x, y = 0.8, 20.0, -7.0
     t = SCANNER["source_to_isocentre_mm"] * np.sin(np.arctan(FAN.column_positions_mm() / 1000))
     direction = FAN.angles_rad[:, None] + np.arcsin(t / SCANNER["source_to_isocentre_mm"])
@@ -72,13 +74,13 @@ def test_a_blob_is_as_sharp_as_the_mtf_says(kernel):
 
 
 @pytest.mark.parametrize("mtf", [(0, 5), (5, 5), (6, 5), (3, np.inf)])
-def test_an_impossible_mtf_is_refused(mtf):
+def test_impossible_mtf_is_rejected(mtf):
     with pytest.raises(InputError, match="kernel: its MTF is a half at"):
         Kernel(*mtf)
 
 
 @pytest.mark.parametrize("kernel", [None, SMOOTH])
-def test_boxes_are_cut_from_the_whole_volume(scan, kernel):
+def test_boxes_are_parts_of_the_whole_volume(scan, kernel):
     masks = np.zeros((2, *WHOLE.shape), bool)
     masks[0, 4:7, 10:20, 8:15] = masks[1, 0:3, 30:40, 20:22] = True
     made = boxes.boxes_around(masks, WHOLE, margin_mm=3.0)
@@ -102,13 +104,14 @@ def test_thick_slices_are_means_of_thin_ones(scan):
 
 
 @pytest.mark.parametrize(("spacing", "thickness"), [(1.0, 2.0), (1.0, 1.5), (2.0, 3.0), (0.75, 1.0), (1.0, 0.5)])
-def test_a_box_of_thin_slices_keeps_what_is_linear_and_averages_noise(spacing, thickness):
+def test_box_of_thin_slices_keeps_linear_functions_and_averages_noise(spacing, thickness):
     weights, thin, thin_mm = slices.thin_slices(5, spacing, thickness)
     heights = (np.arange(thin) - (thin - 1) / 2) * thin_mm
     assert thin_mm <= slices.THIN_MM
     assert weights @ heights == pytest.approx((np.arange(5) - 2) * spacing, abs=1e-6)
     assert weights.sum(axis=1) == pytest.approx(1)
-    # Of independent thin slices the variance is that of one over their number; where a cell is cut, in the share of it.
+    # The variance of independent thin slices is that of one divided by their number; cells at the edge count by their
+    # share.
     within = thickness / thin_mm
     cut = within - (2 * ((within - 1) // 2) + 1 if round(spacing / thin_mm) % 2 else 2 * (within // 2))
     assert (weights**2).sum(axis=1) == pytest.approx((within - cut + cut**2 / 2) / within**2)

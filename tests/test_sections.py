@@ -1,4 +1,4 @@
-"""Features of a region's largest section, as CT-Phantom4Radiomics has them, against pyradiomics called by hand."""
+"""Features of a region's largest section, as in CT-Phantom4Radiomics, compared with direct calls of pyradiomics."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def scan():
     return Volume(image, GRID), mask
 
 
-def by_hand(pixels, region):
+def direct_features(pixels, region):
     extractor = RadiomicsFeatureExtractor(binWidth=25)
     extractor.disableAllFeatures()
     for name in ("firstorder", "glcm", "glrlm", "glszm", "gldm"):
@@ -33,19 +33,19 @@ def by_hand(pixels, region):
 
 
 @pytest.mark.parametrize("offset", [0, 1024])
-def test_the_largest_section_is_extracted_in_two_dimensions(scan, offset):
+def test_largest_section_is_extracted_in_two_dimensions(scan, offset):
     volume, mask = scan
     row = extract(volume, {"a": mask}, parameters=read_parameters(None, "largest", offset)).iloc[0]
-    expected = by_hand(volume.array[2] + offset, mask[2])
-    in_hu = by_hand(volume.array[2], mask[2])
+    expected = direct_features(volume.array[2] + offset, mask[2])
+    in_hu = direct_features(volume.array[2], mask[2])
     assert row["n_voxels"] == 130 and len(FEATURES) == 86
     for feature in FEATURES:
         moved = "firstorder" in feature and not feature.endswith(("_Entropy", "_Uniformity"))
         assert row[feature] == pytest.approx((in_hu if moved else expected)[feature], rel=1e-9), feature
 
 
-def test_one_voxel_more_around_it_changes_nothing(scan):
-    """What lies above and below the section takes no part."""
+def test_margin_of_one_voxel_has_no_effect(scan):
+    """Voxels above and below the section do not count."""
     volume, mask = scan
     other = volume.array.copy()
     other[[0, 1, 3, 4]] = 500
@@ -56,7 +56,7 @@ def test_one_voxel_more_around_it_changes_nothing(scan):
     assert one[list(FEATURES)].equals(two[list(FEATURES)])
 
 
-def test_settings_say_so():
+def test_settings_state_the_section():
     hashes = {
         read_parameters(None, *one).hash() for one in [("whole", 0), ("largest", 0), ("largest", 1024), ("whole", 1024)]
     }

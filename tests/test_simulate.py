@@ -1,4 +1,4 @@
-"""ROIs that the scan does not see completely are refused before anything is simulated."""
+"""ROIs that the scan does not cover completely are rejected before the simulation."""
 
 import numpy as np
 import pytest
@@ -18,15 +18,18 @@ def roi(slices, x=slice(12, 20)):
     return mask
 
 
-def test_a_point_on_the_axis_is_seen_up_to_the_cone():
-    """Rows reach 2.5 pitches from the middle: 10 mm at the isocentre, at which distance every view sees the axis."""
+def test_point_on_the_axis_is_covered_up_to_the_cone():
+    """Rows reach 2.5 pitches from the middle:
+
+    10 mm at the isocenter, where every view has the same distance to the axis.
+    """
     rays = ParallelRays(circular(views=60, columns=64, rows=6, **SCANNER))
     seen = rays.directions_seen(np.array([[0, 0, 9.9], [0, 0, 10.1], [0, 0, -9.9], [0, 0, -10.1]]))
     np.testing.assert_array_equal(seen, [30, 0, 30, 0])
 
 
-def test_a_point_off_the_axis_is_seen_from_its_far_side():
-    """At 100 mm a view opposite sees 12 mm of height, one beside it 8 mm; a whole turn has the better of the two."""
+def test_off_axis_point_is_covered_from_its_far_side():
+    """At 100 mm, one view covers a height of 12 mm and the opposite one 8 mm; a whole turn has the larger one."""
     rays = ParallelRays(circular(views=60, columns=64, rows=6, **SCANNER))
     seen = rays.directions_seen(np.array([[100.0, 0, 7.9], [100.0, 0, 9.0], [100.0, 0, 12.1]]))
     assert seen[0] == 30 and 0 < seen[1] <= 30 and seen[2] == 0
@@ -48,12 +51,12 @@ def test_rois_in_the_beam_pass():
     ],
     ids=["circular scan of a high volume", "helix with gaps", "short helix"],
 )
-def test_rois_out_of_the_beam_are_named(geometry):
+def test_rois_outside_of_the_beam_are_named(geometry):
     with pytest.raises(InputError, match="ROI high is not seen from every direction: .* more detector rows"):
         check_rois_seen(geometry, GRID, {"high": roi(slice(0, 12))})
 
 
-def test_an_roi_beside_the_fan_is_named():
+def test_roi_outside_of_the_fan_is_named():
     geometry = circular(views=60, columns=24, rows=12, **SCANNER)
     with pytest.raises(InputError, match="ROI far"):
         check_rois_seen(geometry, GRID, {"far": roi(slice(5, 7), slice(28, 32))})

@@ -1,4 +1,4 @@
-"""The documentation as a site, and its links both there and where the code is hosted."""
+"""Documentation site, and links that work both on the site and on a code host."""
 
 import os
 import re
@@ -19,7 +19,7 @@ FETCHED = re.compile(
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The site, and what building it printed."""
+    """The site and its build output."""
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", folder]
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "workflow" / "lib")}
@@ -27,13 +27,13 @@ def site(tmp_path_factory):
     return folder, process
 
 
-def test_it_is_built_without_a_warning(site):
+def test_site_is_built_without_a_warning(site):
     _, process = site
     assert process.returncode == 0, process.stderr
     assert "WARNING" not in process.stderr and "ERROR" not in process.stderr, process.stderr
 
 
-def test_every_page_is_in_it(site):
+def test_site_has_every_page(site):
     folder, _ = site
     inside = [page.relative_to(ROOT / "docs" if (ROOT / "docs") in page.parents else ROOT) for page in PAGES]
     for path in [*inside, *map(Path, GENERATED)]:
@@ -41,14 +41,14 @@ def test_every_page_is_in_it(site):
         assert (folder / path.parent / name).stat().st_size > 5000, path
 
 
-def test_it_fetches_nothing_from_elsewhere(site):
+def test_site_loads_no_external_resources(site):
     folder, _ = site
     for page in folder.rglob("*.html"):
         assert not FETCHED.search(page.read_text(encoding="utf-8")), page
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_between_files_lead_somewhere(page):
+def test_links_between_files_resolve(page):
     """Links are relative to the file, as on a code host. The build of the site checks its own links."""
     generated = {ROOT / "docs" / path for path in GENERATED}
     for target in re.findall(r"\]\((?![a-z]+:|#)([^)#\s]+)", page.read_text(encoding="utf-8")):

@@ -1,4 +1,4 @@
-"""SIRT and FDK on a water cylinder with inserts, and Chebyshev against plain SIRT."""
+"""SIRT and FDK of a water cylinder with inserts, and Chebyshev against plain SIRT."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ GEOMETRIES = {
     "circular": circular(views=120, columns=72, rows=16, **SCANNER),
     "helical": helical(views=160, volume_height_mm=48, columns=72, rows=12, **SCANNER),
 }
-# What the rebinning of filtered back-projection must get right beside these.
+# Trajectories for the rebinning of filtered back-projection.
 UNUSUAL = {
     "one and a quarter turns": circular(views=150, turns=1.25, columns=72, rows=16, **SCANNER),
     "two turns": circular(views=240, turns=2, columns=72, rows=16, **SCANNER),
@@ -73,7 +73,7 @@ def scan(request):
 
 
 @pytest.mark.parametrize("algorithm", ["fdk", "sirt"])
-def test_water_is_zero_and_inserts_are_right(scan, algorithm):
+def test_water_is_0_hu_and_inserts_have_their_attenuation(scan, algorithm):
     """Water within 3 HU, inserts within 1 % of their attenuation, away from edges and from the end slices."""
     _, geometry, line_integrals = scan
     projector = CpuProjector(geometry, GRID)
@@ -87,7 +87,7 @@ def test_fbp_of_other_trajectories(geometry):
 
 
 def check_cylinder(image):
-    """Water within 3 HU in rings and quadrants, so that no shading hides in a mean; inserts within 1 %."""
+    """Water within 3 HU in rings and quadrants, so that no shading is averaged out; inserts within 1 %."""
     hu = (image / MU - 1) * 1000
     _, y, x = GRID.axes_mm()
     radius, quadrant = np.hypot(x, y[:, None]), (x > 0) + 2 * (y[:, None] > 0)
@@ -105,7 +105,7 @@ def check_cylinder(image):
 
 
 @pytest.mark.parametrize("backprojector", ["adjoint", "voxel"])
-def test_chebyshev_is_plain_sirt(backprojector):
+def test_chebyshev_equals_plain_sirt(backprojector):
     """The images after 500 iterations differ by at most 0.5 % of the noise SD, for circular and helical scans."""
     grid = Grid((6, 24, 24), (8.0, 11.0, 11.0))
     for geometry in (
@@ -130,14 +130,14 @@ def test_chebyshev_is_plain_sirt(backprojector):
 
 
 def test_chebyshev_coefficients_are_binomials():
-    """K = 6 by integers: C(12, 6 - j) / 4^6, doubled for j > 0; all of them sum to 1."""
+    """K = 6 in integers: C(12, 6 - j) / 4^6, doubled for j > 0; the sum is 1."""
     expected = [special.comb(12, 6 - j, exact=True) / 4**6 * (1 if j == 0 else 2) for j in range(7)]
     np.testing.assert_allclose(sirt.chebyshev_coefficients(6, 6), expected, rtol=1e-12)
     assert sirt.chebyshev_coefficients(500, 500).sum() == pytest.approx(1)
 
 
 def test_astra_parity_scales_a_helix_by_the_share_of_views():
-    """Without normalisation a voxel on the axis comes out scaled by (turns that see it) / (all turns)."""
+    """Without normalization, a voxel on the axis is scaled by (turns that see it) / (all turns)."""
     geometry = helical(views=240, volume_height_mm=48, columns=72, rows=8, **SCANNER)
     line_integrals = project(geometry, finer=2)
     projector = CpuProjector(geometry, GRID)
@@ -147,9 +147,11 @@ def test_astra_parity_scales_a_helix_by_the_share_of_views():
     assert middle == pytest.approx(1 / turns, rel=0.03)
 
 
-def test_noise_is_even_along_a_helix(monkeypatch):
-    """Noise SD of an end slice over that of the middle: under 1.5 with either pair; far over it, if rays that graze the
-    grid took part in the voxel-driven one."""
+def test_noise_is_uniform_along_a_helix(monkeypatch):
+    """Noise SD of an end slice relative to the middle: under 1.5 with either pair.
+
+    It would be much larger if rays that graze the grid contributed to the voxel-driven pair.
+    """
     geometry = helical(
         views=150, volume_height_mm=48, columns=36, rows=6, **(SCANNER | dict(column_pitch_mm=16.0, row_pitch_mm=8.0))
     )
@@ -166,13 +168,14 @@ def test_noise_is_even_along_a_helix(monkeypatch):
     assert ends_over_middle("voxel") > 5
 
 
-def test_fbp_makes_air_of_what_lacks_a_direction():
-    """Six rows light up the middle of the volume: there the cylinder is right, and no voxel is half right."""
+def test_fbp_returns_air_for_voxels_without_all_directions():
+    """Six rows illuminate the middle of the volume, where the cylinder is correct; no other voxel is partly correct."""
     geometry = circular(views=120, columns=72, rows=6, **SCANNER)
     hu = (fbp.fbp(CpuProjector(geometry, GRID), project(geometry))[0] / MU - 1) * 1000
     z, y, x = GRID.axes_mm()
     zz, yy, xx = np.meshgrid(z, y, x, indexing="ij")
-    # A ray to this height passes the detector's outermost row, half a row inside its edge, at the near side's depth.
+    # A ray to this height passes the detector's outermost row, half a row inside its edge, at the depth of the near
+    # side.
     seen = np.abs(zz) < 2.5 * 8 * (500 - np.hypot(xx, yy)) / 1000
     core = np.hypot(xx, yy) < 20
     assert np.abs(hu[core & seen]).max() < 20 and (core & seen).sum() > 100
@@ -186,15 +189,15 @@ def test_fbp_of_one_row_is_a_fan_beam():
     assert abs(hu[29:35, 29:35].mean()) < 3
 
 
-def test_fbp_refuses_too_few_turns():
-    """Half a turn and the fan are needed: 180 + 2 x 16 degrees with this detector."""
+def test_fbp_rejects_too_few_turns():
+    """Half a turn plus the fan is needed: 180 + 2 x 16 degrees with this detector."""
     geometry = circular(views=100, turns=0.55, columns=72, rows=4, **SCANNER)
     with pytest.raises(InputError, match="at least 0.59 turns"):
         fbp.fbp(CpuProjector(geometry, GRID), np.ones((1, 100, 4, 72), np.float32))
 
 
 def test_unseen_voxels_stay_at_air():
-    """Two detector rows light up the middle slices only; the rest has no data and stays at zero attenuation."""
+    """Two detector rows illuminate the middle slices only; the rest has no data and keeps zero attenuation."""
     geometry = circular(views=30, columns=72, rows=2, **SCANNER)
     projector = CpuProjector(geometry, GRID)
     image = sirt.sirt(projector, project(geometry, finer=1), **(SIRT | {"iterations": 20}))

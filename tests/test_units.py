@@ -16,7 +16,7 @@ def test_fixed_points():
 
 
 @given(st.floats(-1000, 3000), st.floats(0.01, 0.1))
-def test_there_and_back(hu, mu_water):
+def test_round_trip(hu, mu_water):
     np.testing.assert_allclose(attenuation_to_hu(hu_to_attenuation(np.array([hu]), mu_water), mu_water), hu, atol=1e-9)
 
 
@@ -24,13 +24,13 @@ def test_stored_integers_are_not_truncated():
     np.testing.assert_allclose(hu_to_attenuation(np.array([0, 500], np.int16), 0.02), [0.02, 0.03], rtol=1e-6)
 
 
-def test_whole_hu_rounds_half_to_even_and_counts_what_it_cuts():
+def test_integer_hu_round_half_to_even_and_count_clipped_values():
     whole, beyond = whole_hu(np.array([0.5, 1.5, -2.5, 32767.4, 32768, -40000]), "never")
     assert whole.dtype == np.int16 and beyond == 2
     assert whole.tolist() == [0, 2, -2, 32767, 32767, -32768]
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_whole_hu_refuses_what_is_no_number(bad):
+def test_non_finite_hu_are_rejected(bad):
     with pytest.raises(InputError, match="^a repeat: repair it$"):
         whole_hu(np.array([0.0, bad]), "a repeat: repair it")

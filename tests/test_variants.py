@@ -1,4 +1,4 @@
-"""One property at a time, against closed forms."""
+"""Changes of one image property at a time, against closed forms."""
 
 import numpy as np
 import pytest
@@ -18,13 +18,13 @@ def scan(seed=0, repeats=6, shape=(12, 24, 24), sd=10.0):
 
 
 def autocorrelation(noise, distance, axis):
-    """Of all repeats [repeat, z, y, x], away from the edges."""
+    """Autocorrelation over all repeats [repeat, z, y, x], away from the edges."""
     near = noise.take(range(0, noise.shape[axis] - distance), axis)
     far = noise.take(range(distance, noise.shape[axis]), axis)
     return (near * far).mean() / (noise**2).mean()
 
 
-def test_mean_and_noise_are_the_images():
+def test_mean_and_noise_add_up_to_the_images():
     truth, images = scan()
     for noiseless in (None, truth):
         mean, noise = variants.split(images, noiseless)
@@ -44,7 +44,7 @@ def test_amplitude_scales_the_variance_over_repeats_by_its_square(factor, seed):
 
 
 @pytest.mark.parametrize("sigma", [(0, 1.0, 1.0), (0.8, 1.5, 1.5)])
-def test_texture_has_the_autocorrelation_of_the_gaussian_and_the_variance_it_had(sigma):
+def test_texture_has_a_gaussian_autocorrelation_and_the_same_variance(sigma):
     truth, images = scan(repeats=10, shape=(40, 60, 60))
     mean, noise = variants.split(images, truth)
     changed = variants.filter_noise(mean, noise, sigma) - mean
@@ -52,12 +52,12 @@ def test_texture_has_the_autocorrelation_of_the_gaussian_and_the_variance_it_had
     inside = changed[:, 10:-10, 10:-10, 10:-10]
     for axis, width in enumerate(sigma, start=1):
         for distance in (1, 2, 3):
-            # A sampled Gaussian of 0.8 voxels is 0.5 % off the closed form.
+            # A sampled Gaussian of 0.8 voxels differs by 0.5 % from the closed form.
             expected = np.exp(-(distance**2) / (4 * width**2)) if width else 0.0
             assert autocorrelation(inside, distance, axis) == pytest.approx(expected, abs=0.02)
 
 
-def test_texture_keeps_the_variance_where_it_is_asked_to_and_the_mean_everywhere():
+def test_texture_keeps_the_variance_on_request_and_the_mean_everywhere():
     _, images = scan()
     images[:, :, :12] += 40 * np.random.default_rng(1).normal(size=images[:, :, :12].shape)
     mean, noise = variants.split(images)
@@ -70,7 +70,7 @@ def test_texture_keeps_the_variance_where_it_is_asked_to_and_the_mean_everywhere
     assert np.allclose(variants.filter_noise(mean, noise, 0), images)
 
 
-def test_blur_widens_an_edge_and_leaves_the_noise():
+def test_blur_widens_an_edge_and_keeps_the_noise():
     """A step becomes the normal distribution function."""
     from scipy.stats import norm
 

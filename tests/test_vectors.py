@@ -1,4 +1,4 @@
-"""Scan geometries as vectors against the closed formulas of a circle and a helix."""
+"""Scan geometries given by vectors against the closed forms of a circle and a helix."""
 
 import math
 from dataclasses import replace
@@ -49,7 +49,7 @@ def by_hand(geometry, view, row, column):
 
 @settings(deadline=None)
 @given(orbits(), st.data())
-def test_vectors_of_an_orbit_are_its_closed_formulas(geometry, data):
+def test_vectors_of_an_orbit_equal_its_closed_form(geometry, data):
     vectors = geometry.by_vectors()
     place = [data.draw(st.integers(0, count - 1)) for count in geometry.shape]
     for one in (geometry, vectors):
@@ -62,7 +62,7 @@ def test_vectors_of_an_orbit_are_its_closed_formulas(geometry, data):
 
 @settings(deadline=None)
 @given(orbits(), st.floats(-7, 7))
-def test_frames_stay_orthonormal_and_turn_as_a_gantry_does(geometry, angle):
+def test_frames_stay_orthonormal_and_rotate_with_the_gantry(geometry, angle):
     for one in (geometry, geometry.by_vectors(), geometry.by_vectors().turned(angle)):
         frame = np.stack([one.column_direction, one.row_direction, one.normal], axis=1)
         np.testing.assert_allclose(frame @ frame.swapaxes(1, 2), np.tile(np.eye(3), (one.views, 1, 1)), atol=1e-12)
@@ -77,7 +77,7 @@ def test_frames_stay_orthonormal_and_turn_as_a_gantry_does(geometry, angle):
 
 @settings(deadline=None)
 @given(orbits())
-def test_an_orbit_seen_from_above_is_itself(geometry):
+def test_orbit_converted_to_vectors_and_back_is_unchanged(geometry):
     for one in (geometry, geometry.by_vectors()):
         above = one.upright("test")
         np.testing.assert_allclose(above.depth, geometry.source_to_isocentre_mm)
@@ -89,7 +89,7 @@ def test_an_orbit_seen_from_above_is_itself(geometry):
 
 
 @pytest.mark.parametrize("roll", [0.0, 0.3])
-def test_bundles_hold_every_ray_in_its_place(roll):
+def test_bundles_contain_every_ray_at_its_position(roll):
     geometry = rolled(circular(views=3, start_angle_rad=0.4, row_offset_px=0.3, **DETECTOR), roll)
     to, rows = geometry.bundles()
     assert to.shape == (3, 3, 21 if roll == 0 else 7 * 21)
@@ -101,7 +101,7 @@ def test_bundles_hold_every_ray_in_its_place(roll):
 
 
 def rolled(geometry, angle):
-    """The detector turned about its normal through the reference point."""
+    """Rotate the detector about its normal through the reference point."""
     columns, rows = geometry.column_direction, geometry.row_direction
     return replace(
         geometry.by_vectors(),
@@ -110,14 +110,14 @@ def rolled(geometry, angle):
     )
 
 
-def test_every_view_of_so_many_keeps_its_vectors_and_time():
+def test_every_nth_view_keeps_its_vectors_and_time():
     geometry = helical(views=9, volume_height_mm=50, **DETECTOR)
     fewer, expected = geometry.by_vectors().every(3), geometry.every(3)
     np.testing.assert_allclose(fewer.source_mm, expected.source_mm)
     np.testing.assert_array_equal(fewer.view_times, expected.view_times)
 
 
-def test_keys_tell_geometries_apart():
+def test_keys_distinguish_geometries():
     geometry = circular(views=4, **DETECTOR).by_vectors()
     assert geometry.key == circular(views=4, **DETECTOR).by_vectors().key
     assert geometry.key != replace(geometry, source_mm=geometry.source_mm + 1e-9).key
@@ -147,7 +147,7 @@ def test_impossible_vectors(changes, message):
         changed(**changes)
 
 
-def test_what_only_an_orbit_or_an_upright_detector_can_do_says_so():
+def test_operations_for_orbits_or_upright_detectors_report_others():
     geometry = rolled(circular(views=4, **DETECTOR), 0.1)
     with pytest.raises(InputError, match="fbp needs a circular or helical scan"):
         orbit_of(geometry, "fbp")

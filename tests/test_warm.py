@@ -1,4 +1,4 @@
-"""The Python of packages that are imported already does what Python does."""
+"""A forked Python with imported packages behaves like Python."""
 
 import os
 import signal
@@ -27,17 +27,17 @@ def script(tmp_path):
 
 
 @pytest.mark.parametrize("variables", [{}, {"NUMBA_CPU_NAME": "generic"}], ids=["forked", "with a Python of its own"])
-def test_it_does_what_python_does(script, tmp_path, variables):
+def test_forked_python_behaves_like_python(script, tmp_path, variables):
     environment = os.environ | {"GIVEN": "a b", "PYTHONPATH": "mine"} | variables
     run = dict(cwd=tmp_path, env=environment, input="said\n", capture_output=True, text=True)
-    theirs, ours = (subprocess.run([one, script, "7"], **run) for one in (sys.executable, warm.python()))
-    assert (ours.returncode, ours.stdout, ours.stderr) == (7, theirs.stdout, theirs.stderr)
-    assert theirs.stdout.startswith("['7']") and theirs.stderr == "said\n"
+    plain, forked = (subprocess.run([one, script, "7"], **run) for one in (sys.executable, warm.python()))
+    assert (forked.returncode, forked.stdout, forked.stderr) == (7, plain.stdout, plain.stderr)
+    assert plain.stdout.startswith("['7']") and plain.stderr == "said\n"
     broken = subprocess.run([warm.python(), script], **run)
     assert broken.returncode == 1 and "IndexError" in broken.stderr
 
 
-def test_what_nobody_waits_for_is_ended(tmp_path):
+def test_abandoned_process_is_ended(tmp_path):
     script, mark = tmp_path / "script.py", tmp_path / "mark"
     script.write_text(f"import os, time; open({str(mark)!r}, 'w').write(str(os.getpid())); time.sleep(300)")
     process = subprocess.Popen([warm.python(), script])

@@ -1,8 +1,8 @@
-"""A Python whose packages are imported already: each run is forked from one process, which costs 0.01 s and not 1 to 2.
+"""A Python with imported packages: each run is forked from one process, which takes 0.01 s instead of 1 to 2 s.
 
-`python()` is a program that takes `-m snakemake ...` and `script.py ...` as Python does, also from the jobs that such a
-run of Snakemake starts. Nothing of this project is imported before the fork. A run with other variables for Python or
-numba than the tests have gets a Python of its own.
+`python()` is a program that takes `-m snakemake ...` and `script.py ...` like Python, also in the jobs that such a run
+of Snakemake starts. No module of this project is imported before the fork. A run whose variables for Python or numba
+differ from those of the tests gets a separate Python.
 """
 
 import atexit
@@ -23,7 +23,7 @@ import threading
 from functools import cache
 from pathlib import Path
 
-# What most runs load: those of Snakemake, then jobs.
+# Packages that most runs load: first those of Snakemake, then those of jobs.
 IMPORTED = (
     "h5py",
     "jsonschema",
@@ -47,7 +47,7 @@ IMPORTED = (
     "skimage.measure",
     "threadpoolctl",
 )
-# Variables by which Python and packages are set up as they are loaded.
+# Variables that configure Python and packages when they are loaded.
 LOADED_WITH = ("NUMBA_", "PYTHON", "MPL", "ITK_", "LD_")
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 PATH = [*sys.path]
@@ -68,7 +68,7 @@ os._exit(int(code or 1))
 
 @cache
 def programs():
-    """A folder with `python` and `snakemake`."""
+    """Folder with `python` and `snakemake`."""
     folder = Path(tempfile.mkdtemp(prefix="warm-"))
     client, place = folder / "client.py", folder / "socket"
     client.write_text(CLIENT)
@@ -80,12 +80,12 @@ def programs():
     environment = os.environ | dict.fromkeys(THREADS, "1")
     serving = subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert serving.stdout.readline() == b"ready\n"
-    atexit.register(serving.communicate)  # it ends with its input
+    atexit.register(serving.communicate)  # ends with its input
     return folder
 
 
 def python():
-    """The program that starts as Python does."""
+    """Program that starts like Python."""
     return str(programs() / "python")
 
 
@@ -105,7 +105,7 @@ def serves(words, environment):
 
 
 def become(program, words, cwd, environment, files):
-    """Go on as a Python that was started with these words, to its end."""
+    """Continue as a Python that was started with these arguments, to its end."""
     for number, file in enumerate(files):
         os.dup2(file, number)
         os.close(file)
@@ -133,7 +133,8 @@ def become(program, words, cwd, environment, files):
     except BaseException:
         sys.excepthook(*sys.exc_info())
         code = 1
-    # As multiprocessing ends what it forked: taking all that was imported apart would write to all of its memory.
+    # Like multiprocessing for forked processes: a normal exit would free all imports and thus write to all of their
+    # memory.
     threading._shutdown()
     atexit._run_exitfuncs()
     sys.stdout.flush()
@@ -142,7 +143,7 @@ def become(program, words, cwd, environment, files):
 
 
 def received(connection):
-    """Files, and what was asked for."""
+    """File descriptors and the request."""
     head, files, _, _ = socket.recv_fds(connection, 8, 3)
     content = b""
     while len(content) < int.from_bytes(head, "big"):
@@ -151,7 +152,7 @@ def received(connection):
 
 
 def serve(program, place):
-    """Fork at every connection, and answer with the code of what was forked. Ends with its input."""
+    """Fork for every connection and answer with the exit code of the fork. Ends with its input."""
     for name in IMPORTED:
         importlib.import_module(name)
     sys.modules["snakemake.cli"].get_argument_parser()  # finds the plugins, which are imported
@@ -184,8 +185,8 @@ def serve(program, place):
                 else:
                     signal.set_wakeup_fd(-1)
                     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-                    for held in (waiting, listening, connection, woken, wake, *running.values()):
-                        held.close()
+                    for descriptor in (waiting, listening, connection, woken, wake, *running.values()):
+                        descriptor.close()
                     become(program, words, cwd, environment, files)
                 for file in files:
                     os.close(file)
@@ -200,7 +201,7 @@ def serve(program, place):
                         code = os.waitstatus_to_exitcode(status)
                         with connection, contextlib.suppress(BrokenPipeError):
                             connection.sendall(str(code if code >= 0 else 128 - code).encode())
-            else:  # who asked was killed
+            else:  # the client was killed
                 for process in [number for number, connection in running.items() if connection is one]:
                     waiting.unregister(one)
                     os.kill(process, signal.SIGTERM)

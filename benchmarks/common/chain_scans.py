@@ -47,7 +47,7 @@ def body(**changes):
     """Body of shapes with muscle, bone, fat and a PMMA rod; `changes` replaces inserts (None removes one)."""
     inserts = {name: ellipsoid(name, at, [radius] * 3) for name, (at, radius) in INSERTS.items()} | changes
     muscle = ellipsoid("soft_tissue", (0, 0, 0), (110, 80, 1000))
-    return [muscle, *(one for one in inserts.values() if one is not None), cylinder("pmma", *ROD)]
+    return [muscle, *(insert for insert in inserts.values() if insert is not None), cylinder("pmma", *ROD)]
 
 
 def shapes_scene():
@@ -62,18 +62,18 @@ def scans(chain, physics, random, pose=IN_PLACE, repeats=REPEATS):
     return observed.Scans(np.stack(lines).astype(np.float32), white, np.ones(lines[0].shape, bool))
 
 
-def strengths(name, wanted, random, given):
+def strengths(name, target_snr, random, prepared_data):
     """Parameters of an effect with a signal-to-noise ratio of `wanted`, or the largest that its range allows."""
     effect = load(name)
-    every = given.fitter.model.parameters(name)
-    typical = given.fitter.model.chain.fixed_parameters(name) | {
+    every = prepared_data.fitter.model.parameters(name)
+    typical = prepared_data.fitter.model.chain.fixed_parameters(name) | {
         parameter.name: parameter.typical for parameter in every
     }
     parameters = varied(every)
     if effect.pattern:
-        pixels = math.prod(given.data.mean.shape[1:])
-        noise = np.sqrt(1 / given.fitter.weights[0].reshape(given.data.mean.shape).sum(axis=0)).mean()
-        return typical | {"rms": float(noise * np.sqrt(wanted * np.sqrt(2 / pixels)))}
+        pixels = math.prod(prepared_data.data.mean.shape[1:])
+        noise = np.sqrt(1 / prepared_data.fitter.weights[0].reshape(prepared_data.data.mean.shape).sum(axis=0)).mean()
+        return typical | {"rms": float(noise * np.sqrt(target_snr * np.sqrt(2 / pixels)))}
     if not parameters:
         return {
             parameter.name: float(random.uniform(low, high))
@@ -86,11 +86,11 @@ def strengths(name, wanted, random, given):
         def beyond(logarithm, rest=rest, which=which, most=most):
             """Logarithm of the ratio of actual and wanted signal-to-noise ratio; nearly linear."""
             value = which.neutral + np.exp(logarithm) * (most - which.neutral)
-            stands = stands_out(given, {name: rest | {which.name: value}})
-            return np.log(max(stands, FAINTEST) / wanted)
+            snr = signal_to_noise(prepared_data, {name: rest | {which.name: value}})
+            return np.log(max(snr, FAINTEST) / target_snr)
 
         reached = beyond(0.0)
-        if reached >= np.log(WEAKEST / wanted):
+        if reached >= np.log(WEAKEST / target_snr):
             share = np.exp(brentq(beyond, np.log(LEAST_SHARE), 0.0, xtol=0.03)) if reached > 0 else 1.0
             return rest | {which.name: float(which.neutral + share * (most - which.neutral))}
     raise ValueError(f"{name}: the signal-to-noise ratio stays below {WEAKEST} within its range")
@@ -100,7 +100,7 @@ def stated(physics, model, random=None):
     """Declared physics with a relative SD of STATED; without `random`, the values are exact."""
     found = {}
     for name, values in physics.items():
-        low_high = {one.name: (one.low, one.high) for one in model.parameters(name)}
+        low_high = {parameter.name: (parameter.low, parameter.high) for parameter in model.parameters(name)}
         found[name] = {}
         for key, value in values.items():
             sd = STATED * abs(value)
@@ -110,13 +110,13 @@ def stated(physics, model, random=None):
     return found
 
 
-def stands_out(given, physics):
+def signal_to_noise(prepared_data, physics):
     """Signal-to-noise ratio of physics beyond the alignment, from a fit of the alignment to noise-free data."""
-    fitter = given.fitter
+    fitter = prepared_data.fitter
     place = {one.name: one.expected for one in fitter.model.aligned}
-    data, beside = fitter.data, stated_physics(fitter.model.declared)
-    there = Linearization(*2 * (LinearizationPoint.of(beside, place),)) if beside else BASE
-    there = fitter.model.predict(beside | physics, place, data, there)
+    data, known_physics = fitter.data, stated_physics(fitter.model.declared)
+    there = Linearization(*2 * (LinearizationPoint.of(known_physics, place),)) if known_physics else BASE
+    there = fitter.model.predict(known_physics | physics, place, data, there)
     clean = copy.copy(fitter)
     clean.data = replace(
         data, mean=there.mean, variance=np.exp(there.log_variance), correlation=there.correlation, white=there.white
@@ -127,8 +127,10 @@ def stands_out(given, physics):
 def scaled(chain, name, share):
     """Parameters of an effect at a share of its typical strength; those without a neutral value are typical."""
     return {
-        one.name: one.typical if one.neutral is None else one.neutral + share * (one.typical - one.neutral)
-        for one in chain.parameters(name)
+        parameter.name: parameter.typical
+        if parameter.neutral is None
+        else parameter.neutral + share * (parameter.typical - parameter.neutral)
+        for parameter in chain.parameters(name)
     }
 
 

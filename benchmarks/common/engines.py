@@ -52,7 +52,7 @@ def phantom(grid: Grid = GRID) -> np.ndarray:
     return (0.02 * body + 0.01 * ball).astype(np.float32)
 
 
-def ours(lanes: int, scan: ScanGeometry, grid: Grid = GRID, transpose: bool = False) -> Engine:
+def virtual_phantom(lanes: int, scan: ScanGeometry, grid: Grid = GRID, transpose: bool = False) -> Engine:
     """Virtual Phantom's projector with a batch of `lanes`; transpose: the exact adjoint, not the voxel-driven one."""
     projector = CpuProjector(scan, grid, lanes)
     volume = projector.pack_volume(np.repeat(phantom(grid)[None], lanes, 0))
@@ -60,7 +60,7 @@ def ours(lanes: int, scan: ScanGeometry, grid: Grid = GRID, transpose: bool = Fa
     back = projector.adjoint if transpose else projector.back
     circle = scan.feed_per_rotation_mm == 0
     return Engine(
-        f"ours, {lanes} at once" + (", adjoint" if transpose else "") + ("" if circle else ", helix"),
+        f"Virtual Phantom, {lanes} at once" + (", adjoint" if transpose else "") + ("" if circle else ", helix"),
         lambda: projector.forward(volume),
         lambda: back(projections, out=out),
         lanes * projections[:, 1:-1, 1:-1, 0].size,

@@ -46,7 +46,7 @@ def pair(edge=128, views=engines.VIEWS, lanes=16):
     """One forward and one back-projection; the detector keeps its pixels."""
     slices = edge * 3 // 8
     grid = Grid((slices, edge, edge), (96 / slices, 300.8 / edge, 300.8 / edge))
-    one = engines.ours(lanes, engines.geometry(views), grid)
+    one = engines.virtual_phantom(lanes, engines.geometry(views), grid)
 
     def both():
         one.forward()

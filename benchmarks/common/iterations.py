@@ -40,7 +40,7 @@ def compared():
 
         for solver in ("chebyshev", "plain"):
             (seconds,) = medians([lambda solver=solver, solve=solve: solve(solver)], 1)
-            rows.append({"solver": f"ours, {solver}, {lanes} at once", "seconds_per_image": seconds / lanes})
+            rows.append({"solver": f"Virtual Phantom, {solver}, {lanes} at once", "seconds_per_image": seconds / lanes})
     noise_sd = float((images[LANES, "plain"] - images[LANES, "plain"].mean(axis=0)).std())
     off = float((images[LANES, "chebyshev"] - images[LANES, "plain"]).std())
     rows[0]["off_plain_over_noise_sd"] = off / noise_sd
@@ -50,7 +50,7 @@ def compared():
     share = GRID.shape[0] * ITERATIONS / OF_ASTRA
     rows.append({"solver": "ASTRA, 2D fan beam, slice by slice", "seconds_per_image": astra * share})
     for row in rows:
-        row["over_ours"] = row["seconds_per_image"] / rows[0]["seconds_per_image"]
+        row["over_virtual_phantom"] = row["seconds_per_image"] / rows[0]["seconds_per_image"]
     rows.append(memory())
     return rows
 
@@ -93,8 +93,8 @@ def astra_slice():
 def memory():
     """Additional memory of a Chebyshev reconstruction relative to the arrays that it must hold."""
     with get_context("spawn").Pool(1) as pool:
-        needed, held = pool.apply(_memory)
-    return {"solver": "ours, memory", "needed_mib": needed / 2**20, "over_arrays": needed / held}
+        needed, array_bytes = pool.apply(_memory)
+    return {"solver": "Virtual Phantom, memory", "needed_mib": needed / 2**20, "over_arrays": needed / array_bytes}
 
 
 def _memory():
@@ -109,8 +109,8 @@ def _memory():
     after = _peak()
     volume, block = projector.empty_volume().nbytes, projector.views_per_block
     packed = projector.pack_projections(lines).nbytes
-    held = lines.nbytes + packed + packed / LANES + 4 * volume + volume / LANES + packed * block / 64
-    return after - before, held
+    array_bytes = lines.nbytes + packed + packed / LANES + 4 * volume + volume / LANES + packed * block / 64
+    return after - before, array_bytes
 
 
 def _peak():

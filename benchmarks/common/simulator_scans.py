@@ -37,7 +37,7 @@ def left_to_do(options, rows):
     drawn = {name: getattr(options, name) for name in ("seed", "effects", "strengths", "none", "pairs", "unknown")}
     drawn["unknown_kinds"] = vars(options).get("kinds")
     done = {row["truth"]["case"] for row in rows}
-    return {case: truth for case, truth in truths(asked_of_proof(drawn)).items() if case not in done}
+    return {case: truth for case, truth in truths(proof_settings(drawn)).items() if case not in done}
 
 
 def recorded(folder, truth, config, seed, baseline=None):
@@ -60,7 +60,7 @@ def recorded(folder, truth, config, seed, baseline=None):
     return model | {"seed": config["seed"], "protocol": None}
 
 
-def asked_of_proof(drawn):
+def proof_settings(drawn):
     """Settings of the section `proof` for small projections, with no pairs by default."""
     settings = {
         "pairs": 0,
@@ -78,13 +78,17 @@ ORDER, TRUTH = range(2)  # branches of the seed
 LEFT_OUT = ("view_blur",)  # not declared: it multiplies the rays of each fit
 
 
-def statable() -> list[str]:
+def declarable_effects() -> list[str]:
     """Effects whose parameters all exist in the simulator."""
     found = []
     for name in KNOWN:
         effect = load(name)
         _, comparable = CATALOGUE[name].draw("medium", generator(branch(0, TRUTH)))
-        if name not in LEFT_OUT and not effect.pattern and {one.name for one in effect.parameters} <= set(comparable):
+        if (
+            name not in LEFT_OUT
+            and not effect.pattern
+            and {parameter.name for parameter in effect.parameters} <= set(comparable)
+        ):
             found.append(name)
     return found
 

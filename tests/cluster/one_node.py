@@ -1,9 +1,9 @@
-"""A real SLURM of one node on this machine: munge, controller and node daemon, in a folder of its own.
+"""A real SLURM of one node on this machine: munge, controller and node daemon in a folder of their own.
 
-Needs Debian's slurm-wlm and munge (`apt-get install -y slurm-wlm munge`) and root. No systemd, no cgroups, no database:
-states are asked of the controller, which remembers every job. Snakemake's plugin takes SLURM's variables out of the
-environment, SLURM_CONF among them, so that the configuration must be where SLURM looks for it: the folder is mounted on
-/etc/slurm, in a mount namespace that nothing else sees.
+Needs Debian's slurm-wlm and munge (`apt-get install -y slurm-wlm munge`) and root, but no systemd, cgroups or database:
+the controller remembers every job. Snakemake's plugin removes SLURM's variables, SLURM_CONF among them, from the
+environment. The configuration must therefore be at SLURM's default path: the folder is mounted on /etc/slurm in a
+private mount namespace.
 """
 
 import contextlib
@@ -51,7 +51,7 @@ PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
 
 
 def in_own_mounts():
-    """Start this program again where mounts are its own; returns there."""
+    """Restart this program in a private mount namespace; returns there."""
     if os.environ.get(MARK) is None:
         if os.geteuid() != 0:
             raise SystemExit("munge and SLURM are started for all users here: run this as root")
@@ -61,7 +61,7 @@ def in_own_mounts():
 
 @contextlib.contextmanager
 def one_node(folder: Path):
-    """Environment variables with which commands find the cluster that runs while the context lasts."""
+    """Environment variables with which commands find the cluster while the context lasts."""
     missing = [name for name in PROGRAMS if shutil.which(name) is None]
     if missing:
         raise SystemExit(f"{', '.join(missing)} not found; apt-get install -y slurm-wlm munge")
@@ -83,7 +83,7 @@ def one_node(folder: Path):
             gpus=len(PRETENDED_GPUS),
         )
     )
-    # Files that are no devices of that kind: SLURM counts them and no more.
+    # Ordinary files instead of devices: SLURM only counts them.
     gpus = "".join(f"NodeName={host} Name=gpu File={file}\n" for file in PRETENDED_GPUS)
     (folder / "gres.conf").write_text(gpus)
     (folder / "cgroup.conf").write_text("CgroupAutomount=no\nConstrainCores=no\nConstrainRAMSpace=no\n")
@@ -108,8 +108,11 @@ def one_node(folder: Path):
 
 
 def jobs(environment: dict) -> list[dict]:
-    """Every job so far: id, state, gpus (as SLURM writes what was asked for), comment (the rules that Snakemake names),
-    and the seconds that it waited and ran."""
+    """All jobs so far.
+
+    Each has an id, a state, `gpus` (the request as SLURM writes it), a comment (the rules that Snakemake names), and
+    the seconds of waiting and running.
+    """
     columns = "JobID:|,State:|,SubmitTime:|,StartTime:|,EndTime:|,tres-per-job:|,Comment:200"
     found = []
     for line in _run(["squeue", "-h", "-t", "all", "-O", columns], environment).splitlines():
@@ -120,7 +123,7 @@ def jobs(environment: dict) -> list[dict]:
 
 
 def running(environment: dict) -> list[int]:
-    """Jobs that wait, run or are being ended."""
+    """Jobs that wait, run or are being completed."""
     return [int(line) for line in _run(["squeue", "-h", "-o", "%A"], environment).split()]
 
 
@@ -141,7 +144,7 @@ def _run(command, environment, check=True):
 
 @contextlib.contextmanager
 def _daemon(command, output, environment):
-    """A program in the foreground of a session of its own, ended with its context."""
+    """Run a program in the foreground of its own session and end it with the context."""
     with open(output, "w", encoding="utf-8") as file:
         process = subprocess.Popen(command, env=environment, stdout=file, stderr=file, start_new_session=True)
         try:
@@ -169,4 +172,4 @@ def _free_ports(count):
         sockets = [stack.enter_context(socket.socket()) for _ in range(count)]
         for one in sockets:
             one.bind(("127.0.0.1", 0))
-        return [one.getsockname()[1] for one in sockets]
+        return [socket.getsockname()[1] for socket in sockets]

@@ -1,10 +1,10 @@
-"""The SLURM profile on a real SLURM, by hand: tiny study, failure, resumption, GPUs, no device, and the tutorial.
+"""Run the SLURM profile on a real SLURM: tiny study, failure, resumption, GPUs, no device, and the tutorial.
 
     .venv/bin/pip install --no-deps -r environment-slurm.txt
     .venv/bin/python tests/cluster/run.py
 
-As root, with Debian's slurm-wlm and munge, which it starts on one node in a temporary folder and ends again. Takes some
-minutes; prints what it found, and exits with 1 if anything was not as it should be.
+Run it by hand, as root and with Debian's slurm-wlm and munge. It starts SLURM on one node in a temporary folder and
+ends it again. It takes some minutes, prints its findings, and exits with 1 after a failed check.
 """
 
 import argparse
@@ -22,13 +22,13 @@ import yaml
 from one_node import PRETENDED_GPUS, in_own_mounts, jobs, one_node, running
 
 ROOT = Path(__file__).resolve().parents[2]
-# Helpers of tests in another folder, which Python does not look into for a program that is run from here.
+# Helpers of tests in another folder, which is not on the import path of a program that is run from here.
 PAGES = run_path(str(ROOT / "tests" / "pages.py"))
 TINY = ROOT / "config" / "tiny.yaml"
 
 
 def command(results, *targets, overlay=None):
-    """Snakemake through the profile, results and SLURM's logs in a folder of their own."""
+    """Snakemake with the profile; results and SLURM's logs are in their own folder."""
     files = [TINY]
     if overlay is not None:
         files.append(results.parent / f"{results.name}.yaml")
@@ -67,18 +67,18 @@ def run(environment, results, *targets, overlay=None, more=()):
     return done.returncode, done.stdout + done.stderr, time.monotonic() - began, jobs(environment)[before:]
 
 
-def told(title, seconds, submitted):
-    """One line on a run's jobs."""
+def job_summary(title, seconds, submitted):
+    """Describe the jobs of a run in one line."""
     states = pd.Series([job["state"] for job in submitted]).value_counts().to_dict()
     spent = sum(job["run"] or 0 for job in submitted)
     print(f"{title}: {seconds:.0f} s, {len(submitted)} SLURM jobs {states}, {spent:.0f} s in jobs", flush=True)
 
 
 def study(environment, folder):
-    """End to end, every result where it belongs, and nothing to be done afterwards."""
+    """Run the study; all results are at their paths and a second run has nothing to do."""
     results = folder / "study"
     code, text, seconds, submitted = run(environment, results)
-    told("tiny study", seconds, submitted)
+    job_summary("tiny study", seconds, submitted)
     for job in submitted:
         times = f"waited {job['waited']:3.0f} s, ran {job['run']:4.0f} s"
         print(f"    {job['id']:4d} {job['state']:10s} {times}  {job['comment']}")
@@ -90,13 +90,13 @@ def study(environment, folder):
 
 
 def failure(environment, folder):
-    """The one line that says what is wrong is shown by the snakemake that submitted the job."""
+    """The snakemake that submitted a failed job prints the line with the reason."""
     results = folder / "failure"
     rois = [{"name": "a", "tissue_class": "b", "file": "mask.nii.gz"}]
     phantom = {"source": "ct", "ct": {"image": str(folder / "none.nii.gz"), "rois": rois}}
     overlay = {"phantom": phantom, "measured": {"overlay": False}}
     code, text, seconds, submitted = run(environment, results, results / "phantom" / "image.nii.gz", overlay=overlay)
-    told("a job that fails", seconds, submitted)
+    job_summary("a job that fails", seconds, submitted)
     lines = [line.strip() for line in text.splitlines() if "none.nii.gz" in line and "Failed: " in line]
     print("    " + "\n    ".join(dict.fromkeys(lines)))
     expect(text.splitlines()[-1].startswith("Failed: phantom of "), "and in the last line", text)
@@ -106,7 +106,7 @@ def failure(environment, folder):
 
 
 def resumption(environment, folder):
-    """Killed while jobs run, its jobs cancelled, and run again: what was finished is not made again."""
+    """Kill Snakemake while jobs run, cancel its jobs and run it again: finished jobs are not repeated."""
     results = folder / "resumption"
     targets = [results / "features" / f"{algorithm}_300" / "dose10" / "seed00.csv" for algorithm in ("sirt", "fbp")]
     process = subprocess.Popen(
@@ -119,7 +119,7 @@ def resumption(environment, folder):
     )
     phantom, began = results / "phantom" / "image.nii.gz", time.monotonic()
     before = len(jobs(environment))
-    # The second of its jobs runs: the images.
+    # The second of its jobs, the images, is running.
     while not any(job["state"] == "RUNNING" for job in jobs(environment)[before + 1 :]):
         if process.poll() is not None or time.monotonic() - began > 300:
             raise SystemExit("not so: the images' job runs within 300 s")
@@ -133,14 +133,14 @@ def resumption(environment, folder):
         time.sleep(0.5)
     made = phantom.stat().st_mtime_ns
     code, text, seconds, submitted = run(environment, results, *targets)
-    told("resumed", seconds, submitted)
+    job_summary("resumed", seconds, submitted)
     expect(code == 0 and all(target.exists() for target in targets), "it is finished", text)
     expect(phantom.stat().st_mtime_ns == made, "the phantom is not made again")
     expect(not list(results.rglob(".partial-*")), "nothing half written is left")
 
 
 def graphics(environment, folder):
-    """Jobs that ask for a GPU get one, however many go together. SLURM counts GPUs here that are not there."""
+    """Jobs that need a GPU get one, also in a group. SLURM counts GPUs that do not exist here."""
     results = folder / "graphics"
     targets = [
         results / "features" / f"{name}_{views}" / "dose10" / "seed00.csv"
@@ -149,34 +149,38 @@ def graphics(environment, folder):
     ]
     rules = [f"reconstruct_{number}:gpu=1" for number in range(3)]
     code, text, seconds, submitted = run(environment, results, *targets, more=["--set-resources", *rules])
-    told("images with a GPU", seconds, submitted)
-    asked = {job["comment"].split("_")[1]: job["gpus"] for job in submitted}
-    print(f"    asked for: {asked}")
+    job_summary("images with a GPU", seconds, submitted)
+    requested = {job["comment"].split("_")[1]: job["gpus"] for job in submitted}
+    print(f"    asked for: {requested}")
     expect(code == 0 and all(target.exists() for target in targets), "it ends well", text)
     expect(
-        asked["acquisitions"].endswith("gpu:1") and "gpu" not in asked["preparation"], "one GPU for the images alone"
+        requested["acquisitions"].endswith("gpu:1") and "gpu" not in requested["preparation"],
+        "one GPU for the images alone",
     )
 
 
 def no_device(environment, folder):
-    """engine: astra_cuda, submitted where a device seems to be and run where there is none. Jobs that need none are
-    done; one that does waits for a GPU that SLURM counts, gets it, and says in a line that there is none."""
+    """Submit engine: astra_cuda from a node that seems to have a device to a node without one.
+
+    Jobs that need no device succeed. The job that needs one waits for a GPU that SLURM counts, gets it, and reports
+    that there is no device.
+    """
     results = folder / "no_device"
     overlay = {"engine": "astra_cuda", "reconstruction": {"sirt": {"backprojector": "voxel"}}}
     paths = [str(_seeming_device(folder / "seeming")), *filter(None, [environment.get("PYTHONPATH")])]
     pretending = environment | {"PYTHONPATH": os.pathsep.join(paths)}
     clean, kernels = results / "projections" / "views300" / "clean.h5", results / "logs" / "kernels" / "3.txt"
     code, text, seconds, prepared = run(pretending, results, clean, kernels, overlay=overlay)
-    told("preparation with engine: astra_cuda", seconds, prepared)
+    job_summary("preparation with engine: astra_cuda", seconds, prepared)
     expect(code == 0 and clean.exists(), "what needs no device is done without one", text)
     expect(not any("gpu" in job["gpus"] for job in prepared), "and asked for none")
-    # All GPUs that SLURM knows of are taken.
-    held = f"--gpus={len(PRETENDED_GPUS)}"
-    holder = ["sbatch", "--parsable", held, "--mem=10", "--output=/dev/null", "--wrap=sleep 600"]
+    # All GPUs that SLURM counts are in use.
+    gpu_option = f"--gpus={len(PRETENDED_GPUS)}"
+    holder = ["sbatch", "--parsable", gpu_option, "--mem=10", "--output=/dev/null", "--wrap=sleep 600"]
     number = subprocess.run(holder, env=environment, check=True, capture_output=True, text=True).stdout.strip()
     before = len(jobs(environment))
     targets = [results / "features" / f"{algorithm}_300" / "dose10" / "seed00.csv" for algorithm in ("sirt", "fbp")]
-    # One bundle to a job, so that each asks for what it needs itself.
+    # One bundle per job, so that each requests its own resources.
     alone = ["--group-components", "acquisitions=1", "--keep-going"]
     began = time.monotonic()
     with open(folder / "no_device.txt", "w+", encoding="utf-8") as output:
@@ -195,28 +199,30 @@ def no_device(environment, folder):
         _print_of_job(environment, waits["id"], ("JobState=", "TresPerJob="))
         expect("Reason=Resources" in _job(environment, waits["id"]), "it waits for resources, the other one has ended")
         subprocess.run(["scancel", number], env=environment, check=True)
-        # What a job was given is told while it runs.
-        while "JobState=RUNNING" not in (given := _job(environment, waits["id"])) and process.poll() is None:
+        # SLURM reports the resources of a job only while it runs.
+        while "JobState=RUNNING" not in (record := _job(environment, waits["id"])) and process.poll() is None:
             time.sleep(0.2)
-        expect("GRES=gpu:1(IDX:" in given, "once there is one, it is given one", given)
+        expect("GRES=gpu:1(IDX:" in record, "once there is one, it is given one", record)
         process.wait(400)
         output.seek(0)
         text = output.read()
     submitted = jobs(environment)[before:]
-    told("images with engine: astra_cuda", time.monotonic() - began, submitted)
+    job_summary("images with engine: astra_cuda", time.monotonic() - began, submitted)
     _print_of_job(environment, waits["id"], ("JobState=", "ExitCode=", "TimeLimit="))
     lines = dict.fromkeys(line.strip() for line in text.splitlines() if "engine: astra_cuda needs a CUDA" in line)
     print("    " + "\n    ".join(lines))
     failed = [job for job in submitted if job["state"] == "FAILED"]
     expect([job["id"] for job in failed] == [waits["id"]], "it alone has failed", text)
-    asked = [job["id"] for job in submitted if "gpu" in job["gpus"]]
-    expect(asked == [waits["id"]] and failed[0]["gpus"].endswith("gpu:1"), "it alone asked for a GPU, for one", text)
+    requested = [job["id"] for job in submitted if "gpu" in job["gpus"]]
+    expect(
+        requested == [waits["id"]] and failed[0]["gpus"].endswith("gpu:1"), "it alone asked for a GPU, for one", text
+    )
     expect(process.returncode == 1 and lines, "where there is no device, a line says so", text)
     expect(targets[1].exists() and not targets[0].exists(), "images by FBP are there, those by SIRT are not", text)
 
 
 def _seeming_device(folder):
-    """A folder for PYTHONPATH, with which ASTRA says outside of SLURM's jobs that there is a device."""
+    """Folder for PYTHONPATH with which ASTRA reports a device outside of SLURM's jobs."""
     folder.mkdir()
     (folder / "sitecustomize.py").write_text(
         "import os\nif 'SLURM_JOB_ID' not in os.environ:\n    import astra\n    astra.use_cuda = lambda: True\n"
@@ -225,15 +231,15 @@ def _seeming_device(folder):
 
 
 def _left_waiting(submitted):
-    """The job that waits while all others have ended well; None if it is not so."""
+    """The job that waits after all others have succeeded, or None."""
     others = [job for job in submitted if job["state"] != "COMPLETED"]
     return others[0] if len(others) == 1 and others[0]["state"] == "PENDING" else None
 
 
 def _job(environment, number):
-    """What the controller knows of a job."""
-    asked = ["scontrol", "show", "job", "-d", str(number)]
-    return subprocess.run(asked, env=environment, check=True, capture_output=True, text=True).stdout
+    """Controller's record of a job."""
+    requested = ["scontrol", "show", "job", "-d", str(number)]
+    return subprocess.run(requested, env=environment, check=True, capture_output=True, text=True).stdout
 
 
 def _print_of_job(environment, number, keys):
@@ -243,16 +249,16 @@ def _print_of_job(environment, number, keys):
 
 
 def tutorial(environment, folder):
-    """docs/how-to/cluster.md to the letter, in a copy of the project."""
+    """Follow docs/how-to/cluster.md in a copy of the project."""
     project, before, began = folder / "tutorial", len(jobs(environment)), time.monotonic()
     PAGES["copy_project"](ROOT, project)
     PAGES["follow"](project / "docs" / "how-to" / "cluster.md", project, slurm=True)
-    told("the tutorial", time.monotonic() - began, submitted := jobs(environment)[before:])
+    job_summary("the tutorial", time.monotonic() - began, submitted := jobs(environment)[before:])
     expect(submitted and {job["state"] for job in submitted} == {"COMPLETED"}, "SLURM completed all of its jobs")
 
 
 def expect(true, what, text=""):
-    """Go on if it is so."""
+    """Exit with a message if the condition is false."""
     if not true:
         print(text[-6000:])
         raise SystemExit(f"not so: {what}")
@@ -267,7 +273,7 @@ def main():
     parser.add_argument("scenarios", nargs="*", metavar="|".join(SCENARIOS), help="all by default")
     options = parser.parse_args()
     in_own_mounts()
-    # So that the daemons are ended with it.
+    # So that the daemons are ended too.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended from outside"))
     with tempfile.TemporaryDirectory(prefix="one_node_") as name, one_node(Path(name) / "slurm") as environment:
         for scenario in options.scenarios or SCENARIOS:

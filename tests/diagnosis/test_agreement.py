@@ -1,4 +1,4 @@
-"""The table of agreement: of images with known differences, and of a scan whose blur is concealed."""
+"""Agreement tables: images with known differences, and a scan with a hidden blur."""
 
 import json
 
@@ -35,7 +35,7 @@ def disc(regions, repeats, seed, *, hu=0.0, sigma=10.0, blur=1.0):
     return clean + random.normal(0, sigma, (repeats, *clean.shape))
 
 
-def test_known_differences_are_the_ones_in_the_table():
+def test_table_reports_known_differences():
     regions = disc_regions()
     simulated = {
         "before": disc(regions, 4, 2, hu=-50.0, sigma=8.0, blur=0.8),
@@ -54,7 +54,7 @@ def test_known_differences_are_the_ones_in_the_table():
     json.dumps(found, allow_nan=False)
 
 
-def test_the_floor_falls_with_the_root_of_the_repeats():
+def test_noise_floor_falls_with_square_root_of_repeats():
     regions = disc_regions()
     floors = []
     for repeats in (9, 33):  # 8 and 32 independent differences
@@ -64,7 +64,7 @@ def test_the_floor_falls_with_the_root_of_the_repeats():
     np.testing.assert_allclose(np.divide(*floors), 2, rtol=0.2)
 
 
-def test_a_single_repeat_has_no_noise_and_no_floor():
+def test_single_repeat_has_no_noise_and_no_floor():
     regions = disc_regions()
     found = agreement(disc(regions, 1, 1), {"after": disc(regions, 1, 2)}, regions, features=Features(regions))
     assert set(found["metrics"]) == {"contrast", "resolution"}
@@ -83,7 +83,7 @@ def test_features_within_a_repeat_sd_are_counted():
         "metrics"
     ]["features"]
     assert entry["same"]["value"] == 1.0 and 0.3 < entry["other"]["value"] < 1.0
-    # Means of three and three repeats lie within an SD of two degrees of freedom: Student's t at sqrt(3/2).
+    # Means of three repeats each differ by less than an SD with two degrees of freedom: Student's t at sqrt(3/2).
     t = np.sqrt(1.5)
     assert entry["floor"] == pytest.approx(t / np.sqrt(2 + t**2))
 
@@ -113,20 +113,20 @@ def diagnosed(scene, geometry, physics, library, repeats=8):
     lines = noisy_lines(state, repeats, np.random.default_rng(np.random.SeedSequence(4))).astype(np.float32)
     white = (state.measured_air * state.photons).mean(axis=0)
     taken = observed.Scans(lines, white, np.ones(lines.shape[1:], bool))
-    given = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
-    return taken, given, chosen(given.fitter, library)
+    prepared_data = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
+    return taken, prepared_data, chosen(prepared_data.fitter, library)
 
 
-def test_concealed_blur_is_off_before_and_within_noise_after(scanned):
+def test_hidden_blur_disagrees_before_the_fit_and_agrees_within_noise_after(scanned):
     scene = VoxelScene.of(scanned.fine, Segmentation(), MU_WATER)
     physics = {"optical_crosstalk": {"column": 0.08, "row": 0.08}}
-    taken, given, choice = diagnosed(scene, GEOMETRY, physics, ("optical_crosstalk", "scatter"))
+    taken, prepared_data, choice = diagnosed(scene, GEOMETRY, physics, ("optical_crosstalk", "scatter"))
     repeats = held_out_repeats(taken, None)
     assert len(repeats) == 4 and np.array_equal(repeats.repeats, taken.repeats[1::2])
-    found = agreement_of_repeats(repeats, given, choice, MU_WATER, np.random.SeedSequence(1), scanned)
+    found = agreement_of_repeats(repeats, prepared_data, choice, MU_WATER, np.random.SeedSequence(1), scanned)
     assert found["left_out"] == {} and found["rois"] == ["bone", "fat"] and found["repeats"] == 4
     metrics = found["metrics"]
-    # What is shared with neighbours lowers both the noise and the resolution.
+    # Sharing between neighbors lowers noise and resolution.
     for name in ("resolution", "noise_magnitude"):
         assert metrics[name]["before"]["relative_difference"] > max(0.1, 5 * metrics[name]["floor"]), name
     for name in METRICS:
@@ -137,8 +137,8 @@ def test_concealed_blur_is_off_before_and_within_noise_after(scanned):
     assert "resolution (frequency at MTF 0.5)" in html and "64 × 64" in html and "Not measured" not in html
 
 
-def test_regions_lie_where_the_pose_puts_the_object(scanned):
-    """The chain's own projections of a displaced and turned object, reconstructed."""
+def test_regions_follow_the_pose_of_the_object(scanned):
+    """Reconstruct the chain's projections of a shifted and rotated object."""
     pose = Pose(x_mm=9.0, y_mm=-7.0, turn_deg=25.0)
     lines = Chain(VoxelScene.of(scanned.fine, Segmentation(), MU_WATER), GEOMETRY).state({}, pose).line_integrals()
     grid = image_grid(GEOMETRY, scanned.radius_mm + 12)
@@ -149,11 +149,11 @@ def test_regions_lie_where_the_pose_puts_the_object(scanned):
         regions = phantom_regions(grid, valid, scanned, where)
         means[name] = image[regions.rois["bone"]].mean()
         half = image[np.abs(regions.distance_mm) < 1].mean()
-        assert (abs(half + 490) < 40) == (name == "moved")  # half-way from air to the body, at its edge alone
+        assert (abs(half + 490) < 40) == (name == "moved")  # halfway from air to the body, at its edge
     assert means["moved"] == pytest.approx(800, rel=0.02) and means["unmoved"] < 700
 
 
-def test_a_scan_of_less_than_half_a_turn_is_told_in_one_line():
+def test_scan_of_less_than_half_a_turn_is_rejected_in_one_line():
     geometry = circular(
         views=40,
         turns=0.3,
@@ -164,15 +164,17 @@ def test_a_scan_of_less_than_half_a_turn_is_told_in_one_line():
         column_pitch_mm=1.6,
         row_pitch_mm=1.6,
     )
-    taken, given, choice = diagnosed(DiscScene(70.0, "pmma"), geometry, {}, ("scatter",), repeats=4)
-    found = agreement_of_repeats(held_out_repeats(taken, None), given, choice, MU_WATER, np.random.SeedSequence(1))
+    taken, prepared_data, choice = diagnosed(DiscScene(70.0, "pmma"), geometry, {}, ("scatter",), repeats=4)
+    found = agreement_of_repeats(
+        held_out_repeats(taken, None), prepared_data, choice, MU_WATER, np.random.SeedSequence(1)
+    )
     assert found["metrics"] == {} and "do not contain all directions of rays" in found["left_out"]["images"]
     html = agreement_table(found)
     assert "Images were not compared (scan: 40 views over 0.3 turns" in html and "<table>" not in html
     assert agreement_table(None) == ""
 
 
-def test_the_grid_shows_the_object_with_air_around_and_only_complete_slices(scanned):
+def test_grid_shows_the_object_with_air_around_it_and_complete_slices_only(scanned):
     grid = image_grid(GEOMETRY, scanned.radius_mm)
     assert scanned.radius_mm == pytest.approx(105, abs=2.7)
     assert grid.spacing[2] == pytest.approx(8 * 570 / 1040) and max(grid.shape) <= 128
@@ -182,7 +184,7 @@ def test_the_grid_shows_the_object_with_air_around_and_only_complete_slices(scan
     assert valid[:, np.hypot(y[:, None], x) < scanned.radius_mm].all()
 
 
-def test_rays_that_measured_nothing_lie_between_their_neighbours():
+def test_rays_without_counts_are_interpolated_from_their_neighbors():
     lines = np.tile(np.arange(6.0, dtype=np.float32), (2, 1, 2, 1))
     usable = np.ones((1, 2, 6), bool)
     usable[0, 0, 2:4] = False
@@ -190,7 +192,7 @@ def test_rays_that_measured_nothing_lie_between_their_neighbours():
     np.testing.assert_allclose(filled(broken, usable), lines)
 
 
-def test_repeats_that_are_compared():
+def test_number_of_compared_repeats():
     lines = np.arange(6.0).reshape(6, 1, 1, 1)
     taken = observed.Scans(lines, None, np.ones((1, 1, 1), bool))
     further = observed.Scans(lines[:2] + 10, None, taken.usable)

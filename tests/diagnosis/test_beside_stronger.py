@@ -1,4 +1,4 @@
-"""What moves rays beside a strong effect: named by what inexact models of that cannot make up, however little it is."""
+"""Weak ray-moving effects together with a strong effect: they are named if model errors cannot explain them."""
 
 import numpy as np
 import pytest
@@ -19,36 +19,36 @@ ACCURACY = {"default": 0.3, "numerical": 0.0}
 CHAIN = Chain(DiscScene(160.0, "water"), disc_bench(view_interval_ms=25.0), PHOTONS)
 
 
-def chosen(physics, tried=TRIED, added=0.0, seed=3):
-    """The choice of four repeats, to whose lines something is added."""
+def selected_effects(physics, tried=TRIED, added=0.0, seed=3):
+    """Effect selection for four repeats with `added` line integrals."""
     scans = scans_of(CHAIN.state(physics), 4, np.random.default_rng(seed), added)
     fitter = prepared.prepare(scans, None, CHAIN, nominal_photons=PHOTONS).fitter
     return forward_selection.choose(fitter, trial(fitter, ()), tried, accuracy=ACCURACY)
 
 
-def test_it_is_named_beside_what_is_stronger_by_far(monkeypatch):
-    choice = chosen(STRONG | WEAK)
+def test_weak_motion_is_named_together_with_a_much_stronger_effect(monkeypatch):
+    choice = selected_effects(STRONG | WEAK)
     assert choice.chosen.fit.effects == ("dark_signal", "motion") and choice.unconfounded == {"motion"}
     assert 0 < choice.gains["motion"] < choice.tolerance
     assert choice.ambiguous_with("motion") == [] and "afterglow" in choice.ruled_out
     assert choice.chosen.fit.physics["motion"]["x_mm_per_s"] == pytest.approx(0.25, rel=0.2)
     monkeypatch.setattr(screening, "KEPT_BESIDE_MODEL_ERROR", np.inf)
-    choice = chosen(STRONG | WEAK)
+    choice = selected_effects(STRONG | WEAK)
     assert choice.chosen.fit.effects == ("dark_signal",) and list(choice.undecided) == ["motion"]
 
 
 @pytest.mark.parametrize("shape", range(6))
-def test_what_an_inexact_model_leaves_is_no_motion(shape):
-    """However strong: a tenth of what the dark signal changes is spread otherwise than its model has it."""
+def test_model_error_of_a_strong_effect_is_not_reported_as_motion(shape):
+    """A tenth of the change by the dark signal has another distribution than in the model."""
     exact, none = (CHAIN.state(physics).line_integrals() for physics in (STRONG, {}))
     spread = list(shapes(exact).values())[shape]
-    choice = chosen(STRONG, added=0.1 * spread * (exact - none))
+    choice = selected_effects(STRONG, added=0.1 * spread * (exact - none))
     assert "motion" not in choice.chosen.fit.effects and not choice.unconfounded
 
 
-def test_of_two_that_are_alike_neither_is():
-    """Where inexact models may make up as much and two effects explain it alike, nothing tells them from a model."""
+def test_neither_of_two_similar_effects_is_named_within_model_error():
+    """Model errors may be as large, and two effects explain them equally well."""
     both = ("dark_signal", "centre_of_rotation", "detector_offset")
-    choice = chosen(STRONG | {"detector_offset": {"columns_px": 0.01}}, both)
+    choice = selected_effects(STRONG | {"detector_offset": {"columns_px": 0.01}}, both)
     assert choice.chosen.fit.effects == ("dark_signal",) and not choice.unconfounded
     assert set(choice.undecided) == set(both[1:])

@@ -1,4 +1,4 @@
-"""Which effects a recording is tried against."""
+"""Candidate effects of a recording."""
 
 from types import SimpleNamespace
 
@@ -9,26 +9,26 @@ from virtual_phantom.diagnosis.candidate_effects import candidates, check_accura
 from virtual_phantom.physics.effect import acts_on_images, names, offered
 
 
-def test_a_flux_is_only_tried_against_a_stated_one():
+def test_photon_flux_is_a_candidate_only_with_declared_photons():
     assert "photon_flux" in candidates({"nominal_photons": 1e5})
     assert set(candidates({})) == set(candidates({"nominal_photons": 1e5})) - {"photon_flux"}
 
 
-def test_each_kind_has_its_own():
-    ours = {kind: set(candidates({"nominal_photons": 1e5}, kind)) for kind in ("projections", "images")}
+def test_each_kind_of_data_has_its_candidates():
+    offered_names = {kind: set(candidates({"nominal_photons": 1e5}, kind)) for kind in ("projections", "images")}
     of_images = {name for name in names() if acts_on_images(name)}
-    assert set(names()) - ours["projections"] == of_images | {"water_correction", "current_along_z"}
-    assert set(names()) - ours["images"] == {"gain_pattern", "water_correction", "current_along_z"}
+    assert set(names()) - offered_names["projections"] == of_images | {"water_correction", "current_along_z"}
+    assert set(names()) - offered_names["images"] == {"gain_pattern", "water_correction", "current_along_z"}
 
 
-def test_a_correction_is_looked_for_where_the_maker_made_it():
+def test_vendor_corrections_are_candidates_for_corrected_data_only():
     tried = candidates({}, corrected=["beam_hardening"])
     assert "water_correction" in tried and "spectrum" not in tried
     with pytest.raises(InputError, match=r"water_correction .* state corrected: \[beam_hardening\] in recording.yaml"):
         candidates({"effects": ["water_correction"]})
 
 
-def test_a_current_along_the_axis_needs_a_source_that_moves_there():
+def test_tube_current_along_z_needs_a_source_that_moves_along_z():
     scan = {"trajectory": "helical", "rotation_time_ms": 500.0, "views_per_rotation": 100.0}
     assert "current_along_z" in candidates({}, **shown_by({"kind": "projections", "scan": scan}))
     assert "current_along_z" in candidates({}, **shown_by({"kind": "images"}))
@@ -36,7 +36,7 @@ def test_a_current_along_the_axis_needs_a_source_that_moves_there():
     assert "current_along_z" not in candidates({}, **shown_by({"kind": "projections", "scan": circle}))
 
 
-def test_what_does_nothing_alone_is_offered_beside_what_it_changes():
+def test_effects_without_effect_alone_are_candidates_with_the_effects_they_modify():
     every = ["anti_scatter_grid", "slow_afterglow", "motion"]
     assert offered(every, ()) == ["motion"]
     assert offered(every, ("scatter",)) == ["anti_scatter_grid", "motion"]
@@ -51,19 +51,19 @@ def test_what_does_nothing_alone_is_offered_beside_what_it_changes():
         (["scatter", "photon_flux"], "projections", "photon_flux needs nominal_photons"),
     ],
 )
-def test_what_cannot_be_tried_is_refused(effects, kind, message):
+def test_impossible_candidates_are_rejected(effects, kind, message):
     with pytest.raises(InputError, match=message) as error:
         candidates({"effects": effects}, kind)
     assert "\n" not in str(error.value)
 
 
-def test_exactness_is_of_effects_that_there_are():
+def test_model_accuracy_is_accepted_for_known_effects_only():
     check_accuracy({"default": 0.02, "numerical": 0.1, "spectrum": 0.0})
     with pytest.raises(InputError, match="diagnosis.model_accuracy: there is no effect 'glow'"):
         check_accuracy({"default": 0.02, "glow": 0.1})
 
 
-def test_physics_comes_from_a_recording_of_the_same_kind():
+def test_transferred_physics_must_come_from_the_same_kind_of_data():
     kinds = {"bench": "projections", "scanner": "images"}
     recordings = {name: SimpleNamespace(content={"kind": kind}) for name, kind in kinds.items()}
     diagnosed = {"scanner": {"protocol": "fbp_300"}, "bench": {"physics_from": "scanner"}}

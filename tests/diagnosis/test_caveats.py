@@ -1,4 +1,4 @@
-"""What speaks against a diagnosis: recordings that are refused, and what is said of others."""
+"""Cautions of a diagnosis: rejected recordings and warnings about others."""
 
 import numpy as np
 import pytest
@@ -35,53 +35,53 @@ def scans(made, physics=None, usable=None, seed=1):
     return observed.Scans(repeats.astype(np.float32), None, whole if usable is None else usable)
 
 
-def said(taken, simulated, candidates=(), **stated):
-    given = prepare(taken, None, simulated, **stated)
-    return diagnose("bench", given, chosen(given.fitter, candidates)).content["caveats"]
+def cautions(taken, simulated, candidates=(), **stated):
+    prepared_data = prepare(taken, None, simulated, **stated)
+    return diagnose("bench", prepared_data, chosen(prepared_data.fitter, candidates)).content["caveats"]
 
 
-def test_all_is_well_with_its_own_object():
-    assert said(scans(chain()), chain()) == []
+def test_correct_object_has_no_caution():
+    assert cautions(scans(chain()), chain()) == []
 
 
-def test_views_that_are_held_out_of_a_single_repeat_have_measured_something():
+def test_held_out_views_of_a_single_repeat_have_counts():
     one = scans(chain(views=60))
-    assert said(observed.Scans(one.repeats[:1], None, one.usable), chain(views=60)) == []
+    assert cautions(observed.Scans(one.repeats[:1], None, one.usable), chain(views=60)) == []
 
 
-def test_too_few_views_are_refused():
+def test_too_few_views_are_rejected():
     with pytest.raises(InputError, match="12 views are too few"):
         check_scans(scans(chain(views=12)), "bench")
 
 
-def test_rays_that_measured_nothing_are_said_or_refused():
+def test_rays_without_counts_are_reported_or_rejected():
     usable = np.ones((24, 1, 64), bool)
     usable[:, :, 30] = False
-    (line,) = said(scans(chain(), usable=usable), chain())
+    (line,) = cautions(scans(chain(), usable=usable), chain())
     assert line.startswith("1.6 % of the rays have no signal")
     usable[:, :, 10:] = False
     with pytest.raises(InputError, match="84 % of the rays measured nothing"):
         check_scans(scans(chain(), usable=usable), "bench")
 
 
-def test_a_saturated_detector_is_left_out():
+def test_saturated_pixels_are_excluded():
     counts = np.random.default_rng(2).poisson(1000, (24, 4, 64))
     assert not observed.saturated(counts).any()
     clipped = np.minimum(counts, 1020)
     assert (observed.saturated(clipped) == (clipped == 1020)).all()
 
 
-def test_another_object_is_said():
-    # A disc beside the isocentre against one in the middle that is far larger.
+def test_wrong_object_is_reported():
+    # A disc off the isocenter instead of a much larger one at the center.
     assert any(
         "the object, its location or the geometry is wrong" in line
-        for line in said(scans(chain(diameter_mm=20.0)), chain(diameter_mm=230.0))
+        for line in cautions(scans(chain(diameter_mm=20.0)), chain(diameter_mm=230.0))
     )
 
 
-def test_a_corrected_recording_is_said():
-    """A monochromatic recording of a tube at 120 kV, thick enough that its hardening would show."""
-    lines = said(scans(chain()), chain(), ("spectrum",), tube_kvp=120.0)
+def test_corrected_recording_is_reported():
+    """Monochromatic recording of a tube at 120 kV, thick enough to show beam hardening."""
+    lines = cautions(scans(chain()), chain(), ("spectrum",), tube_kvp=120.0)
     assert any("corrected for it already" in line for line in lines)
     hardened = scans(chain(), {"spectrum": {"kvp": 120.0, "filtration_mm": 6.0, "sensor_mm": 0.6}})
-    assert not any("corrected" in line for line in said(hardened, chain(), ("spectrum",), tube_kvp=120.0))
+    assert not any("corrected" in line for line in cautions(hardened, chain(), ("spectrum",), tube_kvp=120.0))

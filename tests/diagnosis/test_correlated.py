@@ -1,4 +1,4 @@
-"""Noise that neighbours share: whitened, and tested with errors that hold."""
+"""Noise that is correlated between neighbors: whitening, and tests with correct errors."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def geometry_of(views, rows, columns, pitch_mm=12.0):
 
 
 def shared_by(column, row, share, memory) -> Correlations:
-    """Of (c, 1 - 2c, c) along columns and rows, and of weights 1 - k, k (1 - d), k (1 - d) d, ... along views."""
+    """Correlations of shares (c, 1 - 2c, c) in columns and rows, and 1 - k, k (1 - d), k (1 - d) d, ... along views."""
     pixels = []
     for c in (column, row):
         square = (1 - 2 * c) ** 2 + 2 * c**2
@@ -64,18 +64,18 @@ def state_of(lines, neighbours=(0.0, 0.0), lag=(0.0, 0.0, 1.0), electronic=0.0):
 
 
 def covariance_of(state) -> np.ndarray:
-    """[ray, ray] of the line integrals, by what every single photon would do to every ray; without glow before."""
+    """Covariance [ray, ray] of the line integrals from the share of each photon in each ray, without earlier views."""
     shape = state.signal.shape
     units = np.eye(state.signal.size).reshape(-1, *shape)
-    read = np.stack([state.read_out(one, before_scan=np.zeros(shape[1:])).ravel() for one in units], axis=1)
+    read = np.stack([state.read_out(unit, before_scan=np.zeros(shape[1:])).ravel() for unit in units], axis=1)
     found = read @ np.diag(state.signal.ravel() / state.photons) @ read.T
     found += np.eye(len(found)) * (state.electronic / state.photons) ** 2
     change = 1 / state.measured.ravel()
     return found * np.outer(change, change)
 
 
-def test_correlations_of_neighbours_are_those_of_the_covariance():
-    """Steep signals, the detector's edges, a missing ray and electronic noise: every pair counted by itself."""
+def test_correlations_of_neighbors_equal_those_of_the_covariance():
+    """Steep signals, detector edges, a missing ray and electronic noise; every pair is evaluated separately."""
     random = np.random.default_rng(1)
     state = state_of(random.uniform(0, 2, SHAPE), (0.1, 0.06), (0.2, 0.5, 0.0), electronic=50.0)
     covariance, number = covariance_of(state), np.arange(state.signal.size).reshape(SHAPE)
@@ -94,49 +94,49 @@ def test_correlations_of_neighbours_are_those_of_the_covariance():
     ("column", "row", "share", "memory"), [(0.15, 0.1, 0, 0), (0, 0, 0.2, 0.5), (0.1, 0, 0.1, 0.8)]
 )
 def test_whitened_noise_is_white(column, row, share, memory):
-    """Against the covariance of the chain's own detector, of a signal that is steep along columns and rows."""
+    """Compare with the covariance of the chain's own detector, for a signal that is steep along columns and rows."""
     random = np.random.default_rng(2)
     lines = np.broadcast_to(random.uniform(0, 1.5, SHAPE[1:]), SHAPE).copy()
-    # The covariance leaves out what glows from before the scan: the last views are compared, where that has faded.
+    # The covariance omits afterglow from before the scan. The last views are compared, where it has decayed.
     views = 3
     state = state_of(np.concatenate([lines] * 4), (column, row), (share, memory, 0.0))
     shape = state.signal.shape
     white = Whitening(shared_by(column, row, share, memory), np.concatenate([lines] * 4), np.ones(shape, bool))
     units = np.eye(state.signal.size).reshape(-1, *shape)
-    change = np.stack([white(one).ravel() for one in units], axis=1)
+    change = np.stack([white(unit).ravel() for unit in units], axis=1)
     last = slice(-views * SHAPE[1] * SHAPE[2], None)
     found = (change @ covariance_of(state) @ change.T)[last, last]
     scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))
     assert np.abs(found / scale - np.eye(len(found))).max() < 2e-3
-    # What is left is each ray's own quantum noise before it was shared, over what is read: S / I0 / (H S)^2.
+    # Each ray keeps its own quantum noise before sharing, relative to the signal: S / I0 / (H S)^2.
     alone = white.variance(np.concatenate([lines] * 4)).ravel()[last] / PHOTONS
     np.testing.assert_allclose(np.diag(found), alone, rtol=2e-3)
-    own = state.signal / state.photons / state.measured**2
-    np.testing.assert_allclose(alone, own.ravel()[last], rtol=1e-5)
+    own_noise = state.signal / state.photons / state.measured**2
+    np.testing.assert_allclose(alone, own_noise.ravel()[last], rtol=1e-5)
     np.testing.assert_allclose(white.inverse(white(lines_like := random.normal(size=shape))), lines_like, atol=1e-9)
 
 
-def drawn(true: Correlations, shape, random, count) -> np.ndarray:
-    """Normal noise [draw, view, row, column] with these correlations."""
+def random_noise(true: Correlations, shape, random, count) -> np.ndarray:
+    """Normal noise [realization, view, row, column] with these correlations."""
     roots = [np.linalg.cholesky(true.covariance(axis, length)) for axis, length in enumerate(shape)]
     return np.einsum("ai,bj,ck,nijk->nabc", *roots, random.normal(size=(count, *shape)), optimize=True)
 
 
 @pytest.mark.parametrize("setting", [(0.1, 0.03, 0.0, 0.0), (0.0, 0.0, 0.2, 0.5), (0.15, 0.05, 0.1, 0.8)])
-def test_correlations_are_found_from_differences_of_repeats(setting):
+def test_correlations_are_estimated_from_differences_of_repeats(setting):
     random, shape, repeats = np.random.default_rng(3), (72, 8, 48), 4
     true = shared_by(*setting)
-    noise = drawn(true, shape, random, repeats)
+    noise = random_noise(true, shape, random, repeats)
     found = estimated(list(noise - noise.mean(axis=0)), np.zeros(shape), np.ones(shape, bool), repeats - 1)
     error = 2 / np.sqrt(72 * 8 * 48 * 3)  # which correlated noise makes larger than 1 / sqrt(pairs)
     for axis in ("columns", "rows"):
         np.testing.assert_allclose(getattr(found, axis), getattr(true, axis), atol=4 * error)
-    # What sums over views go by.
+    # The correlations that sums over views depend on.
     whole = [1 + 2 * first / (1 - memory) for first, memory in (found.views, true.views)]
     assert whole[0] == pytest.approx(whole[1], rel=0.07)
 
 
-def test_white_noise_is_left_as_it_is():
+def test_white_noise_is_unchanged():
     random, shape = np.random.default_rng(4), (72, 8, 48)
     ones = np.ones(shape, bool)
     found = []
@@ -147,18 +147,18 @@ def test_white_noise_is_left_as_it_is():
     assert WHITE.white and WHITE.variance_of_neighbors(2, shape) == 1
 
 
-def test_sums_of_squares_and_correlations_of_correlated_noise_vary_as_said():
-    """Against 4000 draws of a small field, whose edges matter."""
+def test_variances_of_sums_of_squares_and_correlations_match_simulation():
+    """4000 realizations of a small field, in which edges have a large share."""
     random, shape, draws = np.random.default_rng(5), (12, 4, 10), 4000
     true = shared_by(0.15, 0.1, 0.2, 0.5)
-    noise = drawn(true, shape, random, draws)
+    noise = random_noise(true, shape, random, draws)
     part = noise[:, 3:7, :2, 5:]
     square = (part**2).sum(axis=(1, 2, 3))
     places = (slice(3, 7), slice(0, 2), slice(5, 10))
     fewer = np.prod([true.variance_of_squares(axis, shape[axis], place) for axis, place in enumerate(places)])
     assert square.var() / square.mean() ** 2 * part[0].size / 2 == pytest.approx(fewer, rel=0.12)
     assert fewer > 1.2
-    noise = drawn(true, (24, 8, 24), random, 800)
+    noise = random_noise(true, (24, 8, 24), random, 800)
     mean = (noise**2).mean(axis=(1, 2, 3))
     for axis in range(3):
         low, high = (np.take(noise, range(a, noise.shape[axis + 1] - 1 + a), axis + 1) for a in (0, 1))
@@ -167,33 +167,33 @@ def test_sums_of_squares_and_correlations_of_correlated_noise_vary_as_said():
         assert ratio.var() * pairs == pytest.approx(true.variance_of_neighbors(axis, (24, 8, 24)), rel=0.2)
 
 
-def test_rays_beside_missing_ones_do_not_count():
+def test_rays_next_to_missing_rays_do_not_count():
     usable = np.ones((20, 6, 12), bool)
     usable[:, 2, 5] = False
     white = Whitening(shared_by(0.1, 0.1, 0, 0), np.zeros(usable.shape), usable)
     lost = usable[0] & ~white.counted[0]
     np.testing.assert_array_equal(np.argwhere(lost), [[1, 5], [2, 4], [2, 6], [3, 5]])
-    # Every second view: the glow of one view is in the next alone, which is not there.
+    # Every second view: the afterglow of a view is in the next view only, which is missing.
     usable = np.ones((20, 6, 12), bool)
     usable[1::2] = False
     white = Whitening(shared_by(0, 0, 0.2, 0.0), np.zeros(usable.shape), usable)
     assert white.counted[::2].all() and not white.counted[1::2].any()
     residual = np.random.default_rng(6).normal(size=usable.shape) * usable
     np.testing.assert_array_equal(white(residual), residual)
-    # A glow that lasts is in all further ones: of weights 0.8 and 0.2 0.5 0.5^j.
+    # Long afterglow is in all later views: weights 0.8 and 0.2 0.5 0.5^j.
     true = shared_by(0, 0, 0.2, 0.5)
     assert true.of_every(2).views == pytest.approx((true.views[0] * 0.5, 0.25))
 
 
-def test_a_gain_pattern_is_measured_in_correlated_noise():
-    """White constants of pixels beside noise that pixels share: neither takes the other's place."""
+def test_gain_pattern_is_estimated_in_correlated_noise():
+    """White constants per pixel plus noise that pixels share: neither is mistaken for the other."""
     random, shape = np.random.default_rng(7), (60, 8, 64)
     true = shared_by(0.1, 0.1, 0, 0)
     white = Whitening(true, np.zeros(shape), np.ones(shape, bool))
-    noise = 0.02 * drawn(true, shape, random, 1)[0]
+    noise = 0.02 * random_noise(true, shape, random, 1)[0]
     weight = np.full(shape, 1 / (0.02**2 * white.amplification))
     found = estimate(white(noise), weight, white)
-    # Of 512 mean squares, the mean varies by 1/16 of that of the pixels' noise.
+    # The mean of 512 mean squares varies by 1/16 of the variance of the pixels' noise.
     assert found.rms * white.roughness((3, 3)) < np.sqrt(3 / 16 / weight[:, 0, 0].sum())
     pattern = 0.006 * random.normal(size=shape[1:])
     found = estimate(white(noise + pattern), weight, white)
@@ -217,22 +217,26 @@ def scans(chain, physics, random, repeats=4):
 
 CORRELATED = {
     "optical_crosstalk": {"column": 0.1, "row": 0.1},
-    # A time constant of half a view's interval: 0.2 of a view's signal is read with later ones.
+    # A time constant of half a view interval: 0.2 of the signal of a view is read with later views.
     "afterglow": {"share": 0.4 / (1 - np.exp(-2)), "time_constant_ms": 0.5, "before": 1.0},
 }
 
 
 @pytest.mark.parametrize("name", CORRELATED)
-def test_with_the_right_effect_nothing_is_left_of_correlated_noise(scene, name):
-    """z of blocks had a standard deviation of 1.4 and 1.2 where rays were taken for independent."""
+def test_no_residual_remains_with_the_true_effect_in_correlated_noise(scene, name):
+    """If rays were treated as independent, the standard deviation of z of blocks would be 1.4 and 1.2."""
     chain, z = Chain(scene, geometry_of(60, 4, 40), PHOTONS), {}
     draws = 3
     for draw in range(draws):
         random = np.random.default_rng(np.random.SeedSequence(11, spawn_key=(draw,)))
-        given = prepared.prepare(scans(chain, {name: CORRELATED[name]}, random), None, chain, nominal_photons=PHOTONS)
-        fitter = given.fitter
+        prepared_data = prepared.prepare(
+            scans(chain, {name: CORRELATED[name]}, random), None, chain, nominal_photons=PHOTONS
+        )
+        fitter = prepared_data.fitter
         fit = trial(fitter, (name,)).fit
-        places = given.domains(given.half(fit, held_out=True), fit, given.half(fit, held_out=False))
+        places = prepared_data.domains(
+            prepared_data.half(fit, held_out=True), fit, prepared_data.half(fit, held_out=False)
+        )
         assert not places[0].significant, places[0]
         for place in places:
             z.setdefault(place.domain, []).append(place.map.ravel())
@@ -241,11 +245,14 @@ def test_with_the_right_effect_nothing_is_left_of_correlated_noise(scene, name):
         assert np.sqrt((of_all**2).mean()) == pytest.approx(1, abs=3 / np.sqrt(2 * of_all.size)), domain
 
 
-def test_the_errors_of_a_fit_add_what_its_numbers_can_move():
-    """Summed over all data: tr(J'WJ (J'WJ + K)^-1), the number of directions in which data say more than knowledge."""
+def test_errors_of_a_fit_are_those_of_the_directions_that_parameters_span():
+    """Summed over all data:
+
+    tr(J'WJ (J'WJ + K)^-1), the number of directions constrained by the data more than by the prior.
+    """
     chain = Chain(DiscScene(200.0, "water"), geometry_of(24, 2, 40), PHOTONS)
-    given = prepared.prepare(scans(chain, {}, np.random.default_rng(8)), None, chain, nominal_photons=PHOTONS)
-    fitter = given.fitter
+    prepared_data = prepared.prepare(scans(chain, {}, np.random.default_rng(8)), None, chain, nominal_photons=PHOTONS)
+    fitter = prepared_data.fitter
     fit = trial(fitter, ("electronic_noise",)).fit
     found = left_by_numbers(fitter, fit)
     total = sum(float((weight * one**2).sum()) for weight, one in zip(fitter.weights, found, strict=True))
@@ -256,25 +263,30 @@ def test_the_errors_of_a_fit_add_what_its_numbers_can_move():
     assert total == pytest.approx(expected, rel=1e-3) and 3 < total < len(problem.start)
 
 
-def test_halves_have_nothing_in_common_where_weights_are_measured():
-    """Weights from deviations about the mean of all repeats would know by how much both halves differ."""
+def test_halves_share_no_noise_if_weights_are_measured():
+    """Weights from deviations from the mean of all repeats would depend on the difference of the halves."""
     chain = Chain(DiscScene(200.0, "water"), geometry_of(36, 4, 16, 20.0), PHOTONS)
     z = []
     for draw in range(40):
-        given = prepared.prepare(scans(chain, {}, np.random.default_rng(draw)), None, chain, nominal_photons=PHOTONS)
-        fitter = given.fitter
+        prepared_data = prepared.prepare(
+            scans(chain, {}, np.random.default_rng(draw)), None, chain, nominal_photons=PHOTONS
+        )
+        fitter = prepared_data.fitter
         place = {one.name: one.expected for one in fitter.model.aligned}
-        parts = [data.residuals(fitter.model.predict({}, place, data)) for data in (given.data, given.held_out)]
+        parts = [
+            data.residuals(fitter.model.predict({}, place, data))
+            for data in (prepared_data.data, prepared_data.held_out)
+        ]
         halves = [
             Half(part, weights, data)
             for part, weights, data in zip(
-                parts, (fitter.weights, fitter.held_weights), (given.data, given.held_out), strict=True
+                parts, (fitter.weights, fitter.held_weights), (prepared_data.data, prepared_data.held_out), strict=True
             )
         ]
         common = halves[1].in_common(halves[0])
         z.append(common.products.sum() / np.sqrt(common.there.sum()))
     assert abs(np.mean(z)) < 4 / np.sqrt(len(z))
-    # As they were: 1 / (3 rays) of every block's products, 384 blocks of 2304 rays.
+    # Uncorrelated: 1 / (3 rays) for the products of every block, 384 blocks of 2304 rays.
     assert 384 / 3 / np.sqrt(2304) > 4 / np.sqrt(len(z))
 
 
@@ -284,22 +296,25 @@ def test_correlations_of_a_state_are_those_of_a_uniform_signal():
     for axis in ("columns", "rows", "views"):
         np.testing.assert_allclose(getattr(found, axis), getattr(true, axis), rtol=1e-6)
     assert of_state(state_of(np.zeros((4, 4, 4)), electronic=50.0)).white
-    # As much electronic noise as a pixel keeps of its own quantum noise halves all of them, but not how they fade.
+    # Electronic noise equal to a pixel's own quantum noise halves all correlations, but not their decay.
     found = of_state(state_of(np.zeros((4, 4, 400)), (0.1, 0.0), (0.0, 0.0, 1.0), np.sqrt(PHOTONS * 0.66)))
     np.testing.assert_allclose(found.columns, np.array(true.columns) / 2, rtol=0.01)
 
 
-def test_a_single_repeat_has_its_correlations_from_the_fit():
-    """Crosstalk blurs the mean, by which it is measured; blocks then vary as said, not 1.5 times as much."""
+def test_single_repeat_takes_its_correlations_from_the_fit():
+    """Crosstalk blurs the mean that the noise is measured from.
+
+    The spread of blocks is then correct, not 1.5 times as large.
+    """
     physics = {"optical_crosstalk": {"column": 0.1, "row": 0.1}}
     chain = Chain(DiscScene(200.0, "water"), geometry_of(60, 8, 40), PHOTONS)
-    given = prepared.prepare(
+    prepared_data = prepared.prepare(
         scans(chain, physics, np.random.default_rng(12), repeats=1), None, chain, nominal_photons=PHOTONS
     )
-    first = trial(given.fitter, ("optical_crosstalk",)).fit
-    found = given.with_noise_of(first)
-    assert found.fitter is not given.fitter and found.with_noise_of(first) is found
-    assert given.with_noise_of(trial(given.fitter, ()).fit) is given
+    first = trial(prepared_data.fitter, ("optical_crosstalk",)).fit
+    found = prepared_data.with_noise_of(first)
+    assert found.fitter is not prepared_data.fitter and found.with_noise_of(first) is found
+    assert prepared_data.with_noise_of(trial(prepared_data.fitter, ()).fit) is prepared_data
     fit = trial(found.fitter, ("optical_crosstalk",)).fit
 
     def spread(one, of):
@@ -310,28 +325,29 @@ def test_a_single_repeat_has_its_correlations_from_the_fit():
         return np.sqrt((z**2).mean())
 
     assert spread(found, found.fitter) == pytest.approx(1, abs=3 / np.sqrt(2 * 384))
-    assert spread(given, given.fitter) > 1.2
+    assert spread(prepared_data, prepared_data.fitter) > 1.2
 
 
-def test_declared_physics_says_how_the_noise_of_a_single_repeat_is_correlated():
-    """So no effect is chosen twice; what is found beside it still counts."""
+def test_declared_physics_sets_the_noise_correlation_of_a_single_repeat():
+    """No effect is then selected twice; effects found in addition still count."""
     glow = {"share": 0.3, "time_constant_ms": 5.0, "before": 0.0}
     physics = {"optical_crosstalk": {"column": 0.1, "row": 0.1}, "afterglow": glow}
     declared = {name: {key: Statement(value, 0.0) for key, value in one.items()} for name, one in physics.items()}
     chain = Chain(DiscScene(200.0, "water"), geometry_of(60, 8, 40), PHOTONS)
     taken = scans(chain, physics, np.random.default_rng(12), repeats=1)
-    beside = {"optical_crosstalk": declared["optical_crosstalk"]}
+    declared_only = {"optical_crosstalk": declared["optical_crosstalk"]}
     whole, part, none = (
-        prepared.prepare(taken, None, chain, nominal_photons=PHOTONS, declared=one) for one in (declared, beside, {})
+        prepared.prepare(taken, None, chain, nominal_photons=PHOTONS, declared=one)
+        for one in (declared, declared_only, {})
     )
     fit = trial(whole.fitter, ()).fit
     assert whole.with_noise_of(fit) is whole
-    # However much was declared, the noise is that of the physics that was found.
+    # The noise follows the physics that was found, whatever was declared.
     after = [one.with_noise_of(fit) for one in (part, none)]
     for one in after:
         assert one.data.whitening.noise.columns == pytest.approx(whole.data.whitening.noise.columns, rel=1e-3)
         assert one.data.whitening.noise.views == pytest.approx(whole.data.whitening.noise.views, rel=1e-3)
-        # But where the object's edge moves through a block, which counts as noise until it is modelled.
+        # Except where the object's edge moves through a block, which counts as noise until it is modeled.
         assert np.median(one.variance / whole.variance) == pytest.approx(1, abs=0.05)
         counted = whole.fitter.weights[0] > 0
         assert np.median(one.fitter.weights[0][counted] / whole.fitter.weights[0][counted]) == pytest.approx(

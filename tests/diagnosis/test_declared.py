@@ -1,4 +1,4 @@
-"""Physics that is declared: in every model, never named as left out, and told where it is not so."""
+"""Declared physics: part of every model, never reported as missing, and reported if inconsistent with the data."""
 
 import numpy as np
 import pytest
@@ -55,39 +55,41 @@ def found(scene, physics, baseline, tried=OTHERS, seed=1):
     white = state.measured_air[0] * state.photons
     taken = observed.scans([Projections(state.counts(random), white, np.zeros_like(white)) for _ in range(4)])
     chain = Chain(scene, GEOMETRY, PHOTONS)
-    given = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS, declared=declared(baseline, "baseline"))
-    return diagnose("bench", given, chosen(given.fitter, tried)).content
+    prepared_data = prepared.prepare(
+        taken, None, chain, nominal_photons=PHOTONS, declared=declared(baseline, "baseline")
+    )
+    return diagnose("bench", prepared_data, chosen(prepared_data.fitter, tried)).content
 
 
-def test_what_is_declared_is_in_every_model_and_is_not_what_was_left_out(scene):
+def test_declared_physics_is_in_every_model_and_not_reported_as_missing(scene):
     content = found(scene, {"scatter": SCATTER}, STATED)
     assert content["verdict"] == "match" and content["effects"] == [], content["sentence"]
     amount = content["declared"]["scatter"]["amount"]
     assert not amount["off"] and amount["ci95"][0] <= 0.02 <= amount["ci95"][1]
-    # The data tell more of it than the statement does.
+    # The data constrain the parameter more than the declaration does.
     assert amount["ci95"][1] - amount["ci95"][0] < 2 * 1.96 * 0.002
 
 
-def test_what_is_missing_beside_it_is_named(scene):
+def test_missing_effect_is_named_with_declared_physics(scene):
     content = found(scene, {"scatter": SCATTER, "detector_offset": {"columns_px": 0.03}}, STATED)
-    assert [one["name"] for one in content["effects"]] == ["detector_offset"], content["sentence"]
+    assert [effect["name"] for effect in content["effects"]] == ["detector_offset"], content["sentence"]
     low, high = content["effects"][0]["parameters"]["columns_px"]["ci95"]
     assert abs(0.03 - (low + high) / 2) <= high - low
     assert "scatter" not in content["sentence"]
 
 
-def test_a_statement_that_is_not_so_is_told_with_the_value_that_is(scene):
+def test_wrong_declaration_is_reported_with_the_fitted_value(scene):
     wrong = {"scatter": STATED["scatter"] | {"amount": {"value": 0.005, "sd": 0.001}}}
     content = found(scene, {"scatter": SCATTER}, wrong)
     amount = content["declared"]["scatter"]["amount"]
     assert amount["off"] and amount["pull"] > 5
-    # Between the statement and the truth, by how well each is known.
+    # Between the declared and the true value, weighted by their errors.
     assert 0.005 < amount["value"] < 0.0205
     assert content["verdict"].startswith("mismatch") and content["effects"] == []
     assert "Contradicts declared physics: scatter: amount" in content["sentence"]
 
 
-def test_what_is_known_exactly_is_not_fitted(scene):
+def test_exactly_declared_parameters_are_not_fitted(scene):
     exact = {"scatter": {key: {"value": value, "sd": 0} for key, value in SCATTER.items()}}
     content = found(scene, {"scatter": SCATTER}, exact)
     amount = content["declared"]["scatter"]["amount"]
@@ -95,8 +97,8 @@ def test_what_is_known_exactly_is_not_fitted(scene):
     assert content["verdict"] == "match"
 
 
-def test_pulls_of_statements_that_hold_are_standard_normal(scene):
-    """Statements drawn about the truth as they say that they are uncertain: 16 pulls of known mean and SD."""
+def test_pulls_of_correct_declarations_are_standard_normal(scene):
+    """Declared values scatter about the truth by their stated errors; 16 pulls of known mean and SD."""
     random = np.random.default_rng(77)
     pulls = []
     for seed in range(16):
@@ -113,8 +115,8 @@ TRUSTED = {"default": 0.02, "numerical": 0.12}
 TRIED = ("dark_signal", "veiling_glare", "optical_crosstalk", "detector_saturation", "detector_offset")
 
 
-def scanned_strongly(scene, more, seed, added=0.0):
-    """The fitter of four repeats at 1e6 photons, whose strong scatter is declared, with something added to lines."""
+def strong_scan(scene, more, seed, added=0.0):
+    """Fitter of four repeats with 1e6 photons and declared strong scatter; `added` is added to the line integrals."""
     chain = Chain(scene, GEOMETRY, 1e6)
     state = chain.state(STRONG | more)
     taken = scans_of(state, 4, np.random.default_rng(seed), added)
@@ -124,8 +126,8 @@ def scanned_strongly(scene, more, seed, added=0.0):
 
 @pytest.fixture(scope="module")
 def errors_of_scatter(scene):
-    """Of line integrals, one standard deviation each, shape (views, rows, columns, errors)."""
-    fitter = scanned_strongly(scene, {}, 0)
+    """Model errors of line integrals, one standard deviation each, shape (views, rows, columns, errors)."""
+    fitter = strong_scan(scene, {}, 0)
     fit = trial(fitter, ()).fit
     columns = data_changes(Problem(fitter, (), fit))
     found = distortions_of_physics(fitter, fit, columns, TRUSTED, list(fitter.model.declared))
@@ -133,8 +135,10 @@ def errors_of_scatter(scene):
     return (found[: mean.size] / np.sqrt(fitter.weights[0])[:, None]).reshape(*mean.shape, -1)
 
 
-def test_errors_of_a_declared_model_are_of_the_size_that_it_is_trusted_to(scene, errors_of_scatter):
-    """The even one: a share of what scatter changes, less what the alignment takes up, scale and offset at the most."""
+def test_errors_of_a_declared_model_match_its_stated_accuracy(scene, errors_of_scatter):
+    """The uniform error is a share of the change by scatter, less what the alignment absorbs (at most scale and
+    offset).
+    """
     chain = Chain(scene, GEOMETRY, 1e6)
     here, there = (chain.state(physics).line_integrals().ravel() for physics in (STRONG, {}))
     linear = np.stack([here, np.ones(here.size)], axis=1)
@@ -142,7 +146,7 @@ def test_errors_of_a_declared_model_are_of_the_size_that_it_is_trusted_to(scene,
     rms = np.sqrt(np.mean(errors_of_scatter[..., 0] ** 2))
     assert 0.02 * left.std() < rms < 0.5 * 0.02 * np.sqrt(np.mean((here - there) ** 2))
     # An exact model has none.
-    fitter = scanned_strongly(scene, {}, 0)
+    fitter = strong_scan(scene, {}, 0)
     fit = trial(fitter, ()).fit
     columns = data_changes(Problem(fitter, (), fit))
     assert distortions_of_physics(fitter, fit, columns, {"default": 0.0}, list(fitter.model.declared)).shape == (
@@ -152,39 +156,39 @@ def test_errors_of_a_declared_model_are_of_the_size_that_it_is_trusted_to(scene,
 
 
 @pytest.mark.parametrize("seed", [101, 103, 104])
-def test_what_errors_of_declared_models_may_make_up_is_not_named(scene, errors_of_scatter, seed):
-    """Their errors drawn as they are counted: taken for exact, something is named that is not there."""
+def test_model_errors_of_declared_physics_are_not_named(scene, errors_of_scatter, seed):
+    """The errors are drawn from their assumed distribution. With exact models, an absent effect would be named."""
     random = np.random.default_rng(seed)
     added = errors_of_scatter @ random.normal(size=errors_of_scatter.shape[-1])
-    fitter = scanned_strongly(scene, {}, seed, added)
+    fitter = strong_scan(scene, {}, seed, added)
     aligned = trial(fitter, ())
     exact = choose(fitter, aligned, TRIED, accuracy=TRUSTED | {"default": 0.0})
     assert exact.chosen.fit.effects
     found = choose(fitter, aligned, TRIED, accuracy=TRUSTED)
     assert found.chosen.fit.effects == ()
-    # What is significant if models are exact is told all the same.
+    # Significance under exact models is reported nevertheless.
     gains = screened(fitter, aligned.fit, TRIED, accuracy=TRUSTED)
     assert set(exact.chosen.fit.effects) & {
         name for name, one in gains.items() if one.gain > 10 * one.beside_model_error.gain
     }
 
 
-def test_of_several_recordings_errors_of_declared_models_are_no_evidence_either(scene, errors_of_scatter):
-    """The same errors in both, as of one scanner: taken for exact, something is named that is not there."""
+def test_model_errors_of_declared_physics_are_no_evidence_in_several_recordings(scene, errors_of_scatter):
+    """Both recordings have the same errors, as of one scanner. With exact models, an absent effect would be named."""
     added = errors_of_scatter @ np.random.default_rng(103).normal(size=errors_of_scatter.shape[-1])
-    together = JointFitter({str(seed): scanned_strongly(scene, {}, seed, added) for seed in (103, 203)})
+    together = JointFitter({str(seed): strong_scan(scene, {}, seed, added) for seed in (103, 203)})
     exact = choose_jointly(together, TRIED[:2], TRUSTED | {"default": 0.0})
     assert exact.chosen.effects
     assert choose_jointly(together, TRIED[:2], TRUSTED).chosen.effects == ()
 
 
-def test_what_is_there_stands_out_of_errors_of_declared_models_alone(scene, errors_of_scatter):
+def test_real_effect_exceeds_the_model_errors_of_declared_physics(scene, errors_of_scatter):
     random = np.random.default_rng(104)
     added = errors_of_scatter @ random.normal(size=errors_of_scatter.shape[-1])
-    fitter = scanned_strongly(scene, {"optical_crosstalk": {"column": 0.01, "row": 0.01}}, 104, added)
+    fitter = strong_scan(scene, {"optical_crosstalk": {"column": 0.01, "row": 0.01}}, 104, added)
     found = choose(fitter, trial(fitter, ()), TRIED, accuracy=TRUSTED)
     assert found.chosen.fit.effects == ("optical_crosstalk",)
-    assert found.undecided  # what exact models would have had beside it
+    assert found.undecided  # significance of the effect with exact models
 
 
 @pytest.mark.parametrize(
@@ -197,13 +201,13 @@ def test_what_is_there_stands_out_of_errors_of_declared_models_alone(scene, erro
         ({"gain_pattern": {}}, "one unknown per detector pixel"),
     ],
 )
-def test_statements_that_cannot_be_are_one_line(section, words):
+def test_impossible_declarations_are_rejected_in_one_line(section, words):
     with pytest.raises(InputError, match=words) as caught:
         declared(section, "diagnosis.recordings.bench.baseline")
     assert str(caught.value).startswith("diagnosis.recordings.bench.baseline") and "\n" not in str(caught.value)
 
 
-def test_what_is_declared_is_no_candidate():
+def test_declared_effect_is_no_candidate():
     settings = {"baseline": STATED}
     assert "scatter" not in candidates(settings) and "scatter" in candidates({})
     with pytest.raises(InputError, match="scatter is declared under baseline; remove it"):

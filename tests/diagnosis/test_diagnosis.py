@@ -1,4 +1,4 @@
-"""Recordings made by the library's own chain: what was left out is named, located and measured."""
+"""Recordings simulated by the library's own chain: missing effects are named, located and measured."""
 
 import json
 from dataclasses import replace
@@ -74,28 +74,28 @@ def scans(scene, physics, repeats=4, seed=1, geometry=GEOMETRY):
 
 
 def diagnosed(scene, physics, library=LIBRARY, **options):
-    given = prepared.prepare(
+    prepared_data = prepared.prepare(
         scans(scene, physics, **options),
         None,
         Chain(scene, GEOMETRY, PHOTONS),
         floor_chain=None,
         nominal_photons=PHOTONS,
     )
-    return given, diagnose("bench", given, chosen(given.fitter, library))
+    return prepared_data, diagnose("bench", prepared_data, chosen(prepared_data.fitter, library))
 
 
-def test_nothing_left_out_is_a_match(scene):
-    given, found = diagnosed(scene, {})
+def test_complete_physics_is_a_match(scene):
+    prepared_data, found = diagnosed(scene, {})
     assert found.content["verdict"] == "match" and found.content["effects"] == []
     assert found.content["remainder_sd"] < 3
-    assert given.photons == pytest.approx(PHOTONS, rel=0.02)
+    assert prepared_data.photons == pytest.approx(PHOTONS, rel=0.02)
     held_out = found.content["held_out"]
     assert held_out["chi_square_mean"]["before"] == pytest.approx(1, abs=0.05)
     assert held_out["rms_line_integral"]["before"] == pytest.approx(held_out["rms_line_integral"]["floor"], rel=0.03)
 
 
 @pytest.mark.parametrize("name", CONCEALED)
-def test_what_was_left_out_is_named_and_measured(scene, name):
+def test_missing_effect_is_named_and_measured(scene, name):
     _, found = diagnosed(scene, {name: CONCEALED[name]}, seed=2)
     content = found.content
     assert content["verdict"] == "mismatch explained", content["sentence"]
@@ -103,15 +103,15 @@ def test_what_was_left_out_is_named_and_measured(scene, name):
     assert effect["name"] == name and effect["evidence"]["p"] < 1e-3 and effect["evidence"]["held_out_gain"] > 4
     for key, value in effect["parameters"].items():
         low, high = value["ci95"]
-        # 95 % intervals of one draw each: twice as wide must hold
+        # 95 % intervals of one realization each: twice the width must contain the truth
         middle, half = (low + high) / 2, (high - low) / 2
         assert abs(CONCEALED[name][key] - middle) <= 2 * half + 1e-12, (key, value)
     assert content["unexplained"] == [] and content["excess_removed"] > 0.9
     assert any(place["p"] < ALPHA for place in content["locations"]) or name in ("motion", "detector_offset")
 
 
-def test_what_pulls_the_alignment_off_what_is_known_is_seen_without_its_effect(scene):
-    """Photons that are a quarter fewer than stated: the alignment goes as far as it may, and the noise nearly fits."""
+def test_effect_that_forces_the_alignment_beyond_its_priors_is_detected(scene):
+    """A quarter fewer photons than declared: the alignment reaches its limits, and the noise nearly fits."""
     _, found = diagnosed(scene, {"photon_flux": {"factor": 0.75}}, library=("scatter", "motion"))
     places = {place.domain: place for place in found.after}
     assert places["alignment"].significant and places["alignment"].where.startswith("log_photons, 5.0 standard")
@@ -120,14 +120,14 @@ def test_what_pulls_the_alignment_off_what_is_known_is_seen_without_its_effect(s
     assert not {place.domain: place for place in found.after}["alignment"].significant
 
 
-def test_two_are_both_named(scene):
-    concealed = {name: CONCEALED[name] for name in ("scatter", "electronic_noise")}
-    _, found = diagnosed(scene, concealed)
-    assert {effect["name"] for effect in found.content["effects"]} == set(concealed), found.content["sentence"]
+def test_two_missing_effects_are_both_named(scene):
+    hidden = {name: CONCEALED[name] for name in ("scatter", "electronic_noise")}
+    _, found = diagnosed(scene, hidden)
+    assert {effect["name"] for effect in found.content["effects"]} == set(hidden), found.content["sentence"]
 
 
-def test_what_the_library_lacks_is_not_explained_away(scene):
-    """Scatter, with nothing among the candidates that depends on the amount of matter."""
+def test_effect_without_candidates_is_not_explained_away(scene):
+    """Scatter, without candidates that depend on the amount of matter."""
     library = ("electronic_noise", "optical_crosstalk", "gain_pattern", "photon_flux")
     _, found = diagnosed(scene, {"scatter": {"amount": 0.05, "width_mm": 60.0}}, library)
     assert found.content["verdict"] in ("unexplained", "mismatch partly explained")
@@ -136,9 +136,9 @@ def test_what_the_library_lacks_is_not_explained_away(scene):
     assert found.content["next_measurement"]
 
 
-def test_a_single_repeat_has_its_noise_from_neighbouring_views(scene):
-    given, found = diagnosed(scene, {}, ("scatter", "detector_offset"), repeats=1)
-    assert given.single and given.photons == pytest.approx(PHOTONS, rel=0.2)
+def test_noise_of_a_single_repeat_comes_from_neighboring_views(scene):
+    prepared_data, found = diagnosed(scene, {}, ("scatter", "detector_offset"), repeats=1)
+    assert prepared_data.single and prepared_data.photons == pytest.approx(PHOTONS, rel=0.2)
     assert found.content["noise_from_one_repeat"] and found.content["verdict"] == "match"
     _, found = diagnosed(
         scene, {"scatter": {"amount": 0.05, "width_mm": 60.0}}, ("scatter", "detector_offset"), repeats=1
@@ -146,7 +146,7 @@ def test_a_single_repeat_has_its_noise_from_neighbouring_views(scene):
     assert [effect["name"] for effect in found.content["effects"]] == ["scatter"]
 
 
-def test_a_pattern_is_told_from_noise_and_from_what_is_smooth():
+def test_pixel_pattern_is_distinguished_from_noise_and_smooth_changes():
     random = np.random.default_rng(4)
     weight = np.full((50, 8, 64), 1 / 0.02**2)
     noise = 0.02 * random.normal(size=weight.shape)
@@ -157,27 +157,27 @@ def test_a_pattern_is_told_from_noise_and_from_what_is_smooth():
     assert estimate(noise + smooth, weight).rms < 0.002
 
 
-def test_places_of_a_difference_are_found(scene):
-    given, _ = diagnosed(scene, {}, ("scatter",))
-    fitter = given.fitter
+def test_locations_of_a_difference_are_found(scene):
+    prepared_data, _ = diagnosed(scene, {}, ("scatter",))
+    fitter = prepared_data.fitter
     parts = fitter.residuals(trial(fitter, ()).fit)
-    shape = given.held_out.mean.shape
+    shape = prepared_data.held_out.mean.shape
     moved = parts[0].reshape(shape).copy()
     moved[:, :, 17] += 0.01
-    worst = locate([moved.ravel(), *parts[1:]], fitter.held_weights, given.held_out)[0]
+    worst = locate([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out)[0]
     assert worst.domain in ("columns", "pixels") and worst.p < ALPHA
     columns = next(
         place
-        for place in locate([moved.ravel(), *parts[1:]], fitter.held_weights, given.held_out)
+        for place in locate([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out)
         if place.domain == "columns"
     )
     assert columns.where == "column 17 of 40" and columns.z > 0
 
 
-def test_what_is_spread_thinly_over_all_rays_is_seen_in_both_halves(scene):
-    """A difference of random sign, a third of the noise of every ray: no place stands out, the halves agree."""
-    given, _ = diagnosed(scene, {}, ("scatter",))
-    fitter, fit = given.fitter, trial(given.fitter, ()).fit
+def test_difference_spread_over_all_rays_is_detected_in_both_halves(scene):
+    """Random sign, a third of the noise of every ray: no location is significant, but the halves agree."""
+    prepared_data, _ = diagnosed(scene, {}, ("scatter",))
+    fitter, fit = prepared_data.fitter, trial(prepared_data.fitter, ()).fit
     random = np.random.default_rng(5)
     noise = 1 / np.sqrt(np.maximum(fitter.held_weights[0], 1e-30)) * (fitter.held_weights[0] > 0)
     thin = noise * random.choice([-1.0, 1.0], noise.size) / 3
@@ -185,7 +185,9 @@ def test_what_is_spread_thinly_over_all_rays_is_seen_in_both_halves(scene):
     def both_halves(added):
         parts, fitted = (fitter.residuals(fit, held_out) for held_out in (True, False))
         parts[0], fitted[0] = parts[0] + added, fitted[0] + added
-        places = locate(parts, fitter.held_weights, given.held_out, fitted=Half(fitted, fitter.weights, given.data))
+        places = locate(
+            parts, fitter.held_weights, prepared_data.held_out, fitted=Half(fitted, fitter.weights, prepared_data.data)
+        )
         return next(place for place in places if place.domain == "both halves"), places
 
     calm, _ = both_halves(0)
@@ -197,8 +199,8 @@ def test_what_is_spread_thinly_over_all_rays_is_seen_in_both_halves(scene):
     assert not any(place.significant for place in places if place.domain in ("columns", "rows", "views", "projections"))
 
 
-def test_numerical_errors_alone_are_nothing_that_halves_have_in_common():
-    """An error of the model, c D with c ~ N(0, 1), in both halves alike: z stays what chance gives."""
+def test_numerical_errors_do_not_correlate_the_halves():
+    """A model error c D with c ~ N(0, 1) in both halves: z has its null distribution."""
     random = np.random.default_rng(6)
     rays = 4000
     error = 0.5 * random.normal(size=rays)  # in standard deviations of the noise
@@ -209,13 +211,13 @@ def test_numerical_errors_alone_are_nothing_that_halves_have_in_common():
         return first.in_common(second).z()
 
     found = np.array([z(random.normal() * error) for _ in range(400)])
-    assert (found > 2.5).mean() < 0.05  # c^2 - 1 over 2^(1/2) of c normal is over 2.5 in 3.3 %
+    assert (found > 2.5).mean() < 0.05  # (c^2 - 1) / sqrt(2) of a normal c exceeds 2.5 with probability 3.3 %
     assert z(3.5 * error) > 5
 
 
 @pytest.mark.parametrize("freedom", [10, 40, 2000])
-def test_scores_of_variances_are_as_likely_as_the_variances(freedom):
-    """Of the law of chi-square, far into its tails. Of the logarithm, at 10 degrees of freedom, -4.3 becomes -6."""
+def test_scores_of_variances_follow_chi_square(freedom):
+    """Scores follow chi-square far into its tails. With logarithms at 10 degrees of freedom, -4.3 would become -6."""
     likely = np.array([1e-5, 1e-3, 0.05, 0.5, 0.95, 1 - 1e-3, 1 - 1e-5])
     logarithm = np.log(stats.chi2.ppf(likely, freedom) / freedom) - (special.digamma(freedom / 2) - np.log(freedom / 2))
     z = variance_z(logarithm, np.full(likely.size, freedom / 2))
@@ -223,18 +225,18 @@ def test_scores_of_variances_are_as_likely_as_the_variances(freedom):
     assert variance_z(np.zeros(2), np.array([0.0, 1e4]))[0] == 0
 
 
-def test_one_repeat_that_is_fitted_is_held_against_several(scene):
-    """The noise is then known of the data held out alone."""
-    given, _ = diagnosed(scene, {}, ("scatter",))
-    fitter, fit = given.fitter, trial(given.fitter, ()).fit
+def test_one_fitted_repeat_is_compared_with_several(scene):
+    """Only the noise of the held-out data is then known."""
+    prepared_data, _ = diagnosed(scene, {}, ("scatter",))
+    fitter, fit = prepared_data.fitter, trial(prepared_data.fitter, ()).fit
     parts = fitter.residuals(fit)
-    alone = Half(parts[:1], fitter.weights[:1], replace(given.data, variance=None))
-    places = locate(parts, fitter.held_weights, given.held_out, fitted=alone)
+    alone = Half(parts[:1], fitter.weights[:1], replace(prepared_data.data, variance=None))
+    places = locate(parts, fitter.held_weights, prepared_data.held_out, fitted=alone)
     assert {"noise level", "noise correlation", "both halves"} <= {place.domain for place in places}
 
 
-def test_fits_come_back_from_files_and_the_report_says_what_was_found(scene, tmp_path):
-    given, found = diagnosed(scene, {"gain_pattern": CONCEALED["gain_pattern"]}, ("gain_pattern", "scatter"))
+def test_fits_are_read_from_files_and_the_report_states_the_findings(scene, tmp_path):
+    prepared_data, found = diagnosed(scene, {"gain_pattern": CONCEALED["gain_pattern"]}, ("gain_pattern", "scatter"))
     errors = LinearizationPoint({"detector_offset": {"columns_px": 0.3}}, {"x_mm": 0.1})
     moved = Linearization(errors, LinearizationPoint({}, {"y_mm": 0.2}))
     elsewhere = replace(found.choice.chosen, fit=replace(found.choice.chosen.fit, linearization=moved, corrected=2.5))
@@ -251,18 +253,18 @@ def test_fits_come_back_from_files_and_the_report_says_what_was_found(scene, tmp
         read_trial(tmp_path / "fit.json")
     text = diagnosis_page(found, residual_maps(found))
     assert found.content["verdict"] in text and "gain pattern" in text and text.count("data:image/png;base64,") == 3
-    assert "http" not in text  # one file, nothing fetched
+    assert "http" not in text  # one file, no external resources
     json.dumps(found.content, allow_nan=False)
 
 
-def test_copies_of_one_file_are_refused(scene):
+def test_copies_of_one_file_are_rejected(scene):
     taken = scans(scene, {}, repeats=1)
     same = observed.Scans(np.repeat(taken.repeats, 4, axis=0), taken.white, taken.usable)
     with pytest.raises(InputError, match="do not vary: are they copies of one file"):
         prepared.prepare(same, None, Chain(scene, GEOMETRY, PHOTONS))
 
 
-def test_a_disc_needs_no_image():
+def test_disc_needs_no_image():
     geometry = circular(
         views=90,
         source_to_isocentre_mm=410.0,
@@ -275,11 +277,11 @@ def test_a_disc_needs_no_image():
     scene = DiscScene(70.0, "pmma")
     physics = {"spectrum": {"kvp": 90.0, "filtration_mm": 3.0, "sensor_mm": 0.6}}
     taken = scans(scene, physics, 4, geometry=geometry)
-    given = prepared.prepare(
+    prepared_data = prepared.prepare(
         taken, None, Chain(scene, geometry, PHOTONS), tube_kvp=90.0, known={"scale": 0.3, "size": 0.01}
     )
-    baseline = trial(given.fitter, ())
-    found = trial(given.fitter, ("spectrum",), baseline, baseline)
+    baseline = trial(prepared_data.fitter, ())
+    found = trial(prepared_data.fitter, ("spectrum",), baseline, baseline)
     assert found.score - baseline.score > 100
     assert found.fit.physics["spectrum"]["filtration_mm"] == pytest.approx(
         3.0, abs=3 * found.fit.errors["spectrum"]["filtration_mm"]
@@ -295,17 +297,17 @@ def test_logarithms_of_sample_variances_are_unbiased():
         repeats = random.normal(size=(2, *shape)).astype(np.float32)
         found = observed.observe(observed.Scans(repeats, None, flat.astype(bool)), flat)
         z.append(np.log(found.variance) / found.variance_error)
-    # 76 800 blocks of 4 rays: without the correction the mean is -0.34.
+    # 76 800 blocks of 4 rays: the mean is -0.34 without the correction.
     assert np.mean(z) == pytest.approx(0, abs=0.02)
     assert np.std(z) == pytest.approx(1, abs=0.02)
 
 
-def test_an_alignment_that_had_to_give_way_changes_what_is_said(scene):
-    """Photons a quarter fewer than stated, and scatter: scatter is named, but not as if all were well."""
-    concealed = {"photon_flux": {"factor": 0.75}, "scatter": {"amount": 0.05, "width_mm": 60.0}}
-    _, found = diagnosed(scene, concealed, library=("scatter", "motion"))
+def test_alignment_at_its_limit_changes_the_verdict_text(scene):
+    """A quarter fewer photons than declared, and scatter: scatter is named with a caution."""
+    hidden = {"photon_flux": {"factor": 0.75}, "scatter": {"amount": 0.05, "width_mm": 60.0}}
+    _, found = diagnosed(scene, hidden, library=("scatter", "motion"))
     content = found.content
-    assert [one["name"] for one in content["effects"]] == ["scatter"]
+    assert [effect["name"] for effect in content["effects"]] == ["scatter"]
     assert content["verdict"] == "mismatch partly explained"
     assert any(line.startswith("log photons of the alignment reached the limit") for line in content["doubts"])
     assert content["verdict_lines"][0].startswith("Best explanation: scatter")

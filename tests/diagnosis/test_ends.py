@@ -1,4 +1,4 @@
-"""Rays that leave a volume where it cuts the object."""
+"""Rays that leave a volume through an end at which the object is cut."""
 
 import numpy as np
 import pytest
@@ -27,22 +27,22 @@ def cylinder(slices, air=0, amount=1.0, noise=0.0):
     return VoxelScene(volume, Grid(volume.shape[1:], (2.0, 2.0, 2.0)), ("water",), 60.0)
 
 
-def test_what_is_missing_is_what_a_longer_volume_has_more():
+def test_missing_length_equals_that_of_a_longer_volume():
     cut, whole = cylinder(14), cylinder(60)
     found = truncation_of(PosedScene(cut), GEOMETRY)
     missing = cut.attenuation_per_mm[0] * (whole.path_lengths(GEOMETRY) - cut.path_lengths(GEOMETRY))[0]
     assert found.share == pytest.approx(np.mean(missing > LEAST_MISSING), abs=0.01)
     assert found.most == pytest.approx(missing.max(), rel=0.01)
     assert "3.8 mm longer on each side" in found.remark[0]
-    # As long as is said, nothing is missing any more.
+    # With the stated length, nothing is missing.
     assert not truncation_of(cylinder(14 + 2 * int(np.ceil(found.height_mm / 2))), GEOMETRY).remark
 
 
 @pytest.mark.parametrize("scene", [cylinder(60), DiscScene(100.0, "water")], ids=["long", "disc"])
-def test_an_object_longer_than_the_beam_lacks_nothing(scene):
+def test_object_longer_than_the_beam_is_complete(scene):
     assert not truncation_of(scene, GEOMETRY).remark
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
-def test_an_object_that_ends_within_its_volume_is_not_cut(noise):
+def test_object_within_its_volume_is_not_cut(noise):
     assert not truncation_of(cylinder(14, air=1, noise=noise), GEOMETRY).remark

@@ -1,4 +1,4 @@
-"""Effects that change the data alike: a fit of one is a fit of the other, and neither is ruled out."""
+"""Effects that change the data equally: fits of one are fits of the other, and neither is ruled out."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from virtual_phantom.physics.scenes.scene import DiscScene, Pose
 from virtual_phantom.recordings.projections import Projections
 
 PHOTONS = 1e5
-# Sets of effects that a scan cannot distinguish: one moves the detector, one the object, by the same in every view.
+# Sets of effects that a scan cannot distinguish: one moves the detector, the other the object, equally in every view.
 PARALLEL = dict(parallel_beam(), column_pitch_mm=5.0)
 ALIKE = {
     "parallel": (PARALLEL, {"detector_offset": {"columns_px": 0.9}, "centre_of_rotation": {"shift_mm": -4.5}}),
@@ -44,7 +44,7 @@ def scan(request):
     return ready(geometry, {effect: pair[effect]}), effect, other
 
 
-def test_a_fit_of_one_begins_where_that_of_the_other_ended(scan):
+def test_fit_starts_at_the_equivalent_fit_of_the_other_effect(scan):
     fitter, effect, other = scan
     found = trial(fitter, (effect,), trial(fitter, ()))
     exchange = exchanged(fitter, found.fit, effect, [other])[other]
@@ -54,8 +54,8 @@ def test_a_fit_of_one_begins_where_that_of_the_other_ended(scan):
     assert again.score == pytest.approx(found.score, abs=AS_GOOD)
 
 
-def test_one_whose_fit_gets_stuck_is_not_ruled_out(scan, monkeypatch):
-    """Fits of the other effect that begin elsewhere end a tenth of the way, as along a valley that is rough."""
+def test_effect_is_not_ruled_out_if_its_fit_gets_stuck(scan, monkeypatch):
+    """Other starts of the fit end after a tenth of the way, as in a valley with local minima."""
     fitter, effect, other = scan
     made = forward_selection.trials
 
@@ -77,7 +77,7 @@ def test_one_whose_fit_gets_stuck_is_not_ruled_out(scan, monkeypatch):
     assert ({effect, other} - {named}) <= set(choice.ambiguous_with(named))
 
 
-def test_effects_that_differ_share_little(scan):
+def test_different_effects_are_not_equivalent(scan):
     fitter, effect, other = scan
     found = trial(fitter, (effect,), trial(fitter, ()))
     shares = {name: one.share for name, one in exchanged(fitter, found.fit, effect, ["scatter", "dark_signal"]).items()}

@@ -1,4 +1,4 @@
-"""Tables of features whose difference is known: the property that was changed is named, and nothing else is."""
+"""Feature tables with a known difference: the changed property is named, and no other."""
 
 import numpy as np
 import pandas as pd
@@ -26,7 +26,7 @@ DRAWS = 199  # enough for 5 % over six properties
 
 
 @pytest.fixture(autouse=True)
-def fewer_draws(monkeypatch):
+def fewer_realizations(monkeypatch):
     monkeypatch.setattr(selection, "DRAWS", DRAWS)
 
 
@@ -49,7 +49,9 @@ def scans(mean, noise_hu=NOISE_HU, sigma=0.0, seed=0):
 
 
 def blurred(images, sigma):
-    """By a Gaussian in frequency: one of half a voxel that is sampled has a standard deviation of 0.46 voxels."""
+    """Blur by a Gaussian in frequency; a sampled Gaussian of half a voxel would have a standard deviation of 0.46
+    voxels.
+    """
     return np.fft.ifftn(ndimage.fourier_gaussian(np.fft.fftn(images), sigma)).real
 
 
@@ -60,7 +62,7 @@ def recording(images, masks):
 
 @pytest.fixture(scope="module")
 def tables(scene):
-    """Of the simulation with every property changed; the recording enters the HU calibration alone."""
+    """Tables of the simulation with every property changed; the recording is only used for the HU calibration."""
     mean, masks = scene
     recorded = recording(scans(mean + 30, seed=1), masks)
     made = pd.concat(property_tables(scans(mean), GRID, masks, folds(CLASSES), recorded), ignore_index=True)
@@ -72,7 +74,7 @@ def diagnosed(tables, recorded):
     return data, diagnose_features("test", data, {}, MEAN).content
 
 
-def test_nothing_changed_is_a_match(scene, tables):
+def test_equal_tables_are_a_match(scene, tables):
     mean, masks = scene
     _, found = diagnosed(tables, recording(scans(mean, seed=1), masks))
     assert found["verdict"] == "match", found["sentence"]
@@ -105,27 +107,27 @@ def test_the_property_that_was_changed_is_named(changed):
     truth = CHANGED[name][1]
     assert found["verdict"] in ("mismatch explained", "mismatch partly explained"), found["sentence"]
     assert found["effects"][0]["name"] == name, found["candidates"]
-    # The mean over eight repeats holds an eighth of the noise's variance, which no change of the noise alone reaches.
+    # The mean of eight repeats has an eighth of the noise variance, which no change of the noise alone reaches.
     assert found["excess_removed"] > 0.5, found["candidates"]
     squares = found["held_out"]["mean_squared_shift"]
     assert squares["after"] < 0.25 * squares["before"]
     for key, value in truth.items():
         low, high = found["effects"][0]["parameters"][key]["ci95"]
-        # Between the strengths that were simulated features are interpolated: within a step of the truth.
+        # Features are interpolated between simulated strengths: within a step of the truth.
         assert low - 0.12 * abs(value) - 0.02 <= value <= high + 0.12 * abs(value) + 0.02, (key, low, high)
-    wanted = {name} if name in ("photon_flux", "hu_calibration", "reconstruction_kernel") else set()
-    assert set(overlay(data, found)["physics"]) == wanted
+    expected = {name} if name in ("photon_flux", "hu_calibration", "reconstruction_kernel") else set()
+    assert set(overlay(data, found)["physics"]) == expected
 
 
-def test_the_misses_that_it_repairs_on_regions_not_fitted_are_most(changed):
+def test_repair_removes_most_mismatches_in_held_out_regions(changed):
     name, _, found = changed
     counts = {one: candidate["families"]["all"] for one, candidate in found["candidates"].items()}
-    assert len({(one["cells"], one["misses"]) for one in counts.values()}) == 1
+    assert len({(count["cells"], count["misses"]) for count in counts.values()}) == 1
     best = max(counts, key=lambda one: (counts[one]["repaired"], counts[one]["median_removed_share"]))
     assert best == name and counts[name]["median_removed_share"] > 0.5, counts
 
 
-def test_misses_are_counted_by_family(scene, tables):
+def test_mismatches_are_counted_by_family(scene, tables):
     mean, masks = scene
     recorded = recording(scans(mean + 30, seed=1), masks)
     data, found = diagnosed(tables, recorded)
@@ -148,17 +150,19 @@ def test_misses_are_counted_by_family(scene, tables):
     }
 
 
-def test_other_voxels_hold_the_same_object(scene):
+def test_coarser_and_finer_voxels_hold_the_same_object(scene):
     mean, masks = scene
     mean = 100 + mean - sum(HU[roi] * mask for roi, mask in masks.items())  # no steps: voxels at edges mix little
-    images, grid, own = sampled(scans(mean, seed=2), GRID, masks, (1.0, 0.75, 0.75))
+    images, grid, own_masks = sampled(scans(mean, seed=2), GRID, masks, (1.0, 0.75, 0.75))
     assert grid.spacing == (1.0, 0.75, 0.75) and images.shape[1:] == grid.shape
     for roi, mask in masks.items():
-        assert own[roi].sum() * np.prod(grid.spacing) == pytest.approx(mask.sum() * np.prod(GRID.spacing), rel=0.05)
-        assert images[:, own[roi]].mean() == pytest.approx(mean[mask].mean(), abs=4)
+        assert own_masks[roi].sum() * np.prod(grid.spacing) == pytest.approx(
+            mask.sum() * np.prod(GRID.spacing), rel=0.05
+        )
+        assert images[:, own_masks[roi]].mean() == pytest.approx(mean[mask].mean(), abs=4)
         centres = [
             np.argwhere(part).mean(axis=0)[::-1] * np.array(on.spacing[::-1]) + on.affine[:3, 3]
-            for part, on in ((mask, GRID), (own[roi], grid))
+            for part, on in ((mask, GRID), (own_masks[roi], grid))
         ]
         np.testing.assert_allclose(*centres, atol=0.1)
 
@@ -186,7 +190,7 @@ def test_folds_hold_every_class_that_has_two_regions():
         folds({"cyst_1": "cyst"})
 
 
-def test_calibration_is_the_line_through_the_means():
+def test_hu_calibration_is_the_line_through_the_means():
     simulated = np.array([0.0, 50.0, 100.0])
     assert calibration(simulated, 1.05 * simulated - 12) == pytest.approx({"scale": 1.05, "offset_hu": -12})
     assert calibration(simulated[:2], simulated[:2] + 7) == pytest.approx({"scale": 1.0, "offset_hu": 7})

@@ -1,4 +1,4 @@
-"""Steps and errors of fits, and fits that begin far off."""
+"""Steps, errors and starts of fits."""
 
 import copy
 from dataclasses import replace
@@ -30,7 +30,7 @@ WIDE = np.full(3, np.inf)
 
 
 def exact(matrix, right):
-    """Solution of a linear system by Cramer's rule in whole numbers' fractions: no rounding."""
+    """Solve a linear system by Cramer's rule with fractions, without rounding."""
 
     def determinant(rows):
         a, b, c = rows
@@ -52,7 +52,7 @@ def exact(matrix, right):
 @settings(deadline=None)
 @given(st.lists(st.integers(-9, 9), min_size=3, max_size=3))
 def test_steps_and_errors_do_not_depend_on_units(powers):
-    """Of shares and millimetres, informations can be 1e36 apart: neither is rounding."""
+    """Information on shares and on millimeters can differ by a factor of 1e36; neither is rounding noise."""
     units = 10.0 ** np.array(powers)
     information = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, -0.8], [0.5, -0.8, 2.0]]) * np.outer(units, units)
     gradient = np.array([1.0, -2.0, 0.5]) * units
@@ -62,7 +62,7 @@ def test_steps_and_errors_do_not_depend_on_units(powers):
     np.testing.assert_allclose(standard_errors(information), np.sqrt(inverse), rtol=1e-9)
 
 
-def test_what_nothing_is_known_of_stays_and_has_no_finite_error():
+def test_unconstrained_parameter_stays_and_has_infinite_error():
     information = np.diag([4.0, 0.0, 1.0])
     np.testing.assert_array_equal(standard_errors(information), [0.5, np.inf, 1.0])
     np.testing.assert_array_equal(
@@ -72,19 +72,19 @@ def test_what_nothing_is_known_of_stays_and_has_no_finite_error():
 
 @settings(deadline=None)
 @given(arrays(float, (3, 3), elements=st.floats(-3, 3)), arrays(float, 3, elements=st.floats(-5, 5)))
-def test_steps_end_at_the_least_within_bounds(root, gradient):
-    """Where the model falls on, a bound is in the way (the conditions of Karush, Kuhn and Tucker)."""
+def test_steps_end_at_the_minimum_within_bounds(root, gradient):
+    """At an active bound, the gradient points outwards (Karush-Kuhn-Tucker conditions)."""
     information = root @ root.T + np.eye(3)
     point, low, high = np.array([0.0, 0.5, -1.0]), np.array([0.0, 0.0, -1.5]), np.array([2.0, 0.6, 9.0])
     reached = point + bounded_step(information, gradient, point, low, high)
     assert (reached >= low - 1e-9).all() and (reached <= high + 1e-9).all()
-    slope = gradient - information @ (reached - point)  # along which the model gets better
+    slope = gradient - information @ (reached - point)  # direction in which the model improves
     tolerance = 1e-6 * (1 + np.abs(information).max())
     assert (slope[reached > low + 1e-7] > -tolerance).all()
     assert (slope[reached < high - 1e-7] < tolerance).all()
 
 
-def test_two_that_do_the_same_share_one_step():
+def test_two_equivalent_parameters_share_one_step():
     information = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     step = bounded_step(information, np.array([1.0, 1.0, 0.0]), np.zeros(3), -WIDE, WIDE)
     np.testing.assert_allclose(step, [0.5, 0.5, 0.0], atol=1e-12)
@@ -92,7 +92,7 @@ def test_two_that_do_the_same_share_one_step():
 
 
 def fitted_to(truth, stated=None, insert=((50, 10, None), 20, 800.0)):
-    """A fitter of a scan that holds this physics, made in the same steps, of a scanner of which something is stated."""
+    """Fitter of a scan with this physics, simulated in the same steps, for a scanner with declared physics."""
     grid = Grid((12, 96, 96), (3.0, 3.0, 3.0))
     painted = body(grid, (110, 80), 20.0, [insert])
     scene = VoxelScene.of(painted, Segmentation(), 0.0193)
@@ -115,7 +115,7 @@ def fitted_to(truth, stated=None, insert=((50, 10, None), 20, 800.0)):
     return prepared.prepare(taken, None, chain, nominal_photons=1e5, declared=known).fitter
 
 
-def test_a_grid_is_found_beside_scatter_that_is_known_without_it():
+def test_grid_is_found_with_known_scatter():
     scatter = {"scatter": {"amount": 0.1, "width_mm": 60.0}}
     truth = scatter | {"anti_scatter_grid": {"ratio": 8.0, "ratio_along_rows": 0.0}}
     tried = ["anti_scatter_grid", "electronic_noise"]
@@ -129,8 +129,8 @@ def test_a_grid_is_found_beside_scatter_that_is_known_without_it():
 
 
 @pytest.mark.parametrize("share, width_mm", [(0.002, 25.0), (0.004, 90.0)])
-def test_a_faint_wide_glare_is_found_from_the_usual_start(share, width_mm):
-    """Its width changes little beside its share: a fit that takes that for nothing stays at the width it began with."""
+def test_faint_wide_glare_is_found_from_the_default_start(share, width_mm):
+    """The width changes the data much less than the share. A fit that neglects it would stay at its starting width."""
     truth = {"veiling_glare": {"share": share, "width_mm": width_mm}}
     fitter = fitted_to(truth)
     fit = fitter.fit(("veiling_glare",), fitter.fit(()))
@@ -143,8 +143,8 @@ def test_a_faint_wide_glare_is_found_from_the_usual_start(share, width_mm):
 
 
 @pytest.mark.parametrize("name, truth", [("photon_flux", {"factor": 0.7}), ("electronic_noise", {"photons": 140.0})])
-def test_errors_are_those_of_derivatives_where_the_fit_ends(name, truth):
-    """Derivatives that were updated from step to step may be off by as much as they were where the fit began."""
+def test_errors_use_derivatives_at_the_end_of_the_fit(name, truth):
+    """Derivatives updated from step to step may keep their errors from the start of the fit."""
     fitter = fitted_to({name: truth})
     fit = fitter.fit((name,), fitter.fit(()))
     there = Problem.at(fitter, fit)
@@ -155,8 +155,8 @@ def test_errors_are_those_of_derivatives_where_the_fit_ends(name, truth):
 
 
 @pytest.mark.parametrize("width_mm", [1.6, 2.4])
-def test_a_blur_is_found_from_nothing(width_mm):
-    """What it changes grows with the square of its width: a fit of the width itself starts with no slope."""
+def test_blur_is_found_from_a_zero_start(width_mm):
+    """The change grows with the square of the width: a fit of the width itself would start with zero slope."""
     fitter = fitted_to({"focal_spot": {"width_mm": width_mm, "length_mm": 0.0}})
     none = fitter.fit(())
     fit = fitter.fit(("focal_spot",), replace(none, physics={"focal_spot": {"width_mm": 0.0, "length_mm": 0.0}}))
@@ -166,7 +166,7 @@ def test_a_blur_is_found_from_nothing(width_mm):
 
 
 @given(st.floats(0, 16), st.floats(1e-6, 20))
-def test_intervals_of_a_value_reach_as_far_as_those_of_its_square(number, error):
+def test_intervals_of_a_value_equal_those_of_its_square(number, error):
     one = Unknown("focal_spot", "width_mm", 0.0, 16.0, (1.0,), 0.0, 8.0, 16.0, power=2)
     assert one.of(one.value(number)) == pytest.approx(number)
     value, reach = one.value(number), NORMAL_95 * one.value_error(number, error)
@@ -180,18 +180,18 @@ def test_intervals_of_a_value_reach_as_far_as_those_of_its_square(number, error)
 @pytest.mark.parametrize(
     "chosen, left",
     [
-        # A wrong distance has pulled the object's size to its bound: relieving that is all that the filter has to see.
+        # A wrong distance has pushed the object size to its bound; the filter only has to release it.
         (("afterglow",), {"source_distance": {"isocentre_mm": 1.8, "detector_mm": 0.0}}),
-        # Widths far from the usual one.
+        # Widths far from the typical one.
         (("photon_flux",), {"veiling_glare": {"share": 0.01, "width_mm": 10.0}}),
-        # The same distance, of which the size has just reached its bound: to relieve it is most of the gain.
+        # The same distance with the object size just at its bound: releasing the size is most of the gain.
         (("afterglow",), {"source_distance": {"isocentre_mm": 1.45, "detector_mm": 0.0}}),
         ((), {"detector_offset": {"columns_px": 0.01}}),
-        # It cannot be faint, and beside it the scale is another number.
+        # It cannot be faint, and it changes the meaning of the density scale.
         (("photon_flux",), {"spectrum": {"kvp": 100.0, "filtration_mm": 8.0, "sensor_mm": 0.6}}),
     ],
 )
-def test_matched_filters_say_what_a_fit_gains(chosen, left):
+def test_matched_filters_predict_the_gain_of_a_fit(chosen, left):
     physics = {"afterglow": {"share": 0.05, "time_constant_ms": 10.0, "before": 1.0}, "photon_flux": {"factor": 0.8}}
     fitter = fitted_to({name: physics[name] for name in chosen} | left)
     without = fitter.fit(chosen, fitter.fit(()))
@@ -202,8 +202,8 @@ def test_matched_filters_say_what_a_fit_gains(chosen, left):
 
 
 @pytest.mark.parametrize("rows_mm", [2.5, 6.0])
-def test_matched_filters_of_what_moves_rays_see_what_its_place_has_taken_up(rows_mm):
-    """Rows that lie off look like an object that does, of which something is known."""
+def test_matched_filters_of_ray_moving_effects_see_what_the_pose_absorbs(rows_mm):
+    """A row offset looks like a shifted object, whose position has a prior."""
     fitter = fitted_to({"detector_row_offset": {"rows_mm": rows_mm}}, insert=((50, 10, 10.0), 12, 800.0))
     without = fitter.fit(())
     assert abs(without.nuisance["z_mm"]) > 1
@@ -213,12 +213,12 @@ def test_matched_filters_of_what_moves_rays_see_what_its_place_has_taken_up(rows
     )
 
 
-def test_jacobians_where_fits_have_ended_are_worked_out_once():
-    """Of both halves, and of a model in which something is known from elsewhere another one."""
+def test_jacobians_at_finished_fits_are_computed_once():
+    """Once for both halves, and again for a model with a prior from elsewhere."""
     truth = {"scatter": {"amount": 0.05, "width_mm": 60.0}}
     fitter = fitted_to(truth)
     fit = fitter.fit(("scatter",), fitter.fit(()))
-    fitted, held = of_both_halves(Problem.at(fitter, fit))
+    fitted, held_out = of_both_halves(Problem.at(fitter, fit))
     again = Problem.at(fitter, fit)
     fresh = again.jacobian(again.start, again.residuals(again.start))
     for one, other in zip(fitted, fresh, strict=True):
@@ -227,7 +227,7 @@ def test_jacobians_where_fits_have_ended_are_worked_out_once():
     try:
         fitter.model.predict = None
         columns = data_changes(again)
-        assert of_both_halves(again)[1] is held
+        assert of_both_halves(again)[1] is held_out
     finally:
         fitter.model.predict = predict
     np.testing.assert_allclose(
@@ -238,8 +238,8 @@ def test_jacobians_where_fits_have_ended_are_worked_out_once():
     assert data_changes(Problem.at(fitter.of(known), fit)).shape[1] == len(again.start) - 1
 
 
-def test_there_is_no_negative_scatter():
-    """What only less than nothing of an effect would explain speaks for another one."""
+def test_scatter_cannot_be_negative():
+    """Data that need a negative amount of an effect support another effect."""
     least, most = amounts(load("scatter").parameters)
     assert least.tolist() == [0.0] and most[0] > 1
     least, most = amounts(load("photon_flux").parameters)
@@ -248,19 +248,19 @@ def test_there_is_no_negative_scatter():
     assert least[0] > 0
 
 
-def test_amounts_keep_to_their_ranges_and_alike_templates_count_once():
+def test_amounts_stay_in_range_and_equal_templates_count_once():
     rows, residual = np.eye(2, 5), np.array([-3.0, 2.0, 1.0, 0.0, 0.0])
     wide = np.full(2, np.inf)
     assert explained(rows, residual, -wide, wide) == pytest.approx(13)
     assert explained(rows, residual, np.array([0.0, -np.inf]), wide) == pytest.approx(4)
     assert explained(rows[1:], residual, np.array([-1.0]), np.array([1.0])) == pytest.approx(4 - 1)
-    assert explained(rows[1:], residual, np.array([5.0]), np.array([9.0])) == 0  # as it is, worse than nothing
+    assert explained(rows[1:], residual, np.array([5.0]), np.array([9.0])) == 0  # worse than no effect
     twice = np.stack([rows[1], rows[1] + 1e-7 * rows[0]])
     assert explained(twice, residual, -wide, wide) == pytest.approx(4, abs=1e-3)
 
 
-def test_a_fit_that_stalls_begins_again_from_farther_off(monkeypatch):
-    """What moves rays is set off by shares of its range, and the best of all ends is taken."""
+def test_stalled_fit_restarts_from_farther_away(monkeypatch):
+    """Parameters of ray-moving effects restart at shares of their range; the best result is returned."""
     fitter = fitted_to({"detector_row_offset": {"rows_mm": 2.0}})
     stalled = fitter.fit(("detector_row_offset",))
     begun = Problem(fitter, ("detector_row_offset",), None).farther(stalled)
@@ -273,11 +273,11 @@ def test_a_fit_that_stalls_begins_again_from_farther_off(monkeypatch):
     assert fitter.fit(("detector_row_offset",)).chi_square == 30.0
 
 
-def test_what_moves_no_rays_is_not_set_off():
+def test_effects_that_move_no_rays_do_not_restart():
     fitter = fitted_to({"scatter": {"amount": 0.1, "width_mm": 60.0}})
     fit = fitter.fit(("scatter",))
     assert Problem(fitter, ("scatter",), None).farther(fit) == []
-    # Nor what was fitted before: it has found its place.
+    # An effect that was fitted before does not restart either.
     fit = fitter.fit(("detector_row_offset",))
     assert Problem(fitter, ("detector_row_offset",), fit).farther(fit) == []
 
@@ -285,8 +285,8 @@ def test_what_moves_no_rays_is_not_set_off():
 VALLEY = {"source_distance": {"isocentre_mm": -6.0, "detector_mm": 2.0}}
 
 
-def test_slopes_hold_along_the_valley_in_which_what_moves_rays_trades():
-    """Size, scale and distances change the data together by a tenth of what each does alone."""
+def test_slopes_are_exact_along_the_valley_of_ray_moving_effects():
+    """Object size, density scale and distances together change the data by a tenth of what each does alone."""
     fitter = fitted_to(VALLEY)
     fit = fitter.fit(("source_distance",))
     problem = Problem.at(fitter, fit)
@@ -295,7 +295,9 @@ def test_slopes_hold_along_the_valley_in_which_what_moves_rays_trades():
     jacobian = problem.jacobian(problem.start, here)
     information, _ = problem.normal(jacobian, problem.start, here)
     along = np.linalg.inv(information)[0]
-    along /= np.sqrt(along[0])  # one standard error of the first number, all others following
+    along /= np.sqrt(
+        along[0]
+    )  # one standard error of the first parameter, with the others at their conditional optimum
     moved = problem.residuals(problem.start + along)
     promised = jacobian[0].T @ (along / problem.steps)
     root = np.sqrt(fitter.weights[0])
@@ -303,7 +305,7 @@ def test_slopes_hold_along_the_valley_in_which_what_moves_rays_trades():
     assert off < 0.2 * np.linalg.norm(promised * root)
 
 
-def test_a_fit_in_a_valley_ends_where_one_from_the_truth_does():
+def test_fit_in_a_valley_ends_at_the_fit_from_the_true_values():
     fitter = fitted_to(VALLEY)
     fit = fitter.fit(("source_distance",))
     there = fitter.fit(("source_distance",), replace(fit, physics=VALLEY))
@@ -316,6 +318,6 @@ def test_a_fit_in_a_valley_ends_where_one_from_the_truth_does():
 
 @pytest.mark.parametrize("power", [1, 2, LOGARITHM])
 @pytest.mark.parametrize("number, error", [(1.5, 0.2), (1.5, 0.7), (0.0, 0.4)])
-def test_errors_of_values_go_back_to_those_of_numbers(power, number, error):
+def test_errors_of_values_transform_back_to_those_of_parameters(power, number, error):
     one = Unknown("effect", "name", -9.0, 9.0, (0.0,), None, 0.0, 1.0, power)
     assert one.number_error(one.value(number), one.value_error(number, error)) == pytest.approx(error)

@@ -1,4 +1,4 @@
-"""What the library lacks is one file of one's own: an effect on projections, one on images, and a kind of scene."""
+"""Extensions in one user file each: an effect on projections, an effect on images, and a kind of scene."""
 
 import ast
 import importlib.util
@@ -165,7 +165,7 @@ def scene():
 
 @pytest.fixture
 def added(tmp_path):
-    """Effects of a folder of one's own; gone afterwards."""
+    """Effects of a user folder, which are removed afterwards."""
     before = list(effects.__path__)
     (tmp_path / "output_drift.py").write_text(DRIFT)
     (tmp_path / "cupping.py").write_text(CUPPING)
@@ -175,7 +175,7 @@ def added(tmp_path):
         sys.modules.pop(f"{effects.__name__}.{name}", None)
 
 
-def test_an_effect_on_projections_is_found(scene, added):
+def test_user_effect_on_projections_is_found(scene, added):
     assert added == ("cupping", "output_drift") and set(added) <= set(effect.names())
     tried = candidates({"nominal_photons": PHOTONS})
     assert "output_drift" in tried and "cupping" not in tried
@@ -183,14 +183,16 @@ def test_an_effect_on_projections_is_found(scene, added):
     state = chain.state({"output_drift": {"drift_per_s": 0.03}})
     lines = noisy_lines(state, 4, np.random.default_rng(1)).astype(np.float32)
     taken = observed.Scans(lines, state.measured_air.mean(axis=0) * PHOTONS, np.ones(lines[0].shape, bool))
-    given = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
-    found = diagnose("bench", given, chosen(given.fitter, ("output_drift", "scatter", "motion"))).content
+    prepared_data = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
+    found = diagnose(
+        "bench", prepared_data, chosen(prepared_data.fitter, ("output_drift", "scatter", "motion"))
+    ).content
     (one,) = found["effects"]
     low, high = one["parameters"]["drift_per_s"]["ci95"]
     assert one["name"] == "output_drift" and low < 0.03 < high and found["verdict"] == "mismatch explained"
 
 
-def test_an_effect_on_images_is_found(scene, added):
+def test_user_effect_on_images_is_found(scene, added):
     tried = candidates({"nominal_photons": PHOTONS}, "images")
     assert set(added) <= set(tried)
     grid, chain = Grid((6, 40, 40), (5.4, 6.4, 6.4)), Chain(scene, GEOMETRY, PHOTONS)
@@ -201,16 +203,20 @@ def test_an_effect_on_images_is_found(scene, added):
     noisy = reconstruct(noisy_lines(chain.state({}), 4, np.random.default_rng(2)))
     images = np.stack([apply_image_effects(one, grid.spacing, {"cupping": {"depth_hu": 12.0}}) for one in noisy])
     seed, valid = np.random.SeedSequence(3), complete(GEOMETRY, grid)
-    given = prepare_images(images, None, chain, chain, reconstruct, grid.spacing, valid, seed, nominal_photons=PHOTONS)
-    found = diagnose("scanner", given, chosen(given.fitter, ("cupping", "hu_calibration", "scatter"))).content
-    assert [one["name"] for one in found["effects"]][:1] == ["cupping"]
+    prepared_data = prepare_images(
+        images, None, chain, chain, reconstruct, grid.spacing, valid, seed, nominal_photons=PHOTONS
+    )
+    found = diagnose(
+        "scanner", prepared_data, chosen(prepared_data.fitter, ("cupping", "hu_calibration", "scatter"))
+    ).content
+    assert [effect["name"] for effect in found["effects"]][:1] == ["cupping"]
     low, high = found["effects"][0]["parameters"]["depth_hu"]["ci95"]
     assert low - (high - low) / 2 < 12.0 < high + (high - low) / 2
 
 
 @pytest.fixture
 def leaking(tmp_path):
-    """The effect that declares everything."""
+    """An effect with all optional declarations."""
     before = list(effects.__path__)
     (tmp_path / "leakage.py").write_text(LEAKAGE)
     effect.add_folder(tmp_path)
@@ -233,7 +239,7 @@ FAVORABLE = {"corrected": ["housing"], "helical": True}
         ({}, {"corrected": []}, r"leakage is there .* state corrected: \[housing\]"),
     ],
 )
-def test_an_effect_is_tried_where_its_needs_are_met(leaking, settings, scan, message):
+def test_effect_is_a_candidate_where_its_needs_are_met(leaking, settings, scan, message):
     stated = {"nominal_photons": None if "nominal" in message else PHOTONS} | settings
     assert "leakage" in candidates({"nominal_photons": PHOTONS}, **FAVORABLE)
     assert "leakage" not in candidates(stated, **FAVORABLE | scan)
@@ -241,13 +247,13 @@ def test_an_effect_is_tried_where_its_needs_are_met(leaking, settings, scan, mes
         candidates(stated | {"effects": ["leakage"]}, **FAVORABLE | scan)
 
 
-def test_an_effect_declares_its_priors_and_its_owner(scene, leaking):
-    """A label's voltage is a prior of its parameter; the scale is the density; each scan has an effect of its own."""
+def test_effect_declares_its_priors_and_its_owner(scene, leaking):
+    """A declared voltage is a prior of its parameter, the scale is the density, and each scan has its own effect."""
     assert effect.scan_effects().count("leakage") == 1 and "leakage" in effect.needing(effect.DIVERGENT_BEAM)
     assert effect.absolute_attenuation(["leakage"]) and not effect.absolute_attenuation(["scatter"])
     taken = scans_of(Chain(scene, GEOMETRY, PHOTONS).state({}), 4, np.random.default_rng(1))
     fitter = prepared.prepare(taken, None, Chain(scene, GEOMETRY, PHOTONS), tube_kvp=100.0).fitter
-    kvp = next(one for one in fitter.model.unknowns(("leakage",)) if one.name == "kvp")
+    kvp = next(unknown for unknown in fitter.model.unknowns(("leakage",)) if unknown.name == "kvp")
     assert (kvp.expected, kvp.sd, kvp.low, kvp.high, kvp.starts) == (100.0, 1.0, 95.0, 105.0, (100.0,))
     scale, free = (
         next(one for one in fitter.model.alignment(names) if one.name == "scale") for names in (("leakage",), ())
@@ -257,25 +263,25 @@ def test_an_effect_declares_its_priors_and_its_owner(scene, leaking):
     assert [kernel_error(one, 0.1) for one in (share, width)] == [0.0, 0.7]
 
 
-def test_an_effect_warns_where_it_reaches_a_bound_or_is_absent(scene, leaking):
+def test_effect_warns_at_a_bound_and_if_absent(scene, leaking):
     taken = scans_of(Chain(scene, GEOMETRY, PHOTONS).state({}), 4, np.random.default_rng(1))
-    given = prepared.prepare(taken, None, Chain(scene, GEOMETRY, PHOTONS), tube_kvp=100.0)
-    choice = chosen(given.fitter, ("scatter",))
+    prepared_data = prepared.prepare(taken, None, Chain(scene, GEOMETRY, PHOTONS), tube_kvp=100.0)
+    choice = chosen(prepared_data.fitter, ("scatter",))
     absent = replace(choice, alone={"leakage": -20.0})
-    assert "A tube of 100 kV leaks, and this one does not." in caveats(given, absent, 100.0)
-    assert caveats(given, replace(choice, alone={"leakage": 0.0}), 100.0) == caveats(given, choice)
+    assert "A tube of 100 kV leaks, and this one does not." in caveats(prepared_data, absent, 100.0)
+    assert caveats(prepared_data, replace(choice, alone={"leakage": 0.0}), 100.0) == caveats(prepared_data, choice)
     values = {"leakage": {"share": 0.01, "kvp": 105.0, "width_mm": 30.0}}
     errors = {"leakage": dict.fromkeys(values["leakage"], 0.01)}
     fit = replace(choice.chosen.fit, effects=("leakage",), physics=values, errors=errors)
-    (doubt,) = doubts(replace(choice, chosen=replace(choice.chosen, fit=fit)), given.fitter.model, {})
+    (doubt,) = doubts(replace(choice, chosen=replace(choice.chosen, fit=fit)), prepared_data.fitter.model, {})
     assert doubt == "voltage behind the housing of leakage is 105 kV (stated: 100, known within 1)"
 
 
 SHARED = ("noise", "fitting", "residuals", "uncertainty", "selection", "verdict", "comparison", "planning", "scanner")
 
 
-def test_the_core_names_no_effect():
-    """Shared packages of the diagnosis, and the module of effects but for its list of stages."""
+def test_core_names_no_effect():
+    """Check the shared packages of the diagnosis, and the effects module except its list of stages."""
     core = LIBRARY / "diagnosis"
     paths = [path for package in SHARED for path in (core / package).glob("*.py")] + list(core.glob("*.py"))
     found = [
@@ -288,7 +294,7 @@ def test_the_core_names_no_effect():
     assert len(paths) > 40 and not found, found
 
 
-def test_a_folder_that_cannot_be_added_is_refused(tmp_path):
+def test_invalid_effect_folder_is_rejected(tmp_path):
     with pytest.raises(InputError, match="holds no effects"):
         effect.add_folder(tmp_path / "missing")
     (tmp_path / "scatter.py").write_text(DRIFT)
@@ -297,8 +303,8 @@ def test_a_folder_that_cannot_be_added_is_refused(tmp_path):
     assert str(tmp_path) not in effects.__path__
 
 
-def test_a_kind_of_scene_is_one_file(tmp_path):
-    """All that is asked of a scene: materials, their attenuation, the beam's energy, and path lengths."""
+def test_kind_of_scene_is_one_file(tmp_path):
+    """A scene only has materials, their attenuation, the beam's energy, and path lengths."""
     (tmp_path / "balls_scene.py").write_text(BALLS)
     spec = importlib.util.spec_from_file_location("balls_scene", tmp_path / "balls_scene.py")
     module = importlib.util.module_from_spec(spec)
@@ -308,8 +314,10 @@ def test_a_kind_of_scene_is_one_file(tmp_path):
     state = chain.state({"detector_offset": {"columns_px": 0.05}})
     lines = noisy_lines(state, 4, np.random.default_rng(1)).astype(np.float32)
     taken = observed.Scans(lines, state.measured_air.mean(axis=0) * PHOTONS, np.ones(lines[0].shape, bool))
-    given = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
-    found = diagnose("bench", given, chosen(given.fitter, ("detector_offset", "scatter"))).content
-    assert [one["name"] for one in found["effects"]] == ["detector_offset"] and found["verdict"] == "mismatch explained"
+    prepared_data = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
+    found = diagnose("bench", prepared_data, chosen(prepared_data.fitter, ("detector_offset", "scatter"))).content
+    assert [effect["name"] for effect in found["effects"]] == ["detector_offset"] and found[
+        "verdict"
+    ] == "mismatch explained"
     low, high = found["effects"][0]["parameters"]["columns_px"]["ci95"]
     assert low < 0.05 < high and high - low < 0.05

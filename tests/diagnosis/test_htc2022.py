@@ -1,4 +1,4 @@
-"""Physics found on the solid disc of the Helsinki challenge, held against a disc with holes."""
+"""Physics from the solid disc of the Helsinki challenge, validated on a disc with holes."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -26,8 +26,8 @@ pytestmark = [
     pytest.mark.skipif(not REAL.exists(), reason="the real measurements are not beside this checkout"),
 ]
 # docs/validation/real-discs.md
-PHOTONS = 36000.0  # per pixel in air, from differences of neighbouring views
-EVERY = 36  # of the views; of those half are held out
+PHOTONS = 36000.0  # per pixel in air, from differences of neighboring views
+EVERY = 36  # of the views; half of these are held out
 FOUND = {
     "spectrum": {"kvp": 40.0, "filtration_mm": 2.357, "sensor_mm": 0.6},
     "dark_signal": {"level_units": 0.0503, "drift_units_per_s": 0.0049 / (721 * 1.2)},  # of air; 1.2 s per view
@@ -35,18 +35,18 @@ FOUND = {
 DENSITY = (0.964, 0.011)
 
 
-def test_physics_of_the_solid_disc_holds_for_one_with_holes(tmp_path):
+def test_physics_of_the_solid_disc_predicts_a_disc_with_holes(tmp_path):
     name = "htc2022_ta_full"
     recording = import_htc2022(REAL / f"{name}.mat", tmp_path / "ta", segmentation=REAL / f"{name}_recon_fbp_seg.mat")
-    geometry, taken, kept = recording.geometry, scans(recording.repeats), slice(0, 720, EVERY)
-    geometry = geometry.every(EVERY)  # the last view looks as the first one
+    geometry, taken, selected = recording.geometry, scans(recording.repeats), slice(0, 720, EVERY)
+    geometry = geometry.every(EVERY)  # the last view repeats the first one
     geometry = replace(
         geometry,
         angles_rad=geometry.angles_rad[:-1],
         source_z_mm=geometry.source_z_mm[:-1],
         view_times=geometry.view_times[:-1],
     )
-    taken = replace(taken, repeats=taken.repeats[:, kept], usable=taken.usable[kept])
+    taken = replace(taken, repeats=taken.repeats[:, selected], usable=taken.usable[selected])
     chain = Chain(PosedScene(mask_scene(tmp_path / "ta" / OBJECT, "pmma")), geometry, readout=AIR)
     variance = np.exp(taken.repeats[0].astype(float)) / PHOTONS
     odd = (np.arange(geometry.views) % 2 == 1)[:, None, None]
@@ -64,5 +64,5 @@ def test_physics_of_the_solid_disc_holds_for_one_with_holes(tmp_path):
     floor = float(np.sqrt(variance.ravel()[used].mean()))
     assert before > 5 * floor
     assert excess_rms_removed(before, after, floor) > 0.6
-    # Neither alone does it: the beam is not monochromatic, and something is added to its signal.
+    # Both are necessary: the beam is polychromatic, and the signal has an additive part.
     assert min(choice.gains["spectrum"], choice.gains["dark_signal"]) > 1000

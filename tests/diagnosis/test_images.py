@@ -1,4 +1,4 @@
-"""Diagnosis of images: whitening against noise of known spectrum, errors against realisations, effects found again."""
+"""Diagnosis of images: whitening of noise with a known spectrum, errors against realizations, and effect recovery."""
 
 from dataclasses import replace
 
@@ -58,13 +58,13 @@ def test_whitened_noise_is_white():
     assert np.abs(local_variance(white, blurred_noise(random, 40, 0.6)) - 1).max() < 0.3
 
 
-def test_the_floor_counts_like_noise_that_repeats_share():
+def test_floor_acts_like_noise_common_to_all_repeats():
     random = np.random.default_rng(2)
     used, noise = np.ones(SHAPE, bool), blurred_noise(random, 40, 0.3)
     floor = 10 * random.normal(size=SHAPE)
-    bare, held = (image_whitening(noise, used, error, 4) for error in (np.zeros(SHAPE), floor))
-    # Of a mean of 4 repeats the noise is 20 / 2 = 10 HU: the floor is as large, so that the variance halves.
-    assert (held(floor) ** 2).mean() / (bare(floor) ** 2).mean() == pytest.approx(0.5, abs=0.1)
+    bare, with_floor = (image_whitening(noise, used, error, 4) for error in (np.zeros(SHAPE), floor))
+    # The noise of a mean of 4 repeats is 20 / 2 = 10 HU. A floor of the same size halves the inverse variance.
+    assert (with_floor(floor) ** 2).mean() / (bare(floor) ** 2).mean() == pytest.approx(0.5, abs=0.1)
 
 
 def test_noise_statistics_scatter_by_their_errors():
@@ -81,12 +81,12 @@ def test_noise_statistics_scatter_by_their_errors():
     assert np.std(z) == pytest.approx(1, abs=0.15)
     values = np.array([one for one, _ in pairs])
     assert values.std(axis=0) == pytest.approx(pairs[0][1], rel=0.5)
-    # A Gaussian of standard deviation s leaves exp(-d^2 / 4 s^2) between voxels d apart.
+    # A Gaussian of standard deviation s gives a correlation of exp(-d^2 / 4 s^2) between voxels at distance d.
     expected = [np.exp(-sum(step**2 for step in lag[1:]) / 4) if not lag[0] else 0 for lag in LAGS]
     assert values.mean(axis=0) == pytest.approx(expected, abs=0.03)
 
 
-def test_central_slices_lie_alike_about_the_middle():
+def test_central_slices_are_symmetric_about_the_middle():
     valid = np.zeros((30, 4, 4), bool)
     valid[3:28] = True
     assert central_slices(valid) == slice(3, 27)
@@ -110,7 +110,7 @@ def reconstruct(lines):
 
 
 def recorded(scene, physics, seed, repeats=REPEATS):
-    """Images made from Poisson counts, as scanners make them."""
+    """Images reconstructed from Poisson counts, as of a scanner."""
     before = {name: values for name, values in physics.items() if not acts_on_images(name)}
     after = {name: values for name, values in physics.items() if name not in before}
     state = Chain(scene, GEOMETRY, PHOTONS, samples=2).state(before)
@@ -132,14 +132,14 @@ def prepared(scene, physics, seed=1, repeats=REPEATS):
     )
 
 
-def found(given, candidates):
-    return diagnose("images", given, chosen(given.fitter, candidates))
+def found(prepared_data, candidates):
+    return diagnose("images", prepared_data, chosen(prepared_data.fitter, candidates))
 
 
-def test_realisations_are_the_same_draws_with_and_without_afterglow(scene):
+def test_realizations_use_the_same_random_numbers_with_and_without_afterglow(scene):
     state = Chain(scene, GEOMETRY, PHOTONS).state({})
     states = (state, replace(state, lag=(1e-4, 0.0, 1.0)))
-    plain, glowing = (noise_lines(one, 2, np.random.SeedSequence(3)) for one in states)
+    plain, glowing = (noise_lines(state, 2, np.random.SeedSequence(3)) for state in states)
     assert np.corrcoef(plain.ravel(), glowing.ravel())[0, 1] > 0.999
     assert np.abs(plain - glowing).max() > 0
 
@@ -147,10 +147,10 @@ def test_realisations_are_the_same_draws_with_and_without_afterglow(scene):
 CANDIDATES = ("hu_calibration", "reconstruction_kernel", "photon_flux")
 
 
-def test_nothing_concealed_is_a_match(scene):
-    given = prepared(scene, {})
-    assert given.photons == pytest.approx(PHOTONS, rel=0.15)
-    content = found(given, CANDIDATES).content
+def test_no_hidden_effect_is_a_match(scene):
+    prepared_data = prepared(scene, {})
+    assert prepared_data.photons == pytest.approx(PHOTONS, rel=0.15)
+    content = found(prepared_data, CANDIDATES).content
     assert content["verdict"] == "match", content["sentence"]
     rms = content["held_out"]["rms_hu"]
     assert rms["before"] == pytest.approx(rms["floor"], rel=0.05)
@@ -166,37 +166,42 @@ def test_nothing_concealed_is_a_match(scene):
         ("scatter", "amount", 0.03),
     ],
 )
-def test_a_concealed_effect_is_named(scene, name, key, value):
+def test_hidden_effect_is_named(scene, name, key, value):
     effect = load(name)
     key = key or effect.parameters[0].name
-    values = {one.name: one.neutral if one.neutral is not None else one.typical for one in effect.parameters}
+    values = {
+        parameter.name: parameter.neutral if parameter.neutral is not None else parameter.typical
+        for parameter in effect.parameters
+    }
     values[key] = 0.6 if value is None else value
     removed = []
     for seed in (1, 2, 3):
         content = found(prepared(scene, {name: values}, seed), dict.fromkeys([*CANDIDATES, name])).content
-        named = {one["name"]: one["parameters"] for one in content["effects"]}
+        named = {effect["name"]: effect["parameters"] for effect in content["effects"]}
         assert list(named)[:1] == [name], content["sentence"]
         low, high = named[name][key]["ci95"]
         assert low - (high - low) / 2 < values[key] < high + (high - low) / 2
         removed.append(content["excess_removed"])
-    assert np.median(removed) > 0.9  # of one draw, what noise leaves in common may pass for half of a faint effect
+    assert (
+        np.median(removed) > 0.9
+    )  # in one realization, noise common to the halves can look like half of a faint effect
 
 
-def test_one_repeat_says_where_its_noise_is_from(scene):
-    """Mean over six draws: of one, the chi-square scatters by 0.05."""
+def test_single_repeat_states_the_source_of_its_noise(scene):
+    """Mean of six realizations: chi-square of one realization scatters by 0.05."""
     chi_square = []
     for seed in range(1, 7):
-        given = prepared(scene, {}, seed, repeats=1)
-        assert given.single and "slices" in given.held_out_text
-        assert given.photons == pytest.approx(PHOTONS, rel=0.15)
-        baseline = trial(given.fitter, ())
-        square = (given.fitter.residuals(baseline.fit)[0] ** 2 * given.fitter.held_weights[0]).sum()
-        chi_square.append(square / (given.fitter.held_weights[0] > 0).sum())
+        prepared_data = prepared(scene, {}, seed, repeats=1)
+        assert prepared_data.single and "slices" in prepared_data.held_out_text
+        assert prepared_data.photons == pytest.approx(PHOTONS, rel=0.15)
+        baseline = trial(prepared_data.fitter, ())
+        square = (prepared_data.fitter.residuals(baseline.fit)[0] ** 2 * prepared_data.fitter.held_weights[0]).sum()
+        chi_square.append(square / (prepared_data.fitter.held_weights[0] > 0).sum())
     assert np.mean(chi_square) == pytest.approx(1, abs=0.2)
 
 
-def test_noise_depends_on_what_is_said_and_not_on_what_was_asked_before(scene):
-    """Where the object lies that the noise is of is part of the linearisation."""
+def test_noise_does_not_depend_on_earlier_calls(scene):
+    """The position of the object at which the noise is computed is part of the linearization."""
     fresh, used = (prepared(scene, {}).fitter.model for _ in range(2))
     expected = {one.name: one.expected for one in fresh.aligned}
     moved = expected | {"x_mm": 4.0}

@@ -1,4 +1,4 @@
-"""Intervals that count inexact models: closed forms, and data that are off as models may be."""
+"""Confidence intervals with model errors: closed forms, and data with such errors."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def chain():
 
 
 def fitted(chain, seed, added=0.0, true=TRUE):
-    """The fitter of four repeats, to whose lines something is added, and fits without and with the one true effect."""
+    """Fitter of four repeats with `added` line integrals, and fits without and with the true effect."""
     scans = scans_of(chain.state(true), 4, np.random.default_rng(seed), added)
     fitter = prepared.prepare(scans, None, chain, nominal_photons=PHOTONS).fitter
     baseline = trial(fitter, ())
@@ -34,7 +34,7 @@ def level(errors):
     return errors.physics["dark_signal"]["level_units"]
 
 
-def test_models_that_are_exact_leave_the_errors_of_noise(chain):
+def test_exact_models_have_the_errors_of_noise(chain):
     fitter, without, fit = fitted(chain, 1)
     for known, accuracy in (({"dark_signal": without}, {"default": 0.0, "numerical": 0.0}), ({}, INEXACT)):
         errors = errors_with_models(fitter, fit, known, accuracy)
@@ -42,22 +42,27 @@ def test_models_that_are_exact_leave_the_errors_of_noise(chain):
         assert errors.nuisance == pytest.approx(fit.nuisance_errors, rel=1e-3)
 
 
-def test_a_model_too_weak_as_a_whole_is_off_by_its_share_of_the_parameter(chain, monkeypatch):
-    """The change by the effect is J times how far the numbers lie from those without it: so is their shift."""
+def test_uniform_model_error_shifts_the_parameter_by_its_share(chain, monkeypatch):
+    """The change by the effect is J times the parameters' distance from their neutral values; the shift is
+    proportional.
+    """
     monkeypatch.setattr(model_error, "shapes", lambda mean: {0: np.ones(mean.shape)})
     fitter, without, fit = fitted(chain, 2)
     errors = errors_with_models(fitter, fit, {"dark_signal": without}, INEXACT)
     by_model = np.sqrt(level(errors) ** 2 - fit.errors["dark_signal"]["level_units"] ** 2)
     assert by_model == pytest.approx(SHARE * fit.physics["dark_signal"]["level_units"], rel=0.05)
-    # What is named for an effect guards its own intervals.
+    # A named effect guards its own intervals.
     exact = errors_with_models(fitter, fit, {"dark_signal": without}, INEXACT | {"dark_signal": 0.0})
     assert level(exact) == pytest.approx(fit.errors["dark_signal"]["level_units"], rel=1e-3)
 
 
-def test_of_data_that_are_off_as_models_may_be_intervals_are_right(chain):
-    """24 scans, each with distortions drawn as they are counted: errors in units of the whole are standard normal."""
+def test_intervals_are_correct_for_data_with_model_errors(chain):
+    """24 scans with random distortions of the assumed size:
+
+    errors divided by total standard errors are standard normal.
+    """
     fitter, *fits = fitted(chain, 3)
-    there, here = (fitter.predicted(one).mean for one in fits)
+    there, here = (fitter.predicted(fit).mean for fit in fits)
     random, z, of_noise = np.random.default_rng(8), [], []
     for seed in range(24):
         added = sum(SHARE * random.normal() * shape for shape in shapes(here).values()) * (here - there)
@@ -67,11 +72,11 @@ def test_of_data_that_are_off_as_models_may_be_intervals_are_right(chain):
         z.append(off / level(errors))
         of_noise.append(off / fit.errors["dark_signal"]["level_units"])
     assert 0.62 < np.sqrt(np.mean(np.square(z))) < 1.45  # 99.7 % of the root mean square of 24 normal values
-    assert np.sqrt(np.mean(np.square(of_noise))) > 2  # what intervals of noise alone miss
+    assert np.sqrt(np.mean(np.square(of_noise))) > 2  # what intervals from noise alone miss
 
 
-def test_a_kernel_of_another_form_is_off_by_what_half_its_width_shifts(chain, monkeypatch):
-    """Glare of which as much again is half as wide: the numbers move by what is counted for it."""
+def test_kernel_of_another_shape_shifts_parameters_by_the_counted_error(chain, monkeypatch):
+    """Add as much glare of half the width: the parameters move by the error that is counted for it."""
     monkeypatch.setattr(model_error, "kernel_error", lambda parameter, share: float(parameter.kernel))
     glare = {"veiling_glare": {"share": 0.03, "width_mm": 60.0}}
     narrower = {"veiling_glare": {"share": 0.03, "width_mm": 30.0}}
@@ -80,7 +85,7 @@ def test_a_kernel_of_another_form_is_off_by_what_half_its_width_shifts(chain, mo
     fitter, without, fit = fitted(chain, 4, 0.0, glare)
     exact = {"default": 0.0, "numerical": 0.0}
     errors = errors_with_models(fitter, fit, {"veiling_glare": without}, exact).physics["veiling_glare"]
-    small = 0.1  # of it: where the fit is straight
+    small = 0.1  # small share, for which the fit is linear
     _, _, moved = fitted(chain, 4, small * (narrow - wide), glare)
     assert np.abs(narrow - wide).max() > 0.2 * np.abs(wide - lines).max()
     for key, error in errors.items():
@@ -88,14 +93,14 @@ def test_a_kernel_of_another_form_is_off_by_what_half_its_width_shifts(chain, mo
         assert np.sqrt(error**2 - fit.errors["veiling_glare"][key] ** 2) == pytest.approx(abs(shift), rel=0.2)
 
 
-def test_shapes_are_of_one_size_along_whatever_axes_there_are():
+def test_shape_errors_have_equal_size_along_any_axes():
     for shape in ((7, 4, 9), (7, 1, 9), (1, 1, 1)):
         found = shapes(np.random.default_rng(1).normal(size=shape))
         assert all(one.shape == shape and np.mean(one**2) == pytest.approx(1) for one in found.values())
         assert len(found) == 1 + sum(length > 1 for length in shape) + (2 + (shape[2] > 2)) * (max(shape) > 1)
 
 
-def test_harmonics_of_a_turn_are_waves_of_one_size():
+def test_harmonics_of_a_rotation_have_equal_size():
     turned = 2 * np.pi * np.arange(24) / 24
     found = harmonics(turned, (24, 2, 3))
     waves = np.array([one[:, 0, 0] for one in found.values()])

@@ -1,4 +1,4 @@
-"""Several recordings of one scanner: physics is shared, alignment is not."""
+"""Joint fits of several recordings of one scanner: physics is shared, alignment is not."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -37,7 +37,7 @@ SCATTER = {"scatter": {"amount": 0.03, "width_mm": 60.0}}
 DISCS = {"large": (160.0, (0.4, -0.3)), "middle": (120.0, (-0.5, 0.2)), "small": (70.0, (0.1, 0.6))}
 
 
-def made_ready(name, physics, seed=1, stated=None):
+def prepare_recording(name, physics, seed=1, stated=None):
     diameter, (x, y) = DISCS[name]
     chain = Chain(DiscScene(diameter, "water"), GEOMETRY, PHOTONS)
     state = chain.state(physics, Pose(x_mm=x, y_mm=y))
@@ -47,7 +47,7 @@ def made_ready(name, physics, seed=1, stated=None):
 
 
 def fitter(name, physics, seed=1):
-    return made_ready(name, physics, seed).fitter
+    return prepare_recording(name, physics, seed).fitter
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def joint(fitters):
     return JointFitter(fitters).fit(("scatter",))
 
 
-def test_of_one_recording_it_is_the_fit_of_that_recording(fitters):
+def test_joint_fit_of_one_recording_equals_its_single_fit(fitters):
     alone = fitters["large"].fit(("scatter",))
     both = JointFitter({"large": fitters["large"]}).fit(("scatter",))
     assert both.chi_square == pytest.approx(alone.chi_square, abs=0.1)
@@ -76,21 +76,21 @@ def test_physics_is_shared_and_alignment_is_not(joint):
         assert fit.nuisance["x_mm"] == pytest.approx(x, abs=0.02) and fit.nuisance["y_mm"] == pytest.approx(y, abs=0.02)
 
 
-def test_the_truth_lies_within_its_errors(joint):
+def test_truth_lies_within_the_errors(joint):
     for key, truth in SCATTER["scatter"].items():
         assert abs(joint.physics["scatter"][key] - truth) < 4 * joint.errors["scatter"][key]
 
 
-def test_together_they_know_more_than_each_alone(fitters, joint):
+def test_joint_errors_are_smaller_than_single_errors(fitters, joint):
     for key in SCATTER["scatter"]:
-        alone = [one.fit(("scatter",)).errors["scatter"][key] for one in fitters.values()]
+        alone = [fitter.fit(("scatter",)).errors["scatter"][key] for fitter in fitters.values()]
         assert joint.errors["scatter"][key] < min(alone)
 
 
 INEXACT = {"default": 0.1, "numerical": 0.5}
 
 
-def test_of_one_recording_inexact_models_count_as_there(fitters):
+def test_model_errors_of_one_recording_equal_those_of_its_single_fit(fitters):
     one = {"large": fitters["large"]}
     without, both = JointFitter(one).fit(()), JointFitter(one).fit(("scatter",))
     shared = errors_of_pulled(pulled_of_recordings(JointFitter(one), both, {"scatter": without}, INEXACT))["large"]
@@ -100,8 +100,8 @@ def test_of_one_recording_inexact_models_count_as_there(fitters):
     assert all(alone[key] > 1.2 * fit.errors["scatter"][key] for key in alone)
 
 
-def test_more_recordings_do_not_make_a_models_error_less(fitters, joint, monkeypatch):
-    """One tenth too weak as a whole: the amount is off by a tenth, of three discs as of one."""
+def test_more_recordings_do_not_reduce_a_model_error(fitters, joint, monkeypatch):
+    """A model that is too weak by a tenth gives an amount that is off by a tenth, for three discs as for one."""
     monkeypatch.setattr(model_error, "shapes", lambda mean: {0: np.ones(mean.shape)})
     monkeypatch.setattr(model_error, "kernel_error", lambda parameter, share: 0.0)
     without = JointFitter(fitters).fit(())
@@ -113,8 +113,8 @@ def test_more_recordings_do_not_make_a_models_error_less(fitters, joint, monkeyp
     assert by_model == pytest.approx(0.1 * joint.physics["scatter"]["amount"], rel=0.2)
 
 
-def test_it_is_the_least_of_the_sum(fitters, joint):
-    """No recording's alignment can be bettered at the shared physics, and no shared number moved for the better."""
+def test_joint_fit_minimizes_the_sum(fitters, joint):
+    """No recording's alignment and no shared parameter can be improved."""
     total = sum(fit.chi_square for fit in joint.fits.values())
     assert total == pytest.approx(joint.chi_square)
     for key in SCATTER["scatter"]:
@@ -126,7 +126,7 @@ def test_it_is_the_least_of_the_sum(fitters, joint):
 
 
 def _at(fitter, physics, given):
-    """Chi-square with the alignment fitted at given physics."""
+    """Chi-square with fitted alignment at fixed physics."""
     model = fitter.model
     fitter.model = type(model)(model.chain, model.aligned, model.anode, fixed=physics, numerical=model.numerical)
     try:
@@ -135,21 +135,21 @@ def _at(fitter, physics, given):
         fitter.model = model
 
 
-def test_a_recording_that_was_not_fitted_is_met_by_the_others_physics(fitters, joint):
+def test_unfitted_recording_is_predicted_by_the_physics_of_the_others(fitters, joint):
     together = JointFitter(fitters)
     for name, one in fitters.items():
         plain = one.score(one.fit(()))
-        held = together.left_out([name], ("scatter",), joint)[name]
-        assert one.score(held) > plain + 10
-        assert held.free == 0
+        held_out = together.left_out([name], ("scatter",), joint)[name]
+        assert one.score(held_out) > plain + 10
+        assert held_out.free == 0
 
 
-def test_a_gain_pattern_belongs_to_one_scan(fitters):
+def test_gain_pattern_belongs_to_one_scan(fitters):
     with pytest.raises(InputError, match="recordings cannot share it"):
         JointFitter(fitters).fit(("gain_pattern",))
 
 
-def test_without_a_recording_there_is_nothing_to_fit():
+def test_no_recording_is_rejected():
     with pytest.raises(InputError, match="there is none"):
         JointFitter({})
 
@@ -157,7 +157,7 @@ def test_without_a_recording_there_is_nothing_to_fit():
 LIBRARY = ("scatter", "detector_offset", "electronic_noise", "veiling_glare")
 
 
-def test_what_the_scanner_lacks_is_chosen_by_recordings_that_were_not_fitted(fitters):
+def test_missing_effects_of_the_scanner_are_selected_on_held_out_recordings(fitters):
     found = choose_jointly(JointFitter(fitters), LIBRARY)
     assert found.chosen.effects == ("scatter",)
     assert found.gains["scatter"] > 100 and found.p["scatter"] < 1e-3
@@ -165,33 +165,33 @@ def test_what_the_scanner_lacks_is_chosen_by_recordings_that_were_not_fitted(fit
     assert found.left_out["small"].physics["scatter"] != found.chosen.physics["scatter"]
 
 
-def test_nothing_is_chosen_where_nothing_is_missing():
+def test_no_effect_is_selected_if_none_is_missing():
     found = choose_jointly(JointFitter({name: fitter(name, {}, seed=5) for name in DISCS}), LIBRARY)
     assert found.chosen.effects == () and found.gains == {}
     assert all(score["after"] == score["before"] for score in found.scores.values())
 
 
-def test_what_one_scan_has_alone_is_not_the_scanners():
-    """A detector that had moved in one of three scans: the other two lose by it."""
+def test_effect_of_one_scan_is_not_attributed_to_the_scanner():
+    """The detector moved in one of three scans; the other two lose log score by this effect."""
     moved = {"detector_offset": {"columns_px": 0.08}}
     fitters = {name: fitter(name, moved if name == "middle" else {}, seed=6) for name in DISCS}
     assert "detector_offset" not in choose_jointly(JointFitter(fitters), LIBRARY).chosen.effects
 
 
-def test_a_single_recording_cannot_be_judged_by_others(fitters):
+def test_single_recording_cannot_be_held_out(fitters):
     with pytest.raises(InputError, match="needs two recordings"):
         choose_jointly(JointFitter({"large": fitters["large"]}), LIBRARY)
 
 
-def test_a_scanner_is_told_in_a_document_and_a_page():
-    made = {name: made_ready(name, SCATTER) for name in DISCS}
+def test_scanner_diagnosis_writes_a_document_and_a_page():
+    made = {name: prepare_recording(name, SCATTER) for name in DISCS}
     found = run_scanner_diagnosis(
         "bench", made, ("scatter", "veiling_glare"), defaults_of("diagnosis", "model_accuracy")
     )
     content = found.content
     validate(content, schema_of_kind(SCANNER), "scanner.json")
     assert content["verdict"] == "mismatch explained", content["sentence"]
-    assert [one["name"] for one in content["effects"]] == ["scatter"]
+    assert [effect["name"] for effect in content["effects"]] == ["scatter"]
     assert content["verdict_lines"][0].startswith("Shared missing physics: scatter (amount 0.0")
     assert content["verdict_lines"][0].endswith("), in 3 recordings.")
     assert content["verdict_lines"][1].startswith("Fit on left-out recordings: ")
@@ -204,8 +204,8 @@ def test_a_scanner_is_told_in_a_document_and_a_page():
     assert all(line in written for line in content["verdict_lines"]) and "data:image" in written
 
 
-def test_a_scanner_that_lacks_nothing_is_a_match():
-    made = {name: made_ready(name, {}, seed=9) for name in DISCS}
+def test_scanner_without_missing_physics_is_a_match():
+    made = {name: prepare_recording(name, {}, seed=9) for name in DISCS}
     found = run_scanner_diagnosis("bench", made, ("scatter",), defaults_of("diagnosis", "model_accuracy")).content
     assert found["verdict"] == "match"
     assert found["verdict_lines"] == ["Shared missing physics: none; 3 recordings agree with the simulation."]
@@ -213,21 +213,21 @@ def test_a_scanner_that_lacks_nothing_is_a_match():
     scanner_page(found)
 
 
-def test_statements_on_a_scanner_that_are_not_so_are_told():
-    """Of three discs with the same scatter, declared right and declared far too weak."""
+def test_wrong_declarations_on_a_scanner_are_reported():
+    """Three discs with the same scatter, declared correctly and declared far too weak."""
     accuracy = defaults_of("diagnosis", "model_accuracy")
 
-    def told(amount, protocols=None):
+    def reported(amount, protocols=None):
         stated = {"scatter": {"amount": {"value": amount, "sd": 0.002}, "width_mm": {"value": 60.0, "sd": 1.0}}}
-        made = {name: made_ready(name, SCATTER, 9, stated) for name in DISCS}
+        made = {name: prepare_recording(name, SCATTER, 9, stated) for name in DISCS}
         content = run_scanner_diagnosis("bench", made, ("veiling_glare",), accuracy, protocols).content
         validate(content, schema_of_kind(SCANNER), "scanner.json")
         return content
 
-    right = told(0.03)
+    right = reported(0.03)
     assert right["verdict"] == "match" and not right["declared"]["scatter"]["amount"]["off"]
     assert not right["declared_of_protocols"] and "Contradicts" not in right["sentence"]
-    wrong = told(0.015, {"narrow": ["small"]})
+    wrong = reported(0.015, {"narrow": ["small"]})
     assert set(wrong["declared"]["scatter"]) == {"width_mm"}
     assert {name: set(one["scatter"]) for name, one in wrong["declared_of_protocols"].items()} == {
         "voltage not stated": {"amount"},
@@ -245,7 +245,7 @@ OWN_DRIFTS = {"large": 3e3, "middle": 0.0, "small": -2e3}  # photons per second
 
 @pytest.fixture(scope="module")
 def drifting():
-    """Discs with one dark signal, whose drift is another one in each; a second per scan."""
+    """Discs with one dark signal and a different drift in each; one second per scan."""
     made = {}
     for name, (diameter, (x, y)) in DISCS.items():
         chain = Chain(DiscScene(diameter, "water"), replace(GEOMETRY, view_interval_ms=1e3 / 24), PHOTONS)
@@ -256,8 +256,8 @@ def drifting():
     return made
 
 
-def test_what_every_scan_has_of_its_own_is_not_shared(drifting):
-    """One level in all, a drift for each, of each the truth; left out, a recording has its own drift fitted."""
+def test_effects_of_each_scan_are_not_shared(drifting):
+    """The level is common and each drift is fitted to its own scan, as also in a held-out recording."""
     fitters = {name: one.fitter for name, one in drifting.items()}
     together = JointFitter(fitters)
     both = together.fit(("dark_signal",))
@@ -270,41 +270,43 @@ def test_what_every_scan_has_of_its_own_is_not_shared(drifting):
         assert fit.physics["dark_signal"]["level_units"] == level
         found, error = (one["dark_signal"]["drift_units_per_s"] for one in (fit.physics, fit.errors))
         assert abs(found - drift) < 4 * error < 500
-        # Its level is that of the others, whose error is not the drift's.
+        # The level is that of the other recordings, with an error other than the drift's.
         assert left.physics["dark_signal"]["drift_units_per_s"] == pytest.approx(drift, abs=300)
 
 
-def test_a_scanner_says_what_each_scan_has_of_its_own(drifting):
+def test_scanner_report_lists_effects_of_each_scan(drifting):
     accuracy = defaults_of("diagnosis", "model_accuracy")
     content = run_scanner_diagnosis("bench", drifting, ("dark_signal", "scatter"), accuracy).content
     validate(content, schema_of_kind(SCANNER), "scanner.json")
     (effect,) = content["effects"]
     assert effect["name"] == "dark_signal" and set(effect["parameters"]) == {"level_units"}
-    own = {name: one["own"]["dark_signal"]["drift_units_per_s"] for name, one in content["recordings"].items()}
-    assert own["small"] < own["middle"] < own["large"]
+    drifts = {name: one["own"]["dark_signal"]["drift_units_per_s"] for name, one in content["recordings"].items()}
+    assert drifts["small"] < drifts["middle"] < drifts["large"]
     assert "drift" in scanner_page(content)
 
 
-AMOUNTS = {"large": 0.03, "small": 0.03, "middle": 0.07, "further": 0.07}  # of scatter; two collimations
+AMOUNTS = {"large": 0.03, "small": 0.03, "middle": 0.07, "further": 0.07}  # scatter of two collimations
 PROTOCOLS = {"narrow": ["large", "small"], "wide": ["middle", "further"]}
 
 
 @pytest.fixture(scope="module")
 def collimated():
-    """Discs with scatter of one width, half of them with another amount."""
+    """Discs with scatter of one width; half of them have another amount."""
     return {
-        name: made_ready(name if name in DISCS else "large", {"scatter": {"amount": amount, "width_mm": 60.0}}, seed=7)
+        name: prepare_recording(
+            name if name in DISCS else "large", {"scatter": {"amount": amount, "width_mm": 60.0}}, seed=7
+        )
         for name, amount in AMOUNTS.items()
     }
 
 
-def test_recordings_of_one_protocol_share_what_the_scanner_does_not(collimated):
+def test_recordings_of_one_protocol_share_protocol_parameters(collimated):
     fitters = {name: one.fitter for name, one in collimated.items()}
-    alike = JointFitter(fitters).fit(("scatter",))
+    similar = JointFitter(fitters).fit(("scatter",))
     together = JointFitter(fitters, protocols_of(collimated, PROTOCOLS))
     fit = together.fit(("scatter",))
-    assert (alike.free, fit.free) == (2, 3)
-    assert fit.chi_square < alike.chi_square - 100
+    assert (similar.free, fit.free) == (2, 3)
+    assert fit.chi_square < similar.chi_square - 100
     assert set(fit.errors["scatter"]) == {"width_mm"}
     for name, amount in AMOUNTS.items():
         found, error = (one["scatter"]["amount"] for one in (fit.fits[name].physics, fit.fits[name].errors))
@@ -313,7 +315,7 @@ def test_recordings_of_one_protocol_share_what_the_scanner_does_not(collimated):
     assert fit.fits["large"].physics["scatter"] == fit.fits["small"].physics["scatter"]
 
 
-def test_a_recording_left_out_has_its_protocol_from_others_of_it_or_from_itself(collimated):
+def test_held_out_recording_takes_its_protocol_parameters_from_others_or_itself(collimated):
     fitters = {name: one.fitter for name, one in collimated.items()}
     together = JointFitter(fitters, protocols_of(collimated, PROTOCOLS))
     fit = together.fit(("scatter",))
@@ -326,7 +328,7 @@ def test_a_recording_left_out_has_its_protocol_from_others_of_it_or_from_itself(
     assert left.physics["scatter"]["amount"] == pytest.approx(0.07, rel=0.05)
 
 
-def test_recordings_of_one_object_are_left_out_together(collimated):
+def test_recordings_of_one_object_are_held_out_together(collimated):
     names = list("abcd")
     assert left_together(names) == [["a"], ["b"], ["c"], ["d"]]
     assert left_together(names, dict.fromkeys(names, "disc")) == [["a"], ["b"], ["c"], ["d"]]
@@ -341,8 +343,8 @@ def test_recordings_of_one_object_are_left_out_together(collimated):
     assert found.left_out["small"].physics["scatter"] == found.left_out["large"].physics["scatter"]
 
 
-def test_errors_stand_with_the_numbers_that_they_are_of(collimated):
-    """A protocol's number stands among those of the scanner."""
+def test_errors_are_listed_with_their_parameters(collimated):
+    """A parameter of a protocol is listed among those of the scanner."""
     fitters = {name: one.fitter for name, one in collimated.items()}
     together = JointFitter(fitters, protocols_of(collimated, PROTOCOLS))
     fit, none = together.fit(("scatter",)), dict.fromkeys(("default", "numerical"), 0.0)
@@ -351,7 +353,7 @@ def test_errors_stand_with_the_numbers_that_they_are_of(collimated):
         assert found[name]["scatter"] == pytest.approx(one.errors["scatter"], rel=0.05)
 
 
-def test_a_scanner_says_what_each_protocol_has(collimated):
+def test_scanner_report_lists_parameters_of_each_protocol(collimated):
     accuracy = defaults_of("diagnosis", "model_accuracy")
     content = run_scanner_diagnosis("bench", collimated, ("scatter", "veiling_glare"), accuracy, PROTOCOLS).content
     validate(content, schema_of_kind(SCANNER), "scanner.json")
@@ -365,7 +367,7 @@ def test_a_scanner_says_what_each_protocol_has(collimated):
     assert "<td>narrow</td>" in text and "<td>all recordings</td>" in text
 
 
-def test_recordings_that_state_other_tube_voltages_are_of_other_protocols():
+def test_recordings_with_other_tube_voltages_are_of_other_protocols():
     def stating(*voltages):
         models = [SimpleNamespace(fitter=SimpleNamespace(model=SimpleNamespace(tube_kvp=kvp))) for kvp in voltages]
         return {f"scan{number}": one for number, one in enumerate(models)}

@@ -1,4 +1,4 @@
-"""A recording of an object of two materials, known as a label map: diagnosed, and what is said of its voxels."""
+"""Diagnosis of a recording whose object is a label map of two materials, and the report on its voxels."""
 
 import numpy as np
 import pytest
@@ -20,8 +20,8 @@ def of_voxels(found):
     return [line for line in found.content["caveats"] if "edges" in line]
 
 
-def test_a_spectrum_that_was_left_out_is_named(tmp_path):
-    """Which no single material could stand for: how much more aluminium attenuates depends on it."""
+def test_missing_spectrum_is_named(tmp_path):
+    """No single material could replace it: the additional attenuation by aluminum depends on the spectrum."""
     folder = bench(tmp_path, {"spectrum": SPECTRUM})
     path = drawn(tmp_path / "labels.nii.gz", 0.2)
     found = vp.diagnose(folder, labels=(path, MATERIALS), samples=2, effects=["spectrum", "scatter"], check_setup=False)
@@ -31,7 +31,7 @@ def test_a_spectrum_that_was_left_out_is_named(tmp_path):
     assert effect["parameters"]["kvp"]["value"] == pytest.approx(100, rel=0.05)
 
 
-def test_the_right_description_passes_and_another_object_does_not(tmp_path):
+def test_correct_object_passes_the_check_and_another_fails(tmp_path):
     folder = bench(tmp_path, {})
     path = drawn(tmp_path / "labels.nii.gz", 0.5)
     found = vp.diagnose(folder, labels=(path, MATERIALS), samples=1, effects=["scatter"])
@@ -41,7 +41,7 @@ def test_the_right_description_passes_and_another_object_does_not(tmp_path):
     assert "the scan does not show the label map labels.nii.gz, of polyethylene" in other.content["sentence"]
 
 
-def test_it_is_said_what_voxels_leave_along_edges(tmp_path):
+def test_mismatch_at_edges_of_voxels_is_reported(tmp_path):
     folder = bench(tmp_path, {})
     path = drawn(tmp_path / "labels.nii.gz", 1.0)
     found = vp.diagnose(folder, labels=(path, MATERIALS), samples=2, effects=["scatter"], check_setup=False)
@@ -51,7 +51,7 @@ def test_it_is_said_what_voxels_leave_along_edges(tmp_path):
     ]
 
 
-def test_of_a_mask_it_is_said_where_it_has_no_shares(tmp_path):
+def test_mask_without_fractional_voxels_is_reported_at_edges(tmp_path):
     folder = bench(tmp_path, {}, CYLINDERS[:1])
     known = dict(samples=2, effects=["scatter"], check_setup=False, alignment={"scale": 1.0})
     whole = vp.diagnose(folder, mask=(drawn(tmp_path / "whole.nii.gz", 1.0, 1), "pmma"), **known)
@@ -63,7 +63,7 @@ def test_of_a_mask_it_is_said_where_it_has_no_shares(tmp_path):
     assert after[1] - 1 < 0.5 * (after[0] - 1)  # beyond noise
 
 
-def test_a_difference_that_lies_everywhere_is_none_of_voxels(tmp_path):
+def test_mismatch_in_all_rays_is_not_attributed_to_voxels(tmp_path):
     folder = bench(tmp_path, {"scatter": {"amount": 0.1}})
     path = drawn(tmp_path / "labels.nii.gz", 0.5)
     found = vp.diagnose(folder, labels=(path, MATERIALS), samples=2, effects=["focal_spot"], check_setup=False)
@@ -71,20 +71,20 @@ def test_a_difference_that_lies_everywhere_is_none_of_voxels(tmp_path):
     assert not of_voxels(found)
 
 
-def test_it_is_said_what_was_modelled():
+def test_modeled_object_is_described():
     settings = {"samples": 1, "view_step": 1, "alignment": {}}
     materials = {"1": "pmma", "2": {"compound": "C2F4", "density_g_per_cm3": 2.16}, "3": "nothing", "4": "pmma"}
-    given = {"object": {"labels": "maps/rods.nii.gz", "materials": materials}}
-    asked = DiagnosisRequest("nowhere", Settings.of(settings | given), MU_WATER_PER_MM, {})
-    assert isinstance(asked.settings.object, LabelledObject)
-    assert object_text(asked) == "the label map rods.nii.gz, of pmma and C2F4 (2.16 g/cm3)"
+    object_settings = {"object": {"labels": "maps/rods.nii.gz", "materials": materials}}
+    diagnosis_request = DiagnosisRequest("nowhere", Settings.of(settings | object_settings), MU_WATER_PER_MM, {})
+    assert isinstance(diagnosis_request.settings.object, LabelledObject)
+    assert object_text(diagnosis_request) == "the label map rods.nii.gz, of pmma and C2F4 (2.16 g/cm3)"
 
 
-def test_the_beam_before_any_effect_is_the_one_of_shapes(tmp_path):
-    """At the energy where water attenuates as stated: there alone the map of an object has its line integrals."""
+def test_beam_without_effects_equals_that_of_shapes(tmp_path):
+    """At the energy where water has the declared attenuation; only there has the map its line integrals."""
     path = drawn(tmp_path / "labels.nii.gz", 0.2)
-    given = {"object": {"labels": str(path), "materials": {str(key): of for key, of in MATERIALS.items()}}}
-    settings = Settings.of({"samples": 1, "view_step": 1, "alignment": {}} | given)
+    object_settings = {"object": {"labels": str(path), "materials": {str(key): of for key, of in MATERIALS.items()}}}
+    settings = Settings.of({"samples": 1, "view_step": 1, "alignment": {}} | object_settings)
     scene = scene_of(DiagnosisRequest("nowhere", settings, MU_WATER_PER_MM, {}))
     shapes = ShapesScene([cylinder(*one) for one in CYLINDERS], ENERGY_KEV)
     found, expected = (Chain(one, GEOMETRY).state({}).line_integrals() for one in (scene, shapes))
@@ -100,6 +100,6 @@ def test_images_are_compared_in_hu_of_its_materials(tmp_path):
     assert scanned.fine.grid.shape[0] == 2 and scanned.radius_mm == pytest.approx(35, abs=0.5)
 
 
-def test_what_is_scanned_is_said_once(tmp_path):
+def test_scanned_object_is_described_once(tmp_path):
     with pytest.raises(InputError, match="2 of disc, mask, labels, shapes and phantom are given"):
         vp.diagnose(tmp_path, labels=("labels.nii.gz", MATERIALS), shapes="pmma_disc")

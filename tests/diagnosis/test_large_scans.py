@@ -1,4 +1,4 @@
-"""Scans of which not all views are fitted: which ones, and that their noise is known all the same."""
+"""Selection of fitted views in large scans, whose noise is still known."""
 
 import numpy as np
 import pytest
@@ -27,18 +27,20 @@ PHOTONS = 2e4
     ("shape", "samples", "step"),
     [((721, 1, 560), 1, 1), ((180, 16, 128), 2, 1), ((984, 64, 888), 1, 23), ((984, 64, 888), 2, 41)],
 )
-def test_as_few_views_as_fits_can_take(shape, samples, step):
-    """A fan beam of 0.4 million rays has all; a clinical turn one of 23, or as few as still turn with the gantry."""
+def test_number_of_fitted_views(shape, samples, step):
+    """All views of a fan beam with 0.4 million rays are fitted; every 23rd of a clinical turn, if views cover
+    the turn.
+    """
     assert workload.step_for(shape, samples) == step
 
 
 @given(st.integers(1, 5000), st.integers(1, 128), st.integers(1, 1024), st.integers(1, 3))
-def test_the_step_is_odd_and_leaves_enough_views(views, rows, columns, samples):
+def test_step_is_odd_and_leaves_enough_views(views, rows, columns, samples):
     step = workload.step_for((views, rows, columns), samples)
     assert step % 2 == 1 and len(range(0, views, step)) >= min(views, workload.FEWEST_VIEWS)
 
 
-def test_shapes_have_more_rays_as_long_as_all_views_are_fitted():
+def test_shapes_have_more_rays_per_pixel_if_all_views_are_fitted():
     small, middle, large = (90, 8, 64), (300, 12, 64), (984, 64, 888)
     assert [workload.samples_for(None, True, shape) for shape in (small, middle, large)] == [4, 3, 2]
     assert workload.rays_of(middle, 3) <= workload.MOST_FITTED < workload.rays_of(middle, 4)
@@ -49,8 +51,11 @@ def test_shapes_have_more_rays_as_long_as_all_views_are_fitted():
 
 
 @pytest.mark.parametrize("repeats", [1, 4])
-def test_noise_of_some_views_is_that_of_all(monkeypatch, repeats):
-    """One view of seven has a seventh of the rays: photons within five standard errors of the truth, and of all."""
+def test_noise_of_selected_views_equals_that_of_all(monkeypatch, repeats):
+    """Every seventh view has a seventh of the rays.
+
+    Photons agree within five standard errors with the truth and with all.
+    """
     chain = Chain(DiscScene(160.0, "water"), GEOMETRY, PHOTONS)
     state, random = chain.state({}), np.random.default_rng(np.random.SeedSequence(11))
     air = state.measured_air * PHOTONS
@@ -62,12 +67,14 @@ def test_noise_of_some_views_is_that_of_all(monkeypatch, repeats):
     assert some.data.mean.shape == whole.data.mean.shape
     np.testing.assert_array_equal(some.data.mean, whole.data.mean)
     rays = some.variance.size
-    error = np.sqrt((2 / 1 if repeats > 1 else 4) / rays)  # of a variance; second differences are correlated
+    error = np.sqrt(
+        (2 / 1 if repeats > 1 else 4) / rays
+    )  # relative SD of a variance; second differences are correlated
     assert some.photons == pytest.approx(PHOTONS, rel=5 * error)
     assert some.photons == pytest.approx(whole.photons, rel=5 * error)
 
 
-def test_views_at_given_places():
+def test_views_at_given_positions():
     flown = circular(
         **{name: getattr(GEOMETRY, name) for name in ("source_to_isocentre_mm", "source_to_detector_mm", "columns")},
         views=12,

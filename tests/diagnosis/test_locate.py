@@ -1,4 +1,4 @@
-"""Places of difference where the weights themselves are measured, against Student's law and drawn noise."""
+"""Locations of a difference with measured weights, against Student's distribution and simulated noise."""
 
 import numpy as np
 import pytest
@@ -13,15 +13,15 @@ SHAPE = (24, 4, 32)
 
 
 @pytest.mark.parametrize("freedom", [10, 30, 144])
-def test_scores_are_as_rare_as_students(freedom):
-    """z of unbiased weights is t times the root of (n - 2) / n."""
+def test_scores_of_measured_weights_follow_student_t(freedom):
+    """z with unbiased weights is t times sqrt((n - 2) / n)."""
     z = np.array([-6.0, -4.0, -2.0, 0.5, 3.0, 5.0])
     t = z * np.sqrt(freedom / (freedom - 2))
     rare = np.sign(z) * stats.norm.isf(stats.t.sf(np.abs(t), freedom))
     np.testing.assert_allclose(normal_scores(z, 2 / freedom), rare, rtol=4e-3)
 
 
-def test_scores_of_known_weights_stay():
+def test_scores_of_known_weights_are_unchanged():
     z = np.array([-300.0, 0.0, 7.0])
     np.testing.assert_array_equal(normal_scores(z, 0.0), z)
     assert np.isfinite(normal_scores(1e4 * z, 0.01)).all()
@@ -33,9 +33,11 @@ def observed(blocks: Blocks, weighed) -> ObservedScans:
     return ObservedScans(everything, 2, everything > 0, blocks, everything, **missing, weighed=weighed)
 
 
-def test_measured_weights_make_no_place_louder():
-    """Noise of variance 1, its variance measured by 20 degrees of freedom a block: sums over blocks vary by 6 % more
-    than their weights say."""
+def test_measured_weights_do_not_raise_the_score_of_a_location():
+    """Noise variance 1, measured with 20 degrees of freedom per block:
+
+    sums over blocks vary by 6 % more than by their weights.
+    """
     random = np.random.default_rng(np.random.SeedSequence(11))
     blocks, freedom = Blocks.of(SHAPE, (4, 2, 4)), 20
     data = observed(blocks, np.full(blocks.count, 2 / (freedom - 4)))
@@ -50,7 +52,7 @@ def test_measured_weights_make_no_place_louder():
 
 
 def test_products_of_both_halves_vary_by_the_square_of_their_weights():
-    """The square of a weight of relative variance s is 1 + s on average."""
+    """The mean square of a weight with relative variance s is 1 + s."""
     one, other = (np.full(np.prod(SHAPE), value) for value in (1.5, 0.5))
     data = observed(Blocks.of(SHAPE, PARTS), np.full(Blocks.of(SHAPE, PARTS).count, 3.0))
     common = Half([one], [np.ones(one.size)], data).in_common(Half([other], [np.ones(one.size)], data))

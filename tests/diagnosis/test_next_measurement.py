@@ -1,4 +1,4 @@
-"""Further recordings are ranked by what they would tell of effects that look alike."""
+"""Ranking of further recordings by their information on effects that look alike."""
 
 from dataclasses import replace
 
@@ -52,7 +52,7 @@ SECTION = {"disc": {"diameter_mm": 160, "material": "water"}}
 OFFSET, AXIS = "detector_offset", "centre_of_rotation"
 
 
-def made_ready(physics, seed=1):
+def prepare_recording(physics, seed=1):
     chain = Chain(DiscScene(160.0, "water"), GEOMETRY, PHOTONS, samples=2)
     lines = noisy_lines(chain.state(physics, Pose(x_mm=0.4, y_mm=-0.3)), 4, np.random.default_rng(seed))
     return prepare(observed.Scans(lines.astype(np.float32), None, np.ones(lines.shape[1:], bool)), None, chain)
@@ -78,54 +78,54 @@ def test_profiled_information_is_the_inverse_of_the_covariance():
     np.testing.assert_allclose(profiled_information(sums, GROUP), np.linalg.inv(covariance), rtol=1e-8)
 
 
-def test_knowledge_of_a_shared_number_counts_once():
+def test_prior_of_a_shared_parameter_counts_once():
     one, two = measurement("a", 1, knowledge=5.0), measurement("b", 2, knowledge=5.0)
     bare = normal_equations([measurement("a", 1), measurement("b", 2)])
     np.testing.assert_allclose(np.diag(normal_equations([one, two]).information - bare.information), 5.0)
 
 
-def test_the_same_measurement_again_gains_half_the_logarithm_of_two_for_each_number():
-    """Without anything of its own beside what is shared: the information doubles."""
+def test_repeated_measurement_gains_half_log_two_per_parameter():
+    """All parameters are shared: the information doubles."""
     one = measurement("a", 3, own=0)
     assert information_gain(normal_equations([one]), normal_equations([one, one]), GROUP) == pytest.approx(
         2 * 0.5 * np.log(2)
     )
 
 
-def test_what_numbers_do_not_take_up_parts_explanations():
+def test_difference_that_parameters_do_not_absorb_separates_explanations():
     one, difference = measurement("a", 4), np.random.default_rng(5).normal(size=40)
     left = np.linalg.lstsq(one.changes, difference, rcond=None)[1][0]
     assert expected_log_score_loss(normal_equations([one], [difference])) == pytest.approx(left / 2)
     room = np.tile([-0.05, 0.05], (5, 1))
-    held = MeasurementInformation(one.keys, one.changes, one.predicted, one.knowledge, room, one.steps)
+    held_out = MeasurementInformation(one.keys, one.changes, one.predicted, one.knowledge, room, one.steps)
     bounded = lsq_linear(one.changes, difference, (-0.05, 0.05), method="bvls")
     assert (
-        expected_log_score_loss(normal_equations([held], [difference])) == pytest.approx(bounded.cost)
+        expected_log_score_loss(normal_equations([held_out], [difference])) == pytest.approx(bounded.cost)
         and bounded.cost > left / 2 * 1.01
     )
 
 
-def test_numbers_that_change_the_same_have_a_correlation_of_one():
+def test_parameters_with_equal_effect_have_a_correlation_of_one():
     one = measurement("a", 6)
     changes = one.changes.copy()
-    changes[:, 1] = -3 * changes[:, 0] + changes[:, 2]  # the alignment takes up the rest
-    alike = MeasurementInformation(one.keys, changes, one.predicted, one.knowledge, one.room, one.steps)
-    assert correlation(normal_equations([alike]), GROUP[:1], GROUP[1:]) == pytest.approx(1)
+    changes[:, 1] = -3 * changes[:, 0] + changes[:, 2]  # the alignment absorbs the rest
+    similar = MeasurementInformation(one.keys, changes, one.predicted, one.knowledge, one.room, one.steps)
+    assert correlation(normal_equations([similar]), GROUP[:1], GROUP[1:]) == pytest.approx(1)
     assert correlation(normal_equations([one]), GROUP[:1], GROUP[1:]) < 0.5
 
 
 @pytest.fixture(scope="module")
 def moved():
-    """A scan of a disc by a detector that has moved: as well, one whose axis lies beside the ray."""
-    prepared = {"disc": made_ready({OFFSET: {"columns_px": 0.15}})}
+    """Scan of a disc by a shifted detector, which a shifted axis of rotation explains equally well."""
+    prepared = {"disc": prepare_recording({OFFSET: {"columns_px": 0.15}})}
     chosen, ambiguities = refit(prepared["disc"], "disc", {OFFSET: [AXIS]})
-    wanted = ("same", "less_magnified", "half_current", "air", "dark_frames")
-    some = [one for one in possible(prepared, SECTION) if one.name in wanted]
+    suggested = ("same", "less_magnified", "half_current", "air", "dark_frames")
+    some = [one for one in possible(prepared, SECTION) if one.name in suggested]
     assert [one.name for one in some] == ["same", "less_magnified", "half_current", "air", "dark_frames"]
     return prepared, chosen, ambiguities, rank(prepared, chosen, ambiguities, some)
 
 
-def test_an_offset_and_an_axis_part_at_another_magnification(moved):
+def test_detector_offset_and_axis_offset_separate_at_another_magnification(moved):
     *_, found = moved
     (pair,) = found.now.scores
     assert found.now.alike[pair] > 0.99 and not settles(found.now)
@@ -137,9 +137,9 @@ def test_an_offset_and_an_axis_part_at_another_magnification(moved):
         assert one.scores[pair] >= found.now.scores[pair] - 1e-6
 
 
-def test_what_is_expected_of_a_pair_is_what_two_fits_give():
-    """Glare against scatter, which the recording that there is tells apart: fits say by how much."""
-    prepared = made_ready({"veiling_glare": {"share": 0.02, "width_mm": 60.0}}, seed=3)
+def test_expected_gain_of_a_pair_equals_that_of_two_fits():
+    """Glare and scatter, which the present recording distinguishes: fits give the true separation."""
+    prepared = prepare_recording({"veiling_glare": {"share": 0.02, "width_mm": 60.0}}, seed=3)
     fitter = prepared.fitter
     fits = {name: fitter.fit((name,)) for name in ("veiling_glare", "scatter")}
     scan, model = FurtherScan("disc", "", fitter.model.chain.scene, GEOMETRY), fitter.model
@@ -153,8 +153,8 @@ def test_what_is_expected_of_a_pair_is_what_two_fits_give():
     assert expected(parts, "veiling_glare", "scatter") == pytest.approx(measured, rel=0.3)
 
 
-def test_dark_frames_tell_a_dark_signal():
-    prepared = {"disc": made_ready({"dark_signal": {"level_units": 400.0, "drift_units_per_s": 0.0}}, seed=4)}
+def test_dark_frames_measure_a_dark_signal():
+    prepared = {"disc": prepare_recording({"dark_signal": {"level_units": 400.0, "drift_units_per_s": 0.0}}, seed=4)}
     fitter = prepared["disc"].fitter
     fits = {name: {"disc": fitter.fit((name,))} for name in ("dark_signal", "scatter")}
     frames = [one for one in possible(prepared, SECTION) if one.name in ("dark_frames", "air")]
@@ -163,27 +163,27 @@ def test_dark_frames_tell_a_dark_signal():
     assert found.ranked[0].least > found.now.least + 100
 
 
-def test_effects_are_as_alike_as_their_templates(moved):
+def test_similarity_of_effects_equals_that_of_templates(moved):
     prepared, *_ = moved
     baseline = {"disc": prepared["disc"].fitter.fit(())}
-    alike = effect_similarity(prepared, baseline, (OFFSET, AXIS, "scatter", "gain_pattern"))
-    assert set(alike) == {(OFFSET, AXIS), (OFFSET, "scatter"), (AXIS, "scatter")}  # a pattern has no numbers
-    assert alike[OFFSET, AXIS]["disc"] > 0.95 and alike[OFFSET, "scatter"]["disc"] < 0.2
-    assert alike[OFFSET, AXIS][""] == pytest.approx(alike[OFFSET, AXIS]["disc"])
-    rows = similarity_table(alike)
+    similar = effect_similarity(prepared, baseline, (OFFSET, AXIS, "scatter", "gain_pattern"))
+    assert set(similar) == {(OFFSET, AXIS), (OFFSET, "scatter"), (AXIS, "scatter")}  # a pattern has no parameters
+    assert similar[OFFSET, AXIS]["disc"] > 0.95 and similar[OFFSET, "scatter"]["disc"] < 0.2
+    assert similar[OFFSET, AXIS][""] == pytest.approx(similar[OFFSET, AXIS]["disc"])
+    rows = similarity_table(similar)
     assert list(rows.columns) == ["effect", "other", "disc", "together"] and rows["together"].is_monotonic_decreasing
 
 
-def test_what_a_scanner_leaves_ambiguous_is_found(moved):
+def test_ambiguity_of_a_scanner_diagnosis_is_found(moved):
     prepared, *_ = moved
     baseline = {"disc": prepared["disc"].fitter.fit(())}
-    alike = effect_similarity(prepared, baseline, (OFFSET, AXIS, "scatter"))
-    chosen, ambiguities = refit_jointly(prepared, (OFFSET,), (OFFSET, AXIS, "scatter"), alike)
+    similar = effect_similarity(prepared, baseline, (OFFSET, AXIS, "scatter"))
+    chosen, ambiguities = refit_jointly(prepared, (OFFSET,), (OFFSET, AXIS, "scatter"), similar)
     assert chosen["disc"].effects == (OFFSET,)
-    assert [list(one.fits) for one in ambiguities] == [[OFFSET, AXIS]]
+    assert [list(ambiguity.fits) for ambiguity in ambiguities] == [[OFFSET, AXIS]]
 
 
-def test_without_an_ambiguity_the_named_effects_are_told_better(moved):
+def test_without_ambiguity_the_named_effects_are_measured_better(moved):
     prepared, chosen, _, _ = moved
     some = [one for one in possible(prepared, SECTION) if one.name in ("same", "air")]
     found = rank(prepared, chosen, [], some)
@@ -191,7 +191,7 @@ def test_without_an_ambiguity_the_named_effects_are_told_better(moved):
     assert found.ranked[0].least is None and not settles(found.ranked[0]) and found.ranked[0].gain > 0
 
 
-def test_patterns_of_pixels_are_left_to_an_air_scan():
+def test_pixel_patterns_are_assigned_to_an_air_scan():
     named = {
         "effects": [{"name": OFFSET}, {"name": "gain_pattern"}],
         "ambiguous_with": {OFFSET: [AXIS, "gain_pattern"]},
@@ -199,7 +199,7 @@ def test_patterns_of_pixels_are_left_to_an_air_scan():
     assert found_in(named) == {OFFSET: [AXIS]}
 
 
-def test_table_figure_and_the_recording_to_fill_in(moved):
+def test_table_figure_and_recording_template_are_written(moved):
     *_, found = moved
     rows = ranking_table(found)
     assert list(rows["name"][:2]) == ["now", "less_magnified"] and rows["settles"][1]
@@ -217,9 +217,9 @@ def test_table_figure_and_the_recording_to_fill_in(moved):
             assert filled["scan"]["source_to_isocentre_mm"] > 700 and content["scan"]["source_to_isocentre_mm"] == 500
 
 
-def test_explanations_are_weighed_by_the_same_noise():
-    """Both crosstalks blur alike and differ in a little noise: the same scan again does not part them by much."""
-    prepared = {"disc": made_ready({"xray_crosstalk": {"column": 0.012, "row": 0.0}}, seed=7)}
+def test_explanations_are_compared_with_the_same_noise():
+    """Both kinds of crosstalk blur alike and differ slightly in noise: repeating the scan separates them little."""
+    prepared = {"disc": prepare_recording({"xray_crosstalk": {"column": 0.012, "row": 0.0}}, seed=7)}
     fitter = prepared["disc"].fitter
     fits = {name: {"disc": fitter.fit((name,))} for name in ("xray_crosstalk", "optical_crosstalk")}
     some = [one for one in possible(prepared, SECTION) if one.name in ("same", "air")]
@@ -228,9 +228,9 @@ def test_explanations_are_weighed_by_the_same_noise():
         assert one.least < 20, one
 
 
-def test_numbers_that_the_recording_does_not_tell_are_not_what_is_asked():
-    """A fan beam says nothing of what neighbouring rows share."""
-    prepared = {"disc": made_ready({"xray_crosstalk": {"column": 0.012, "row": 0.0}}, seed=7)}
+def test_unconstrained_parameters_are_not_the_target():
+    """A fan beam has no information on crosstalk between rows."""
+    prepared = {"disc": prepare_recording({"xray_crosstalk": {"column": 0.012, "row": 0.0}}, seed=7)}
     fitter = prepared["disc"].fitter
     fits = {"disc": fitter.fit(("xray_crosstalk",))}
     some = [one for one in possible(prepared, SECTION) if one.name == "same"]
@@ -240,13 +240,13 @@ def test_numbers_that_the_recording_does_not_tell_are_not_what_is_asked():
         )
     }
     gains = [rank(prepared, one, [], some).ranked[0].gain for one in (fits, far)]
-    # Of one number, the share to the next column.
+    # One parameter: the share to the next column.
     assert gains[0] == pytest.approx(gains[1], rel=1e-6) and 0.2 < gains[0] < 0.5 * np.log(2) * 1.05
 
 
-def test_recordings_of_several_protocols_share_what_is_the_scanners_alone():
-    """Amount of scatter is a protocol's, its width the scanner's, the drift of a dark signal a scan's."""
-    prepared = made_ready({"scatter": {"amount": 0.05, "width_mm": 60.0}})
+def test_recordings_of_several_protocols_share_only_scanner_parameters():
+    """Scatter has an amount per protocol and a width per scanner; the dark signal's drift is per scan."""
+    prepared = prepare_recording({"scatter": {"amount": 0.05, "width_mm": 60.0}})
     effects = ("scatter", "dark_signal")
     model, fit = prepared.fitter.model, prepared.fitter.fit(effects)
     again = possible({"disc": prepared}, SECTION)[0]
@@ -265,9 +265,9 @@ def test_recordings_of_several_protocols_share_what_is_the_scanners_alone():
     assert numbers("a", "low") & numbers("b", "high") == shared - {("scatter", "amount")}
 
 
-def test_where_nothing_is_in_the_beam_a_displacement_changes_nothing():
-    """The step of other numbers is then not as small as that."""
-    prepared = made_ready({OFFSET: {"columns_px": 0.15}})
+def test_displacement_changes_nothing_without_an_object_in_the_beam():
+    """The step of other parameters is not affected."""
+    prepared = prepare_recording({OFFSET: {"columns_px": 0.15}})
     fit, model = prepared.fitter.fit((OFFSET,)), prepared.fitter.model
     nothing = FurtherScan("air", "", DiscScene(0.0, "air"), GEOMETRY)
     told_of = nothing.information(model, (OFFSET,), fit, conditions_of(prepared), ())
@@ -276,8 +276,8 @@ def test_where_nothing_is_in_the_beam_a_displacement_changes_nothing():
     assert np.linalg.norm(told_of.changes[:, offset]) > 1e3
 
 
-def test_what_leaves_a_pair_as_alike_as_it_was_stands_behind_what_parts_all():
-    """By the gain alone, the first would be first."""
+def test_scan_that_leaves_a_pair_ambiguous_ranks_below_one_that_separates_all():
+    """By the total gain alone, the order would be reversed."""
     of_some = RankedMeasurement(None, 5.8, {("glare", "scatter"): 0.1, ("dark", "scatter"): 900.0}, {})
     of_all = RankedMeasurement(None, 1.2, {("glare", "scatter"): 4.0, ("dark", "scatter"): 5.0}, {})
     faint = RankedMeasurement(None, 0.3, {("glare", "scatter"): 2.0, ("dark", "scatter"): 5.0}, {})

@@ -1,4 +1,4 @@
-"""Recordings of a phantom finer than the one that is known: voxels are no physics."""
+"""Recordings of a phantom finer than the known one: discretization errors are not reported as physics."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ from virtual_phantom.physics.chain import SOLID_ANGLE, Chain
 from virtual_phantom.physics.scenes.scene import VoxelScene
 
 MU, PHOTONS = 0.0193, 1e5
-FINELY = 6  # rays per pixel and direction of what is scanned
+FINELY = 6  # rays per pixel and direction of the scan
 MATERIALS = {"soft": "water", "dense": "bone", "dense_from_hu": 150.0}
 GEOMETRY = circular(
     views=60,
@@ -39,7 +39,7 @@ GEOMETRY = circular(
 
 @pytest.fixture(scope="module")
 def known(tmp_path_factory):
-    """The path of what is known of the phantom, and the scene that is scanned, of voxels half as large."""
+    """Path of the known phantom, and the scanned scene with voxels of half the size."""
     painted = body(
         Grid((48, 432, 432), (0.5, 0.5, 0.5)),
         (105, 82),
@@ -57,7 +57,7 @@ def scene_of(volume):
 
 
 def prepared_from(known, state, illumination=SOLID_ANGLE, coarse=True):
-    """What is known of the phantom, held against four scans of a state of the chain."""
+    """Known phantom compared with four scans of a state of the chain."""
     path, _ = known
     repeats = noisy_lines(state, 4, np.random.default_rng(1)).astype(np.float32)
     white = state.measured_air.mean(axis=0) * state.photons
@@ -69,24 +69,24 @@ def prepared_from(known, state, illumination=SOLID_ANGLE, coarse=True):
     )
 
 
-def judged(known, illumination=SOLID_ANGLE, told=SOLID_ANGLE, coarse=True):
+def diagnosed(known, illumination=SOLID_ANGLE, reported_field=SOLID_ANGLE, coarse=True):
     state = Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY, illumination=illumination).state({})
-    given = prepared_from(known, state, told, coarse)
-    return diagnose("bench", given, choose(given.fitter, trial(given.fitter, ()), ())).content
+    prepared_data = prepared_from(known, state, reported_field, coarse)
+    return diagnose("bench", prepared_data, choose(prepared_data.fitter, trial(prepared_data.fitter, ()), ())).content
 
 
-def test_voxels_twice_as_large_as_those_scanned_are_a_match(known):
-    found = judged(known)
+def test_voxels_of_twice_the_scanned_size_are_a_match(known):
+    found = diagnosed(known)
     assert found["verdict"] == "match", found["sentence"]
-    # Richardson: halving again would change a third of what halving changed; the scanned voxels are half the way.
+    # Richardson: halving the voxels again changes a third of the first change; the scanned voxels are one halving.
     assert 0.1 < found["alignment"]["voxels"]["value"] < 0.4
 
 
 @pytest.mark.parametrize("name", ["rays", "voxels"])
-def test_uneven_errors_of_steps_shift_numbers_by_what_is_counted(known, monkeypatch, name):
-    """Data are off by the error of a step that goes with the direction: numbers move as their errors say."""
-    given = prepared_from(known, Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY).state({}))
-    fitter = given.fitter
+def test_nonuniform_discretization_errors_shift_parameters_by_the_counted_error(known, monkeypatch, name):
+    """The data contain a discretization error that depends on direction: the parameters move by their stated errors."""
+    prepared_data = prepared_from(known, Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY).state({}))
+    fitter = prepared_data.fitter
     fit = trial(fitter, ()).fit
     share = 0.5
     whole = harmonics(fitter.model.turned_rad, fitter.data.mean.shape)
@@ -113,7 +113,7 @@ def offset(pixels):
     )
 
 
-def test_errors_follow_the_rays(known):
+def test_discretization_errors_follow_the_rays(known):
     path, _ = known
     scene = scene_of(read_nifti(path))
     chains = [Chain(scene, GEOMETRY, samples=count) for count in (2, 3)]
@@ -125,7 +125,7 @@ def test_errors_follow_the_rays(known):
         np.testing.assert_allclose(moved[name][..., :-3], errors[..., 3:], atol=2e-6)
 
 
-def test_errors_are_computed_anew_where_predictions_have_moved_too_far(known):
+def test_errors_are_recomputed_if_predictions_have_moved_far(known):
     scene = scene_of(read_nifti(known[0]))
     chain = Chain(scene, GEOMETRY, samples=2)
     numerical = Numerical(chain, Chain(scene, GEOMETRY, samples=3), None)
@@ -136,15 +136,15 @@ def test_errors_are_computed_anew_where_predictions_have_moved_too_far(known):
     assert numerical.strayed(offset(0.3), lines, 1000 * weights)
 
 
-def test_a_fit_takes_errors_along(known):
-    """Else, of a detector that is off, they would be taken for a blur."""
+def test_fit_updates_the_discretization_errors(known):
+    """Otherwise, with a shifted detector, the errors would be mistaken for a blur."""
     truth = {"detector_offset": {"columns_px": 0.4}}
     state = Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY, illumination=SOLID_ANGLE).state(truth)
     fitter = prepared_from(known, state).fitter
     fit = fitter.fit(("detector_offset",), fitter.fit(()))
     assert fit.linearization.errors.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
     blurred = fitter.fit(("detector_offset", "focal_spot"), fit)
-    assert fit.chi_square - blurred.chi_square < 12  # one in 400 by chance, of two numbers
+    assert fit.chi_square - blurred.chi_square < 12  # probability of 1 in 400, for two parameters
     left_behind = replace(fit, linearization=BASE)
     worse, better = (
         sum((w * r**2).sum() for w, r in zip(fitter.weights, fitter.residuals(one, False), strict=True))
@@ -153,8 +153,8 @@ def test_a_fit_takes_errors_along(known):
     assert worse > better + 50
 
 
-def test_a_gain_pattern_is_estimated_of_the_errors_that_are_taken_along(known):
-    """Errors that all views share would go into the pattern."""
+def test_gain_pattern_excludes_the_discretization_errors(known):
+    """Errors common to all views would otherwise be part of the pattern."""
     truth = {"detector_offset": {"columns_px": 0.4}, "gain_pattern": {"rms": 0.004, "detector": 3.0}}
     state = Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY, illumination=SOLID_ANGLE).state(truth)
     fitter = prepared_from(known, state).fitter
@@ -165,13 +165,13 @@ def test_a_gain_pattern_is_estimated_of_the_errors_that_are_taken_along(known):
     np.testing.assert_allclose(fit.pattern, estimate(bare, weight).values, atol=2e-5)
 
 
-def test_without_a_second_voxel_size_they_are_taken_for_a_mismatch(known):
-    assert judged(known, coarse=False)["verdict"] == "unexplained"
+def test_without_a_second_voxel_size_errors_are_reported_as_mismatch(known):
+    assert diagnosed(known, coarse=False)["verdict"] == "unexplained"
 
 
 @pytest.mark.parametrize(("rows", "columns", "orders"), [(1, 64, 4), (2, 64, 5), (3, 64, 5), (4, 64, 5), (5, 64, 6)])
-def test_what_outermost_pixels_lose_does_not_shape_a_white_field(rows, columns, orders):
-    """Of a signal that they share with neighbours that they lack, some detectors lose that part, and others do not."""
+def test_signal_loss_of_edge_pixels_does_not_shape_a_white_field(rows, columns, orders):
+    """Some detectors lose the share of an edge pixel's signal that has no neighbor to go to, others do not."""
     across, along = np.meshgrid(
         np.linspace(-1, 1, rows) if rows > 1 else [0.0], np.linspace(-1, 1, columns), indexing="ij"
     )
@@ -186,13 +186,13 @@ def test_what_outermost_pixels_lose_does_not_shape_a_white_field(rows, columns, 
     assert shape[4:] == pytest.approx([0.01, 0][: orders - 4], abs=1e-12)
 
 
-def test_a_solid_angle_that_nobody_told_of_shows_in_the_white_field(known):
-    found = judged(known, told="even")
+def test_unreported_solid_angle_appears_in_the_white_field(known):
+    found = diagnosed(known, reported_field="even")
     assert "white field" in [place["domain"] for place in found["unexplained"]]
 
 
 @pytest.mark.parametrize("centre_mm", [(0.0, 0.0, 0.0), (12.0, -150.0, 640.0)])
-def test_a_grid_of_odd_sides_stays_where_it_was(tmp_path, centre_mm):
+def test_grid_with_odd_sides_keeps_its_position(tmp_path, centre_mm):
     array = np.full((5, 9, 11), -1000, np.float32)
     array[2:4, 4:6, 6:8] = 0  # one block of eight voxels
     volume = Volume(array, Grid(array.shape, (4.0, 6.0, 6.0), centre_mm))
@@ -207,4 +207,4 @@ def test_a_grid_of_odd_sides_stays_where_it_was(tmp_path, centre_mm):
             ((paths.sum(axis=0) @ columns) / paths.sum(), (paths.sum(axis=1) @ rows) / paths.sum())
             for paths in (found[0, view], expected[0, view])
         ]
-        assert middles[0] == pytest.approx(middles[1], abs=0.1)  # half a voxel would be 0.8
+        assert middles[0] == pytest.approx(middles[1], abs=0.1)  # a shift by half a voxel would be 0.8

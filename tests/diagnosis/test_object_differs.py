@@ -1,4 +1,4 @@
-"""A piece of the object that differs from what was stated: found, told before physics, and mended if asked."""
+"""Local object mismatch: detected, reported before physics, and corrected on request."""
 
 from dataclasses import replace
 from functools import cache
@@ -52,27 +52,27 @@ def shapes_scene(*more):
 
 
 def ready(scanned, physics=None, stated=(FAT,), seed=1):
-    """A scan of these shapes, of an object that was stated to have those."""
+    """Scan of these shapes, prepared with the stated object."""
     state = Chain(shapes_scene(*scanned), GEOMETRY, PHOTONS, samples=12).state(checked(physics or {}))
     taken = scans_of(state, 4, np.random.default_rng(seed))
     model, floor = model_and_floor(shapes_scene(*stated), GEOMETRY, 4, photons=PHOTONS)
     return prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
 
 
-def told(scanned, physics=None, differ=False, stated=(FAT,), seed=1):
-    """What is said of it."""
-    given, accuracy = ready(scanned, physics, stated, seed), defaults_of("diagnosis", "model_accuracy")
-    content = find_missing_physics("bench", given, TRIED, accuracy, object_may_differ=differ).content
+def report(scanned, physics=None, differ=False, stated=(FAT,), seed=1):
+    """Text of the report on the object."""
+    prepared_data, accuracy = ready(scanned, physics, stated, seed), defaults_of("diagnosis", "model_accuracy")
+    content = find_missing_physics("bench", prepared_data, TRIED, accuracy, object_may_differ=differ).content
     jsonschema.validate(content, SCHEMA)
     return content
 
 
 def differing_by(one, fit, accuracy=0.0):
-    """The piece among the kinds of change of a fit."""
+    """The local mismatch among the kinds of change of a fit."""
     return next(change for change in changes(one, fit, accuracy) if change.piece is not None)
 
 
-missing = cache(lambda differ=False: told((), differ=differ))
+missing = cache(lambda differ=False: report((), differ=differ))
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ missing = cache(lambda differ=False: told((), differ=differ))
         (circular(views=60, **SCAN | {"rows": 1}), Piece((-20.0, 40.0, 0.0), 6.0, True, -0.003)),
     ],
 )
-def test_the_piece_of_its_own_projections_is_found(geometry, piece):
+def test_mismatch_is_found_in_its_own_projections(geometry, piece):
     residual = piece.more_per_mm * piece.lengths_mm(geometry)
     one = found(FitResidual(residual, np.full(residual.shape, 1e5), geometry, 90.0))
     assert one.more_per_mm == pytest.approx(piece.more_per_mm, rel=0.15)
@@ -100,8 +100,8 @@ def test_the_piece_of_its_own_projections_is_found(geometry, piece):
     np.testing.assert_allclose(one.place_mm[:axes], piece.place_mm[:axes], atol=1.0)
 
 
-def test_place_and_radius_come_from_some_views_of_a_large_scan(monkeypatch):
-    """Of those that weigh: every second one does not, where the others are held out."""
+def test_location_and_radius_come_from_some_views_of_a_large_scan(monkeypatch):
+    """Views must be used by the fit: every second one is not if the others are held out."""
     monkeypatch.setattr(piece_module, "MOST_RAYS", 10_000)
     geometry = circular(views=144, **SCAN)
     truth = Piece((30.0, 10.0, 6.0), 9.0, False, 0.004)
@@ -117,35 +117,35 @@ def test_place_and_radius_come_from_some_views_of_a_large_scan(monkeypatch):
     assert one.more_per_mm == pytest.approx(truth.more_per_mm, rel=0.05)
 
 
-def test_an_object_reaches_as_far_as_rays_are_attenuated():
+def test_extent_of_the_object_follows_from_attenuation():
     lines = ShapesScene([BODY]).path_lengths(GEOMETRY)[0] * 0.02
     pixel_mm = 9.0 * 570 / 1040
     assert abs(reach_of(lines, GEOMETRY) - 90.0) < 1.5 * pixel_mm
     assert reach_of(np.ones(GEOMETRY.shape), GEOMETRY) == pytest.approx(23.5 * pixel_mm)  # cut off
 
 
-def test_a_ball_s_lengths_are_its_chords():
-    """Through the middle of a ball the central ray is as long as it is wide; all rays together have its volume."""
+def test_path_lengths_of_a_ball_are_its_chords():
+    """The central ray through the middle equals the diameter; the sum of all rays is the volume."""
     lengths = Piece((0.0, 0.0, 0.0), 20.0, False).lengths_mm(circular(views=4, **SCAN | {"columns": 49, "rows": 9}))
     np.testing.assert_allclose(lengths[:, 4, 24], 40.0, rtol=1e-5)
     pixel_mm2 = (9.0 * 570 / 1040) ** 2
     assert lengths.sum() / 4 * pixel_mm2 == pytest.approx(4 / 3 * np.pi * 20**3, rel=0.05)
 
 
-def test_a_piece_s_lengths_are_means_over_pixels():
-    """Through the edge of a ball one ray says little: those of eight by eight come near those of many."""
+def test_path_lengths_of_a_mismatch_are_pixel_means():
+    """Single rays at the edge of a ball are poor samples; means of 8 x 8 rays agree with those of many."""
     piece = Piece((40.0, 0.0, 0.0), 6.0, False)
     one, eight, many = (piece.lengths_mm(GEOMETRY, samples=count) for count in (1, 8, 24))
     seen = many > 0
     assert np.abs(eight - many)[seen].max() < 0.1 < 1 < np.abs(one - many)[seen].max()
 
 
-def test_rays_of_a_turned_detector_say_nothing():
+def test_rays_of_a_turned_detector_are_not_searched():
     turned = Chain(shapes_scene(), GEOMETRY).state({"detector_roll": {"angle_deg": 1.0}}).mounting.of(GEOMETRY)
     assert found(FitResidual(np.ones(GEOMETRY.shape), np.ones(GEOMETRY.shape), turned, 90.0)) is None
 
 
-def test_hu_are_those_of_water():
+def test_hu_refer_to_water():
     kev = 60.0
     water = float(attenuation_per_mm("water", [kev])[0])
     piece = Piece((1.0, 2.0, 3.0), 4.0, False, -0.1 * water)
@@ -157,7 +157,7 @@ def test_hu_are_those_of_water():
     assert Piece((1.0, 2.0, 3.0), 4.0, True).content(kev)["z_mm"] is None
 
 
-def test_an_insert_that_is_missing_is_the_object_and_no_physics():
+def test_missing_insert_is_reported_as_object_and_not_as_physics():
     content = missing()
     assert content["verdict"] == "unexplained" and not content["effects"]
     (piece,) = content["object"]["pieces"]
@@ -171,24 +171,24 @@ def test_an_insert_that_is_missing_is_the_object_and_no_physics():
     assert "rotated by 90 degrees" in content["next_measurement"][0]
 
 
-def test_a_large_insert_that_is_missing_explains_all(monkeypatch):
-    """Of bone, it pulls the object's place, size and amount off, and is found beside those that fit it mended."""
+def test_missing_large_insert_explains_all(monkeypatch):
+    """A bone insert shifts the pose, size and density of the object, and is found with fits of the corrected object."""
     bone = ellipsoid("bone", (40, 10, 5), (18, 18, 18))
-    given = ready((FAT,), stated=(FAT, bone))
-    baseline = trial(given.fitter, ())
-    piece = differing_by(given, baseline.fit)
+    prepared_data = ready((FAT,), stated=(FAT, bone))
+    baseline = trial(prepared_data.fitter, ())
+    piece = differing_by(prepared_data, baseline.fit)
     assert baseline.fit.chi_square > 1e6
-    mended = given.with_piece(piece.piece, baseline.fit)
-    monkeypatch.setattr(type(given), "with_piece", lambda *_: mended)  # it takes seconds
-    assert explains_all(piece, given, baseline)
+    mended = prepared_data.with_piece(piece.piece, baseline.fit)
+    monkeypatch.setattr(type(prepared_data), "with_piece", lambda *_: mended)  # it takes seconds
+    assert explains_all(piece, prepared_data, baseline)
     fit = mended.fitter.fit(())
-    assert fit.chi_square < given.fitter.data.usable.sum() * 1.02
-    (found_at,) = (one.content for one in mended.pieces(fit))
+    assert fit.chi_square < prepared_data.fitter.data.usable.sum() * 1.02
+    (found_at,) = (piece.content for piece in mended.pieces(fit))
     np.testing.assert_allclose([found_at[name] for name in ("x_mm", "y_mm", "z_mm")], (40, 10, 5), atol=0.2)
     assert found_at["width_mm"] == pytest.approx(36, abs=0.3)
 
 
-def test_it_is_mended_if_the_user_says_so():
+def test_object_is_corrected_on_request():
     content = missing(True)
     assert content["verdict"] == "match" and content["object"]["mended"]
     assert "Object corrected before the fit: " in content["sentence"] and " mm ball at x " in content["sentence"]
@@ -196,27 +196,27 @@ def test_it_is_mended_if_the_user_says_so():
     assert 0 < low < high
 
 
-def test_physics_beside_a_mended_object_is_named():
+def test_physics_is_named_with_a_corrected_object():
     physics = {"dark_signal": {"level_units": 1500.0}}
-    content = told((), physics, True)
-    assert [one["name"] for one in content["effects"]] == ["dark_signal"], content["sentence"]
+    content = report((), physics, True)
+    assert [effect["name"] for effect in content["effects"]] == ["dark_signal"], content["sentence"]
     low, high = content["effects"][0]["parameters"]["level_units"]["ci95"]
     assert low - (high - low) < 1500 < high + (high - low)
     assert len(content["object"]["pieces"]) == 1
 
 
-def test_pieces_wider_than_allowed_are_not_mended():
-    assert not told((), differ=10.0)["object"]["mended"]
+def test_mismatch_wider_than_allowed_is_not_corrected():
+    assert not report((), differ=10.0)["object"]["mended"]
 
 
 @pytest.mark.parametrize("physics", [{"scatter": {}}, {"spectrum": {}}, {"dark_signal": {"level_units": 1500.0}}])
-def test_physics_is_no_object(physics):
-    content = told((FAT,), physics)
+def test_physics_is_not_reported_as_object(physics):
+    content = report((FAT,), physics)
     assert "object" not in content and content["effects"][0]["name"] in physics, content["sentence"]
 
 
-def test_what_lies_in_the_object_beside_the_scene_attenuates():
-    """As if the scene had it: a ball of the body's own material in air beside it."""
+def test_added_shape_attenuates():
+    """The same as in the scene: a ball of the body's material in air next to it."""
     ball = ellipsoid("soft_tissue", (0, 110, 0), (8, 8, 8))
     with_ball = Chain(ShapesScene([BODY, ball]), GEOMETRY, PHOTONS).state({})
     mu = float(attenuation_per_mm("soft_tissue", [ShapesScene([BODY]).energy_kev])[0])
@@ -224,8 +224,8 @@ def test_what_lies_in_the_object_beside_the_scene_attenuates():
     np.testing.assert_allclose(added.line_integrals(), with_ball.line_integrals(), atol=1e-5)
 
 
-def test_what_lies_in_the_object_moves_with_it_and_is_seen_by_all_rays():
-    """The scene without an insert, as the one with it and a piece that takes it away: turned, shifted, in motion."""
+def test_added_shape_moves_with_the_object_and_is_seen_by_all_rays():
+    """The scene without an insert equals the scene with it and a negative shape: rotated, shifted and in motion."""
     chain, bare = (Chain(shapes_scene(*more), GEOMETRY, PHOTONS, samples=3) for more in ((FAT,), ()))
     fat, tissue = (float(attenuation_per_mm(one, [chain.scene.energy_kev])[0]) for one in ("adipose", "soft_tissue"))
     pose = Pose(x_mm=3.0, y_mm=-2.0, z_mm=4.0, turn_deg=30.0, size=1.02)
@@ -236,7 +236,7 @@ def test_what_lies_in_the_object_moves_with_it_and_is_seen_by_all_rays():
     assert np.abs(chain.state(physics, pose).line_integrals() - there).max() > 0.01
 
 
-def test_errors_of_steps_are_those_of_the_mended_object():
+def test_discretization_errors_belong_to_the_corrected_object():
     model = ready((), {}).fitter.model
     fat, tissue = (float(attenuation_per_mm(one, [60.0])[0]) for one in ("adipose", "soft_tissue"))
     piece = Piece((-35.0, -20.0, -3.0), 15.0, False)
@@ -247,47 +247,47 @@ def test_errors_of_steps_are_those_of_the_mended_object():
     assert np.abs(mended.at()["rays"] - bare.at()["rays"]).max() > 1e-4
 
 
-def test_a_piece_is_found_where_the_fit_has_the_detector(monkeypatch):
+def test_mismatch_is_found_with_the_fitted_detector_position(monkeypatch):
     monkeypatch.setattr(prepared, "MOST_MOVES", 2)
-    given = ready((), {"detector_offset": {"columns_px": 4.0}})
-    fit = given.fitter.fit(("detector_offset",))
-    mended = given.with_piece(differing_by(given, fit).piece, fit)
+    prepared_data = ready((), {"detector_offset": {"columns_px": 4.0}})
+    fit = prepared_data.fitter.fit(("detector_offset",))
+    mended = prepared_data.with_piece(differing_by(prepared_data, fit).piece, fit)
     after = mended.fitter.fit(("detector_offset",))
     true = Nuisance("piece_1", "1/mm", 0.0, np.inf), Piece((-35.0, -20.0, -3.0), 15.0, False)
-    at_truth = given.fitter.of(given.fitter.model.with_piece(*true)).fit(("detector_offset",))
+    at_truth = prepared_data.fitter.of(prepared_data.fitter.model.with_piece(*true)).fit(("detector_offset",))
     assert after.chi_square < at_truth.chi_square + 5
     (piece,) = mended.pieces(after)
     place = [piece.content[name] for name in ("x_mm", "y_mm", "z_mm")]
     np.testing.assert_allclose(place, (-35, -20, -3), atol=1.0)
 
 
-def test_two_pieces_are_mended_one_after_the_other(monkeypatch):
+def test_two_mismatches_are_corrected_in_turn(monkeypatch):
     monkeypatch.setattr(prepared, "MOST_MOVES", 2)
     bone = ellipsoid("bone", (40, 10, 5), (10, 10, 10))
-    given = ready((), stated=(FAT, bone))
+    prepared_data = ready((), stated=(FAT, bone))
     for count in (1, 2):
-        fit = given.fitter.fit(())
-        given = given.with_piece(differing_by(given, fit).piece, fit)
-        assert list(given.fitter.model.pieces) == ["piece_1", "piece_2"][:count]
-    fit = given.fitter.fit(())
-    assert fit.chi_square < given.fitter.data.usable.sum() * 1.05
-    first, second = given.pieces(fit)
+        fit = prepared_data.fitter.fit(())
+        prepared_data = prepared_data.with_piece(differing_by(prepared_data, fit).piece, fit)
+        assert list(prepared_data.fitter.model.pieces) == ["piece_1", "piece_2"][:count]
+    fit = prepared_data.fitter.fit(())
+    assert fit.chi_square < prepared_data.fitter.data.usable.sum() * 1.05
+    first, second = prepared_data.pieces(fit)
     assert first.content["hu"] < -1000 and 0 < second.content["hu"] < 200
     assert first.content["width_mm"] == pytest.approx(20, abs=0.5)
 
 
-def test_no_piece_explains_all_of_what_physics_changes():
-    given = ready((FAT,), {"spectrum": {}})
-    baseline = trial(given.fitter, ())
-    piece = differing_by(given, baseline.fit)
-    assert excess(given, baseline.fit) > 10_000
+def test_mismatch_does_not_explain_all_that_physics_changes():
+    prepared_data = ready((FAT,), {"spectrum": {}})
+    baseline = trial(prepared_data.fitter, ())
+    piece = differing_by(prepared_data, baseline.fit)
+    assert excess(prepared_data, baseline.fit) > 10_000
     # Even if it seemed to gain half of it.
-    half = replace(piece, gain=max(piece.gain, excess(given, baseline.fit) / 2))
-    assert not explains_all(half, given, baseline)
+    half = replace(piece, gain=max(piece.gain, excess(prepared_data, baseline.fit) / 2))
+    assert not explains_all(half, prepared_data, baseline)
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_pieces_are_drawn_where_they_are(count):
+def test_mismatches_are_drawn_at_their_locations(count):
     whole = Volume(np.full((4, 48, 48), 20.0, np.float32), Grid((4, 48, 48), (8.0, 4.0, 4.0)))
     one = {"x_mm": -35.0, "y_mm": -20.0, "z_mm": -3.0, "width_mm": 30.0, "hu": 91.0}
     figure = draw_pieces(whole, [one, one | {"z_mm": None}, one][:count])

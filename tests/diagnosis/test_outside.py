@@ -1,4 +1,4 @@
-"""Kinds of change: what noise alone gives, what each is called, and when one beats an effect."""
+"""Kinds of change: null distribution, names, and comparison with effects."""
 
 import numpy as np
 import pytest
@@ -22,12 +22,12 @@ def chain():
     return Chain(inserts_in_muscle(), GEOMETRY, PHOTONS)
 
 
-def given(chain, seed, changed=0.0):
-    """Four repeats, whose line integrals are larger by what is changed."""
+def simulated(chain, seed, changed=0.0):
+    """Four repeats with changed line integrals."""
     state, random = chain.state({}), np.random.default_rng(seed)
     white = state.measured_air[0] * state.photons
     counts = [random.poisson(state.signal * np.exp(-changed) * PHOTONS).astype(float) for _ in range(4)]
-    taken = observed.scans([Projections(one, white, np.zeros_like(white)) for one in counts])
+    taken = observed.scans([Projections(count, white, np.zeros_like(white)) for count in counts])
     return prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
 
 
@@ -35,14 +35,14 @@ def found(one, fit):
     return changes(one, fit)
 
 
-def test_noise_alone_gives_standard_normal_z_of_every_kind(chain):
+def test_z_of_every_kind_is_standard_normal_for_noise_alone(chain):
     z = []
     for seed in range(NOISE_DRAWS):
-        one = given(chain, seed)
+        one = simulated(chain, seed)
         every = found(one, trial(one.fitter, ()).fit)
         assert min(change.p for change in every) * len(every) > 1e-3
         z += [change.z for change in every]
-    # Of 14 kinds, which overlap: counted as if half of them were independent.
+    # 14 kinds overlap and count as if half of them were independent.
     assert abs(np.mean(z)) < 3 / np.sqrt(len(z) / 2)
     assert np.std(z) == pytest.approx(1, abs=3 / np.sqrt(len(z)))
 
@@ -52,12 +52,12 @@ def lines(chain):
 
 
 def shifted(array, columns):
-    """By linear interpolation: not the basis' own derivative."""
+    """Linear interpolation, which is not the derivative of the basis."""
     places = np.arange(array.shape[-1])
     return np.apply_along_axis(lambda row: np.interp(places - columns, places, row), -1, array)
 
 
-def a_module_beside_its_place(chain):
+def shifted_detector_module(chain):
     p = lines(chain)
     inside = (np.arange(p.shape[-1]) >= 10) & (np.arange(p.shape[-1]) < 15)
     return np.where(inside, shifted(p, 0.3) - p, 0.0)
@@ -69,12 +69,12 @@ def a_module_beside_its_place(chain):
         (lambda chain: 0.02 * np.sin(lines(chain)), "depends on the line integral alone"),
         (lambda chain: 0.01 * np.sin(2 * TURN + 1) * np.ones_like(lines(chain)), "varies from view to view"),
         (lambda chain: -np.log(np.where(np.arange(48)[:, None, None] % 17 == 5, 0.97, 1.0)), "single views only"),
-        (a_module_beside_its_place, "moves along columns, in a part of the columns"),
-        (lambda chain: 0.02 * lines(chain) + 0.003, None),  # another density and a drift: alignment takes that up
+        (shifted_detector_module, "moves along columns, in a part of the columns"),
+        (lambda chain: 0.02 * lines(chain) + 0.003, None),  # another density and a drift, which the alignment absorbs
     ],
 )
-def test_a_change_is_called_by_what_it_depends_on(chain, made, called):
-    one = given(chain, 3, np.broadcast_to(made(chain), lines(chain).shape))
+def test_change_is_named_by_its_dependence(chain, made, called):
+    one = simulated(chain, 3, np.broadcast_to(made(chain), lines(chain).shape))
     every = found(one, trial(one.fitter, ()).fit)
     best = max(every, key=lambda change: change.gain)
     if called is None:
@@ -83,9 +83,9 @@ def test_a_change_is_called_by_what_it_depends_on(chain, made, called):
         assert called in best.words and best.z > 5, every[:3]
 
 
-def test_what_is_left_and_what_beats_an_effect_is_told(chain):
-    """Line integrals that bend one way and back, where a power of the signal is all that the library is let try."""
-    one = given(chain, 5, 0.03 * np.sin(2 * lines(chain)))
+def test_remaining_change_and_better_explanation_are_reported(chain):
+    """Line integrals with an S-shaped error; the only candidate effect is a power of the signal."""
+    one = simulated(chain, 5, 0.03 * np.sin(2 * lines(chain)))
     content = diagnose("bench", one, chosen(one.fitter, ("dark_signal", "detector_offset"))).content
     assert content["verdict"] == "mismatch partly explained"
     assert KINDS in [place["domain"] for place in content["unexplained"]]
@@ -95,7 +95,7 @@ def test_what_is_left_and_what_beats_an_effect_is_told(chain):
     assert "an unmodeled change that depends on the line integral alone" in content["sentence"]
 
 
-def test_an_effect_that_is_right_is_not_beaten(chain):
+def test_true_effect_is_not_beaten(chain):
     state, random = chain.state({"scatter": {"amount": 0.02, "width_mm": 60.0}}), np.random.default_rng(9)
     white = state.measured_air[0] * state.photons
     taken = observed.scans([Projections(state.counts(random), white, np.zeros_like(white)) for _ in range(4)])

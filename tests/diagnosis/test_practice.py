@@ -1,4 +1,4 @@
-"""What a difference means in images, against differences that were put in; and the verdict by it."""
+"""Clinical relevance: differences in images against known differences, and the resulting verdict."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def images(regions, seed, *, repeats=6, hu=0.0, sigma=10.0, blur=1.0, more=0.0):
     return clean + more + sigma * random.normal(size=(repeats, *clean.shape))
 
 
-def test_changes_that_were_put_in_are_told(regions):
+def test_known_changes_are_reported(regions):
     base = images(regions, 1)
     twins = {
         "hu": (images(regions, 1, hu=-20.0), -20.0),
@@ -40,16 +40,17 @@ def test_changes_that_were_put_in_are_told(regions):
     assert set(same) == set(THRESHOLDS) and all(one.value == one.error == 0 for one in same.values())
 
 
-def test_noise_alone_is_never_told_as_a_difference(regions):
-    """Of 40 pairs of recordings that differ by noise alone none is over a threshold, however low it is."""
+def test_noise_alone_is_never_reported_as_relevant(regions):
+    """None of 40 pairs of recordings that differ by noise alone exceeds a threshold, however low it is."""
     lowest = dict.fromkeys(THRESHOLDS, 0.0)
-    told = [
+    reported = [
         above_thresholds(as_told(images(regions, 2 * i), images(regions, 2 * i + 1), regions), lowest)
         for i in range(40)
     ]
-    # Of three relative measures one in 22 exceeds two standard errors; of the largest HU one in 20, twice.
-    assert sum(len(one) for one in told) <= 20
-    assert not [one for one in told if over_by_margin(one)]
+    # One in 22 of the three relative measures exceeds two standard errors; one in 20 of the largest HU, for two
+    # measures.
+    assert sum(len(one) for one in reported) <= 20
+    assert not [one for one in reported if over_by_margin(one)]
 
 
 def as_told(without, with_it, regions):
@@ -62,8 +63,8 @@ def over_by_margin(found):
     return {name: value for name, value in found.items() if name == "contrast_percent" and abs(value) > 1}
 
 
-def test_a_local_difference_is_seen_outside_of_all_regions(regions):
-    """A lump of 5 HU between the regions, and rings without a mean."""
+def test_local_difference_outside_of_all_regions_is_detected(regions):
+    """A lump of 5 HU between the regions, and rings of zero mean."""
     lump, rings = np.zeros((80, 80)), np.zeros((80, 80))
     lump[32:40, 32:40] = 5.0
     y, x = np.mgrid[:80, :80] - 39.5
@@ -74,7 +75,7 @@ def test_a_local_difference_is_seen_outside_of_all_regions(regions):
         assert abs(found.value) - 2 * found.error > 1
 
 
-def told(recorded, effects, together=None):
+def reported(recorded, effects, together=None):
     def stated(values):
         return {name: {"value": value, "error": 0.0} for name, value in values.items()}
 
@@ -98,41 +99,43 @@ def content(verdict, effects, practice):
     }
 
 
-def test_what_changes_images_by_less_than_matters_is_no_physics_left_out():
+def test_effect_below_the_relevance_thresholds_is_not_reported_as_missing():
     effects = {"dark_signal": {"hu": 0.03, "contrast_percent": 0.02}, "veiling_glare": {"hu": -0.2}}
-    found = judge_relevance(content("mismatch explained", effects, told({"hu": 0.4}, effects)), THRESHOLDS)
+    found = judge_relevance(content("mismatch explained", effects, reported({"hu": 0.4}, effects)), THRESHOLDS)
     assert found["verdict"] == PRACTICAL and found["practice"]["small"] == list(effects)
     differs = judge_relevance(
-        content("mismatch explained", effects, told({"resolution_percent": -1.23}, effects)), THRESHOLDS
+        content("mismatch explained", effects, reported({"resolution_percent": -1.23}, effects)), THRESHOLDS
     )
     assert differs["verdict"] == "unexplained"
     assert differs["practice"]["differing"] == {"resolution_percent": -1.23}
-    exact = judge_relevance(content("mismatch explained", effects, told({}, effects)), dict.fromkeys(THRESHOLDS, 0))
+    exact = judge_relevance(content("mismatch explained", effects, reported({}, effects)), dict.fromkeys(THRESHOLDS, 0))
     assert exact["verdict"] == "mismatch explained" and exact["practice"]["small"] == []
 
 
-def test_one_that_matters_is_named_and_the_other_told_beside_it():
+def test_relevant_effect_is_named_and_the_other_is_listed():
     effects = {"scatter": {"hu": -12.0}, "dark_signal": {"hu": 0.03}}
-    found = judge_relevance(content("mismatch explained", effects, told({"hu": -12.0}, effects)), THRESHOLDS)
+    found = judge_relevance(content("mismatch explained", effects, reported({"hu": -12.0}, effects)), THRESHOLDS)
     assert found["verdict"] == "mismatch explained"
     assert found["practice"]["small"] == ["dark_signal"]
 
 
-def test_effects_that_matter_together_are_all_named():
+def test_effects_that_are_only_relevant_together_are_all_named():
     effects = {"scatter": {"hu": 0.8}, "bowtie": {"hu": 0.7}}
-    found = judge_relevance(content("mismatch explained", effects, told({"hu": 1.5}, effects, {"hu": 1.5})), THRESHOLDS)
+    found = judge_relevance(
+        content("mismatch explained", effects, reported({"hu": 1.5}, effects, {"hu": 1.5})), THRESHOLDS
+    )
     assert found["practice"]["small"] == [] and found["verdict"] == "mismatch explained"
 
 
-def test_of_a_recording_without_images_nothing_is_judged():
+def test_recording_without_images_has_no_relevance():
     without = content("mismatch explained", {"scatter": {}}, None) | {
         "agreement": {"metrics": {}, "left_out": {"images": "no"}}
     }
     assert judge_relevance(without, THRESHOLDS) == without
 
 
-def test_a_statement_that_does_not_hold_is_no_match_however_alike_the_images_are():
+def test_wrong_declaration_is_no_match_even_if_images_agree():
     off = {"stated": 0.005, "sd": 0.001, "value": 0.02, "ci95": [0.019, 0.021], "unit": "1", "pull": 15.0, "off": True}
-    given = content("mismatch explained", {}, told({}, {})) | {"declared": {"scatter": {"amount": off}}}
-    found = judge_relevance(given, THRESHOLDS)
+    document = content("mismatch explained", {}, reported({}, {})) | {"declared": {"scatter": {"amount": off}}}
+    found = judge_relevance(document, THRESHOLDS)
     assert found["verdict"] == "mismatch explained"

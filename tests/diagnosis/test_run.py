@@ -1,5 +1,7 @@
-"""One course for users' recordings and for the proof: a verdict depends on what was recorded, and not on which fits
-were made before, in which processes, or whether they went through files."""
+"""The same diagnosis of user recordings and of the blind validation.
+
+A verdict depends on the recording, and not on earlier fits, processes or files.
+"""
 
 import json
 
@@ -42,7 +44,7 @@ def scene():
 
 
 def ready(scene, physics, seed=5):
-    """A recording that holds this physics, made ready, with nothing asked of its model yet."""
+    """Prepared recording with this physics; nothing has been computed with its model yet."""
     state = Chain(scene, GEOMETRY, PHOTONS).state(physics)
     lines = noisy_lines(state, 4, np.random.default_rng(seed)).astype(np.float32)
     white = state.measured_air.mean(axis=0) * state.photons
@@ -55,15 +57,17 @@ def written(content):
     return json.dumps(content, indent=1, allow_nan=False)
 
 
-def test_a_verdict_is_the_same_in_several_processes_and_from_fits_that_were_kept(scene, tmp_path, monkeypatch):
-    """The proof keeps no fits, and makes one after the other. A user's diagnosis has processes, and may have been
-    stopped."""
+def test_verdict_is_the_same_in_several_processes_and_from_cached_fits(scene, tmp_path, monkeypatch):
+    """The blind validation caches no fits and runs them in turn.
+
+    A user's diagnosis has processes and may be interrupted.
+    """
     physics = {"scatter": {"amount": 0.03, "width_mm": 60.0}, "detector_offset": {"columns_px": 0.05}}
-    kept = FitCache(tmp_path, "this recording", lambda effect: "as it is")
-    at_once = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY, processes=2, cache=kept)
-    assert {one["name"] for one in at_once.content["effects"]} == set(physics)
+    stored = FitCache(tmp_path, "this recording", lambda effect: "as it is")
+    at_once = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY, processes=2, cache=stored)
+    assert {effect["name"] for effect in at_once.content["effects"]} == set(physics)
     files = {path.name for path in tmp_path.glob("*.json")}
-    # A focal spot gains nothing to first order, and is not fitted alone.
+    # A focal spot has no first-order gain and is not fitted alone.
     assert {"alignment.json", "scatter.json", "detector_offset.json"} < files and "focal_spot.json" not in files
     assert any("+" in name for name in files)
     assert set(at_once.choice.alone) == set(CANDIDATES) and set(at_once.choice.singles) == set(physics)
@@ -71,9 +75,9 @@ def test_a_verdict_is_the_same_in_several_processes_and_from_fits_that_were_kept
     in_turn = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY)
     made = []
     monkeypatch.setattr(trials, "trial", lambda fitter, *task: made.append(task[0]) or trial(fitter, *task))
-    (tmp_path / "scatter.json").write_text("{")  # as a full disk leaves it
+    (tmp_path / "scatter.json").write_text("{")  # like a full disk
     (tmp_path / "detector_offset.json").unlink()
-    gone_on = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY, cache=kept)
+    gone_on = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY, cache=stored)
     assert set(made) == {("detector_offset",), ("scatter",)} and len(made) == 2
     for other in (in_turn, gone_on):
         assert written(other.content) == written(at_once.content)
@@ -81,16 +85,16 @@ def test_a_verdict_is_the_same_in_several_processes_and_from_fits_that_were_kept
             np.testing.assert_array_equal(here.map, there.map)
 
 
-def test_a_fit_counts_for_nothing_but_what_it_was_made_of(scene, tmp_path):
+def test_cached_fit_is_used_for_its_own_inputs_only(scene, tmp_path):
     fitter = ready(scene, {}).fitter
     baseline = trial(fitter, ())
-    kept = FitCache(tmp_path, "this recording", lambda effect: "as it is")
-    kept.put(baseline, ("scatter",), baseline, baseline)
-    asked = ("scatter",), baseline, baseline
-    assert kept.get(*asked).fit == baseline.fit
-    assert kept.get(("scatter",), None, baseline) is None and kept.get(("heel",), baseline, baseline) is None
-    assert FitCache(tmp_path, "another recording", kept.code).get(*asked) is None
-    assert FitCache(tmp_path, "this recording", lambda effect: f"{effect}, mended").get(*asked) is None
+    stored = FitCache(tmp_path, "this recording", lambda effect: "as it is")
+    stored.put(baseline, ("scatter",), baseline, baseline)
+    request = ("scatter",), baseline, baseline
+    assert stored.get(*request).fit == baseline.fit
+    assert stored.get(("scatter",), None, baseline) is None and stored.get(("heel",), baseline, baseline) is None
+    assert FitCache(tmp_path, "another recording", stored.code).get(*request) is None
+    assert FitCache(tmp_path, "this recording", lambda effect: f"{effect}, mended").get(*request) is None
 
 
 SETTINGS = (
@@ -101,7 +105,7 @@ SETTINGS = (
 )
 
 
-def test_predictions_do_not_depend_on_what_was_asked_before(scene):
+def test_predictions_do_not_depend_on_earlier_calls(scene):
     fresh, used = (ready(scene, {}) for _ in range(2))
     expected = {one.name: one.expected for one in fresh.fitter.model.aligned}
     points = [LinearizationPoint(physics, {"x_mm": 0.4, **off}) for physics, off in SETTINGS[:2]]
@@ -111,12 +115,13 @@ def test_predictions_do_not_depend_on_what_was_asked_before(scene):
         physics, off = settings
         return one.fitter.model.predict(physics, expected | off, one.data, place).mean
 
-    asked = [(settings, place) for settings in SETTINGS for place in places]
-    for one in reversed(asked):
+    request = [(settings, place) for settings in SETTINGS for place in places]
+    for one in reversed(request):
         predicted(used, *one)
-    for one in asked:
+    for one in request:
         np.testing.assert_array_equal(predicted(fresh, *one), predicted(used, *one))
-    # Rays that are followed are not those that are traced: what is said about where they are followed from matters.
+    # Displaced rays are not traced again. The traced rays from which they are displaced must not depend on the call
+    # order.
     near, far = (predicted(fresh, ({}, {"x_mm": 0.41}), place) for place in (places[1], BASE))
     assert not np.array_equal(near, far)
     assert np.abs(near - far).max() < 1e-3

@@ -1,11 +1,11 @@
-"""Recordings of a scanner: those that disagree with the others, and those that only judge."""
+"""Recordings of one scanner: inconsistent recordings, and recordings for testing only."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
-from test_joint import DISCS, SCATTER, made_ready
+from test_joint import DISCS, SCATTER, prepare_recording
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
@@ -22,9 +22,9 @@ EXACT = {"default": 0.0, "numerical": 0.0}
 
 
 def differences(amounts, seed, accuracy):
-    """Of discs with these amounts of scatter, each beside the others."""
+    """Consistency tests of discs with these amounts of scatter, each against the others."""
     fitters = {
-        name: made_ready(name, {"scatter": {"amount": amount, "width_mm": 60.0}}, seed).fitter
+        name: prepare_recording(name, {"scatter": {"amount": amount, "width_mm": 60.0}}, seed).fitter
         for name, amount in amounts.items()
     }
     together = JointFitter(fitters)
@@ -34,14 +34,14 @@ def differences(amounts, seed, accuracy):
 
 
 def test_recordings_of_one_scanner_agree():
-    """Of amount and width, of which two recordings each are apart by noise: as chi-square of two numbers."""
+    """Amount and width differ by noise: the statistic follows chi-square with two degrees of freedom."""
     found = [differences({"large": 0.03, "small": 0.03}, seed, EXACT)["large"] for seed in range(60, 84)]
     assert {one.numbers for one in found} == {2} and not any(one.disagrees for one in found)
     assert stats.kstest([one.chi_square for one in found], stats.chi2(2).cdf).pvalue > 0.01
 
 
-def test_two_recordings_differ_as_much_as_their_common_fit_loses():
-    fitters = {name: made_ready(name, SCATTER, 61).fitter for name in ("large", "small")}
+def test_difference_of_two_recordings_equals_the_loss_of_their_joint_fit():
+    fitters = {name: prepare_recording(name, SCATTER, 61).fitter for name in ("large", "small")}
     together = JointFitter(fitters)
     chosen = together.fit(("scatter",))
     found = alone(together, chosen, pulled_of_recordings(together, chosen, {}, EXACT))
@@ -50,36 +50,38 @@ def test_two_recordings_differ_as_much_as_their_common_fit_loses():
         assert one.difference.chi_square == pytest.approx(lost, rel=0.25, abs=0.3)
 
 
-def test_the_recording_of_another_setting_is_named_and_the_rest_is_not():
+def test_inconsistent_recording_is_named_and_the_others_are_not():
     found = differences({"large": 0.03, "middle": 0.04, "small": 0.03}, 20, ACCURACY)
     assert {name: one.disagrees for name, one in found.items()} == {"large": False, "middle": True, "small": False}
     assert found["middle"].against == ("large", "small")
-    assert found["large"].against == ("small",)  # that which disagrees tells nothing of the rest
+    assert found["large"].against == ("small",)  # the inconsistent recording does not affect the others
 
 
-def test_of_two_that_disagree_neither_is_right():
-    assert all(one.disagrees for one in differences({"large": 0.03, "middle": 0.04}, 20, ACCURACY).values())
+def test_neither_of_two_inconsistent_recordings_is_preferred():
+    assert all(
+        difference.disagrees for difference in differences({"large": 0.03, "middle": 0.04}, 20, ACCURACY).values()
+    )
 
 
-def test_what_inexact_models_may_make_up_sets_no_recording_apart():
-    apart = {"large": 0.03, "middle": 0.034}
+def test_difference_within_model_errors_is_consistent():
+    scatter_amounts = {"large": 0.03, "middle": 0.034}
     exact, inexact = (
-        differences(apart, 21, accuracy)["middle"] for accuracy in (EXACT, {"default": 0.5, "numerical": 0.0})
+        differences(scatter_amounts, 21, accuracy)["middle"] for accuracy in (EXACT, {"default": 0.5, "numerical": 0.0})
     )
     assert exact.disagrees and not inexact.disagrees and inexact.chi_square < 0.5 * exact.chi_square
 
 
-def test_recordings_that_only_judge_have_no_part_in_choice_and_fit():
-    made = {name: made_ready(name, SCATTER) for name in DISCS}
+def test_recordings_for_testing_are_not_used_in_selection_and_fit():
+    made = {name: prepare_recording(name, SCATTER) for name in DISCS}
     two = {name: made[name] for name in ("large", "middle")}
     effects = ("scatter", "veiling_glare")
     plain = run_scanner_diagnosis("bench", two, effects, ACCURACY).content
     found = run_scanner_diagnosis("bench", made, effects, ACCURACY, judged_on=["small"]).content
     validate(found, schema_of_kind(SCANNER), "scanner.json")
     assert [name for name, one in found["recordings"].items() if one["judged"]] == ["small"]
-    (ours,), (theirs,) = found["effects"], plain["effects"]
-    assert ours["name"] == theirs["name"] == "scatter" and ours["evidence"] == theirs["evidence"]
-    for key, one in ours["parameters"].items():
+    (actual,), (theirs,) = found["effects"], plain["effects"]
+    assert actual["name"] == theirs["name"] == "scatter" and actual["evidence"] == theirs["evidence"]
+    for key, one in actual["parameters"].items():
         assert one["value"] == theirs["parameters"][key]["value"] and set(one["without"]) == set(two)
         assert one["ci95"] == pytest.approx(theirs["parameters"][key]["ci95"])
     assert found["excess_rms_removed"] == plain["excess_rms_removed"]
@@ -90,9 +92,9 @@ def test_recordings_that_only_judge_have_no_part_in_choice_and_fit():
     assert "(judges only)" in scanner_page(found) and "(judges only)" not in scanner_page(plain)
 
 
-def test_a_judge_of_another_setting_is_told():
+def test_inconsistent_test_recording_is_reported():
     strong = {"scatter": {"amount": 0.05, "width_mm": 60.0}}
-    made = {name: made_ready(name, strong if name == "small" else SCATTER) for name in DISCS}
+    made = {name: prepare_recording(name, strong if name == "small" else SCATTER) for name in DISCS}
     found = run_scanner_diagnosis("bench", made, ("scatter",), ACCURACY, judged_on=["small"]).content
     assert found["recordings"]["small"]["agreement"]["disagrees"] and found["verdict"] == "mismatch partly explained"
     assert "Disagreement: small disagrees with large, middle on shared parameters; " in found["sentence"]
@@ -101,11 +103,11 @@ def test_a_judge_of_another_setting_is_told():
     assert amount["ci95"][0] < 0.05 < amount["ci95"][1]
 
 
-def test_what_is_known_beside_data_hides_no_disagreement():
-    """A statement far off is one finding; that two recordings differ is another."""
+def test_priors_do_not_hide_an_inconsistency():
+    """A wrong declaration and different recordings are separate findings."""
     stated = {"scatter": {"amount": {"value": 0.001, "sd": 0.005}, "width_mm": {"value": 60.0, "sd": 1.0}}}
     made = {
-        name: made_ready(name, {"scatter": {"amount": amount, "width_mm": 60.0}}, 20, stated)
+        name: prepare_recording(name, {"scatter": {"amount": amount, "width_mm": 60.0}}, 20, stated)
         for name, amount in {"large": 0.03, "middle": 0.04}.items()
     }
     together = JointFitter({name: one.fitter for name, one in made.items()})
@@ -114,17 +116,19 @@ def test_what_is_known_beside_data_hides_no_disagreement():
     assert all(one.difference.disagrees for one in found.values())
 
 
-def test_of_recordings_that_mostly_disagree_none_is_the_odd_one_out():
+def test_no_recording_is_named_if_most_disagree():
     amounts = {"large": 0.03, "small": 0.05}
-    made = {name: made_ready(name, {"scatter": {"amount": one, "width_mm": 60.0}}) for name, one in amounts.items()}
+    made = {
+        name: prepare_recording(name, {"scatter": {"amount": one, "width_mm": 60.0}}) for name, one in amounts.items()
+    }
     found = run_scanner_diagnosis("bench", made, ("scatter",), ACCURACY).content
     assert "Disagreement: large, small disagree with each other on shared parameters." in found["sentence"]
 
 
-def test_what_is_declared_is_held_as_the_others_have_it():
-    """A recording left out has no say in numbers of the scanner that are stated within errors."""
+def test_declared_parameters_are_taken_from_the_other_recordings():
+    """A held-out recording does not affect declared scanner parameters."""
     stated = {"scatter": {"amount": {"value": 0.02, "sd": 0.01}, "width_mm": {"value": 60.0, "sd": 1.0}}}
-    together = JointFitter({name: made_ready(name, SCATTER, 9, stated).fitter for name in DISCS})
+    together = JointFitter({name: prepare_recording(name, SCATTER, 9, stated).fitter for name in DISCS})
     both = together.fit(())
     left = together.left_out(["small"], (), both)["small"]
     others = together.without(["small"]).fit((), both)
@@ -133,33 +137,35 @@ def test_what_is_declared_is_held_as_the_others_have_it():
     assert np.isfinite(left.chi_square)
 
 
-def test_numbers_found_on_others_are_off_together():
-    """Amount and width of scatter trade against each other, from noise to noise as the covariance says."""
-    together = JointFitter({name: made_ready(name, SCATTER).fitter for name in ("large", "small")})
+def test_parameters_from_other_recordings_have_correlated_errors():
+    """Amount and width of scatter are correlated over noise realizations, as the covariance states."""
+    together = JointFitter({name: prepare_recording(name, SCATTER).fitter for name in ("large", "small")})
     left = together.left_out(["small"], ("scatter",), together.fit(("scatter",)))["small"]
     rows = {key: np.array(row) for key, row in left.directions["scatter"].items()}
-    numbers = {one.name: one for one in together.fitters["large"].model.unknowns(("scatter",))}
+    numbers = {unknown.name: unknown for unknown in together.fitters["large"].model.unknowns(("scatter",))}
     for key, row in rows.items():
         error = numbers[key].number_error(left.physics["scatter"][key], left.errors["scatter"][key])
         assert np.linalg.norm(row) == pytest.approx(error, rel=1e-3)
-    said = rows["amount"] @ rows["width_mm"] / np.prod([np.linalg.norm(row) for row in rows.values()])
-    drawn = [made_ready("large", SCATTER, seed).fitter.fit(("scatter",)).physics["scatter"] for seed in range(90, 114)]
+    text = rows["amount"] @ rows["width_mm"] / np.prod([np.linalg.norm(row) for row in rows.values()])
+    drawn = [
+        prepare_recording("large", SCATTER, seed).fitter.fit(("scatter",)).physics["scatter"] for seed in range(90, 114)
+    ]
     found = np.corrcoef([[numbers[key].of(one[key]) for one in drawn] for key in rows])[0, 1]
-    assert abs(np.arctanh(found) - np.arctanh(said)) < 3 / np.sqrt(len(drawn) - 3) and said < -0.6
+    assert abs(np.arctanh(found) - np.arctanh(text)) < 3 / np.sqrt(len(drawn) - 3) and text < -0.6
 
 
-def test_numbers_that_are_off_together_move_a_recording_by_less():
-    """A voltage and a sensor's thickness, known together much better than each: as if each were off by itself."""
+def test_correlated_errors_change_a_recording_less_than_independent_errors():
+    """A voltage and a sensor thickness are known much better together than each alone."""
     spectrum = {"spectrum": {"kvp": 100.0, "filtration_mm": 6.0, "sensor_mm": 0.6}}
-    together = JointFitter({name: made_ready(name, spectrum).fitter for name in ("large", "small")})
+    together = JointFitter({name: prepare_recording(name, spectrum).fitter for name in ("large", "small")})
     left = together.left_out(["small"], ("spectrum",), together.fit(("spectrum",)))["small"]
-    moved, apart = (
+    moved, scatter_amounts = (
         (left_by_numbers(together.fitters["small"], fit)[0] ** 2).sum() for fit in (left, replace(left, directions={}))
     )
-    assert 0 < moved < 0.5 * apart
+    assert 0 < moved < 0.5 * scatter_amounts
 
 
-def test_one_recording_beside_those_that_judge_is_too_few():
-    made = {name: made_ready(name, SCATTER) for name in ("large", "small")}
+def test_one_recording_plus_test_recordings_is_too_few():
+    made = {name: prepare_recording(name, SCATTER) for name in ("large", "small")}
     with pytest.raises(InputError, match="needs two recordings"):
         run_scanner_diagnosis("bench", made, ("scatter",), ACCURACY, judged_on=["small"])

@@ -1,4 +1,4 @@
-"""What recordings can tell apart, where it is known: a centred disc, closed forms, and vectors drawn by hand."""
+"""Separability of effects in known cases: a centered disc, closed forms, and hand-made vectors."""
 
 import csv
 
@@ -43,17 +43,17 @@ def ready(**known):
     state, random = chain.state({}), np.random.default_rng(5)
     white = state.measured_air[0] * PHOTONS
     taken = [Projections(state.counts(random), white, np.zeros_like(white)) for _ in range(8)]
-    given = prepared.prepare(observed.scans(taken), None, chain, nominal_photons=PHOTONS, known=known)
-    return given.fitter, given.fitter.fit(())
+    prepared_data = prepared.prepare(observed.scans(taken), None, chain, nominal_photons=PHOTONS, known=known)
+    return prepared_data.fitter, prepared_data.fitter.fit(())
 
 
 @pytest.fixture(scope="module")
 def disc():
-    """Of known size: what is symmetric about the disc's middle then has no part in what is not."""
+    """The disc has a known size, so that symmetric changes are not absorbed by asymmetric ones."""
     return ready(size=1e-9)
 
 
-def test_noise_has_no_share_in_the_mean_and_flux_is_in_closed_form(disc):
+def test_noise_has_no_share_in_the_mean_and_flux_has_its_closed_form(disc):
     fitter, fit = disc
     quiet = ("electronic_noise", "current_modulation", "photon_flux", "heel", "bowtie")
     for one in described(fitter, fit, quiet):
@@ -61,7 +61,7 @@ def test_noise_has_no_share_in_the_mean_and_flux_is_in_closed_form(disc):
         assert found["mean"] < 1e-3 and sum(found.values()) == pytest.approx(1)
         assert (found["white field"] > 0.01) == (one.effect in ("heel", "bowtie"))
     (flux,) = described(fitter, fit, ["photon_flux"])
-    # 0.7 of the photons m: the logarithm's variance is 1/m + 3/(2 m^2), in every block.
+    # With 0.7 of the m photons: the variance of the logarithm is 1/m + 3/(2 m^2), in every block.
     data = fitter.data
     inverse = fitter.model.predict({}, fit.nuisance, data).state.variance()
     now, fewer = (data.blocks.sum((v + 1.5 * v**2) / data.reference) for v in (inverse, inverse / 0.7))
@@ -70,10 +70,10 @@ def test_noise_has_no_share_in_the_mean_and_flux_is_in_closed_form(disc):
     assert part @ part == pytest.approx(expected, rel=1e-6)
 
 
-def test_flux_is_told_by_the_statement_alone(disc):
+def test_flux_is_measured_through_its_declaration_only(disc):
     fitter, fit = disc
     (flux,) = described(fitter, fit, ["photon_flux"])
-    # Of one number, known to 2 % beside what the blocks' variances say of it.
+    # One parameter with a prior of 2 %, plus the information in the variances of the blocks.
     data, known = fitter.weights[1].sum(), 1 / 0.02**2
     assert flux.taken_up == pytest.approx(data / (data + known), rel=1e-3)
     unstated = np.linalg.qr(changes(Problem(fitter, (), fit))[: flux.whole.size])[0]
@@ -81,23 +81,24 @@ def test_flux_is_told_by_the_statement_alone(disc):
     assert left @ left < 1e-5 * (flux.whole @ flux.whole)
 
 
-def test_a_centred_disc_does_not_tell_detector_offset_from_centre_of_rotation(disc):
+def test_centered_disc_does_not_distinguish_detector_offset_from_axis_offset(disc):
     found = described(*disc, ("detector_offset", "centre_of_rotation", "scatter", "optical_crosstalk"))
     correlation = correlations(found)
     np.testing.assert_allclose(np.diag(correlation), 1)
     np.testing.assert_allclose(correlation, correlation.T)
-    # The object moved along the columns moves its shadow the other way than the detector: by as much to first order.
+    # A shift of the object along the columns moves its shadow opposite to the detector, by the same amount to first
+    # order.
     assert correlation[0, 1] < -0.95 and abs(correlation[0, 2]) < 0.05
 
 
-def test_crosstalk_in_light_and_in_x_rays_differ_by_their_noise(disc):
+def test_crosstalk_of_light_and_of_x_rays_differ_in_noise(disc):
     fitter, fit = disc
     xray, light = (described(fitter, fit, [name])[0] for name in ("xray_crosstalk", "optical_crosstalk"))
     means = [split(fitter, one.whole)["mean"] for one in (xray, light)]
     assert means[0] @ means[1] > 0.999 * np.linalg.norm(means[0]) * np.linalg.norm(means[1])
     assert shares(fitter, xray.whole)["noise correlation"] == 0
-    # (c, 1 - 2c, c) with c = 0.03 as a matrix, edges keeping what would leave: its square is the covariance of a
-    # uniform signal. Columns beside the disc's edges differ from that a little.
+    # (c, 1 - 2c, c) with c = 0.03 as a matrix that conserves the signal at edges. Its square is the covariance of a
+    # uniform signal. Columns at the disc's edges differ slightly.
     columns = fitter.data.mean.shape[2]
     share = 0.03 * (np.eye(columns, k=1) + np.eye(columns, k=-1))
     covariance = np.linalg.matrix_power(share + np.diag(1 - share.sum(axis=0)), 2)
@@ -106,38 +107,38 @@ def test_crosstalk_in_light_and_in_x_rays_differ_by_their_noise(disc):
     assert split(fitter, light.whole)["noise correlation"][0] == pytest.approx(expected, rel=0.01)
 
 
-def test_a_free_scale_takes_up_more_scatter_than_a_held_one():
+def test_free_density_scale_absorbs_more_scatter_than_a_fixed_one():
     found = []
     for fitter, fit in (ready(scale=0.001, offset=0.001), ready(scale=1.0, offset=1.0)):
         (scatter,) = described(fitter, fit, ["scatter"])
         found.append(taken_up_in_range(fitter, fit, scatter.whole[None])[0])
         assert found[-1] <= scatter.taken_up + 1e-9
-    held, free = found
-    assert held < free - 0.02 and free == pytest.approx(scatter.taken_up, abs=1e-6)
+    held_out, free = found
+    assert held_out < free - 0.02 and free == pytest.approx(scatter.taken_up, abs=1e-6)
 
 
-def test_what_lies_out_of_range_is_not_taken_up(disc):
+def test_change_outside_the_prior_range_is_not_absorbed(disc):
     fitter, fit = disc
     problem = Problem(fitter, (), fit)
     place = len(problem.unknowns) + [one.name for one in problem.aligned].index("scale")
     column = changes(problem)[: sum(part.size for part in fitter.weights), place]
     room = problem.high[place] - problem.start[place]
     found = taken_up_in_range(fitter, fit, np.stack([0.5 * room * column, 100 * room * column]))
-    # Within its range all, far beyond it hardly any.
+    # All within the range, little far beyond it.
     assert found[0] > 0.999 and found[1] < 0.1
 
 
-def test_a_gain_pattern_is_that_of_its_draw(disc):
+def test_gain_pattern_is_that_of_its_realization(disc):
     fitter, fit = disc
     (one,) = described(fitter, fit, ["gain_pattern"])
     mean = split(fitter, one.whole)["mean"].reshape(fitter.data.mean.shape) / np.sqrt(
         fitter.weights[0].reshape(fitter.data.mean.shape)
     )
     np.testing.assert_allclose(mean, np.broadcast_to(mean[0], mean.shape), atol=1e-9)
-    assert mean[0].std() == pytest.approx(0.005, rel=0.2)  # of 240 normal draws
+    assert mean[0].std() == pytest.approx(0.005, rel=0.2)  # 240 normal random numbers
 
 
-def test_cosines_and_groups_by_hand():
+def test_cosines_and_groups_of_simple_vectors():
     vectors = {"a": [1.0, 0, 0, 0], "c": [0, 0, 2.0, 0], "b": [1.0, 1, 0, 0], "d": [0, 0, -3.0, 0.3], "none": [0.0] * 4}
     found = [Template(name, None, np.ones(4), np.array(left)) for name, left in vectors.items()]
     correlation = correlations(found)
@@ -149,7 +150,7 @@ def test_cosines_and_groups_by_hand():
     assert abs(order.index(1) - order.index(3)) == 1 and abs(order.index(0) - order.index(2)) == 1
 
 
-def test_projection_leaves_what_is_orthogonal():
+def test_projection_keeps_the_orthogonal_part():
     basis = np.linalg.qr(np.array([[1.0, 0], [1, 0], [0, 1], [0, 0], [1, 1]]))[0]
     rows = np.array([[1.0, 1, 0, 0], [1, -1, 0, 2]])
     left = projected(rows, basis)
@@ -158,10 +159,10 @@ def test_projection_leaves_what_is_orthogonal():
     np.testing.assert_allclose(left[1], [1, -1, 0, 2, 0], atol=1e-12)
 
 
-def test_the_page_lists_every_effect_on_projections():
+def test_page_lists_every_effect_on_projections():
     with effect_templates.TABLE.open(encoding="utf-8", newline="") as file:
         header, *rows = csv.reader(file)
     listed = {row[0].split(":")[0] for row in rows}
-    wanted = {label(name) for name in offered(names(), ()) if not acts_on_images(name)}
-    assert listed == wanted, "run python docs/generators/effect_templates.py"
+    labels = {label(name) for name in offered(names(), ()) if not acts_on_images(name)}
+    assert listed == labels, "run python docs/generators/effect_templates.py"
     assert all(len(row) == len(header) == 7 for row in rows)

@@ -1,4 +1,4 @@
-"""The description of a scan is doubted before physics is: mistakes are named, and right ones let be."""
+"""Checks of the scan set-up, before physics: mistakes are named, and correct set-ups pass."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ OTHER = body([(-45, -10, -10, 18, 700.0), (30, -25, 12, 16, 300.0), (-10, 35, 0,
 
 
 def scanned(scene=OBJECT, physics=PHYSICS, scan=SCAN, pose=POSE):
-    """Line integrals of repeats, by twice as many rays as are compared."""
+    """Line integrals of repeats, with twice as many rays as in the comparison."""
     state = Chain(scene, scan_geometry(scan, "scan"), samples=3).state(physics, photons=PHOTONS, pose=pose)
     random, air = generator(Stream(7)), state.measured_air
     repeats = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(REPEATS)]
@@ -68,7 +68,7 @@ def finding(lines, scan=SCAN, scene=OBJECT):
     return find(comparison, scan, log=True, largest=float(lines.max()))
 
 
-def test_a_right_description_is_let_be_though_physics_was_left_out(lines):
+def test_correct_set_up_passes_although_physics_is_missing(lines):
     found = finding(lines)
     assert found.kind == "as stated" and not found.alike, found
     assert finding(scanned(physics={"detector_offset": {"columns_px": 0.5}})).kind == "as stated"
@@ -91,21 +91,21 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_named_with_the_line_that_mends_it(mistake, lines):
-    changed, spoiled, line = MISTAKES[mistake]
-    found = finding(lines if spoiled is None else spoiled(lines), {**SCAN, **changed})
+def test_mistake_is_named_with_the_corrected_setting(mistake, lines):
+    changed, damaged, line = MISTAKES[mistake]
+    found = finding(lines if damaged is None else damaged(lines), {**SCAN, **changed})
     assert (found.kind, found.best.name) == ("description", mistake)
     assert line in found.best.line
 
 
-def test_a_mistake_without_numbers_beats_a_geometry_that_is_fitted():
-    """Distances nearly twice as long as each other: what swaps them is near what a fitted size takes up."""
+def test_discrete_mistake_is_preferred_to_a_fitted_geometry():
+    """Distances of ratio almost two: swapping them is similar to a fitted size."""
     near = {**SCAN, "source_to_detector_mm": 970.0, "source_to_isocentre_mm": 500.0}
     found = finding(scanned(scan=near), {**near, "source_to_isocentre_mm": 470.0})
     assert (found.kind, found.best.name) == ("description", "swapped distances")
 
 
-def test_a_geometry_that_no_scanner_has_is_refused_with_what_may_be_wrong():
+def test_impossible_geometry_is_rejected_with_the_likely_mistake():
     with pytest.raises(InputError, match="check whether rows and columns are swapped"):
         scan_geometry({**SCAN, "columns": SCAN["rows"], "rows": SCAN["columns"]}, "scan")
     with pytest.raises(InputError, match="if it is the distance from isocentre to detector, use 980"):
@@ -121,30 +121,30 @@ def test_swapped_rows_and_columns_are_named():
     assert (found.kind, found.best.name) == ("description", "swapped rows and columns")
 
 
-def test_views_that_end_where_they_began_are_named():
-    """The commonest mistake of all: angles from 0 to 360 degrees, both included."""
+def test_duplicate_end_angle_is_named():
+    """The most common mistake: angles from 0 to 360 degrees, both included."""
     found = finding(scanned(scan={**SCAN, "views_per_rotation": 59}))
     assert (found.kind, found.best.name) == ("description", "last view at the first")
 
 
-def test_a_centred_disc_has_no_start_angle():
+def test_centered_disc_has_no_start_angle():
     found = finding(scanned(DiscScene(150.0, "pmma"), pose=Pose()), scene=DiscScene(150.0, "pmma"))
     assert found.kind == "as stated"
     assert {"start angle", "direction", "mirrored rows"} <= {one.name for one in found.alike}
 
 
-def test_another_object_is_told_from_a_wrong_description_of_it(lines):
+def test_other_object_is_distinguished_from_a_wrong_description(lines):
     assert finding(lines, scene=OTHER).kind == "object"
     assert finding(lines, scene=DiscScene(70.0, "pmma")).kind == "object"
 
 
-def test_an_air_scan_holds_no_object():
+def test_air_scan_contains_no_object():
     noise = generator(Stream(3)).normal(0, 0.003, (REPEATS, 60, 6, 48)).astype(np.float32)
     assert finding(noise).kind in ("empty", "object")
     assert abs(finding(noise).best.scale) < 0.02
 
 
-def test_repeats_that_are_none_are_named(lines):
+def test_copied_repeats_are_named(lines):
     usable = np.ones(lines.shape[1:], bool)
     noise = generator(Stream(5)).normal(0, 0.01, (4, *usable.shape)).astype(np.float32)
     repeats = lines.mean(axis=0) + noise
@@ -161,14 +161,14 @@ def test_repeats_that_are_none_are_named(lines):
     ("stated", "exponent", "expected"),
     [("even", 1.0, "solid_angle"), ("even", 0.0, None), ("solid_angle", 1.0, None), ("solid_angle", 0.0, "even")],
 )
-def test_a_white_field_shows_how_the_detector_is_lit(stated, exponent, expected):
+def test_white_field_shows_the_illumination_of_the_detector(stated, exponent, expected):
     wide = {**SCAN, "rows": 20, "row_pitch_mm": 20.0, "illumination": stated}
     geometry = scan_geometry(wide, "scan")
     angles = geometry.solid_angles()[0]
     gains = 1 + 0.002 * generator(Stream(1)).standard_normal(angles.shape)
     found = wrong_illumination(1e5 * gains * angles**exponent, geometry, wide)
     assert (found and found[0]) == expected
-    bowtie = np.exp(-3 * np.linspace(-1, 1, SCAN["columns"]) ** 2)  # shapes the field too, and is no mistake
+    bowtie = np.exp(-3 * np.linspace(-1, 1, SCAN["columns"]) ** 2)  # changes the field too, but is no mistake
     if stated == "even" and not exponent:
         assert wrong_illumination(1e5 * gains * bowtie, geometry, wide) is None
 
@@ -194,11 +194,11 @@ HARDENED = {"spectrum": {"kvp": 120.0, "filtration_mm": 6.0, "sensor_mm": 0.6}}
     "scan, scene, place",
     [
         (PARALLEL, DISC, (9.5, -6.5)),
-        (FAN, DISC, (-70.0, 25.0)),  # half of it lies outside of the circle that every view sees
+        (FAN, DISC, (-70.0, 25.0)),  # half of it is outside of the field of view of all views
         (PARALLEL, DiscScene(50.0, "aluminium"), (-30.0, 40.0)),
     ],
 )
-def test_an_object_is_found_in_the_whole_field_of_view(scan, scene, place):
+def test_object_is_found_in_the_whole_field_of_view(scan, scene, place):
     lines = scanned(scene, HARDENED, scan, Pose(*place))
     found = finding(lines, scan, scene)
     assert found.kind == "as stated" and found.share < 0.003
@@ -206,18 +206,18 @@ def test_an_object_is_found_in_the_whole_field_of_view(scan, scene, place):
     assert (found.location["x_mm"], found.location["y_mm"]) == pytest.approx(place, abs=0.3)
 
 
-def test_an_object_is_found_where_the_detector_is_shifted_too():
+def test_object_is_found_with_a_shifted_detector():
     lines = scanned(DISC, HARDENED, {**PARALLEL, "column_offset_px": 2.5}, Pose(15.0, -20.0))
     found = finding(lines, PARALLEL, DISC)  # an offset that an effect may explain
     assert found.kind == "as stated"
     assert (found.location["x_mm"], found.location["y_mm"]) == pytest.approx((15.0, -20.0), abs=0.3)
     lines = scanned(DISC, HARDENED, {**PARALLEL, "column_offset_px": 15.0}, Pose(15.0, -20.0))
-    found = finding(lines, PARALLEL, DISC)  # one that none may
+    found = finding(lines, PARALLEL, DISC)  # an offset beyond all effects
     assert (found.kind, found.best.name) == ("description", "detector offset")
     assert float(found.best.line.removeprefix("scan.column_offset_px: ")) == pytest.approx(15.0, abs=0.1)
 
 
-def test_a_body_is_found_in_space_and_beside_a_mistake():
+def test_body_is_found_in_three_dimensions_and_with_a_mistake():
     wide = {**SCAN, "columns": 64}
     lines = scanned(scan=wide, pose=Pose(25.0, -18.0, 8.0))
     found = finding(lines, wide)
@@ -227,6 +227,6 @@ def test_a_body_is_found_in_space_and_beside_a_mistake():
     assert (found.kind, found.best.name) == ("description", "mirrored columns") and not found.location
 
 
-def test_another_disc_elsewhere_is_another_object():
+def test_other_disc_elsewhere_is_another_object():
     found = finding(scanned(DiscScene(100.0, "pmma"), HARDENED, PARALLEL, Pose(20.0, 10.0)), PARALLEL, DISC)
     assert found.kind == "object" and not found.location

@@ -1,4 +1,4 @@
-"""A recording of an object of shapes, read from its folder and diagnosed."""
+"""Diagnosis of a recording whose object consists of shapes, read from its folder."""
 
 import h5py
 import numpy as np
@@ -32,7 +32,7 @@ SECTION = {"samples": 1, "view_step": 1, "alignment": {}, "object": {"kind": "ac
 ASKED = DiagnosisRequest("nowhere", Settings.of(SECTION), 0.0193, {})
 
 
-FINELY = 12  # rays per pixel and direction of what is scanned: three quarters of what the model's errors are taken from
+FINELY = 12  # rays per pixel and direction of the scan: three quarters of those for the model's errors
 
 
 def recorded(folder, physics, photons=2e5, geometry=GEOMETRY):
@@ -55,17 +55,17 @@ def bench(tmp_path_factory):
     return recorded(tmp_path_factory.mktemp("bench"), {"scatter": {"amount": 0.06}})
 
 
-def test_what_was_left_out_is_named(bench):
+def test_missing_effect_is_named(bench):
     found = vp.diagnose(
         bench, shapes="acr464_module1", samples=1, effects=["scatter", "optical_crosstalk"], check_setup=False
     )
-    assert [one["name"] for one in found.content["effects"]] == ["scatter"], found.content["sentence"]
+    assert [effect["name"] for effect in found.content["effects"]] == ["scatter"], found.content["sentence"]
     low, high = found.content["effects"][0]["parameters"]["amount"]["ci95"]
     assert low - (high - low) / 2 < 0.06 < high + (high - low) / 2
 
 
-def test_a_parallel_beam_is_read_and_diagnosed(tmp_path):
-    """Half a turn; its description is checked first, and nothing of a focal spot is tried."""
+def test_parallel_beam_is_read_and_diagnosed(tmp_path):
+    """Half a turn; the set-up is checked first, and no effect of a focal spot is a candidate."""
     geometry = circular(
         views=24, turns=0.5, columns=44, rows=4, column_pitch_mm=5.5, row_pitch_mm=4.4, **parallel_beam()
     )
@@ -73,15 +73,15 @@ def test_a_parallel_beam_is_read_and_diagnosed(tmp_path):
     assert "source_to_isocentre_mm" not in (folder / "recording.yaml").read_text()
     tried = ["dark_signal", "electronic_noise", "detector_roll"]
     found = vp.diagnose(folder, shapes="acr464_module1", samples=1, effects=tried)
-    assert [one["name"] for one in found.content["effects"]] == ["dark_signal"], found.content["sentence"]
+    assert [effect["name"] for effect in found.content["effects"]] == ["dark_signal"], found.content["sentence"]
     assert found.content["setup"]["kind"] == "as stated", found.content["setup"]
     with pytest.raises(InputError, match="focal_spot goes by the place of a focal spot"):
         vp.diagnose(folder, shapes="acr464_module1", samples=1, effects=["focal_spot"])
 
 
 @pytest.mark.parametrize("enough", [False, True])
-def test_edges_that_few_rays_miss_are_no_physics(enough, tmp_path, monkeypatch):
-    """Of the module alone, as a real detector sees it. Two per direction, held against four, show effects."""
+def test_undersampled_edges_are_not_reported_as_physics(enough, tmp_path, monkeypatch):
+    """The module alone, seen by a realistic detector. Two rays per direction compared with four would show effects."""
     if not enough:
         monkeypatch.setattr(discretization, "FINER_OF_SHAPES", discretization.FINER)
     tried = ["source_distance", "off_focal_radiation", "view_blur", "focal_spot"]
@@ -95,7 +95,7 @@ def test_edges_that_few_rays_miss_are_no_physics(enough, tmp_path, monkeypatch):
     assert (found["verdict"] == "match") == enough, found["sentence"]
 
 
-def test_it_is_said_what_was_modelled():
+def test_modeled_object_is_described():
     assert object_text(ASKED).startswith("shapes (acr464_module1): ACR CT accreditation phantom")
 
 

@@ -1,4 +1,4 @@
-"""A single repeat: how noisy its views are over each other says what changes from view to view, and nothing else."""
+"""Diagnosis of a single repeat: the excess noise between views shows changes from view to view."""
 
 from dataclasses import replace
 
@@ -37,8 +37,8 @@ def chain():
     return Chain(VoxelScene.of(volume, Segmentation(), 0.0193), GEOMETRY, PHOTONS)
 
 
-def made_ready(chain, physics, seed, pose=IN_PLACE, **more):
-    """One repeat, made ready."""
+def prepare_recording(chain, physics, seed, pose=IN_PLACE, **more):
+    """Prepare one repeat."""
     state = chain.state(physics, pose)
     lines = noisy_lines(state, 1, np.random.default_rng(np.random.SeedSequence((20261125, seed))))
     white = state.measured_air.mean(axis=0) * PHOTONS
@@ -46,13 +46,13 @@ def made_ready(chain, physics, seed, pose=IN_PLACE, **more):
     return prepared.prepare(taken, None, chain, nominal_photons=PHOTONS, **more)
 
 
-def named(given, tried=TRIED):
-    choice = choose(given.fitter, trial(given.fitter, ()), tried)
-    return diagnose("scan", given, choice).content
+def named(prepared_data, tried=TRIED):
+    choice = choose(prepared_data.fitter, trial(prepared_data.fitter, ()), tried)
+    return diagnose("scan", prepared_data, choice).content
 
 
-def test_a_current_that_changes_from_view_to_view_is_found_in_one_scan(chain):
-    content = named(made_ready(chain, MODULATED, 1))
+def test_current_changes_between_views_are_found_in_one_scan(chain):
+    content = named(prepare_recording(chain, MODULATED, 1))
     (effect,) = content["effects"]
     assert effect["name"] == "current_modulation" and content["noise_from_one_repeat"]
     for key, truth in MODULATED["current_modulation"].items():
@@ -60,41 +60,41 @@ def test_a_current_that_changes_from_view_to_view_is_found_in_one_scan(chain):
         assert abs(effect["parameters"][key]["value"] - truth) < (high - low) and high - low < 0.2
 
 
-def test_it_is_found_where_one_view_of_some_is_fitted(chain, monkeypatch):
-    """And noise is looked at in those beside them alone."""
+def test_current_changes_are_found_if_every_nth_view_is_fitted(chain, monkeypatch):
+    """The noise is measured in neighboring views only."""
     monkeypatch.setattr(prepared, "MOST_LOOKED_AT", 0)
-    content = named(made_ready(chain, MODULATED, 2, step=3))
-    assert [one["name"] for one in content["effects"]] == ["current_modulation"]
+    content = named(prepare_recording(chain, MODULATED, 2, step=3))
+    assert [effect["name"] for effect in content["effects"]] == ["current_modulation"]
 
 
 @pytest.mark.parametrize(
     ("physics", "pose"),
     [({}, IN_PLACE), ({"scatter": {"amount": 0.05, "width_mm": 60.0}}, Pose(x_mm=0.8, y_mm=-0.6, turn_deg=0.4))],
 )
-def test_none_is_found_where_there_is_none(chain, physics, pose):
-    """An elongated body that lies off its place differs from the baseline twice a turn, as a current does."""
-    content = named(made_ready(chain, physics, 3, pose))
-    assert {one["name"] for one in content["effects"]} == set(physics)
+def test_constant_current_is_not_reported(chain, physics, pose):
+    """An elongated, shifted body differs from the baseline twice per turn, like a varying current."""
+    content = named(prepare_recording(chain, physics, 3, pose))
+    assert {effect["name"] for effect in content["effects"]} == set(physics)
 
 
-def test_noise_is_known_of_an_object_that_lies_off_its_place(chain):
-    """Its edges move from view to view, and hardly from row to row: photons within five standard errors, and 3 %."""
-    given = made_ready(chain, {}, 6, Pose(x_mm=0.8, y_mm=-0.6, turn_deg=0.4))
-    rays = given.variance.size
-    assert given.photons == pytest.approx(PHOTONS, rel=5 * np.sqrt(8 / rays) + 0.03)
+def test_noise_is_measured_with_a_shifted_object(chain):
+    """Its edges move between views, but hardly between rows: photons agree within five standard errors, and 3 %."""
+    prepared_data = prepare_recording(chain, {}, 6, Pose(x_mm=0.8, y_mm=-0.6, turn_deg=0.4))
+    rays = prepared_data.variance.size
+    assert prepared_data.photons == pytest.approx(PHOTONS, rel=5 * np.sqrt(8 / rays) + 0.03)
 
 
-def test_of_fewer_rows_the_noise_is_not_among_the_data(chain):
+def test_noise_of_few_rows_is_not_part_of_the_data(chain):
     chain = chain.copy(replace(GEOMETRY, rows=3))
-    data = made_ready(chain, {}, 7).data
+    data = prepare_recording(chain, {}, 7).data
     assert data.variance is None and data.parts[0] == "mean"
 
 
-def test_views_are_as_noisy_as_they_are_said_to_be(chain):
-    """Of 12 scans of the baseline: they vary by 0.4 of what noise does or more, and by no more than is allowed."""
+def test_noise_of_views_has_its_stated_scatter(chain):
+    """12 scans of the baseline: the scatter is at least 0.4 of that of noise, and below the allowed maximum."""
     squares, floors = [], []
     for seed in range(12):
-        data = made_ready(chain, {}, 100 + seed).data
+        data = prepare_recording(chain, {}, 100 + seed).data
         assert data.variance.shape == (VIEW_PARTS[0],) and not np.isfinite(data.correlation).any()
         left = np.log(data.variance)
         squares.append(((left - left.mean()) ** 2).sum() / (left.size - 1))
@@ -103,13 +103,13 @@ def test_views_are_as_noisy_as_they_are_said_to_be(chain):
     assert 0.4 * noise < np.mean(squares) < np.mean(floors)
 
 
-def test_of_the_level_nothing_is_known(chain):
-    """Twice the photons change no residual of the noise, and no fit's chi-square beyond what is stated of them."""
-    given = made_ready(chain, {}, 4)
-    fit = given.fitter.fit(())
+def test_noise_level_is_unknown(chain):
+    """Twice the photons change no residual of the noise, and chi-square of no fit beyond the prior of the photons."""
+    prepared_data = prepare_recording(chain, {}, 4)
+    fit = prepared_data.fitter.fit(())
     photons = fit.nuisance["log_photons"]
     twice = replace(fit, nuisance=fit.nuisance | {"log_photons": photons + np.log(2)})
-    one, other = (given.fitter.residuals(each, held_out=False)[1] for each in (fit, twice))
-    assert other == pytest.approx(one, abs=1e-3) and abs(one @ given.fitter.weights[1]) < 1e-6 * np.sum(
-        given.fitter.weights[1]
+    one, other = (prepared_data.fitter.residuals(each, held_out=False)[1] for each in (fit, twice))
+    assert other == pytest.approx(one, abs=1e-3) and abs(one @ prepared_data.fitter.weights[1]) < 1e-6 * np.sum(
+        prepared_data.fitter.weights[1]
     )

@@ -1,4 +1,4 @@
-"""Text of a verdict: lines for every outcome, doubts with advice, and the numbers of locations."""
+"""Text of a verdict: lines for every outcome, doubts with advice, and numbers of locations."""
 
 from types import SimpleNamespace
 
@@ -69,7 +69,7 @@ def practice(small=(), **changes):
 
 
 def written(lines):
-    """The lines as documents hold them: five at most, each of a label and few words."""
+    """Lines as in the documents: at most five, each with a label and few words."""
     found = with_verdict_text({}, lines)
     assert 1 <= len(found["verdict_lines"]) <= 5 and found["sentence"] == " ".join(found["verdict_lines"])
     for line in found["verdict_lines"]:
@@ -82,7 +82,7 @@ def lines_of(*effects, stated=None, **changes):
     return written(recording_lines(content(*effects, **changes), stated))
 
 
-def test_missing_physics_is_told_with_its_fit_and_the_remaining_mismatch():
+def test_missing_physics_is_reported_with_its_fit_and_the_remaining_mismatch():
     found = lines_of(
         unexplained=[EDGES],
         effects=[{"name": "scatter", "parameters": SCATTER}, {"name": "anti_scatter_grid"}],
@@ -98,7 +98,7 @@ def test_missing_physics_is_told_with_its_fit_and_the_remaining_mismatch():
     ]
 
 
-def test_alternatives_are_told_beside_each_effect():
+def test_alternatives_are_listed_for_each_effect():
     rivals = {"off_focal_radiation": ["veiling_glare", "scatter"], "spectrum": []}
     found = lines_of("spectrum", "dark_signal", "source_distance", "off_focal_radiation", ambiguous_with=rivals)
     assert found[0] == "Missing physics: spectrum, dark signal, source distance and off-focal radiation."
@@ -109,7 +109,7 @@ def test_alternatives_are_told_beside_each_effect():
     )
 
 
-def test_a_match_and_a_match_for_practical_purposes():
+def test_match_and_match_for_practical_purposes():
     assert lines_of(verdict="match") == [
         "Missing physics: none; bench and the simulation differ only by noise and alignment."
     ]
@@ -121,7 +121,7 @@ def test_a_match_and_a_match_for_practical_purposes():
     ]
 
 
-def test_a_difference_that_no_effect_explains():
+def test_unexplained_difference():
     found = lines_of(
         verdict="unexplained",
         **practice(differing={"hu": 12.3, "resolution_percent": -1.23}),
@@ -134,24 +134,24 @@ def test_a_difference_that_no_effect_explains():
     ]
 
 
-def test_doubts_and_remarks_on_the_data_are_cautions():
+def test_doubts_and_data_remarks_are_cautions():
     doubted = lines_of("scatter", doubts=["chi-square per datum is 1.41", "b", "c"], excess_rms_removed=0.9999)
     assert doubted[0] == "Best explanation: scatter."
     assert "Caution: chi-square per datum is 1.41; 2 more in the report." in doubted
     assert "Caution: 3 % of the rays have no signal." in lines_of(
-        "scatter", caveats=["3 % of the rays have no signal. They are left out."]
+        "scatter", caveats=["3 % of the rays have no signal. They are excluded."]
     )
 
 
-def test_all_is_removed_only_where_nothing_is_left():
+def test_all_is_removed_only_if_no_mismatch_remains():
     assert "(100 % removed)" in lines_of("scatter", excess_rms_removed=1.0)[1]
     assert "(over 99.9 % removed)" in lines_of("scatter", excess_rms_removed=1.0, unexplained=[PLACE])[1]
     assert "(over 99.9 % removed)" in lines_of("scatter", excess_rms_removed=0.9999)[1]
-    # An RMS that has not become smaller has no share.
+    # Without a smaller RMS there is no share.
     assert lines_of("scatter", excess_rms_removed=-0.1)[1] == "Fit on held-out data: RMS 0.017 -> 0.0113; noise 0.011."
 
 
-def test_the_object_and_its_location():
+def test_object_mismatch_and_its_location():
     found = lines_of(
         verdict="unexplained", object={"mended": False, "removes": 0.97, "pieces": [PIECE]}, next_measurement=["turn"]
     )
@@ -181,7 +181,7 @@ def test_declared_and_transferred_physics():
     assert not [line for line in taken if line.startswith("Next")]
 
 
-def test_of_many_lines_the_most_important_five_are_shown():
+def test_five_most_important_of_many_lines_are_shown():
     found = lines_of(
         "scatter",
         doubts=["a"],
@@ -230,13 +230,13 @@ def test_of_many_lines_the_most_important_five_are_shown():
         ),
     ],
 )
-def test_a_wrong_set_up(setup, expected):
+def test_wrong_set_up(setup, expected):
     assert written(setup_lines(SETUP | setup, "the study's phantom")) == expected
 
 
 def test_features_and_their_properties():
     place = {"domain": "family", "where": "texture of liver"}
-    given = {
+    document = {
         "verdict": "unexplained",
         "locations": [place],
         "effects": [],
@@ -245,10 +245,10 @@ def test_features_and_their_properties():
         "unexplained": [],
         "next_measurement": ["scan again"],
     }
-    assert written(feature_lines(given | {"verdict": "match"})) == [
+    assert written(feature_lines(document | {"verdict": "match"})) == [
         "Differing image property: none; features differ by no more than between repeats."
     ]
-    assert written(feature_lines(given)) == [
+    assert written(feature_lines(document)) == [
         "Differing image property: unknown; no single property explains the difference.",
         "Largest mismatch: family (texture of liver).",
         "Closest property: noise texture, which removes 12 % of the difference on held-out regions.",
@@ -256,7 +256,7 @@ def test_features_and_their_properties():
     ]
     effect = {"name": "noise_texture", "evidence": {"held_out_gain": 0.8}}
     found = written(
-        feature_lines(given | {"verdict": "mismatch explained", "effects": [effect], "unexplained": [place]})
+        feature_lines(document | {"verdict": "mismatch explained", "effects": [effect], "unexplained": [place]})
     )
     assert found[:2] == [
         "Differing image property: noise texture.",
@@ -264,7 +264,7 @@ def test_features_and_their_properties():
     ]
 
 
-def test_the_console_names_the_recording():
+def test_console_names_the_recording():
     found = with_verdict_text(content(verdict="match"), recording_lines(content(verdict="match")))
     assert console_text(found).splitlines() == [
         "bench: match",
@@ -273,7 +273,7 @@ def test_the_console_names_the_recording():
 
 
 def doubted(physics, nuisance=None, sensor=None, pulled=None, **known):
-    """Doubts and advice for a fit of these numbers, all of them well known by the data."""
+    """Doubts and advice for a fit with these parameters, all of them well constrained."""
     chain = Chain(SCENE, GEOMETRY, PHOTONS, sensor=sensor or sensors.sensor_from_label())
     model = ScansModel(chain, nuisances(np.log(PHOTONS), 0.02, {}), **known)
     values = {one.name: one.expected for one in model.aligned} | (nuisance or {})
@@ -320,44 +320,44 @@ def spectrum(kvp=60.0, sensor_mm=0.6):
         ),
     ],
 )
-def test_a_number_at_its_bound_is_said_with_what_was_stated(physics, known, expected):
+def test_parameter_at_its_bound_is_reported_with_its_declaration(physics, known, expected):
     assert doubted(physics, **known) == (expected, [])
 
 
-def test_a_stated_sensor_is_called_stated():
-    """Five standard deviations of 5 % of the logarithm: a factor of 1.28."""
+def test_declared_sensor_is_called_declared():
+    """Five standard deviations of 5 % in the logarithm: a factor of 1.28."""
     thin = 0.6 * np.exp(-5 * sensors.STATED_SD)
     found, _ = doubted(spectrum(sensor_mm=thin), sensor=sensors.sensor_from_label("caesium_iodide", 0.6))
     assert found == ["sensor thickness of spectrum is 0.467 mm (stated: 0.6, known within 5 %)"]
 
 
-def test_what_the_alignment_had_to_be_pulled_by_is_said_with_what_to_state():
+def test_shift_of_the_alignment_is_reported_with_the_setting_to_correct():
     found, advised = doubted({}, {"scale": 0.975, "offset": 0.01, "log_photons": np.log(PHOTONS) - 0.1})
     assert found == [
         "log photons, scale and offset of the alignment reached the limit of the fit (5 SD of the prior: 12.1, prior "
         "12.2 ± 0.02; 0.975, prior 1 ± 0.005; 0.01, prior 0 ± 0.002)"
     ]
-    # Photons are stated elsewhere.
+    # Photons have their own setting.
     assert [line.split()[0] for line in advised] == ["Scale", "Offset"]
     assert "density of the object" in advised[0] and "alignment: {scale: SD}" in advised[0]
     assert "prior SD of 0.002. If its error may be larger" in advised[1] and "alignment: {offset: SD}" in advised[1]
     assert doubted({}, {"scale": 0.98}) == ([], [])
-    # A density that was found on another recording is known otherwise than the model's own.
+    # A density found on another recording has another prior than the model's own.
     assert doubted({}, {"scale": 0.9}, pulled={"scale": -0.1}) == ([], [])
 
 
 @pytest.fixture(scope="module")
 def stepped():
-    """One view of two of a scan that has 5 % more of everything in its view 20."""
+    """Every second view of a scan whose view 20 has 5 % more signal."""
     chain = Chain(SCENE, GEOMETRY, PHOTONS)
     repeats = noisy_lines(chain.state({}), 4, np.random.default_rng(3)).astype(np.float32)
     repeats[:, 20] *= 1.05
     taken = observed.Scans(repeats, None, np.ones(repeats.shape[1:], bool))
-    given = prepare(taken, None, chain, step=2)
-    return given, diagnose("bench", given, chosen(given.fitter, ("scatter",)))
+    document = prepare(taken, None, chain, step=2)
+    return document, diagnose("bench", document, chosen(document.fitter, ("scatter",)))
 
 
-def test_places_have_the_recording_s_numbers(stepped):
+def test_locations_use_the_numbers_of_the_recording(stepped):
     _, found = stepped
     where = {place.domain: place.where for place in found.after}
     assert where["views"] == "view 20, 1 of 2 views compared"
@@ -365,8 +365,8 @@ def test_places_have_the_recording_s_numbers(stepped):
     assert first <= 20 <= last and first % 2 == last % 2 == 0
 
 
-def test_figures_have_the_recording_s_numbers(stepped, monkeypatch):
-    """Of 24 views that were taken and of 64 columns, of which two are one of the map's here."""
+def test_figures_use_the_numbers_of_the_recording(stepped, monkeypatch):
+    """24 selected views and 64 columns, of which two are one column of the map."""
     _, found = stepped
     drawn = {}
     monkeypatch.setattr(report, "PIXELS_ACROSS", 32)

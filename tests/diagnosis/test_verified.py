@@ -1,4 +1,4 @@
-"""Physics found on one recording, held against another, and objects given as masks."""
+"""Physics of one recording applied to another, objects given as masks, and the selection of effects."""
 
 import json
 from dataclasses import replace
@@ -32,7 +32,7 @@ from virtual_phantom.recordings.importers.htc2022 import with_partial_pixels
 from virtual_phantom.recordings.projections import Projections
 
 PHOTONS, DENSITY = 1e5, 1.03
-# A fitter, of which a choice asks what is declared and how many data there are.
+# A fitter; the selection reads its declared physics and number of data.
 BARE = SimpleNamespace(model=SimpleNamespace(whole=tuple), weights=())
 GEOMETRY = circular(
     views=60,
@@ -82,7 +82,7 @@ def found_on(disc, scale, effects=TRUTH, **extra):
 
 @pytest.fixture(scope="module")
 def other(tmp_path_factory):
-    """A disc with a notch, of a density that is not the listed one, prepared for fits; and where its mask lies."""
+    """A prepared disc with a notch and another density than listed, and the path of its mask."""
     folder = tmp_path_factory.mktemp("other")
     mask = mask_of(folder / "object.nii.gz", lambda x, y: (np.hypot(x, y) < 35) & ~((x > 5) & (np.abs(y) < 6)))
     scene = mask_scene(mask, "pmma")
@@ -91,22 +91,22 @@ def other(tmp_path_factory):
     state = Chain(dense, GEOMETRY, PHOTONS).state(TRUTH)
     random, air = np.random.default_rng(3), state.measured_air.mean(axis=0) * PHOTONS
     taken = observed.scans([Projections(state.counts(random), air, 0 * air) for _ in range(4)])
-    given = prepared.prepare(
+    prepared_data = prepared.prepare(
         taken, None, Chain(PosedScene(scene), GEOMETRY, PHOTONS), tube_kvp=90.0, known={"scale": 1.0}
     )
-    return given, mask, folder
+    return prepared_data, mask, folder
 
 
 def test_physics_of_another_recording_removes_the_excess(other):
-    given, _, folder = other
+    prepared_data, _, folder = other
     (folder / "diagnosis.json").write_text(json.dumps(found_on("disc", DENSITY)))
     physics = Physics.read(folder / "diagnosis.json")
-    baseline = trial(given.fitter, ())
-    choice = verified(given.fitter, baseline, physics, same_material=True)
+    baseline = trial(prepared_data.fitter, ())
+    choice = verified(prepared_data.fitter, baseline, physics, same_material=True)
     assert choice.chosen.fit.physics == TRUTH and choice.chosen.fit.free == 0
     assert choice.chosen.fit.nuisance["scale"] == pytest.approx(DENSITY, abs=0.003)
     assert all(gain > 100 for gain in choice.gains.values())
-    content = stated(diagnose("notch", given, choice).content, physics)
+    content = stated(diagnose("notch", prepared_data, choice).content, physics)
     json.dumps(content, allow_nan=False)
     assert content["excess_removed"] > 0.9 and content["excess_rms_removed"] > 0.8
     assert "Source of the physics: transferred from disc" in content["sentence"]
@@ -116,22 +116,24 @@ def test_physics_of_another_recording_removes_the_excess(other):
         assert high > low
 
 
-def test_noise_and_inexact_models_stay_apart(other):
-    given, _, folder = other
+def test_noise_and_model_errors_are_stated_separately(other):
+    prepared_data, _, folder = other
     content = found_on("disc", DENSITY)
     for effect in content["effects"]:
         for one in effect["parameters"].values():
             one["ci95_noise"] = [0.999 * one["value"], 1.001 * one["value"]]
     (folder / "apart.json").write_text(json.dumps(content))
-    choice = verified(given.fitter, trial(given.fitter, ()), Physics.read(folder / "apart.json"), same_material=True)
-    for effect in diagnose("notch", given, choice).content["effects"]:
+    choice = verified(
+        prepared_data.fitter, trial(prepared_data.fitter, ()), Physics.read(folder / "apart.json"), same_material=True
+    )
+    for effect in diagnose("notch", prepared_data, choice).content["effects"]:
         for one in effect["parameters"].values():
             whole, noise, half = (one[key][1] - one["value"] for key in ("ci95", "ci95_noise", "ci50"))
             assert (whole, noise) == pytest.approx((0.01 * one["value"], 0.001 * one["value"]), rel=1e-3)
             assert half == pytest.approx(half_width(0.5, noise / 1.959964, whole / 1.959964), rel=1e-3)
 
 
-def test_intervals_that_were_cut_at_a_bound_stay_as_long(tmp_path):
+def test_intervals_truncated_at_a_bound_keep_their_length(tmp_path):
     spot = {"width_mm": (0.0, [0.0, 3.9]), "length_mm": (3.5, [1.5, 4.0])}
     content = found_on("disc", 1.0)
     content["effects"] = [
@@ -147,12 +149,12 @@ def test_intervals_that_were_cut_at_a_bound_stay_as_long(tmp_path):
     assert errors == pytest.approx({"width_mm": 3.9 / 1.959964, "length_mm": 2.0 / 1.959964})
 
 
-def test_a_density_that_is_not_that_of_the_object_removes_less(other):
-    given, _, folder = other
-    baseline = trial(given.fitter, ())
+def test_wrong_density_removes_less(other):
+    prepared_data, _, folder = other
+    baseline = trial(prepared_data.fitter, ())
     (folder / "light.json").write_text(json.dumps(found_on("disc", 0.95)))
-    wrong = verified(given.fitter, baseline, Physics.read(folder / "light.json"), same_material=True)
-    right = verified(given.fitter, baseline, Physics.read(folder / "light.json"), same_material=False)
+    wrong = verified(prepared_data.fitter, baseline, Physics.read(folder / "light.json"), same_material=True)
+    right = verified(prepared_data.fitter, baseline, Physics.read(folder / "light.json"), same_material=False)
     assert wrong.chosen.score < right.chosen.score - 1000
 
 
@@ -166,7 +168,7 @@ def test_a_density_that_is_not_that_of_the_object_removes_less(other):
         (json.dumps(found_on("disc", 1.0, {"scatter": {"amount": 7.0}})), "is out of the plausible range"),
     ],
 )
-def test_other_files_are_refused_in_a_line(tmp_path, content, message):
+def test_other_files_are_rejected_in_one_line(tmp_path, content, message):
     if content is not None:
         (tmp_path / "d.json").write_text(content)
     with pytest.raises(InputError, match=message) as error:
@@ -174,17 +176,17 @@ def test_other_files_are_refused_in_a_line(tmp_path, content, message):
     assert "\n" not in str(error.value)
 
 
-def test_patterns_of_pixels_stay_with_their_scan(tmp_path):
+def test_pixel_patterns_stay_with_their_scan(tmp_path):
     pattern = {"gain_pattern": {"rms": 0.004, "detector": 1.0}}
     (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, TRUTH | pattern)))
     physics = Physics.read(tmp_path / "d.json")
     assert set(physics.effects) == set(TRUTH) and physics.not_taken == ("gain_pattern",)
     scatter = {"scatter": TRUTH["scatter"]}
     (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, scatter)))
-    assert Physics.read(tmp_path / "d.json").scale is None  # without a spectrum it also holds the energy
+    assert Physics.read(tmp_path / "d.json").scale is None  # without a spectrum it also contains the energy
 
 
-def test_masks_that_are_none_are_refused(tmp_path):
+def test_invalid_masks_are_rejected(tmp_path):
     good = volumes.read_nifti(mask_of(tmp_path / "good.nii.gz", lambda x, y: np.hypot(x, y) < 20))
     for name, array, message in (
         ("empty", 0 * good.array, "is empty"),
@@ -198,7 +200,7 @@ def test_masks_that_are_none_are_refused(tmp_path):
         mask_scene(tmp_path / "none.nii.gz", "pmma")
 
 
-def test_a_threshold_gets_an_edge_of_one_pixel_where_the_outline_is():
+def test_threshold_gets_an_edge_of_one_pixel_at_the_outline():
     axis = np.arange(200) - 99.5
     radius = 60.3
     inside = np.hypot(axis[:, None], axis) < radius
@@ -210,27 +212,27 @@ def test_a_threshold_gets_an_edge_of_one_pixel_where_the_outline_is():
     assert np.abs(share - exact).mean() < 0.6 * np.abs(inside - exact).mean()
 
 
-def test_excess_is_what_is_beyond_noise_in_squares():
+def test_excess_is_the_squared_rms_beyond_noise():
     assert excess_rms_removed(before=5.0, after=np.sqrt(3**2 + 2**2), floor=3.0) == pytest.approx(0.5)
     assert excess_rms_removed(before=5.0, after=2.9, floor=3.0) == 1.0
     assert excess_rms_removed(before=3.0, after=3.0, floor=3.0) is None
 
 
-def test_the_few_best_and_all_near_the_best_are_fitted():
+def test_best_few_and_all_near_the_best_are_fitted():
     gains = {f"e{i}": Screened(0.0, gain) for i, gain in enumerate([10, 9, 8, 7, 6, 5.5, 5.0, 4.9, 1, 0.5])}
     assert best_few(gains) == [f"e{i}" for i in range(7)]
     assert best_few({"one": Screened(1.0, 0.0)}) == ["one"]
 
 
-def test_what_promises_less_than_a_tenth_is_not_fitted():
+def test_effects_with_less_than_a_tenth_of_the_expected_gain_are_not_fitted():
     gains = {"best": Screened(0.0, 100.0), "some": Screened(0.0, 11.0), "little": Screened(0.0, 9.0)}
     assert best_few(gains) == ["best", "some"]
     assert best_few(gains, needed=500.0) == ["best"]
     assert best_few(gains, needed=2000.0) == []
 
 
-def test_one_view_of_so_many_keeps_the_noise_of_all(other):
-    given, mask, _ = other
+def test_every_nth_view_keeps_the_noise_of_all(other):
+    prepared_data, mask, _ = other
     chain = Chain(PosedScene(mask_scene(mask, "pmma")), GEOMETRY, PHOTONS)
     random = np.random.default_rng(5)
     state = chain.state({})
@@ -247,7 +249,7 @@ def test_one_view_of_so_many_keeps_the_noise_of_all(other):
 
 @pytest.fixture
 def scored(monkeypatch):
-    """Scores stand in for fits: heel is best alone, but scatter explains more beside motion."""
+    """Selection with made-up scores: heel is best alone, but scatter explains more together with motion."""
     monkeypatch.setattr(forward_selection, "MOST_EFFECTS", 2)
     scores = {
         (): 0,
@@ -266,21 +268,21 @@ def scored(monkeypatch):
     monkeypatch.setattr(forward_selection, "trials", lambda fitter, tasks, **_: [made(task[0]) for task in tasks])
 
     def filtered(fitter, fit, names, fitted_too=False, **more):
-        made_up = Screened(1.0, 0.0) if fitted_too else None  # inexact models may make up all of it
+        made_up = Screened(1.0, 0.0) if fitted_too else None  # model errors may explain all of it
         gains = {name: 2 * (made((*fit.effects, name)).score - made(fit.effects).score) for name in names}
         return {name: Screened(0.0, gain, with_model_error=made_up) for name, gain in gains.items()}
 
     monkeypatch.setattr(forward_selection, "screened", filtered)
     monkeypatch.setattr(
         forward_selection, "exchanged", lambda *_: {}
-    )  # scores have no data that effects could change alike
+    )  # scores without data that effects could change equally
     return made
 
 
 SINGLES = ("heel", "scatter", "motion")
 
 
-def test_an_effect_that_is_worse_beside_the_others_is_swapped(scored):
+def test_effect_that_is_worse_with_the_others_is_replaced(scored):
     singles = SINGLES
     choice = forward_selection.choose(BARE, scored(()), singles)
     assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
@@ -289,28 +291,33 @@ def test_an_effect_that_is_worse_beside_the_others_is_swapped(scored):
     assert choice.ruled_out == {"heel": 200} and choice.ambiguous_with("scatter") == []
 
 
-def test_what_may_be_there_beside_is_undecided_and_not_ruled_out(scored):
-    """In the place of heel, motion loses 400; beside it, it gains 200, which an inexact model of heel may leave."""
+def test_possible_additional_effect_is_undecided_and_not_ruled_out(scored):
+    """Instead of heel, motion loses 400; with heel, it gains 200, which model errors of heel may cause."""
     singles = SINGLES[::2]
     choice = forward_selection.choose(BARE, scored(()), singles, accuracy={"default": 0.7})
     assert choice.chosen.fit.effects == ("heel",)
     assert choice.undecided == {"motion": 200} and choice.ruled_out == {}
 
 
-def test_models_are_held_as_exact_as_the_configuration_has_it_by_default(scored):
+def test_default_model_accuracy_is_that_of_the_configuration(scored):
     singles = SINGLES[::2]
     root = Path(__file__).resolve().parents[2]
     default = yaml.safe_load((root / "config/config.yaml").read_text())
     stated = complete(default)["diagnosis"]["model_accuracy"]
     assert set(stated) > {"default", "numerical"} and stated["default"] > 0
-    given, taken = (forward_selection.choose(BARE, scored(()), singles, **one) for one in ({"accuracy": stated}, {}))
-    assert (given.undecided, given.ruled_out, given.tolerance) == (taken.undecided, taken.ruled_out, taken.tolerance)
+    prepared_data, taken = (
+        forward_selection.choose(BARE, scored(()), singles, **one) for one in ({"accuracy": stated}, {})
+    )
+    assert (prepared_data.undecided, prepared_data.ruled_out, prepared_data.tolerance) == (
+        taken.undecided,
+        taken.ruled_out,
+        taken.tolerance,
+    )
     assert taken.tolerance > forward_selection.choose(BARE, scored(()), singles, accuracy={"default": 0.0}).tolerance
 
 
-def test_what_has_no_template_is_fitted(scored, monkeypatch):
-    """Of an effect that does nothing at its typical strength a filter knows nothing: neither that it is needless nor
-    that it is ruled out."""
+def test_effect_without_template_is_fitted(scored, monkeypatch):
+    """A matched filter cannot exclude an effect without change at its typical strength."""
     plain = forward_selection.screened
 
     def filtered(fitter, fit, names, **more):
@@ -322,9 +329,12 @@ def test_what_has_no_template_is_fitted(scored, monkeypatch):
     assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
 
 
-def test_chances_are_those_of_their_law():
-    """One parameter: a likelihood ratio of 3.84 has p 0.05 (tables of chi-square). A gain pattern has a constant per
-    pixel, and p is that of its size: 1.645 standard errors."""
+def test_p_values_follow_chi_square():
+    """One parameter:
+
+    a likelihood ratio of 3.84 has p = 0.05 (chi-square tables). A gain pattern has a constant per pixel; its p-value is
+    that of its size: 1.645 standard errors.
+    """
     without = Fit((), {}, {}, {}, {}, 100.0, (), 0)
     one = Fit(("scatter",), {}, {}, {}, {}, 100 - 3.841459, (), 1)
     assert forward_selection.chance(one, without, "scatter") == pytest.approx(0.05, abs=1e-6)
@@ -335,16 +345,16 @@ def test_chances_are_those_of_their_law():
     assert forward_selection.chance(none, without, "gain_pattern") == 1.0
 
 
-def test_what_an_inexact_model_may_leave_is_no_evidence(scored):
-    """heel gains 500 and motion 200 more: two fifths of it, the square of 0.63."""
+def test_gain_within_model_error_is_no_evidence(scored):
+    """heel gains 500 and motion another 200: two fifths, the square of 0.63."""
     singles = SINGLES[::2]
     for accuracy, named in ((0.6, {"heel", "motion"}), (0.7, {"heel"})):
         choice = forward_selection.choose(BARE, scored(()), singles, accuracy={"default": accuracy})
         assert set(choice.chosen.fit.effects) == named
 
 
-def test_what_inexact_models_cannot_make_up_is_named_however_little(scored, monkeypatch):
-    """motion alone: heel, which moves no ray, is not asked about."""
+def test_small_gain_that_model_errors_cannot_explain_is_named(scored, monkeypatch):
+    """motion alone; heel moves no rays and is not considered."""
     plain = forward_selection.screened
 
     def filtered(fitter, fit, names, fitted_too=False, **more):
@@ -361,22 +371,22 @@ def test_what_inexact_models_cannot_make_up_is_named_however_little(scored, monk
     ("accuracy", "named"),
     [({"default": 0.0, "heel": 0.7}, {"heel"}), ({"default": 0.7, "heel": 0.0}, {"heel", "motion"})],
 )
-def test_an_effect_is_as_exact_as_is_said_of_it(scored, accuracy, named):
+def test_effect_has_its_declared_accuracy(scored, accuracy, named):
     singles = SINGLES[::2]
     assert set(forward_selection.choose(BARE, scored(()), singles, accuracy=accuracy).chosen.fit.effects) == named
 
 
 @pytest.mark.parametrize(("corrected", "named"), [(990.0, ("heel",)), (1010.0, ())])
-def test_what_corrections_for_steps_may_leave_is_no_evidence(scored, corrected, named):
-    """heel alone gains 500 of log score, 1000 of chi-square."""
+def test_gain_within_discretization_error_is_no_evidence(scored, corrected, named):
+    """heel alone gains 500 in log score, 1000 in chi-square."""
     baseline = scored(())
     baseline = replace(baseline, fit=replace(baseline.fit, corrected=corrected))
     choice = forward_selection.choose(BARE, baseline, ("heel",), accuracy={"default": 0.0, "numerical": 1.0})
     assert choice.chosen.fit.effects == named
 
 
-def test_an_effect_is_worth_what_it_explains_once_an_idle_one_has_gone(scored, monkeypatch):
-    """heel is taken first, then motion, then scatter, beside which heel gains 1 and goes; 900 are explained."""
+def test_effect_has_its_full_value_after_a_redundant_one_is_removed(scored, monkeypatch):
+    """heel is added first, then motion, then scatter. With both, heel gains 1 and is removed; 900 are explained."""
     monkeypatch.setattr(forward_selection, "MOST_EFFECTS", 4)
     singles = SINGLES
     choice = forward_selection.choose(BARE, scored(()), singles, accuracy={"default": 0.1})
@@ -384,28 +394,28 @@ def test_an_effect_is_worth_what_it_explains_once_an_idle_one_has_gone(scored, m
     assert choice.tolerance == pytest.approx(0.1**2 * 900)
 
 
-def test_what_was_found_elsewhere_can_be_declared(tmp_path):
-    """Its errors are the statement's; what was declared there is known too; one's own statement goes first."""
+def test_transferred_physics_can_be_declared(tmp_path):
+    """The declaration has its errors. Declarations of the other recording are included; the user's own come first."""
     stated = {"stated": 20.0, "sd": 5.0, "value": 24.0, "ci95": [20.08, 27.92], "unit": "ms", "pull": 1.0, "off": False}
     glow = {"time_constant_ms": stated, "share": stated | {"value": 0.03, "ci95": [0.0104, 0.0496], "unit": "1"}}
     (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, declared={"afterglow": glow})))
-    own = {"scatter": {"amount": {"value": 0.01, "sd": 0.001}}}
-    model = {"folder": "here", "settings": {"samples": 1, "baseline": own}}
+    user_declaration = {"scatter": {"amount": {"value": 0.01, "sd": 0.001}}}
+    model = {"folder": "here", "settings": {"samples": 1, "baseline": user_declaration}}
     settings = with_declared(model, tmp_path / "d.json")["settings"]
-    assert settings["samples"] == 1 and settings["baseline"]["scatter"] == own["scatter"]
+    assert settings["samples"] == 1 and settings["baseline"]["scatter"] == user_declaration["scatter"]
     assert set(settings["baseline"]) == set(TRUTH) | {"afterglow"}
     assert settings["baseline"]["afterglow"]["time_constant_ms"] == pytest.approx({"value": 24.0, "sd": 2.0}, rel=1e-4)
     errors = Physics.read(tmp_path / "d.json").errors
     for name in set(TRUTH) - {"scatter"}:
         for key, value in TRUTH[name].items():
             assert settings["baseline"][name][key] == pytest.approx({"value": value, "sd": errors[name][key]})
-    assert model["settings"]["baseline"] == own and with_declared(model, None) == model
+    assert model["settings"]["baseline"] == user_declaration and with_declared(model, None) == model
 
 
 DRIFTS = {"dark_signal": {"level_units": 2e3, "drift_units_per_s": 3e3}}
 
 
-def test_of_what_every_scan_has_of_its_own_another_declares_how_large_it_may_be(tmp_path):
+def test_transferred_effect_of_each_scan_sets_its_range(tmp_path):
     (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, DRIFTS)))
     stated = with_declared({"settings": {}}, tmp_path / "d.json")["settings"]["baseline"]["dark_signal"]
     errors = Physics.read(tmp_path / "d.json").errors["dark_signal"]
@@ -413,27 +423,29 @@ def test_of_what_every_scan_has_of_its_own_another_declares_how_large_it_may_be(
     assert stated["drift_units_per_s"] == pytest.approx({"value": 0.0, "sd": 3e3 + errors["drift_units_per_s"]})
 
 
-def test_what_every_scan_has_of_its_own_is_fitted_where_physics_comes_from_another(tmp_path):
-    """The level of the other scan; the drift of this one, which runs the other way."""
+def test_effect_of_each_scan_is_fitted_with_transferred_physics(tmp_path):
+    """The level of the other scan; the drift of this scan, which has the opposite sign."""
     chain = Chain(DiscScene(70.0, "pmma"), replace(GEOMETRY, view_interval_ms=1e3 / GEOMETRY.views), PHOTONS)
     here = {"dark_signal": {"level_units": 2e3, "drift_units_per_s": -1e3}}
     lines = noisy_lines(chain.state(here), 4, np.random.default_rng(7)).astype(np.float32)
-    given = prepared.prepare(observed.Scans(lines, None, np.ones(lines.shape[1:], bool)), None, chain)
+    prepared_data = prepared.prepare(observed.Scans(lines, None, np.ones(lines.shape[1:], bool)), None, chain)
     (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, DRIFTS)))
     physics = Physics.read(tmp_path / "d.json")
-    units = {one.name: one.unit for one in given.fitter.model.parameters("dark_signal")}
-    choice = verified(given.fitter, trial(given.fitter, ()), replace(physics, units={"dark_signal": units}), True)
+    units = {parameter.name: parameter.unit for parameter in prepared_data.fitter.model.parameters("dark_signal")}
+    choice = verified(
+        prepared_data.fitter, trial(prepared_data.fitter, ()), replace(physics, units={"dark_signal": units}), True
+    )
     found, errors = (one["dark_signal"] for one in (choice.chosen.fit.physics, choice.chosen.fit.errors))
     assert found["level_units"] == 2e3 and errors["level_units"] == physics.errors["dark_signal"]["level_units"]
     assert abs(found["drift_units_per_s"] + 1e3) < 4 * errors["drift_units_per_s"] < 500
-    # Of the level, which was fitted elsewhere, the error found there counts; all else has the data's own.
+    # The level was fitted elsewhere and has the error from there. All others have errors from the data.
     fit, worse = choice.chosen.fit, {"dark_signal": errors | {"level_units": 10 * errors["level_units"]}}
-    known, unsure = (left_by_numbers(given.fitter, one) for one in (fit, replace(fit, errors=worse)))
+    known, unsure = (left_by_numbers(prepared_data.fitter, one) for one in (fit, replace(fit, errors=worse)))
     assert unsure[0][0] == pytest.approx(10 * known[0][0], rel=1e-6) and np.abs(known[0][0]).max() > 0
     np.testing.assert_allclose(unsure[0][1:], known[0][1:])
 
 
-def test_a_diagnosis_that_knows_no_effect_declares_none(tmp_path):
+def test_diagnosis_without_effects_declares_none(tmp_path):
     (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, {})))
     with pytest.raises(InputError, match="d.json: knows no effect of the scanner; take baseline_from out"):
         with_declared({"settings": {}}, tmp_path / "d.json")

@@ -1,4 +1,4 @@
-"""Made-up inputs of the figures, in the shapes that the study's stages give them."""
+"""Made-up inputs of the figures, in the form of the study's outputs."""
 
 import numpy as np
 import pandas
@@ -26,7 +26,7 @@ def rng():
 
 @pytest.fixture
 def make_phantom():
-    """A function: ROI names -> (elliptic body with balls of 8 mm in it, HU; masks by name)."""
+    """Make an elliptic body with balls of 8 mm for a list of ROI names; returns (HU, {name: mask})."""
 
     def make(names, shape=(24, 64, 80), spacing=(5.0, 4.0, 4.0)):
         grid = Grid(shape, spacing, centre_mm=(3.0, -7.0, 100.0))
@@ -45,7 +45,7 @@ def make_phantom():
 
 @pytest.fixture
 def calibration():
-    """Two protocols, five levels; variances on a line but for scatter; rows per ROI beside those of all."""
+    """Two protocols with five levels; variances on a line plus scatter; rows per ROI and for all ROIs."""
     rng = np.random.default_rng(7)
     rows = []
     for protocol, slope, intercept in (("sirt_450", 1.5e6, 40.0), ("fbp_450", 2.6e6, 60.0)):
@@ -68,7 +68,7 @@ def calibration():
 
 @pytest.fixture
 def stability(rng):
-    """86 features; few stable, most told apart, many at the same place."""
+    """86 features: few stable, most discriminating, many with equal values."""
     rows = [
         (f"original_{family}_Feature{index}", family) for family, count in FAMILIES.items() for index in range(count)
     ]
@@ -80,7 +80,7 @@ def stability(rng):
 
 @pytest.fixture
 def overlap():
-    """All list lengths of 86; for discriminative power the band of independent features, for stability a wider one."""
+    """All list lengths of 86. Discriminative power has the band of independent features, stability a wider one."""
     from scipy.stats import hypergeom
 
     n = np.arange(1, 87)
@@ -108,7 +108,10 @@ def overlap():
 
 @pytest.fixture
 def draws(stability):
-    """Two draws of measured scores of 85 features, 4 of 12 repeats: those of `stability`, and 2 % more of each."""
+    """Two random realizations of measured scores of 85 features, with 4 of 12 repeats:
+
+    those of `stability`, and 2 % more.
+    """
     scores = stability.drop(columns="family").iloc[:85].assign(repeats=4, of=12)
     more = {name: scores[name] + 2 for name in ("stability_percent", "discrimination_percent")}
     return pandas.concat([scores.assign(draw=1), scores.assign(draw=2, **more)], ignore_index=True)
@@ -116,7 +119,7 @@ def draws(stability):
 
 @pytest.fixture
 def make_pca():
-    """A function: names, measured rows of each -> those and 7 projections x 4 levels x 5 seeds per ROI."""
+    """Make measured rows and 7 projections x 4 levels x 5 seeds per ROI, for a list of ROI names."""
 
     def make(names=tuple(CLASSES), measured=8):
         rng = np.random.default_rng(11)

@@ -1,4 +1,4 @@
-"""What is asked of every figure."""
+"""Checks for every figure."""
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
@@ -13,7 +13,7 @@ def texts(figure):
 
 
 def assert_text_fits(figure):
-    """No text is cut off at the figure's edges, or smaller than SMALLEST_POINTS."""
+    """Fail if text is cut off at the figure's edges or smaller than SMALLEST_POINTS."""
     with style.styled():
         canvas = FigureCanvasAgg(figure)
         canvas.draw()

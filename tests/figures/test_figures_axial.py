@@ -1,4 +1,4 @@
-"""Figures of images: which way they lie, what they show, what they say."""
+"""Figures of images: orientation, content and labels."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from virtual_phantom.io.volumes import Volume
 
 
 def place_on_page(figure, axes, chosen):
-    """Centre of the pixels for which chosen(rgb) holds, as fractions of the axes from their lower left."""
+    """Center of the pixels for which chosen(rgb) holds, as fractions of the axes from their lower left."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     pixels = np.asarray(canvas.buffer_rgba())[::-1, :, :3].astype(int)
@@ -52,7 +52,7 @@ def test_pixels_are_to_scale(make_phantom):
     FigureCanvasAgg(figure).draw()
     outline = figure.axes[0].findobj(ContourSet)[0].get_paths()[0].vertices
     extent = np.ptp(figure.axes[0].transData.transform(outline), axis=0)
-    assert extent[0] / extent[1] == pytest.approx(1, abs=0.25)  # to a voxel: 4 of 22 mm
+    assert extent[0] / extent[1] == pytest.approx(1, abs=0.25)  # within a voxel: 4 of 22 mm
 
 
 @pytest.mark.parametrize(
@@ -66,13 +66,13 @@ def test_pixels_are_to_scale(make_phantom):
 def test_every_roi_is_outlined_and_named(make_phantom, names):
     phantom, masks = make_phantom(names)
     figure = rois.draw(phantom, masks, {name: name[:4] for name in names})
-    said = texts(figure)
+    words = texts(figure)
     for name in names:
-        assert label(name) in said
+        assert label(name) in words
     outlines = sum(len(axes.findobj(ContourSet)) for axes in figure.axes)
     assert outlines >= len(names)
-    assert "CT number (HU)" in said and "R" in said and "L" in said
-    assert any(text.endswith(" mm") and text.split()[0].isdigit() for text in said), "scale bar"
+    assert "CT number (HU)" in words and "R" in words and "L" in words
+    assert any(text.endswith(" mm") and text.split()[0].isdigit() for text in words), "scale bar"
 
 
 def test_names_do_not_overlap(make_phantom):
@@ -89,7 +89,7 @@ def test_names_do_not_overlap(make_phantom):
         assert not any(box.overlaps(other) for other in boxes[index + 1 :])
 
 
-def test_outline_is_where_the_mask_is(make_phantom):
+def test_outline_follows_the_mask(make_phantom):
     phantom, masks = make_phantom(["cyst"])
     figure = rois.draw(phantom, masks, {"cyst": "cyst"})
     vertices = figure.axes[0].findobj(ContourSet)[0].get_paths()[0].vertices
@@ -98,7 +98,7 @@ def test_outline_is_where_the_mask_is(make_phantom):
     assert vertices.mean(axis=0) == pytest.approx((affine @ [x, y, z, 1])[:2], abs=1.0)
 
 
-def test_slice_positions_are_those_of_the_file(make_phantom):
+def test_slice_positions_match_the_file(make_phantom):
     phantom, masks = make_phantom(["cyst"])
     z = axial.choose_slices(masks)[0]
     assert axial.slice_z_mm(phantom.grid, z) == pytest.approx((phantom.grid.affine @ [0, 0, z, 1])[2])
@@ -117,7 +117,7 @@ def test_chosen_slices_show_every_roi(spans):
 
 
 def test_fewest_slices():
-    """Three ROIs that share slice 4 need one slice; one that lies apart needs another."""
+    """Three ROIs that share slice 4 need one slice; a separate one needs another."""
     masks = {name: np.zeros((10, 3, 3), np.uint8) for name in "abcd"}
     masks["a"][2:5], masks["b"][4:7], masks["c"][4], masks["d"][9] = 1, 1, 1, 1
     assert axial.choose_slices(masks) == [4, 9]
@@ -132,7 +132,7 @@ def test_spread_keeps_order_and_distance(heights):
     assert min(placed) >= -1e-9 and max(placed) <= 1 + 1e-9
 
 
-def test_body_is_the_largest_region_with_its_holes_filled():
+def test_body_is_the_largest_region_with_filled_holes():
     image = np.full((20, 20), -1000.0)
     image[3:17, 3:17] = 40
     image[8:11, 8:11] = -900  # gas
@@ -141,15 +141,15 @@ def test_body_is_the_largest_region_with_its_holes_filled():
     assert body.sum() == 14 * 14 and not body[0, 0] and body[9, 9]
 
 
-def test_rms_is_that_of_the_body(make_phantom, rng):
-    """7 HU off everywhere in the body and 500 HU off in the air around it: 7.0 HU."""
+def test_rms_is_taken_in_the_body(make_phantom, rng):
+    """Differences of 7 HU in the body and 500 HU in the air around it: 7.0 HU."""
     phantom, _ = make_phantom(["cyst"])
     air = phantom.array < -500
     wrong = Volume(np.where(air, phantom.array + 500, phantom.array - 7).astype(np.float32), phantom.grid)
-    said = texts(scans.draw(phantom, {"FBP": wrong, "SIRT": phantom}, 12))
-    assert "FBP − input\nRMS 7.0 HU in the body" in said
-    assert "SIRT − input\nRMS 0.0 HU in the body" in said
-    assert "CT number (HU)" in said and "difference from the input (HU)" in said
+    words = texts(scans.draw(phantom, {"FBP": wrong, "SIRT": phantom}, 12))
+    assert "FBP − input\nRMS 7.0 HU in the body" in words
+    assert "SIRT − input\nRMS 0.0 HU in the body" in words
+    assert "CT number (HU)" in words and "difference from the input (HU)" in words
 
 
 def test_scans_share_window_and_slice(make_phantom, rng):

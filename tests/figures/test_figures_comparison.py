@@ -1,4 +1,4 @@
-"""The page of all features and the strips of families: every cell is drawn, in its place and colour."""
+"""Comparison figures: every cell is drawn at its position in its color."""
 
 import matplotlib
 import numpy as np
@@ -28,8 +28,8 @@ def table():
             values = centre + spread * rng.normal(size=(8, 86))
             rows.append(pandas.DataFrame(values, columns=list(FEATURES)).assign(roi=roi, tissue_class=name))
         parts.append(pandas.concat(rows))
-    parts[0][FEATURES[0]] = parts[1][FEATURES[0]] = 3.0  # one is constant
-    parts[1][FEATURES[1]] = 3.0  # one only in the recording
+    parts[0][FEATURES[0]] = parts[1][FEATURES[0]] = 3.0  # one constant feature
+    parts[1][FEATURES[1]] = 3.0  # one feature in the recording only
     return comparison.compare(*parts, FEATURES)
 
 
@@ -38,7 +38,7 @@ def meshes(axes):
 
 
 def cells(axes):
-    """Colours of all cells, top to bottom, [row, column]."""
+    """Colors of all cells, top to bottom, [row, column]."""
     found = []
     for mesh in meshes(axes):
         mesh.update_scalarmappable()
@@ -47,7 +47,7 @@ def cells(axes):
     return np.concatenate(found)
 
 
-def test_every_cell_has_the_colour_of_its_step(table):
+def test_every_cell_has_the_color_of_its_step(table):
     shuffled = table.sample(frac=1, random_state=1)
     rois = list(dict.fromkeys(shuffled["roi"]))
     figure = figures.draw(shuffled, comparison_summary.ranks(table))
@@ -56,7 +56,7 @@ def test_every_cell_has_the_colour_of_its_step(table):
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     family = [style.family_label(f.split("_")[1]) for f in FEATURES]
     wide = table.pivot(index="feature", columns="roi", values="shift_sd")[rois]
-    # rows are grouped by family, in any order within
+    # rows are grouped by family, in any order within a family
     mesh_sizes = [mesh.get_array().shape[0] for mesh in meshes(figure.axes[0])]
     assert sorted(mesh_sizes) == sorted(pandas.Series(family).value_counts())
     by_family = dict(zip((label for label in texts(figure) if label in set(family)), mesh_sizes, strict=False))
@@ -89,18 +89,18 @@ def test_constant_cells_and_marks(table):
         assert black + white == (table[q] < 0.05).sum() and rings == table[equivalent].sum()
         assert white > 0 or q == "q_sd"
     tau = comparison_summary.ranks(table)["kendall_tau"]
-    said = texts(figure)
-    assert said.count("–") == tau.isna().sum() > 0
-    assert {"title", "cyst 1", "−30", "30", "1/8", "1/2", "8", "equivalent"} <= set(said)
-    assert {"shift of the mean (repeat SDs of the recording)", "SD over repeats, simulated / recorded"} <= set(said)
+    words = texts(figure)
+    assert words.count("–") == tau.isna().sum() > 0
+    assert {"title", "cyst 1", "−30", "30", "1/8", "1/2", "8", "equivalent"} <= set(words)
+    assert {"shift of the mean (repeat SDs of the recording)", "SD over repeats, simulated / recorded"} <= set(words)
 
 
-def test_another_margin_moves_the_steps(table):
-    said = texts(figures.draw(table.assign(margin_sd=0.5, sd_factor=1.5), comparison_summary.ranks(table)))
-    assert {"−0.5", "0.5", "15", "1.5", "1/1.5"} <= set(said)
+def test_margin_moves_the_color_steps(table):
+    words = texts(figures.draw(table.assign(margin_sd=0.5, sd_factor=1.5), comparison_summary.ranks(table)))
+    assert {"−0.5", "0.5", "15", "1.5", "1/1.5"} <= set(words)
 
 
-def test_pages_hold_their_text(table):
+def test_text_fits_on_the_pages(table):
     summary = comparison_summary.summary(table)
     page = figures.draw(table, summary)
     one = table[(table["roi"] == "cyst_1") & table["feature"].isin(FEATURES[:2])]
@@ -110,7 +110,7 @@ def test_pages_hold_their_text(table):
     assert page.get_figheight() * 25.4 < 260  # A4 has 297 mm
 
 
-def test_refusals(table):
+def test_bad_tables_are_rejected(table):
     ranking = comparison_summary.ranks(table)
     for wrong, ranks, message in (
         (table.iloc[:0], ranking, "has no rows"),
@@ -123,10 +123,10 @@ def test_refusals(table):
             figures.draw(wrong, ranks)
 
 
-def test_without_an_order_of_rois_there_is_no_column_of_it(table):
+def test_table_without_roi_order_has_no_order_column(table):
     few = table[table["roi"].isin(list(dict.fromkeys(table["roi"]))[:2])]
-    said = texts(figures.draw(few, comparison_summary.summary(few)))
-    assert not [text for text in said if "τ" in text] and "equivalent" in said
+    words = texts(figures.draw(few, comparison_summary.summary(few)))
+    assert not [text for text in words if "τ" in text] and "equivalent" in words
     assert {"order,\nτ", "τ ≥ 0.7: ROIs in order"} <= set(texts(figures.draw(table, comparison_summary.summary(table))))
 
 
@@ -148,7 +148,7 @@ def test_features_that_cannot_be_compared_are_marked(table):
 
 
 @pytest.mark.parametrize("count", [1, 2, 6])
-def test_texts_lie_apart_however_few_the_rois(table, count):
+def test_labels_do_not_overlap_with_few_rois(table, count):
     few = table[table["roi"].isin(list(dict.fromkeys(table["roi"]))[:count])]
     figure = figures.draw(few, comparison_summary.ranks(table))
     assert_text_fits(figure)

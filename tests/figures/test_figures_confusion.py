@@ -1,4 +1,4 @@
-"""The confusion matrix: every case is counted once, in its place, and legible."""
+"""Confusion matrix: every case is counted once, in its cell, and legible."""
 
 import numpy as np
 from figure_checks import assert_text_fits, texts
@@ -25,7 +25,7 @@ def matrix(cells):
 
 
 def faces(figure):
-    """{(x, y) of the corner: colour} of what is drawn over the grid."""
+    """{(x, y) of the corner: color} of the rectangles over the grid."""
     (axes,) = figure.axes
     found = {}
     for patch in axes.patches:
@@ -34,7 +34,7 @@ def faces(figure):
     return found
 
 
-def test_cells_are_where_they_belong():
+def test_cells_are_at_their_positions():
     cells = [
         cell(NAMES[3], NAMES[3], "strong", 7, right=7),
         cell(NAMES[3], NAMES[5], "weak", 4, right=0, wrong=1, stand_in=3),
@@ -51,10 +51,10 @@ def test_cells_are_where_they_belong():
     assert drawn[19.54, 19.54] == style.BLUE
     weak = np.array([int(drawn[4.54, 2.54][i : i + 2], 16) for i in (1, 3, 5)])
     full = np.array([int(style.VERMILLION[i : i + 2], 16) for i in (1, 3, 5)])
-    assert (weak >= full).all() and weak.sum() > full.sum()  # lighter; one wrong among stand-ins counts
+    assert (weak >= full).all() and weak.sum() > full.sum()  # lighter; one wrong answer among alternatives counts
 
 
-def test_the_example_names_the_hidden_effect():
+def test_example_names_the_hidden_effect():
     figure = before_after.draw(np.zeros((30, 20)), np.ones((30, 20)), "images", "heel (weak)", "bowtie and heel")
     assert_text_fits(figure)
     found = texts(figure)

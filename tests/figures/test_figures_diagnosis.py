@@ -18,7 +18,7 @@ from virtual_phantom.figures import diagnosis
         (2e5, ["−100000", "−1000", "−10", "0", "10", "1000", "100000"]),
     ],
 )
-def test_marks_of_residuals_are_round_and_apart(reach, marks):
+def test_markers_of_residuals_are_round_and_separate(reach, marks):
     x = np.arange(1.0, 30.0)
     figure = diagnosis.draw_profiles([("detector column", x, reach * np.sin(x), 0.1 * np.cos(x))])
     assert_text_fits(figure)

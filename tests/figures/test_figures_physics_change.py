@@ -1,4 +1,4 @@
-"""The figure of stability with physics against that without: what changes is numbered, named and in the picture."""
+"""Figure of stability with physics against stability without: changes are numbered, named and visible."""
 
 import numpy as np
 import pandas as pd
@@ -25,7 +25,7 @@ def change(by):
 @pytest.mark.parametrize(
     ("moved", "said"), [(0, "No feature changes significantly."), (3, "3  "), (20, f"the {NAMED} largest of 20:")]
 )
-def test_what_changes_is_counted_and_named(moved, said):
+def test_changes_are_counted_and_named(moved, said):
     by = np.zeros(len(FEATURES))
     by[:moved] = 30 + np.arange(moved)
     figure = draw(change(by), 1.0, noise={"dose10": 1e-5})
@@ -35,16 +35,16 @@ def test_what_changes_is_counted_and_named(moved, said):
     assert f"means: {np.linspace(5, 60, len(FEATURES)).mean():.1f} % without" in found
     if moved:
         assert f", +{30 + moved - 1}" in found
-        assert "1" in texts(figure)  # beside its point
+        assert "1" in texts(figure)  # next to its point
 
 
-def test_highest_intervals_are_in_the_picture():
+def test_highest_intervals_are_within_the_axes():
     by = np.zeros(len(FEATURES))
     by[-1] = 33.0
     figure = draw(change(by), 1.0)
     assert figure.axes[0].get_ylim()[1] > 93 + 8 - 2 and figure.axes[0].get_xlim() == figure.axes[0].get_ylim()
 
 
-def test_a_table_of_something_else_is_refused():
+def test_other_tables_are_rejected():
     with pytest.raises(InputError, match="table of physics_change"):
         draw(change(np.zeros(len(FEATURES))).drop(columns="with_percent"), 1.0)

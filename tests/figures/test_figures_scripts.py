@@ -1,4 +1,4 @@
-"""The thin scripts, run as Snakemake runs them: with a `snakemake` object among their globals."""
+"""Figure scripts with a `snakemake` object among their globals, as Snakemake runs them."""
 
 import runpy
 from pathlib import Path
@@ -16,14 +16,14 @@ SCRIPTS = Path(__file__).resolve().parents[2] / "workflow" / "scripts" / "figure
 
 
 class Named(dict):
-    """Names as keys and as attributes, as Snakemake's inputs and params have them."""
+    """Values accessible as keys and as attributes, as Snakemake's inputs and params."""
 
     __getattr__ = dict.__getitem__
 
 
 @pytest.fixture
 def run(tmp_path):
-    """A function: run one script; returns the paths of its PNG and PDF."""
+    """Function that runs one script and returns the paths of its PNG and PDF."""
 
     def run(name, inputs, **params):
         output = Named(png=str(tmp_path / "figures" / "f.png"), pdf=str(tmp_path / "figures" / "f.pdf"))
@@ -100,10 +100,10 @@ def test_tables(run, tmp_path, calibration, stability, overlap, make_pca, name, 
         paths = run(name, {"table": tmp_path / "table.csv", "trust": tmp_path / "trust.csv"}, trial=trial, **params)
         assert written(paths)
         heights.append(len(matplotlib.image.imread(paths[0])))
-    assert heights[1] > heights[0]  # by the line that says so
+    assert heights[1] > heights[0]  # in the line with the reason
 
 
-def test_measured_scores_beside_simulated(run, tmp_path):
+def test_measured_scores_are_shown_with_simulated_ones(run, tmp_path):
     from virtual_phantom.features.names import family
     from virtual_phantom.statistics import measured
 

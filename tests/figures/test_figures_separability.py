@@ -1,4 +1,4 @@
-"""Figures of templates: every one is there, on its own scale, and legible."""
+"""Figures of templates: all are shown, on their own scales, and legible."""
 
 import numpy as np
 from figure_checks import assert_text_fits, texts
@@ -7,7 +7,7 @@ from generators.effect_templates import Panel, draw_correlations, draw_templates
 NAMES = [f"source distance: isocentre {number}" for number in range(23)]
 
 
-def test_templates_have_scales_of_their_own():
+def test_templates_have_their_own_scales():
     wave = np.sin(np.arange(200.0)).reshape(20, 10)
     panels = [Panel("weak", 0.02 * wave, "column"), Panel("strong", 300 * wave, "row: noise variance")]
     panels.append(Panel("few", np.array([1.0, -44.0]), "noise correlation, neighbouring", ("columns", "rows")))
@@ -19,7 +19,7 @@ def test_templates_have_scales_of_their_own():
     np.testing.assert_allclose(limits, [(-0.02, 0.02), (-300, 300)], rtol=1e-3)
 
 
-def test_correlations_are_written_where_they_are_not_next_to_nothing():
+def test_only_correlations_above_a_threshold_are_printed():
     correlation = np.eye(23)
     correlation[0, 1] = correlation[1, 0] = -0.978
     correlation[0, 2] = correlation[2, 0] = 0.049

@@ -1,4 +1,4 @@
-"""Names, colours and files that all figures share."""
+"""Names, colors and files common to all figures."""
 
 import subprocess
 import sys
@@ -15,7 +15,7 @@ from virtual_phantom.figures import stability_discrimination, style, tables
 
 
 def luminance(colour):
-    """Relative luminance of WCAG 2.1 for an sRGB colour in 0 to 1."""
+    """Relative luminance (WCAG 2.1) of an sRGB color in 0 to 1."""
     channel = np.array(matplotlib.colors.to_rgb(colour))
     linear = np.where(channel <= 0.04045, channel / 12.92, ((channel + 0.055) / 1.055) ** 2.4)
     return linear @ [0.2126, 0.7152, 0.0722]
@@ -80,7 +80,7 @@ def test_power_of_ten(values, factor, written):
     assert found == pytest.approx(factor) and text == written
 
 
-def test_names_beyond_the_markers_begin_again():
+def test_markers_repeat_for_many_names():
     assigned = style.assign([f"roi_{index}" for index in range(20)], style.MARKERS)
     assert len(assigned) == 20
     assert assigned["roi_0"] == assigned[f"roi_{len(style.MARKERS)}"]
@@ -88,7 +88,7 @@ def test_names_beyond_the_markers_begin_again():
 
 
 @pytest.mark.parametrize("count", [2, 7, 12, 40])
-def test_colours_of_a_parameter_are_distinct_ordered_and_visible_on_white(count):
+def test_colors_of_a_parameter_are_distinct_ordered_and_visible_on_white(count):
     values = np.linspace(150, 450, count)
     colours = style.ordered_colors(np.tile(values[::-1], 3))
     assert list(colours) == values.tolist()
@@ -102,7 +102,7 @@ def test_one_value_of_a_parameter():
 
 
 @pytest.mark.parametrize("colours", ["Blues", "RdBu_r"])
-def test_letters_on_a_heat_map_stand_out_from_their_cells(colours):
+def test_letters_on_a_heat_map_contrast_with_their_cells(colours):
     values = pandas.DataFrame(np.linspace(-1, 1, 60).reshape(6, 10)).mask(lambda cell: cell > 0.95)
     words = values.map(style.number)
     with style.styled():
@@ -115,7 +115,7 @@ def test_letters_on_a_heat_map_stand_out_from_their_cells(colours):
         assert (light + 0.05) / (dark + 0.05) > 3  # WCAG 2.1
 
 
-def test_both_formats_are_written_the_same_every_time(overlap, tmp_path):
+def test_png_and_pdf_are_reproducible(overlap, tmp_path):
     for run in ("first", "second"):
         style.save(overlap_figure.draw(overlap), [tmp_path / run / "a.png", tmp_path / run / "a.pdf"])
     for name, magic in (("a.png", b"\x89PNG"), ("a.pdf", b"%PDF")):
@@ -128,7 +128,7 @@ def test_both_formats_are_written_the_same_every_time(overlap, tmp_path):
     assert width == int(style.DOUBLE_COLUMN_MM / 25.4 * 200)
 
 
-def test_another_process_and_hash_seed_writes_the_same_and_leaves_no_state(tmp_path):
+def test_other_processes_and_hash_seeds_write_the_same_files(tmp_path):
     program = (
         "import sys, pandas, matplotlib;"
         "settings = lambda: {k: v for k, v in matplotlib.rcParams.items() if k != 'backend'};"
@@ -161,7 +161,7 @@ def test_another_process_and_hash_seed_writes_the_same_and_leaves_no_state(tmp_p
 
 
 @pytest.mark.parametrize("kind", ["overlap", "stability"])  # legends below and above
-def test_a_trial_is_called_one_above_a_figure_that_stays_as_it_is(overlap, stability, tmp_path, kind):
+def test_trial_banner_leaves_the_figure_unchanged(overlap, stability, tmp_path, kind):
     def drawn():
         return overlap_figure.draw(overlap) if kind == "overlap" else stability_discrimination.draw(stability, 1.0)
 
@@ -170,12 +170,12 @@ def test_a_trial_is_called_one_above_a_figure_that_stays_as_it_is(overlap, stabi
     whole, trial = (matplotlib.image.imread(tmp_path / f"{name}.png") for name in ("whole", "trial"))
     strip = len(trial) - len(whole)
     assert strip == pytest.approx(style.TRIAL_MM / style.MILLIMETRES_PER_INCH * style.DOTS_PER_INCH, abs=2)
-    assert (trial[:strip] < 0.9).any()  # the words
-    # Type is set at fractions of pixels, which the strip may shift.
+    assert (trial[:strip] < 0.9).any()  # the text
+    # Text is positioned at fractions of pixels, which the strip may shift.
     assert (np.abs(trial[strip:] - whole) > 0.5).mean() < 0.002
 
 
-def test_a_failure_leaves_nothing_and_the_old_files_as_they_were(overlap, tmp_path, monkeypatch):
+def test_failed_write_keeps_the_old_files(overlap, tmp_path, monkeypatch):
     figure = overlap_figure.draw(overlap)
     (tmp_path / "a.png").write_text("old")
     whole = type(figure).savefig
@@ -193,13 +193,13 @@ def test_a_failure_leaves_nothing_and_the_old_files_as_they_were(overlap, tmp_pa
     assert (tmp_path / "a.png").read_text() == "old"
 
 
-def test_unknown_format_is_refused_before_anything_is_written(overlap, tmp_path):
+def test_unknown_format_is_rejected_before_writing(overlap, tmp_path):
     with pytest.raises(ValueError, match="svg"):
         style.save(overlap_figure.draw(overlap), [tmp_path / "a.png", tmp_path / "a.svg"])
     assert not list(tmp_path.iterdir())
 
 
-def test_a_users_own_style_changes_nothing_and_is_left_alone(overlap, tmp_path):
+def test_user_matplotlib_style_has_no_effect_and_is_kept(overlap, tmp_path):
     style.save(overlap_figure.draw(overlap), [tmp_path / "a.png"])
     with matplotlib.rc_context({"font.size": 20, "axes.facecolor": "yellow"}):
         style.save(overlap_figure.draw(overlap), [tmp_path / "b.png"])

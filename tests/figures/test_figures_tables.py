@@ -1,4 +1,4 @@
-"""Figures of tables: every row is drawn, numbers are right, names are the user's."""
+"""Figures of tables: every row is drawn, numbers are correct, and names are the user's."""
 
 import itertools
 
@@ -22,7 +22,7 @@ def points(axes):
     return [np.asarray(collection.get_offsets()) for collection in axes.findobj(PathCollection)]
 
 
-def test_no_text_is_smaller_than_seven_points_or_cut_off(calibration, stability, draws, overlap, make_pca):
+def test_text_is_at_least_seven_points_and_not_cut_off(calibration, stability, draws, overlap, make_pca):
     for figure in (
         noise_calibration.draw(calibration, {"main": 1e-4}, [("1 mGy", 674), ("10 mGy", 228)]),
         stability_discrimination.draw(stability, 1.0, draws, repeats=10, sd=(0.25, 0.35), noise={"dose10": 1.24e-6}),
@@ -58,17 +58,17 @@ def test_fit_and_crossings_in_closed_form():
     """Variance 50 + 2e6 A: 250 HU^2 is reached at A = 1e-4, 650 HU^2 at 3e-4, 40 HU^2 at no positive A."""
     table = line(2e6, 50, [0.5e-4, 1e-4, 2e-4])
     figure = noise_calibration.draw(table, {"study": 1e-4}, [("high", 250.0), ("low", 650.0), ("never", 40.0)])
-    said = texts(figure)
-    assert "fit: 200 HU² · A/10⁻⁴ + 50 HU², R² = 1.0000" in said
-    assert "measured high: 250 HU², reached at A = 1 ×10⁻⁴" in said
-    assert "measured low: 650 HU², reached at A = 3 ×10⁻⁴" in said
-    assert "measured never: 40 HU², not reached" in said
-    assert "level of the study: A = 1 ×10⁻⁴ (study)" in said
-    assert "variance over repeats, all ROIs (HU²)" in said and "noise level A = 1/I₀ (10⁻⁴)" in said
+    words = texts(figure)
+    assert "fit: 200 HU² · A/10⁻⁴ + 50 HU², R² = 1.0000" in words
+    assert "measured high: 250 HU², reached at A = 1 ×10⁻⁴" in words
+    assert "measured low: 650 HU², reached at A = 3 ×10⁻⁴" in words
+    assert "measured never: 40 HU², not reached" in words
+    assert "level of the study: A = 1 ×10⁻⁴ (study)" in words
+    assert "variance over repeats, all ROIs (HU²)" in words and "noise level A = 1/I₀ (10⁻⁴)" in words
     assert figure.axes[0].get_xlim()[1] > 3
 
 
-def test_r_squared_by_hand():
+def test_r_squared_of_three_points():
     """Points (1, 1), (2, 3), (3, 2) x 1e-4: slope 0.5e4, intercept 1, R2 = 1 - 1.5/2 = 0.25."""
     table = line(0, 0, [1e-4, 2e-4, 3e-4])
     table["variance_hu2"] = [1.0, 3.0, 2.0]
@@ -81,7 +81,7 @@ def test_only_rows_of_all_rois_are_fitted(calibration):
     assert sum(text.startswith("fit: ") for text in texts(noise_calibration.draw(calibration))) == 2  # legend
 
 
-def test_calibration_refuses(calibration):
+def test_bad_calibration_tables_are_rejected(calibration):
     with pytest.raises(InputError, match="no rows"):
         noise_calibration.draw(calibration[calibration["roi"] != EVERY_ROI])
     with pytest.raises(InputError, match="no rows"):
@@ -95,7 +95,7 @@ def test_calibration_refuses(calibration):
 # Stability and discriminative power
 
 
-def test_every_feature_counts(stability, draws):
+def test_every_feature_is_drawn(stability, draws):
     figure = stability_discrimination.draw(stability, 1.0, draws)
     families = sorted(set(stability["family"]))
     one = dict(
@@ -116,13 +116,13 @@ def test_every_feature_counts(stability, draws):
             expected = shapes[family].get_path().transformed(shapes[family].get_transform())
             assert np.array_equal(path.vertices, expected.vertices)
         assert f"{total} features" in axes.get_title()
-    said = texts(figure)
-    assert "stability: pairs of groups with |W| < 1 (%)" in said
-    assert "discriminative power: pairs across classes with |W| > 1 (%)" in said
-    assert {"First order", "GLCM", "GLDM", "GLRLM", "GLSZM"} <= set(said)
+    words = texts(figure)
+    assert "stability: pairs of groups with |W| < 1 (%)" in words
+    assert "discriminative power: pairs across classes with |W| > 1 (%)" in words
+    assert {"First order", "GLCM", "GLDM", "GLRLM", "GLSZM"} <= set(words)
 
 
-def test_features_at_one_place_are_one_larger_marker():
+def test_features_with_equal_values_are_one_larger_marker():
     table = pandas.DataFrame(
         {
             "feature": ["a", "b", "c"],
@@ -133,11 +133,11 @@ def test_features_at_one_place_are_one_larger_marker():
     )
     (drawn,) = stability_discrimination.draw(table, 1.0).axes[0].findobj(PathCollection)
     size = dict(zip(map(tuple, drawn.get_offsets()), drawn.get_sizes(), strict=True))
-    assert list(size) == [(5, 80), (9, 90)]  # the large one first, beneath
+    assert list(size) == [(5, 80), (9, 90)]  # the large marker first, at the bottom
     assert size[5, 80] == pytest.approx(2 * size[9, 90])
 
 
-def test_means_and_best_by_hand():
+def test_means_and_best_features():
     table = pandas.DataFrame(
         {
             "feature": [f"original_glcm_F{index}" for index in range(7)],
@@ -152,7 +152,7 @@ def test_means_and_best_by_hand():
     assert "stability: pairs of groups with |W| < 1.5 (%)" in texts(figure)
 
 
-def test_numbered_features_have_the_interval_of_their_stability(stability):
+def test_numbered_features_have_their_stability_interval(stability):
     chosen = stability_discrimination.best(stability)
     ends = {"ci95_low": stability["stability_percent"] * 0.5, "ci95_high": stability["stability_percent"] + 10}
     intervals = stability[["feature"]].assign(**ends)
@@ -161,48 +161,48 @@ def test_numbered_features_have_the_interval_of_their_stability(stability):
     drawn = [(line[0][0], line[1][0]) for line in bars.get_segments()]
     value = chosen["stability_percent"].to_numpy()
     assert np.allclose(drawn, np.stack([value * 0.5, value + 10], axis=1))
-    said = next(text for text in texts(figure) if text.startswith("1  ")).splitlines()
-    assert [line.partition(", ")[2] for line in said] == [f"{one / 2:.0f} to {one + 10:.0f} %" for one in value]
-    # One repeat a group gives none.
+    words = next(text for text in texts(figure) if text.startswith("1  ")).splitlines()
+    assert [line.partition(", ")[2] for line in words] == [f"{one / 2:.0f} to {one + 10:.0f} %" for one in value]
+    # One repeat per group gives no interval.
     none = stability_discrimination.draw(stability, 1.0, intervals=intervals.assign(ci95_low=np.nan))
     assert not [text for text in texts(none) if " to " in text]
 
 
-def test_both_panels_say_their_repeats_and_spreads(stability, draws):
+def test_both_panels_state_their_repeats_and_spreads(stability, draws):
     simulated, measured = (
         axes.get_title()
         for axes in stability_discrimination.draw(stability, 1.0, draws, repeats=10, sd=(0.25, 1.5)).axes
     )
-    stable, apart = stability["stability_percent"].mean(), stability["discrimination_percent"].mean()
+    stable, difference = stability["stability_percent"].mean(), stability["discrimination_percent"].mean()
     assert simulated.startswith("Simulated, 86 features, 10 repeats per group\n")
-    assert simulated.endswith(f"means: {stable:.1f} ± 0.2 % stable, {apart:.1f} ± 1.5 % discriminated")
-    stable, apart = (draws[f"{kind}_percent"].mean() for kind in ("stability", "discrimination"))
-    # Means of the two draws differ by 2: SD sqrt(2), of 4 of 12 repeats over sqrt(1 - 1 / 3)
+    assert simulated.endswith(f"means: {stable:.1f} ± 0.2 % stable, {difference:.1f} ± 1.5 % discriminated")
+    stable, difference = (draws[f"{kind}_percent"].mean() for kind in ("stability", "discrimination"))
+    # Means of the two realizations differ by 2: SD sqrt(2), for 4 of 12 repeats divided by sqrt(1 - 1 / 3)
     assert measured == (
         f"Measured, 85 features, 4 repeats per group\n"
-        f"means: {stable:.1f} ± 1.7 % stable, {apart:.1f} ± 1.7 % discriminated"
+        f"means: {stable:.1f} ± 1.7 % stable, {difference:.1f} ± 1.7 % discriminated"
     )
     assert "±" not in stability_discrimination.draw(stability, 1.0, draws[draws["draw"] == 1]).axes[1].get_title()
 
 
-def test_measured_scores_of_ones_own_have_their_families_too(stability, draws):
-    """As repeats.score_draws gives them; those that come with the library have none."""
+def test_user_measured_scores_have_families(stability, draws):
+    """As from repeats.score_draws; the scores shipped with the library have no families."""
     family = stability.set_index("feature")["family"]
-    own, kept = (
+    user_scores, stored = (
         stability_discrimination.draw(stability, 1.0, of).axes[1]
         for of in (draws.assign(family=draws["feature"].map(family)), draws)
     )
-    assert own.get_title() == kept.get_title()
+    assert user_scores.get_title() == stored.get_title()
 
 
-def test_the_noise_level_is_said(stability):
-    said = " ".join(texts(stability_discrimination.draw(stability, 1.0, noise={"dose10": 1.24e-6})))
-    assert "Noise level dose10 (A = 1.24 ×10⁻⁶).\nLarger markers: several features." in said
+def test_noise_level_is_stated(stability):
+    words = " ".join(texts(stability_discrimination.draw(stability, 1.0, noise={"dose10": 1.24e-6})))
+    assert "Noise level dose10 (A = 1.24 ×10⁻⁶).\nLarger markers: several features." in words
     assert style.noise_levels({"a": 2e-4, "met": None}) == "noise levels a (A = 2 ×10⁻⁴), met"
 
 
-def test_numbers_hide_nothing_where_there_is_room():
-    """Features lie where numbers would stand first; these are put elsewhere."""
+def test_numbers_avoid_features():
+    """Features lie at the default positions of the numbers, which then move."""
     table = pandas.DataFrame(
         {
             "feature": list("abcdefg"),
@@ -222,7 +222,7 @@ def test_numbers_hide_nothing_where_there_is_room():
     assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
 
 
-def test_near_best_features_share_a_label():
+def test_almost_coincident_features_share_a_label():
     table = pandas.DataFrame(
         {
             "feature": list("abc"),
@@ -231,11 +231,11 @@ def test_near_best_features_share_a_label():
             "discrimination_percent": [90.0, 90, 60],
         }
     )
-    said = texts(stability_discrimination.draw(table, 1.0))
-    assert "1, 2" in said and "3" in said
+    words = texts(stability_discrimination.draw(table, 1.0))
+    assert "1, 2" in words and "3" in words
 
 
-def test_stability_refuses(stability, draws):
+def test_bad_stability_tables_are_rejected(stability, draws):
     with pytest.raises(InputError, match="no rows"):
         stability_discrimination.draw(stability.iloc[:0], 1.0)
     with pytest.raises(InputError, match="share no feature"):
@@ -253,7 +253,7 @@ def test_overlap_draws_both_curves_and_their_bands(overlap):
         for column in (f"overlap_{kind}_percent", f"expected_{kind}_percent"):
             assert any(np.array_equal(line, overlap[["percent", column]].to_numpy()) for line in drawn)
         assert axes.get_xlabel() == "length of both lists (% of the features)"
-    # 43 of 86: 95 % of random choices share 17 to 26, 39.5 to 60.5 % (hypergeometric law)
+    # 43 of 86: 95 % of random choices share 17 to 26, 39.5 to 60.5 % (hypergeometric distribution)
     band = figure.axes[1].collections[1].get_paths()[0].vertices
     at_half = np.unique(band[np.isclose(band[:, 0], 50), 1])
     assert at_half == pytest.approx(100 * np.array(hypergeom(86, 43, 43).interval(0.95)) / 43)
@@ -285,16 +285,16 @@ def test_a_marker_for_every_row(make_pca, names, measured):
     for axes in figure.axes[:2]:
         drawn = np.concatenate(points(axes))
         assert sorted(map(tuple, drawn)) == sorted(map(tuple, table[["pc1", "pc2"]].to_numpy()))
-    said = texts(figure)
-    assert {style.label(name) for name in names} <= set(said)
-    assert "PC 1 (61.2 % of variance)" in said and "PC 2 (17.5 % of variance)" in said
-    assert "number of projections" in said and "noise level A = 1/I₀ (10⁻⁴)" in said
-    assert {"150", "450", "0.8", "1.4"} <= set(said)
-    assert ("black: measured" in said) == bool(measured)
+    words = texts(figure)
+    assert {style.label(name) for name in names} <= set(words)
+    assert "PC 1 (61.2 % of variance)" in words and "PC 2 (17.5 % of variance)" in words
+    assert "number of projections" in words and "noise level A = 1/I₀ (10⁻⁴)" in words
+    assert {"150", "450", "0.8", "1.4"} <= set(words)
+    assert ("black: measured" in words) == bool(measured)
 
 
-def test_measured_are_coloured_by_their_condition(make_pca):
-    """One colour a scanner, of the markers and in the legend, and none of them black."""
+def test_measured_rows_have_the_color_of_their_condition(make_pca):
+    """One color per scanner in the markers and in the legend, none of them black."""
     table = make_pca(("a", "b"), 4)
     table.loc[table["source"] == "measured", "condition"] = ["A1", "B1"] * 4
     figure = pca.draw(table)
@@ -313,7 +313,7 @@ def test_measured_are_coloured_by_their_condition(make_pca):
     assert set(colours) == {"A1", "B1"} and set(colours.values()) == drawn and "#000000" not in drawn
 
 
-def test_measured_have_the_shape_of_their_roi(make_pca):
+def test_measured_rows_have_the_shape_of_their_roi(make_pca):
     table = make_pca(("a", "b"), 3)
     collections = pca.draw(table).axes[0].findobj(PathCollection)
     shapes = {}
@@ -326,7 +326,7 @@ def test_measured_have_the_shape_of_their_roi(make_pca):
     assert len(shapes["a"]) == len(shapes["b"]) == 1 and shapes["a"] != shapes["b"]
 
 
-def test_colour_follows_the_parameter(make_pca):
+def test_color_follows_the_parameter(make_pca):
     table = make_pca(("a",), 0)
     for axes, column in zip(pca.draw(table).axes[:2], ("projections", "noise_level"), strict=True):
         (collection,) = axes.findobj(PathCollection)
@@ -345,13 +345,13 @@ def test_colour_follows_the_parameter(make_pca):
         assert len(set.union(*of_value.values())) == table[column].nunique()
 
 
-def test_thousands_of_projections_are_written_in_full(make_pca):
+def test_thousands_of_projections_are_printed_in_full(make_pca):
     table = make_pca(("a",), 0)
-    said = texts(pca.draw(table.assign(projections=10 * table["projections"])))
-    assert {"1500", "4500"} <= set(said) and not any("e+" in text for text in said)
+    words = texts(pca.draw(table.assign(projections=10 * table["projections"])))
+    assert {"1500", "4500"} <= set(words) and not any("e+" in text for text in words)
 
 
-def test_many_measured_lie_beneath_with_means_on_top(make_pca):
+def test_many_measured_rows_lie_below_with_means_on_top(make_pca):
     table = make_pca(("a", "b"), 80)
     axes = pca.draw(table).axes[0]
     measured = table[table["source"] == "measured"]
@@ -364,7 +364,7 @@ def test_many_measured_lie_beneath_with_means_on_top(make_pca):
     assert np.array(sorted(map(tuple, top))) == pytest.approx(np.array(sorted(means)))
 
 
-def test_pca_refuses(make_pca):
+def test_bad_pca_tables_are_rejected(make_pca):
     table = make_pca()
     with pytest.raises(InputError, match="no rows"):
         pca.draw(table.iloc[:0])

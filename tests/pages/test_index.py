@@ -1,4 +1,4 @@
-"""The first page of a study: its answer, its warnings, and addresses that lead to files that are there."""
+"""First page of a study: its answer, its warnings, and links to existing files."""
 
 import html
 import io
@@ -113,7 +113,7 @@ TABLES = ("tables/trust", "tables/stable_features", "tables/stability", "feature
 
 
 def made(results, *, config=CONFIG, names=TABLES, diagnoses=True, figures=("rois",)):
-    sections = {"rois": ("Phantom", "Regions <1>"), "comparison_clinic": ("Recordings", "ours, against clinic")}
+    sections = {"rois": ("Phantom", "Regions <1>"), "comparison_clinic": ("Recordings", "simulation and clinic")}
     figures = [
         study.ReportFigure(results / "figures" / f"{name}.png", *sections[name], results / "rois.rst", {}, {})
         for name in figures
@@ -129,12 +129,12 @@ def page(results):
 
 
 def text(page):
-    """The words of a page, without tags, on one line."""
+    """Text of a page without tags, on one line."""
     body = re.sub(r"<(style|script).*?</\1>", "", page, flags=re.DOTALL)
     return " ".join(re.sub(r"<[^>]+>", "", body).replace("&nbsp;", " ").split())
 
 
-def test_it_is_well_formed_and_all_it_points_to_is_there(page, results):
+def test_page_is_well_formed_and_all_links_lead_to_files(page, results):
     parser = Balanced()
     parser.feed(page)
     assert parser.open == [] and len(parser.ids) == len(set(parser.ids))
@@ -146,29 +146,29 @@ def test_it_is_well_formed_and_all_it_points_to_is_there(page, results):
     assert outside_resources(page) == ["figures/rois.png"]
 
 
-def test_the_answer_comes_first_and_has_its_intervals(page):
-    said = text(page)
-    assert "1 of 3 features is stable between the 4 protocols, 1 is not stable, and 1 is undecided." in said
-    assert said.index("Stable features 1 of") < said.index("Warnings ROI") < said.index("Regions")
-    # By the lower end of the interval, best first.
-    places = [said.index(words) for words in ("62 %, 52 to 68 %", "40 %, 25 to 55 %", "0 %, 0 to 4.4 %")]
+def test_answer_comes_first_with_its_intervals(page):
+    page_words = text(page)
+    assert "1 of 3 features is stable between the 4 protocols, 1 is not stable, and 1 is undecided." in page_words
+    assert page_words.index("Stable features 1 of") < page_words.index("Warnings ROI") < page_words.index("Regions")
+    # Sorted by the lower end of the interval.
+    places = [page_words.index(words) for words in ("62 %, 52 to 68 %", "40 %, 25 to 55 %", "0 %, 0 to 4.4 %")]
     assert places == sorted(places)
-    assert "ICC(2,1) 1, ICC(3,1) 1, CCC 1, CV 1, QCD 1." in said
-    assert "A feature that no protocol changes has a stability of 60 % on average" in said
-    assert "is at 50 % or above (most comparisons agree), and not stable" in said
+    assert "ICC(2,1) 1, ICC(3,1) 1, CCC 1, CV 1, QCD 1." in page_words
+    assert "A feature that no protocol changes has a stability of 60 % on average" in page_words
+    assert "is at 50 % or above (most comparisons agree), and not stable" in page_words
 
 
-def test_the_answer_is_given_for_every_tissue(page, results):
-    said = text(page)
-    assert "Most stable features stability, 95 % interval stable in cyst in liver" in said
-    assert "62 %, 52 to 68 % yes 83 % 42 %" in said  # of the features that the other table has, in its order
-    # Four protocols are six pairs, and each class has one ROI.
-    assert "there are too few for an interval: 6 in cyst, 6 in liver." in said
+def test_every_tissue_has_an_answer(page, results):
+    page_words = text(page)
+    assert "Most stable features stability, 95 % interval stable in cyst in liver" in page_words
+    assert "62 %, 52 to 68 % yes 83 % 42 %" in page_words  # features in the other table, in its order
+    # Four protocols make six pairs, and each class has one ROI.
+    assert "there are too few for an interval: 6 in cyst, 6 in liver." in page_words
     assert 'href="tables/stability.csv"' in page
 
 
 @pytest.mark.parametrize(("compare", "expected"), [("roi", [12, 6]), ("tissue_class", [6, 6])])
-def test_a_tissue_rests_on_the_comparisons_of_its_own_rois(compare, expected):
+def test_tissue_uses_the_comparisons_of_its_own_rois(compare, expected):
     rois = pd.DataFrame({"roi": ["a", "b", "c", "a"], "tissue_class": ["cyst", "cyst", "liver", "cyst"]})
     found = answer.stability_by_tissue(TRUST, STABILITY, rois, compare)
     assert [one["comparisons"] for one in found.values()] == expected
@@ -176,7 +176,7 @@ def test_a_tissue_rests_on_the_comparisons_of_its_own_rois(compare, expected):
     assert answer.stability_by_tissue(TRUST, STABILITY, rois[rois["roi"] == "c"], compare) == {}
 
 
-def test_many_tissues_have_a_table_of_their_own(results, tmp_path):
+def test_many_tissues_have_their_own_table(results, tmp_path):
     names = [f"organ_{number}" for number in range(index.MOST_CLASSES + 1)]
     percents = {f"stability_{name}": [10.0 * number + one for one in (1, 2, 3)] for number, name in enumerate(names)}
     frames = {
@@ -192,14 +192,14 @@ def test_many_tissues_have_a_table_of_their_own(results, tmp_path):
     assert "First order Mean 2.0 % 12 % 22 % 32 % 42 % 52 %" in text(page) and '<th class="n">in ' not in page
 
 
-def test_features_that_other_measures_call_stable_are_named(page):
-    said = (
+def test_features_stable_by_other_measures_are_named(page):
+    page_words = (
         "Stable by at least two measures (number): GLCM Idn (6). All measures and features: tables/stable_features.csv."
     )
-    assert said in text(page)
+    assert page_words in text(page)
 
 
-def test_of_many_stable_features_ten_are_named(results, tmp_path):
+def test_ten_of_many_stable_features_are_named(results, tmp_path):
     names = [f"original_glcm_F{number:02}" for number in range(12)]
     verdicts = {f"stable_{name}": "yes" for name in CUT_OFFS}
     measures = pd.DataFrame({"feature": names, "stable_by": [2, 5, *[3] * 10], **verdicts})
@@ -207,92 +207,96 @@ def test_of_many_stable_features_ten_are_named(results, tmp_path):
     measures.to_csv(tmp_path / "stable_features.csv", index=False)
     TRUST.to_csv(tmp_path / "trust.csv", index=False)
     tables = [index.LinkedTable(name, tmp_path / f"{name}.csv") for name in ("trust", "stable_features")]
-    said = text(index.index_page(tmp_path, [], tables, [], CONFIG, COMMANDS))
-    assert "GLCM F01 (5), GLCM F02 (3)" in said and "GLCM F10 (3) and 2 more. All measures" in said
+    page_words = text(index.index_page(tmp_path, [], tables, [], CONFIG, COMMANDS))
+    assert "GLCM F01 (5), GLCM F02 (3)" in page_words and "GLCM F10 (3) and 2 more. All measures" in page_words
 
 
-def test_tables_of_stability_show_the_most_stable_first():
+def test_stability_tables_are_sorted_by_stability():
     assert list(index.first_rows(TRUST)["feature"]) == [FEATURES[1], FEATURES[2], FEATURES[0]]
     assert list(index.first_rows(MEASURES)["feature"])[0] == FEATURES[0]
     assert list(index.first_rows(STABILITY)["feature"])[0] == FEATURES[1]
     assert index.first_rows(ALL).equals(ALL)
 
 
-def test_a_comparison_says_what_agrees(results):
+def test_comparison_lists_agreeing_features(results):
     names = (*TABLES, "tables/comparison_clinic", "tables/comparison_clinic_features")
     page = made(results, names=names, figures=("rois", "comparison_clinic"))
-    said = html.unescape(text(page))
+    page_words = html.unescape(text(page))
     assert (
         "Agreement of the 6 features: mean and SD 1, mean only 1, SD only 2, neither 2. The mean agrees if it is "
         "within 1 repeat SD of the recorded mean. The SD agrees if the ratio of the SDs is between 1/2 and 2. "
         "A feature needs to agree in at least 80 % of the 3 ROIs. Features with the recorded order of ROIs (Kendall's "
         "tau at least 0.7): 1. All features: tables/comparison_clinic_features.csv."
-    ) in said
-    assert said.index("Comparisons with recordings: ours, against clinic.") < said.index("Stable features 1 of")
+    ) in page_words
+    assert page_words.index("Comparisons with recordings: simulation and clinic.") < page_words.index(
+        "Stable features 1 of"
+    )
     assert 'href="#comparison_clinic"' in page and 'id="comparison_clinic"' in page
 
 
 def test_features_that_cannot_be_compared_are_counted():
     cells, summary = COMPARISON.values()
     marked = summary.assign(other_settings=["bins", *[None] * 5], other_sizes=[None, "512 voxels", "", *["more"] * 3])
-    said = answer.agreement_text(marked, cells)
-    assert said.startswith(
+    page_words = answer.agreement_text(marked, cells)
+    assert page_words.startswith(
         "Agreement of the 1 comparable features: mean and SD 0, mean only 0, SD only 1, neither 0. The mean"
     )
-    assert said.endswith(
+    assert page_words.endswith(
         " Not comparable: 1 (extracted with other settings (*)). Not comparable: 4 (they grow with the ROI, and its "
         "size differs (†))."
     )
 
 
-def test_features_without_a_repeat_sd_are_counted_apart():
+def test_features_without_a_repeat_sd_are_counted_separately():
     cells, summary = COMPARISON.values()
     names = summary["feature"]
     still = pd.concat([cells.assign(feature=name, sd_recorded=float(name != names[0])) for name in names])
-    said = answer.agreement_text(summary, still)
-    assert said.startswith(
+    page_words = answer.agreement_text(summary, still)
+    assert page_words.startswith(
         "Agreement of the 5 comparable features: mean and SD 0, mean only 1, SD only 2, neither 2. The mean"
     )
-    assert said.endswith(" Not comparable: 1 (constant in the recording).")
+    assert page_words.endswith(" Not comparable: 1 (constant in the recording).")
     none = still.assign(sd_recorded=0.0)
     assert answer.agreement_text(summary, none).startswith(
         "None of the 6 features can be compared. Not comparable: 6 (constant"
     )
 
 
-def test_what_agrees_in_one_roi_has_no_order():
+def test_single_roi_has_no_order():
     cells, summary = COMPARISON.values()
-    said = answer.agreement_text(summary.assign(mean_right=False, sd_right=False), cells[cells["roi"] == "a"])
-    assert said.startswith("Agreement of the 6 features: mean and SD 0, mean only 0, SD only 0, neither 6. The mean")
-    assert said.endswith("the ratio of the SDs is between 1/2 and 2.")
+    page_words = answer.agreement_text(summary.assign(mean_right=False, sd_right=False), cells[cells["roi"] == "a"])
+    assert page_words.startswith(
+        "Agreement of the 6 features: mean and SD 0, mean only 0, SD only 0, neither 6. The mean"
+    )
+    assert page_words.endswith("the ratio of the SDs is between 1/2 and 2.")
 
 
-def test_warnings_are_read_from_the_table_of_features():
-    said = index.study_warnings(ALL, TRUST)
-    assert [one.partition(".")[0] for one in said] == [
+def test_warnings_are_read_from_the_feature_table():
+    page_words = index.study_warnings(ALL, TRUST)
+    assert [word.partition(".")[0] for word in page_words] == [
         "ROI cyst_2 has 24 voxels",
         "ROI cyst_2 has fewer than 3 gray levels in 1 of 2 images",
         "There are 3 repeats per group",
     ]
-    assert "need at least 64" in said[0]
+    assert "need at least 64" in page_words[0]
     assert index.study_warnings(ALL[ALL["roi"] == "liver"], TRUST.assign(repeats=10)) == []
     assert len(index.study_warnings(ALL, None)) == 2
 
 
-def test_a_diagnosis_says_its_verdict(page, results):
+def test_diagnosis_verdict_is_shown(page, results):
     assert "disc: mismatch explained Scatter &lt;explains&gt; it." in text(page)
     assert index.COLORS["mismatch explained"] in page
     assert "Diagnoses" not in made(results, diagnoses=False)
 
 
-def test_a_trial_says_so(page, results):
+def test_trial_is_labeled(page, results):
     words = "too small for meaningful results"
     assert words not in page and words in made(results, config=CONFIG | {"trial": True})
-    said = text(made(results, config=CONFIG | {"trial": "init ct --size normal"}))
-    assert f"{words}. Use it to check your setup. For results, run: init ct --size normal" in said
+    page_words = text(made(results, config=CONFIG | {"trial": "init ct --size normal"}))
+    assert f"{words}. Use it to check your setup. For results, run: init ct --size normal" in page_words
 
 
-def test_a_study_without_groups_has_a_page_too(results):
+def test_study_without_groups_has_a_page(results):
     page = made(results, names=("features",), diagnoses=False)
     assert "no <code>analyses.stability</code>" in page and "cyst_2 has 24 voxels" in page
     assert "repeats per group" not in page
@@ -314,14 +318,14 @@ return {wider, opened: document.documentElement.scrollWidth > innerWidth,
 
 
 @pytest.mark.parametrize("width", [1200, 400])
-def test_a_browser_shows_it_without_scrolling_sideways(page, results, width):
+def test_page_fits_a_browser_without_horizontal_scrolling(page, results, width):
     found = opened(page, results, LOOK, width)
     assert found == {"wider": False, "opened": False, "bars": [True] * 3}
     (Path(results) / "opened.html").unlink()
 
 
-def test_the_page_is_renewed_after_what_it_shows_and_only_then(results, tmp_path, monkeypatch):
-    """Of a study without analyses; a diagnosis, the report and the viewer are made by targets of their own."""
+def test_page_is_rebuilt_after_changes_of_its_content_only(results, tmp_path, monkeypatch):
+    """A study without analyses; diagnoses, report and viewer have their own targets."""
     root = Path(__file__).resolve().parents[2]
     config = yaml.safe_load((root / "config" / "config.yaml").read_text())
     config |= {"engine": "cpu", "analyses": {}, "results_dir": str(tmp_path / "r")}
@@ -333,7 +337,7 @@ def test_the_page_is_renewed_after_what_it_shows_and_only_then(results, tmp_path
     for file in (*known.pages.pictures(), *known.pages.tables()):
         Path(file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(results / ("figures/rois.png" if file.endswith(".png") else "features.csv"), file)
-    assert renew(known.pages, known.config) is None  # there is nothing beside the study yet
+    assert renew(known.pages, known.config) is None  # nothing but the study yet
     shutil.copytree(results / "diagnosis" / "disc", folder / "diagnosis" / "disc")
     assert renew(known.pages, known.config) == page
     assert "Scatter &lt;explains&gt; it." in page.read_text() and 'report.html">Figures' not in page.read_text()
@@ -347,7 +351,7 @@ def test_the_page_is_renewed_after_what_it_shows_and_only_then(results, tmp_path
     for name, title in (("report", "All figures and sortable tables"), ("viewer", "Viewer of slices")):
         assert f'<a href="{name}.html">{title}' in page.read_text()
     assert renew(known.pages, known.config) is None
-    # Of a study that has not been run there is nothing to be said.
+    # A study that has not been run has no content.
     page.unlink()
     Path(known.pages.pictures()[0]).unlink()
     assert renew(known.pages, known.config) is None

@@ -1,4 +1,4 @@
-"""The report of a study: one file with every figure, table and diagnosis, whose tables sort and filter."""
+"""Report of a study: one file with every figure, table and diagnosis; tables can be sorted and filtered."""
 
 import base64
 import hashlib
@@ -27,7 +27,7 @@ STABLE = pd.DataFrame(
 
 
 class Balanced(HTMLParser):
-    """Fails where an element is closed that is not open; knows the ids and the links within the page."""
+    """Parser that fails on unbalanced tags and collects ids and internal links."""
 
     def __init__(self):
         super().__init__()
@@ -70,7 +70,7 @@ def page(files):
     return study.report_page([figure], tables, {"disc": files / "report.html"}, {"Slices": "viewer.html"}, CONFIG)
 
 
-def test_it_is_one_well_formed_file(page):
+def test_report_is_one_well_formed_file(page):
     parser = Balanced()
     parser.feed(page)
     assert parser.open == []
@@ -80,7 +80,7 @@ def test_it_is_one_well_formed_file(page):
     assert outside_resources(page) == []
 
 
-def test_figures_captions_and_diagnoses_are_inside(page, files):
+def test_figures_captions_and_diagnoses_are_included(page, files):
     picture = re.search(r'src="data:image/png;base64,([^"]+)"', page)[1]
     assert base64.b64decode(picture) == (files / "rois.png").read_bytes()
     assert "<strong>Regions</strong> |W| &lt; 1.5 of a &lt;b&gt;, seed 2022." in page
@@ -88,16 +88,16 @@ def test_figures_captions_and_diagnoses_are_inside(page, files):
     assert "&lt;p class=&#34;v&#34;&gt;Verdict &#34;of&#34; &lt;b&gt;ours&lt;/b&gt;" in page
 
 
-def test_provenance_is_there(page, files):
+def test_provenance_is_included(page, files):
     for path in (files / "tables").iterdir():
         assert hashlib.sha256(path.read_bytes()).hexdigest() in page
     assert f"numpy\n{np.__version__}" in page
     assert "threshold: 1.5" in page and "results_dir: r &lt;1&gt;" in page
 
 
-def test_long_tables_are_linked_to_only(page):
+def test_long_tables_are_linked(page):
     assert "This table is too long for the page." in page and 'href="tables/long.csv"' in page
-    assert page.count("<tbody>") == 2  # the short one's, and that of the checksums
+    assert page.count("<tbody>") == 2  # for the short table, and for the table of checksums
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_long_tables_are_linked_to_only(page):
         (float("nan"), "", "", True),
     ],
 )
-def test_cells_are_rounded_and_sorted_by_the_whole_number(value, text, key, number):
+def test_cells_are_rounded_and_sorted_by_their_full_values(value, text, key, number):
     assert study.cell(value) == {"text": text, "key": key, "n": number}
 
 
@@ -137,13 +137,13 @@ return found;
 
 
 @pytest.mark.parametrize("width", [1280, 390])
-def test_a_browser_sorts_and_filters(page, tmp_path, width):
+def test_tables_sort_and_filter_in_a_browser(page, tmp_path, width):
     found = opened(page, tmp_path, SORT, width)
     idn, mean, zone = "GLCM Idn", "First order Mean", "GLSZM ZoneEntropy"
     assert found["start"] == [idn, mean, zone]
     assert found["rank"] == [zone, mean, idn] and found["aria"] == "ascending"
     assert found["down"] == [idn, mean, zone]
-    # Numbers as numbers, and what is empty last whichever way.
+    # Numerical order, with empty cells last in either direction.
     assert found["value"] == [idn, mean, zone] and found["value_down"] == [mean, idn, zone]
     assert found["name"] == [mean, idn, zone] and found["old"] is False
     assert found["glcm"] == [idn] and found["words"] == [zone] and found["raw"] == [mean] and found["none"] == []
@@ -151,6 +151,6 @@ def test_a_browser_sorts_and_filters(page, tmp_path, width):
     assert found["picture"] == 40 and found["wider"] is False
 
 
-def test_a_trial_says_so(page):
+def test_trial_is_labeled(page):
     words = "too small for meaningful results"
     assert words in study.report_page([], {}, {}, {}, CONFIG | {"trial": True}) and words not in page

@@ -1,4 +1,4 @@
-"""The viewer holds the voxels it was given and draws them as asked."""
+"""Viewer: it contains the given voxels and displays them correctly."""
 
 import base64
 import gzip
@@ -39,37 +39,37 @@ def page():
     return viewer.viewer_page(*arguments(), SUBTITLE)
 
 
-def held(page, name, dtype="<i2"):
+def stored(page, name, dtype="<i2"):
     text = re.search(rf'id="data_{name}">([^<]*)<', page)[1]
     return np.frombuffer(gzip.decompress(base64.b64decode(text)), dtype)
 
 
-def test_the_page_holds_the_voxels_as_they_are_seen(page):
+def test_page_contains_the_displayed_voxels(page):
     phantom, masks, reconstructions = arguments()
-    given = {"input": phantom}
+    inputs = {"input": phantom}
     for key, one in reconstructions.items():
-        given |= {f"{key}_one": one.single, f"{key}_mean": one.mean}
-    for name, volume in given.items():
-        # The first voxel is anterior and to the patient's right: both at the high ends of the axes.
+        inputs |= {f"{key}_one": one.single, f"{key}_mean": one.mean}
+    for name, volume in inputs.items():
+        # The first voxel is anterior and on the patient's right: both at the high ends of the axes.
         expected = np.rint(volume.array)[:, ::-1, ::-1]
-        np.testing.assert_array_equal(held(page, name).reshape(GRID.shape), expected)
-    labels = held(page, "rois", np.uint8).reshape(GRID.shape)[:, ::-1, ::-1]
+        np.testing.assert_array_equal(stored(page, name).reshape(GRID.shape), expected)
+    labels = stored(page, "rois", np.uint8).reshape(GRID.shape)[:, ::-1, ::-1]
     for number, mask in enumerate(masks.values(), start=1):
         np.testing.assert_array_equal(labels == number, mask)
 
 
-def test_the_page_is_one_file_and_escapes_names(page):
+def test_page_is_one_file_and_escapes_names(page):
     assert outside_resources(page) == []
     assert "<loud>" not in page and "&lt;loud&gt;" in page
     assert page == viewer.viewer_page(*arguments(), SUBTITLE)
 
 
-def test_large_studies_are_thinned_until_they_fit():
+def test_large_studies_are_subsampled_to_the_limit():
     assert viewer.thinning((48, 128, 128), 5) == (1, 1, 1)
     for shape in ((96, 512, 512), (300, 512, 512), (1000, 128, 128)):
         steps = viewer.thinning(shape, 5)
-        kept = np.zeros(shape, np.int8)[:: steps[0], :: steps[1], :: steps[2]].size
-        assert 2 * 5 * kept <= viewer.MOST_BYTES
+        voxel_count = np.zeros(shape, np.int8)[:: steps[0], :: steps[1], :: steps[2]].size
+        assert 2 * 5 * voxel_count <= viewer.MOST_BYTES
     phantom, masks, reconstructions = arguments()
     array = viewer.displayed(phantom.array, (2, 1, 3))
     np.testing.assert_array_equal(array, phantom.array[::2, ::-1, ::-3])
@@ -82,7 +82,7 @@ def test_large_studies_are_thinned_until_they_fit():
         (np.full(GRID.shape, np.nan), GRID, "fbp_one: has values that are not finite"),
     ],
 )
-def test_what_cannot_be_shown_is_said_in_one_line(array, grid, message):
+def test_unsuitable_input_is_rejected_in_one_line(array, grid, message):
     phantom, masks, reconstructions = arguments()
     bad = viewer.Reconstruction("FBP", Volume(array, grid), volume(2), 3)
     with pytest.raises(InputError, match=message):
@@ -108,25 +108,25 @@ return found;
 
 
 @pytest.mark.parametrize("width", [1280, 390])
-def test_a_browser_shows_slices_windows_and_differences(page, tmp_path, width):
+def test_browser_shows_slices_windows_and_differences(page, tmp_path, width):
     found = opened(page, tmp_path, LOOK, width)
     phantom, _, reconstructions = arguments()
-    # Line 7 and column 11 of what is seen are row 12 and column 18 of the arrays.
+    # Line 7 and column 11 of the display are row 12 and column 18 of the arrays.
     value, one, mean = (
         float(np.rint(volume.array[4, 12, 18]))
         for volume in (phantom, reconstructions["fbp"].single, reconstructions["fbp"].mean)
     )
 
-    def grey(hu):
+    def gray(hu):
         return [pytest.approx(np.clip(255 * ((hu - 100) / 500 + 0.5), 0, 255), abs=1)] * 3 + [255]
 
-    def coloured(difference):
+    def colored(difference):
         share = np.clip(difference / 200, -1, 1)
         end = (33, 102, 172) if share < 0 else (178, 24, 43)
         return [pytest.approx(247 + (c - 247) * abs(share), abs=1) for c in end] + [255]
 
     assert found["first"] == "2" and found["preset"] == ""
-    assert found["one"] == [grey(value), grey(one), coloured(one - value)]
-    assert found["mean"] == [grey(mean), coloured(mean - value)]
+    assert found["one"] == [gray(value), gray(one), colored(one - value)]
+    assert found["mean"] == [gray(mean), colored(mean - value)]
     assert found["window"] == ["-600", "1500"] and found["slice"] == "6 of 6"
     assert found["problem"] is True and found["panels"] == 5 and found["wider"] is False

@@ -1,7 +1,7 @@
 """A small CT of a known object, written as DICOM series, NIfTI, DICOM SEG and RTSTRUCT.
 
-The object lies in the NIfTI world frame (mm, x right, y anterior, z superior) around CENTRE: a water cylinder
-along z and two balls off every axis, so that a flipped or shifted axis cannot go unseen.
+The object lies in the NIfTI world frame (mm, x right, y anterior, z superior) around `CENTRE`. It is a water cylinder
+along z and two balls off all axes, so that a reversed or shifted axis changes it.
 """
 
 import highdicom
@@ -26,7 +26,7 @@ def ball(name: str, grid: Grid = CT_GRID) -> np.ndarray:
 
 
 def object_hu() -> np.ndarray:
-    """[z, y, x] along the positive axes of the NIfTI world frame."""
+    """HU [z, y, x] along the positive axes of the NIfTI world frame."""
     z, y, x = np.ix_(*CT_GRID.axes_mm())
     hu = np.where((x / 40) ** 2 + (y / 32) ** 2 + 0 * z < 1, 0.0, -1000.0)
     for name, (_, _, value) in BALLS.items():
@@ -35,18 +35,18 @@ def object_hu() -> np.ndarray:
 
 
 def lps(array: np.ndarray) -> np.ndarray:
-    """[z, y, x] of the world frame as DICOM's slices, rows to posterior and columns to the patient's left."""
+    """[z, y, x] of the world frame as DICOM slices, with rows to posterior and columns to the patient's left."""
     return array[:, ::-1, ::-1]
 
 
 def first_pixel_lps(k: int) -> list[float]:
-    """Position (mm, LPS) of the first pixel of slice k counted from inferior."""
+    """Position (mm, LPS) of the first pixel of slice k, counted from inferior."""
     z, y, x = CT_GRID.axes_mm()
     return [-(x[-1] + CENTRE[0]), -(y[-1] + CENTRE[1]), z[k] + CENTRE[2]]
 
 
 def ct_slices() -> list[pydicom.Dataset]:
-    """The series, slice by slice from inferior to superior."""
+    """DICOM slices from inferior to superior."""
     study, series, frame = generate_uid(), generate_uid(), generate_uid()
     slices = []
     for k, pixels in enumerate(lps(object_hu())):
@@ -75,7 +75,7 @@ def ct_slices() -> list[pydicom.Dataset]:
 
 
 def write_series(slices: list[pydicom.Dataset], folder) -> str:
-    """File names run against the slices' order, which must come from the positions alone."""
+    """Write a series whose file names run against the slice order, which must come from the positions alone."""
     folder.mkdir(exist_ok=True)
     for k, ds in enumerate(slices):
         ds.save_as(folder / f"{len(slices) - k:03d}.dcm", enforce_file_format=True)
@@ -83,7 +83,7 @@ def write_series(slices: list[pydicom.Dataset], folder) -> str:
 
 
 def write_nifti_array(array: np.ndarray, path, flip_y: bool = False, grid: Grid = CT_GRID) -> str:
-    """[z, y, x] as NIfTI, by choice with its rows stored from anterior to posterior."""
+    """Write [z, y, x] as NIfTI, optionally with rows stored from anterior to posterior."""
     affine = grid.affine
     data = array.T
     if flip_y:
@@ -94,7 +94,7 @@ def write_nifti_array(array: np.ndarray, path, flip_y: bool = False, grid: Grid 
 
 
 def segmentation(slices, path, array, kind="BINARY", names=tuple(BALLS), **more):
-    """A SEG by highdicom; array (slice, row, column, segment), or (slice, row, column) of a label map."""
+    """SEG by highdicom; array (slice, row, column, segment), or (slice, row, column) of a label map."""
     manual = highdicom.seg.SegmentAlgorithmTypeValues.MANUAL
     made = highdicom.seg.Segmentation(
         source_images=slices,
@@ -119,13 +119,13 @@ def segmentation(slices, path, array, kind="BINARY", names=tuple(BALLS), **more)
 
 
 def write_seg(slices: list[pydicom.Dataset], path) -> str:
-    """Two segments, the balls; frames without any of a segment are left out, as usual."""
+    """Write two segments, the balls; empty frames are omitted, as usual."""
     masks = np.stack([lps(ball(name)) for name in BALLS], axis=-1).astype(np.uint8)
     return segmentation(slices, path, masks, omit_empty_frames=True)
 
 
 def write_rtstruct(path, hole: bool = False, shift_z_mm: float = 0.0) -> str:
-    """The balls' contours, slice by slice; with `hole`, one of 3 x 3 voxels in each contour of `bright`."""
+    """Write the balls' contours slice by slice; with `hole`, a hole of 3 x 3 voxels in each contour of `bright`."""
     ds = pydicom.Dataset()
     ds.file_meta = pydicom.dataset.FileMetaDataset()
     ds.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian

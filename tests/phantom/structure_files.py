@@ -1,4 +1,4 @@
-"""RT Structure Sets of any contours, written with pydicom alone."""
+"""RT Structure Sets of any contours, written with pydicom only."""
 
 import numpy as np
 import phantom_files
@@ -25,7 +25,7 @@ def disc(radius, x=0.0, y=0.0):
 
 
 def contour(points, kind="CLOSED_PLANAR", **changed):
-    """An item of ContourSequence; an attribute that is None is left out."""
+    """Item of ContourSequence; attributes that are None are omitted."""
     item = pydicom.Dataset()
     points = np.asarray(points, float)
     values = {"ContourGeometricType": kind, "NumberOfContourPoints": len(points)}
@@ -37,7 +37,7 @@ def contour(points, kind="CLOSED_PLANAR", **changed):
 
 
 def structure_set(*rois, path="rt.dcm", charset=None):
-    """Write (number, name, contours) each; a name that is None is left out, as are contours."""
+    """Write (number, name, contours) each; names and contours that are None are omitted."""
     ds = pydicom.Dataset()
     ds.file_meta = pydicom.dataset.FileMetaDataset()
     ds.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian

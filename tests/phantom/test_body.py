@@ -1,4 +1,4 @@
-"""The body in a CT is found whole, whatever is in it; arms and a table are left out where they are clearly apart."""
+"""Body segmentation: complete whatever the body contains, without arms and table where these are separate."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def air():
 
 
 def chest():
-    """Lungs that reach to 10 mm under the skin, a heart, a nodule in a lung."""
+    """Lungs that reach to 10 mm below the skin, a heart, and a nodule in a lung."""
     hu = np.where(ellipse(165, 110), 0.0, -1000.0)
     inside = ellipse(155, 100)
     hu[(ellipse(75, 90, 80) | ellipse(75, 90, -80)) & inside] = -850
@@ -30,8 +30,8 @@ def chest():
     return hu
 
 
-def beside(hu, mask, value=50):
-    """The same with something added in the air."""
+def with_object_in_air(hu, mask, value=50):
+    """The image with an additional object in the air."""
     return np.where(mask & (hu < -900), value, hu)
 
 
@@ -71,39 +71,54 @@ CASES = {
     ),
     "a lung at the border of the CT": (lambda: np.where(X > 140, -1000, chest()), (-165, 140, -110, 110)),
     "a skull": (head, (-75, 83, -95, 113)),
-    "a skull, arms up": (lambda: beside(head(), ellipse(36, 36, 130) | ellipse(36, 36, -130)), (-75, 83, -95, 113)),
-    "two legs": (lambda: beside(air(), ellipse(70, 75, 85) | ellipse(70, 75, -85)), (-155, 155, -75, 75)),
-    "two legs, one larger": (lambda: beside(air(), ellipse(70, 75, 85) | ellipse(55, 60, -85)), (-140, 155, -75, 75)),
-    "arms beside": (lambda: beside(chest(), ellipse(36, 36, 215, -20) | ellipse(36, 36, -215, -20)), CHEST),
-    "arms that touch": (lambda: beside(chest(), ellipse(36, 36, 201, -20) | ellipse(36, 36, -201, -20)), CHEST),
-    "a table": (lambda: beside(chest(), plate(-120)), CHEST),
-    "a hollow table": (lambda: beside(chest(), plate(-120, hollow=True)), CHEST),
-    "a table that touches": (lambda: beside(chest(), plate(-108)), CHEST),
-    "a table in front, prone": (lambda: beside(chest(), plate(-120)[:, ::-1]), CHEST),
-    "a sheet and a cable": (lambda: beside(chest(), (abs(Y - 124) < 4) | ellipse(5, 5, 210, 60), -300), CHEST),
+    "a skull, arms up": (
+        lambda: with_object_in_air(head(), ellipse(36, 36, 130) | ellipse(36, 36, -130)),
+        (-75, 83, -95, 113),
+    ),
+    "two legs": (lambda: with_object_in_air(air(), ellipse(70, 75, 85) | ellipse(70, 75, -85)), (-155, 155, -75, 75)),
+    "two legs, one larger": (
+        lambda: with_object_in_air(air(), ellipse(70, 75, 85) | ellipse(55, 60, -85)),
+        (-140, 155, -75, 75),
+    ),
+    "arms beside": (lambda: with_object_in_air(chest(), ellipse(36, 36, 215, -20) | ellipse(36, 36, -215, -20)), CHEST),
+    "arms that touch": (
+        lambda: with_object_in_air(chest(), ellipse(36, 36, 201, -20) | ellipse(36, 36, -201, -20)),
+        CHEST,
+    ),
+    "a table": (lambda: with_object_in_air(chest(), plate(-120)), CHEST),
+    "a hollow table": (lambda: with_object_in_air(chest(), plate(-120, hollow=True)), CHEST),
+    "a table that touches": (lambda: with_object_in_air(chest(), plate(-108)), CHEST),
+    "a table in front, prone": (lambda: with_object_in_air(chest(), plate(-120)[:, ::-1]), CHEST),
+    "a sheet and a cable": (
+        lambda: with_object_in_air(chest(), (abs(Y - 124) < 4) | ellipse(5, 5, 210, 60), -300),
+        CHEST,
+    ),
     "breasts": (
-        lambda: beside(chest(), ellipse(45, 60, 70, 105) | ellipse(45, 60, -70, 105), -80),
+        lambda: with_object_in_air(chest(), ellipse(45, 60, 70, 105) | ellipse(45, 60, -70, 105), -80),
         (-165, 165, -110, 165),
     ),
-    "an infant": (lambda: beside(np.where(ellipse(55, 48), 20, air()), plate(-60, hollow=True)), (-55, 55, -48, 48)),
+    "an infant": (
+        lambda: with_object_in_air(np.where(ellipse(55, 48), 20, air()), plate(-60, hollow=True)),
+        (-55, 55, -48, 48),
+    ),
     "a phantom with air in it": (lambda: np.where(np.hypot(X - 58, Y) < 8, -1000, shell(0)), (-100, 100, -100, 100)),
     "a hollow phantom": (lambda: shell(88), (-100, 100, -100, 100)),
     "a phantom in a shell": (lambda: shell(10), (-100, 100, -100, 100)),
-    "a phantom in a shell, a table": (lambda: beside(shell(10), plate(-110)), (-100, 100, -100, 100)),
+    "a phantom in a shell, a table": (lambda: with_object_in_air(shell(10), plate(-110)), (-100, 100, -100, 100)),
     "a crop without air": (lambda: air() + 1030, (-260, 260, -200, 200)),
 }
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_body_is_found_whole(name):
+def test_whole_body_is_found(name):
     make, expected = CASES[name]
     body = find_body(Volume(np.maximum(make(), -1000).astype(np.float32), GRID))
     found = [edge for axis in (2, 1) for edge in edges_mm(GRID, axis, body.pixels_of(axis))]
     np.testing.assert_allclose(np.subtract(found, [7, 7, -30, -30]), expected, atol=6)
 
 
-def test_lungs_and_what_is_in_them_are_body_and_arms_are_not():
-    hu = beside(chest(), arms := ellipse(36, 36, 215, -20))
+def test_lungs_and_their_contents_are_body_and_arms_are_not():
+    hu = with_object_in_air(chest(), arms := ellipse(36, 36, 215, -20))
     body = find_body(Volume(hu.astype(np.float32), GRID))
     assert body.blocks == (1, 1, 1)
     np.testing.assert_array_equal(body.mask, ellipse(165, 110))
@@ -111,7 +126,7 @@ def test_lungs_and_what_is_in_them_are_body_and_arms_are_not():
 
 
 def test_fine_voxels_give_the_same_outline_as_coarse_ones():
-    """Blocks of 5 x 3 pixels: a quarter of a clinical CT's."""
+    """Blocks of 5 x 3 pixels: a quarter of those of a clinical CT."""
     whole = find_body(Volume(chest().astype(np.float32), GRID))
     fine = np.repeat(np.repeat(chest().astype(np.float32), 5, axis=1), 5, axis=2)
     grid = Grid(fine.shape, (8.0, 0.8, 0.8), GRID.centre_mm)
@@ -122,7 +137,7 @@ def test_fine_voxels_give_the_same_outline_as_coarse_ones():
         np.testing.assert_allclose(found, expected, atol=2.5)
 
 
-def test_slices_that_are_not_scanned_do_not_count():
+def test_unscanned_slices_do_not_count():
     hu = chest()
     hu[:3] = np.where(plate(-100, 250)[:3], 200, -1000)
     body = find_body(Volume(hu.astype(np.float32), GRID), 3, 10)

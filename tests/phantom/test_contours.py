@@ -1,4 +1,4 @@
-"""Contours of RT Structure Sets: every one, every slice and every name is read, or reported with the reason."""
+"""Contours of RT Structure Sets: every contour, slice and name is read, or reported with the reason."""
 
 import logging
 from fractions import Fraction
@@ -16,7 +16,7 @@ from virtual_phantom.phantom.masks import open_regions, report_other_frame
 XOR, INTERPOLATED = "CLOSEDPLANAR_XOR", "INTERPOLATED_PLANAR"
 SLICES = range(4, 9)
 OUTER = circle(20, Z[6])
-# A ring as one contour: the outer circle, a narrow channel, and the inner circle in the other direction.
+# A ring as one contour: the outer circle, a narrow channel, and the inner circle in the opposite direction.
 KEYHOLE = np.vstack([OUTER, OUTER[:1], circle(10, Z[6])[:1], circle(10, Z[6])[::-1]])
 RING = disc(20) & ~disc(10)
 
@@ -59,7 +59,7 @@ def written(tmp_path):
         ([(OUTER, "")], disc(20), "without ContourGeometricType"),
     ],
 )
-def test_contours_of_a_slice_make_the_region_that_they_enclose(contours, expected, remark, written, caplog):
+def test_contours_of_a_slice_enclose_the_region(contours, expected, remark, written, caplog):
     items = [contour(*one) if isinstance(one, tuple) else contour(one) for one in contours]
     mask = read(written((1, "a", items)))
     assert np.array_equal(mask[6], expected) and mask.sum() == expected.sum()
@@ -67,8 +67,8 @@ def test_contours_of_a_slice_make_the_region_that_they_enclose(contours, expecte
     assert (remark in notes[0]) if remark else not notes
 
 
-def test_voxels_on_the_outline_belong_to_the_region_whatever_decimals_round():
-    """PS3.3, C.8.8.6.3: points on the contour are part of the ROI. Outlines through voxel centers are usual."""
+def test_voxels_on_the_outline_belong_to_the_region_despite_rounding():
+    """PS3.3, C.8.8.6.3: points on the contour are part of the ROI. Outlines through voxel centers are common."""
     from virtual_phantom.phantom.contours import Contour, _combine, _on_centers
 
     square = np.array([[2, 2], [2, 8], [8, 8], [8, 2]], float)
@@ -100,7 +100,7 @@ def test_voxels_on_the_outline_belong_to_the_region_whatever_decimals_round():
         (contour(circle(15, Z[6] + 0.6)), "1 contour between slices of the CT is skipped"),
     ],
 )
-def test_a_contour_that_is_passed_over_is_named_with_the_reason(item, remark, written, caplog):
+def test_skipped_contour_is_named_with_the_reason(item, remark, written, caplog):
     items = [contour(circle(20, Z[k])) for k in (6, 7)] + [item]
     mask = read(written((1, "a", items)))
     assert np.array_equal(mask[6], disc(20)) and np.array_equal(mask[7], disc(20)) and mask.sum() == 2 * disc(20).sum()
@@ -122,7 +122,7 @@ def test_a_contour_that_is_passed_over_is_named_with_the_reason(item, remark, wr
         (contour([[0, 0, Z[6]]], "POINT"), "has no closed contour that can be filled"),
     ],
 )
-def test_a_region_that_cannot_be_read_is_refused_and_the_others_are_read(item, line, written):
+def test_unreadable_region_is_rejected_and_the_others_are_read(item, line, written):
     path = written((1, "bad", [item]), (2, "good", [contour(OUTER)]))
     with pytest.raises(InputError, match=f"ROI bad .*{line}|of ROI bad .*{line}") as caught:
         read(path, "bad")
@@ -144,7 +144,7 @@ def test_two_rois_of_one_name_are_read_by_number(written):
         regions.mask("cysts")
 
 
-def test_roi_numbers_that_do_not_fit_together(written, caplog):
+def test_inconsistent_roi_numbers(written, caplog):
     ring = [contour(OUTER)]
     path = written((1, "a", ring), (1, "b", None), (2, None, ring), (4, "", ring), (5, "5 mm", None), (0, "zero", ring))
     regions = open_regions(path, GRID)
@@ -156,7 +156,7 @@ def test_roi_numbers_that_do_not_fit_together(written, caplog):
     assert not regions.mask("5 mm").any()
 
 
-def test_contours_of_one_roi_in_several_items_are_put_together(written, caplog):
+def test_contours_of_one_roi_in_several_items_are_combined(written, caplog):
     path = written((1, "a", [contour(circle(20, Z[5]))]), (1, None, [contour(circle(10, Z[6]))]))
     mask = read(path, "a")
     assert mask[5].sum() == disc(20).sum() and mask[6].sum() == disc(10).sum()
@@ -168,7 +168,7 @@ def test_names_in_other_scripts(charset, tmp_path):
     names = ["Lebér", "Größe"] + ([] if charset == "ISO_IR 100" else ["печень", "肝"])
     rois = [(n, name, [contour(circle(10 + n, Z[6]))]) for n, name in enumerate(names, 1)]
     path = structure_set(*rois, path=tmp_path / "rt.dcm", charset=charset or "ISO_IR 192")
-    if charset is None:  # many programs write UTF-8 without saying so
+    if charset is None:  # many programs write UTF-8 without declaring it
         dataset = pydicom.dcmread(path)
         raw = [name.encode() for name in names]
         del dataset.SpecificCharacterSet
@@ -190,7 +190,7 @@ def sphere(every=1, radius=20.0):
     return [contour(circle(np.sqrt(radius**2 - offsets[k] ** 2), Z[k])) for k in inside[::every]]
 
 
-def test_slices_without_contours_are_reported_and_filled_only_if_asked(written, caplog):
+def test_slices_without_contours_are_reported_and_filled_on_request_only(written, caplog):
     z, y, x = np.ix_(*GRID.axes_mm())
     whole = z**2 + y**2 + x**2 < 400
     path = written((1, "ball", sphere(every=3)))
@@ -210,14 +210,14 @@ def test_slices_without_contours_are_reported_and_filled_only_if_asked(written, 
     assert "6 of its 10 slices from z = 283.5 to 310.5 mm are interpolated" in caplog.text
 
 
-def test_lesions_one_above_the_other_are_not_joined(written, caplog):
+def test_separate_lesions_along_z_are_not_joined(written, caplog):
     path = written((1, "nodes", [contour(circle(8, Z[3], x=-20)), contour(circle(8, Z[7], x=20))]))
     mask = read(path, fill_gaps=True)
     assert mask.any(axis=(1, 2)).sum() == 2
     assert "3 stay empty, as the slices on both sides do not overlap" in caplog.text
 
 
-def test_a_structure_set_is_recognized_by_its_class_and_without_a_preamble(written):
+def test_structure_set_is_recognized_by_its_class_and_without_a_preamble(written):
     path = written((1, "a", [contour(OUTER)]))
     dataset = pydicom.dcmread(path)
     del dataset.Modality
@@ -231,7 +231,7 @@ def test_a_structure_set_is_recognized_by_its_class_and_without_a_preamble(writt
         assert read(path.replace("rt.dcm", name)).sum() == disc(20).sum()
 
 
-def test_a_missing_attribute_is_named(written):
+def test_missing_attribute_is_named(written):
     path = written((1, "a", [contour(OUTER)]))
     for keyword in ("StructureSetROISequence", "ROIContourSequence"):
         dataset = pydicom.dcmread(path)
@@ -241,7 +241,7 @@ def test_a_missing_attribute_is_named(written):
             open_regions(path.replace("rt", keyword), GRID)
 
 
-def test_notes_of_many_regions_are_one_line(written, caplog):
+def test_notes_on_many_regions_are_one_line(written, caplog):
     from virtual_phantom.phantom.regions import Remark, report
 
     caplog.set_level(logging.WARNING)
@@ -252,17 +252,17 @@ def test_notes_of_many_regions_are_one_line(written, caplog):
     ]
 
 
-def test_the_balls_agree_with_their_contours(tmp_path):
+def test_balls_agree_with_their_contours(tmp_path):
     regions = open_regions(phantom_files.write_rtstruct(tmp_path / "rt.dcm"), GRID)
     for name in phantom_files.BALLS:
         assert np.array_equal(regions.mask(name), phantom_files.ball(name))
 
 
-def test_another_frame_of_reference_is_reported(written, tmp_path, caplog):
+def test_other_frame_of_reference_is_reported(written, tmp_path, caplog):
     slices = phantom_files.ct_slices()
     series = phantom_files.write_series(slices, tmp_path / "ct")
     path = written((1, "a", [contour(OUTER)]))
-    report_other_frame(path, series)  # it names none
+    report_other_frame(path, series)  # no frame is named
     for frame, reported in ((slices[0].FrameOfReferenceUID, False), ("1.2.3", True)):
         dataset = pydicom.dcmread(path)
         dataset.StructureSetROISequence[0].ReferencedFrameOfReferenceUID = frame
@@ -277,7 +277,7 @@ def test_another_frame_of_reference_is_reported(written, tmp_path, caplog):
 
 
 def exactly(points, shape):
-    """Voxels of a polygon by rational numbers: 0 without, 1 within, 2 on the outline."""
+    """Voxels of a polygon by rational numbers: 0 outside, 1 inside, 2 on the outline."""
     corners = [tuple(map(Fraction, point)) for point in points.tolist()]
     found = np.zeros(shape, int)
     for row, column in np.ndindex(shape):
@@ -292,7 +292,7 @@ def exactly(points, shape):
     return found
 
 
-def test_polygons_are_filled_as_rational_numbers_and_scikit_image_fill_them():
+def test_polygon_fill_agrees_with_rational_numbers_and_scikit_image():
     from skimage.measure import grid_points_in_poly
 
     from virtual_phantom.phantom.contours import _rasterized
@@ -300,7 +300,7 @@ def test_polygons_are_filled_as_rational_numbers_and_scikit_image_fill_them():
     rng = np.random.default_rng(0)
     for number in range(120):
         points = rng.uniform(-0.5, 12.5, (rng.integers(3, 12), 2))
-        if through := number % 4 == 0:  # voxel centers; scikit-image misses some of them on slanted edges
+        if through := number % 4 == 0:  # voxel centers; scikit-image misses some of them on oblique edges
             points = np.clip(points.round(), 0, 12)
         box, within, on = _rasterized(points, (13, 13))
         found = np.zeros((13, 13), int)

@@ -1,4 +1,4 @@
-"""Own blur of a scanned phantom: closed forms of Gaussians, and noise that is put in."""
+"""Deconvolution of a scanned phantom's own blur: closed forms of Gaussians, and added noise."""
 
 import numpy as np
 import pytest
@@ -35,15 +35,15 @@ def second_moments(array):
     return [float((array * square).sum() / array.sum()) for square in squares]
 
 
-def test_a_scan_of_a_scan_has_one_blur_where_the_first_is_taken_out():
-    """Variances of Gaussians add: an object of 2 mm, and its own scanner's blur."""
+def test_deconvolved_scan_of_a_scan_has_one_blur():
+    """Variances of Gaussians add: an object of 2 mm, and the blur of its scanner."""
     seen = Volume(blob(*np.hypot(2.0, OWN)).astype(np.float32), GRID)
     np.testing.assert_allclose(second_moments(seen.array), 4 + np.square(OWN), rtol=0.01)
     restored = deconvolve(seen, OWN, NO_NOISE)
     np.testing.assert_allclose(second_moments(restored.array), [4.0] * 3, rtol=0.01)
 
 
-def test_waves_get_back_what_the_mtf_took():
+def test_waves_regain_the_contrast_lost_to_the_mtf():
     _, _, x = GRID.axes_mm()
     for cycles in (4, 12, 20):
         frequency = cycles / (96 * 0.7)
@@ -54,7 +54,7 @@ def test_waves_get_back_what_the_mtf_took():
 
 
 def edge(sd_mm, seed=None):
-    """A disc of 22 mm, blurred."""
+    """A blurred disc of 22 mm."""
     _, y, x = np.ix_(*GRID.axes_mm())
     hu = -1000 + 1040 * ndtr((22 - np.hypot(x, y)) / sd_mm) + 0 * GRID.axes_mm()[0][:, None, None]
     noise = 0 if seed is None else np.random.default_rng(seed).normal(0, 5, GRID.shape)
@@ -62,23 +62,23 @@ def edge(sd_mm, seed=None):
 
 
 @pytest.mark.parametrize("sd_mm", [0.6, 0.9])
-def test_the_blur_is_read_off_the_surface_against_air(sd_mm):
+def test_blur_is_measured_at_the_surface_to_air(sd_mm):
     assert SD_OF_HALF / edge_mtf_half(edge(sd_mm, seed=1)) == pytest.approx(sd_mm, rel=0.07)
 
 
-def test_a_surface_becomes_as_sharp_as_it_was():
+def test_surface_becomes_as_sharp_as_before():
     sharp = deconvolve(edge(1.0), OWN, NO_NOISE)
     assert SD_OF_HALF / edge_mtf_half(sharp) == pytest.approx(0.8, rel=0.07)  # 1.0^2 - 0.6^2 = 0.8^2
     air = edge(1.0).array < -999
-    kept = keep_air(sharp, Volume(np.where(air, -1000, 0).astype(np.float32), GRID))
-    assert kept.array.min() == -1000 and (kept.array[air] == -1000).all()
+    stored = keep_air(sharp, Volume(np.where(air, -1000, 0).astype(np.float32), GRID))
+    assert stored.array.min() == -1000 and (stored.array[air] == -1000).all()
 
 
-def test_noise_is_taken_out_and_not_restored():
-    """Coarse texture of 10 HU under white noise of 6 HU: what comes out is nearer to the texture than the mean is."""
+def test_noise_is_removed_and_not_amplified():
+    """Coarse texture of 10 HU under white noise of 6 HU: the result is closer to the texture than the mean image is."""
     rng = np.random.default_rng(7)
     frequencies = np.ix_(*(np.fft.fftfreq(size, step) for size, step in zip(GRID.shape, GRID.spacing, strict=True)))
-    squares = sum(one**2 for one in frequencies)
+    squares = sum(frequency**2 for frequency in frequencies)
 
     def blurred(array, sd):
         return np.fft.ifftn(np.fft.fftn(array) * np.exp(-2 * np.pi**2 * sd**2 * squares)).real
@@ -94,8 +94,8 @@ def test_noise_is_taken_out_and_not_restored():
     np.testing.assert_array_equal(again.noise, measured.noise)
 
 
-def test_white_noise_has_its_own_power():
-    """Of SD s in voxels of volume v: s^2 v at every frequency."""
+def test_white_noise_has_its_power():
+    """White noise of SD s in voxels of volume v has power s^2 v at every frequency."""
     white = np.random.default_rng(3).normal(0, 6, GRID.shape)
     measured = measure_spectra(white, white, GRID.spacing)
     filled = measured.mean > 0
@@ -104,8 +104,8 @@ def test_white_noise_has_its_own_power():
     assert not measured.signal().any()
 
 
-def test_linear_interpolation_is_a_blur_of_a_sixth_of_a_voxel_squared():
-    """Of a wide Gaussian, interpolated half-way between voxels, against the closed form."""
+def test_linear_interpolation_blurs_by_a_sixth_of_a_voxel_squared():
+    """A wide Gaussian, interpolated halfway between voxels, against the closed form."""
     x = np.arange(-60, 61.0)
     values = np.exp(-((x / 4) ** 2) / 2)
     places = np.linspace(-50, 50, 1001)
@@ -116,14 +116,14 @@ def test_linear_interpolation_is_a_blur_of_a_sixth_of_a_voxel_squared():
 
 
 @pytest.mark.parametrize("fine", [1, 2])
-def test_what_voxels_blur_is_seen_in_projections(fine):
+def test_blur_by_voxels_appears_in_projections(fine):
     """A Gaussian through `ct` and the projector: its width along z, and across rays of all directions."""
-    own, sd = Grid((64, 64, 64), (1.3, 1.3, 1.3)), 3.1
-    z, y, x = np.meshgrid(*own.axes_mm(), indexing="ij")
-    image = Volume((-1000 + 800 * np.exp(-(x**2 + y**2 + z**2) / 2 / sd**2)).astype(np.float32), own)
+    fine_grid, sd = Grid((64, 64, 64), (1.3, 1.3, 1.3)), 3.1
+    z, y, x = np.meshgrid(*fine_grid.axes_mm(), indexing="ij")
+    image = Volume((-1000 + 800 * np.exp(-(x**2 + y**2 + z**2) / 2 / sd**2)).astype(np.float32), fine_grid)
     grid = Grid((28, 28, 28), (3.0, 3.0, 3.0)).refined(fine)
     phantom = Volume(resample(image, grid, outside=-1000.0), grid)
-    far = 1e5  # all but parallel
+    far = 1e5  # almost parallel
     scan = circular(
         views=64,
         source_to_isocentre_mm=far,
@@ -137,12 +137,12 @@ def test_what_voxels_blur_is_seen_in_projections(fine):
     places = (np.arange(200) - 99.5) * 0.4
     of_rows, of_columns = (profile.sum(axis=axis) for axis in (1, 0))
     found = [np.average((places - np.average(places, weights=w)) ** 2, weights=w) for w in (of_rows, of_columns)]
-    expected = add_voxel_blur((sd,) * 3, own.spacing, grid.spacing)
+    expected = add_voxel_blur((sd,) * 3, fine_grid.spacing, grid.spacing)
     np.testing.assert_allclose(found, np.square(expected[:2]), rtol=2e-3)
-    assert expected[0] ** 2 > 1.04 * sd**2  # what is tested is not lost in the tolerance
+    assert expected[0] ** 2 > 1.04 * sd**2  # the difference under test exceeds the tolerance
 
 
-def test_a_blur_that_is_none_is_refused():
+def test_invalid_blur_is_rejected():
     with pytest.raises(InputError, match="blur_mm is "):
         deconvolve(Volume(np.zeros(GRID.shape, np.float32), GRID), (-1.0, 0.5, 0.5), NO_NOISE)
     with pytest.raises(InputError, match="show no surface between object and air; set public_scans.own_blur: kept"):

@@ -1,4 +1,4 @@
-"""Exported series hold the same HU at the same places, whoever reads them."""
+"""Exported series have the same HU at the same positions in every reader."""
 
 import dataclasses
 
@@ -17,7 +17,7 @@ from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.phantom.dicom_series import read_series
 from virtual_phantom.phantom.masks import open_regions
 
-# Neither cubes nor round numbers, and off centre: no axis can be flipped, swapped or shifted unseen.
+# Anisotropic voxels, odd sizes and off center: a reversed, swapped or shifted axis changes the result.
 GRID = Grid(CT_GRID.shape, (2.5, 2.35, 1.15), CENTRE)
 SCAN = dicom_export.Scan("sirt_300", "sirt_300 dose10 seed 03 (simulated)", "SIRT of 300 projections.", 500.0, 1000.0)
 PHANTOM = Volume(object_hu(), GRID)
@@ -37,7 +37,7 @@ MANDATORY = (
 
 
 def noisy(seed=0):
-    """HU with fractions, and some under what 12 bits with the usual intercept hold."""
+    """HU with fractions, some below the range of 12 bits with the usual intercept."""
     return Volume(object_hu() + np.random.default_rng(seed).normal(0, 300, GRID.shape).astype(np.float32), GRID)
 
 
@@ -57,7 +57,7 @@ def itk_series(folder):
     return reader.Execute()
 
 
-def test_simpleitk_finds_the_voxels_where_it_finds_those_of_the_nifti(exported, tmp_path):
+def test_simpleitk_reads_dicom_and_nifti_voxels_at_the_same_positions(exported, tmp_path):
     image = itk_series(exported)
     assert image.GetSize() == GRID.shape[::-1]
     assert image.GetSpacing() == pytest.approx(GRID.spacing[::-1], abs=1e-5)
@@ -69,14 +69,14 @@ def test_simpleitk_finds_the_voxels_where_it_finds_those_of_the_nifti(exported, 
     nifti = sitk.ReadImage(str(tmp_path / "image.nii.gz"))
     onto = sitk.Resample(image, nifti, sitk.Transform(), sitk.sitkNearestNeighbor, -32768)
     np.testing.assert_allclose(sitk.GetArrayFromImage(onto), sitk.GetArrayFromImage(nifti), atol=0.5)
-    # And nibabel reads the affine that SimpleITK has turned into LPS.
+    # nibabel reads the affine that SimpleITK has converted to LPS.
     affine = nibabel.load(tmp_path / "image.nii.gz").affine
     index = (5, 3, 2)
     world = np.diag([-1, -1, 1]) @ (affine @ (*index, 1))[:3]
     np.testing.assert_allclose(nifti.TransformIndexToPhysicalPoint(index), world, atol=1e-4)
 
 
-def test_pydicom_reads_hu_and_places_slice_by_slice(exported):
+def test_pydicom_reads_hu_and_positions_slice_by_slice(exported):
     files = sorted((exported / "series").iterdir())
     assert len(files) == GRID.shape[0]
     hu = noisy().array
@@ -84,12 +84,12 @@ def test_pydicom_reads_hu_and_places_slice_by_slice(exported):
         one = pydicom.dcmread(path)
         values = one.pixel_array * float(one.RescaleSlope) + float(one.RescaleIntercept)
         np.testing.assert_allclose(values, hu[index, ::-1, ::-1], atol=0.5)
-        # The first row is the most anterior, the first column the furthest to the right.
+        # The first row is the most anterior, the first column the rightmost.
         x, y, z = (GRID.affine @ (47, 39, index, 1))[:3]
         assert list(one.ImagePositionPatient) == pytest.approx([-x, -y, z], abs=1e-4)
 
 
-def test_our_own_reader_puts_it_onto_the_same_grid(exported):
+def test_library_reads_the_export_onto_the_same_grid(exported):
     back = read_series(exported / "series")
     assert back.grid.matches(GRID)
     np.testing.assert_allclose(back.array, noisy().array, atol=0.5)
@@ -98,7 +98,7 @@ def test_our_own_reader_puts_it_onto_the_same_grid(exported):
         np.testing.assert_array_equal(regions.mask(name), ball(name))
 
 
-def test_every_mandatory_attribute_is_there_and_no_patient(exported):
+def test_all_mandatory_attributes_and_no_patient_data(exported):
     one = pydicom.dcmread(exported / "series" / "001.dcm")
     for module in MANDATORY:
         check_required_attributes(one, module=module)
@@ -107,14 +107,14 @@ def test_every_mandatory_attribute_is_there_and_no_patient(exported):
     assert "Simulated" in one.ImageComments and "simulated" in one.SeriesDescription
     for keyword in ("PatientBirthDate", "PatientSex", "StudyDate", "AccessionNumber", "ReferringPhysicianName"):
         assert not one.get(keyword)
-    # Text and numbers as DICOM restricts them, none truncated on the way.
+    # Text and numbers within DICOM's limits, none truncated on the way.
     with pydicom.config.disable_value_validation():
         raw = pydicom.dcmread(exported / "series" / "014.dcm")
     for element in raw:
         pydicom.dataelem.DataElement(element.tag, element.VR, element.value, validation_mode=pydicom.config.RAISE)
 
 
-def test_equal_images_make_equal_files_and_others_other_uids(exported, tmp_path):
+def test_equal_images_make_equal_files_and_other_images_other_uids(exported, tmp_path):
     again = dicom_export.series(noisy(), PHANTOM, SCAN)
     dicom_export.write_series(again, tmp_path)
     for path in sorted(tmp_path.iterdir()):
@@ -136,7 +136,7 @@ def test_equal_images_make_equal_files_and_others_other_uids(exported, tmp_path)
         (Volume(PHANTOM.array + 40000, GRID), "CT numbers beyond 16 bits"),
     ],
 )
-def test_what_cannot_be_exported_is_said_in_one_line(image, message):
+def test_unsuitable_images_are_rejected_in_one_line(image, message):
     with pytest.raises(InputError) as caught:
         dicom_export.series(image, PHANTOM, SCAN)
     assert message in str(caught.value) and "\n" not in str(caught.value)

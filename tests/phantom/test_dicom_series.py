@@ -1,4 +1,4 @@
-"""Which files are CT slices, and their values in HU: read right, or refused in one line that names the file."""
+"""Selection of CT slices and their values in HU: read correctly, or rejected in one line that names the file."""
 
 import os
 import zipfile
@@ -31,7 +31,7 @@ def slices():
 
 @pytest.fixture
 def notes(caplog):
-    """The notes of a test, without the folder at the beginning."""
+    """Notes of a test, without the folder at the beginning."""
     return lambda: [record.getMessage().split(": ", 1)[1] for record in caplog.records if "notes" in record.name]
 
 
@@ -54,7 +54,7 @@ def each(slices, **attributes):
     return slices
 
 
-# ---- which files are read ------------------------------------------------------------------------
+# ---- selection of files --------------------------------------------------------------------------
 
 
 def other_dicom(path, kind, **attributes):
@@ -69,7 +69,7 @@ def other_dicom(path, kind, **attributes):
     one.save_as(path, enforce_file_format=True)
 
 
-def test_files_of_other_kinds_are_not_used_and_named(slices, tmp_path, notes):
+def test_files_of_other_kinds_are_skipped_and_named(slices, tmp_path, notes):
     folder = tmp_path / "series"
     write_series(slices, folder)
     other_dicom(folder / "000_DICOMDIR", MediaStorageDirectoryStorage)
@@ -150,8 +150,8 @@ def test_every_transfer_syntax_gives_the_stored_values(syntax, signed, slices, t
     assert_object(folder)
 
 
-def test_values_are_those_of_pydicom(slices, tmp_path, notes):
-    """Slopes that differ, MONOCHROME1, and as pydicom's own rescale has it."""
+def test_values_agree_with_pydicom(slices, tmp_path, notes):
+    """Slopes that differ, MONOCHROME1, and pydicom's own rescale."""
     for k, one in enumerate(slices):
         one.PhotometricInterpretation, one.RescaleSlope, one.RescaleIntercept = "MONOCHROME1", 1 + k / 8, -1024 - 7 * k
     write_series(slices, tmp_path / "series")
@@ -166,13 +166,13 @@ def test_values_are_those_of_pydicom(slices, tmp_path, notes):
     ]
 
 
-def test_a_rescale_that_differs_in_a_few_slices_is_refused(slices, tmp_path):
+def test_rescale_that_differs_in_a_few_slices_is_rejected(slices, tmp_path):
     slices[5].RescaleIntercept = -1000
     message = "009.dcm: RescaleSlope and RescaleIntercept are 1 and -1000, but 1 and -1024 in most slices; correct them"
     refused(write_series(slices, tmp_path / "series"), message)
 
 
-def test_a_slice_that_looks_damaged_is_refused_and_not_passed_over(slices, tmp_path):
+def test_damaged_slice_is_rejected_and_not_skipped(slices, tmp_path):
     folder = tmp_path / "series"
     write_series(slices, folder)
     for content, message in ((b"", "an empty file, but named like the slices"), (b"abc", "not DICOM, but named")):
@@ -184,7 +184,7 @@ def test_a_slice_that_looks_damaged_is_refused_and_not_passed_over(slices, tmp_p
 
 
 @pytest.mark.parametrize("length", [300, 700, 1000, 3000])
-def test_a_slice_that_is_cut_short_is_refused_at_the_end_too(length, slices, tmp_path):
+def test_truncated_slice_is_rejected_at_the_end_of_the_series_too(length, slices, tmp_path):
     folder = tmp_path / "series"
     write_series(slices, folder)
     (folder / "001.dcm").write_bytes((folder / "001.dcm").read_bytes()[:length])
@@ -202,7 +202,7 @@ def test_a_slice_that_is_cut_short_is_refused_at_the_end_too(length, slices, tmp
         ({"PhotometricInterpretation": "RGB"}, "PhotometricInterpretation is neither"),
     ],
 )
-def test_one_slice_of_another_kind_never_vanishes(number, attributes, reason, slices, tmp_path):
+def test_slice_of_another_kind_is_always_reported(number, attributes, reason, slices, tmp_path):
     each(slices[number : number + 1], **attributes)
     folder = write_series(slices, tmp_path / "series")
     refused(folder, f"{14 - number:03d}.dcm: {reason}")
@@ -212,7 +212,7 @@ def test_one_slice_of_another_kind_never_vanishes(number, attributes, reason, sl
 # ---- several series ------------------------------------------------------------------------------
 
 
-def test_scouts_and_single_images_beside_a_series_are_not_used(slices, tmp_path, notes):
+def test_scouts_and_single_images_are_skipped_if_there_is_a_series(slices, tmp_path, notes):
     folder = tmp_path / "series"
     write_series(slices, folder)
     scout = each(
@@ -233,25 +233,26 @@ def test_scouts_and_single_images_beside_a_series_are_not_used(slices, tmp_path,
     ]
 
 
-def test_several_series_are_listed_with_what_distinguishes_them(slices, tmp_path):
+def test_several_series_are_listed_with_their_differences(slices, tmp_path):
     folder = tmp_path / "series"
     write_series(each(slices, ConvolutionKernel=["Br38f", "3"], SeriesDescription="Doe"), folder)
     for number, one in enumerate(each(ct_slices()[:9], ConvolutionKernel="Br59d", SeriesNumber=2, SliceThickness=1)):
         one.save_as(folder / f"sharp{number}", enforce_file_format=True)
     refused(
         folder,
-        "holds more than one DICOM series: series 1 of 14 slices, kernel Br38f/3, 3 mm (001.dcm); series 2 of 9 "
-        "slices, kernel Br59d, 1 mm (sharp0); copy or link the files of one series into a new folder and give that",
+        "holds more than one DICOM series: series 1 of 14 slices, kernel Br38f/3, 3 mm (001.dcm); "
+        + "series 2 of 9 slices, kernel Br59d, 1 mm (sharp0); "
+        + "copy or link the files of one series into a new folder and give that",
     )
 
 
 @pytest.mark.parametrize("number", [0, 6, 13])
-def test_one_slice_with_another_series_uid_is_refused(number, slices, tmp_path):
+def test_one_slice_with_another_series_uid_is_rejected(number, slices, tmp_path):
     slices[number].SeriesInstanceUID = "1.2.3"
     refused(write_series(slices, tmp_path / "series"), "which continues the series of")
 
 
-def test_copies_are_left_out_and_other_slices_at_one_position_refused(slices, tmp_path, notes):
+def test_copies_are_skipped_and_other_slices_at_one_position_rejected(slices, tmp_path, notes):
     folder = tmp_path / "series"
     write_series(slices, folder)
     (folder / "copy.dcm").write_bytes((folder / "003.dcm").read_bytes())
@@ -263,7 +264,7 @@ def test_copies_are_left_out_and_other_slices_at_one_position_refused(slices, tm
     refused(folder, "two slices at z = 289.5 mm, 011.dcm and other.dcm")
 
 
-def test_the_folder_below_is_named(slices, tmp_path):
+def test_subfolder_with_the_series_is_named(slices, tmp_path):
     (tmp_path / "patient").mkdir()
     write_series(slices, tmp_path / "patient" / "series")
     refused(tmp_path / "patient", f"folders below have DICOM files, give one: {tmp_path}/patient/series")
@@ -302,11 +303,11 @@ def test_the_folder_below_is_named(slices, tmp_path):
         ({"Rows": 60}, "its header says 60 x 48 pixels, which the file does not hold"),
     ],
 )
-def test_values_that_are_not_hu_are_refused(attributes, message, slices, tmp_path):
+def test_values_other_than_hu_are_rejected(attributes, message, slices, tmp_path):
     refused(write_series(each(slices, **attributes), tmp_path / "series"), message)
 
 
-def test_lookup_tables_and_other_real_world_values_are_refused(slices, tmp_path):
+def test_lookup_tables_and_other_real_world_values_are_rejected(slices, tmp_path):
     table = pydicom.Dataset()
     table.LUTDescriptor, table.LUTData = [4, 0, 16], b"\0\0\1\0\2\0\3\0"
     refused(write_series(each(slices, ModalityLUTSequence=[table]), tmp_path / "a"), "has a ModalityLUTSequence")
@@ -323,8 +324,8 @@ def test_lookup_tables_and_other_real_world_values_are_refused(slices, tmp_path)
 
 
 @pytest.mark.parametrize("representation", [0, 1])
-def test_padding_that_looks_like_tissue_is_air_outside_the_body_alone(representation, slices, tmp_path, notes):
-    """A circle of the scanner, 0 HU beyond it; the same value within the body is tissue."""
+def test_padding_with_the_value_of_tissue_is_air_outside_the_body_only(representation, slices, tmp_path, notes):
+    """The scanner's field of view is a circle with 0 HU outside; the same value within the body is tissue."""
     value = 1024 if representation == 0 else 0
     for one in slices:
         pixels = np.frombuffer(one.PixelData, "<u2").reshape(40, 48).astype(int)
@@ -340,7 +341,7 @@ def test_padding_that_looks_like_tissue_is_air_outside_the_body_alone(representa
     ]
 
 
-def test_padding_of_minus_2000_stored_without_sign_is_air(slices, tmp_path):
+def test_unsigned_padding_of_minus_2000_is_air(slices, tmp_path):
     for one in slices:
         pixels = np.frombuffer(one.PixelData, "<u2").reshape(40, 48).copy()
         pixels[:2] = 63536
@@ -349,7 +350,7 @@ def test_padding_of_minus_2000_stored_without_sign_is_air(slices, tmp_path):
     assert_object(write_series(slices, tmp_path / "series"))
 
 
-def test_an_overlay_in_the_unused_bits_is_left_out(slices, tmp_path):
+def test_overlay_in_unused_bits_is_ignored(slices, tmp_path):
     for one in slices:
         pixels = np.frombuffer(one.PixelData, "<u2").copy()
         pixels[::7] |= 1 << 12
@@ -373,8 +374,8 @@ def test_lossy_compression_and_reformatting_are_noted(slices, tmp_path, notes):
 # ---- geometry ------------------------------------------------------------------------------------
 
 
-def turned(slices, degrees):
-    """As if the patient lay turned about x: rows along x, columns and the stack turned alike, around the center."""
+def rotated(slices, degrees):
+    """Slices of a patient rotated about x: rows along x, columns and stack rotated together around the center."""
     turn = np.radians(degrees)
     across, along = np.array([0, np.cos(turn), np.sin(turn)]), np.array([0, -np.sin(turn), np.cos(turn)])
     for k, one in enumerate(slices):
@@ -405,28 +406,28 @@ def test_rounded_numbers_make_no_difference(change, slices, tmp_path, notes):
     assert not notes()
 
 
-def test_a_tilt_is_read_as_upright_if_it_moves_voxels_by_less_than_a_half(slices, tmp_path, notes):
+def test_tilt_is_ignored_if_it_moves_voxels_by_less_than_a_half(slices, tmp_path, notes):
     """Slices of 80 mm: 0.5 degrees move the farthest voxel by 0.34 mm of 3 mm along z, 3 degrees by 2.0 mm."""
-    assert_object(write_series(turned(slices, 0.5), tmp_path / "a"))
+    assert_object(write_series(rotated(slices, 0.5), tmp_path / "a"))
     (line,) = notes()
     expected = 39 * np.sin(np.radians(0.5))
     words = "the volume is slightly rotated; reading it as upright moves voxels by at most"
     assert line == f"{words} {expected:.2g} mm"
-    refused(write_series(turned(ct_slices(), 3), tmp_path / "b"), "slices are tilted or not axial")
+    refused(write_series(rotated(ct_slices(), 3), tmp_path / "b"), "slices are tilted or not axial")
     assert_object(write_series(each(ct_slices(), GantryDetectorTilt=0.3), tmp_path / "c"))
     refused(write_series(each(ct_slices(), GantryDetectorTilt=3), tmp_path / "d"), "slices are tilted or not axial")
 
 
-def test_a_volume_that_is_rotated_as_a_whole_is_read_though_voxels_move_farther(slices, tmp_path, notes):
-    """Pixels of 0.2 mm: 0.9 degrees move the stack's ends by 1.5 pixels sideways. A shear by as much is refused."""
+def test_rotated_volume_is_read_although_voxels_move_farther(slices, tmp_path, notes):
+    """Pixels of 0.2 mm: 0.9 degrees move the stack's ends by 1.5 pixels. A shear of the same size is rejected."""
     fine = {"PixelSpacing": [0.2, 0.2]}
-    volume = read_series(write_series(each(turned(slices, 0.9), **fine), tmp_path / "a"))
+    volume = read_series(write_series(each(rotated(slices, 0.9), **fine), tmp_path / "a"))
     assert np.array_equal(volume.array, read_series(write_series(each(ct_slices(), **fine), tmp_path / "b")).array)
     (line,) = notes()
     assert line.startswith("the volume is slightly rotated; reading it as upright moves voxels by at most")
-    sheared = each(turned(ct_slices(), 0.9), ImageOrientationPatient=[1, 0, 0, 0, 1, 0], **fine)
+    sheared = each(rotated(ct_slices(), 0.9), ImageOrientationPatient=[1, 0, 0, 0, 1, 0], **fine)
     refused(write_series(sheared, tmp_path / "c"), "slices are shifted sideways against each other (gantry tilt)")
-    refused(write_series(each(turned(ct_slices(), 1.2), **fine), tmp_path / "d"), "resample the series onto upright")
+    refused(write_series(each(rotated(ct_slices(), 1.2), **fine), tmp_path / "d"), "resample the series onto upright")
 
 
 def test_sagittal_and_coronal_series_are_named(slices, tmp_path):
@@ -458,7 +459,7 @@ def test_a_missing_attribute_is_named(keyword, slices, tmp_path):
         ("GantryDetectorTilt", b"none", "GantryDetectorTilt is not a finite number"),
     ],
 )
-def test_a_wrong_attribute_is_named_with_its_numbers_alone(keyword, value, message, slices, tmp_path):
+def test_wrong_attribute_is_named_with_its_numbers_only(keyword, value, message, slices, tmp_path):
     tag = pydicom.tag.Tag(keyword)
     slices[5][tag] = pydicom.dataelem.RawDataElement(tag, "DS", len(value), value, 0, False, True)
     refused(write_series(slices, tmp_path / "series"), f"009.dcm: {message}")
@@ -475,6 +476,6 @@ def test_rows_written_as_text_are_read(slices, tmp_path):
     assert_object(folder)
 
 
-def test_slices_of_two_frames_of_reference_are_refused(slices, tmp_path):
+def test_slices_of_two_frames_of_reference_are_rejected(slices, tmp_path):
     slices[4].FrameOfReferenceUID = "1.2.3"
     refused(write_series(slices, tmp_path / "series"), "FrameOfReferenceUID differs from the other slices'")

@@ -1,4 +1,4 @@
-"""Images of a CT in every format and orientation against the array that they were written from."""
+"""Images of a CT in every format and orientation, compared with the source array."""
 
 import gzip
 
@@ -33,8 +33,8 @@ def nifti(path, array=HU, affine=CT_GRID.affine, kind=nibabel.Nifti1Image, **cha
     return path
 
 
-def spoiled(path, **fields):
-    """The same file with bytes of its header replaced: {field: value}, as its dtype has them."""
+def damaged(path, **fields):
+    """Copy of a file with header fields replaced: {field: value}, in the dtype of the header."""
     content = bytearray(path.read_bytes())
     header = np.frombuffer(content[:348], nibabel.nifti1.header_dtype).copy()
     for key, value in fields.items():
@@ -46,12 +46,12 @@ def spoiled(path, **fields):
 
 @pytest.mark.parametrize("name", ["c.nrrd", "c.NRRD", "c.nhdr", "c.mha", "c.mhd"])
 @pytest.mark.parametrize("flipped", [(1, 1, 1), (-1, 1, 1), (1, -1, -1)])
-def test_itk_formats_lie_where_simpleitk_puts_them(name, flipped, tmp_path, notes):
+def test_itk_formats_agree_with_simpleitk(name, flipped, tmp_path, notes):
     image = sitk.GetImageFromArray(lps(HU).astype(np.int16))
     image.SetSpacing(CT_GRID.spacing[::-1])
     x, y, z = (axis[[0, -1]] + c for axis, c in zip(CT_GRID.axes_mm()[::-1], CT_GRID.centre_mm, strict=True))
     image.SetOrigin((-x[1], -y[1], z[0]))
-    image = sitk.Flip(image, [one < 0 for one in flipped])  # flips the direction too: voxels stay where they are
+    image = sitk.Flip(image, [one < 0 for one in flipped])  # also flips the direction: voxels keep their positions
     sitk.WriteImage(image, str(tmp_path / name.lower()))
     (tmp_path / name.lower()).rename(tmp_path / name)
     volume = read_hu(tmp_path / name)
@@ -75,11 +75,11 @@ def test_itk_formats_lie_where_simpleitk_puts_them(name, flipped, tmp_path, note
 )
 def test_nifti_variants_are_the_same_image(name, options, fields, tmp_path):
     path = nifti(tmp_path / name, **options)
-    volume = read_image(spoiled(path, **fields) if fields else path)
+    volume = read_image(damaged(path, **fields) if fields else path)
     assert volume.grid.matches(CT_GRID) and np.array_equal(volume.array, HU)
 
 
-def test_a_name_does_not_decide_whether_a_file_is_packed(tmp_path):
+def test_compression_is_detected_independently_of_the_name(tmp_path):
     path = nifti(tmp_path / "c.nii")
     (tmp_path / "d.nii.gz").write_bytes(path.read_bytes())
     (tmp_path / "e.nii").write_bytes(gzip.compress(path.read_bytes()))
@@ -104,12 +104,12 @@ def test_a_name_does_not_decide_whether_a_file_is_packed(tmp_path):
         ({"srow_x": [np.nan, 0, 0, 0]}, "no size or position"),
     ],
 )
-def test_a_damaged_header_is_one_line(fields, line, tmp_path):
+def test_damaged_header_is_one_line(fields, line, tmp_path):
     with pytest.raises(InputError, match=line):
-        read_image(spoiled(nifti(tmp_path / "c.nii"), **fields))
+        read_image(damaged(nifti(tmp_path / "c.nii"), **fields))
 
 
-def test_color_and_complex_images_are_refused(tmp_path):
+def test_color_and_complex_images_are_rejected(tmp_path):
     color = np.zeros(HU.T.shape, [("R", "u1"), ("G", "u1"), ("B", "u1")])
     nibabel.save(nibabel.Nifti1Image(color, CT_GRID.affine), tmp_path / "rgb.nii")
     nibabel.save(nibabel.Nifti1Image(HU.T.astype(np.complex64), CT_GRID.affine), tmp_path / "c.nii")
@@ -118,7 +118,7 @@ def test_color_and_complex_images_are_refused(tmp_path):
             read_nifti(tmp_path / name)
 
 
-def test_a_pair_of_files_is_read_and_analyze_is_not(tmp_path):
+def test_pair_of_files_is_read_and_analyze_is_not(tmp_path):
     for kind in (nibabel.Nifti2Pair, nibabel.Nifti1Pair):
         nibabel.save(kind(HU.T, CT_GRID.affine), tmp_path / "c.hdr")
         for name in ("c.hdr", "c.img"):
@@ -131,7 +131,7 @@ def test_a_pair_of_files_is_read_and_analyze_is_not(tmp_path):
         read_image(tmp_path / "c.hdr")
 
 
-def turned(degrees, axes=(0, 1)):
+def rotated(degrees, axes=(0, 1)):
     affine = CT_GRID.affine
     turn = np.eye(4)
     cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
@@ -146,25 +146,25 @@ def turned(degrees, axes=(0, 1)):
     ("degrees", "axes", "moved"),
     [(0.0, (0, 1), 0), (0.05, (0, 1), 0), (0.3, (0, 1), 0.12), (-0.3, (1, 2), 0.068), (1.0, (0, 1), 0.41)],
 )
-def test_a_small_tilt_is_taken_as_upright_and_reported(degrees, axes, moved, tmp_path, notes):
-    volume = read_image(nifti(tmp_path / "c.nii", affine=turned(degrees, axes)))
+def test_small_tilt_is_treated_as_upright_and_reported(degrees, axes, moved, tmp_path, notes):
+    volume = read_image(nifti(tmp_path / "c.nii", affine=rotated(degrees, axes)))
     assert np.array_equal(volume.array, HU) and volume.grid.matches(CT_GRID, 1e-3)
     if not moved:
         assert not notes()
         return
     (line,) = notes()
     assert f"its axes are tilted by {abs(degrees):.2g} degrees and treated as upright" in line
-    # half of the voxels beside the center, times the sine of the angle
+    # half of the voxels on one side of the center, times the sine of the angle
     assert float(line.split()[-4]) == pytest.approx(moved, abs=0.01)
 
 
-@pytest.mark.parametrize("affine", [turned(1.4), turned(5), turned(3, (1, 2)), turned(30, (0, 2))])
-def test_a_tilt_that_moves_voxels_by_more_than_half_of_one_is_refused(affine, tmp_path):
+@pytest.mark.parametrize("affine", [rotated(1.4), rotated(5), rotated(3, (1, 2)), rotated(30, (0, 2))])
+def test_tilt_that_moves_voxels_by_more_than_half_of_one_is_rejected(affine, tmp_path):
     with pytest.raises(InputError, match=r"tilted against the scanner's by up to .* degrees, which moves voxels by up"):
         read_image(nifti(tmp_path / "c.nii", affine=affine))
 
 
-def test_a_rotation_without_shear_may_move_voxels_farther():
+def test_rotation_without_shear_may_move_voxels_farther():
     """0.3 degrees move the end of 400 voxels by 1.04 voxels."""
     angle, array = np.radians(0.3), np.arange(400.0 * 4 * 4).reshape(400, 4, 4)
     affine = np.eye(4)
@@ -177,7 +177,7 @@ def test_a_rotation_without_shear_may_move_voxels_farther():
         upright(array, affine, "c.nii")
 
 
-def test_two_orientations_and_none_are_reported(tmp_path, notes):
+def test_two_orientations_or_none_are_reported(tmp_path, notes):
     path = nifti(tmp_path / "c.nii")
     shifted = nibabel.load(path)
     for millimeters, reported in ((0.5, False), (1.5, True), (30, True)):
@@ -186,6 +186,6 @@ def test_two_orientations_and_none_are_reported(tmp_path, notes):
         shifted.set_qform(affine, code=1)
         nibabel.save(shifted, tmp_path / "q.nii")
         assert read_image(tmp_path / "q.nii").grid.matches(CT_GRID)  # sform
-        assert any(f"up to {millimeters / 2:.3g} voxels apart; sform is used" in one for one in notes()) == reported
-    read_image(spoiled(nifti(tmp_path / "n.nii"), sform_code=0, qform_code=0))
+        assert any(f"up to {millimeters / 2:.3g} voxels apart; sform is used" in note for note in notes()) == reported
+    read_image(damaged(nifti(tmp_path / "n.nii"), sform_code=0, qform_code=0))
     assert "n.nii: its header has no orientation (sform_code and qform_code are 0)" in notes()[-1]

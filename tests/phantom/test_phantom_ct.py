@@ -1,4 +1,4 @@
-"""A CT and its ROIs, in every format, end where they belong; anything doubtful is refused in one line."""
+"""A CT and its ROIs in every format: correct positions, and doubtful input is rejected in one line."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -59,7 +59,7 @@ def refuse(settings, match, grid=GRID):
     assert "\n" not in str(caught.value)
 
 
-# ---- what must come out right --------------------------------------------------------------------
+# ---- correct input -------------------------------------------------------------------------------
 
 
 def test_dicom_series_is_read_by_position_into_the_world_frame(slices, nifti, tmp_path):
@@ -122,7 +122,7 @@ def test_other_grids_show_the_same_object(nifti, shape, spacing, oversampling):
 
 
 def test_detail_finer_than_the_grid_is_averaged_not_skipped(tmp_path, nifti):
-    """Columns of +-90 HU in turn, voxels three columns wide: their means are +-30, a third."""
+    """Columns of +-90 HU in turn, and voxels three columns wide: means of +-30, a third."""
     hu = object_hu()
     hu[hu > -500] = 0
     hu += np.where(np.arange(48) % 2, 90, -90) * (hu > -500)
@@ -131,9 +131,9 @@ def test_detail_finer_than_the_grid_is_averaged_not_skipped(tmp_path, nifti):
     assert np.abs(image[7, 18:22, 5:11]) == pytest.approx(30, abs=0.1)
 
 
-def test_outside_the_ct_is_air_and_values_under_air_are_air(nifti, tmp_path):
+def test_outside_of_the_ct_and_below_air_is_air(nifti, tmp_path):
     hu = object_hu()
-    hu[:, :2] = -3024  # what some scanners store outside the field of view
+    hu[:, :2] = -3024  # as some scanners store outside the field of view
     nifti["image"] = write_nifti_array(hu, tmp_path / "padded.nii.gz")
     phantom = ct.load_phantom(nifti, Grid((18, 48, 56), (3.0, 2.0, 2.0)), 1)
     assert phantom.image.array.min() == -1000
@@ -147,20 +147,20 @@ def test_centre_moves_the_grid(nifti):
     np.testing.assert_allclose(shifted.image.array[:-1, 3:43, 1:49], object_hu()[1:], atol=1e-2)
 
 
-def test_keep_leaves_out_a_table(nifti, tmp_path):
+def test_keep_mm_removes_a_table(nifti, tmp_path):
     hu = object_hu()
     hu[:, 0] = 200  # a table, far behind
     nifti["image"] = write_nifti_array(hu, tmp_path / "table.nii.gz")
     slim = Grid((14, 34, 42), (3.0, 2.0, 2.0))
     needed = r"The grid spans 68 and 84 mm; set grid.shape to at least \[14, 40, 48\] \(z, y, x\)"
     refuse(nifti, rf"does not fit\. .* 80 mm along y and 96 mm along x\. {needed}", slim)
-    kept = ct.load_phantom({**nifti, "keep_mm": [[-60, 60], [CENTRE[1] - 36, CENTRE[1] + 36]]}, slim, 1)
-    np.testing.assert_allclose(kept.image.array, object_hu()[:, 3:-3, 3:-3], atol=1e-2)
+    stored = ct.load_phantom({**nifti, "keep_mm": [[-60, 60], [CENTRE[1] - 36, CENTRE[1] + 36]]}, slim, 1)
+    np.testing.assert_allclose(stored.image.array, object_hu()[:, 3:-3, 3:-3], atol=1e-2)
 
 
 @pytest.mark.parametrize("margin", [2.0, 5.0])
 def test_margin_is_a_distance_in_mm(margin):
-    """Against the distance of every voxel to the nearest one outside, by a nearest-neighbour search."""
+    """Compare with the distance of every voxel to the nearest one outside, by a nearest-neighbor search."""
     region = ball("bright")
     places = np.indices(CT_GRID.shape).reshape(3, -1).T * CT_GRID.spacing
     nearest, _ = cKDTree(places[~region.ravel()]).query(places)
@@ -176,7 +176,7 @@ def test_margin_leaves_the_end_of_the_scan_alone():
     np.testing.assert_array_equal(inner, expected)
 
 
-def test_parts_are_compact_similar_apart_and_ordered(nifti):
+def test_parts_are_compact_similar_separate_and_ordered(nifti):
     nifti["rois"] = [roi("dark", label=7), roi("bright", label=3, parts=3)]
     rois = ct.load_phantom(nifti, GRID, 1).rois
     assert [r.name for r in rois] == ["dark", "bright_1", "bright_2", "bright_3"]
@@ -192,7 +192,7 @@ def test_parts_are_compact_similar_apart_and_ordered(nifti):
     assert all((a.mask == b.mask).all() for a, b in zip(rois, again, strict=True))
 
 
-def test_cut_loses_no_voxel_and_separate_only_takes_touching_ones():
+def test_cut_loses_no_voxel_and_separate_only_removes_touching_ones():
     pieces = cut(ball("bright"), 4, CT_GRID)
     np.testing.assert_array_equal(sum(p.astype(int) for p in pieces), ball("bright"))
     a, b = np.zeros((2, 1, 1, 6), bool)
@@ -201,10 +201,10 @@ def test_cut_loses_no_voxel_and_separate_only_takes_touching_ones():
     assert left.ravel().tolist() == [1, 1, 0, 0, 0, 0] and right.ravel().tolist() == [0, 0, 0, 0, 1, 1]
 
 
-# ---- what must be refused ------------------------------------------------------------------------
+# ---- rejected input ------------------------------------------------------------------------------
 
 
-def test_ct_must_be_there_complete_and_in_hu(nifti, tmp_path):
+def test_ct_must_exist_and_be_complete_and_in_hu(nifti, tmp_path):
     hu = object_hu()
     refuse({**nifti, "image": str(tmp_path / "no.nii.gz")}, "no.nii.gz: no such file")
     refuse({**nifti, "image": str(tmp_path / "nowhere")}, "nowhere: no such CT")
@@ -299,12 +299,12 @@ def _unplaced(s):
         (_unplaced, "has no ImagePositionPatient"),
     ],
 )
-def test_doubtful_series_is_refused(spoil, match, slices, nifti, tmp_path):
+def test_doubtful_series_is_rejected(spoil, match, slices, nifti, tmp_path):
     spoil(slices)
     refuse({**nifti, "image": write_series(slices, tmp_path / "dicom")}, match)
 
 
-def test_broken_slice_and_empty_folder_are_refused(slices, nifti, tmp_path):
+def test_broken_slice_and_empty_folder_are_rejected(slices, nifti, tmp_path):
     folder = Path(write_series(slices, tmp_path / "dicom"))
     whole = (folder / "003.dcm").read_bytes()
     (folder / "003.dcm").write_bytes(whole[: len(whole) // 2])
@@ -325,7 +325,7 @@ def test_broken_slice_and_empty_folder_are_refused(slices, nifti, tmp_path):
         ({"label": 3, "parts": 0}, "rois.0.parts: 0 is less than the minimum of 1"),
         ({"label": 3, "parts": 2.0}, "rois.0.parts: 2.0 is not a whole number to YAML; write 2"),
         ({"label": 3, "parts": 60}, "ROI bright_[0-9]+ (is lost between|fills no voxel)"),
-        ({"label": 3, "colour": "red"}, "unknown key 'colour' in rois.0; known keys: name, tissue_class"),
+        ({"label": 3, "color": "red"}, "unknown key 'color' in rois.0; known keys: name, tissue_class"),
         ({"label": 3, "name": "dark"}, "the name dark is given twice"),
         ({"label": 3, "name": "DARK"}, "the names DARK and dark differ only in case; rename one of them"),
         ({"label": 3, "name": "a-b"}, "rois.0.name: 'a-b' must be of letters"),
@@ -333,17 +333,17 @@ def test_broken_slice_and_empty_folder_are_refused(slices, nifti, tmp_path):
         ({"file": "nowhere.nii.gz"}, "nowhere.nii.gz: no such file"),
     ],
 )
-def test_bad_roi_entry_is_refused(change, match, nifti):
+def test_bad_roi_entry_is_rejected(change, match, nifti):
     nifti["rois"][0] = {**roi(), **change}
     refuse(nifti, match)
 
 
-def test_names_of_parts_may_not_meet_other_names(nifti):
+def test_names_of_parts_must_differ_from_other_names(nifti):
     nifti["rois"] = [roi("a", label=3, parts=2), roi("a_2", label=7)]
     refuse(nifti, "the name a_2 is given twice")
 
 
-def test_bad_settings_are_refused(nifti):
+def test_bad_settings_are_rejected(nifti):
     refuse({**nifti, "scale": 2}, "phantom: ct: unknown key 'scale'")
     refuse({k: v for k, v in nifti.items() if k != "image"}, "^phantom: ct: image is missing")
     refuse({**nifti, "rois": []}, "phantom: ct: rois: ")
@@ -355,7 +355,7 @@ def test_bad_settings_are_refused(nifti):
     refuse({**nifti, "keep_mm": [[900, 990], [0, 1]]}, "leaves nothing of the CT")
 
 
-def test_masks_on_another_grid_empty_or_fractional_are_refused(nifti, slices, tmp_path):
+def test_masks_on_another_grid_empty_or_fractional_are_rejected(nifti, slices, tmp_path):
     mask = ball("bright").astype(np.float32)
     shifted = Grid(CT_GRID.shape, CT_GRID.spacing, (CENTRE[0] + 1, *CENTRE[1:]))
     for other in (
@@ -375,7 +375,7 @@ def test_masks_on_another_grid_empty_or_fractional_are_refused(nifti, slices, tm
     refuse(nifti, "holds NaN")
 
 
-def test_bad_seg_and_rtstruct_are_refused(nifti, slices, tmp_path):
+def test_bad_seg_and_rtstruct_are_rejected(nifti, slices, tmp_path):
     series = write_series(slices, tmp_path / "dicom")
     seg, rt = write_seg(slices, tmp_path / "seg.dcm"), write_rtstruct(tmp_path / "rt.dcm")
 
@@ -410,7 +410,7 @@ def test_bad_seg_and_rtstruct_are_refused(nifti, slices, tmp_path):
     )
 
 
-def test_roi_outside_the_grid_is_refused(nifti):
+def test_roi_outside_the_grid_is_rejected(nifti):
     nifti["rois"] = [roi(label=3)]
     refuse(
         {**nifti, "centre_mm": [CENTRE[0], CENTRE[1], CENTRE[2] - 16]},
@@ -419,15 +419,15 @@ def test_roi_outside_the_grid_is_refused(nifti):
     )
 
 
-def test_roi_too_small_for_the_grid_is_refused(nifti, tmp_path):
+def test_roi_too_small_for_the_grid_is_rejected(nifti, tmp_path):
     dot = np.zeros(CT_GRID.shape, np.uint8)
     dot[7, 20, 24] = 1
     nifti["rois"] = [roi(file=write_nifti_array(dot, tmp_path / "dot.nii.gz"))]
     refuse(nifti, "ROI bright fills no voxel of the grid by half", Grid((7, 20, 24), (6.0, 4.0, 4.0)))
 
 
-def test_roi_that_the_grid_cuts_is_refused_with_the_share(nifti):
-    """The share is that of the volume: the border passes through voxels, too."""
+def test_roi_that_the_grid_cuts_is_rejected_with_the_share(nifti):
+    """The share refers to the volume: the border passes through voxels."""
     nifti["rois"] = [roi(label=3)]
     z = CT_GRID.axes_mm()[0]
     for top in (13.5, 12.0, 10.0):
@@ -440,7 +440,7 @@ def test_roi_that_the_grid_cuts_is_refused_with_the_share(nifti):
     ct.load_phantom({**nifti, "centre_mm": [*CENTRE[:2], CENTRE[2] - 6]}, GRID, 1)  # its last slice ends at 15 mm
 
 
-def test_roi_that_keep_mm_cuts_is_refused_with_the_share(nifti):
+def test_roi_that_keep_mm_cuts_is_rejected_with_the_share(nifti):
     nifti["rois"] = [roi(label=3)]
     x = CT_GRID.axes_mm()[2]
     beyond = ball("bright") & (x > 20)
@@ -451,8 +451,8 @@ def test_roi_that_keep_mm_cuts_is_refused_with_the_share(nifti):
     ct.load_phantom({**nifti, "keep_mm": keep}, GRID, 1)
 
 
-def test_a_part_is_refused_where_the_whole_would_pass(nifti, tmp_path):
-    """Cut away: three voxels at the end of a bar, under 1 % of the bar and over 1 % of its last part."""
+def test_part_is_rejected_although_the_whole_would_pass(nifti, tmp_path):
+    """Three voxels at the end of a bar are cut off: under 1 % of the bar, and over 1 % of its last part."""
     bar = np.zeros(CT_GRID.shape, np.uint8)
     bar[5:9, 18:22, 6:42] = 1
     bar[5, 18:21, 42] = 1
@@ -471,7 +471,7 @@ def test_roi_that_ends_with_the_ct_is_not_cut_by_the_grid(nifti, tmp_path):
     assert loaded.mask.sum() == column.sum()
 
 
-def test_labels_of_the_file_stand_beside_our_own_numbers(nifti, tmp_path):
+def test_labels_of_the_file_are_listed_with_their_numbers(nifti, tmp_path):
     labels = 7 * ball("bright").astype(np.uint8) + 4 * ball("dark").astype(np.uint8)
     file = write_nifti_array(labels, tmp_path / "labels.nii.gz")
     rois = [{"name": "b", "tissue_class": "x", "file": file, "label": 7, "parts": 2}]
@@ -481,7 +481,7 @@ def test_labels_of_the_file_stand_beside_our_own_numbers(nifti, tmp_path):
     table = pd.read_csv(tmp_path / "phantom" / "rois.csv")
     assert list(table["roi"]) == ["b_1", "b_2", "d"] and list(table["label"]) == [1, 2, 3]
     assert list(table["label_in_file"]) == [7, 7, 4]
-    # A recording's ROIs are those of the phantom, and one may come from a file without labels.
+    # ROIs of a recording are those of the phantom and may come from a file without labels.
     again = read_rois(tmp_path / "phantom" / "rois.csv", made.image.grid)
     assert [(roi.name, roi.label_in_file) for roi in again] == [("b_1", "7"), ("b_2", "7"), ("d", "4")]
     write_rois([*again[1:], replace(again[0], name="whole", label_in_file=None)], made.image, tmp_path / "recording")

@@ -1,4 +1,4 @@
-"""The phantom's masks, as later stages read them."""
+"""Masks of the phantom, as later stages read them."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from virtual_phantom.io import files
 from virtual_phantom.io.volumes import Volume, write_nifti
 
 
-def test_masks_are_read_beside_their_table_and_must_lie_on_the_images_grid(tmp_path):
+def test_masks_are_read_with_their_table_and_must_lie_on_the_images_grid(tmp_path):
     grid = Grid((4, 5, 6), (2.0, 1.0, 1.0))
     mask = np.zeros((4, 5, 6), np.uint8)
     mask[1, 2:4, 3] = 1

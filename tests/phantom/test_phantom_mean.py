@@ -1,4 +1,4 @@
-"""The mean of repeated scans as the phantom: what it is, and which scans are refused."""
+"""Mean of repeated scans as the phantom: its properties, and rejected scans."""
 
 from dataclasses import replace
 
@@ -18,12 +18,12 @@ NAMES = ("811", "812", "813", "814")
 
 
 def soft(distance_mm):
-    """How much of a point spread function of 1 mm SD at a surface lies within, as a logistic that is alike."""
+    """Share of a point spread function of 1 mm SD inside of a surface, as a similar logistic function."""
     return 1 / (1 + np.exp(np.clip(-distance_mm / 0.6, -50, 50)))
 
 
 def body(shift_mm=(0.0, 0.0, 0.0), turn_deg=0.0):
-    """An ellipsoid with a rod in it, moved: points are moved back, so that nothing is interpolated."""
+    """Ellipsoid with a rod, moved; points are moved back, so that nothing is interpolated."""
     z, y, x = np.meshgrid(*GRID.axes_mm(), indexing="ij")
     x, y, z = x - shift_mm[0], y - shift_mm[1], z - shift_mm[2]
     angle = np.radians(turn_deg)
@@ -34,7 +34,7 @@ def body(shift_mm=(0.0, 0.0, 0.0), turn_deg=0.0):
 
 
 def table():
-    """A shell of 3 mm under it, from side to side."""
+    """A shell 3 mm below the object, from side to side."""
     _, y, x = np.ix_(*GRID.axes_mm())
     return 0 * GRID.axes_mm()[0][:, None, None] + np.where(np.abs(y + 37 - 0.002 * x**2) < 1.5, 200.0, -1000.0)
 
@@ -56,18 +56,18 @@ def masks():
 @pytest.mark.parametrize(
     "shift_mm, turn_deg", [((0.1, -0.05, 0.15), 0.0), ((0.0, 0.0, 0.0), 0.2), ((0.02, 0.3, -0.1), -0.1)]
 )
-def test_a_small_motion_is_found_beside_noise(shift_mm, turn_deg):
+def test_small_motion_is_found_in_noise(shift_mm, turn_deg):
     inside = np.any(list(masks().values()), axis=0)
     reference = scan(2)
-    # The table that it lies on stays where it is.
+    # The table stays at its position.
     within = object_mask(reference, inside)
     found = displacement(scan(1, shift_mm=shift_mm, turn_deg=turn_deg), reference, within)
-    # The noise of 18 HU leaves some hundredths of a millimetre and of a degree.
+    # The noise of 18 HU leaves errors of some hundredths of a millimeter and of a degree.
     np.testing.assert_allclose(found.shift_mm, shift_mm, atol=0.03)
     np.testing.assert_allclose(found.turn_deg, (0, 0, turn_deg), atol=0.05)
 
 
-def test_a_large_motion_is_no_small_one():
+def test_large_motion_is_measured():
     assert displacement(scan(1), scan(2)).largest_mm < 0.15
     for shift_mm in ((3.0, 0.0, 0.0), (0.0, -8.0, 0.0), (0.0, 0.0, 20.0)):
         assert displacement(scan(1, shift_mm=shift_mm), scan(2)).largest_mm > 1
@@ -75,17 +75,17 @@ def test_a_large_motion_is_no_small_one():
     assert displacement(nothing, nothing) is None
 
 
-def test_a_table_is_no_part_of_the_object():
+def test_table_is_not_part_of_the_object():
     inside = np.any(list(masks().values()), axis=0)
-    kept = object_mask(Volume((np.maximum(body(), table())).astype(np.float32), GRID), inside)
-    assert kept[body() > -300].all()
+    stored = object_mask(Volume((np.maximum(body(), table())).astype(np.float32), GRID), inside)
+    assert stored[body() > -300].all()
     alone = (table() > 0) & (body() < -900)
-    # What lies right under the object is within its rim.
-    assert kept[alone].mean() < 0.15
+    # Voxels directly below the object are within its rim.
+    assert stored[alone].mean() < 0.15
 
 
 def write(folder, names=NAMES, image_of=lambda scan_: scan(scan_.acquisition), masks_of=lambda scan_: masks()):
-    """Scans on disk as they are fetched."""
+    """Write scans in the folders that fetching makes."""
     written = []
     for one in public_files.listed(*names):
         slices = public_files.ct_slices(one, image_of(one))
@@ -98,7 +98,7 @@ def write(folder, names=NAMES, image_of=lambda scan_: scan(scan_.acquisition), m
     return written
 
 
-def test_the_mean_has_less_noise_no_table_and_the_regions_by_name(tmp_path):
+def test_mean_has_less_noise_no_table_and_the_regions_by_name(tmp_path):
     regions = ("cyst2", "normal1")
     mean = average_scans(write(tmp_path), regions, height_mm=8.0)
     place = [
@@ -120,7 +120,7 @@ def test_the_mean_has_less_noise_no_table_and_the_regions_by_name(tmp_path):
     assert mean.spectra.noise[mean.spectra.noise > 0].mean() == pytest.approx(power, rel=0.2)
     for number, name in enumerate(regions, start=1):
         np.testing.assert_array_equal(mean.labels == number, masks()[name][part])
-    # 8 mm and 5 mm of spare on both sides, around the middle of slices 10 to 17
+    # 8 mm and 5 mm of margin on both sides, around the middle of slices 10 to 17
     assert mean.image.grid.shape[0] == 8 and part[0] == slice(10, 18)
     assert (mean.image.array[:, 0] == -1000).any() and mean.image.array.min() >= -1100
     assert [row["scan"] for row in mean.rows] == list(NAMES)
@@ -128,7 +128,7 @@ def test_the_mean_has_less_noise_no_table_and_the_regions_by_name(tmp_path):
 
 
 @pytest.mark.parametrize("wrong", ["moved", "region", "name", "grid", "one", "empty"])
-def test_scans_that_cannot_be_averaged_are_refused(tmp_path, wrong):
+def test_scans_that_cannot_be_averaged_are_rejected(tmp_path, wrong):
     regions = ("cyst2", "normal1")
 
     def image_of(one):
@@ -148,7 +148,7 @@ def test_scans_that_cannot_be_averaged_are_refused(tmp_path, wrong):
         regions = ("cyst2", "spleen")
     if wrong == "one":
         scans = scans[:1]
-    said = {
+    text = {
         "moved": r"813/ct: the object is displaced by up to 1\.\d mm relative to .*811/ct",
         "region": r"813/seg.dcm: region cyst2 differs from most of the scans in position",
         "name": r"811/seg.dcm: .*there are: .*cyst1",
@@ -158,6 +158,6 @@ def test_scans_that_cannot_be_averaged_are_refused(tmp_path, wrong):
     }[wrong]
     if wrong == "empty":
         scans = write(tmp_path / "b", image_of=lambda _: Volume(np.full(GRID.shape, -1000, np.float32), GRID))
-    with pytest.raises(InputError, match=said) as error:
+    with pytest.raises(InputError, match=text) as error:
         average_scans(scans, regions, height_mm=8.0)
     assert "\n" not in str(error.value)

@@ -1,4 +1,4 @@
-"""Coverage against the volumes of solids, and the property that keeps it exact."""
+"""Volume fractions of shapes against the volumes of solids, and the distance bound behind them."""
 
 import math
 
@@ -28,7 +28,7 @@ def test_ellipsoid_has_its_volume(centre, axes, turn):
     assert volume_mm3(Ellipsoid(centre, axes, turn)) == pytest.approx(expected, rel=0.01)
 
 
-def test_sphere_between_voxels_keeps_its_volume_and_is_grey_at_the_edge():
+def test_sphere_between_voxels_keeps_its_volume_and_is_gray_at_the_edge():
     shares = coverage(Ellipsoid((0.4, 0.3, 0.2), (3, 3, 3)), GRID.axes_mm(), GRID.spacing, subdivisions=8)
     assert shares.sum() * GRID.voxel_volume_mm3 == pytest.approx(113.097, rel=0.005)
     assert ((shares > 0.05) & (shares < 0.95)).sum() > 10
@@ -46,7 +46,7 @@ def test_tapered_tube_is_the_hull_of_its_end_spheres_to_first_order():
     assert volume_mm3(tube) == pytest.approx(frustum + 2 / 3 * math.pi * (64 + 8), rel=0.03)
 
 
-def test_column_fills_every_slice_alike():
+def test_column_fills_every_slice_equally():
     shares = coverage(Ellipsoid((0, 0, 0), (9, 7, math.inf)), GRID.axes_mm(), GRID.spacing)
     areas = shares.sum(axis=(1, 2)) * 1.7 * 1.3
     assert areas == pytest.approx(np.full(24, math.pi * 63), rel=0.01)
@@ -66,8 +66,8 @@ def test_superellipse_has_its_area():
     p=st.tuples(*[st.floats(-20, 20)] * 3),
     q=st.tuples(*[st.floats(-20, 20)] * 3),
 )
-def test_level_never_overstates_distance(axes, n, p, q):
-    """The level changes by no more than the way walked: so its magnitude is a lower bound of the distance."""
+def test_level_never_exceeds_the_distance(axes, n, p, q):
+    """The level changes by no more than the distance moved: its magnitude is a lower bound of the distance."""
     for shape in (
         Ellipsoid((1, 2, 3), axes, 30, n),
         Tube(((0, 0, -5), (1, 4, 5)), (axes[0] / 3, axes[1] / 3)),
@@ -81,7 +81,7 @@ def test_rotation_is_counterclockwise_seen_from_above():
     assert shape.level(0, 5, 5) < 0 < shape.level(0, -5, 5)
 
 
-def test_window_misses_nothing():
+def test_window_contains_the_whole_shape():
     shape = Ellipsoid((3, -4, 5), (5, 9, 4), 25)
     whole = coverage(shape, GRID.axes_mm(), GRID.spacing)
     box = window(shape, GRID.axes_mm(), GRID.spacing)
@@ -92,7 +92,7 @@ def test_window_misses_nothing():
 
 def test_fade_rises_from_surface_to_width():
     weight = fade(Ellipsoid((0, 0, 0), (10, 10, 10)), tuple(np.array([v]) for v in (0.0, 0.0, 7.5)), 5)
-    assert weight.item() == pytest.approx(0.5)  # half-way: a smooth step is symmetrical
+    assert weight.item() == pytest.approx(0.5)  # halfway: a smooth step is symmetric
 
 
 @pytest.mark.parametrize(
@@ -105,6 +105,6 @@ def test_fade_rises_from_surface_to_width():
         lambda: Tube(((0, 0, 0), (1, 1, 1)), (1,)),
     ],
 )
-def test_impossible_shapes_are_refused(make):
+def test_impossible_shapes_are_rejected(make):
     with pytest.raises(ValueError):
         make()

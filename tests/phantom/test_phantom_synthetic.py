@@ -1,4 +1,4 @@
-"""The built phantom against the measurements of the printed one."""
+"""The synthetic phantom against the measurements of the printed one."""
 
 import copy
 from pathlib import Path
@@ -19,8 +19,8 @@ MIDDLE = Grid((48, 128, 128), (2.0, 2.35, 2.35))  # the default study's grid
 COARSE = Grid((12, 48, 48), (8.0, 6.3, 6.3))
 SEED = np.random.SeedSequence(1, spawn_key=(0,))
 
-# Printed phantom: centre mm (x, y, z), widths mm (x, y), volume mm3, HU; worked by hand from the tables that
-# phantom.yaml cites. test_layout_agrees_with_the_tables works them out again.
+# Printed phantom: center mm (x, y, z), widths mm (x, y), volume mm3, HU, computed by hand from the tables that
+# phantom.yaml cites. test_layout_agrees_with_the_tables computes them again.
 PRINTED = {
     "normal_1": ((68.68, 18.44, 16), (16.41, 28.03), 3905, 98),
     "normal_2": ((73.42, -16.95, -6), (22.56, 28.71), 2453, 86),
@@ -38,7 +38,7 @@ def phantom():
 
 @pytest.fixture
 def small():
-    """A layout that builds in no time: one body, one textured ball, one plain ball."""
+    """Small layout that is fast to build: one body, one textured ball, one plain ball."""
     return {
         "tissues": {
             "body": {"hu": 0},
@@ -65,7 +65,7 @@ def small():
 SMALL_GRID = Grid((16, 36, 48), (2.0, 2.0, 2.0))
 
 
-def test_rois_are_where_as_large_and_as_bright_as_the_printed_ones(phantom):
+def test_rois_have_position_size_and_hu_of_the_printed_phantom(phantom):
     assert [roi.name for roi in phantom.rois] == list(PRINTED)
     z, y, x = MIDDLE.axes_mm()
     for roi in phantom.rois:
@@ -78,10 +78,10 @@ def test_rois_are_where_as_large_and_as_bright_as_the_printed_ones(phantom):
         assert phantom.image.array[roi.mask].mean() == pytest.approx(hu, abs=1.0)
 
 
-def test_classes_differ_in_texture_as_the_printed_ones_do(phantom):
+def test_texture_differs_between_classes_as_in_the_printed_phantom(phantom):
     values = {roi.name: phantom.image.array[roi.mask] for roi in phantom.rois}
     sd = {name: float(v.std()) for name, v in values.items()}
-    # order of the measured variances (518, 420, 326, 251, cysts) and most of the texture kept by the voxels
+    # order of the measured variances (518, 420, 326, 251, cysts); voxels keep most of the texture
     assert sd["hemangioma"] > sd["normal_1"] > sd["metastasis"] > sd["normal_2"] > sd["cyst_1"] + 2
     assert sd["hemangioma"] > 0.7 * np.sqrt(518 - 203)
     assert sd["metastasis"] > 0.7 * np.sqrt(326 - 203)
@@ -89,7 +89,7 @@ def test_classes_differ_in_texture_as_the_printed_ones_do(phantom):
 
 
 def test_rois_are_well_inside_their_lesions(phantom):
-    """No voxel of a cyst's ROI holds any of the brighter tissue around it."""
+    """No voxel of a cyst's ROI contains any of the brighter tissue around it."""
     for roi in phantom.rois:
         if roi.tissue_class == "cyst":
             assert np.ptp(phantom.image.array[roi.mask]) < 0.01
@@ -103,7 +103,7 @@ def test_body_is_an_abdominal_section_in_air(phantom):
     assert np.ptp(y[body.any(axis=1)]) == pytest.approx(210, abs=5)
     assert image[:, 0].max() == image[:, -1].max() == -1000
     at = lambda px, py: image[24, np.abs(y - py).argmin(), np.abs(x - px).argmin()]  # noqa: E731
-    assert at(0, -65) == pytest.approx(31, abs=3)  # spinal canal, behind
+    assert at(0, -65) == pytest.approx(31, abs=3)  # spinal canal, posterior
     assert at(-13, -15) == pytest.approx(152, abs=3)  # aorta, on the left
     assert (image < -900).any(axis=(1, 2))[20]  # stomach gas
 
@@ -150,11 +150,13 @@ def test_layout_agrees_with_the_tables():
     for name in ("hemangioma", "metastasis", "normal_1", "normal_2"):
         (texture,) = tissues[layout[name]["tissue"]]["texture"]
         total = variance[edge_names[name]]
-        own = total - noise
-        assert texture["sd_hu"] == pytest.approx(np.sqrt(own), abs=0.1)
-        if name == "normal_2":  # too near the noise: shape taken from the other
+        texture_variance = total - noise
+        assert texture["sd_hu"] == pytest.approx(np.sqrt(texture_variance), abs=0.1)
+        if name == "normal_2":  # close to the noise: shape from the other lesion
             continue
-        assert texture["skewness"] == pytest.approx(skewness[edge_names[name]] * (total / own) ** 1.5, abs=0.1)
+        assert texture["skewness"] == pytest.approx(
+            skewness[edge_names[name]] * (total / texture_variance) ** 1.5, abs=0.1
+        )
         covariance = correlation[edge_names[name]] * (total + 25**2 / 12) - noise_covariance
         length = np.sqrt(-1.2 / (2 * np.log(covariance / (total - variance["cyst_large"]))))
         assert texture["correlation_mm"] == pytest.approx(length, abs=0.25)
@@ -177,8 +179,8 @@ def test_image_is_the_block_mean_and_oversampling_shows_the_same_phantom(small):
     assert np.corrcoef(once.image.array[inside], thrice.image.array[inside])[0, 1] > 0.98
 
 
-def test_texture_stays_in_place_when_the_grid_changes(small):
-    """Voxels of 2 mm seen through voxels of 4 mm: the same bright and dark spots."""
+def test_texture_keeps_its_position_when_the_grid_changes(small):
+    """Voxels of 2 mm averaged to 4 mm: the same bright and dark spots."""
     fine = synthetic.build(small, SMALL_GRID, 2, SEED)
     coarse = synthetic.build(small, Grid((8, 18, 24), (4.0, 4.0, 4.0)), 4, SEED)
     roi = coarse.rois[1].mask
@@ -193,18 +195,18 @@ def test_partial_volume_is_the_share_of_the_ball(small):
     assert excess == pytest.approx(4 / 3 * np.pi * 12**3, rel=0.01)
 
 
-def test_equal_seeds_equal_phantoms(small):
+def test_equal_seeds_give_equal_phantoms(small):
     a, b, other = (synthetic.build(small, SMALL_GRID, 2, np.random.SeedSequence(s, spawn_key=(0,))) for s in (5, 5, 6))
     np.testing.assert_array_equal(a.fine.array, b.fine.array)
     assert not np.array_equal(a.fine.array, other.fine.array)
     assert a.image.array[a.rois[1].mask].mean() == pytest.approx(other.image.array[a.rois[1].mask].mean(), abs=0.5)
 
 
-def test_seed_is_not_used_up(small):
+def test_seed_is_not_modified(small):
     np.testing.assert_array_equal(*(synthetic.build(small, SMALL_GRID, 1, SEED).fine.array for _ in range(2)))
 
 
-def test_mirrored_shapes_are_symmetrical(small):
+def test_mirrored_shapes_are_symmetric(small):
     small["shapes"].append(
         {
             "kind": "tube",
@@ -219,7 +221,7 @@ def test_mirrored_shapes_are_symmetrical(small):
     np.testing.assert_allclose(image, image[:, :, ::-1], atol=1e-3)
 
 
-def test_save_writes_what_the_other_stages_read(small, tmp_path):
+def test_saved_phantom_is_complete_for_later_stages(small, tmp_path):
     phantom = synthetic.build(small, SMALL_GRID, 2, SEED)
     write_phantom(phantom, tmp_path)
     table = pd.read_csv(tmp_path / "rois.csv")
@@ -249,7 +251,7 @@ def refuse(layout, match, grid=SMALL_GRID):
 @pytest.mark.parametrize(
     ("path", "value", "match"),
     [
-        (("tissues", "plain", "colour"), "red", "tissues: plain: unknown key colour"),
+        (("tissues", "plain", "color"), "red", "tissues: plain: unknown key color"),
         (("tissues", "rough", "texture", 0, "sd_hu"), -1, "tissues: rough: a texture needs sd_hu >= 0"),
         (("tissues", "plain", "hu"), None, "tissues: plain"),
         (("shapes", 0, "kind"), "cube", "shapes: 1: kind 'cube' must be one of ellipsoid, column, tube, arc"),
@@ -274,14 +276,14 @@ def test_bad_layout_is_one_line(small, path, value, match):
     refuse(layout, match)
 
 
-def test_body_outside_the_grid_is_refused(small):
+def test_body_outside_of_the_grid_is_rejected(small):
     message = (
         r"needs 60 mm along y and 80 mm along x, .* spans 72 and 48 mm; set grid.shape to at least \[16, 36, 40\] "
     )
     refuse(small, message + r"\(z, y, x\)", Grid((16, 36, 24), (2.0, 2.0, 2.0)))
 
 
-def test_roi_that_falls_between_coarse_voxels_is_named(small):
+def test_roi_between_coarse_voxels_is_named(small):
     refuse(small, "ROI plain covers no voxel by half", Grid((2, 4, 4), (30.0, 30.0, 30.0)))
 
 

@@ -1,4 +1,4 @@
-"""Random fields against the moments and autocorrelation they are defined by."""
+"""Random fields against the moments and autocorrelation of their definition."""
 
 import numpy as np
 import pytest
@@ -33,13 +33,13 @@ def test_point_transform_gives_skewness(skewness):
     assert kurtosis(values.ravel()) > 0.2
 
 
-def test_lognormal_shape_meets_a_tabulated_value():
+def test_lognormal_shape_has_a_tabulated_skewness():
     # the standard lognormal (s = 1) has skewness (e + 2) sqrt(e - 1) = 6.1849; s = 0.5 has 1.7502
     assert lognormal_shape(1.7502) == pytest.approx(0.5, abs=1e-4)
     assert lognormal_shape(0.0) == 0.0
 
 
-def test_same_place_same_value_on_any_axes():
+def test_same_position_has_the_same_value_on_any_axes():
     texture = Texture((Component(10, 2, 1), Component(5, 4)), "liver", SEED)
     coarse, fine = np.arange(-30, 30, 3.0), np.arange(-30, 30, 0.75)
     np.testing.assert_allclose(
@@ -52,7 +52,7 @@ def test_same_place_same_value_on_any_axes():
     )
 
 
-def test_each_name_has_its_own_stream_whatever_the_order():
+def test_each_name_has_its_own_stream_in_any_order():
     draw = lambda s: np.random.default_rng(s).random()  # noqa: E731
     assert draw(streams.named(SEED, "liver", 0)) == draw(streams.named(SEED, "liver", 0))
     draws = {draw(streams.named(SEED, *names)) for names in (("liver", 0), ("liver", 1), ("spleen", 0))}
@@ -72,6 +72,6 @@ def test_conditioning_gives_a_small_region_its_mean_and_sd_at_every_seed(seed):
 
 
 @pytest.mark.parametrize("arguments", [(-1, 2), (1, 0), (1, 2, 9)])
-def test_impossible_components_are_refused(arguments):
+def test_impossible_components_are_rejected(arguments):
     with pytest.raises(ValueError):
         Component(*arguments)

@@ -1,4 +1,4 @@
-"""CTs that are in HU and mm pass; what looks like one and is not is refused with the right advice."""
+"""CTs in HU and mm pass; similar images in other units are rejected with suitable advice."""
 
 import re
 
@@ -16,7 +16,7 @@ Z, Y, X = np.meshgrid(*GRID.axes_mm(), indexing="ij")
 OUTLINE = (X / 160) ** 2 + (Y / 110) ** 2 < 1
 OUTSIDE_VIEW = np.hypot(X, Y) > 190
 MU_WATER = 0.02  # per mm
-INNER = (slice(None), slice(22, 42), slice(22, 42))  # within the body, with its bone
+INNER = (slice(None), slice(22, 42), slice(22, 42))  # within the body, including bone
 
 
 def chest(noise=10.0, lowest=-1024, lungs=False, seed=0):
@@ -46,7 +46,7 @@ def noisy(hu, sd=15.0):
 
 
 def magnitudes(signal, sd=15.0):
-    """Rician noise, as images of magnitudes have it."""
+    """Rician noise, as in magnitude images."""
     real, imaginary = np.random.default_rng(2).normal(0, sd, (2, *signal.shape))
     return np.hypot(signal + real, imaginary)
 
@@ -152,12 +152,12 @@ SIZES = {
 
 
 @pytest.mark.parametrize("name", RIGHT)
-def test_a_ct_in_hu_passes(name):
+def test_ct_in_hu_passes(name):
     assert found(RIGHT[name]()) == ()
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_not_in_hu_is_refused_with_the_right_advice(name):
+def test_values_other_than_hu_are_rejected_with_suitable_advice(name):
     make, check, advice = WRONG[name]
     array = make()
     (line,) = [one for one in found(array) if f"not_checked: [{check}]" in one]
@@ -167,7 +167,7 @@ def test_what_is_not_in_hu_is_refused_with_the_right_advice(name):
 
 
 @pytest.mark.parametrize("name", SIZES)
-def test_lengths_that_are_not_in_mm_are_refused(name):
+def test_lengths_other_than_mm_are_rejected(name):
     grid, advice = SIZES[name]
     (line,) = found(chest(), grid)
     assert re.search(advice, line) and line.endswith("(if it is right: not_checked: [size])")
@@ -194,12 +194,12 @@ def test_voxels_of_1_mm_with_their_position_pass():
     assert found(fine, Grid(fine.shape, (1.0, 1.0, 1.0), (5.0, 0.0, 0.0))) == ()
 
 
-def test_a_crop_without_air_may_be_small():
+def test_crop_without_air_may_be_small():
     assert found(chest()[INNER], Grid((10, 20, 20), (1.0, 1.0, 1.0), (3.0, 0.0, 0.0))) == ()
 
 
 @pytest.mark.parametrize("unit", ["meter", "micron"])
-def test_a_header_in_other_units_is_refused_and_can_be_overruled(unit, tmp_path):
+def test_header_in_other_units_is_rejected_and_can_be_overruled(unit, tmp_path):
     image = nibabel.Nifti1Image(chest().T.astype(np.int16), GRID.affine)
     image.header.set_xyzt_units(unit)
     nibabel.save(image, tmp_path / "ct.nii")
@@ -208,6 +208,6 @@ def test_a_header_in_other_units_is_refused_and_can_be_overruled(unit, tmp_path)
     assert read_hu(tmp_path / "ct.nii", ["size"]).grid.matches(GRID)
 
 
-def test_all_that_is_wrong_is_said_at_once():
+def test_all_errors_are_reported_together():
     lines = found(np.minimum(chest() + 300, 400), SIZES["cm"][0])
     assert [line[line.rindex("[") :] for line in lines] == ["[hu])", "[window])", "[size])"]

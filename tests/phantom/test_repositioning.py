@@ -1,4 +1,4 @@
-"""A phantom that is laid down anew: its image and its regions lie where the pose says."""
+"""Re-positioned phantom: its image and regions follow the pose."""
 
 import nibabel
 import numpy as np
@@ -33,7 +33,7 @@ SENSOR = {"material": "caesium_iodide", "reads": "energy"}
 
 
 def placed(pose):
-    """Where the ball's centre lies: turned from +x to +y, and then shifted."""
+    """Center of the ball: rotated from +x to +y, then shifted."""
     turn = np.deg2rad(pose.turn_deg)
     x, y, z = PLACE
     turned = [x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn), z]
@@ -60,7 +60,7 @@ def phantom():
 
 
 @pytest.mark.parametrize("geometry", SCANS.values(), ids=SCANS.keys())
-def test_the_image_of_a_moved_ball_lies_where_it_was_moved(phantom, geometry):
+def test_image_of_a_moved_ball_follows_the_pose(phantom, geometry):
     lines = clean_line_integrals(phantom, geometry, MU, pose=POSE)
     image = fbp(CpuProjector(geometry, GRID), lines[None])[0]
     z, y, x = np.meshgrid(*GRID.axes_mm(), indexing="ij")
@@ -68,8 +68,8 @@ def test_the_image_of_a_moved_ball_lies_where_it_was_moved(phantom, geometry):
     assert centre_of_mass(np.where(near, image, 0), GRID) == pytest.approx(placed(POSE), abs=0.1)
 
 
-def test_physics_sees_it_there_too(phantom):
-    """Line integrals of a beam of one energy, by the chain: those of the baseline but for the scale of the material."""
+def test_line_integrals_follow_the_pose(phantom):
+    """Monochromatic line integrals by the chain equal those of the baseline, except for the scale of the material."""
     geometry = SCANS["circle"]
     settings = {"mu_water_per_mm": MU, "materials": MATERIALS, "sensor": SENSOR}
     baseline, _ = project_phantom(phantom, geometry, {}, pose=POSE, **settings)
@@ -78,13 +78,13 @@ def test_physics_sees_it_there_too(phantom):
     assert chain[inside] / baseline[inside] == pytest.approx(np.median(chain[inside] / baseline[inside]), rel=1e-3)
 
 
-def test_a_phantom_that_is_moved_out_of_the_fan_is_refused(phantom):
+def test_phantom_outside_of_the_fan_is_rejected(phantom):
     with pytest.raises(InputError, match="the phantom reaches"):
         clean_line_integrals(phantom, SCANS["circle"], MU, pose=Pose(x_mm=60))
 
 
-def test_regions_of_the_layout_follow():
-    """Each ellipsoid's centre, turned and shifted; a turn about the axis keeps its volume."""
+def test_regions_of_the_layout_follow_the_pose():
+    """Center of each ellipsoid, rotated and shifted; a rotation about the axis keeps its volume."""
     grid, layout = Grid((64, 150, 210), (1.4, 1.4, 1.4)), read_layout()
     for roi, entry in zip(synthetic.rois(layout, grid, root(1), POSE), layout["rois"], strict=True):
         x, y, z = entry["centre_mm"]
@@ -95,14 +95,17 @@ def test_regions_of_the_layout_follow():
         assert roi.mask.sum() * grid.voxel_volume_mm3 == pytest.approx(entry["volume_mm3"], rel=0.05), roi.name
 
 
-def test_regions_of_a_ct_follow(tmp_path):
-    """A CT whose isocentre lies anywhere in the world."""
+def test_regions_of_a_ct_follow_the_pose(tmp_path):
+    """A CT whose isocenter has any world position."""
     centre = (40.0, -70.0, 300.0)
-    own = Grid((30, 80, 80), (1.0, 1.0, 1.0), centre)
+    ct_grid = Grid((30, 80, 80), (1.0, 1.0, 1.0), centre)
     names = []
-    for name, array in (("ct", np.where(ball(own), 0, -1000).astype(np.int16)), ("ball", ball(own).astype(np.uint8))):
+    for name, array in (
+        ("ct", np.where(ball(ct_grid), 0, -1000).astype(np.int16)),
+        ("ball", ball(ct_grid).astype(np.uint8)),
+    ):
         names.append(str(tmp_path / f"{name}.nii.gz"))
-        nibabel.save(nibabel.Nifti1Image(array.T, own.affine), names[-1])
+        nibabel.save(nibabel.Nifti1Image(array.T, ct_grid.affine), names[-1])
     settings = {"image": names[0], "labels": names[1], "rois": [{"name": "ball", "tissue_class": "one", "label": 1}]}
     grid = Grid((24, 60, 60), (1.5, 1.4, 1.3), centre)
     still, moved = (ct.rois(settings, grid, *pose)[0].mask for pose in ((), (POSE,)))
@@ -110,17 +113,17 @@ def test_regions_of_a_ct_follow(tmp_path):
     assert centre_of_mass(moved, grid) == pytest.approx(placed(POSE), abs=0.1)
 
 
-def test_places_are_drawn_within_their_bounds_and_each_for_itself():
+def test_poses_are_independent_and_within_their_bounds():
     poses = [random_pose(2022, seed, 4.0, 2.0) for seed in range(200)]
     places = np.array([[pose.x_mm, pose.y_mm, pose.z_mm, 2 * pose.turn_deg] for pose in poses])
     assert len(np.unique(places, axis=0)) == 200 and np.abs(places).max() <= 4
-    # Evenly from -4 to 4: SD 8 / sqrt(12); of 200, its own error is some 3 %.
+    # Uniform from -4 to 4: SD 8 / sqrt(12), with an error of about 3 % for 200 values.
     assert places.std(axis=0) == pytest.approx(8 / np.sqrt(12), rel=0.12)
     assert np.abs(np.corrcoef(places.T) - np.eye(4)).max() < 0.25
     assert random_pose(2022, 7, 4.0, 2.0) == poses[7] != random_pose(2023, 7, 4.0, 2.0)
 
 
-def test_a_region_that_is_moved_to_the_border_is_told():
+def test_region_moved_to_the_border_is_reported():
     inside, outside = np.zeros((2, 4, 5, 6), bool)
     inside[1:3, 2, 2], outside[1:3, 2, 5] = True, True
     assert moved_to_border([inside, outside, outside], [inside, inside, outside]) == [1]

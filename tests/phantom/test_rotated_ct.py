@@ -1,4 +1,4 @@
-"""Regions drawn on a CT that is rotated by up to one degree, and read as upright: they keep their voxels."""
+"""Regions drawn on a CT that is rotated by up to one degree and read as upright: they keep their voxels."""
 
 import nibabel
 import numpy as np
@@ -40,9 +40,9 @@ def rotated_slices(turn):
 
 
 def affine_of(turn):
-    """From voxel (x, y, z), as the arrays of phantom_files run, to RAS mm."""
+    """Affine from voxel (x, y, z), in the order of the arrays of phantom_files, to RAS mm."""
     lps_affine = np.eye(4)
-    # x and y of the arrays run against columns and rows
+    # x and y of the arrays run opposite to columns and rows
     lps_affine[:3, :3] = turn.as_matrix() * SPACING * [-1, -1, 1]
     lps_affine[:3, 3] = position(turn, LAST[0], LAST[1], 0)
     return np.diag([-1, -1, 1, 1]) @ lps_affine
@@ -60,7 +60,7 @@ def outlines(mask, turn, flat=False):
     items = []
     for k, plane in enumerate(lps(mask)):
         for rows, columns in [np.nonzero(plane)] if plane.any() else []:
-            # around the columns of each row, half a voxel out
+            # around the columns of each row, half a voxel outside
             left = [(columns[rows == r].min() - 0.5, r + e) for r in np.unique(rows) for e in (-0.4, 0.4)]
             right = [(columns[rows == r].max() + 0.5, r + e) for r in np.unique(rows) for e in (-0.4, 0.4)]
             points = np.array([position(turn, x, y, k) for x, y in [*left, *right[::-1]]])
@@ -94,7 +94,7 @@ def test_masks_of_a_part_of_a_rotated_nifti_keep_their_voxels(name, tmp_path):
     assert np.array_equal(open_regions(part, grid).mask(1), mask)
 
 
-def test_a_mask_without_the_rotation_is_refused_where_it_lies_elsewhere(tmp_path):
+def test_mask_without_the_rotation_is_rejected(tmp_path):
     """0.9 degrees move the border of 200 voxels by 1.6 voxels."""
     affine, upright_affine = np.eye(4), np.eye(4)
     affine[:3, :3] = TURNS["about z"].as_matrix()
@@ -109,8 +109,8 @@ def test_a_mask_without_the_rotation_is_refused_where_it_lies_elsewhere(tmp_path
         open_regions(tmp_path / "upright.nii", grid)
 
 
-def test_files_that_drop_a_rotation_by_less_than_half_a_voxel_are_read(tmp_path):
-    """0.2 degrees move the border of slices of 8 mm by 0.014 mm, and their stack of 14 mm by 0.12 of a pixel."""
+def test_files_without_a_rotation_of_less_than_half_a_voxel_are_read(tmp_path):
+    """0.2 degrees move the border of slices of 8 mm by 0.014 mm, and the end of the stack of 14 mm by 0.12 pixels."""
     grid = read_series(write_series(rotated_slices(SMALL), tmp_path / "ct")).grid
     mask = nifti(ball("dark"), Rotation.identity(), tmp_path / "m.nii")
     assert np.array_equal(open_regions(mask, grid).mask(1), ball("dark"))

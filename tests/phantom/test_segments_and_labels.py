@@ -1,4 +1,4 @@
-"""DICOM SEG, label maps and masks in every form against the arrays that they were written from."""
+"""DICOM SEG, label maps and masks in every form, compared with the source arrays."""
 
 import gzip
 
@@ -33,20 +33,20 @@ def test_segments_of_every_type_and_order_are_placed_by_their_frames(kind, order
     path = segmentation(slices[order], tmp_path / "s.dcm", array, kind)
     regions = open_regions(path, CT_GRID)
     assert regions.list_regions() == {1: "bright", 2: "dark"}
-    kept = np.isin(np.arange(14), np.arange(14)[order])[:, None, None]
+    stored = np.isin(np.arange(14), np.arange(14)[order])[:, None, None]
     for n, name in enumerate(BALLS, 1):
         for label in (n, name, str(n)):
-            assert np.array_equal(regions.mask(label), ball(name) & kept)
+            assert np.array_equal(regions.mask(label), ball(name) & stored)
     assert ("FRACTIONAL; voxels of at least 0.5" in caplog.text) == (kind == "FRACTIONAL")
 
 
-def test_segments_may_overlap_and_probabilities_are_cut_at_half(slices, tmp_path):
+def test_segments_may_overlap_and_probabilities_are_thresholded_at_half(slices, tmp_path):
     z, y, x = np.ix_(*CT_GRID.axes_mm())
     distance = np.sqrt(z**2 + y**2 + x**2)
     soft = np.clip(1.5 - distance / 20, 0, 1).astype(np.float32)
     path = segmentation(slices, tmp_path / "s.dcm", stacked([soft, soft > 0.2]), "FRACTIONAL")
     regions = open_regions(path, CT_GRID)
-    levels = np.rint(soft * 255)  # as they are stored
+    levels = np.rint(soft * 255)  # as stored
     assert np.array_equal(regions.mask(1), levels >= 127.5)
     assert np.array_equal(regions.mask(2), soft > 0.2)
 
@@ -96,13 +96,13 @@ LISTED = r"; its segments: 1 \(bright\), 2 \(dark\)$"
         (lambda ds: setattr(ds, "PixelData", ds.PixelData[:40]), f"its pixels cannot be read .*{LISTED}"),
     ],
 )
-def test_a_seg_that_is_refused_says_what_is_missing_and_lists_its_segments(change, line, slices, tmp_path):
+def test_rejected_seg_reports_what_is_missing_and_lists_its_segments(change, line, slices, tmp_path):
     path = segmentation(slices, tmp_path / "s.dcm", stacked([ball(name) for name in BALLS]).astype(np.uint8))
     with pytest.raises(InputError, match=line):
         open_regions(changed(path, change), CT_GRID).mask(1)
 
 
-def test_frames_of_no_segment_and_repeated_frames_are_reported(slices, tmp_path, caplog):
+def test_frames_without_segment_and_repeated_frames_are_reported(slices, tmp_path, caplog):
     path = segmentation(slices, tmp_path / "s.dcm", stacked([ball(name) for name in BALLS]).astype(np.uint8))
 
     def change(dataset):
@@ -134,7 +134,7 @@ def test_frames_of_no_segment_and_repeated_frames_are_reported(slices, tmp_path,
         ((LABELS == 1) * np.float64(70_000) + (LABELS == 2) * 5, 70_000, None),
     ],
 )
-def test_labels_of_any_type_and_scale_are_whole(array, label, remark, tmp_path, caplog):
+def test_labels_of_any_type_and_scale_are_integers(array, label, remark, tmp_path, caplog):
     nibabel.save(nibabel.Nifti1Image(array.T, CT_GRID.affine, dtype=array.dtype), tmp_path / "l.nii.gz")
     regions = open_regions(tmp_path / "l.nii.gz", CT_GRID)
     assert np.array_equal(regions.mask(label), ball("bright"))
@@ -142,7 +142,7 @@ def test_labels_of_any_type_and_scale_are_whole(array, label, remark, tmp_path, 
     assert remark in caplog.text if remark else not caplog.records
 
 
-def test_probabilities_images_and_nan_are_no_regions(tmp_path):
+def test_probabilities_images_and_nan_are_rejected(tmp_path):
     rng = np.random.default_rng(0)
     noise = rng.normal(0, 10, CT_GRID.shape)
     for array, line in (
@@ -158,7 +158,7 @@ def test_probabilities_images_and_nan_are_no_regions(tmp_path):
 
 
 def itk(array, path, grid=CT_GRID, header=(), vector=False):
-    """Write by SimpleITK, in its own frame (LPS) and order of axes."""
+    """Write with SimpleITK, in its own frame (LPS) and axis order."""
     image = sitk.GetImageFromArray(lps(array) if not vector else array[:, ::-1, ::-1], isVector=vector)
     image.SetSpacing(grid.spacing[::-1])
     x, y, z = (axis[[0, -1]] + c for axis, c in zip(grid.axes_mm()[::-1], grid.centre_mm, strict=True))
@@ -179,7 +179,7 @@ def test_every_format_in_upper_and_lower_case(name, tmp_path):
         image = kind(LABELS.T, CT_GRID.affine)
         if kind is nibabel.Nifti1Pair:
             suffixes = ("HDR", "IMG") if name.isupper() else ("hdr", "img")
-            files = [path.with_suffix(f".{one}") for one in suffixes]
+            files = [path.with_suffix(f".{suffix}") for suffix in suffixes]
             image.to_file_map(
                 nibabel.Nifti1Pair.make_file_map(dict(zip(("header", "image"), map(str, files), strict=True)))
             )
@@ -207,10 +207,10 @@ def test_slicer_segmentations_have_names_and_layers(tmp_path, caplog):
     both = np.stack([ball("bright"), ball("bright") | ball("dark")], axis=-1).astype(np.uint8)
     path = itk(both[2:13], tmp_path / "s.seg.nrrd", _part(2, 13), header, vector=True)
     regions = open_regions(path, CT_GRID)
-    kept = np.isin(np.arange(14), np.arange(2, 13))[:, None, None]
+    stored = np.isin(np.arange(14), np.arange(2, 13))[:, None, None]
     assert list(regions.list_regions().values()) == ["liver", "lesion é"]
-    assert np.array_equal(regions.mask("liver"), ball("bright") & kept)
-    assert np.array_equal(regions.mask("lesion é"), (ball("bright") | ball("dark")) & kept)
+    assert np.array_equal(regions.mask("liver"), ball("bright") & stored)
+    assert np.array_equal(regions.mask("lesion é"), (ball("bright") | ball("dark")) & stored)
     assert (
         "has 48 x 40 x 11 voxels (x, y, z) of the CT's grid, which has 48 x 40 x 14; the rest is empty" in caplog.text
     )
@@ -225,7 +225,7 @@ def _part(first, last):
 
 
 @pytest.mark.parametrize("kind", ["nifti", "nrrd", "cut.gz"])
-def test_a_file_cut_short_is_one_line(kind, tmp_path):
+def test_truncated_file_is_one_line(kind, tmp_path):
     path = tmp_path / {"nifti": "l.nii", "nrrd": "l.nrrd", "cut.gz": "l.nii.gz"}[kind]
     if kind == "nrrd":
         itk(LABELS, path)
@@ -237,7 +237,7 @@ def test_a_file_cut_short_is_one_line(kind, tmp_path):
         open_regions(path, CT_GRID)
 
 
-def test_stripes_in_a_label_map_are_reported_and_filled_only_if_asked(tmp_path, caplog):
+def test_stripes_in_a_label_map_are_reported_and_filled_on_request_only(tmp_path, caplog):
     cylinder = np.zeros(CT_GRID.shape, bool)
     cylinder[3:12] = ball("bright")[9]
     striped = cylinder.copy()
@@ -248,7 +248,7 @@ def test_stripes_in_a_label_map_are_reported_and_filled_only_if_asked(tmp_path, 
     assert np.array_equal(regions.mask(1, fill_gaps=True)[3:10], cylinder[3:10])
 
 
-def test_a_label_beyond_the_ct_does_not_stop_the_others(tmp_path):
+def test_label_outside_of_the_ct_does_not_stop_the_others(tmp_path):
     larger = np.zeros((20, *CT_GRID.shape[1:]), np.uint8)
     larger[:14] = LABELS
     larger[12:18, :5, :5] = 3

@@ -1,5 +1,4 @@
-"""Scenes in scans that are given by vectors: the same as their circle, and rolled and tilted detectors against a ball's
-closed form."""
+"""Scenes in scans given by vectors: equal to their circle, and rolled and tilted detectors against closed forms."""
 
 import math
 from dataclasses import replace
@@ -23,7 +22,7 @@ MOTION = np.linspace(-1, 1, 15).reshape(5, 3)
 
 
 def rolled(geometry, roll, tilt=0.0):
-    """The detector turned about its normal, and then about its columns, through the reference point."""
+    """Rotate the detector about its normal and then about its columns, through the reference point."""
     columns, rows, normal = geometry.column_direction, geometry.row_direction, geometry.normal
     along = math.cos(roll) * columns + math.sin(roll) * rows
     up = math.cos(roll) * rows - math.sin(roll) * columns
@@ -32,7 +31,7 @@ def rolled(geometry, roll, tilt=0.0):
 
 
 def ball(radius, grid):
-    """Share of every voxel inside a ball at the isocentre."""
+    """Volume fraction of every voxel in a ball at the isocenter."""
     z, y, x = grid.refined(4).axes_mm()
     inside = np.sqrt(x**2 + y[:, None] ** 2 + z[:, None, None] ** 2) <= radius
     nz, ny, nx = grid.shape
@@ -57,7 +56,7 @@ def scene():
 
 
 @pytest.mark.parametrize("motion", [None, MOTION], ids=["still", "moving"])
-def test_a_circle_by_vectors_alone_is_the_circle(scene, motion):
+def test_circle_given_by_vectors_equals_the_circle(scene, motion):
     share = np.pad(np.ones((30, 20)), 5)
     others = (PrismScene(share[None], Grid((1, 40, 30), (1.0, 1.0, 1.0)), ("pmma",)), DiscScene(40.0, "pmma"))
     for one in (scene, *others):
@@ -67,8 +66,8 @@ def test_a_circle_by_vectors_alone_is_the_circle(scene, motion):
         np.testing.assert_allclose(found, expected, atol=2e-6 * expected.max())
 
 
-def test_both_traces_meet_the_same(scene):
-    """An upright detector through the kernel for any rays: what the kernels for upright ones give, to rounding."""
+def test_both_kernels_give_equal_path_lengths(scene):
+    """The kernel for any rays and the kernels for upright detectors agree to rounding."""
     rays = scene.rays(GEOMETRY, PLACED, MOTION)
     to, rows = rays.bundles, GEOMETRY.rows
     for row in range(rows):
@@ -79,8 +78,8 @@ def test_both_traces_meet_the_same(scene):
 
 
 @pytest.mark.parametrize("roll, tilt", [(0.0, 0.0), (0.2, 0.0), (-1.0, 0.0), (0.3, 0.4)])
-def test_a_ball_through_a_rolled_and_tilted_detector(scene, roll, tilt):
-    """Against chords: within a few hundredths of the diameter where these are long; nothing where they miss."""
+def test_ball_on_a_rolled_and_tilted_detector(scene, roll, tilt):
+    """Within a few hundredths of the diameter for long chords, and zero for rays that miss the ball."""
     geometry = rolled(GEOMETRY, roll, tilt)
     assert geometry.is_upright == (roll == tilt == 0)
     exact = chords(geometry, [3.0, -2.0, 1.0], 25.0)
@@ -88,22 +87,22 @@ def test_a_ball_through_a_rolled_and_tilted_detector(scene, roll, tilt):
     inner = exact > 25
     assert inner.sum() > 100
     assert np.sqrt(np.mean((found - exact)[inner] ** 2)) < 0.3
-    assert found[chords(geometry, [3.0, -2.0, 1.0], 31.0) == 0].max() == 0  # voxels, and two that interpolation adds
+    assert found[chords(geometry, [3.0, -2.0, 1.0], 31.0) == 0].max() == 0  # voxels, and two more for interpolation
 
 
-def test_rays_near_a_rolled_detector_are_followed(scene):
+def test_displaced_rays_on_a_rolled_detector(scene):
     geometry = rolled(GEOMETRY, 0.3, 0.1)
     posed = PosedScene(scene).near([(geometry, Pose(), None)])
     start = posed.path_lengths(geometry)
     near = Pose(x_mm=0.004, y_mm=-0.003, z_mm=0.002, turn_deg=0.001)
-    followed, anew = posed.path_lengths(geometry, near), scene.path_lengths(geometry, near)
-    changed = np.abs(anew - start).max()
-    assert changed > 1e-3 and not np.array_equal(followed, anew)
-    assert np.sqrt(np.mean((followed - anew) ** 2)) < 0.05 * np.sqrt(np.mean((anew - start) ** 2))
+    followed, retraced = posed.path_lengths(geometry, near), scene.path_lengths(geometry, near)
+    changed = np.abs(retraced - start).max()
+    assert changed > 1e-3 and not np.array_equal(followed, retraced)
+    assert np.sqrt(np.mean((followed - retraced) ** 2)) < 0.05 * np.sqrt(np.mean((retraced - start) ** 2))
 
 
-def test_a_source_that_jitters_is_seen(scene):
-    """Sources beside the circle keep the detector upright: through the CPU engine, against chords."""
+def test_jittering_source(scene):
+    """Sources off the circle keep the detector upright: the CPU engine against chords."""
     vectors = GEOMETRY.by_vectors()
     random = np.random.default_rng(3)
     jittered = replace(vectors, source_mm=vectors.source_mm + random.uniform(-20, 20, (5, 3)))
@@ -114,7 +113,7 @@ def test_a_source_that_jitters_is_seen(scene):
     assert np.sqrt(np.mean((found - exact)[inner] ** 2)) < 0.3
 
 
-def test_the_transpose_holds_for_vectors_too():
+def test_transpose_with_vectors():
     """<A x, y> = <x, A' y> with sources that jitter."""
     vectors = GEOMETRY.by_vectors()
     random = np.random.default_rng(4)
@@ -126,7 +125,7 @@ def test_the_transpose_holds_for_vectors_too():
     assert left == pytest.approx(np.vdot(x.astype(float), projector.adjoint(y).astype(float)), rel=1e-5)
 
 
-def test_a_focal_spot_lies_along_the_axes_of_a_rolled_detector():
+def test_focal_spot_follows_the_axes_of_a_rolled_detector():
     geometry = rolled(GEOMETRY, 0.3, 0.1)
     moved = displace_source(geometry, 2.0, -1.0, 0.5)
     by = moved.source_mm - geometry.source_mm
@@ -135,7 +134,7 @@ def test_a_focal_spot_lies_along_the_axes_of_a_rolled_detector():
     np.testing.assert_array_equal(moved.detector_mm, geometry.detector_mm)
 
 
-def test_what_the_shortcuts_cannot_do_is_refused():
+def test_unsupported_geometries_are_rejected():
     geometry = rolled(GEOMETRY, 0.1)
     with pytest.raises(InputError, match="engine cpu needs detector rows along z"):
         CpuProjector(geometry, Grid((4, 4, 4), (1.0, 1.0, 1.0)))

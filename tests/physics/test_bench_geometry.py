@@ -1,5 +1,7 @@
-"""Detectors that hang askew, sources that drift and views beside their angles: against the shadow of a small ball by
-hand, solid angles by the corners of pixels, and ASTRA's fans."""
+"""Misaligned detectors, drifting sources and angle errors.
+
+The references are the calculated shadow of a small ball, solid angles from pixel corners, and ASTRA's fans.
+"""
 
 import math
 
@@ -32,7 +34,7 @@ TIMES = (np.arange(VIEWS) + 0.5 - VIEWS / 2) * 0.1
 
 
 def found(physics, geometry=GEOMETRY):
-    """Where the middle of the ball's shadow is on the detector, (u, v) in mm of every view."""
+    """Center of the ball's shadow on the detector, (u, v) in mm per view."""
     chain = Chain(ShapesScene([ellipsoid("water", BALL, 3 * (4.0,))]), geometry, samples=6)
     shadow = chain.state(physics).line_integrals()
     whole = shadow.sum(axis=(1, 2))
@@ -41,7 +43,7 @@ def found(physics, geometry=GEOMETRY):
 
 
 def upright(angles=ANGLES, source=(0.0, 0.0, 0.0)):
-    """Where it is on an upright detector, of a source so far along columns, rows and away from the detector."""
+    """Position on an upright detector for a source shifted along columns, rows and away from the detector."""
     along, up, away = source
     across = BALL[0] * np.cos(angles) + BALL[1] * np.sin(angles)
     depth = SOURCE + BALL[0] * np.sin(angles) - BALL[1] * np.cos(angles)  # from the source's orbit
@@ -49,8 +51,8 @@ def upright(angles=ANGLES, source=(0.0, 0.0, 0.0)):
     return np.stack([along + share * (across - along), up + share * (BALL[2] - up)])
 
 
-def askew(angle, name):
-    """On a detector that is turned by the angle, in radians."""
+def rotated_detector(angle, name):
+    """Position on a detector rotated by angles in radians."""
     u, v = upright()
     sine, cosine = math.sin(angle), math.cos(angle)
     if name == "detector_roll":
@@ -66,18 +68,18 @@ def askew(angle, name):
     ("name", "angle"),
     [("detector_roll", 2.0), ("detector_roll", -0.7), ("detector_tilt", 5.0), ("detector_skew", -5.0)],
 )
-def test_a_ball_on_a_detector_that_hangs_askew(name, angle):
-    expected = askew(math.radians(angle), name)
+def test_ball_on_a_misaligned_detector(name, angle):
+    expected = rotated_detector(math.radians(angle), name)
     assert np.abs(expected - upright()).max() > 0.1
     np.testing.assert_allclose(found({name: {"angle_deg": angle}}), expected, atol=0.015)
 
 
-def test_turns_are_made_one_after_the_other():
-    """Roll, tilt and skew, whatever the order of their names, each about the axes left by the last."""
+def test_rotations_are_applied_in_turn():
+    """Roll, tilt and skew in any key order, each about the axes after the previous one."""
     turns = {"detector_roll": 2.0, "detector_tilt": -4.0, "detector_skew": 3.0}
     roll, tilt, skew = (math.radians(turns[f"detector_{name}"]) for name in ("roll", "tilt", "skew"))
     u, v = upright()
-    # A direction that is turned by so much is met as if the ray were turned back, turn by turn.
+    # A rotated detector is equivalent to a ray with the inverse rotations, applied in turn.
     ray = np.stack([u, v, np.full(VIEWS, DISTANCE)])
     c, s = math.cos(roll), math.sin(roll)
     ray = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ ray
@@ -93,24 +95,24 @@ def test_turns_are_made_one_after_the_other():
     np.testing.assert_allclose(found(physics), expected, atol=0.015)
 
 
-def test_a_detector_that_lies_too_high():
+def test_detector_row_offset():
     np.testing.assert_allclose(found({"detector_row_offset": {"rows_mm": 3.0}}), upright() - [[0], [3]], atol=0.015)
 
 
-def test_a_source_that_drifts():
+def test_drifting_source():
     velocity = np.array([3.0, -2.0, 8.0])
     drift = dict(zip(("columns_mm_per_s", "rows_mm_per_s", "away_mm_per_s"), velocity, strict=True))
     there = upright(source=velocity[:, None] * TIMES)
     assert np.abs(there - upright()).min(axis=1).max() > 0.05
     np.testing.assert_allclose(found({"source_drift": drift}), there, atol=0.015)
-    # A spot that drifts and jumps does both.
+    # Drift and jumps of a focal spot are combined.
     jumps = np.where(np.arange(VIEWS) % 2, 0.5, -0.5) * 2.0
     both = {"source_drift": drift, "focal_spot_wobble": {"columns_mm": 2.0, "rows_mm": 0.0}}
     source = velocity[:, None] * TIMES + np.stack([jumps, 0 * jumps, 0 * jumps])
     np.testing.assert_allclose(found(both), upright(source=source), atol=0.015)
 
 
-def test_views_beside_their_angles():
+def test_angle_errors_of_views():
     wave = {"cosine_deg": 0.6, "sine_deg": -0.8}
     there = upright(ANGLES + np.radians(0.6 * np.cos(ANGLES) - 0.8 * np.sin(ANGLES)))
     assert np.abs(there - upright()).max() > 0.5
@@ -118,8 +120,8 @@ def test_views_beside_their_angles():
 
 
 @pytest.mark.parametrize("surface", ["flat", "cylindrical"])
-def test_pixels_of_a_turned_detector_lie_where_a_rotation_puts_them(surface):
-    """The arc too: every pixel turned as a rigid body about the reference point."""
+def test_pixels_of_a_rotated_detector_match_a_rigid_rotation(surface):
+    """Also on an arc: every pixel rotates with a rigid body about the reference point."""
     pixels = dict(columns=9, rows=5, column_pitch_mm=40.0, row_pitch_mm=30.0, column_offset_px=0.3, row_offset_px=-0.4)
     geometry = circular(views=3, start_angle_rad=0.4, surface=surface, **SCANNER, **pixels)
     turned = Mounting(10.0, -7.0, 4.0).of(geometry)
@@ -133,12 +135,12 @@ def test_pixels_of_a_turned_detector_lie_where_a_rotation_puts_them(surface):
         frame = np.stack([geometry.column_direction[view], geometry.row_direction[view], geometry.normal[view]], axis=1)
         rest, now = rest @ frame, now @ frame
         order = _about(1, 4.0), _about(0, 7.0), _about(2, 10.0)
-        # Turns about axes that go along are turns about fixed ones in the opposite order.
+        # Intrinsic rotations equal rotations about fixed axes in reverse order.
         np.testing.assert_allclose(now, rest @ (order[2] @ order[1] @ order[0]).T, atol=1e-9)
 
 
 def _about(axis, angle):
-    """Right-handed turn about an axis, degrees."""
+    """Right-handed rotation about an axis, degrees."""
     c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
     one, other = (axis + 1) % 3, (axis + 2) % 3
     turn = np.eye(3)
@@ -148,7 +150,7 @@ def _about(axis, angle):
 
 
 def corners(geometry):
-    """Of every pixel, from the source, (rows + 1, columns + 1, 3) of view 0."""
+    """Corners of all pixels relative to the source, (rows + 1, columns + 1, 3), for view 0."""
     u = (np.arange(geometry.columns + 1) - geometry.columns / 2) * geometry.column_pitch_mm
     v = (np.arange(geometry.rows + 1) - geometry.rows / 2) * geometry.row_pitch_mm
     along, up = geometry.column_direction[0], geometry.row_direction[0]
@@ -156,14 +158,14 @@ def corners(geometry):
 
 
 def solid_angle(a, b, c):
-    """Of triangles, A. Van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30, 125 (1983)."""
+    """Solid angles of triangles: A. Van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30, 125 (1983)."""
     la, lb, lc = (np.linalg.norm(one, axis=-1) for one in (a, b, c))
     dot = [(x * y).sum(axis=-1) for x, y in ((a, b), (a, c), (b, c))]
     triple = (a * np.cross(b, c)).sum(axis=-1)
     return 2 * np.arctan2(np.abs(triple), la * lb * lc + dot[0] * lc + dot[1] * lb + dot[2] * la)
 
 
-def test_the_white_field_of_a_detector_that_hangs_askew():
+def test_white_field_of_a_misaligned_detector():
     mounting = Mounting(1.0, 5.0, -4.0)
 
     def seen(geometry):
@@ -180,8 +182,8 @@ def test_the_white_field_of_a_detector_that_hangs_askew():
     np.testing.assert_allclose(air[0] / chain.state({}).air[0], expected, rtol=1e-5)
 
 
-def test_a_skewed_fan_is_that_of_astra():
-    """ASTRA's Joseph-like line model on a CPU, of a detector given by vectors; one row, in the plane."""
+def test_skewed_fan_agrees_with_astra():
+    """ASTRA's line model on a CPU with a detector given by vectors; one row, in the plane."""
     size, columns = 64, 48
     fan = circular(views=5, start_angle_rad=0.45, source_to_isocentre_mm=SOURCE, source_to_detector_mm=DISTANCE,
                    columns=columns, rows=1, column_pitch_mm=4.0, row_pitch_mm=4.0)  # fmt: skip
@@ -190,7 +192,7 @@ def test_a_skewed_fan_is_that_of_astra():
     angle = math.radians(5.0)
     vectors = []
     for b in fan.angles_rad:
-        # Column direction turned towards the source by hand.
+        # Column direction rotated towards the source.
         column = np.array([math.cos(b), math.sin(b)]) * math.cos(angle)
         column -= np.array([math.sin(b), -math.cos(b)]) * math.sin(angle)
         source = SOURCE * np.array([-math.sin(b), math.cos(b)])
@@ -204,13 +206,13 @@ def test_a_skewed_fan_is_that_of_astra():
     scene = VoxelScene(
         object_[None, None].astype(np.float32), Grid((1, size, size), (50.0, 1.0, 1.0)), ("water",), 60.0
     )
-    ours = scene.path_lengths(Mounting(skew_deg=5.0).of(fan))[0, :, 0]
+    actual = scene.path_lengths(Mounting(skew_deg=5.0).of(fan))[0, :, 0]
     plain = scene.path_lengths(fan)[0, :, 0]
     assert np.abs(plain - theirs).max() > 0.1
-    np.testing.assert_allclose(ours, theirs, atol=0.01 * theirs.max())
+    np.testing.assert_allclose(actual, theirs, atol=0.01 * theirs.max())
 
 
-def test_small_turns_beside_a_turned_detector_are_followed():
+def test_small_rotations_of_a_rotated_detector():
     z, y, x = Grid((20, 40, 40), (4.0, 3.0, 3.0)).axes_mm()
     body = np.exp(-((x / 30) ** 2) - ((y / 40) ** 2)[:, None] - ((z / 20) ** 2)[:, None, None])
     scene = VoxelScene(body[None].astype(np.float32), Grid((20, 40, 40), (4.0, 3.0, 3.0)), ("water",), 60.0)
@@ -218,7 +220,7 @@ def test_small_turns_beside_a_turned_detector_are_followed():
     start, near = (Mounting(one, 1.0).of(small) for one in (0.5, 0.505))
     posed = PosedScene(scene).near([(start, Pose(), None)])
     assert posed.follows((near, Pose(), None)) and not posed.follows((small, Pose(), None))
-    first, anew = scene.path_lengths(start), scene.path_lengths(near)
-    change = np.abs(anew - first).max()
-    assert change > 1e-3 and np.abs(posed.path_lengths(near) - anew).max() < 0.1 * change
+    first, retraced = scene.path_lengths(start), scene.path_lengths(near)
+    change = np.abs(retraced - first).max()
+    assert change > 1e-3 and np.abs(posed.path_lengths(near) - retraced).max() < 0.1 * change
     np.testing.assert_array_equal(posed.path_lengths(small), scene.path_lengths(small))

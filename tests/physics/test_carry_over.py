@@ -1,6 +1,6 @@
-"""Parameters belong to the scanner, not to the scan: at another speed, dose or collimation they are the same ones.
+"""Scanner parameters do not depend on the scan: they are equal at another speed, dose or collimation.
 
-Data are made here without the chain: chords of a disc, Poisson counts, and a glow in fine steps of time.
+The data are made without the chain: chords of a disc, Poisson counts, and afterglow in fine time steps.
 """
 
 from dataclasses import replace
@@ -46,8 +46,10 @@ def scanner(views=60, rows=2, **times):
 
 
 def fine_glow(signal, share, constant, interval, exposure):
-    """Readings of views [view] whose beam is on for `exposure` in the middle of every interval, after very many views
-    like the first one: light in steps of time, each falling exponentially."""
+    """Readings of views [view] whose beam is on for `exposure` in the middle of every interval.
+
+    Very many equal views precede them. The light decays exponentially in time steps.
+    """
     many = int(20 * constant / interval) + 2
     on = np.abs(np.arange(STEPS) + 0.5 - STEPS / 2) * interval / STEPS < exposure / 2
     beam = np.concatenate([np.full(many, signal[0]), signal])[:, None] * on / on.sum()  # energy per step
@@ -61,27 +63,27 @@ def fine_glow(signal, share, constant, interval, exposure):
 
 
 @pytest.mark.parametrize(("interval", "exposure"), [(1.0, 1.0), (2.5, 2.5), (2.5, 1.0), (7.0, 0.035)])
-def test_one_glow_is_read_in_views_of_any_length(interval, exposure):
+def test_one_afterglow_is_read_in_views_of_any_length(interval, exposure):
     signal = np.random.default_rng(1).uniform(0.1, 1, 12)
     share, constant = 0.3, 3.0
     lag = (*of_views(share, constant, interval, exposure), 1.0)
     found = with_afterglow(signal[:, None, None], lag)[:, 0, 0]
     np.testing.assert_allclose(found, fine_glow(signal, share, constant, interval, exposure), rtol=2e-3)
-    # no view's own glow would be another reading altogether
+    # afterglow within the view would change the reading by much more
     assert (
         np.abs(found - signal).max() > 10 * np.abs(found - fine_glow(signal, share, constant, interval, exposure)).max()
     )
 
 
-def test_a_flash_leaves_as_much_as_a_short_exposure():
+def test_flash_leaves_as_much_afterglow_as_a_short_exposure():
     for short in (0.0, 1e-6):
         assert of_views(0.2, 4.0, 6.0, short) == pytest.approx((0.2 * np.exp(-0.75), np.exp(-1.5)), rel=1e-6)
     assert of_views(0.2, 4.0, 6.0, 6.0) == of_views(0.2, 4.0, 6.0)
 
 
 @pytest.mark.parametrize(("before", "air"), [(0.0, False), (1.0, True)])
-def test_the_glow_of_flashes_is_that_of_another_simulator(before, air):
-    """XCIST's lag, of views that are flashes in the middle of their intervals, of a dark and of a lit start."""
+def test_afterglow_of_flashes_agrees_with_xcist(before, air):
+    """XCIST's lag of views that are flashes in the middle of their intervals, after a dark and after a lit start."""
     signal = np.random.default_rng(4).uniform(0.1, 1, 8)
     cfg = SimpleNamespace(
         physics=SimpleNamespace(lag_taus=[3.0, 1.0], lag_alphas=[0.25, 0.0], viewSampleCount=1),
@@ -93,8 +95,8 @@ def test_the_glow_of_flashes_is_that_of_another_simulator(before, air):
     np.testing.assert_allclose(with_afterglow(signal[:, None, None], lag)[:, 0, 0], theirs, rtol=1e-12)
 
 
-def test_views_that_are_left_out_glow_all_the_same():
-    """Of a signal that grows evenly, the readings of every third view are those of the whole scan."""
+def test_excluded_views_still_contribute_afterglow():
+    """For a linearly growing signal, readings of every third view equal those of the whole scan."""
     whole = np.linspace(1, 2, 31)[:, None, None]
     lag = (0.2, 0.6, 1.0)
     np.testing.assert_allclose(with_afterglow(whole[::3], lag, step=3), with_afterglow(whole, lag)[::3])
@@ -107,25 +109,25 @@ def test_views_that_are_left_out_glow_all_the_same():
     signal = np.ones((400, 1, 1))
     lasting = State(state.geometry, signal=signal, air=signal[:1], lag=state.lag)
     right = (weights[3:] * weights[:-3]).sum() / (weights**2).sum()
-    # The noise of views before the scan is that of a mean over them, and has no correlation with the scan's.
+    # The noise of views before the scan is averaged and uncorrelated with the scan's.
     assert correlations(lasting)[2] == pytest.approx(right, rel=0.01)
 
 
-def test_views_just_before_are_taken_where_they_are_known():
+def test_previous_views_are_used_where_they_are_known():
     whole = np.random.default_rng(2).normal(size=(1 + 3 * 12, 2, 4))
     earlier = np.stack([np.concatenate([whole[:1], whole[12 - count :: 12][:3]]) for count in EARLIER_VIEWS])
     found = interpolate_views(whole[::12], 12, earlier)
     for back in (0, *EARLIER_VIEWS):
         np.testing.assert_allclose(found[12 - back :: 12], whole[12 - back :: 12][: len(found[12 - back :: 12])])
     np.testing.assert_allclose(found[12 - 4], (found[12 - 3] + found[12 - 5]) / 2)
-    # Of views that lie less far apart, what is behind the one before is not asked for.
+    # For closer views, the view before the previous one is not needed.
     np.testing.assert_allclose(interpolate_views(whole[::2], 2, earlier[:, :1].repeat(19, 1))[::2], whole[::2])
 
 
 @pytest.mark.parametrize("name", ["afterglow", "slow_afterglow"])
 @pytest.mark.parametrize("constant_ms", [4.0, 12.0])
-def test_a_glow_is_right_in_a_scan_of_which_few_views_are_there(name, constant_ms):
-    """One view in 15 of a scan that is whole: between views 22 degrees apart a glow of three views cannot be seen."""
+def test_afterglow_is_correct_in_a_subset_of_views(name, constant_ms):
+    """Every 15th view of a complete scan: an afterglow of three views is invisible between views at 22 degrees."""
     body = [ellipsoid("water", (0, 0, 0), (90, 60, 1000)), cylinder("aluminium", (50, -20, 0), 8)]
     geometry = scanner(views=240, view_interval_ms=4.0)
     every = Chain(ShapesScene(body), geometry, 1e5, samples=2)
@@ -140,11 +142,11 @@ def test_a_glow_is_right_in_a_scan_of_which_few_views_are_there(name, constant_m
 
 
 def chords(geometry, moved=0.0):
-    """[view, row, column] through a long cylinder, whose axis lies at PLACE + moved (view, 2)."""
+    """Chords [view, row, column] of a long cylinder, whose axis is at PLACE + moved (view, 2)."""
     angle = geometry.angles_rad[:, None]
     fan = np.arctan(geometry.column_positions_mm() / geometry.source_to_detector_mm)
     centre = np.broadcast_to(PLACE + moved, (geometry.views, 2))
-    # Distance of the axis from a ray that leaves the source, at (-R sin b, R cos b), at the fan angle.
+    # Distance of the axis from the ray at the fan angle whose source is at (-R sin b, R cos b).
     source = geometry.source_to_isocentre_mm * np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
     along = np.stack([np.sin(angle + fan), -np.cos(angle + fan)], axis=-1)
     to = centre[:, None] - source
@@ -172,11 +174,11 @@ def recorded(geometry, photons, *, velocity=(0.0, 0.0), level=0.0, drift=0.0, gl
 
 
 def glowing(counts, share, constant, interval):
-    """Views [view, row, column] under a beam that is always on: the weights of each, from one view in fine steps."""
+    """Views [view, row, column] for a continuous beam: the weights of each view from one view in fine steps."""
     one = np.zeros(len(counts))
     one[1] = 1.0
     weights = fine_glow(one, share, constant, interval, interval)[1:]
-    before = np.cumsum(weights[::-1])[::-1]  # views before the scan, each as the first one on average
+    before = np.cumsum(weights[::-1])[::-1]  # views before the scan, each equal to the first one on average
     read = np.zeros_like(counts)
     for late, weight in enumerate(weights):
         read[late:] += weight * counts[: len(counts) - late]
@@ -190,7 +192,7 @@ def fitted(taken, geometry, photons, name, readout):
     return fitter.fit((name,), fitter.fit(()))
 
 
-# The same scanner: slower with fewer photons, faster with more.
+# The same scanner: slower with fewer photons, and faster with more.
 SCANS = [(scanner(view_interval_ms=20.0), 2e4), (scanner(views=80, rows=4, view_interval_ms=4.0), 2e5)]
 
 
@@ -203,7 +205,7 @@ SCANS = [(scanner(view_interval_ms=20.0), 2e4), (scanner(views=80, rows=4, view_
     ],
 )
 @pytest.mark.parametrize("scan", range(len(SCANS)))
-def test_a_fit_finds_the_same_at_another_speed_dose_and_collimation(name, made, truth, scan):
+def test_fit_finds_equal_parameters_at_another_speed_dose_and_collimation(name, made, truth, scan):
     geometry, photons = SCANS[scan]
     taken = recorded(geometry, photons, **made)
     fit = fitted(taken, geometry, photons, name, float(taken.white.mean()))
@@ -213,15 +215,15 @@ def test_a_fit_finds_the_same_at_another_speed_dose_and_collimation(name, made, 
 
 
 TIMED_OR_READ = {"motion", "source_drift", "dark_signal", "afterglow", "slow_afterglow", "detector_saturation"}
-HELD_TO = {  # effects that the height of the beam changes
+HELD_TO = {  # effects that depend on the height of the beam
     "scatter": "its amount falls with the height of the beam",
     "veiling_glare": "the dark beside the beam spreads into it as its light does",
 }
 
 
 @pytest.mark.parametrize("name", [name for name in names() if not acts_on_images(name)])
-def test_the_rows_that_a_collimator_leaves_are_read_as_before(name):
-    """Nor does a scan's speed or dose change the means of what goes neither by time nor by readings."""
+def test_collimation_keeps_the_readings_of_the_remaining_rows(name):
+    """Speed and dose do not change the means of effects that depend neither on time nor on readings."""
     if name in HELD_TO:
         pytest.skip(HELD_TO[name])
     physics = {name: load(name).values({})}
@@ -236,7 +238,7 @@ def test_the_rows_that_a_collimator_leaves_are_read_as_before(name):
         np.testing.assert_allclose(other.line_integrals(), wide.line_integrals(), rtol=1e-6, atol=1e-9)
 
 
-def test_what_goes_by_unknown_times_is_not_looked_for():
+def test_effects_that_need_unknown_times_are_no_candidates():
     chain = Chain(DiscScene(160.0, "water"), scanner(), readout=AIR)
     timed = {"afterglow", "slow_afterglow", "motion", "source_drift"}
     assert {name for name in names() if needs_times(name)} == timed
@@ -253,7 +255,7 @@ def test_what_goes_by_unknown_times_is_not_looked_for():
     assert found["drift_units_per_s"] == 0 and abs(found["level_units"] - 0.01) < 3.5 * error + 0.02 * 0.01
 
 
-def test_a_range_is_what_a_scan_shows_of_it():
+def test_ranges_depend_on_the_scan():
     slow = scanner(view_interval_ms=1000.0)
     x, *_ = Chain(DiscScene(160.0, "water"), slow).parameters("motion")
     assert (x.low, x.high, x.typical) == pytest.approx((-1 / 3, 1 / 3, 1 / 60))  # 20 and 1 mm in a minute
@@ -261,11 +263,11 @@ def test_a_range_is_what_a_scan_shows_of_it():
     assert (level.low, level.high, level.unit) == (-80, 400, "readout units") and level.reach.of == OF_AIR
     assert drift.high == pytest.approx(80 / 60) and drift.unit == "readout units/s"
     _, constant, _ = Chain(DiscScene(160.0, "water"), replace(slow, view_interval_ms=0.3)).parameters("afterglow")
-    assert (constant.low, constant.high) == pytest.approx((0.1, 15.0))  # 0.1 ms is the least that there is
+    assert (constant.low, constant.high) == pytest.approx((0.1, 15.0))  # 0.1 ms is the smallest value
 
 
-def test_a_study_reads_the_same_dark_signal_at_every_dose_and_keeps_its_times(tmp_path):
-    """In photons, whatever A is: clean projections are written once, for all noise levels."""
+def test_study_has_the_same_dark_signal_at_every_dose_and_keeps_its_times(tmp_path):
+    """In photons for any A: clean projections are written once for all noise levels."""
     geometry = scanner(views=24, view_interval_ms=5.0, exposure_ms=2.0)
     chain = Chain(DiscScene(160.0, "water"), geometry, photons=1.0)
     found = []
@@ -285,13 +287,13 @@ def test_a_study_reads_the_same_dark_signal_at_every_dose_and_keeps_its_times(tm
         np.testing.assert_allclose(dark.white - plain.white, 40.0, rtol=1e-3)
 
 
-def test_what_is_found_in_readings_or_shares_becomes_photons_of_a_study():
-    """900 of 30 000 readout units, or 3 % of air, of 20 000 photons are 600 photons."""
+def test_readings_and_shares_become_photons_of_a_study():
+    """900 of 30 000 readout units, or 3 % of an air signal of 20 000 photons, are 600 photons."""
     geometry, aligned = scanner(view_interval_ms=5.0), {"log_photons": np.log(2e4)}
     for readout, level in ((30900.0, 900.0), (AIR, 0.03)):
         model = ScansModel(Chain(DiscScene(160.0, "water"), geometry, readout=readout), ())
         physics = {"dark_signal": {"level_units": level, "drift_units_per_s": -level}, "motion": MOVED}
         found = model.of_study(physics | {"gain_pattern": {"rms": 0.004}}, aligned)
-        assert found.pop("gain_pattern") == {"rms": 0.004}  # fitted without saying which pattern
+        assert found.pop("gain_pattern") == {"rms": 0.004}  # fitted without a stated pattern
         assert found["dark_signal"] == pytest.approx({"level_units": 600.0, "drift_units_per_s": -600.0})
         assert found["motion"] == MOVED

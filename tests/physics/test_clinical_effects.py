@@ -1,4 +1,4 @@
-"""Effects of clinical scanners: grid, slow glow, the maker's water correction, a current that follows the axis."""
+"""Effects of clinical scanners: anti-scatter grid, slow afterglow, vendor's water correction, tube current along z."""
 
 import math
 from dataclasses import replace
@@ -32,14 +32,14 @@ def chain(geometry=GEOMETRY, **options):
 
 
 def through_septa(beside_mm, away_mm, ratio, random):
-    """Share of rays from a place beside that pass between plates of height `ratio` and distance 1: by hand."""
+    """Calculated share of rays from a distance that pass between plates of height `ratio` and distance 1."""
     entered = random.random(20_000)  # between two plates
-    left = entered + ratio * beside_mm[:, None] / away_mm  # where the ray is when it leaves them
+    left = entered + ratio * beside_mm[:, None] / away_mm  # position of the ray at the exit
     return ((left > 0) & (left < 1)).mean(axis=1)
 
 
-def test_scatter_arrives_behind_a_grid_as_often_as_rays_pass_its_plates():
-    """A bright pixel's scatter over the columns, against rays followed between the plates."""
+def test_scatter_passes_a_grid_as_often_as_rays_pass_its_plates():
+    """Scatter of a bright pixel over the columns, against rays traced between the plates."""
     ratio, width_mm, away_mm = 8.0, 60.0, 500.0
     bright = np.zeros((1, 1, 61))
     bright[0, 0, 30] = 1.0
@@ -51,14 +51,14 @@ def test_scatter_arrives_behind_a_grid_as_often_as_rays_pass_its_plates():
     assert found.sum() < 0.5 * free.sum()
 
 
-def test_a_grid_lowers_scatter_and_does_nothing_else():
+def test_grid_reduces_scatter_only():
     scatter = {"scatter": {"amount": 0.1, "width_mm": 60.0}}
     grid = {"anti_scatter_grid": {"ratio": 10.0, "ratio_along_rows": 0.0}}
     clean, with_scatter, with_grid = (chain().state(one) for one in ({}, scatter, scatter | grid))
     assert (with_grid.signal < with_scatter.signal).all() and (with_grid.signal > clean.signal).all()
     alone = chain().state(grid)
     np.testing.assert_array_equal(alone.signal, clean.signal)
-    # One row stands for a beam alike along z: there plates across the rows take their share too.
+    # A single row represents a beam that is constant along z; plates across the rows absorb a share there too.
     row = replace(GEOMETRY, rows=1)
     crossed = {"anti_scatter_grid": {"ratio": 10.0, "ratio_along_rows": 10.0}}
     less, more = (chain(row).state(scatter | one).signal - chain(row).state({}).signal for one in (crossed, grid))
@@ -67,8 +67,8 @@ def test_a_grid_lowers_scatter_and_does_nothing_else():
     assert 0.1 < share.mean() < 0.6
 
 
-def test_two_glows_fade_beside_each_other():
-    """The reading after a flash of one view: what each glow leaves, by its own share and time."""
+def test_two_afterglows_decay_independently():
+    """Readings after a flash of one view: each afterglow with its own share and time."""
     fast, slow = (0.06, 30.0), (0.02, 400.0)
     physics = {
         name: {"share": share, "time_constant_ms": constant, "before": 0.0}
@@ -89,7 +89,7 @@ def test_two_glows_fade_beside_each_other():
     )
 
 
-def test_noise_beside_a_slow_glow_is_as_the_draws_have_it():
+def test_noise_with_slow_afterglow_matches_simulation():
     physics = {
         "afterglow": {"share": 0.1, "time_constant_ms": 40.0, "before": 1.0},
         "slow_afterglow": {"share": 0.05, "time_constant_ms": 800.0, "before": 1.0},
@@ -100,7 +100,7 @@ def test_noise_beside_a_slow_glow_is_as_the_draws_have_it():
     assert ratio == pytest.approx(1, abs=4 * math.sqrt(2 / 59 / state.signal.size) + 2e-3)
 
 
-def test_the_polynomial_goes_on_as_a_straight_line():
+def test_polynomial_continues_as_a_straight_line():
     lines, (square, cube) = np.array([0.0, 2.0, CORRECTION_LIMIT, 14.0]), (0.02, 0.001)
     values, slopes = correction_polynomial(lines, (square, cube))
     np.testing.assert_allclose(values[:3], (lines + square * lines**2 + cube * lines**3)[:3])
@@ -108,7 +108,7 @@ def test_the_polynomial_goes_on_as_a_straight_line():
 
 
 def straightened(material):
-    """Line integrals behind slabs over those of a straight line, without a correction and with one made for water."""
+    """Line integrals behind slabs relative to a straight line, without and with a water correction."""
     thick = np.arange(5.0, 260.0, 15.0)
 
     def behind(one, length, physics):
@@ -117,25 +117,25 @@ def straightened(material):
         return float(Chain(slab, thin, PHOTONS).state(physics).line_integrals()[0, 0, 0])
 
     water = np.array([behind("water", length, TUBE) for length in thick])
-    # Least squares of what straightens water, whatever its slope: a p^2 + b p^3 - s L = -p.
+    # Least squares for a straight line of any slope through water: a p^2 + b p^3 - s L = -p.
     columns = np.stack([water**2, water**3, -thick], axis=1)
     square, cube, _ = np.linalg.lstsq(columns, -water, rcond=None)[0]
     physics = TUBE | {"water_correction": {"quadratic": square, "cubic": cube}}
     lengths = thick if material == "water" else thick[thick < 100]
     plain, corrected = (
-        np.array([behind(material, one, effects) for one in lengths]) / lengths for effects in (TUBE, physics)
+        np.array([behind(material, length, effects) for length in lengths]) / lengths for effects in (TUBE, physics)
     )
     return plain / plain[0], corrected / corrected[0]
 
 
-def test_a_water_correction_straightens_water_and_leaves_bone_bent():
+def test_water_correction_linearizes_water_and_not_bone():
     plain, corrected = straightened("water")
     assert plain[-1] < 0.94 and np.abs(corrected - 1).max() < 0.01
     plain, corrected = straightened("bone")
     assert plain[-1] < corrected[-1] < 0.95
 
 
-def test_noise_behind_a_correction_follows_its_slope():
+def test_noise_after_a_correction_follows_its_slope():
     physics = {"water_correction": {"quadratic": 0.05, "cubic": 0.002}, "electronic_noise": {"photons": 40.0}}
     state, plain = chain().state(physics), chain().state({"electronic_noise": {"photons": 40.0}})
     lines = plain.line_integrals()
@@ -148,26 +148,26 @@ def test_noise_behind_a_correction_follows_its_slope():
 
 
 @pytest.mark.parametrize("name", [name for name in names() if not acts_on_images(name)])
-def test_a_study_draws_noise_from_what_it_keeps_of_an_effect(name, tmp_path):
-    """The file of line integrals holds all that the counts depend on."""
+def test_study_draws_noise_from_stored_line_integrals(name, tmp_path):
+    """The file of line integrals contains all that the counts depend on."""
     effect = load(name)
     there = {} if effect.beside is None else {effect.beside: load(effect.beside).values({})}
     state = chain(replace(HELIX, view_interval_ms=20.0)).state(there | {name: effect.values({})})
     write_line_integrals(tmp_path / "clean.h5", state.line_integrals(), state.geometry, to_store(state))
-    kept = read_state(tmp_path / "clean.h5")
-    counts, again = (one.counts(np.random.default_rng(1)) for one in (state, kept))
-    # Means are kept in single precision, by which few counts move by one.
+    stored = read_state(tmp_path / "clean.h5")
+    counts, again = (one.counts(np.random.default_rng(1)) for one in (state, stored))
+    # Means are stored in single precision, which changes a few counts by one.
     assert np.mean(np.abs(counts - again) > 1.5) == 0 and np.mean(np.abs(counts - again) > 0.1) < 0.01
 
 
-def test_readings_without_a_logarithm_are_corrected_as_the_least_that_have_one():
+def test_readings_without_logarithm_are_corrected_as_the_smallest_positive_ones():
     one = np.ones((1, 1, 1))
     state = State(GEOMETRY, photons=100.0, signal=one, air=one, correction=(0.02, 0.0))
     found = state.apply_correction(np.array([-1.0, 0.0, 1e-6]).reshape(3, 1, 1)).ravel()
     assert (found > 0).all() and found[0] == found[1] == found[2]
 
 
-def test_a_current_along_the_axis_changes_the_noise_alone():
+def test_tube_current_along_z_changes_the_noise_only():
     helix, slope, curve = HELIX, 0.01, -1e-4
     plain = chain(helix).state({})
     state = chain(helix).state({"current_along_z": {"linear_per_mm": slope, "quadratic_per_mm2": curve}})

@@ -1,4 +1,4 @@
-"""Bowtie and heel: what they leave of every energy, pixel by pixel."""
+"""Bowtie filter and heel effect: transmission of every energy, pixel by pixel."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +30,7 @@ SPECTRUM = {"kvp": 120.0, "filtration_mm": 6.0, "sensor_mm": 0.6}
 
 
 class Slab:
-    """The same path through every material along every ray."""
+    """Equal path lengths through every material along all rays."""
 
     energy_kev, threads = KEV, 1
 
@@ -44,8 +44,10 @@ class Slab:
 
 
 def through(slab, aluminium_mm=0.0, target="tungsten", target_mm=0.0):
-    """Signal and noise behind a slab over those in air of SPECTRUM, by all energies of the tube, one by one: through
-    the filters, through the slab, into the sensor."""
+    """Signal and noise behind a slab relative to air.
+
+    Sums over all energies of SPECTRUM through the filters and the slab into the sensor.
+    """
     energies, fluence = tube_spectrum(SPECTRUM["kvp"])
     detected, *moments = response("caesium_iodide", 0.6, energies)
     photons = fluence * detected * np.exp(-attenuation_per_mm("aluminium", energies) * SPECTRUM["filtration_mm"])
@@ -53,7 +55,7 @@ def through(slab, aluminium_mm=0.0, target="tungsten", target_mm=0.0):
         attenuation_per_mm("aluminium", energies) * aluminium_mm + attenuation_per_mm(target, energies) * target_mm
     )
     inside = sum(attenuation_per_mm(m, energies) * mm for m, mm in zip(slab.materials, slab.paths_mm, strict=True))
-    return [(photons * one * np.exp(-filters - inside)).sum() / (photons * one).sum() for one in moments]
+    return [(photons * moment * np.exp(-filters - inside)).sum() / (photons * moment).sum() for moment in moments]
 
 
 BOWTIE = load("bowtie").values({"at_20deg_mm": 15.0})
@@ -63,8 +65,8 @@ BOWTIE = load("bowtie").values({"at_20deg_mm": 15.0})
     ("name", "profile", "middle_mm"),
     [("large", (31.8, 3.54, 14.9), 2.55), ("medium", (32.7, 3.27, 13.0), 0.94), ("small", (32.7, 2.82, 10.8), 1.1)],
 )
-def test_a_bowtie_that_levels_off_is_like_those_of_body_scanners(name, profile, middle_mm):
-    """XCIST's three: fan angles in radians and aluminium in cm."""
+def test_saturating_bowtie_resembles_those_of_body_scanners(name, profile, middle_mm):
+    """XCIST's three bowties: fan angles in radians and aluminum in cm."""
     import gecatsim
 
     file = Path(gecatsim.__file__).parent / "bowtie" / f"{name}.txt"
@@ -84,8 +86,10 @@ def bowtie_mm(geometry, at_20deg_mm):
 
 
 def heel_mm(geometry, depth_mm, anode_deg):
-    """Of the target, over that of the central ray, from the angle between ray and surface: the anode's normal tilts
-    away from its own side."""
+    """Path in the target relative to that of the central ray, from the angle between ray and surface.
+
+    The anode's normal tilts away from its own side.
+    """
     normal = np.array([-np.cos(np.deg2rad(anode_deg)), np.sin(np.deg2rad(anode_deg))])  # along z, towards the detector
     rays = np.stack([geometry.row_positions_mm(), np.full(geometry.rows, geometry.source_to_detector_mm)])
     rays /= np.linalg.norm(rays, axis=0)
@@ -94,7 +98,7 @@ def heel_mm(geometry, depth_mm, anode_deg):
 
 @pytest.mark.parametrize("samples", [1, 2])
 @pytest.mark.parametrize("slab", [Slab(water=50.0), Slab(water=200.0, bone=15.0)])
-def test_a_bowtie_hardens_column_by_column(slab, samples):
+def test_bowtie_hardens_column_by_column(slab, samples):
     chain = Chain(slab, GEOMETRY, samples=samples)
     state = chain.state({"spectrum": SPECTRUM, "bowtie": BOWTIE})
     lines, thickness = state.line_integrals()[0, 0], bowtie_mm(GEOMETRY, 15.0)
@@ -104,14 +108,14 @@ def test_a_bowtie_hardens_column_by_column(slab, samples):
         assert lines[column] == pytest.approx(-np.log(signal / air), rel=2e-3)
         assert state.air[0, 0, column] == pytest.approx(air, rel=2e-3)
         assert state.noise[0, 0, column] == pytest.approx(noise, rel=5e-3)
-    # Of 50 mm of water behind 15 mm of aluminium (20 degrees off the central ray) 7 % less than without.
+    # Behind 15 mm of aluminum (20 degrees off the central ray), 50 mm of water attenuates 7 % less.
     at_20 = np.argmin(np.abs(thickness - 15.0))
     assert slab.paths_mm[0] > 50 or lines[at_20] / lines[40] - 1 == pytest.approx(-0.07, abs=0.01)
 
 
 @pytest.mark.parametrize("samples", [1, 2])
 @pytest.mark.parametrize("angle", [12.0, -12.0])
-def test_a_heel_hardens_row_by_row_towards_the_anode(angle, samples):
+def test_heel_hardens_row_by_row_towards_the_anode(angle, samples):
     slab = Slab(water=200.0)
     physics = {"spectrum": SPECTRUM, "heel": {"depth_um": 10.0}}
     state = Chain(slab, GEOMETRY, samples=samples).state(physics, anode=Anode("W", angle))
@@ -128,7 +132,7 @@ def test_a_heel_hardens_row_by_row_towards_the_anode(angle, samples):
     np.testing.assert_allclose(other.air, state.air[:, ::-1], rtol=1e-6)
 
 
-def test_one_energy_is_thinned_and_not_hardened():
+def test_monochromatic_beam_is_attenuated_and_not_hardened():
     chain = Chain(DiscScene(160.0, "water"), GEOMETRY)
     plain = chain.state({}).line_integrals()
     bowtie, heel = chain.state({"bowtie": BOWTIE}), chain.state({"heel": {"depth_um": 10.0}})
@@ -144,9 +148,11 @@ def test_one_energy_is_thinned_and_not_hardened():
 
 @pytest.mark.parametrize("physics", [{"bowtie": BOWTIE}, {"heel": {"depth_um": 10.0}}])
 @pytest.mark.parametrize("spectrum", [{}, {"spectrum": SPECTRUM}])
-def test_another_detector_and_collimation_has_the_same_parameters(physics, spectrum):
-    """Half the columns and rows of a detector half as wide and high, or one at another distance: the same rays get the
-    same light."""
+def test_other_detector_and_collimation_have_the_same_parameters(physics, spectrum):
+    """The same rays get the same light.
+
+    The other detector has half the size, columns and rows, or another distance.
+    """
     slab = Slab(water=100.0)
     whole = Chain(slab, GEOMETRY).state(physics | spectrum)
     narrow = Chain(slab, replace(GEOMETRY, columns=41, rows=11)).state(physics | spectrum)
@@ -156,8 +162,8 @@ def test_another_detector_and_collimation_has_the_same_parameters(physics, spect
     np.testing.assert_allclose(Chain(slab, far).state(physics | spectrum).air, whole.air, rtol=1e-9)
 
 
-def test_a_parabola_misses_as_much_of_xcists_bowties_as_model_accuracy_allows_them():
-    """Root mean square over that of the thickness, of the best parabola within fans of 13, 20 and 27.6 degrees."""
+def test_parabola_misses_xcists_bowties_within_the_model_accuracy():
+    """Relative root mean square error of the best parabola within fans of 13, 20 and 27.6 degrees."""
     profiles = ((31.8, 3.54, 14.9), (32.7, 3.27, 13.0), (32.7, 2.82, 10.8))  # bowtie in the effects reference
     missed = []
     for half_fan in (13.0, 20.0, 27.6):

@@ -1,4 +1,4 @@
-"""A new effect on images is a file in the folder of effects, and no more."""
+"""An effect on images is added by one file in the effects folder."""
 
 import shutil
 from pathlib import Path
@@ -33,8 +33,8 @@ EFFECT = Effect(
 """
 
 
-def test_a_new_effect_on_images_is_a_file_and_no_more(tmp_path, monkeypatch):
-    """It is found, acts at its rank, is tried on images and stands in the catalogue."""
+def test_effect_on_images_is_added_by_one_file(tmp_path, monkeypatch):
+    """It is found, acts at its rank, is a candidate for images, and is listed in the catalog."""
     known = set(effect.image_effects())
     for path in Path(effects.__path__[0]).glob("*.py"):
         shutil.copy(path, tmp_path)

@@ -1,4 +1,4 @@
-"""Objects of label maps: path lengths against chords in closed form, against masks, and maps that are refused."""
+"""Label maps as objects: path lengths against closed forms and masks, and rejected maps."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ ACRYLIC = {"compound": "C5H8O2", "density_g_per_cm3": 1.19}
 
 
 def labels_of(voxel_mm, slices=True):
-    """A cylinder (1) with a box in it (2): whole voxels, by where their centres are."""
+    """A cylinder (1) with a box in it (2) on whole voxels, by the position of their centers."""
     across, high = round(48 / voxel_mm), round(28 / voxel_mm) if slices else 1
     grid = Grid((high, across, across), (voxel_mm, voxel_mm, voxel_mm))
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
@@ -48,7 +48,7 @@ def written(volume, path):
 
 
 def rays(geometry):
-    """Sources and pixels, mm, and the way between them."""
+    """Sources and pixels in mm, and the vectors between them."""
     placed = geometry.by_vectors()
     middle = (np.array([geometry.columns, geometry.rows]) - 1) / 2
     columns = (np.arange(geometry.columns) - middle[0]) * geometry.column_pitch_mm
@@ -63,7 +63,7 @@ def rays(geometry):
 
 
 def in_cylinder(source, way, radius_mm, height_mm=np.inf):
-    """From where to where, in shares of the way, each ray is in an upright cylinder about the z axis."""
+    """Entry and exit of each ray, as fractions of its length, for an upright cylinder about the z axis."""
     square = (way[..., :2] ** 2).sum(-1)
     along = (source[..., :2] * way[..., :2]).sum(-1)
     root = along**2 - square * ((source[..., :2] ** 2).sum(-1) - radius_mm**2)
@@ -87,7 +87,7 @@ def length(source, way, inside):
 
 
 def chords(geometry, slices=True):
-    """What a ray crosses of the cylinder beside the box, and of the box, mm."""
+    """Path lengths in the cylinder without the box, and in the box, mm."""
     source, way = rays(geometry)
     box = (-np.inf, np.inf)
     for axis, (middle, side) in enumerate(zip(BOX_CENTRE_MM, BOX_MM, strict=True)):
@@ -103,7 +103,7 @@ def error(found, exact):
 
 
 @pytest.mark.parametrize(("slices", "geometry"), [(True, GEOMETRY), (False, GEOMETRY), (False, ONE_ROW)])
-def test_path_lengths_are_those_of_chords_the_more_so_the_smaller_voxels_are(slices, geometry, tmp_path):
+def test_path_lengths_converge_to_the_chords_with_smaller_voxels(slices, geometry, tmp_path):
     errors = {}
     exact = dict(zip(("pmma", "aluminium"), chords(geometry, slices), strict=True))
     for voxel_mm in (1.0, 0.25):
@@ -118,7 +118,7 @@ def test_path_lengths_are_those_of_chords_the_more_so_the_smaller_voxels_are(sli
 
 
 @pytest.mark.parametrize("slices", [True, False])
-def test_a_map_of_one_label_is_the_mask(slices, tmp_path):
+def test_map_of_one_label_equals_the_mask(slices, tmp_path):
     volume = labels_of(1.0, slices)
     share = replace(volume, array=(volume.array > 0).astype(np.float32))
     mask = mask_scene(written(share, tmp_path / "mask.nii.gz"), "pmma")
@@ -133,7 +133,7 @@ def test_a_map_of_one_label_is_the_mask(slices, tmp_path):
         np.testing.assert_array_equal(*lines)
 
 
-def test_numbers_of_labels_mean_nothing(tmp_path):
+def test_label_numbers_have_no_meaning(tmp_path):
     volume = labels_of(1.0)
     three = volume.array + np.where((volume.array == 1) & (volume.grid.axes_mm()[2] < -5), 2, 0)
     names = {1: "pmma", 2: "aluminium", 3: "water"}
@@ -152,7 +152,7 @@ def test_numbers_of_labels_mean_nothing(tmp_path):
 
 
 def test_labels_of_one_definition_are_one_material(tmp_path):
-    """However it is written: names, definitions, elements in another order."""
+    """In any notation: names, definitions, elements in another order."""
     path = written(labels_of(1.0), tmp_path / "labels.nii.gz")
     whole = written(replace(labels_of(1.0), array=(labels_of(1.0).array > 0).astype(np.uint8)), tmp_path / "1.nii.gz")
     water = {"mass_fractions": {"H": 0.112, "O": 0.888}, "density_g_per_cm3": 1}
@@ -164,15 +164,15 @@ def test_labels_of_one_definition_are_one_material(tmp_path):
     assert len(read_label_map(path, {"1": ACRYLIC, "2": ACRYLIC | {"density_g_per_cm3": 1.18}}).materials) == 2
 
 
-def test_a_defined_material_attenuates_as_published():
+def test_defined_material_has_its_published_attenuation():
     """Polymethyl methacrylate, NIST XCOM (J. H. Hubbell, S. M. Seltzer, NISTIR 5632): 0.1924 cm2/g at 60 keV."""
     (material,) = label_materials({"1": ACRYLIC}).values()
     assert attenuation_per_mm(material, [60.0])[0] == pytest.approx(0.1924 * 1.19 / 10, rel=0.01)
     assert str(material) == "C5H8O2 (1.19 g/cm3)"
 
 
-def test_what_has_no_material_is_left_out(tmp_path):
-    """Label 0 unless it is named, and labels of nothing; materials that no voxel has are no lanes."""
+def test_labels_without_material_are_skipped(tmp_path):
+    """Label 0 unless it is named, and labels of nothing; a material without voxels needs no lane."""
     path = written(labels_of(1.0), tmp_path / "labels.nii.gz")
     array = labels_of(1.0).array
     found = read_label_map(path, {"1": "pmma", "2": "nothing", "9": "copper"})
@@ -183,7 +183,7 @@ def test_what_has_no_material_is_left_out(tmp_path):
     np.testing.assert_array_equal(found.shares, [array == 1, array == 0])
 
 
-def test_labels_stored_as_numbers_with_a_point_are_labels(tmp_path):
+def test_labels_stored_as_floats_are_labels(tmp_path):
     volume = labels_of(1.0)
     whole = read_label_map(written(volume, tmp_path / "a.nii.gz"), {"1": "pmma", "2": "water"})
     floats = replace(volume, array=volume.array.astype(np.float32))
@@ -213,7 +213,7 @@ def test_labels_stored_as_numbers_with_a_point_are_labels(tmp_path):
         ),
     ],
 )
-def test_maps_that_are_none_are_refused_in_a_line(change, message, tmp_path):
+def test_invalid_maps_are_rejected_in_one_line(change, message, tmp_path):
     array = change(labels_of(1.0).array)
     kind = array.dtype if array.dtype.kind in "iu" else np.float32
     image = nibabel.Nifti1Image(array.T.astype(kind), np.eye(4))
@@ -233,12 +233,12 @@ def test_maps_that_are_none_are_refused_in_a_line(change, message, tmp_path):
         ({"mass_fractions": {"H": 0.5}, "density_g_per_cm3": 1.0}, "mass_fractions add up to 0.5; make the sum 1"),
     ],
 )
-def test_materials_that_are_none_are_refused_in_a_line(entry, message):
+def test_invalid_materials_are_rejected_in_one_line(entry, message):
     with pytest.raises(InputError, match=r"^materials\.2: ") as error:
         label_materials({"1": "pmma", "2": entry})
     assert message in str(error.value) and "\n" not in str(error.value)
 
 
-def test_a_map_that_is_not_there_is_said(tmp_path):
+def test_missing_map_is_reported(tmp_path):
     with pytest.raises(InputError, match="none.nii.gz: no such file; give the path of a NIfTI image"):
         read_label_map(tmp_path / "none.nii.gz", {"1": "pmma"})

@@ -17,7 +17,9 @@ SEED = np.random.SeedSequence(7)
 @pytest.mark.parametrize("noise_level", [1e-2, 1e-3, 1e-4])
 @pytest.mark.parametrize("model", ["physical", "astra"])
 def test_counts_have_poisson_mean_and_variance(noise_level, model):
-    """Chi-square of the dispersion and z of the mean, each at the 0.1 % level, over 20000 pixels of one ray's count."""
+    """Chi-square of the dispersion and z of the mean, each at the 0.1 % level, over 20000 pixels with the count of one
+    ray.
+    """
     p, p_max = 1.3, 4.0
     line_integrals = np.full((20, 40, 50), p)
     line_integrals[0, 0, 0] = p_max
@@ -32,7 +34,7 @@ def test_counts_have_poisson_mean_and_variance(noise_level, model):
     assert low < dispersion < high
 
 
-def test_line_integrals_come_back_unbiased_with_the_variance_that_theory_gives():
+def test_line_integrals_are_unbiased_with_the_theoretical_variance():
     """var(-s ln N) = s^2 / mean N to first order (delta method)."""
     line_integrals = np.full((10, 100, 100), 2.0)
     line_integrals[0, 0, 0] = 5.0
@@ -44,25 +46,25 @@ def test_line_integrals_come_back_unbiased_with_the_variance_that_theory_gives()
 
 
 SINOGRAM = np.linspace(0, 7.3, 48).reshape(6, 8) ** 1.2
-REPEATS, PHOTONS = 3000, 800.0  # few enough photons for skewed counts, and over 200 of them everywhere
+REPEATS, PHOTONS = 3000, 800.0  # few enough photons for skewed counts, and always over 200
 
 
 @pytest.fixture(scope="module")
 def astra_sinograms():
-    """What ASTRA's own function makes of one sinogram, [repeat, view, column], from NumPy's global state, seeded."""
+    """Result of ASTRA's own function for one sinogram, [repeat, view, column], with NumPy's global state seeded."""
     functions = pytest.importorskip("astra.functions", reason="ASTRA is not installed")
     return np.stack([functions.add_noise_to_sino(SINOGRAM, PHOTONS, seed=seed) for seed in range(REPEATS)])
 
 
-def test_astra_model_is_the_function_of_astra(astra_sinograms):
-    """Mean and variance of every pixel over repeats, and the distribution of all counts of three of them."""
-    given = np.broadcast_to(SINOGRAM, (REPEATS, *SINOGRAM.shape))
-    counts = simulate_counts(given, 1 / PHOTONS, "astra", SEED)
-    ours, theirs = counts.line_integrals(0.5).astype(float), astra_sinograms
-    variances = ours.var(axis=0, ddof=1), theirs.var(axis=0, ddof=1)
-    z = (ours.mean(axis=0) - theirs.mean(axis=0)) / np.sqrt(sum(variances) / REPEATS)
+def test_astra_model_equals_astras_function(astra_sinograms):
+    """Mean and variance of every pixel over repeats, and the distribution of all counts of three pixels."""
+    sinograms = np.broadcast_to(SINOGRAM, (REPEATS, *SINOGRAM.shape))
+    counts = simulate_counts(sinograms, 1 / PHOTONS, "astra", SEED)
+    actual, theirs = counts.line_integrals(0.5).astype(float), astra_sinograms
+    variances = actual.var(axis=0, ddof=1), theirs.var(axis=0, ddof=1)
+    z = (actual.mean(axis=0) - theirs.mean(axis=0)) / np.sqrt(sum(variances) / REPEATS)
     assert np.abs(z).max() < 4.5 and 0.7 < z.std() < 1.3
-    # Of normal values the logarithm of a variance has the variance 2 / n; logarithms of counts are nearly normal.
+    # The logarithm of a variance of normal values has the variance 2 / n; logarithms of counts are nearly normal.
     z = np.log(variances[0] / variances[1]) / np.sqrt(4 / REPEATS)
     assert np.abs(z).max() < 4.5 and 0.7 < z.std() < 1.3
     drawn = np.rint(PHOTONS * np.exp(-theirs / SINOGRAM.max()))
@@ -71,17 +73,17 @@ def test_astra_model_is_the_function_of_astra(astra_sinograms):
         assert both.pvalue > 1e-4, place
 
 
-def test_scaling_of_the_astra_model_is_that_of_astra(astra_sinograms):
-    """Counts of ASTRA's own draw, made into line integrals: rounding to single precision apart, the same numbers."""
+def test_astra_model_has_the_scaling_of_astra(astra_sinograms):
+    """Counts of ASTRA's own realization as line integrals: equal up to rounding to single precision."""
     drawn = PHOTONS * np.exp(-astra_sinograms / SINOGRAM.max())
     np.testing.assert_allclose(drawn, np.rint(drawn), atol=1e-9)
     scale = simulate_counts(SINOGRAM[None], 1 / PHOTONS, "astra", SEED).scale
-    ours = Counts(np.rint(drawn).astype(np.uint32), PHOTONS, scale).line_integrals(0.5)
-    np.testing.assert_allclose(ours, astra_sinograms, atol=2e-6 * SINOGRAM.max())
+    actual = Counts(np.rint(drawn).astype(np.uint32), PHOTONS, scale).line_integrals(0.5)
+    np.testing.assert_allclose(actual, astra_sinograms, atol=2e-6 * SINOGRAM.max())
 
 
 @given(st.floats(0.01, 1.0))
-def test_no_photon_is_read_as_the_stated_number(zero_counts_as):
+def test_zero_photons_are_read_as_the_configured_number(zero_counts_as):
     counts = Counts(np.zeros((1, 1, 2), np.uint16), 1000.0, 1.0)
     np.testing.assert_allclose(counts.line_integrals(zero_counts_as), -np.log(zero_counts_as / 1000), rtol=1e-5)
 
@@ -113,6 +115,6 @@ def test_streams_differ_in_every_argument_and_repeat():
     assert len(set(first)) == len(first)
 
 
-def test_counts_beyond_sixteen_bits_are_kept():
+def test_counts_beyond_sixteen_bits_are_stored():
     counts = simulate_counts(np.array([[[0.0, 1.0]]]), 1e-7, "physical", SEED)
     assert counts.data.max() > 2**16

@@ -1,4 +1,4 @@
-"""Objects of shapes as files say them: numbers of manuals, parameters, and voxels that hold as much as the shapes."""
+"""Objects of shapes from files: values of manuals, parameters, and voxels with the volume of the shapes."""
 
 import math
 import re
@@ -19,11 +19,11 @@ from virtual_phantom.physics.scenes.voxelized import shape_shares, voxelize
 from virtual_phantom.study.checks.preflight import problems
 
 MU_WATER = 0.0193
-GIVEN = {  # what has no default
+GIVEN = {  # parameters without default
     "ball": {"diameter_mm": 6, "material": "tungsten"},
     "step_wedge": {"step_mm": 2, "tread_mm": 8, "width_mm": 20},
 }
-# HU as the Catphan 503 manual and the ACR's instructions have them, over scanners and tube voltages.
+# HU in the Catphan 503 manual and the ACR's instructions, over scanners and tube voltages.
 CATPHAN = {
     "pmp": (-220, -172),
     "ldpe": (-121, -87),
@@ -34,11 +34,11 @@ CATPHAN = {
     "air_top": (-1046, -986),
 }
 ACR = {"polyethylene": (-107, -84), "bone": (850, 970), "acrylic": (110, 135), "air": (-1005, -970), "water": (-7, 7)}
-READ_HU = 5  # what a choice of the energy is worth: 70 keV stands for all tube voltages here
+READ_HU = 5  # uncertainty of the energy: 70 keV represents all tube voltages
 
 
 @pytest.mark.parametrize("name", object_names())
-def test_a_shipped_object_says_where_it_comes_from_and_can_be_scanned(name):
+def test_shipped_object_states_its_source_and_can_be_scanned(name):
     content = yaml.safe_load(object_path(name).read_text())
     assert content["sources"] or content["not_known"]
     shaped = read_object(name, GIVEN.get(name))
@@ -56,10 +56,10 @@ def test_a_shipped_object_says_where_it_comes_from_and_can_be_scanned(name):
     assert {roi.shape for roi in shaped.rois} <= set(shaped.names)
 
 
-def test_a_parameter_names_the_library_s_materials_as_people_write_them():
+def test_parameters_accept_common_names_of_library_materials():
     (ball,) = read_object("ball", {"diameter_mm": 6, "material": "Acrylic"}).shapes
     assert ball.material == "pmma"
-    # An object's own material goes first: that of the ACR phantom has its own density.
+    # Materials of an object have priority: the ACR phantom's has its own density.
     shaped = read_object("acr464_module1")
     assert shaped.shapes[shaped.names.index("acrylic")].material.density_g_per_cm3 == 1.18
 
@@ -74,8 +74,8 @@ def test_materials_have_the_hu_of_the_manuals(name, ranges):
         assert low - READ_HU <= hu <= high + READ_HU, shape
 
 
-def test_a_mixture_is_what_the_library_has():
-    """Water by its formula, and by its elements (CRC Handbook: 11.19 and 88.81 % by mass)."""
+def test_mixture_equals_the_library_material():
+    """Water by its formula and by its elements (CRC Handbook: 11.19 and 88.81 % by mass)."""
     energies = [30.0, 60.0, 100.0]
     water = attenuation_per_mm("water", energies)
     for mixture in (
@@ -93,8 +93,8 @@ def written(folder, **content):
     return str(path)
 
 
-def test_a_file_of_ones_own(tmp_path):
-    """A tube of PMMA with 'wax' in it, its sizes reckoned from a parameter, and one of its places by an angle."""
+def test_user_object_file(tmp_path):
+    """A tube of PMMA with 'wax' in it, with sizes calculated from a parameter and a position given by an angle."""
     mine = written(
         tmp_path,
         parameters={"wide_mm": {"description": "mm", "default": 40}, "what": {"description": "", "default": "wax"}},
@@ -112,7 +112,7 @@ def test_a_file_of_ones_own(tmp_path):
         ],
     )
     shaped = read_object(mine, {"wide_mm": 30})
-    assert [str(one.material) for one in shaped.shapes] == ["pmma", "wax", "water"]
+    assert [str(shape.material) for shape in shaped.shapes] == ["pmma", "wax", "water"]
     assert shaped.names == ("wall", None, None)
     assert shaped.shapes[0].around[2] == pytest.approx(25, abs=0.01)
     assert shaped.shapes[1].around[2] == pytest.approx(22.5, abs=0.01)
@@ -120,17 +120,17 @@ def test_a_file_of_ones_own(tmp_path):
     assert read_object(mine, {"what": NOTHING}).shapes[1].material == NOTHING
 
 
-def test_the_file_on_the_page_is_an_object(tmp_path):
+def test_file_on_the_page_is_an_object(tmp_path):
     page = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "objects.md").read_text(encoding="utf-8")
     (block,) = [one for one in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL) if one.startswith("description:")]
     (tmp_path / "bottle.yaml").write_text(block)
     shaped = read_object(str(tmp_path / "bottle.yaml"), {"wide_mm": 40})
-    assert [one.around[2] for one in shaped.shapes[:2]] == pytest.approx([21, 20], abs=0.01)
+    assert [shape.around[2] for shape in shaped.shapes[:2]] == pytest.approx([21, 20], abs=0.01)
     listed = page.split("## An object")[0]
     assert set(object_names()) == set(re.findall(r"^\| `(\w+)` \| .* \| .* \|$", listed, re.MULTILINE))
 
 
-def test_a_shipped_cylinder_is_its_discs():
+def test_shipped_cylinder_equals_its_discs():
     """Water in a wall of acrylic, against chords of two discs."""
     shaped = read_object("water_cylinder", {"diameter_mm": 60, "wall_mm": 4, "length_mm": 400})
     geometry = circular(
@@ -167,7 +167,7 @@ def test_a_shipped_cylinder_is_its_discs():
         ({"rois": [{"name": "a", "tissue_class": "a", "shape": "bal"}]}, "did you mean 'ball'"),
     ],
 )
-def test_what_is_wrong_with_a_file_is_one_line(tmp_path, change, message):
+def test_error_in_a_file_is_one_line(tmp_path, change, message):
     content = {"shapes": [{"name": "ball", "kind": "ball", "material": "pmma", "diameter_mm": 4}], **change}
     with pytest.raises(InputError, match="mine.yaml: ") as error:
         read_object(written(tmp_path, **content))
@@ -183,7 +183,7 @@ def test_what_is_wrong_with_a_file_is_one_line(tmp_path, change, message):
         ("pmma_disc", {"diameter": 5}, "did you mean 'diameter_mm'"),
     ],
 )
-def test_an_object_that_is_not_there_is_one_line(kind, parameters, message):
+def test_missing_object_is_one_line(kind, parameters, message):
     with pytest.raises(InputError, match=message):
         read_object(kind, parameters)
 
@@ -203,22 +203,22 @@ GRID = Grid((40, 44, 48), (1.5, 1.2, 1.1))
         (cone("water", (0, 0, -10), 14.0, 5.0, 22.0), math.pi * 22 / 3 * (14**2 + 14 * 5 + 5**2)),
     ],
 )
-def test_voxels_hold_as_much_as_the_shape(shape, volume):
+def test_voxels_have_the_volume_of_the_shape(shape, volume):
     (share,) = shape_shares([shape], GRID)
     assert share.min() >= 0 and share.max() == 1
     assert share.sum() * np.prod(GRID.spacing) == pytest.approx(volume, rel=4e-3)
 
 
-def test_later_shapes_take_their_share_of_earlier_ones():
+def test_later_shapes_replace_earlier_ones():
     shares = shape_shares([ellipsoid("water", (0, 0, 0), (20, 20, 20)), cylinder(NOTHING, (0, 0, 0), 6.0)], GRID)
     together = shape_shares([ellipsoid("water", (0, 0, 0), (20, 20, 20))], GRID)[0]
     np.testing.assert_allclose(np.minimum(shares.sum(axis=0), 1)[together > 0], shares.sum(axis=0)[together > 0])
-    # What is left of a ball that is drilled through: 4/3 pi (R^2 - r^2)^1.5, its height alone.
+    # Volume of a ball with a drilled hole: 4/3 pi (R^2 - r^2)^1.5, a function of its height only.
     left = 4 / 3 * math.pi * (20**2 - 6**2) ** 1.5
     assert shares[0].sum() * np.prod(GRID.spacing) == pytest.approx(left, rel=2e-3)
 
 
-def test_a_phantom_of_shapes_has_its_hu_and_regions():
+def test_phantom_of_shapes_has_its_hu_and_regions():
     grid = Grid((6, 60, 60), (4.0, 3.6, 3.6))
     shaped = read_object("acr464_module1")
     phantom = voxelize(shaped, grid, 2, MU_WATER)
@@ -229,15 +229,15 @@ def test_a_phantom_of_shapes_has_its_hu_and_regions():
     z, y, x = np.argwhere(by_name["bone"]).mean(axis=0)
     place = np.array([x, y]) * 3.6 - 59 / 2 * 3.6
     np.testing.assert_allclose(place, 63 * np.sqrt([0.5, 0.5]), atol=1)  # 45 degrees from +x to +y
-    assert by_name["bone"].any(axis=(1, 2)).all()  # in every slice: where the grid ends there is no edge
+    assert by_name["bone"].any(axis=(1, 2)).all()  # in every slice: the grid's end is no edge
     away = np.hypot(*(np.argwhere(by_name["bone"])[:, :0:-1] * 3.6 - 59 / 2 * 3.6 - 63 * np.sqrt(0.5)).T)
-    assert away.max() < 12.5 - 3 + 1.8  # by 3 mm, but for half a voxel
+    assert away.max() < 12.5 - 3 + 1.8  # by 3 mm, within half a voxel
     (part,) = voxelize(shaped, grid, 1, MU_WATER, [ShapedRoi("all", "all", "body")]).rois
     assert part.mask.sum() > by_name["bone"].sum()
 
 
-def test_check_says_what_of_a_phantom_of_shapes_is_not_seen():
-    """A module of 200 mm, scanned by a fan that sees 70 mm of the axis."""
+def test_check_reports_unscanned_parts_of_a_phantom_of_shapes():
+    """A module of 200 mm, scanned by a fan that covers 70 mm of the axis."""
     config = yaml.safe_load((Path(__file__).resolve().parents[2] / "config" / "config.yaml").read_text())
     pca = {name: {**one, "fit_on": "simulated"} for name, one in config["analyses"]["pca"].items()}
     config |= {
@@ -253,6 +253,6 @@ def test_check_says_what_of_a_phantom_of_shapes_is_not_seen():
     assert problems(misspelled) == ["phantom.object: rois: bone names the shape 'bon', which does not exist; " + MEANT]
 
 
-def test_an_object_that_the_grid_does_not_hold_is_refused():
+def test_object_larger_than_the_grid_is_rejected():
     with pytest.raises(InputError, match="reaches 100.0 mm from the isocenter along x, but the grid only 50.0 mm"):
         voxelize(read_object("acr464_module1"), Grid((4, 50, 50), (2.0, 2.0, 2.0)), 1, MU_WATER)

@@ -51,11 +51,11 @@ def chain(phantom):
     ("material", "mass", "density"),
     [("water", 0.2059, 1.0), ("aluminium", 0.2778, 2.699), ("copper", 1.593, 8.96), ("pmma", 0.1924, 1.19)],
 )
-def test_attenuation_is_that_of_the_published_tables(material, mass, density):
+def test_attenuation_equals_published_tables(material, mass, density):
     assert attenuation_per_mm(material, [60.0])[0] == pytest.approx(mass * density / 10, rel=0.005)
 
 
-def test_the_energy_of_a_monochromatic_beam():
+def test_energy_of_a_monochromatic_beam():
     assert energy_of("water", attenuation_per_mm("water", [70.0])[0]) == pytest.approx(70, abs=1e-3)
     with pytest.raises(InputError, match="is not the attenuation of water at any energy"):
         energy_of("water", 5.0)
@@ -71,13 +71,13 @@ def test_materials_add_up_to_the_hu():
         assert (fractions >= -1e-6).all()
 
 
-def test_the_chain_without_effects_is_the_baseline(phantom, chain):
+def test_chain_without_effects_equals_the_baseline(phantom, chain):
     found = chain.state({}).line_integrals()
     np.testing.assert_allclose(found, clean_line_integrals(phantom, GEOMETRY, MU), atol=2e-5)
 
 
 @pytest.mark.parametrize("name", [name for name in names() if not acts_on_images(name)])
-def test_an_effect_at_its_neutral_value_changes_nothing(chain, name):
+def test_effect_at_its_neutral_value_changes_nothing(chain, name):
     effect = load(name)
     assert (
         effect.name == name
@@ -101,17 +101,17 @@ def test_an_effect_at_its_neutral_value_changes_nothing(chain, name):
 
 def test_settings_are_checked():
     assert checked({"scatter": None}) == {"scatter": {"amount": 0.05, "width_mm": 60.0}}
-    for given, message in [
+    for settings, message in [
         ({"glow": {}}, "there is no effect 'glow'"),
         ({"scatter": {"ratio": 1}}, "scatter: has no ratio"),
         ({"scatter": {"amount": 3}}, "amount: 3 1 is out of the plausible range, 0 to 0.6"),
         ({"scatter": {"amount": math.nan}}, "is no finite number"),
     ]:
         with pytest.raises(InputError, match=message):
-            checked(given)
+            checked(settings)
 
 
-def test_a_spectrum_hardens_as_its_energies_say():
+def test_spectrum_hardens_as_the_sum_over_its_energies():
     spectrum = weighted_spectrum(120.0, 6.0)
     energies, shares = spectrum.energies_kev, spectrum.signal
     assert shares.sum() == pytest.approx(1) and 10 < energies[0] < energies[-1] <= 120
@@ -136,7 +136,7 @@ def test_spectra_follow_voltage_and_filter():
         tube_spectrum(120.0, Anode("Mo"))
 
 
-def test_scatter_of_a_wide_slab_is_what_the_primary_loses(chain):
+def test_scatter_of_a_wide_slab_equals_the_loss_of_the_primary(chain):
     """Far from all edges the kernel's width does not matter."""
     state = chain.state({})
     state.signal = np.full_like(state.signal, 0.2)
@@ -154,7 +154,7 @@ def test_scatter_of_a_wide_slab_is_what_the_primary_loses(chain):
 
 
 class Parabola:
-    """Path lengths that grow with the square of the distance from the detector's middle, too short to harden."""
+    """Path lengths that grow with the square of the distance from the detector center, too short to harden the beam."""
 
     attenuation_per_mm = np.array([1.0])
 
@@ -164,8 +164,8 @@ class Parabola:
 
 
 @pytest.mark.parametrize("samples", [2, 3, 4])
-def test_rays_of_a_pixel_average_as_the_whole_pixel_does(samples):
-    """A square's mean over a width w lies w^2 / 12 above that in the middle."""
+def test_rays_of_a_pixel_average_like_the_whole_pixel(samples):
+    """The mean over a pixel of width w exceeds the central value of a parabola by w^2 / 12."""
     square = 12 * 1e-8 * (GEOMETRY.column_pitch_mm**2 + 2 * GEOMETRY.row_pitch_mm**2) / 144
     middle = Chain(Parabola(), GEOMETRY).state({}).signal
     found = Chain(Parabola(), GEOMETRY, samples=samples).state({}).signal
@@ -177,8 +177,8 @@ def test_rays_of_a_fan_beam_stay_in_the_plane():
     assert sum(weight for _, weight in pixel_quadrature(3, of_rows=False)) == pytest.approx(1.0)
 
 
-def test_a_focal_spot_blurs_by_its_shadow():
-    """A thin disc at the isocentre: the variance of its shadow grows by w^2/12 (D - R)^2/R^2."""
+def test_focal_spot_blurs_by_its_shadow():
+    """A thin disc at the isocenter: the variance of its shadow grows by w^2/12 (D - R)^2/R^2."""
     geometry = circular(
         views=4,
         source_to_isocentre_mm=500.0,
@@ -200,7 +200,7 @@ def test_a_focal_spot_blurs_by_its_shadow():
 
 
 class CopperBall:
-    """At the isocentre; chords in closed form."""
+    """A ball at the isocenter with chords in closed form."""
 
     materials, energy_kev, threads = ("copper",), 60.0, 1
 
@@ -213,7 +213,7 @@ class CopperBall:
         return 2 * np.sqrt(np.maximum(self.radius_mm**2 - off**2, 0))
 
     def path_lengths(self, geometry, pose, motion_mm=None):
-        """Of one view."""
+        """Path lengths of one view."""
         source = geometry.source_mm[0]
         u, v = geometry.column_positions_mm()[:, None], geometry.row_positions_mm()[:, None, None]
         pixels = geometry.detector_mm[0] + u * geometry.column_direction[0] + v * geometry.row_direction[0]
@@ -221,8 +221,10 @@ class CopperBall:
 
 
 def signal_under_a_spot(ball, geometry, width_mm, length_mm, anode_deg, points=24, rays=6):
-    """Mean transmission [row, column] of points spread evenly over the anode and over each pixel: brute force. The
-    source stands at +y."""
+    """Mean transmission [row, column] over points spread evenly over the anode and each pixel, by brute force.
+
+    The source is at +y.
+    """
     spot, within = ((np.arange(n) + 0.5) / n - 0.5 for n in (points, rays))
     radius, distance = geometry.source_to_isocentre_mm, geometry.source_to_detector_mm
     total = 0
@@ -239,13 +241,14 @@ def signal_under_a_spot(ball, geometry, width_mm, length_mm, anode_deg, points=2
 
 @pytest.mark.parametrize(
     ("diameter_mm", "pitch_mm", "error"),
-    # Points lie as far apart as pixels: of a ball as wide as these a ripple is left.
+    # The distance of points equals the pixels; for a ball of that width, a ripple remains.
     [(0.5, 0.5, 0.06), (1.0, 0.5, 0.02), (1.0, 1.0, 0.03)],
 )
-def test_a_ball_under_a_spot_wider_than_itself(diameter_mm, pitch_mm, error):
-    """Copper under a spot of 2 mm by 2 mm: no line integral is negative, and all are those of a spot that shines
-    everywhere. A rule of one line of points along either side, with a weight of -1/9 in the middle, gives -0.05 and
-    twice the peak."""
+def test_ball_under_a_focal_spot_wider_than_itself(diameter_mm, pitch_mm, error):
+    """Copper under a spot of 2 mm by 2 mm: line integrals are positive and equal to those of a uniform spot.
+
+    A rule of one line of points along either side, with a weight of -1/9 in the middle, gives -0.05 and twice the peak.
+    """
     size = int(5 / pitch_mm) // 2 * 2 + 1
     geometry = circular(
         views=1,
@@ -266,7 +269,7 @@ def test_a_ball_under_a_spot_wider_than_itself(diameter_mm, pitch_mm, error):
 
 @pytest.mark.parametrize("sides", [(1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (30.0, 30.0)])
 def test_points_of_the_spot_have_the_moments_of_its_rectangle(sides):
-    """Of a uniform rectangle up to the fourth: 1/12 and 1/80 along either side, and their products."""
+    """Moments of a uniform rectangle up to the fourth: 1/12 and 1/80 along either side, and their products."""
     state = State(GEOMETRY)
     load("focal_spot").apply(state, dict(zip(("width_mm", "length_mm"), sides, strict=True)))
     u, v, _, weight = np.array(state.sources).T
@@ -278,9 +281,11 @@ def test_points_of_the_spot_have_the_moments_of_its_rectangle(sides):
 
 
 @pytest.mark.parametrize("angle", [10.0, -10.0])
-def test_the_ends_of_a_long_spot_are_not_equally_far_away(angle):
-    """Line focus: a spot of length l on an anode inclined by a is l / tan(a) deep, which blurs the shadow of what lies
-    off the axis along the columns, by the variance of its place."""
+def test_ends_of_a_long_spot_have_different_distances(angle):
+    """Line focus: a spot of length l on an anode inclined by a is l / tan(a) deep.
+
+    This blurs the shadow of an off-axis object along the columns by the variance of its position.
+    """
     geometry = circular(
         views=1,
         source_to_isocentre_mm=500.0,
@@ -299,7 +304,7 @@ def test_the_ends_of_a_long_spot_are_not_equally_far_away(angle):
 
     length = 2.0
     depth = length / math.tan(math.radians(angle))
-    # The shadow lies at x D / R; a source that is nearer by s puts it at x (D - s) / (R - s).
+    # The shadow is at x D / R; a source closer by s has it at x (D - s) / (R - s).
     slope = 35.0 * (1000.0 - 500.0) / 500.0**2
     grown = spread({"focal_spot": {"width_mm": 0.0, "length_mm": length}}) - spread({})
     assert grown == pytest.approx(slope**2 * depth**2 / 12, rel=0.02)
@@ -309,8 +314,8 @@ def test_the_ends_of_a_long_spot_are_not_equally_far_away(angle):
     assert sum(weight for *_, weight in state.sources) == pytest.approx(1.0)
 
 
-def test_points_of_the_spot_keep_the_detector_where_it_is():
-    """Every pixel: rays to the outer columns ended 0.6 mm off where the source was moved by turning the gantry."""
+def test_points_of_the_spot_keep_the_detector_fixed():
+    """Every pixel: if the source moved by rotation of the gantry, rays to the outer columns would end 0.6 mm off."""
     moved = displace_source(GEOMETRY, 3.0, -2.0, 1.5)
     for view, row, column in ((0, 0, 0), (7, 3, 40), (23, 5, 47)):
         source, pixel = GEOMETRY.ray(view, row, column)
@@ -321,7 +326,7 @@ def test_points_of_the_spot_keep_the_detector_where_it_is():
         np.testing.assert_allclose(other_pixel, pixel, atol=1e-9)
 
 
-def test_neighbours_share_what_is_there():
+def test_crosstalk_conserves_the_signal():
     delta = np.zeros((5, 5, 5))
     delta[2, 2, 2] = 1
     found = with_afterglow(with_crosstalk(delta, (0.1, 0.05)), (0.2, 0.0, 1.0))
@@ -330,8 +335,8 @@ def test_neighbours_share_what_is_there():
     assert with_afterglow(with_crosstalk(np.ones((3, 4, 5)), (0.1, 0.1)), (0.1, 0.3, 1.0)) == pytest.approx(1)
 
 
-def test_a_glow_fades_by_its_memory():
-    """One bright view: k (1 - d) d^(j - 1) of it j views later; of a scintillator at rest, 1 - k of the first view."""
+def test_afterglow_decays_by_its_memory():
+    """One bright view: k (1 - d) d^(j - 1) of it j views later; without afterglow before, 1 - k of the first view."""
     bright = np.zeros((6, 1, 1))
     bright[1] = 1
     k, d = 0.2, 0.6
@@ -341,7 +346,7 @@ def test_a_glow_fades_by_its_memory():
     np.testing.assert_allclose(with_afterglow(bright, (k, d, 0.0), squared=True)[:, 0, 0], np.square(expected))
 
 
-def test_a_lasting_glow_has_the_variance_and_correlation_of_its_weights(chain):
+def test_long_afterglow_has_the_variance_and_correlation_of_its_weights(chain):
     state = chain.state({"afterglow": {"share": 0.3, "time_constant_ms": 30.0, "before": 1.0}})
     share, memory, _ = state.lag
     weights = np.array([1 - share, *(share * (1 - memory) * memory**j for j in range(60))])
@@ -350,11 +355,11 @@ def test_a_lasting_glow_has_the_variance_and_correlation_of_its_weights(chain):
     signal = np.ones((400, 1, 1))
     lasting = State(GEOMETRY, signal=signal, air=signal[:1], lag=state.lag)
     right = (weights[1:] * weights[:-1]).sum() / (weights**2).sum()
-    # The noise of views before the scan is that of a mean over them, and has no correlation with the scan's.
+    # The noise of views before the scan is averaged and uncorrelated with the scan's.
     assert correlations(lasting)[2] == pytest.approx(right, rel=0.01)
 
 
-def test_the_glow_of_views_before_the_scan_is_as_noisy_as_theirs(chain):
+def test_afterglow_from_before_the_scan_has_the_noise_of_its_views(chain):
     state = chain.state({"afterglow": {"share": 0.3, "time_constant_ms": 200.0, "before": 1.0}})
     scans = noisy_lines(state, 60, np.random.default_rng(8))
     ratio = (scans.var(axis=0, ddof=1) / state.variance()).mean(axis=(1, 2))
@@ -364,7 +369,7 @@ def test_the_glow_of_views_before_the_scan_is_as_noisy_as_theirs(chain):
 
 @pytest.mark.parametrize(("counts", "electronic"), [(20.0, 0.0), (100.0, 0.0), (300.0, 60.0), (60.0, 10.0)])
 def test_moments_of_the_logarithm_of_few_noisy_counts(counts, electronic):
-    """Against a million draws, which first-order moments miss by more than twice as much."""
+    """Against a million realizations, from which first-order moments differ more than twice as much."""
     one = np.ones((1, 1, 1))
     state = State(GEOMETRY, photons=counts, signal=one, air=one, electronic=electronic)
     random = np.random.default_rng(7)
@@ -385,12 +390,12 @@ def noise_of(chain, physics, repeats=40, seed=3):
     "name",
     ["electronic_noise", "optical_crosstalk", "afterglow", "bowtie", "current_modulation", "detector_saturation"],
 )
-def test_simulated_noise_follows_the_law_of_the_model(chain, name):
+def test_simulated_noise_follows_the_model(chain, name):
     state, scans = noise_of(chain, {name: load(name).values({})})
     ratio = scans.var(axis=0, ddof=1) / state.variance()
     assert ratio.mean() == pytest.approx(1, abs=4 * math.sqrt(2 / 39 / ratio.size))
     flat = (scans - scans.mean(axis=0)) / np.sqrt(state.variance())
-    uniform = state.signal / state.air > 0.99  # rays that pass the object: signals of neighbours are alike
+    uniform = state.signal / state.air > 0.99  # rays through the object: neighbors have similar signals
     for axis, right in zip((3, 2, 1), correlations(state), strict=True):
         both = np.take(uniform, range(1, uniform.shape[axis - 1]), axis - 1)
         both &= np.take(uniform, range(uniform.shape[axis - 1] - 1), axis - 1)
@@ -406,8 +411,8 @@ def test_simulated_noise_follows_the_law_of_the_model(chain, name):
         ("afterglow", {"share": 0.3, "time_constant_ms": 20.0, "before": 1.0}),
     ],
 )
-def test_electronic_noise_dilutes_correlations(chain, name, values):
-    """Over the whole scan, weighted as `observe` weights it: where few photons arrive, most of the noise is white."""
+def test_electronic_noise_reduces_correlations(chain, name, values):
+    """Over the whole scan, with the weights of `observe`: with few photons, most of the noise is white."""
     physics = {name: values, "electronic_noise": {"photons": 200.0}}
     state, scans = noise_of(chain, physics)
     reference = state.variance() * np.linspace(0.5, 2, GEOMETRY.columns)
@@ -416,12 +421,12 @@ def test_electronic_noise_dilutes_correlations(chain, name, values):
     undiluted = correlations(chain.state({name: physics[name]}))
     for place, right in enumerate(correlations(state, 1 / reference)):
         assert abs(found.correlation[place] - right) < 4 * found.correlation_error[place] + 0.02 * right
-        if undiluted[place] > 0:  # by 9.4 errors of afterglow, and more of crosstalk
+        if undiluted[place] > 0:  # by 9.4 standard errors for afterglow, and more for crosstalk
             assert undiluted[place] - found.correlation[place] > 5 * found.correlation_error[place]
 
 
-def test_dark_signal_drifts_from_the_middle_of_the_scan(chain):
-    """Each view in the middle of its interval, so that the mean over the scan is the level: 2 % of 200 000 photons."""
+def test_dark_signal_drifts_about_the_middle_of_the_scan(chain):
+    """Each view at the middle of its interval, so that the mean over the scan is the level: 2 % of 200 000 photons."""
     state = chain.state({"dark_signal": {"level_units": 4000.0, "drift_units_per_s": 10000.0}})
     added = (state.measured - chain.state({}).measured)[:, 0, 0]
     views = GEOMETRY.views
@@ -438,7 +443,7 @@ def test_fluence_and_gain(chain):
 
 
 def test_geometry_errors_move_the_shadow_of_a_disc():
-    """Positions of a thin disc's shadow by hand: u = D t/(R - depth towards the source)."""
+    """Positions of a thin disc's shadow: u = D t/(R - depth towards the source)."""
     geometry = circular(
         views=4,
         source_to_isocentre_mm=500.0,
@@ -477,7 +482,7 @@ def test_geometry_errors_move_the_shadow_of_a_disc():
     np.testing.assert_allclose(centres(moved, Pose(10, 20)), right, atol=0.02)
 
 
-def test_a_disc_of_voxels_and_one_in_closed_form_agree():
+def test_disc_of_voxels_and_disc_in_closed_form_agree():
     grid = Grid((20, 300, 300), (4.0, 0.25, 0.25))
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij", sparse=True)
     voxels = ((x**2 + y**2 + 0 * z) < 30**2).astype(np.float32)[None]
@@ -486,7 +491,7 @@ def test_a_disc_of_voxels_and_one_in_closed_form_agree():
     scenes = DiscScene(60.0, "water"), VoxelScene(voxels, grid, ("water",), 60.0)
     for moved in (None, motion):
         one, other = (scene.path_lengths(GEOMETRY, pose, moved)[0, :, 2:4] for scene in scenes)
-        # turned about the isocentre, a disc off the axis moves; motion is of the object in the room
+        # a rotation about the isocenter moves an off-axis disc; motion of the object is in fixed coordinates
         assert np.abs(one - other).mean() < 0.1 and np.quantile(np.abs(one - other), 0.9) < 0.3
 
 
@@ -502,7 +507,7 @@ def test_effects_on_images():
 
     blurred = apply_image_effects(point, spacing, {"reconstruction_kernel": {"sigma_mm": 1.5}})
     assert spreads(blurred) == pytest.approx([0, 1.5**2, 1.5**2], rel=0.01, abs=1e-6)
-    narrow = apply_image_effects(point, spacing, {"reconstruction_kernel": {"sigma_mm": 0.2}})  # under half a voxel
+    narrow = apply_image_effects(point, spacing, {"reconstruction_kernel": {"sigma_mm": 0.2}})  # below half a voxel
     assert spreads(narrow) == pytest.approx([0, 0.2**2, 0.2**2], rel=0.01, abs=1e-6)
     thick = apply_image_effects(point, spacing, {"slice_thickness": {"thickness_mm": 10.0}})
     np.testing.assert_allclose(thick[:, 20, 30][12:19], [0, 200, 200, 200, 200, 200, 0], atol=1e-3)
@@ -518,8 +523,8 @@ def test_effects_on_images():
         np.testing.assert_array_equal(apply_image_effects(point, spacing, {name: neutral}), point)
 
 
-def test_a_dark_signal_is_read_out_without_noise_of_its_own():
-    """It shifts the readings, and only makes the same noise a smaller part of them."""
+def test_dark_signal_is_read_without_noise_of_its_own():
+    """It shifts the readings and thus reduces the relative noise."""
     photons, level = 2e4, 0.05
     chain = Chain(DiscScene(160.0, "water"), GEOMETRY, photons)
     plain, dark = (

@@ -1,4 +1,4 @@
-"""Poisson counts against SciPy's distribution, exact sums, the distribution's moments and its order."""
+"""Poisson counts against SciPy's distribution, exact sums, moments, and monotonicity."""
 
 from decimal import Decimal, localcontext
 
@@ -18,7 +18,7 @@ def random(seed=0):
 
 
 @pytest.mark.parametrize("mean", MEANS)
-def test_quantiles_are_those_of_scipy(mean):
+def test_quantiles_agree_with_scipy(mean):
     """Up to 4.4 standard deviations: beyond 4.5, SciPy's incomplete gamma function is off at large means."""
     rng = random(1)
     uniform = np.concatenate([rng.random(60), 10 ** rng.uniform(-5.2, -1, 20), 1 - 10 ** rng.uniform(-5.2, -1, 20)])
@@ -27,11 +27,11 @@ def test_quantiles_are_those_of_scipy(mean):
 
 @pytest.mark.parametrize("mean", MEANS[1:])
 def test_counts_change_at_the_jumps_of_the_distribution(mean):
-    """A billionth of the nearer tail below a jump, and one above it."""
+    """A relative 1e-9 of the smaller tail below a jump, and above it."""
     counts = np.unique(stats.poisson.ppf(np.linspace(2e-5, 1 - 2e-5, 40), mean)).astype(int)
     below, above = special.gammaincc(counts + 1.0, mean), special.gammainc(counts + 1.0, mean)
     step = 1e-9 * np.minimum(below, above)
-    inside = above > 1e-6  # where 1e-9 of the upper tail is more than a step of double precision
+    inside = above > 1e-6  # where 1e-9 of the upper tail exceeds a step of double precision
     counts, below, step = counts[inside], below[inside], step[inside]
     np.testing.assert_array_equal(quantiles(below - step, np.full(below.size, mean)), counts)
     np.testing.assert_array_equal(quantiles(below + step, np.full(below.size, mean)), counts + 1)
@@ -39,7 +39,7 @@ def test_counts_change_at_the_jumps_of_the_distribution(mean):
 
 @pytest.mark.parametrize("mean", np.geomspace(0.5, 9e4, 24))
 def test_both_tails(mean):
-    """Down to the smallest number over 0 and up to the largest under 1 that a generator of doubles gives."""
+    """From the smallest positive number to the largest below 1 that a generator of doubles returns."""
     rng = random(2)
     tail = np.concatenate([10 ** rng.uniform(-16, -4, 200), [2.0**-53]])
     low = quantiles(tail, np.full(tail.size, mean)).astype(float)
@@ -66,18 +66,18 @@ def upper_tail(count: int, mean: int) -> float:
 @pytest.mark.parametrize("mean", [10**5, 10**6, 10**7, 10**8, 10**9])
 @pytest.mark.parametrize("tail", [1e-4, 1e-7, 1e-10, 1e-13])
 def test_upper_tail_of_large_means(mean, tail):
-    """At a jump, u = P(N <= n), within what the steps of double precision leave of 1 - u."""
+    """At a jump, u = P(N <= n), within the resolution of double precision for 1 - u."""
     count = int(mean + stats.norm.isf(tail) * np.sqrt(mean))
     above = upper_tail(count + 1, mean)
     step = max(1e-9 * above, 2.0**-52)
     found = quantiles(np.array([1 - (above + step), 1 - (above - step)]), np.full(2, float(mean)))
-    # A step may be several counts where their probabilities are less than it.
+    # A step may be several counts if their probabilities are smaller.
     assert found[0] <= count < found[1]
     assert upper_tail(int(found[0]), mean) > above + step - 2.0**-53
     assert upper_tail(int(found[1]) + 1, mean) <= above - step + 2.0**-53
 
 
-def test_no_mean_gives_no_count_and_no_number_the_fewest():
+def test_zero_mean_gives_zero_and_zero_the_smallest_count():
     np.testing.assert_array_equal(quantiles(np.array([0.0, 0.3, 1 - 2.0**-53]), np.zeros(3)), 0)
     np.testing.assert_array_equal(quantiles(np.zeros(3), np.array([3.0, 300.0, 3e7])), 0)
     assert poisson_counts(np.zeros((0, 3)), random()).shape == (0, 3)
@@ -85,7 +85,7 @@ def test_no_mean_gives_no_count_and_no_number_the_fewest():
 
 @pytest.mark.parametrize("mean", [0.02, 0.7, 3.0, 9.9, 10.1, 40.0, 2e3, 1.7e5, 3e8])
 def test_moments(mean):
-    """Mean, variance, third and fourth central moments: m, m, m and m + 3 m^2; standard errors from the eighth."""
+    """Mean and central moments m, m, m and m + 3 m^2; standard errors from the eighth moment."""
     n = 400_000
     drawn = poisson_counts(np.full(n, mean), random(3)) - mean
     moments = [(drawn, 0.0), (drawn**2, mean), (drawn**3, mean), (drawn**4, mean + 3 * mean**2)]
@@ -110,8 +110,8 @@ means = st.floats(0, 1e9)
 
 @settings(deadline=None)  # the kernel is compiled in the first case
 @given(numbers, numbers, means)
-def test_more_of_the_uniform_number_is_no_less_of_counts(first, second, mean):
-    # Numbers nearer to each other than rounding are told apart by nothing.
+def test_counts_are_monotonic_in_the_uniform_number(first, second, mean):
+    # Numbers that differ by less than rounding are equal.
     low, high = sorted((first, second))
     if high - low > 1e-11 * min(high, 1 - low):
         few, many = quantiles(np.array([low, high]), np.full(2, mean))
@@ -120,7 +120,7 @@ def test_more_of_the_uniform_number_is_no_less_of_counts(first, second, mean):
 
 @settings(deadline=None)
 @given(numbers, means, st.floats(1e-9, 1e3))
-def test_more_of_the_mean_is_no_less_of_counts(uniform, mean, more):
+def test_counts_are_monotonic_in_the_mean(uniform, mean, more):
     few, many = quantiles(np.full(2, uniform), np.array([mean, mean * (1 + more)]))
     assert few <= many
 
@@ -135,8 +135,8 @@ def test_one_number_per_pixel_in_the_order_of_the_array():
     assert rng.random() == numbers.random()
 
 
-def test_a_last_digit_of_the_means_moves_few_counts_and_by_one():
-    """The quantile moves as the mean does, so a count passes a jump with the probability of the change in photons."""
+def test_rounding_of_the_means_changes_few_counts_and_by_one():
+    """The quantile shifts with the mean: a count changes with the probability of the difference in photons."""
     means = random(7).uniform(1e4, 1.6e5, 400_000)
     here, there = (poisson_counts(each, random(8)) for each in (means, means * (1 + 1e-7)))
     moved = there - here
@@ -145,7 +145,7 @@ def test_a_last_digit_of_the_means_moves_few_counts_and_by_one():
     assert abs(moved.sum() - expected) < 4 * np.sqrt(expected)
 
 
-def test_numbers_outside_the_bounds_are_refused():
+def test_numbers_outside_the_bounds_are_rejected():
     for mean in (-1e-9, np.nan, np.inf, 1e17):
         with pytest.raises(ValueError, match="means of Poisson counts"):
             poisson_counts(np.array([1.0, mean]), random())

@@ -1,4 +1,4 @@
-"""Path lengths that follow pose, motion and geometry to first order, against those traced again."""
+"""First-order changes of path lengths with pose, motion and geometry, against new traces."""
 
 from dataclasses import replace
 
@@ -27,14 +27,16 @@ NEAR = Pose(x_mm=0.008, y_mm=-0.004, z_mm=0.003, turn_deg=0.002, size=1.00002)
 def traced():
     grid = Grid((16, 40, 40), (4.0, 4.0, 4.0))
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
-    soft = 1 / (1 + np.exp((np.hypot(x / 60, y / 45) - 1) * 12))  # a smooth edge: shifts change it smoothly
+    soft = 1 / (
+        1 + np.exp((np.hypot(x / 60, y / 45) - 1) * 12)
+    )  # a smooth edge, so that shifts change path lengths smoothly
     return VoxelScene(
         np.stack([soft, soft * (x > 20) * (0.5 + z / 80)]).astype(np.float32), grid, ("water", "bone"), 60.0
     )
 
 
 class Counting:
-    """A scene that counts how often it is traced."""
+    """Scene that counts how often it is traced."""
 
     def __init__(self, scene):
         self.scene, self.traces = scene, 0
@@ -47,7 +49,7 @@ class Counting:
         return self.scene.path_lengths(*arguments)
 
 
-def test_a_pose_that_was_traced_is_exact(traced):
+def test_traced_pose_is_exact(traced):
     posed = PosedScene(traced)
     for pose in (Pose(), Pose(x_mm=3.0, turn_deg=1.0)):
         np.testing.assert_array_equal(posed.path_lengths(GEOMETRY, pose), traced.path_lengths(GEOMETRY, pose))
@@ -64,23 +66,23 @@ PLACES = {
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_rays_nearby_are_followed(traced, place):
+def test_displaced_rays_are_extrapolated(traced, place):
     posed = PosedScene(traced).near([IN_PLACE])
     start = posed.path_lengths(GEOMETRY, Pose())
     again = traced.path_lengths(*PLACES[place])
     changed = np.abs(again - start).max()
     followed = posed.path_lengths(*PLACES[place])
     assert changed > 1e-3
-    assert not np.array_equal(followed, again)  # it was followed, not traced
+    assert not np.array_equal(followed, again)  # not traced
     assert np.abs(followed - again).max() < 0.05 * changed
 
 
-def test_slopes_are_what_small_steps_change(traced):
-    """Against differences of sums traced again, of rays that cross planes of x and of y."""
+def test_slopes_equal_finite_differences(traced):
+    """Against differences of new traces, for rays that cross planes of x and of y."""
     rays = traced.rays(GEOMETRY)
     assert 0.2 < rays.bundles.along_x.mean() < 0.8
     slopes = traced.slopes(rays)
-    step = 0.05  # mm: nearly all crossings stay between the same voxels
+    step = 0.05  # mm: almost all crossings stay between the same voxels
     moved = Pose(z_mm=step)
     sums = [traced.path_lengths(GEOMETRY, pose) / rays.lengths_mm for pose in (Pose(), moved)]
     expected = -slopes[:, :, :, 1].transpose(2, 0, 3, 1) * step / traced.grid.spacing[0]
@@ -88,7 +90,7 @@ def test_slopes_are_what_small_steps_change(traced):
     np.testing.assert_allclose(sums[1] - sums[0], expected, atol=0.02 * np.abs(expected).max())
 
 
-def test_rays_nearby_cost_no_further_traces(traced):
+def test_displaced_rays_need_no_further_traces(traced):
     counting = Counting(traced)
     posed = PosedScene(counting).near([IN_PLACE])
     posed.path_lengths(GEOMETRY, Pose())
@@ -99,12 +101,12 @@ def test_rays_nearby_cost_no_further_traces(traced):
     posed.path_lengths(GEOMETRY, Pose(x_mm=1.0))
     assert counting.traces == 2
     posed.path_lengths(GEOMETRY, Pose(x_mm=1.0))
-    assert counting.traces == 2  # kept
+    assert counting.traces == 2  # cached
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_what_was_asked_before_changes_nothing(traced, place):
-    """Path lengths are a function of the scan and of the scans that it may follow: byte for byte."""
+def test_result_does_not_depend_on_earlier_calls(traced, place):
+    """Path lengths are a function of the scan and of the reference scans, byte for byte."""
     fresh, used = (PosedScene(traced).near([IN_PLACE]) for _ in range(2))
     nearly = (GEOMETRY, Pose(x_mm=NEAR.x_mm / 2), None)
     for one in (nearly, (GEOMETRY, Pose(x_mm=1.0), None), *PLACES.values()):
@@ -112,7 +114,7 @@ def test_what_was_asked_before_changes_nothing(traced, place):
     np.testing.assert_array_equal(used.path_lengths(*PLACES[place]), fresh.path_lengths(*PLACES[place]))
 
 
-def test_rays_farther_off_are_traced(traced):
+def test_far_rays_are_traced(traced):
     motion = np.zeros((12, 3))
     motion[6:, 0] = 2.0
     posed = PosedScene(traced).near([IN_PLACE])
@@ -123,8 +125,8 @@ def test_rays_farther_off_are_traced(traced):
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_an_outline_says_how_far_any_ray_is_displaced(traced, place):
-    """The rays at the detector's corners and edges move as much as the farthest of all."""
+def test_outline_gives_the_largest_displacement(traced, place):
+    """The rays at the detector's corners and edges include the largest displacement of all rays."""
 
     def displacement(some):
         here, there = (

@@ -1,4 +1,4 @@
-"""Objects that are alike along z: path lengths against closed forms."""
+"""Objects that are constant along z: path lengths against closed forms."""
 
 from dataclasses import replace
 
@@ -22,26 +22,26 @@ GEOMETRY = circular(
 
 
 def slice_of(inside, size=400, spacing=0.2, finer=4):
-    """Shares of pixels from an indicator of x and y in mm."""
+    """Volume fractions of pixels from an indicator of x and y in mm."""
     fine = (np.arange(size * finer) - (size * finer - 1) / 2) * spacing / finer
     share = inside(fine[None], fine[:, None]).astype(float).reshape(size, finer, size, finer).mean(axis=(1, 3))
     return PrismScene(share[None], Grid((1, size, size), (1.0, spacing, spacing)), ("pmma",))
 
 
 @pytest.mark.parametrize("pose", [Pose(), Pose(x_mm=1.5, y_mm=-2.0, z_mm=30.0, turn_deg=40.0, size=1.02)])
-def test_a_disc_as_a_mask_is_a_disc(pose):
+def test_mask_of_a_disc_equals_the_disc(pose):
     scene = slice_of(lambda x, y: np.hypot(x, y) < 35)
     motion = np.linspace(0, 1, 7)[:, None] * [2.0, 1.0, 0.0]
     for moved in (None, motion):
         exact = DiscScene(70.0, "pmma").path_lengths(GEOMETRY, pose, moved)
         found = scene.path_lengths(GEOMETRY, pose, moved)
         assert found.shape == exact.shape == (1, 7, 3, 90)
-        inner = exact > 25  # at grazing rays a chord changes by more than a pixel within one
+        inner = exact > 25  # for grazing rays, a chord changes by more than a pixel within a pixel
         assert np.abs(found - exact)[inner].max() < 0.1 and np.abs(found - exact)[inner].mean() < 0.03
 
 
-def test_a_square_off_the_axis_turns_and_moves_as_the_pose_says():
-    """Seen from +y through the middle of the detector: the ray x = 0 down the y axis."""
+def test_off_axis_square_follows_the_pose():
+    """The central ray from +y is x = 0 along the y axis."""
     scene = slice_of(lambda x, y: (np.abs(x - 10) < 5) & (np.abs(y) < 8))
     geometry = circular(
         views=1,
@@ -60,10 +60,10 @@ def test_a_square_off_the_axis_turns_and_moves_as_the_pose_says():
     assert length(x_mm=-10.0) == pytest.approx(16, abs=0.02)
     assert length(turn_deg=90.0) == pytest.approx(10, abs=0.02)
     assert length(x_mm=-20.0, size=2.0) == pytest.approx(32, abs=0.04)
-    assert length(x_mm=-10.0, turn_deg=180.0) == 0  # turned about its own place's origin it lies at -20
+    assert length(x_mm=-10.0, turn_deg=180.0) == 0  # rotated about the origin of its own position, it is at -20
 
 
-def test_finer_and_offset_masks_are_cut_to_what_they_hold():
+def test_finer_and_offset_masks_are_cropped_to_their_content():
     whole = slice_of(lambda x, y: np.hypot(x + 12, y - 9) < 6)
     assert whole.grid.shape[1] < 70
     exact = DiscScene(12.0, "pmma").path_lengths(GEOMETRY, Pose(x_mm=-12.0, y_mm=9.0))
@@ -71,7 +71,7 @@ def test_finer_and_offset_masks_are_cut_to_what_they_hold():
     assert np.abs(found - exact).mean() < 0.02 and found.max() == pytest.approx(exact.max(), abs=0.1)
 
 
-def test_rays_nearby_are_followed_without_tracing():
+def test_displaced_rays_are_extrapolated_without_tracing():
     scene = slice_of(lambda x, y: 1 / (1 + np.exp(2 * (np.hypot(x / 30, (y - 4) / 20) - 1) * 12)))
     posed = PosedScene(scene).near([(GEOMETRY, Pose(), None)])
     start = posed.path_lengths(GEOMETRY, Pose())

@@ -23,7 +23,7 @@ def scan(rows, pitch_mm, trajectory=circular, **more):
 @pytest.fixture(scope="module")
 def scene():
     fractions = np.random.default_rng(0).random((2, *GRID.shape), np.float32)
-    fractions[1, :, :8] = 0  # lines of voxels that hold nothing
+    fractions[1, :, :8] = 0  # empty lines of voxels
     return VoxelScene(fractions, GRID, ("water", "cortical_bone"), 60.0)
 
 
@@ -33,8 +33,8 @@ HELIX = dict(trajectory=helical, volume_height_mm=80.0, pitch=0.7)
 @pytest.mark.parametrize(
     "rows, pitch_mm, more", [(4, 8.0, {}), (7, 30.0, {}), (20, 8.0, {}), (20, 3.0, {}), (40, 5.0, {}), (9, 8.0, HELIX)]
 )
-def test_paths_are_those_of_the_projector(scene, rows, pitch_mm, more):
-    """The study's kernel goes through each volume by itself, row after row."""
+def test_path_lengths_equal_the_projector(scene, rows, pitch_mm, more):
+    """The study's kernel projects each volume separately, row by row."""
     geometry = scan(rows, pitch_mm, **more)
     projector = CpuProjector(geometry, GRID)
     found = scene.path_lengths(geometry)
@@ -48,19 +48,19 @@ def test_paths_are_those_of_the_projector(scene, rows, pitch_mm, more):
     "samples, rows, more", [(2, 4, {}), (3, 5, {}), (2, 1, {}), (2, 4, {"surface": "cylindrical"})]
 )
 @pytest.mark.parametrize("roll", [0.0, 0.3])
-def test_all_rays_of_a_pixel_at_once_are_those_one_by_one(scene, samples, rows, more, roll):
+def test_all_rays_of_a_pixel_at_once_equal_single_rays(scene, samples, rows, more, roll):
     geometry = rolled(scan(rows, 8.0, column_offset_px=0.2, **more), roll)
     ((together, weights),) = supersampled(geometry, samples)
     found = average_rays(np.exp(-0.02 * scene.path_lengths(together, PLACED)), weights)
     expected = sum(
-        weight * np.exp(-0.02 * scene.path_lengths(beside(geometry, *place), PLACED))
+        weight * np.exp(-0.02 * scene.path_lengths(displaced_rays(geometry, *place), PLACED))
         for place, weight in pixel_quadrature(samples, rows > 1)
     )
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 def rolled(geometry, roll):
-    """The detector turned about its normal."""
+    """Rotate the detector about its normal."""
     if not roll:
         return geometry
     columns, rows = geometry.column_direction, geometry.row_direction
@@ -68,13 +68,13 @@ def rolled(geometry, roll):
     return replace(geometry.by_vectors(), column_direction=along, row_direction=up)
 
 
-def beside(geometry, column, row):
-    """The geometry of the rays to one place in every pixel."""
+def displaced_rays(geometry, column, row):
+    """The geometry of the rays to one position in every pixel."""
     places = {"column_offset_px": geometry.column_offset_px + column, "row_offset_px": geometry.row_offset_px + row}
     return replace(geometry, **places)
 
 
-def test_many_rays_are_worked_out_in_parts(scene, monkeypatch):
+def test_many_rays_are_processed_in_parts(scene, monkeypatch):
     geometry = scan(4, 8.0)
     ((together, weights),) = supersampled(geometry, 2)
     whole = average_rays(scene.path_lengths(together), weights)
@@ -86,6 +86,6 @@ def test_many_rays_are_worked_out_in_parts(scene, monkeypatch):
         np.testing.assert_allclose(found, whole, rtol=1e-6)
 
 
-def test_a_grid_that_the_source_is_in_is_refused(scene):
+def test_grid_that_contains_the_source_is_rejected(scene):
     with pytest.raises(InputError, match="outside the source's orbit"):
         scene.path_lengths(scan(4, 8.0), Pose(x_mm=1000.0))

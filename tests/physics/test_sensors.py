@@ -1,4 +1,4 @@
-"""What sensors make of photons, against closed forms and single photons that are followed; and the noise of it."""
+"""Sensor response and its noise, against closed forms and a Monte Carlo simulation of single photons."""
 
 import numpy as np
 import pytest
@@ -29,20 +29,25 @@ GEOMETRY = circular(
 )
 
 
-# Mass attenuation of caesium iodide, coherent scattering in it, cm^2/g: J. H. Hubbell and S. M. Seltzer, NISTIR 5632.
+# Mass attenuation of cesium iodide, and coherent scattering in it, cm^2/g: J. H. Hubbell and S. M. Seltzer, NISTIR
+# 5632.
 @pytest.mark.parametrize(("kev", "mass", "share"), [(80.0, 3.677, 0.63), (100.0, 2.035, 0.42)])
-def test_a_layer_stops_what_published_cross_sections_say(kev, mass, share):
-    """Less the photons that are scattered coherently, under a twentieth: far from all of them."""
+def test_layer_absorbs_as_published_cross_sections_state(kev, mass, share):
+    """Coherent scattering, below a twentieth, is excluded; energies are far from total absorption."""
     whole = 1 - np.exp(-mass * 4.51 * 0.06)
     assert whole == pytest.approx(share, abs=0.005)
     assert 0.95 * whole < response("caesium_iodide", 0.6, [kev])[0][0] < whole
 
 
 @pytest.mark.parametrize("kev", [36.5, 60.0, 100.0])
-def test_k_photons_leave_a_thick_layer_as_in_closed_form(kev):
-    """Through the front alone: (1 - m ln(1 + 1/m)) / 2 of them, m the attenuation of the K photon over that of the
-    incident one (P. Axel, Rev. Sci. Instrum. 25, 391, 1954). Compton scattering and the sulphur, which the closed form
-    leaves out, take under 0.6 %."""
+def test_k_fluorescence_escape_of_a_thick_layer_has_its_closed_form(kev):
+    """Escape through the front:
+
+    (1 - m ln(1 + 1/m)) / 2, where m is the attenuation of the K photon relative to the incident one (P. Axel, Rev. Sci.
+    Instrum. 25, 391, 1954).
+
+    Compton scattering and the sulfur, which the closed form neglects, account for less than 0.6 %.
+    """
     material, number = "gadolinium_oxysulfide", 64
     _, first, _ = response(material, 20.0, [kev])
 
@@ -61,7 +66,7 @@ def test_k_photons_leave_a_thick_layer_as_in_closed_form(kev):
 
 
 def deposits(material, thickness_mm, kev, count, random):
-    """Energies that photons leave in a layer, those that pass it left out: one by one, each in its direction."""
+    """Energies that photons deposit in a layer, without those that pass it: single photons, each in its direction."""
     formula, density, _ = SENSORS[material]
 
     def mu(energy):
@@ -80,7 +85,7 @@ def deposits(material, thickness_mm, kev, count, random):
 
     photo = xraylib.CS_Photo_CP(formula, kev)
     scattered = random.random(depth.size) > photo / (photo + xraylib.CS_Compt_CP(formula, kev))
-    # Klein and Nishina by rejection, energies in steps of 0.1 keV so that few cross-sections are asked for.
+    # Klein-Nishina by rejection, with energies in steps of 0.1 keV to limit the number of cross sections.
     which = np.flatnonzero(scattered)
     cosines = np.empty(which.size)
     for place in range(which.size):
@@ -115,7 +120,7 @@ def deposits(material, thickness_mm, kev, count, random):
     [("caesium_iodide", 0.6, 40.0), ("caesium_iodide", 0.6, 110.0), ("gadolinium_oxysulfide", 0.1, 60.0)]
     + [("cadmium_telluride", 1.6, 60.0), ("silicon", 30.0, 60.0)],
 )
-def test_moments_are_those_of_single_photons(material, thickness_mm, kev):
+def test_moments_agree_with_single_photons(material, thickness_mm, kev):
     count = 100_000
     found = deposits(material, thickness_mm, kev, count, np.random.default_rng(3)) / kev
     detected, first, second = (float(one[0]) for one in response(material, thickness_mm, [kev]))
@@ -126,7 +131,7 @@ def test_moments_are_those_of_single_photons(material, thickness_mm, kev):
     assert first**2 < second < 0.99 * kev**2
 
 
-def test_counted_photons_weigh_one_each():
+def test_counted_photons_have_unit_weight():
     energies = np.array([20.0, 60.0, 110.0])
     counted, integrated = (response("cadmium_telluride", 1.6, energies, reads) for reads in (COUNTS, ENERGY))
     assert np.array_equal(counted[0], integrated[0]) and (counted[1] == 1).all() and (counted[2] == 1).all()
@@ -134,7 +139,7 @@ def test_counted_photons_weigh_one_each():
     np.testing.assert_allclose(spectrum.noise, spectrum.signal, rtol=1e-6)
 
 
-def test_what_is_known_of_a_sensor():
+def test_prior_of_a_sensor():
     unknown, material = sensor_from_label(), sensor_from_label("gadolinium_oxysulfide")
     stated = sensor_from_label("caesium_iodide", 0.4)
     assert (unknown.material, unknown.thickness_mm, unknown.thickness_sd) == ("caesium_iodide", 0.6, 1.0)
@@ -146,7 +151,7 @@ def test_what_is_known_of_a_sensor():
         sensor_from_label("silicon", 30.0, "light")
 
 
-def test_a_fit_holds_the_thickness_by_what_is_known_of_it():
+def test_fit_constrains_the_thickness_by_its_prior():
     for sensor in (
         sensor_from_label(),
         sensor_from_label("gadolinium_oxysulfide"),
@@ -159,7 +164,7 @@ def test_a_fit_holds_the_thickness_by_what_is_known_of_it():
         assert one.low <= one.expected - 4 * one.sd and one.high >= one.expected + 5 * one.sd
 
 
-def test_a_stored_state_keeps_its_noise(tmp_path):
+def test_stored_state_keeps_its_noise(tmp_path):
     chain = Chain(DiscScene(160.0, "water"), GEOMETRY)
     for physics in ({"spectrum": SPECTRUM}, {"electronic_noise": {"photons": 20.0}}):
         state = chain.state(physics)
@@ -170,8 +175,8 @@ def test_a_stored_state_keeps_its_noise(tmp_path):
 
 @pytest.mark.parametrize("kvp", [80.0, 140.0])
 @pytest.mark.parametrize("water_mm", [50.0, 350.0])
-def test_few_energies_have_the_mean_and_the_variance_of_all(kvp, water_mm):
-    """Behind water; the variance over that of as many equal photons grows by a fifth and more."""
+def test_few_energies_have_the_mean_and_variance_of_all(kvp, water_mm):
+    """Behind water; the variance exceeds that of equal photons of the same number by a fifth or more."""
     energies, fluence = tube_spectrum(kvp, TUNGSTEN)
     detected, first, second = response("caesium_iodide", 0.6, energies)
     photons = fluence * detected * np.exp(-attenuation_per_mm("aluminium", energies) * 3.0)
@@ -185,8 +190,11 @@ def test_few_energies_have_the_mean_and_the_variance_of_all(kvp, water_mm):
 
 
 @pytest.mark.parametrize("more", [{}, {"scatter": {"amount": 0.2, "width_mm": 30.0}}, {"xray_crosstalk": {}}])
-def test_drawn_noise_has_the_variance_of_weighed_photons(more):
-    """Against draws of every energy's photons. Scatter and crosstalk leave noise and signal in the pixels alike."""
+def test_simulated_noise_has_the_variance_of_weighted_photons(more):
+    """Against realizations of the photons of every energy.
+
+    Scatter and crosstalk leave noise and signal in the same pixels.
+    """
     chain = Chain(DiscScene(250.0, "water"), GEOMETRY, photons=5e4)
     physics = {"spectrum": SPECTRUM} | {name: load(name).values(values) for name, values in more.items()}
     state, random = chain.state(physics), np.random.default_rng(5)
@@ -199,15 +207,15 @@ def test_drawn_noise_has_the_variance_of_weighed_photons(more):
         return
     spectrum, path = weighted_spectrum(120.0, 3.0), chain.scene.path_lengths(GEOMETRY)[0][thickest].astype(float)
     left = np.exp(-path[..., None] * attenuation_per_mm("water", spectrum.energies_kev))
-    # Of photons of the weight e and number n: n e is the signal and n e^2 the noise.
+    # For n photons of weight e, n e is the signal and n e^2 the variance.
     each = spectrum.noise / spectrum.signal / 5e4
     drawn = (random.poisson(np.broadcast_to(left * spectrum.signal / each, (400, *left.shape))) * each).sum(axis=-1)
     ratio = drawn.var(axis=0, ddof=1) / (state.noise[thickest] / 5e4)
     assert ratio.mean() == pytest.approx(1, abs=4 * np.sqrt(2 / 399 / ratio.size))
 
 
-def test_light_that_spreads_widely_adds_no_noise():
-    """Counts of many pixels, a tenth of each spread over all of them: (1 - g)^2 of the variance."""
+def test_wide_light_spread_adds_no_noise():
+    """Counts of many pixels with a tenth of each spread over all: (1 - g)^2 of the variance."""
     chain = Chain(DiscScene(100.0, "water"), GEOMETRY, photons=1e4)
     state = chain.state({"veiling_glare": {"share": 0.1, "width_mm": 200.0}})
     np.testing.assert_allclose(state.noise, 0.81 * chain.state({}).signal)

@@ -1,4 +1,4 @@
-"""Path lengths through shapes against chords in closed form, and against points along rays that are inside or not."""
+"""Path lengths through shapes against closed forms, and against sampled points along rays."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ GEOMETRY = circular(
     row_pitch_mm=6.0,
     row_offset_px=0.3,
 )
-POINTS = 4001  # along a ray, of which those inside are counted
+POINTS = 4001  # sampled along a ray; those inside are counted
 
 
 def rays(geometry):
@@ -44,23 +44,23 @@ def chords_of_ball(centre, radius, geometry=GEOMETRY):
     return 2 * np.sqrt(np.maximum(radius**2 - off**2, 0))
 
 
-def test_a_ball_has_its_chords():
+def test_path_lengths_of_a_ball_are_its_chords():
     centre, radius = (12.0, -7.0, 3.0), 15.0
     found = lengths(ellipsoid("water", centre, 3 * (radius,)))[0]
     np.testing.assert_allclose(found, chords_of_ball(centre, radius), atol=3e-6 * 2 * radius)
 
 
-def test_a_long_cylinder_is_the_disc():
+def test_long_cylinder_equals_the_disc():
     for pose in ({}, {"x_mm": 4.0, "y_mm": -9.0, "size": 1.02, "turn_deg": 30.0}):
         found = lengths(cylinder("pmma", (0, 0, 0), 35.0), **pose)
         exact = DiscScene(70.0, "pmma").path_lengths(GEOMETRY, Pose(**pose))
         np.testing.assert_allclose(found, exact, atol=1e-5 * exact.max())
 
 
-def test_a_pose_and_motion_move_the_object():
+def test_pose_and_motion_move_the_object():
     ball, motion = ellipsoid("water", (5, 0, 0), (10, 10, 10)), np.linspace(-3, 3, 21).reshape(7, 3)
     found = ShapesScene([ball]).path_lengths(GEOMETRY, Pose(x_mm=2.0, z_mm=1.0, turn_deg=90.0, size=1.1), motion)
-    for view in range(7):  # (5, 0, 0) is grown, turned to (0, 5.5, 0), and shifted
+    for view in range(7):  # (5, 0, 0) is scaled, rotated to (0, 5.5, 0), and shifted
         exact = chords_of_ball(np.array([2.0, 5.5, 1.0]) + motion[view], 11.0)[view]
         np.testing.assert_allclose(found[0, view], exact, atol=1e-4)
 
@@ -76,7 +76,7 @@ def inside(shape, points):
 
 
 def counted(shapes, source, pixel):
-    """Lengths by material of one ray, from points along it."""
+    """Lengths by material of one ray, from sampled points."""
     share = (np.arange(POINTS) + 0.5) / POINTS
     points = source + share[:, None] * (pixel - source)
     top = np.full(POINTS, -1)
@@ -123,11 +123,11 @@ convex = st.one_of(
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(convex, min_size=1, max_size=5), st.integers(0, 6), st.integers(0, 8), st.integers(0, 39))
-def test_lengths_are_what_points_along_rays_say(shapes, view, row, column):
-    """Any shapes, in any order, those later replacing earlier ones."""
-    if all(one.material == NOTHING for one in shapes):
+def test_path_lengths_agree_with_sampled_points(shapes, view, row, column):
+    """Any shapes in any order; later shapes replace earlier ones."""
+    if all(shape.material == NOTHING for shape in shapes):
         return
-    source, pixel = (one[view, row, column] for one in rays(GEOMETRY))
+    source, pixel = (ray[view, row, column] for ray in rays(GEOMETRY))
     scene = ShapesScene(shapes)
     found = dict(zip(scene.materials, scene.path_lengths(GEOMETRY)[:, view, row, column], strict=True))
     expected, step = counted(shapes, source, pixel)
@@ -135,7 +135,7 @@ def test_lengths_are_what_points_along_rays_say(shapes, view, row, column):
         assert found[material] == pytest.approx(length, abs=2 * step * len(shapes) + 1e-3)
 
 
-def test_a_tube_is_a_cylinder_with_a_hole():
+def test_tube_is_a_cylinder_with_a_hole():
     wall = lengths(cylinder("pmma", (0, 0, 0), 30.0), cylinder(NOTHING, (0, 0, 0), 28.0))
     whole, hole = (DiscScene(2 * r, "pmma").path_lengths(GEOMETRY) for r in (30.0, 28.0))
     np.testing.assert_allclose(wall, whole - hole, atol=1e-5 * whole.max())
@@ -143,8 +143,8 @@ def test_a_tube_is_a_cylinder_with_a_hole():
     np.testing.assert_allclose(filled, np.concatenate([whole - hole, hole]), atol=1e-5 * whole.max())
 
 
-def test_a_slab_between_source_and_detector_alone_counts():
-    """A half-space that holds the detector ends at it."""
+def test_only_the_part_between_source_and_detector_counts():
+    """A half-space that contains the detector ends at it."""
     one = replace(GEOMETRY.every(7), columns=1, rows=1, column_offset_px=0.0, row_offset_px=0.0)
     (found,) = lengths(half_space("water", (0, 0, 0), one.source_mm[0]), geometry=one).ravel()
     assert found == pytest.approx(400.0)
@@ -161,6 +161,6 @@ def test_a_slab_between_source_and_detector_alone_counts():
         (lambda: ShapesScene([cylinder(NOTHING, (0, 0, 0), 1.0)]), "shapes: no shape has a material"),
     ],
 )
-def test_what_is_no_shape_is_refused(make, message):
+def test_invalid_shapes_are_rejected(make, message):
     with pytest.raises(InputError, match=message):
         make()

@@ -1,4 +1,4 @@
-"""A source that is wide, jumps or turns on during a view, and a detector that saturates: against closed forms."""
+"""Wide, jumping and rotating sources, and saturating detectors, against closed forms."""
 
 import math
 
@@ -36,21 +36,21 @@ def saturation(loss=0.0, exponent=1.0):
     return {"detector_saturation": {"loss_per_photon": loss, "exponent": exponent}}
 
 
-def test_a_power_of_the_signal_scales_line_integrals_and_their_noise():
+def test_power_of_the_signal_scales_line_integrals_and_their_noise():
     plain, power = chain().state({}), chain().state(saturation(exponent=1.1))
     np.testing.assert_allclose(power.line_integrals(), 1.1 * plain.line_integrals(), rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(power.variance(), 1.21 * plain.variance())
     np.testing.assert_allclose(power.log_noise()[0], 1.1 * plain.log_noise()[0], rtol=5e-3)
 
 
-def test_a_roll_off_is_that_of_a_dead_time():
-    """n events per interval in which each blocks the counter for the share t of it are counted n / (1 + n t) times."""
+def test_saturation_equals_that_of_a_dead_time():
+    """If each of n events per interval blocks the counter for the share t, n / (1 + n t) are counted."""
     loss = 0.2 / PHOTONS
     plain, less = chain().state({}), chain().state(saturation(loss))
     arriving = plain.signal * PHOTONS
     np.testing.assert_allclose(less.measured * PHOTONS, arriving / (1 + loss * arriving))
     np.testing.assert_allclose(less.measured_air, 1 / 1.2)
-    # In the thickest part hardly anything is lost, in air a sixth.
+    # Behind the thickest part almost nothing is lost, in air a sixth.
     np.testing.assert_allclose(
         plain.line_integrals() - less.line_integrals(), np.log(1.2 / (1 + 0.2 * plain.signal)), atol=1e-12
     )
@@ -58,7 +58,7 @@ def test_a_roll_off_is_that_of_a_dead_time():
 
 @pytest.mark.parametrize("beside", [{}, {"dark_signal": {"level_units": 300.0, "drift_units_per_s": 0.0}}])
 @pytest.mark.parametrize(("loss", "exponent"), [(0.3 / PHOTONS, 1.0), (0.0, 1.2), (0.2 / PHOTONS, 0.8)])
-def test_noise_behind_a_response_follows_its_slope(loss, exponent, beside):
+def test_noise_after_a_response_follows_its_slope(loss, exponent, beside):
     physics = saturation(loss, exponent) | {"electronic_noise": {"photons": 60.0}} | beside
     state = chain().state(physics)
     scans = noisy_lines(state, 60, np.random.default_rng(3))
@@ -68,8 +68,11 @@ def test_noise_behind_a_response_follows_its_slope(loss, exponent, beside):
     assert abs(found.mean()) < 4 / math.sqrt(found.size)
 
 
-def test_the_mean_of_the_logarithm_moves_by_the_exponent():
-    """Of few counts, where it can be told: n of 100 raised to 1.3 has the mean of 1.3 times that of its logarithm."""
+def test_mean_of_the_logarithm_scales_with_the_exponent():
+    """With few counts, where the difference is visible:
+
+    n of 100 to the power 1.3 has 1.3 times the mean of its logarithm.
+    """
     one = np.ones((1, 1, 1))
     state = State(GEOMETRY, photons=100.0, signal=one, air=one, response=(1.3, 0.0))
     drawn = np.random.default_rng(1).poisson(100.0, 1_000_000)
@@ -78,7 +81,7 @@ def test_the_mean_of_the_logarithm_moves_by_the_exponent():
     assert above == pytest.approx(lines.mean(), rel=0.02) and variance == pytest.approx(lines.var(), rel=0.01)
 
 
-def test_the_loss_goes_by_photons_and_a_scan_shows_a_share():
+def test_loss_depends_on_photons_and_a_scan_shows_a_share():
     small, large = (
         Chain(DiscScene(160.0, "water"), GEOMETRY, photons).parameters("detector_saturation")[0]
         for photons in (1e4, 1e6)
@@ -104,8 +107,8 @@ def test_the_loss_goes_by_photons_and_a_scan_shows_a_share():
         ),
     ],
 )
-def test_a_view_that_turns_is_a_mean_of_transmissions(geometry):
-    """Over 400 moments, spread evenly. The mean of line integrals is another one, by ten times as much."""
+def test_rotation_during_a_view_averages_transmissions(geometry):
+    """Over 400 time points, spread evenly. The mean of line integrals differs ten times as much."""
     where, duty = Pose(x_mm=40.0, y_mm=-25.0), 0.9
     found = chain(70.0, geometry).state({"view_blur": {"duty": duty}}, where).line_integrals()
     moments = duty * ((np.arange(400) + 0.5) / 400 - 0.5)
@@ -118,9 +121,13 @@ def test_a_view_that_turns_is_a_mean_of_transmissions(geometry):
     np.testing.assert_allclose((1 - np.exp(-found)).sum(axis=2), (1 - np.exp(-right)).sum(axis=2), rtol=5e-3)
 
 
-def test_a_wire_far_from_the_axis_is_blurred_by_its_way():
-    """The shadow of what turns about the axis at a distance r moves by r db D/R to first order, and its variance grows
-    by the square of that over 12. On the axis nothing moves."""
+def test_off_axis_wire_is_blurred_by_its_path():
+    """The shadow of an object that rotates at a distance r moves by r db D/R to first order.
+
+    Its variance grows by the square of that over 12.
+
+    Nothing moves on the axis.
+    """
     geometry, arc = thin(views=60), 2 * math.pi / 60
     u = geometry.column_positions_mm()
 
@@ -134,15 +141,15 @@ def test_a_wire_far_from_the_axis_is_blurred_by_its_way():
     assert abs(spread(blur, Pose()) - spread({}, Pose())) < 1e-9
 
 
-def test_views_that_are_left_out_turn_as_far_as_before():
+def test_excluded_views_do_not_change_the_rotation_per_view():
     whole = circular(views=48, columns=60, rows=2, column_pitch_mm=6.0, row_pitch_mm=6.0, **SCANNER)
     physics, where = {"view_blur": {"duty": 0.8}}, Pose(x_mm=30.0)
     few, every = (chain(70.0, one).state(physics, where).line_integrals() for one in (whole.every(3), whole))
     np.testing.assert_allclose(few, every[::3], atol=1e-12)
 
 
-def test_a_spot_that_jumps_moves_every_second_shadow():
-    """A source beside its place by s has the shadow of a wire at s + (t - s) D / (R - depth)."""
+def test_jumping_spot_moves_every_second_shadow():
+    """A source shifted by s has the shadow of a wire at s + (t - s) D / (R - depth)."""
     geometry = thin()
     u = geometry.column_positions_mm()
     jump = {"focal_spot_wobble": {"columns_mm": 3.0, "rows_mm": 0.0}}
@@ -153,10 +160,10 @@ def test_a_spot_that_jumps_moves_every_second_shadow():
     right = [s + (t - s) * DISTANCE / (RADIUS - depth) for (t, depth), s in zip(places, sides, strict=True)]
     np.testing.assert_allclose(found, right, atol=0.02)
     other = chain(3.0, geometry.every(2)).state(jump, Pose(10, 20)).jump_mm
-    np.testing.assert_allclose(other[:, 0], -1.5)  # of every second view the spot is always on one side
+    np.testing.assert_allclose(other[:, 0], -1.5)  # in every second view the spot is on one side
 
 
-def test_a_jump_along_z_keeps_to_the_anode_and_adds_to_a_focal_spot():
+def test_jump_along_z_follows_the_anode_and_adds_to_a_focal_spot():
     geometry, angle = thin(), 10.0
     state = State(geometry, anode=Anode("W", angle))
     for name, values in (
@@ -176,27 +183,27 @@ def off_focal(share, width=40.0, collimator=200.0):
     return {"off_focal_radiation": {"share": share, "width_mm": width, "collimator_mm": collimator}}
 
 
-def test_a_collimator_hides_half_of_the_anode_from_the_outermost_pixels():
-    """And nothing from the middle. In between the light of an even source falls in proportion to the place."""
+def test_collimator_hides_half_of_the_anode_from_the_outermost_pixels():
+    """It hides nothing from the central pixels. In between, light of a uniform source falls linearly with position."""
     fine = circular(views=2, columns=721, rows=1, column_pitch_mm=0.5, row_pitch_mm=1.0, **SCANNER)
     air = chain(2.0, fine).state(off_focal(0.1)).air[0, 0]
     assert air[360] == pytest.approx(1.0) and air[[0, -1]] == pytest.approx(0.95, abs=0.015)
     np.testing.assert_allclose(air, air[::-1])
-    # The penumbra reaches as far inwards as half of the anode is projected through the collimator: 20 mm by 800 / 200.
+    # The penumbra extends inwards by half of the anode projected through the collimator: 20 mm by 800 / 200.
     reach = np.abs(fine.column_positions_mm())[air < 1 - 1e-6].min()
-    assert reach == pytest.approx(180.25 - 20 * 4, abs=8.0)  # points of the anode lie 5 mm apart
+    assert reach == pytest.approx(180.25 - 20 * 4, abs=8.0)  # points of the anode are 5 mm apart
     assert chain(2.0, fine).state(off_focal(0.1, 40.0, 400.0)).air[0, 0].mean() > air.mean()
 
 
-def test_off_focal_radiation_is_that_of_a_wide_source():
-    """Behind a cylinder, by 2001 points and chords in closed form; the collimator hides nothing here."""
+def test_off_focal_radiation_equals_that_of_a_wide_source():
+    """Behind a cylinder, by 2001 points and chords in closed form; the collimator hides nothing."""
     share, width, radius = 0.1, 30.0, 80.0
     wide = circular(views=1, columns=120, rows=1, column_pitch_mm=6.0, row_pitch_mm=6.0, **SCANNER)
     found = chain(2 * radius, wide).state(off_focal(share, width, 400.0)).signal[0, 0]
     u = wide.column_positions_mm()
 
     def through(x):
-        """Chords of rays from (x, R) to (u, R - D): the axis lies at the origin."""
+        """Chords of rays from (x, R) to (u, R - D): the axis is at the origin."""
         off = np.abs(x * DISTANCE + (u - x) * RADIUS) / np.hypot(u - x, DISTANCE)
         return np.exp(-WATER * 2 * np.sqrt(np.maximum(radius**2 - off**2, 0)))
 
@@ -205,11 +212,11 @@ def test_off_focal_radiation_is_that_of_a_wide_source():
     inside = np.abs(u) < 240  # where the collimator hides no part of the anode
     np.testing.assert_allclose(found[inside], right[inside], atol=0.05 * share)
     assert np.abs(through(0.0) - right)[inside].max() > 0.2 * share
-    # An even field stays even where all of the anode is seen.
+    # A uniform field stays uniform where all of the anode is visible.
     np.testing.assert_allclose(chain(1e-3, wide).state(off_focal(share, width, 400.0)).air[0, 0, inside], 1.0)
 
 
-def test_a_focal_spot_is_as_wide_beside_off_focal_radiation():
+def test_focal_spot_has_the_same_width_with_off_focal_radiation():
     both = {**off_focal(0.1), "focal_spot": {"width_mm": 2.0, "length_mm": 0.0}}
     state = chain().state(both)
     weights = [np.max(weight) for *_, weight in state.sources]
@@ -217,7 +224,7 @@ def test_a_focal_spot_is_as_wide_beside_off_focal_radiation():
     assert sum(weights) == pytest.approx(1.0) and max(narrow) == pytest.approx(math.sqrt(0.6), rel=1e-6)
 
 
-def test_the_collimator_is_not_fitted():
+def test_collimator_is_not_fitted():
     known = chain().fixed_parameters("off_focal_radiation")
     assert known == {"collimator_mm": 200.0}
-    assert [one.name for one in chain().parameters("off_focal_radiation")] == ["share", "width_mm"]
+    assert [parameter.name for parameter in chain().parameters("off_focal_radiation")] == ["share", "width_mm"]

@@ -1,4 +1,4 @@
-"""What many energies leave behind path lengths, against sums of exponentials in double precision."""
+"""Polychromatic transmission through path lengths, against sums of exponentials in double precision."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from virtual_phantom.physics.beam.transmission import BLOCK, MANY, polychromatic
 
 
 def close_to(paths, attenuation_per_mm):
-    """The relative error that the docstring allows."""
+    """Whether the relative error is within the docstring's limit."""
     return 2e-7 * (1 + np.einsum("me,m...->e...", attenuation_per_mm, np.abs(paths.astype(np.float64))).max())
 
 
@@ -33,8 +33,8 @@ def drawn(random, materials, energies, shape, of_pixels):
     columns=st.integers(1, BLOCK + 70),
     of_pixels=st.booleans(),
 )
-def test_it_is_the_sum_of_exponentials(seed, materials, energies, views, columns, of_pixels):
-    """Whether rays fill blocks or not."""
+def test_transmission_is_the_sum_of_exponentials(seed, materials, energies, views, columns, of_pixels):
+    """For numbers of rays that fill blocks, and others."""
     paths, attenuation, shares = drawn(np.random.default_rng(seed), materials, energies, (views, 2, columns), of_pixels)
     np.testing.assert_allclose(
         polychromatic_signal(paths, attenuation, shares),
@@ -44,8 +44,8 @@ def test_it_is_the_sum_of_exponentials(seed, materials, energies, views, columns
     )
 
 
-def test_shares_of_single_rows_and_columns():
-    """A filter that is alike along rows or columns has one share for all of them."""
+def test_weights_of_single_rows_and_columns():
+    """A filter that is constant along rows or columns has one weight for all of them."""
     random = np.random.default_rng(1)
     paths, attenuation, shares = drawn(random, 2, 9, (3, 4, 5), of_pixels=True)
     for thin in (shares[..., :1], shares[..., :1, :]):
@@ -56,7 +56,7 @@ def test_shares_of_single_rows_and_columns():
 
 
 @pytest.mark.parametrize("of_pixels", [False, True])
-def test_threads_change_nothing(of_pixels):
+def test_threads_do_not_change_the_result(of_pixels):
     random = np.random.default_rng(2)
     paths, attenuation, shares = drawn(random, 2, 9, (2, 7, MANY * BLOCK // 7), of_pixels)
     one, three = (polychromatic_signal(paths, attenuation, shares, threads) for threads in (1, 3))
@@ -64,8 +64,8 @@ def test_threads_change_nothing(of_pixels):
 
 
 @pytest.mark.parametrize("length_mm", [-3.0, 0.0, 1e-4, 870.0, 1e6])
-def test_at_the_ends(length_mm):
-    """Rays that follow others may be a little shorter than nothing, and nothing may be left of the beam."""
+def test_limits_of_path_lengths(length_mm):
+    """Extrapolated rays may have slightly negative lengths, and the whole beam may be absorbed."""
     paths, attenuation = np.full((1, 1, 1, 1), length_mm, np.float32), np.array([[0.1]])
     found = polychromatic_signal(paths, attenuation, np.ones((1, 1)))
     np.testing.assert_allclose(found, np.exp(-0.1 * paths.astype(float)), rtol=close_to(paths, attenuation), atol=2e-38)

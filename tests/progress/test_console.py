@@ -1,4 +1,4 @@
-"""What is said of a run: its records are those that Snakemake logs, its clock is set by the test."""
+"""Console output of a run, with records as Snakemake logs them and a clock that the test sets."""
 
 import io
 import logging
@@ -21,7 +21,7 @@ from virtual_phantom.study.progress.time_left import Progress, Step
 
 
 class Run:
-    """A run of so many jobs of one rule, at a time that the test says."""
+    """A run of `jobs` jobs of one rule, at a time that the test sets."""
 
     def __init__(self, jobs=3, seconds=60.0, keep_going=False):
         self.now, self.stream = 1000.0, io.StringIO()
@@ -37,7 +37,7 @@ class Run:
         self.console.emit(record)
 
     def lines(self):
-        """What has been said, without the time at its start."""
+        """Printed lines, without the time at their start."""
         return [line[9:] if line[2:3] == line[5:6] == ":" else line for line in self.stream.getvalue().splitlines()]
 
 
@@ -55,25 +55,27 @@ def ended(run):
 
 
 def exited_with_1(run):
-    said = "RuleException:\nCalledProcessError in file \"r.smk\", line 4:\nCommand 'x' returned non-zero exit status 1."
-    run.log(LogEvent.ERROR, said, logging.ERROR, exception="RuleException")
+    exception_text = (
+        "RuleException:\nCalledProcessError in file \"r.smk\", line 4:\nCommand 'x' returned non-zero exit status 1."
+    )
+    run.log(LogEvent.ERROR, exception_text, logging.ERROR, exception="RuleException")
 
 
 class Script:
-    """What Snakemake puts into a script."""
+    """Snakemake's object of a script."""
 
     def __init__(self, log):
         self.log, self.threads = [log], 1
 
 
 def written(log, error):
-    """The log of a job that failed."""
+    """Log of a failed job."""
     with pytest.raises((SystemExit, type(error))), job(Script(log)):
         raise error
     return log
 
 
-def test_a_run_that_goes_well():
+def test_successful_run():
     run = Run()
     run.log(None, "Select jobs to execute...")
     run.log(LogEvent.JOB_INFO, jobid=0, rule_name="reconstruct_0")
@@ -94,7 +96,7 @@ def test_a_run_that_goes_well():
     ]
 
 
-def test_the_last_line_names_the_page_to_start_with():
+def test_last_line_names_the_first_page():
     stream = io.StringIO()
     steps = [Step(0, "extract", ("features.csv",)), Step(1, "index_page", ("results/index.html",))]
     one = Console(logging.StreamHandler(stream), Progress(steps, 1, lambda: {}, 1000.0), "logs", clock=lambda: 1007.0)
@@ -105,7 +107,7 @@ def test_the_last_line_names_the_page_to_start_with():
 
 
 def test_many_jobs_have_few_lines():
-    """Two thousand jobs in ten hours: some lines for each of the first minutes, then ever fewer."""
+    """Two thousand jobs in ten hours: several lines in the first minutes, then ever fewer."""
     run = Run(2000)
     for number in range(2000):
         run.log(LogEvent.JOB_INFO, jobid=number, rule_name="reconstruct_0")
@@ -114,7 +116,7 @@ def test_many_jobs_have_few_lines():
     assert 50 < len(run.lines()) < 250
 
 
-def test_the_last_line_says_what_failed_and_why(tmp_path):
+def test_last_line_states_the_failure_and_its_reason(tmp_path):
     run = Run()
     run.now = 0.0
     run.console.progress.began = 0.0
@@ -131,7 +133,7 @@ def test_the_last_line_says_what_failed_and_why(tmp_path):
     assert len(run.lines()) == 4
 
 
-def test_a_failure_is_told_at_once_if_others_go_on(tmp_path):
+def test_failure_is_printed_at_once_if_other_jobs_continue(tmp_path):
     run = Run()
     run.console.progress.began = 0.0
     log = written(tmp_path / "a.log", InputError("broken; mend it"))
@@ -190,7 +192,7 @@ EARLY = "before its log began; see the lines above for the reason"
         ("returned non-zero exit status 200.", f"ended with exit status 200 {EARLY}"),
     ],
 )
-def test_a_script_that_gave_no_reason_has_one_line(how, words, tmp_path):
+def test_script_without_a_reason_has_one_line(how, words, tmp_path):
     """Its inputs are not listed, and its log is of an earlier run."""
     run = Run()
     log = written(tmp_path / "a.log", InputError("of another day"))
@@ -204,7 +206,7 @@ def test_a_script_that_gave_no_reason_has_one_line(how, words, tmp_path):
     ]
 
 
-def test_show_failed_logs_prints_snakemake_s_block_too(tmp_path):
+def test_show_failed_logs_also_prints_snakemakes_block(tmp_path):
     run = Run()
     run.console.show_failed_logs = True
     run.log(LogEvent.ERROR, KILLED.format("died with <Signals.SIGKILL: 9>."), logging.ERROR, exception="RuleException")
@@ -215,15 +217,15 @@ def test_show_failed_logs_prints_snakemake_s_block_too(tmp_path):
     assert run.lines()[-1].endswith(f"or a smaller grid (log: {tmp_path}/none.log)")
 
 
-def test_an_exception_that_no_job_owns_is_not_lost():
+def test_exception_without_a_job_is_printed():
     run = Run()
     exited_with_1(run)
     ended(run)
     assert "returned non-zero exit status 1." in run.stream.getvalue()
 
 
-def test_what_goes_wrong_in_here_does_not_end_the_run(capsys):
-    """No rates to be had is told once; a terminal that is full, each time."""
+def test_errors_of_the_console_do_not_end_the_run(capsys):
+    """Missing rates are reported once; a failing terminal, each time."""
     run = Run()
 
     def none():
@@ -247,7 +249,7 @@ def test_what_goes_wrong_in_here_does_not_end_the_run(capsys):
     assert "I/O operation on closed file" in capsys.readouterr().err
 
 
-def test_a_job_that_is_tried_again_has_not_failed(tmp_path):
+def test_restarted_job_has_not_failed(tmp_path):
     run = Run(2)
     run.console.progress.began = 0.0
     log = written(tmp_path / "a.log", InputError("broken; mend it"))
@@ -268,7 +270,7 @@ def test_a_job_that_is_tried_again_has_not_failed(tmp_path):
     assert last[0] == "1 of 2 jobs done, 1 failed" and last[1].startswith("Failed: reconstruct of images/1.nii.gz")
 
 
-def test_after_a_failure_no_time_is_promised_for_jobs_that_are_not_started(tmp_path):
+def test_after_a_failure_no_time_is_estimated_for_jobs_that_will_not_start(tmp_path):
     run = Run(3)
     for number in (0, 1):
         run.log(LogEvent.JOB_INFO, jobid=number)
@@ -278,7 +280,7 @@ def test_after_a_failure_no_time_is_promised_for_jobs_that_are_not_started(tmp_p
     assert run.lines()[-1] == "0 of 3 jobs done, 1 failed; no more are started; now: reconstruct (0 of 3 done)"
 
 
-def test_who_keeps_going_is_told_at_once_and_of_the_time_for_the_others(tmp_path):
+def test_keep_going_prints_failures_and_the_time_of_other_jobs(tmp_path):
     run = Run(3, keep_going=True)
     run.console.progress.began = 0.0
     log = written(tmp_path / "a.log", InputError("broken; mend it"))
@@ -294,7 +296,7 @@ def test_who_keeps_going_is_told_at_once_and_of_the_time_for_the_others(tmp_path
     assert run.lines()[-2] == "2 of 3 jobs done, 1 failed"
 
 
-def test_of_many_failures_the_first_ten_end_the_run(tmp_path):
+def test_of_many_failures_the_first_ten_are_listed_at_the_end(tmp_path):
     run = Run(13)
     for number in range(13):
         run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, number, logs=[tmp_path / "none.log"]))
@@ -303,7 +305,7 @@ def test_of_many_failures_the_first_ten_end_the_run(tmp_path):
     assert [line.split()[3] for line in run.lines()[-10:]] == [f"images/{number}.nii.gz" for number in range(10)]
 
 
-def test_a_job_past_its_expected_time_may_take_as_long_again():
+def test_job_past_its_expected_time_may_take_as_long_again():
     run = Run(1)
     run.log(LogEvent.JOB_INFO, jobid=0)
     run.now += 100.0
@@ -311,8 +313,8 @@ def test_a_job_past_its_expected_time_may_take_as_long_again():
     assert run.lines()[-1] == "0 of 1 jobs done, under 1 min left; now: reconstruct (0 of 1 done)"
 
 
-def test_a_job_that_leaves_files_out_has_failed_and_its_group_with_it():
-    """Snakemake sends the exception alone."""
+def test_job_with_missing_outputs_has_failed_and_its_group_too():
+    """Snakemake only sends the exception."""
     run = Run(4, keep_going=True)
     jobs = [type("Job", (), {"jobid": number})() for number in (0, 1)]
     run.log(LogEvent.GROUP_INFO, jobs=jobs, group_id="g")
@@ -334,7 +336,7 @@ def test_a_job_that_leaves_files_out_has_failed_and_its_group_with_it():
 
 
 def test_jobs_that_only_list_files_are_not_counted():
-    """Snakemake tells of `all` as of the others."""
+    """Snakemake logs `all` like the others."""
     run = Run(1)
     run.log(LogEvent.JOB_INFO, jobid=0)
     run.log(LogEvent.JOB_FINISHED, job_id=0)
@@ -343,15 +345,15 @@ def test_jobs_that_only_list_files_are_not_counted():
     assert run.lines()[2:] == ["1 of 1 jobs done in 0 s"]
 
 
-def test_of_a_group_the_job_that_failed_is_named(tmp_path):
+def test_failed_job_of_a_group_is_named(tmp_path):
     run = Run()
     run.console.progress.began = 0.0
     log = written(tmp_path / "b.log", InputError("broken; mend it"))
     (tmp_path / "a.log").write_text("2026-01-01 00:00:00 INFO all is well\n")
     jobs = [failed(run, 0, [tmp_path / "a.log"]), failed(run, 1, [log]), failed(run, 2, [tmp_path / "none.log"])]
     run.log(LogEvent.GROUP_ERROR, "Error", logging.ERROR, groupid="g", aux_logs=["slurm.log"], job_error_info=jobs)
-    for one in jobs:
-        run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **one | {"indent": True})
+    for failure in jobs:
+        run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failure | {"indent": True})
     ended(run)
     assert [line for line in run.lines() if "Failed" in line] == [
         f"Failed: reconstruct of images/1.nii.gz and 1 more: broken; mend it (log: {log})"
@@ -371,22 +373,22 @@ def test_acquisitions_are_named_by_level_and_seeds():
 
 @pytest.fixture
 def stopped():
-    """Stops a run by a signal, as Snakemake is stopped: what it does about it itself is put in place of that."""
+    """Stop a run by a signal; Snakemake's own handler is replaced."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    heard = []
+    received = []
 
     def stop(run, number):
-        signal.signal(number, lambda *arguments: heard.append(arguments[0]))
+        signal.signal(number, lambda *arguments: received.append(arguments[0]))
         run.console.catch_signals()
         signal.raise_signal(number)
-        assert heard == [number]
+        assert received == [number]
 
     yield stop
     for number, handler in before.items():
         signal.signal(number, handler)
 
 
-def test_who_stops_a_run_is_told_of_no_failure(stopped):
+def test_interruption_is_not_reported_as_failure(stopped):
     run = Run()
     run.log(LogEvent.JOB_INFO, jobid=0, rule_name="reconstruct_0")
     stopped(run, signal.SIGINT)
@@ -401,7 +403,7 @@ def test_who_stops_a_run_is_told_of_no_failure(stopped):
     ]
 
 
-def test_what_goes_wrong_while_a_run_is_stopped_is_told(stopped):
+def test_errors_during_an_interruption_are_reported(stopped):
     run = Run()
     run.log(LogEvent.JOB_INFO, jobid=0)
     stopped(run, signal.SIGINT)
@@ -448,15 +450,15 @@ def test_other_messages_are_snakemakes():
 
 @pytest.fixture
 def install_console():
-    """The function under test; signals are handled afterwards as they were."""
+    """Function under test; the signal handlers are restored afterwards."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     yield console.install_console
     for number, handler in before.items():
         signal.signal(number, handler)
 
 
-def test_only_the_handler_for_the_terminal_is_replaced(install_console, tmp_path):
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # what is started in the background ignores it
+def test_only_the_terminal_handler_is_replaced(install_console, tmp_path):
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a background process ignores it
     logger = logging.Logger("a run")
     others = [logging.StreamHandler(io.StringIO()), logging.FileHandler(tmp_path / "log"), logging.NullHandler()]
     for handler in others:
@@ -469,8 +471,8 @@ def test_only_the_handler_for_the_terminal_is_replaced(install_console, tmp_path
     assert signal.getsignal(signal.SIGINT).func == logger.handlers[-1]._stop
 
 
-def test_what_ignores_a_signal_goes_on_ignoring_it(install_console):
-    """As what is started in the background does."""
+def test_ignored_signals_remain_ignored(install_console):
+    """As in a background process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logger = logging.Logger("a run")
     logger.addHandler(logging.StreamHandler(sys.stderr))
@@ -478,7 +480,7 @@ def test_what_ignores_a_signal_goes_on_ignoring_it(install_console):
     assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
 
-def test_while_jobs_run_time_passes_until_the_end(monkeypatch, install_console):
+def test_time_passes_while_jobs_run(monkeypatch, install_console):
     monkeypatch.setattr(console, "TIMER_SECONDS", 0.01)
     monkeypatch.setattr(status, "SECONDS_BETWEEN", 0.01)
     stream, logger = io.StringIO(), logging.Logger("a run")
@@ -489,16 +491,16 @@ def test_while_jobs_run_time_passes_until_the_end(monkeypatch, install_console):
     deadline = time.monotonic() + 20
     while stream.getvalue().count("0 of 1 jobs done") < 4 and time.monotonic() < deadline:
         time.sleep(0.01)
-    # As Snakemake does it: with the handler's lock, which the thread may be waiting for.
+    # As in Snakemake: with the handler's lock, which the thread may be waiting for.
     (handler,) = logger.handlers
     handler.acquire()
     handler.close()
     handler.release()
-    said = stream.getvalue()
+    exception_text = stream.getvalue()
     handler._timer.join(20)
     assert not handler._timer.is_alive()
-    assert re.search(r"0 of 1 jobs done, .* to .* h left; now: phantom \(0 of 1 done\)", said)
-    assert stream.getvalue() == said and said.count("0 of 1 jobs done") >= 4
+    assert re.search(r"0 of 1 jobs done, .* to .* h left; now: phantom \(0 of 1 done\)", exception_text)
+    assert stream.getvalue() == exception_text and exception_text.count("0 of 1 jobs done") >= 4
 
 
 @pytest.mark.parametrize(
@@ -514,7 +516,7 @@ def test_while_jobs_run_time_passes_until_the_end(monkeypatch, install_console):
         (90, 90 * 60, "1.5 min to 1.5 h"),
     ],
 )
-def test_ranges_are_in_round_numbers(low, high, words):
+def test_ranges_are_round_numbers(low, high, words):
     assert duration_range(low, high) == words
     ends = {seconds for seconds, _, _ in status.ROUND_DURATIONS}
     assert len(ends) == len(status.ROUND_DURATIONS) and sorted(ends) == [
@@ -522,9 +524,9 @@ def test_ranges_are_in_round_numbers(low, high, words):
     ]
 
 
-def test_without_every_job_s_time_there_is_no_upper_end():
+def test_unknown_job_times_leave_the_upper_end_open():
     assert duration_range(130, 600, False) == "over 2 min" and duration_range(2, 9, False) == ""
 
 
-def test_durations_are_as_precise_as_one_plans():
+def test_durations_have_a_useful_precision():
     assert [duration(s) for s in (3.4, 89, 91, 3600, 7200)] == ["3 s", "89 s", "2 min", "60 min", "2.0 h"]

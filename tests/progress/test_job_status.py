@@ -1,4 +1,4 @@
-"""What a job says of how far it is, and what is shown of it: a small diagnosis tells, and time is set by the test."""
+"""Status messages of a job and their display, with a small diagnosis and a clock that the test sets."""
 
 import io
 import json
@@ -51,7 +51,7 @@ CANDIDATES = ("scatter", "detector_offset", "heel")
 
 
 def ready():
-    """A recording with scatter, made ready."""
+    """Prepared recording with scatter."""
     grid = Grid((6, 40, 40), (5.0, 6.0, 6.0))
     scene = VoxelScene.of(body(grid, (90, 70), 20.0, [((35, 10, 0), 18, 800.0)]), Segmentation(), 0.0193)
     chain = Chain(scene, GEOMETRY, photons=1e5)
@@ -62,12 +62,12 @@ def ready():
 
 
 class Watched:
-    """A run of one diagnosis, its clock a minute further whenever the job has said something."""
+    """A run of one diagnosis, whose clock advances a minute with each status message."""
 
     def __init__(self, folder, expected=600.0):
         self.log, self.stream = folder / "diagnose.log", io.StringIO()
         step = Step(0, "diagnose", ("diagnosis.json",), threads=2, log=str(self.log))
-        self.now = 0.0  # files are younger
+        self.now = 0.0  # files are newer than the job
         progress = Progress([step], 2, lambda: {"diagnosis.json": expected}, self.now)
         self.console = Console(logging.StreamHandler(self.stream), progress, "logs", clock=lambda: self.now)
         self.take(LogEvent.JOB_INFO, jobid=0)
@@ -84,40 +84,40 @@ class Watched:
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_a_small_diagnosis_is_followed_to_its_verdict(processes, tmp_path):
+def test_small_diagnosis_reports_until_its_verdict(processes, tmp_path):
     run, tell = Watched(tmp_path), status_writer(tmp_path / "diagnose.log", "bench")
 
-    def told(progress):
+    def status_lines(progress):
         tell(progress)
         run.look()
 
     found = find_missing_physics(
-        "bench", ready(), CANDIDATES, {"default": 0.02}, processes, progress=DiagnosisProgress(told)
+        "bench", ready(), CANDIDATES, {"default": 0.02}, processes, progress=DiagnosisProgress(status_lines)
     )
-    assert [one["name"] for one in found.content["effects"]] == ["scatter"]
+    assert [effect["name"] for effect in found.content["effects"]] == ["scatter"]
     texts = [line.partition("bench: ")[2] for line in run.lines() if "bench: " in line]
     assert texts[0] == "alignment fitted"
     assert texts[1:5] == [f"alignment fitted; {done}3 effects ranked" for done in ("0 of ", "1 of ", "2 of ", "")]
     assert texts[5].startswith("alignment fitted; 3 effects ranked; 0 of ") and texts[5].endswith(" fits made")
     assert "2 effects ranked beside scatter" in texts[-1] and texts[-1].endswith(" fits made; verdict found")
     assert all(line.startswith("0 of 1 jobs done") for line in run.lines()[1:])
-    # The job's end takes its words away.
+    # The end of the job removes its status.
     remove_status(run.log)
     run.take(LogEvent.JOB_FINISHED, job_id=0)
     assert "bench" not in run.lines()[-1] and not list(tmp_path.iterdir())
 
 
-def test_fits_that_were_kept_are_not_counted(tmp_path):
-    kept, words = FitCache(tmp_path / "fits", "this recording", lambda effect: "as it is"), []
+def test_cached_fits_are_not_counted(tmp_path):
+    stored, words = FitCache(tmp_path / "fits", "this recording", lambda effect: "as it is"), []
     for _ in range(2):
         progress = DiagnosisProgress(lambda status: words.append(status.words))
-        find_missing_physics("bench", ready(), CANDIDATES, {"default": 0.02}, cache=kept, progress=progress)
+        find_missing_physics("bench", ready(), CANDIDATES, {"default": 0.02}, cache=stored, progress=progress)
     assert words[-1] == "alignment fitted; 2 effects ranked beside scatter; verdict found"
     assert "fits made" in words[words.index("alignment fitted", 1) - 1]
 
 
-def test_time_left_is_the_forecast_s_until_fits_need_more(tmp_path):
-    run = Watched(tmp_path, expected=(1200.0, 4800.0))  # of one core: ten to forty minutes of two
+def test_time_left_follows_the_forecast_until_fits_take_longer(tmp_path):
+    run = Watched(tmp_path, expected=(1200.0, 4800.0))  # on one core: ten to forty minutes on two
     run.look()
     assert run.lines()[-1] == "0 of 1 jobs done, 8 min to 1.5 h left; now: diagnose (0 of 1 done)"
     run.now = 540.0
@@ -132,7 +132,7 @@ def test_time_left_is_the_forecast_s_until_fits_need_more(tmp_path):
     assert run.lines()[-1] == "0 of 1 jobs done, under 2 min left; now: diagnose (0 of 1 done); bench: verdict found"
 
 
-def test_after_the_verdict_little_is_left():
+def test_time_left_is_small_after_the_verdict():
     times = [0.0]
     progress = DiagnosisProgress(clock=lambda: times[-1])
     assert progress.most_left is None
@@ -147,7 +147,7 @@ def test_after_the_verdict_little_is_left():
     assert progress.most_left == pytest.approx(100 * LEFT_AFTER[COMPARED])
 
 
-def test_time_that_fits_need_is_that_of_those_just_made():
+def test_time_of_remaining_fits_follows_recent_ones():
     times = [0.0]
     progress = DiagnosisProgress(clock=lambda: times[-1])
     assert progress.seconds_left is None
@@ -169,11 +169,11 @@ def test_time_that_fits_need_is_that_of_those_just_made():
     assert progress.words == "alignment fitted; 5 of 7 fits made"
 
 
-def test_words_are_of_what_is_done():
+def test_status_describes_the_current_step():
     progress = DiagnosisProgress()
     progress.reached(ALIGNED)
-    for beside in ((), ("xray_crosstalk", "heel")):
-        done = progress.begin(RANKED, 2, beside)
+    for others in ((), ("xray_crosstalk", "heel")):
+        done = progress.begin(RANKED, 2, others)
         done()
     assert progress.words == "alignment fitted; 1 of 2 effects ranked beside X-ray crosstalk and heel"
     done()
@@ -182,12 +182,12 @@ def test_words_are_of_what_is_done():
     assert progress.words.endswith("2 effects ranked beside X-ray crosstalk and heel; verdict found; images compared")
 
 
-def test_what_was_said_before_the_job_began_or_is_no_word_is_not_heard(tmp_path):
+def test_old_and_invalid_status_files_are_ignored(tmp_path):
     log = tmp_path / "logs" / "a.log"
     assert read_status(log, 0.0) is None
     write_status(log, JobStatus("bench", "alignment fitted"))
     assert read_status(log, 0.0) == JobStatus("bench", "alignment fitted")
-    assert read_status(log, os.stat(status_path(log)).st_mtime + 1) is None  # killed; its last words stay
+    assert read_status(log, os.stat(status_path(log)).st_mtime + 1) is None  # killed; its last status remains
     for text in ("{", "[]", json.dumps({"name": "bench"}), ""):
         status_path(log).write_text(text)
         assert read_status(log, 0.0) is None
@@ -196,7 +196,7 @@ def test_what_was_said_before_the_job_began_or_is_no_word_is_not_heard(tmp_path)
     assert [path.name for path in log.parent.iterdir()] == []
 
 
-def test_a_job_leaves_no_words_behind_and_none_are_no_reason_to_fail(tmp_path):
+def test_finished_job_leaves_no_status_and_a_missing_one_is_no_error(tmp_path):
     class Script:
         log, threads = [tmp_path / "a.log"], 1
 
@@ -208,7 +208,7 @@ def test_a_job_leaves_no_words_behind_and_none_are_no_reason_to_fail(tmp_path):
     write_status(tmp_path / "file" / "a.log", JobStatus("bench", "alignment fitted"))  # no folder to write to
 
 
-def test_a_line_has_the_words_of_a_few_jobs(tmp_path):
+def test_line_has_the_status_of_a_few_jobs(tmp_path):
     stream = io.StringIO()
     steps = [Step(number, "diagnose", (f"{number}",), log=str(tmp_path / f"{number}.log")) for number in range(6)]
     console = Console(logging.StreamHandler(stream), Progress(steps, 6, dict, 0.0), "logs", clock=lambda: 30.0)

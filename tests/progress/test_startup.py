@@ -1,4 +1,4 @@
-"""What is printed before the first job, and in a dry run: records are those that Snakemake logs."""
+"""Output before the first job and in a dry run, with records as Snakemake logs them."""
 
 import io
 import logging
@@ -18,7 +18,7 @@ SETTINGS = {"verbose": False, "debug_dag": False, "dryrun": False, "printshellcm
 
 
 def quiet(monkeypatch, **more):
-    """A logger as Snakemake's after install_startup_handler, with the stream that it writes to."""
+    """Logger as Snakemake's after install_startup_handler, with its stream."""
     logger, stream = logging.Logger("a run"), io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)
     handler = logging.StreamHandler()
@@ -29,7 +29,7 @@ def quiet(monkeypatch, **more):
 
 
 def begun(logger):
-    """What Snakemake logs before the first job."""
+    """Records that Snakemake logs before the first job."""
     logger.info("Config file config.yaml is extended by additional config specified via the command line.")
     logger.info("Building DAG of jobs...")
     logger.info("Provided cores: 2", extra={"event": LogEvent.RESOURCES_INFO})
@@ -50,7 +50,7 @@ def begun(logger):
         ({"dryrun": True, "quiet": {Quietness.RULES}}, logging.StreamHandler),
     ],
 )
-def test_who_asks_for_other_words_gets_snakemake_s(more, kind, monkeypatch):
+def test_other_verbosity_gives_snakemakes_output(more, kind, monkeypatch):
     logger, stream = quiet(monkeypatch, **more)
     (handler,) = logger.handlers
     assert type(handler) is kind
@@ -58,7 +58,7 @@ def test_who_asks_for_other_words_gets_snakemake_s(more, kind, monkeypatch):
     assert bool(stream.getvalue()) == (kind is logging.StreamHandler)
 
 
-def test_warnings_and_errors_are_printed_and_the_console_comes_next(monkeypatch):
+def test_warnings_and_errors_are_printed_and_the_console_follows(monkeypatch):
     logger, stream = quiet(monkeypatch)
     begun(logger)
     logger.warning("The lock is held")
@@ -80,7 +80,7 @@ def job(number, rule, reason, *files):
     return {"event": LogEvent.JOB_INFO, **keys}
 
 
-def test_a_dry_run_has_a_line_for_each_stage(monkeypatch):
+def test_dry_run_has_a_line_for_each_stage(monkeypatch):
     monkeypatch.setattr(startup, "slowdown", lambda cores: 1.0)
     logger, stream = quiet(monkeypatch, dryrun=True)
     begun(logger)

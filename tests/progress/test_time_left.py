@@ -1,4 +1,4 @@
-"""Time left: by closed forms, and of simulated runs whose truth is known."""
+"""Time left: closed forms, and simulated runs with known times."""
 
 import math
 
@@ -39,24 +39,24 @@ def test_stages_are_rules_without_their_numbers():
 
 
 @pytest.mark.parametrize("busy", [1.0, 4.0])
-def test_before_any_job_the_range_is_that_of_runs_on_other_machines(busy):
-    """A lognormal's: by other work of this machine slower, and as wide."""
+def test_range_before_any_job_is_that_of_runs_on_other_machines(busy):
+    """A lognormal range, scaled by the machine's load, with unchanged width."""
     job = steps("reconstruct", 1)
     low, high, complete = Progress(job, 1, lambda: rates(*job, seconds=60.0), 0.0, busy).range_left(0.0)
     assert complete and middle(low, high) == pytest.approx(60 * SLOWER * busy)
     assert math.log(high / low) == pytest.approx(2 * WIDE * math.hypot(RUN_SD, STAGE_SD))
 
 
-def test_a_range_that_is_expected_of_a_job_widens_its_own():
+def test_uncertainty_of_a_job_widens_its_range():
     job = steps("diagnose", 1)
     low, high, _ = Progress(job, 1, lambda: rates(*job, seconds=(20.0, 180.0)), 0.0).range_left(0.0)
     assert middle(low, high) == pytest.approx(60 * SLOWER)
-    own = math.log(9) / (2 * WIDE)
-    assert math.log(high / low) == pytest.approx(2 * WIDE * math.sqrt(RUN_SD**2 + STAGE_SD**2 + own**2))
+    log_sd = math.log(9) / (2 * WIDE)
+    assert math.log(high / low) == pytest.approx(2 * WIDE * math.sqrt(RUN_SD**2 + STAGE_SD**2 + log_sd**2))
 
 
-def test_jobs_that_are_done_count_by_how_many_they_are():
-    """Three times slower than expected: of one job the estimate is between, of many it is what they took."""
+def test_finished_jobs_count_by_their_number():
+    """Three times slower than expected: one job moves the estimate in part, many determine it."""
     jobs = steps("reconstruct", 101)
     progress = Progress(jobs, 1, lambda: rates(*jobs, seconds=6.0), began=0.0)
     found = []
@@ -69,7 +69,7 @@ def test_jobs_that_are_done_count_by_how_many_they_are():
     jobs_left = (101, 100, 91, 1)
     seconds = [middle(low, high) / left for (low, high, _), left in zip(found, jobs_left, strict=True)]
     assert seconds[0] == pytest.approx(6 * SLOWER) and seconds == sorted(seconds)
-    # By hand: the stage has the run's variance and its own before, JOB_SD^2 of the job itself.
+    # The prior of the stage has the variances of the run and of the stage; the job itself has JOB_SD^2.
     prior, job = RUN_SD**2 + STAGE_SD**2, JOB_SD**2
     run = math.log(SLOWER) + RUN_SD**2 / (prior + job) * math.log(3 / SLOWER)
     left = RUN_SD**2 * (1 - RUN_SD**2 / (prior + job)) + STAGE_SD**2
@@ -79,7 +79,7 @@ def test_jobs_that_are_done_count_by_how_many_they_are():
     assert widths == sorted(widths, reverse=True) and widths[3] == pytest.approx(2 * WIDE * LEAST_SD)
 
 
-def test_a_stage_that_has_not_begun_has_the_pace_of_the_others():
+def test_stage_without_finished_jobs_has_the_pace_of_the_others():
     first, second = steps("reconstruct", 40), steps("extract", 1, first=40)
     progress = Progress(first + second, 1, lambda: rates(*first, *second, seconds=6.0), began=0.0)
     for number in range(40):
@@ -89,22 +89,22 @@ def test_a_stage_that_has_not_begun_has_the_pace_of_the_others():
     assert 6 * 2.5 < middle(low, high) < 24 and math.log(high / low) < 2 * WIDE * math.hypot(RUN_SD, STAGE_SD)
 
 
-def test_a_job_under_way_is_one_of_those_that_take_longer_than_it_has_had():
-    """Quantiles of a lognormal beyond a time, by drawing from it."""
+def test_running_job_is_one_of_those_that_take_longer():
+    """Quantiles of a lognormal beyond a time, by simulation."""
     job = steps("diagnose", 1)
     progress = Progress(job, 1, lambda: rates(*job, seconds=100.0), began=0.0)
     progress.start(0, 0.0)
     low, high, _ = progress.range_left(80.0)
     drawn = np.random.default_rng(3).lognormal(math.log(100 * SLOWER), math.hypot(RUN_SD, STAGE_SD), 400_000)
     np.testing.assert_allclose((low, high), np.quantile(drawn[drawn > 80.0], (0.1, 0.9)) - 80.0, rtol=0.02)
-    # The longer it takes, the more is left.
+    # The longer it takes, the longer it is expected to take.
     late = [progress.range_left(seconds)[1] for seconds in (300.0, 1e3, 1e5)]
     assert late == sorted(late) and late[-1] <= 1e5
 
 
-def test_ranges_hold_the_truth_as_often_as_they_say():
-    """Eight runs of ten, before the first job and in the middle, of runs drawn from what the estimate assumes."""
-    random, held = np.random.default_rng(5), {0: 0, 30: 0}
+def test_ranges_cover_the_truth_at_their_level():
+    """Eight of ten runs, before the first job and in the middle, for runs drawn from the assumed distribution."""
+    random, held_out = np.random.default_rng(5), {0: 0, 30: 0}
     for _ in range(150):
         jobs = [step for stage in range(4) for step in steps(f"stage{stage}", 15, first=15 * stage)]
         random.shuffle(jobs)
@@ -114,16 +114,16 @@ def test_ranges_hold_the_truth_as_often_as_they_say():
         takes = [expected[s.files[0]] * slower * of_stage[s.stage] * random.lognormal(0, JOB_SD) for s in jobs]
         progress, now = Progress(jobs, 1, lambda expected=expected: expected, began=0.0), 0.0
         for done, (step, seconds) in enumerate(zip(jobs, takes, strict=True)):
-            if done in held:
+            if done in held_out:
                 low, high, _ = progress.range_left(now)
-                held[done] += low <= sum(takes[done:]) <= high
+                held_out[done] += low <= sum(takes[done:]) <= high
             progress.start(step.number, now)
             now += seconds
             progress.finish(step.number, now)
-    assert all(0.75 < count / 150 < 0.97 for count in held.values()), held
+    assert all(0.75 < count / 150 < 0.97 for count in held_out.values()), held_out
 
 
-def test_without_a_rate_the_mean_of_the_stage_counts_and_before_it_nothing():
+def test_jobs_without_a_rate_use_the_mean_of_their_stage():
     jobs = steps("diagnose", 4)
     progress = Progress(jobs, 1, dict, began=0.0)
     assert progress.range_left(0.0) == (0.0, 0.0, False)
@@ -133,14 +133,14 @@ def test_without_a_rate_the_mean_of_the_stage_counts_and_before_it_nothing():
     assert complete and middle(low, high) == pytest.approx(15.0)
 
 
-def test_no_job_is_split_and_jobs_that_wait_for_others_come_after_them():
+def test_jobs_are_not_split_and_dependent_jobs_come_later():
     chain = [Step(n, f"step_{n}", (f"step/{n}",), needs=(n - 1,) if n else ()) for n in range(3)]
     one = [Step(9, "other_0", ("other/0",))]
     expected = rates(*chain, *one, seconds=60.0)
     alone = Progress(one, 8, lambda: expected, 0.0).range_left(0.0)
     together = Progress(chain + one, 8, lambda: expected, 0.0).range_left(0.0)
     assert together[0] == pytest.approx(3 * alone[0])
-    # Graham's bound: all of the work by eight cores, and seven eighths of the longest chain.
+    # Graham's bound: all work divided by eight cores, and seven eighths of the longest chain.
     assert together[1] == pytest.approx(alone[1] / (1 / 8 + 7 / 8) * (4 / 8 + 3 * 7 / 8))
     wide = steps("wide", 2, threads=4)
     progress = Progress(wide, 4, dict, began=0.0)
@@ -150,7 +150,7 @@ def test_no_job_is_split_and_jobs_that_wait_for_others_come_after_them():
     assert low < 10.0 < high
 
 
-def test_on_a_cluster_as_much_goes_on_at_a_time_as_has_gone_on():
+def test_parallel_jobs_of_a_cluster_are_estimated_from_the_past():
     jobs = steps("reconstruct", 8)
     progress = Progress(jobs, None, dict, began=0.0)
     for number in range(4):
@@ -161,14 +161,14 @@ def test_on_a_cluster_as_much_goes_on_at_a_time_as_has_gone_on():
     assert low == pytest.approx(10.0 * math.exp(-WIDE * math.hypot(JOB_SD / 2, LEAST_SD)))
 
 
-def test_what_makes_no_file_takes_no_time_and_a_failed_job_is_not_done():
+def test_job_without_output_takes_no_time_and_failed_job_is_not_done():
     jobs = [*steps("extract", 2), Step(9, "all", ())]
     progress = Progress(jobs, 1, lambda: rates(*jobs, seconds=4.0), began=0.0)
     progress.start(0, 0.0)
     assert progress.stages() == [("extract", 0, 2)]
     progress.fail(0)
     assert progress.stages() == [] and len(progress.took) == 0
-    # It is not waited for, until it is started once more.
+    # It is not waited for until it is restarted.
     one = progress.range_left(3.0)
     assert middle(*one[:2]) == pytest.approx(4.0 * SLOWER)
     progress.start(0, 3.0)
@@ -176,7 +176,7 @@ def test_what_makes_no_file_takes_no_time_and_a_failed_job_is_not_done():
     assert both[0] == pytest.approx(2 * one[0]) and both[1] == pytest.approx(2 * one[1]) and not progress.failed
 
 
-def test_what_waits_for_a_failed_job_is_not_waited_for():
+def test_jobs_that_depend_on_a_failed_job_are_not_waited_for():
     jobs = [Step(n, f"step_{n}", (f"step/{n}",), needs=needs) for n, needs in enumerate([(), (0,), (1,), (), (3, 7)])]
     progress = Progress(jobs, 1, lambda: rates(*jobs, seconds=4.0), began=0.0)
     assert progress.lost() == set() and middle(*progress.range_left(0.0)[:2]) == pytest.approx(20 * SLOWER)
@@ -189,15 +189,15 @@ def test_what_waits_for_a_failed_job_is_not_waited_for():
     "average, cores, slower",
     [(0.0, 2, 1.0), (1.0, 2, 1.0), (7.0, 2, 4.0), (3.0, 1, 1.5), (7.0, None, 1.0)],
 )
-def test_other_work_takes_its_share_of_the_processors(average, cores, slower, monkeypatch):
-    """Of two processors; one process of the average is this run's own start."""
+def test_other_processes_take_their_share_of_the_cores(average, cores, slower, monkeypatch):
+    """Two cores; one process of the load average is the start of this run."""
     monkeypatch.setattr(load.os, "cpu_count", lambda: 2)
     monkeypatch.setattr(load, "available", lambda: 2.0)
     monkeypatch.setattr(load, "load_average", lambda: average)
     assert load.slowdown(cores) == pytest.approx(slower)
 
 
-def test_more_processes_than_processors_that_may_be_used_share_them(monkeypatch, tmp_path):
+def test_processes_beyond_the_usable_cores_share_them(monkeypatch, tmp_path):
     monkeypatch.setattr(load.os, "cpu_count", lambda: 16)
     monkeypatch.setattr(load, "load_average", lambda: 0.0)
     monkeypatch.setattr(load.os, "sched_getaffinity", lambda _: set(range(8)), raising=False)

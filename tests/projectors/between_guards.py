@@ -1,6 +1,6 @@
-"""Projects and back-projects small scans, each array against a page that ends the process when it is touched.
+"""Project and back-project small scans with every array next to a page that ends the process on access.
 
-Prints how many scans were done. An array ends where the page behind it begins, or begins where the one before ends.
+Prints the number of scans. An array ends where the next page begins, or begins where the previous one ends.
 """
 
 import ctypes
@@ -18,7 +18,7 @@ from virtual_phantom.projectors import cpu
 PAGE, NO_ACCESS = mmap.PAGESIZE, 0
 libc = ctypes.CDLL(None, use_errno=True)
 libc.mprotect.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
-kept = []  # guards must stay guards while another array is in use
+stored = []  # guards must remain guards while another array is in use
 
 
 def guarded(at_end):
@@ -26,7 +26,7 @@ def guarded(at_end):
         size = 4 * int(np.prod(shape))
         pages = -(-size // PAGE)
         block = mmap.mmap(-1, (pages + 2) * PAGE)
-        kept.append(block)
+        stored.append(block)
         start = ctypes.addressof(ctypes.c_char.from_buffer(block))
         for guard in (start, start + (pages + 1) * PAGE):
             if libc.mprotect(guard, PAGE, NO_ACCESS):

@@ -1,6 +1,6 @@
-"""Scans of every density of lines, projected and back-projected as one realisation alone and as many are.
+"""Project and back-project scans of every line density, as a single realization and as several.
 
-python tests/projectors/one_alone.py OUT.npz      writes what comes of one alone
+python tests/projectors/one_alone.py OUT.npz      writes the results of a single realization
 """
 
 import sys
@@ -25,9 +25,9 @@ CASES = [
 
 
 def projected(case: tuple[float, int, int, float], lanes: int) -> list[np.ndarray]:
-    """Projections, their back-projection, adjoint and filtered back-projection, of the last lane.
+    """Projections, their back-projection, adjoint and filtered back-projection, for the last lane.
 
-    The scan is a helix, in which lines are cut anywhere.
+    The scan is a helix, in which lines can be cut anywhere.
     """
     row_pitch_mm, rows, slices, slice_mm = case
     detector = dict(SCANNER, columns=40, rows=rows, column_pitch_mm=16.0, row_pitch_mm=row_pitch_mm)

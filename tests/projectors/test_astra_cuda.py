@@ -1,4 +1,4 @@
-"""The GPU engine: what of it needs no device, and parity with the CPU engine where there is one."""
+"""GPU engine: parts that need no device, and agreement with the CPU engine on a device."""
 
 from types import SimpleNamespace
 
@@ -47,11 +47,10 @@ def test_cone_vectors_describe_the_same_rays():
 
 
 class OnDevice(np.lib.mixins.NDArrayOperatorsMixin):
-    """What CuPy's arrays let be done with them, and no more: never mixed with NumPy's arrays, nor turned into one
-    unasked."""
+    """Array with the supported operations of CuPy: never mixed with NumPy arrays or converted implicitly."""
 
-    def __init__(self, held):
-        self.held = held
+    def __init__(self, held_out):
+        self.held = held_out
 
     shape = property(lambda self: self.held.shape)
 
@@ -81,7 +80,7 @@ class OnDevice(np.lib.mixins.NDArrayOperatorsMixin):
 
 
 def _held(value):
-    """What a device would compute with."""
+    """The array that a device would compute with."""
     if isinstance(value, OnDevice):
         return value.held
     assert isinstance(value, float | int | np.generic), f"{type(value)} is not on the device"
@@ -90,7 +89,7 @@ def _held(value):
 
 @pytest.fixture
 def device(monkeypatch):
-    """A module of arrays and ASTRA's two calls, which the CPU engine computes; `moved` counts what crosses over."""
+    """Array module and ASTRA's two calls, computed by the CPU engine; `moved` counts transfers."""
     moved = {"to": 0, "from": 0}
 
     def asarray(array):
@@ -125,7 +124,7 @@ def device(monkeypatch):
     def back(_, volumes, projections):
         taken = np.swapaxes(linked[projections[0]], 0, 1)
         found = cpu.unpack_volume(cpu.back(cpu.pack_projections(taken[None])))[0]
-        linked[volumes[0]][...] = 1234.5 * found  # ASTRA's scale is its own
+        linked[volumes[0]][...] = 1234.5 * found  # ASTRA has its own scale
 
     operations = SimpleNamespace(do_composite_FP=forward, do_composite_BP=back)
     monkeypatch.setattr(astra_cuda, "experimental", operations)
@@ -136,8 +135,8 @@ def device(monkeypatch):
 
 
 @pytest.mark.parametrize("solver", ["chebyshev", "plain"])
-def test_nothing_leaves_the_device_between_steps(device, solver):
-    """SIRT moves the data there and the image back, however many steps it makes, and gives the CPU's image."""
+def test_data_stay_on_the_device_between_iterations(device, solver):
+    """SIRT transfers the data once and the image back, for any number of iterations, and gives the CPU's image."""
     scan = np.random.default_rng(4).random((2, GEOMETRY.views, GEOMETRY.rows, GEOMETRY.columns), np.float32)
     moved = []
     for steps in (3, 9):
@@ -145,7 +144,7 @@ def test_nothing_leaves_the_device_between_steps(device, solver):
         settings = {"iterations": 2 * steps, "terms": steps, "solver": solver, "backprojector": "voxel"}
         found = sirt.sirt(AstraCudaProjector(GEOMETRY, GRID, 2, arrays=device), scan, **settings)
         expected = sirt.sirt(CpuProjector(GEOMETRY, GRID, 2), scan, **settings)
-        # Voxels that one ray grazes take its rounding as it is: no bound for each.
+        # Voxels that a single ray grazes take over its rounding error and have no bound.
         assert np.sqrt(np.mean((found - expected) ** 2)) < 1e-3 * expected.std()
         moved.append(dict(device.moved))
     assert moved[0] == moved[1] == {"to": 3, "from": 1}  # data, a volume and projections of ones; the image
@@ -164,8 +163,8 @@ def test_projectors_are_made_once_and_deleted(device, monkeypatch):
     assert deleted == [1]
 
 
-def test_a_projection_that_fails_is_no_zero(device, monkeypatch):
-    """ASTRA's direct calls would return as if nothing were."""
+def test_failed_projection_raises_instead_of_returning_zeros(device, monkeypatch):
+    """ASTRA's direct calls would return without an error."""
     projector = AstraCudaProjector(GEOMETRY, GRID, arrays=device)
     volume = projector.empty_volume()
     lines = projector.forward(volume)
@@ -179,8 +178,8 @@ def test_a_projection_that_fails_is_no_zero(device, monkeypatch):
             fails()
 
 
-def test_what_is_called_of_astra_is_there():
-    """`experimental` may change from version to version."""
+def test_astra_functions_exist():
+    """ASTRA's `experimental` module may change between versions."""
     assert callable(experimental.do_composite_FP) and callable(experimental.do_composite_BP)
     number = astra.create_projector("cuda3d", projection_geometry(GEOMETRY), volume_geometry(GRID))
     astra.projector3d.delete(number)
@@ -194,63 +193,66 @@ def test_what_is_called_of_astra_is_there():
     astra.data3d.delete(linked)
 
 
-def test_realisations_go_to_the_device_one_by_one(device, monkeypatch):
-    """Its memory need not hold more than one, and a processor's need not lack any."""
-    asked = []
+def test_realizations_are_transferred_one_by_one(device, monkeypatch):
+    """The device needs memory for a single realization only."""
+    request = []
 
     def made(engine, geometry, grid, lanes, threads):
-        asked.append((engine, lanes))
+        request.append((engine, lanes))
         cpu = engine == "cpu"
         return CpuProjector(geometry, grid, lanes) if cpu else AstraCudaProjector(geometry, grid, lanes, device)
 
     monkeypatch.setattr(images, "projector", made)
     scan = np.random.default_rng(5).random((3, GEOMETRY.views, GEOMETRY.rows, GEOMETRY.columns), np.float32)
     settings = {**SIRT, "iterations": 4, "backprojector": "voxel"}
-    ours, theirs = (
+    actual, theirs = (
         images.in_hu(scan, GEOMETRY, GRID, "sirt", settings, engine, 0.02) for engine in ("cpu", "astra_cuda")
     )
-    assert asked == [("cpu", 3), ("astra_cuda", 1)]
-    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 1e-3 * ours.std()
+    assert request == [("cpu", 3), ("astra_cuda", 1)]
+    assert np.sqrt(np.mean((actual - theirs) ** 2)) < 1e-3 * actual.std()
 
 
 @needs_cuda
 @pytest.mark.gpu
-def test_gpu_projects_as_the_cpu_does():
+def test_gpu_and_cpu_projections_agree():
     cpu = CpuProjector(GEOMETRY, GRID)
     gpu = projectors.projector("astra_cuda", GEOMETRY, GRID)
     ball = _ball()
-    ours = cpu.unpack_projections(cpu.forward(cpu.pack_volume(ball[None])))
+    actual = cpu.unpack_projections(cpu.forward(cpu.pack_volume(ball[None])))
     theirs = gpu.unpack_projections(gpu.forward(gpu.pack_volume(ball[None])))
-    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 1e-4 * ours.max()
+    assert np.sqrt(np.mean((actual - theirs) ** 2)) < 1e-4 * actual.max()
 
 
 @needs_cuda
 @pytest.mark.gpu
-def test_gpu_back_projects_as_the_cpu_does():
-    """But for ASTRA's scale. Its textures interpolate between pixels with weights of 8 bits (CUDA C++ Programming
-    Guide, Texture Fetching), an error of up to 1 in 512 of their difference."""
+def test_gpu_and_cpu_back_projections_agree():
+    """Up to ASTRA's scale.
+
+    Its textures interpolate between pixels with weights of 8 bits (CUDA C++ Programming Guide, Texture Fetching), an
+    error of up to 1/512 of their difference.
+    """
     cpu = CpuProjector(GEOMETRY, GRID)
     gpu = projectors.projector("astra_cuda", GEOMETRY, GRID)
     scan = np.random.default_rng(3).random((1, GEOMETRY.views, GEOMETRY.rows, GEOMETRY.columns), np.float32)
-    ours = cpu.unpack_volume(cpu.back(cpu.pack_projections(scan)))
+    actual = cpu.unpack_volume(cpu.back(cpu.pack_projections(scan)))
     theirs = gpu.unpack_volume(gpu.back(gpu.pack_projections(scan)))
-    theirs = theirs * (np.vdot(ours, theirs) / np.vdot(theirs, theirs))
-    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.004 * ours.std()
+    theirs = theirs * (np.vdot(actual, theirs) / np.vdot(theirs, theirs))
+    assert np.sqrt(np.mean((actual - theirs) ** 2)) < 0.004 * actual.std()
 
 
 @needs_cuda
 @pytest.mark.gpu
-def test_gpu_reconstructs_as_the_cpu_does():
-    """Images apart by at most 3 % of the noise's standard deviation (rms): weights of 8 bits, 500 iterations long."""
+def test_gpu_and_cpu_reconstructions_agree():
+    """Images differ by at most 3 % of the noise SD (rms), from weights of 8 bits over 500 iterations."""
     cpu = CpuProjector(GEOMETRY, GRID)
     lines = cpu.unpack_projections(cpu.forward(cpu.pack_volume(0.02 * _ball()[None])))
     noise = np.random.default_rng(7).normal(0, 0.02, lines.shape).astype(np.float32)
     settings = {**SIRT, "iterations": 500, "terms": 60, "backprojector": "voxel"}
-    quiet, ours, theirs = (
+    quiet, actual, theirs = (
         images.in_hu(data, GEOMETRY, GRID, "sirt", settings, engine, 0.02)[0]
         for data, engine in ((lines, "cpu"), (lines + noise, "cpu"), (lines + noise, "astra_cuda"))
     )
-    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.03 * (ours - quiet).std()
+    assert np.sqrt(np.mean((actual - theirs) ** 2)) < 0.03 * (actual - quiet).std()
 
 
 def _ball():

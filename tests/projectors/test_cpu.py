@@ -33,7 +33,7 @@ def ellipsoid_chords(geometry, centre, semi_axes):
 
 
 def ellipsoid_coverage(grid, centre, semi_axes, samples=6):
-    """Share of every voxel inside an ellipsoid, by sub-sampling."""
+    """Volume fraction of every voxel in an ellipsoid, by sub-sampling."""
     fine = grid.refined(samples)
     z, y, x = fine.axes_mm()
     inside = (
@@ -66,13 +66,13 @@ def test_line_integrals_of_an_ellipsoid(make):
     long = exact > exact.max() / 2
     assert long.sum() > 100
     assert np.sqrt(np.mean((measured[long] / exact[long] - 1) ** 2)) < 0.003
-    # A ray that misses by more than two voxels sees nothing.
+    # A ray that misses by more than two voxels has no signal.
     assert measured[ellipsoid_chords(geometry, centre, np.add(semi_axes, 6.0)) == 0].max() == 0
 
 
 @pytest.mark.parametrize("turn", [0, 1, 2, 3])
-def test_ball_appears_where_the_frame_says(turn):
-    """A ball at +x is seen in the high columns from +y (angle 0); one above the isocentre in the high rows."""
+def test_ball_appears_at_the_position_that_the_frame_defines(turn):
+    """A ball at +x appears in the high columns from +y (angle 0); one above the isocenter, in the high rows."""
     angle = turn * math.pi / 2
     geometry = circular(
         views=1, start_angle_rad=angle, columns=101, rows=51, column_pitch_mm=4.0, row_pitch_mm=4.0, **SCANNER
@@ -93,7 +93,7 @@ def test_ball_appears_where_the_frame_says(turn):
 
 @pytest.mark.parametrize("lanes", [1, 3, 16])
 def test_adjoint(lanes):
-    """<A x, y> = <x, A' y>, for a helical scan off centre and voxels of three sizes."""
+    """<A x, y> = <x, A' y>, for an off-center helical scan and three voxel sizes."""
     geometry = helical(
         views=9,
         volume_height_mm=60,
@@ -117,7 +117,7 @@ def test_adjoint(lanes):
         assert left == pytest.approx(right, rel=1e-5)
 
 
-def test_lanes_are_independent_of_each_other_and_of_their_number():
+def test_lanes_are_independent():
     geometry = circular(views=4, columns=40, rows=8, column_pitch_mm=10.0, row_pitch_mm=10.0, **SCANNER)
     grid = Grid((8, 32, 32), (6.0, 8.0, 8.0))
     stack = np.random.default_rng(1).random((5, *grid.shape), dtype=np.float32)
@@ -132,8 +132,8 @@ def test_lanes_are_independent_of_each_other_and_of_their_number():
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_one_lane_does_what_many_do(case):
-    """It has kernels of its own, where rows and slices lie about as dense by hand on some processors."""
+def test_single_lane_equals_several_lanes(case):
+    """A single lane has its own kernels, which depend on the density of rows and slices on some processors."""
     for alone, together in zip(projected(case, 1), projected(case, 2), strict=True):
         assert together.any()
         np.testing.assert_allclose(alone, together, atol=3e-6 * together.max())
@@ -141,7 +141,7 @@ def test_one_lane_does_what_many_do(case):
 
 @pytest.mark.parametrize("centre_mm", [(0.0, 0.0, 0.0), (3.1, -4.7, 1.2)])
 def test_tiles_of_any_width_take_every_sample(centre_mm):
-    """One and two lanes have wider tiles than five: none loses a sample at a border, along the axes or between them."""
+    """One and two lanes have wider tiles than five: no sample is lost at a border, along the axes or between them."""
     grid = Grid((3, 130, 67), (4.0, 2.0, 3.0))
     geometry = circular(views=8, columns=70, rows=5, column_pitch_mm=9.0, row_pitch_mm=8.0, **SCANNER)
     volume = np.random.default_rng(6).random(grid.shape, np.float32)
@@ -150,7 +150,9 @@ def test_tiles_of_any_width_take_every_sample(centre_mm):
         projector = CpuProjector(geometry, grid, lanes, centre_mm=centre_mm)
         lines = projector.forward(projector.pack_volume(np.repeat(volume[None], lanes, 0)))
         images = (projector.back(lines), projector.adjoint(lines))
-        found.append([projector.unpack_projections(lines)[-1], *(projector.unpack_volume(one)[-1] for one in images)])
+        found.append(
+            [projector.unpack_projections(lines)[-1], *(projector.unpack_volume(image)[-1] for image in images)]
+        )
     for one, *others in zip(*found, strict=True):
         assert one.any()
         for other in others:
@@ -158,7 +160,7 @@ def test_tiles_of_any_width_take_every_sample(centre_mm):
 
 
 def test_nothing_is_read_or_written_beyond_arrays():
-    """Sixteen values at once reach beyond a line. Every array stands between pages that may not be touched."""
+    """Sixteen values at once extend beyond a line. Every array lies between protected pages."""
     script = Path(__file__).with_name("between_guards.py")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, timeout=300)
@@ -166,9 +168,11 @@ def test_nothing_is_read_or_written_beyond_arrays():
     assert int(done.stdout.split()[0]) >= 40
 
 
-def test_voxel_driven_back_projection_counts_rays_as_densely_as_they_lie():
-    """Along the central ray it is the transpose to 2 %, near the source as far from it, but for a constant: the voxel
-    over what a pixel covers at the isocentre."""
+def test_voxel_driven_back_projection_weights_rays_by_their_density():
+    """Along the central ray it equals the transpose to 2 %, at any distance from the source, except for a constant:
+
+    the voxel divided by the pixel at the isocenter.
+    """
     grid = Grid((5, 60, 60), (4.0, 5.0, 5.0))
     geometry = circular(views=1, columns=360, rows=60, column_pitch_mm=2.0, row_pitch_mm=2.0, **SCANNER)
     projector = CpuProjector(geometry, grid)
@@ -180,7 +184,7 @@ def test_voxel_driven_back_projection_counts_rays_as_densely_as_they_lie():
     assert exact.max() > 2 * exact.min()
 
 
-def test_views_in_blocks_and_threads_change_nothing():
+def test_view_blocks_and_threads_do_not_change_the_result():
     geometry = helical(
         views=11, volume_height_mm=48, columns=40, rows=8, column_pitch_mm=10.0, row_pitch_mm=10.0, **SCANNER
     )
@@ -212,7 +216,9 @@ def test_central_slice_agrees_with_astra_fan_beam():
     image = ellipsoid_coverage(grid, (10.0, -20.0, 0.0), (90.0, 70.0, 1e6))[1]
     image += 0.5 * ellipsoid_coverage(grid, (-30.0, 10.0, 0.0), (25.0, 20.0, 1e6))[1]
     projector = CpuProjector(geometry, grid)
-    ours = projector.unpack_projections(projector.forward(projector.pack_volume(np.stack([image] * 3)[None])))[0, :, 0]
+    actual = projector.unpack_projections(projector.forward(projector.pack_volume(np.stack([image] * 3)[None])))[
+        0, :, 0
+    ]
 
     # ASTRA's rows run downwards: row 0 is at +y.
     volume = astra.create_vol_geom(n, n, -n * spacing / 2, n * spacing / 2, -n * spacing / 2, n * spacing / 2)
@@ -225,11 +231,11 @@ def test_central_slice_agrees_with_astra_fan_beam():
     astra.data2d.delete(data_id)
     astra.projector.delete(projector_id)
     inside = theirs > theirs.max() / 4
-    error = np.sqrt(np.mean((ours - theirs)[inside] ** 2)) / theirs[inside].mean()
+    error = np.sqrt(np.mean((actual - theirs)[inside] ** 2)) / theirs[inside].mean()
     assert error < 0.005
 
 
-def test_grid_that_reaches_the_source_is_refused():
+def test_grid_that_contains_the_source_is_rejected():
     geometry = circular(views=4, columns=8, rows=8, column_pitch_mm=1.0, row_pitch_mm=1.0, **SCANNER)
     with pytest.raises(InputError, match="outside the source's orbit"):
         CpuProjector(geometry, Grid((8, 100, 100), (8.0, 8.0, 8.0)))

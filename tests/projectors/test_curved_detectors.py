@@ -1,4 +1,7 @@
-"""Cylindrical detectors and flying focal spots: shapes and voxels against exact chords, on rays written out by hand."""
+"""Cylindrical detectors and flying focal spots:
+
+shapes and voxels against exact chords, on independently calculated rays.
+"""
 
 import math
 from dataclasses import replace
@@ -32,7 +35,7 @@ def helix(spots="resting", **changes):
 def by_hand(geometry, spots=((0.0, 0.0, 0.0),), focus_mm=None):
     """Sources (views, 1, 1, 3) and pixels (views, rows, columns, 3), in polar coordinates about the axis and the focus.
 
-    focus_mm    from the focus to the arc; None: the focus is the focal centre
+    focus_mm    distance from the focus to the arc; None: the focus is the focal center
     """
     focus_mm = geometry.source_to_detector_mm if focus_mm is None else focus_mm
     sources, pixels = [], []
@@ -45,7 +48,7 @@ def by_hand(geometry, spots=((0.0, 0.0, 0.0),), focus_mm=None):
         fan = columns * geometry.column_pitch_mm / focus_mm
         v = (np.arange(geometry.rows) - (geometry.rows - 1) / 2 + geometry.row_offset_px) * geometry.row_pitch_mm
         off = geometry.source_to_isocentre_mm - (geometry.source_to_detector_mm - focus_mm)
-        # From the focus at polar angle b, the ray of fan angle g runs along (sin(b + g), -cos(b + g)).
+        # From the focus at polar angle b, the ray at fan angle g runs along (sin(b + g), -cos(b + g)).
         x = -off * math.sin(b) + focus_mm * np.sin(b + fan)
         y = off * math.cos(b) - focus_mm * np.cos(b + fan)
         pixels.append(np.stack(np.broadcast_arrays(x, y, z + v[:, None]), axis=-1))
@@ -53,7 +56,7 @@ def by_hand(geometry, spots=((0.0, 0.0, 0.0),), focus_mm=None):
 
 
 def chords(sources, pixels, matrix, centre):
-    """Exact lengths within (x - centre) . matrix (x - centre) = 1, mm."""
+    """Exact lengths in mm within `(x - centre) . matrix (x - centre) = 1`."""
     way = pixels - sources
     start = sources - np.asarray(centre)
     a, half = (np.einsum("...i,ij,...j->...", way, matrix, other) for other in (way, np.broadcast_to(start, way.shape)))
@@ -69,7 +72,7 @@ ROD = (np.eye(3) - np.outer(AXIS, AXIS)) / 30.0**2
 
 @pytest.mark.parametrize("spots", SPOTS)
 @pytest.mark.parametrize("focus_mm", [None, 900.0])
-def test_shapes_have_their_chords(spots, focus_mm):
+def test_path_lengths_of_shapes_are_their_chords(spots, focus_mm):
     geometry = helix(spots, arc_radius_mm=focus_mm)
     rays = by_hand(geometry, SPOTS[spots], focus_mm)
     ball = ShapesScene([ellipsoid("water", CENTRE, HALF_AXES)]).path_lengths(geometry)[0]
@@ -82,7 +85,7 @@ def test_shapes_have_their_chords(spots, focus_mm):
 
 
 @pytest.mark.parametrize("spots", SPOTS)
-def test_rays_are_those_by_hand(spots):
+def test_rays_equal_the_calculated_ones(spots):
     geometry = helix(spots)
     sources, pixels = by_hand(geometry, SPOTS[spots])
     for one in (geometry, geometry.by_vectors(), geometry.turned(0.7).by_vectors().turned(-0.7)):
@@ -93,7 +96,7 @@ def test_rays_are_those_by_hand(spots):
 
 
 def voxel_errors(geometry, exact, voxel):
-    """What a voxel projector is off, over the longest chord."""
+    """Error of a voxel projector relative to the longest chord."""
     size = [int(2 * (half + 20) / voxel) for half in HALF_AXES[::-1]]
     grid = Grid(tuple(size), (voxel, voxel, voxel))
     projector = CpuProjector(geometry, grid)
@@ -103,12 +106,12 @@ def voxel_errors(geometry, exact, voxel):
 
 
 def test_voxels_converge_to_the_chords():
-    """Half the voxel, less than half the error, and none of what a flat detector or a resting spot would make."""
+    """Half the voxel size gives less than half the error, and no error of a flat detector or a resting spot."""
     geometry = helix("both")
     exact = chords(*by_hand(geometry, SPOTS["both"]), ELLIPSOID, CENTRE)
     coarse, fine = (voxel_errors(geometry, exact, voxel) for voxel in (4.0, 2.0))
     sizes = [np.sqrt(np.mean(one**2)) for one in (coarse, fine)]
-    assert sizes[0] < 0.02 and sizes[1] < 0.5 * sizes[0]  # a flat detector's are as large: rays at the edge
+    assert sizes[0] < 0.02 and sizes[1] < 0.5 * sizes[0]  # as large as with a flat detector, in rays at the edge
     flat = chords(*by_hand(geometry, SPOTS["both"], focus_mm=1e7), ELLIPSOID, CENTRE)
     resting = chords(*by_hand(geometry), ELLIPSOID, CENTRE)
     for other in (flat, resting):
@@ -117,7 +120,7 @@ def test_voxels_converge_to_the_chords():
 
 
 @pytest.mark.parametrize("lanes", [1, 16])
-def test_the_adjoint_is_the_transpose(lanes):
+def test_adjoint_is_the_transpose(lanes):
     geometry, grid = helix("both"), Grid((12, 30, 28), (4.0, 5.0, 5.0))
     projector = CpuProjector(geometry, grid, lanes)
     random = np.random.default_rng(1)
@@ -131,7 +134,7 @@ def test_the_adjoint_is_the_transpose(lanes):
 
 
 @pytest.mark.parametrize("focus_mm", [None, 900.0])
-def test_voxels_take_their_values_where_their_rays_meet_the_arc(focus_mm):
+def test_voxels_are_interpolated_where_their_rays_meet_the_arc(focus_mm):
     """Back-projection of projections that are linear in column and row, against the definition."""
     geometry, grid = (
         helix("both", arc_radius_mm=focus_mm, rows=40, turns=1.0, pitch=0.1),
@@ -151,7 +154,7 @@ def test_voxels_take_their_values_where_their_rays_meet_the_arc(focus_mm):
             way = np.stack([x, y, z], axis=-1) - source
             focus = (RADIUS - DISTANCE + arc) * np.array([-math.sin(b), math.cos(b)])
             low, high = np.ones(grid.shape), np.full(grid.shape, 5.0)
-            for _ in range(60):  # where the ray leaves the circle
+            for _ in range(60):  # exit of the ray from the circle
                 middle = (low + high) / 2
                 beyond = np.hypot(*np.moveaxis(source[:2] + middle[..., None] * way[..., :2] - focus, -1, 0)) > arc
                 low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
@@ -171,7 +174,7 @@ def test_voxels_take_their_values_where_their_rays_meet_the_arc(focus_mm):
         np.testing.assert_allclose(back, expected, rtol=2e-4)
 
 
-def test_a_very_long_arc_is_a_flat_detector():
+def test_very_long_arc_equals_a_flat_detector():
     flat = circular(views=5, **(ARC | dict(surface="flat")))
     arc = replace(flat, surface="cylindrical", arc_radius_mm=1e7)
     scene = ShapesScene([ellipsoid("water", CENTRE, HALF_AXES)])
@@ -180,7 +183,7 @@ def test_a_very_long_arc_is_a_flat_detector():
     np.testing.assert_allclose(arc.field_of_view_radius_mm, flat.field_of_view_radius_mm, rtol=1e-3)
 
 
-def test_an_arc_about_the_source_is_lit_evenly_along_its_columns():
+def test_arc_about_the_source_is_uniformly_lit_along_its_columns():
     geometry = circular(views=5, **ARC)
     angles = geometry.solid_angles()
     assert angles.shape == (1, 6, 64)
@@ -188,15 +191,15 @@ def test_an_arc_about_the_source_is_lit_evenly_along_its_columns():
     np.testing.assert_allclose(angles[0], np.broadcast_to((1 + (v / DISTANCE) ** 2)[:, None] ** -1.5, (6, 64)))
 
 
-def test_a_parallel_beam_has_parallel_chords():
+def test_parallel_beam_has_parallel_chords():
     geometry = circular(
         views=7, **parallel_beam(), columns=64, rows=6, column_pitch_mm=4.0, row_pitch_mm=4.0, column_offset_px=0.25
     )
     found = ShapesScene([ellipsoid("water", CENTRE, HALF_AXES)]).path_lengths(geometry)[0]
     angle = geometry.angles_rad[:, None, None]
     along = np.stack([np.sin(angle), -np.cos(angle), 0 * angle], axis=-1)
-    beside = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-    pixels = geometry.column_positions_mm()[:, None] * beside + geometry.row_positions_mm()[:, None, None] * [0, 0, 1.0]
+    others = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    pixels = geometry.column_positions_mm()[:, None] * others + geometry.row_positions_mm()[:, None, None] * [0, 0, 1.0]
     exact = chords(pixels - along * 500, pixels + along * 500, ELLIPSOID, CENTRE)
     inside = exact > 0.1 * exact.max()
     np.testing.assert_allclose(found[inside], exact[inside], atol=1e-5 * exact.max())
@@ -204,7 +207,7 @@ def test_a_parallel_beam_has_parallel_chords():
     assert np.sqrt(np.mean(voxel_errors(geometry, exact, 4.0) ** 2)) < 0.02
 
 
-def test_every_so_many_views_keep_their_spots():
+def test_every_nth_view_keeps_its_focal_spot():
     geometry = helix("both")
     for step in (2, 3, 4, 5):
         some = geometry.every(step)
@@ -229,7 +232,7 @@ def test_impossible_arcs_and_spots(changes, message):
 
 
 @pytest.mark.parametrize("beam", [{}, parallel_beam() | {"surface": "flat"}], ids=["arc", "parallel"])
-def test_astra_has_no_arcs_and_no_parallel_beams(beam):
+def test_astra_supports_no_arcs_and_no_parallel_beams(beam):
     from virtual_phantom.projectors.astra_cuda import AstraCudaProjector
 
     message = "astra_cuda supports neither cylindrical detectors nor parallel beams; set engine: cpu"

@@ -28,13 +28,13 @@ def test_unknown_engine():
         (True, "astra_cuda", "voxel", "astra_cuda"),
     ],
 )
-def test_engine_that_can_do_the_work_is_taken(monkeypatch, cuda, engine, backprojector, expected):
+def test_suitable_engine_is_chosen(monkeypatch, cuda, engine, backprojector, expected):
     monkeypatch.setattr(astra, "use_cuda", lambda: cuda)
     monkeypatch.setattr(projectors, "cupy_installed", lambda: True)
     assert projectors.choose_engine(engine, backprojector) == expected
 
 
-def test_astra_cuda_that_cannot_do_the_work(monkeypatch):
+def test_unsuitable_astra_cuda_is_rejected(monkeypatch):
     monkeypatch.setattr(astra, "use_cuda", lambda: False)
     with pytest.raises(InputError, match="needs a CUDA device"):
         projectors.choose_engine("astra_cuda", "voxel")
@@ -42,7 +42,7 @@ def test_astra_cuda_that_cannot_do_the_work(monkeypatch):
         projectors.choose_engine("astra_cuda", "adjoint")
 
 
-def test_where_the_device_is_not_looked_for_its_user_does(monkeypatch):
+def test_device_is_checked_by_the_job_that_uses_it(monkeypatch):
     """Jobs of a cluster that need no device read the configuration without one; ASTRA would end the process."""
     monkeypatch.setattr(astra, "use_cuda", lambda: False)
     assert projectors.choose_engine("astra_cuda", "voxel", look=False) == "astra_cuda"
@@ -53,8 +53,8 @@ def test_where_the_device_is_not_looked_for_its_user_does(monkeypatch):
         projectors.projector("astra_cuda", GEOMETRY, GRID)
 
 
-def test_a_device_without_cupy(monkeypatch):
-    """`auto` says why it does not take it, `astra_cuda` stops."""
+def test_device_without_cupy(monkeypatch):
+    """`auto` reports why it does not use the device; `astra_cuda` stops."""
     monkeypatch.setattr(astra, "use_cuda", lambda: True)
     monkeypatch.setattr(projectors, "cupy_installed", lambda: False)
     with pytest.warns(UserWarning, match="pip install -r environment-gpu.txt"):

@@ -1,4 +1,4 @@
-"""A grid beside the isocentre: against the same object in a larger grid around it."""
+"""A grid off the isocenter, compared with the same object in a larger grid around it."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def projected(volume, grid, **place):
 
 
 @pytest.mark.parametrize("shift", [(0, 0, 0), (5, -8, 3), (-7, 6, -2)])
-def test_a_cut_out_part_projects_like_the_whole(shift):
+def test_cropped_part_projects_like_the_whole(shift):
     """shift in voxels (x, y, z)."""
     spacing = (2.0, 1.5, 2.5)
     part = np.random.default_rng(1).random((8, 12, 10))
@@ -38,8 +38,8 @@ def test_a_cut_out_part_projects_like_the_whole(shift):
     np.testing.assert_allclose(found, right, atol=2e-5 * right.max())
 
 
-def test_back_projection_knows_the_place_too():
-    """<forward(x), y> = <x, adjoint(y)>, and the voxel-driven back-projection peaks where a point is."""
+def test_back_projection_uses_the_grid_position():
+    """<forward(x), y> = <x, adjoint(y)>, and the voxel-driven back-projection peaks at a point."""
     grid, centre = Grid((8, 12, 10), (2.0, 1.5, 2.5)), (12.0, -9.0, 5.0)
     random = np.random.default_rng(2)
     volume = random.random(grid.shape)

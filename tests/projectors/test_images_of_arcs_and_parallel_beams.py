@@ -1,4 +1,4 @@
-"""Images of curved detectors, flying focal spots and parallel beams: HU, contrast and sharpness of known objects."""
+"""Images from curved detectors, flying focal spots and parallel beams: HU, contrast and sharpness of known objects."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,14 +22,14 @@ from virtual_phantom.recordings.scan import scan_geometry as recorded_geometry
 
 ROOT = Path(__file__).resolve().parents[2]
 WATER = float(attenuation_per_mm("water", [DISC_ENERGY_KEV])[0])
-# Place x, y, mm. The aluminium lies where the angle from view to view is no blur.
+# Position x, y, mm. At the aluminum, rotation from view to view causes no blur.
 RODS = {"pmma": (35.0, 10.0), "polyethylene": (-20.0, -30.0), "aluminium": (4.0, -3.0)}
 ROD_MM, BODY_MM = 9.0, 70.0
 SCANNER = dict(source_to_isocentre_mm=541.0, source_to_detector_mm=949.0, rows=8, row_pitch_mm=2.0)
 HELIX = dict(
     views=1440, volume_height_mm=3.0, turns=2.0, columns=320, column_pitch_mm=0.9, column_offset_px=0.25, **SCANNER
 )
-IN_PLANE = ((-0.3, 0.0, 0.0), (0.3, 0.0, 0.0))  # by a quarter of a pixel at the isocentre: rays interleave
+IN_PLANE = ((-0.3, 0.0, 0.0), (0.3, 0.0, 0.0))  # by a quarter of a pixel at the isocenter: rays interleave
 ALONG_Z = ((0.0, 3.0, -0.6), (0.0, -3.0, 0.6))
 SCANS = {
     "flat": helical(**HELIX),
@@ -61,7 +61,7 @@ def lines():
 
 
 def around(x, y, half_mm, spacing, geometry, stack):
-    """HU on a plane of voxels around a place, and how far they are from it."""
+    """HU on a plane of voxels around a position, and their distances from it."""
     n = 2 * round(half_mm / spacing) + 1
     grid = Grid((1, n, n), (1.0, spacing, spacing))
     image = fbp(CpuProjector(geometry, grid, centre_mm=(x, y, 0.0)), stack)[0, 0]
@@ -80,7 +80,7 @@ def test_water_is_0_hu_and_rods_have_the_contrast_of_their_material(name, lines)
 
 
 def mtf50_per_cm(name, lines):
-    """Where the spectrum of the edge of a rod falls to a half: over all directions."""
+    """Frequency at which the spectrum of a rod's edge falls to one half, over all directions."""
     x, y = RODS["aluminium"]
     hu, away = around(x, y, 13.0, 0.25, SCANS[name], lines[name])
     step, reach = 0.1, 3.5
@@ -97,24 +97,24 @@ def mtf50_per_cm(name, lines):
 
 @pytest.mark.parametrize(("name", "error"), [("arc", 0.03), ("parallel", 0.03), ("spot along z", 0.06)])
 def test_images_are_as_sharp_as_those_of_a_flat_detector(name, error, lines):
-    """Of a spot along z, each of whose places has half of the views, a little less."""
+    """Slightly less for a spot along z, each of whose positions has half of the views."""
     assert mtf50_per_cm(name, lines) == pytest.approx(mtf50_per_cm("flat", lines), rel=error)
 
 
-def test_a_spot_that_flies_in_the_plane_sharpens_images(lines):
-    """Its rays interleave, so that linear interpolation between them blurs half as far."""
+def test_spot_that_flies_in_the_plane_sharpens_images(lines):
+    """Its rays interleave, so that linear interpolation between them blurs half as much."""
     assert mtf50_per_cm("spot in the plane", lines) > 1.2 * mtf50_per_cm("flat", lines)
 
 
 def test_parallel_rays_have_the_chords_of_a_disc(lines):
-    """To 1e-6 of how far rays are apart, which at the disc's edge is more of the chord."""
+    """To 1e-6 of the ray distance, relative to which chords at the disc's edge are short."""
     geometry = replace(SCANS["parallel"], rows=1)
     disc = Chain(ShapesScene([cylinder("water", (0, 0, 0), BODY_MM)]), geometry, 1e5).state({}).line_integrals()
     expected = 2 * np.sqrt(np.maximum(BODY_MM**2 - geometry.column_positions_mm() ** 2, 0)) * WATER
     np.testing.assert_allclose(disc, np.broadcast_to(expected, disc.shape), atol=3e-5 * expected.max())
 
 
-def test_iterations_of_a_parallel_beam_come_to_the_object():
+def test_iterations_of_a_parallel_beam_converge_to_the_object():
     geometry = circular(
         views=90, turns=0.5, columns=64, column_pitch_mm=3.0, rows=4, row_pitch_mm=3.0, **parallel_beam()
     )
@@ -134,11 +134,11 @@ def study(**changes):
     return whole | {"scan": whole["scan"] | {"beam": "parallel", "trajectory": "circular"}} | changes
 
 
-def test_a_study_of_a_parallel_beam_knows_no_distances():
+def test_study_of_a_parallel_beam_has_no_distances():
     config = complete(study())
     geometry = scan_geometry(config["scan"], 180, Grid((4, 32, 32), (2.0, 2.0, 2.0)))
     assert geometry.parallel and geometry.magnification == pytest.approx(1)
-    # A section that no configuration has completed, as virtual_phantom.scan takes it, says it too.
+    # The same for a section without completed defaults, as virtual_phantom.scan accepts it.
     assert scan_geometry(study()["scan"] | {"turns": 1.0, **OFFSETS}, 180, Grid((4, 8, 8), (2.0,) * 3)).parallel
 
 
@@ -152,14 +152,14 @@ def test_a_study_of_a_parallel_beam_knows_no_distances():
         ),
     ],
 )
-def test_what_needs_a_focal_spot_is_refused_beside_parallel_rays(changes, message):
+def test_effects_of_the_focal_spot_are_rejected_with_parallel_rays(changes, message):
     whole = study()
     merged = {key: whole.get(key, {}) | value if isinstance(value, dict) else value for key, value in changes.items()}
     lines, _ = inspected(whole | merged)
     assert any(message in line for line in lines), lines
 
 
-def test_a_recording_of_a_parallel_beam_states_no_distances():
+def test_recording_of_a_parallel_beam_has_no_distances():
     scan = {
         "trajectory": "circular",
         "beam": "parallel",

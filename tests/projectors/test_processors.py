@@ -1,4 +1,4 @@
-"""The kernels of every kind of processor whose instructions this machine has, against each other and known truths."""
+"""Kernels for every kind of processor that this machine can emulate, against each other and known truths."""
 
 import os
 import re
@@ -13,13 +13,13 @@ from one_alone import CASES, projected
 from virtual_phantom.projectors.processors import ANY, AVX2, AVX512, KINDS, available, environment, kind_of
 
 HERE = Path(__file__).resolve().parent
-# Tests of one realisation alone against truths that know no kernels, its transpose, many realisations and guard pages.
+# Tests of a single realization against independent truths, its transpose, many realizations and guard pages.
 TRUTHS = "ellipsoid or test_adjoint or one_lane or beyond_arrays or astra"
 
 
 @pytest.fixture(scope="module", params=KINDS)
 def variables(request, tmp_path_factory):
-    """Of a process for one kind, with kernels compiled for it alone; those of this processor's own are there."""
+    """Environment of a process for one kind, with its own compiled kernels; those of this processor are reused."""
     if request.param not in available():
         pytest.skip(f"this processor has no {request.param}")
     made = dict(os.environ)
@@ -34,7 +34,7 @@ def run(command, variables):
     return done.stdout
 
 
-def test_all_kinds_project_alike(variables, tmp_path):
+def test_all_kinds_give_equal_projections(variables, tmp_path):
     run([HERE / "one_alone.py", tmp_path / "made.npz"], variables)
     there = np.load(tmp_path / "made.npz")
     for i, case in enumerate(CASES):
@@ -43,27 +43,27 @@ def test_all_kinds_project_alike(variables, tmp_path):
             np.testing.assert_allclose(there[f"{i}-{j}"], here, atol=3e-6 * here.max(), err_msg=f"{case}, {j}")
 
 
-def test_truths_hold_on_all_kinds(variables):
+def test_truths_apply_to_all_kinds(variables):
     if variables.get("NUMBA_CPU_NAME") is None:
         pytest.skip("this processor's own kind: test_cpu.py itself")
-    said = run(["-m", "pytest", "-x", "-p", "no:xdist", HERE / "test_cpu.py", "-k", TRUTHS], variables)
-    assert int(re.search(r"(\d+) passed", said)[1]) >= 13
+    output = run(["-m", "pytest", "-x", "-p", "no:xdist", HERE / "test_cpu.py", "-k", TRUTHS], variables)
+    assert int(re.search(r"(\d+) passed", output)[1]) >= 13
 
 
-def test_scenes_have_the_same_paths_on_all_kinds(variables):
-    """Their kernel, of all rows at once, against the one that takes rows one after another."""
+def test_scenes_have_equal_path_lengths_on_all_kinds(variables):
+    """The scenes' kernel, for all rows at once, against the one for single rows."""
     if variables.get("NUMBA_CPU_NAME") is None:
         pytest.skip("this processor's own kind: test_scene.py itself")
-    said = run(
+    output = run(
         ["-m", "pytest", "-x", "-p", "no:xdist", HERE.parent / "physics" / "test_scene.py", "-k", "paths"], variables
     )
-    assert int(re.search(r"(\d+) passed", said)[1]) >= 6
+    assert int(re.search(r"(\d+) passed", output)[1]) >= 6
 
 
-def test_a_process_is_of_the_kind_that_is_asked_for(variables, request):
-    asked = request.node.callspec.params["variables"]
+def test_process_uses_the_selected_kind(variables, request):
+    settings = request.node.callspec.params["variables"]
     script = "from virtual_phantom.projectors.processors import PROCESSOR; print(PROCESSOR)"
-    assert run(["-c", script], variables).strip() == asked
+    assert run(["-c", script], variables).strip() == settings
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,10 @@
-"""Generator and diagnosis are apart: by what is loaded, however it is imported."""
+"""The generator and the diagnosis of the blind validation are independent: no shared physics is loaded."""
 
 import pytest
 from loaded import LIBRARY, ROOT, loaded
 
 SCRIPTS = ROOT / "workflow/scripts"
-# Nothing here knows how photons go: files, grids and layouts of phantoms, and the list of the library's effects.
+# Modules without radiation physics: files, grids, phantom layouts, and the list of the library's effects.
 MAY_BE_LOADED = {
     *("base", "base.console", "base.data", "base.errors", "base.geometry", "base.home", "base.pose", "base.streams"),
     *("base.units", "base.vectors", "base.names", "io.yaml_files"),
@@ -21,7 +21,7 @@ MAY_BE_LOADED = {
         "phantom.texture",
     ),
     *("physics", "physics.effect", "recordings", "recordings.document"),
-    "physics.effects",  # the folder's own file, which holds nothing: each effect is a module of its own
+    "physics.effects",  # the package's own file is empty: each effect is a separate module
     *("statistics", "statistics.measured"),
 }
 
@@ -36,13 +36,13 @@ def of_the_proof(names):
     return {name for name in names if name.split(".")[0] == "proof"}
 
 
-def test_what_makes_recordings_loads_no_physics_of_the_library():
+def test_generator_of_recordings_loads_no_physics_of_the_library():
     found = loaded(SCRIPTS / "conceal.py", named=modules("proof/hiding/hooks"))
     assert {"proof.hiding.xcist", "proof.hiding.readout", "proof.hiding.hooks.flux"} <= found
     assert found - of_the_proof(found) <= MAY_BE_LOADED
 
 
-def test_what_diagnoses_loads_nothing_of_the_proof():
+def test_diagnosis_loads_no_module_of_the_blind_validation():
     scripts = [*SCRIPTS.glob("diagnose*.py"), SCRIPTS / "agreement_elsewhere.py"]
     found = loaded(*scripts, named=[*modules("diagnosis"), *modules("physics/effects")])
     assert {"diagnosis.verdict.verdict", "physics.chain", "physics.effects.scatter"} <= found
@@ -62,7 +62,7 @@ def test_what_diagnoses_loads_nothing_of_the_proof():
         ("import not_installed_here", set()),
     ],
 )
-def test_every_way_to_import_is_seen(tmp_path, statement, caught):
+def test_all_forms_of_import_are_detected(tmp_path, statement, caught):
     files = {
         "__init__.py": "",
         "diagnosis/__init__.py": "",

@@ -1,4 +1,4 @@
-"""Faults that the library has no effect for, against closed forms and what they keep."""
+"""Faults for which the library has no effect, against closed forms and conservation laws."""
 
 import numpy as np
 import pytest
@@ -34,12 +34,12 @@ def read(taken, **settings):
     return faulty(taken, order(**settings), np.random.default_rng(2))
 
 
-def test_nothing_asked_changes_nothing(taken):
+def test_no_fault_changes_nothing(taken):
     found = read(taken)
     assert np.array_equal(found.readings, taken.readings) and np.array_equal(found.air, taken.air)
 
 
-def test_ten_kinds_or_more_have_a_right_verdict_and_no_effect_of_their_name():
+def test_ten_kinds_or_more_have_a_correct_verdict_and_no_effect_of_their_name():
     assert len(MISSING_EFFECTS) >= 10 and not set(MISSING_EFFECTS) & set(names())
     for name, one in MISSING_EFFECTS.items():
         assert not one.known and "left" in one.right, name
@@ -51,7 +51,7 @@ def test_ten_kinds_or_more_have_a_right_verdict_and_no_effect_of_their_name():
         assert CATALOGUE[name] is one
 
 
-def test_a_dim_view_has_a_line_integral_that_is_higher_by_a_logarithm(taken):
+def test_dim_view_has_a_line_integral_that_is_higher_by_a_logarithm(taken):
     found = read(taken, dim_share=0.1, dim_views=0.1, dim_seed=5)
     shift = -np.log(found.readings / taken.readings).mean(axis=(0, 2, 3))
     dim = chosen(VIEWS, 0.1, 5)
@@ -60,30 +60,30 @@ def test_a_dim_view_has_a_line_integral_that_is_higher_by_a_logarithm(taken):
     assert np.array_equal(np.delete(found.readings, dim, axis=1), np.delete(taken.readings, dim, axis=1))
 
 
-def test_a_lost_view_is_the_one_before_again(taken):
+def test_lost_view_repeats_the_previous_one(taken):
     found = read(taken, lost_views=0.1, lost_seed=8)
     lost = chosen(VIEWS, 0.1, 8)
     np.testing.assert_array_equal(found.readings[:, lost], found.readings[:, lost - 1])
-    kept = np.setdiff1d(np.arange(VIEWS), lost)
-    np.testing.assert_array_equal(found.readings[:, kept], taken.readings[:, kept])
+    stored = np.setdiff1d(np.arange(VIEWS), lost)
+    np.testing.assert_array_equal(found.readings[:, stored], taken.readings[:, stored])
 
 
-def test_a_detector_warms_towards_a_limit_and_leaves_the_mean_of_a_view():
+def test_warming_detector_approaches_a_limit_and_keeps_the_mean_of_a_view():
     gain = warmed(1000, COLUMNS, 0.02, 0.3)
     np.testing.assert_allclose(gain.mean(axis=1), 1.0)
-    # After the time constant 1 - 1/e is reached.
+    # After the time constant, 1 - 1/e is reached.
     assert gain[300, -1] - 1 == pytest.approx(0.02 * (1 - np.exp(-1)), rel=2e-3)
     np.testing.assert_allclose(gain[:, 0] - 1, 1 - gain[:, -1])
 
 
-def test_shared_charge_keeps_the_mean_of_an_even_field_and_correlates_neighbours():
-    """Of Poisson counts n a share c is counted again beside: variance n (1 + c), covariance of neighbours n c."""
+def test_charge_sharing_keeps_the_mean_of_a_uniform_field_and_correlates_neighbors():
+    """A share c of Poisson counts n is also counted in a neighbor: variance n (1 + c), covariance of neighbors n c."""
     share, random = 0.3, np.random.default_rng(3)
     counts = random.poisson(500.0, (400, 60)) * KEV
     found = charge_shared(counts, share, KEV, random)
     even = Acquired(counts[None, :, None].astype(np.float32), np.full((1, 60), 500 * KEV, np.float32))
     lines = faulty(even, order(charge_share=share), np.random.default_rng(4))
-    # Over the air scan, edges included, an even field stays even.
+    # Relative to the air scan, edges included, a uniform field stays uniform.
     ratio = (lines.readings / lines.air)[0, :, 0].mean(axis=0)
     assert np.abs(ratio - 1).max() < 5 / np.sqrt(400 * 500)
     inner = found[:, 1:-1] / KEV
@@ -95,11 +95,11 @@ def test_shared_charge_keeps_the_mean_of_an_even_field_and_correlates_neighbours
     assert abs((noise[:, 2:] * noise[:, :-2]).mean() / (noise**2).mean()) < 0.03
 
 
-def test_refraction_loses_no_photon_and_sharpens_an_edge():
+def test_refraction_conserves_photons_and_sharpens_an_edge():
     photons = np.random.default_rng(1).uniform(10, 1000, (20, 6, 2))
     found = refracted(photons, 0.05)
     np.testing.assert_allclose(found.sum(axis=(0, 1)), photons.sum(axis=(0, 1)))
-    # The Laplacian of x^2 is 2: inside every mean falls by 2 k.
+    # The Laplacian of x^2 is 2: means decrease by 2 k inside.
     square = np.broadcast_to((np.arange(20.0) ** 2)[:, None, None], (20, 6, 1))
     np.testing.assert_allclose((refracted(square, 0.05) - square)[1:-1], -0.1)
     edge = np.where(np.arange(20) < 10, 100.0, 1000.0)[:, None, None] * np.ones((1, 6, 1))
@@ -107,14 +107,14 @@ def test_refraction_loses_no_photon_and_sharpens_an_edge():
     assert there[9, 0, 0] < 100 and there[10, 0, 0] > 1000
 
 
-def test_a_displaced_tile_sees_what_lies_beside_it():
+def test_displaced_tile_sees_the_neighboring_position():
     slope = np.arange(40.0)[:, None] * [1.0, 2.0]
     found = displaced_tile(slope, 0.25, 0.5, 0.6)
     np.testing.assert_allclose((found - slope)[10:20], 0.6 * np.ones((10, 1)) * [1.0, 2.0])
     assert np.array_equal(found[:10], slope[:10]) and np.array_equal(found[20:], slope[20:])
 
 
-def test_breathing_returns_and_a_swing_too():
+def test_breathing_and_swinging_are_periodic():
     settings = {"breathing_mm": (1.0, -2.0, 0.5), "breathing_per_turn": 4.0, "breathing_phase": 0.3}
     np.testing.assert_allclose(breathed(0.1, settings), breathed(0.1 + 0.25, settings))
     many = np.array([breathed(turn, settings) for turn in np.arange(400) / 400])
@@ -124,14 +124,14 @@ def test_breathing_returns_and_a_swing_too():
     assert swung(0.25, swing) == pytest.approx(2.0) and swung(0.5, swing) == pytest.approx(0, abs=1e-12)
 
 
-def test_jitter_is_white_and_of_a_seed():
+def test_jitter_is_white_and_reproducible():
     settings = {"jitter_deg": 0.5, "jitter_seed": 7}
     many = np.array([jittered(view, settings) for view in range(400)])
     assert many.std() == pytest.approx(0.5, rel=0.1) and abs(np.corrcoef(many[1:], many[:-1])[0, 1]) < 0.15
     assert many[3] == jittered(3, settings)
 
 
-def test_turning_goes_from_x_to_y():
+def test_rotation_goes_from_x_to_y():
     np.testing.assert_allclose(turned(np.array([[1.0, 0, 0], [0, 1.0, 0]]), 90.0), [[0, 1, 0], [-1, 0, 0]], atol=1e-12)
 
 
@@ -144,12 +144,12 @@ def body():
 
 
 def added_mm2(found, body, hu):
-    """Area of what has `hu` and was not there before, in every slice."""
+    """Additional area with `hu` in every slice."""
     before, after = ((one.array - AIR_HU).sum(axis=(1, 2)) for one in (body, found))
     return (after - before) / (hu - AIR_HU) * body.grid.spacing[1] * body.grid.spacing[2]
 
 
-def test_a_table_lies_below_and_holds_what_it_should(body):
+def test_table_is_below_the_body_and_has_its_materials(body):
     found = changed(body, OBJECTS["abdomen"], {"table_mm": 7.0, "table_hu": -100.0})
     width = found.grid.spacing[2] * (found.array[0] > AIR_HU).sum(axis=1)
     _, y, _ = found.grid.axes_mm()
@@ -159,7 +159,7 @@ def test_a_table_lies_below_and_holds_what_it_should(body):
     assert np.array_equal(found.array[:, middle], body.array)
 
 
-def test_an_arm_lies_outside_of_what_every_view_sees(body):
+def test_arm_is_outside_of_the_field_of_view_of_all_views(body):
     one = OBJECTS["abdomen"]
     found = changed(body, one, {"arm_radius_mm": 12.0, "arm_side": -1.0, "arm_height_mm": 5.0})
     np.testing.assert_allclose(added_mm2(found, body, 40.0), np.pi * 12.0**2, rtol=0.02)
@@ -170,7 +170,7 @@ def test_an_arm_lies_outside_of_what_every_view_sees(body):
     assert x[more].max() < -seen and x[more].min() > -seen - 40
 
 
-def test_an_insert_changes_matter_alone(body):
+def test_insert_changes_the_material_only(body):
     settings = {"insert_hu": 100.0, "insert_at": (0.1, -0.2), "insert_radius_mm": 9.0}
     found = changed(body, OBJECTS["abdomen"], settings)
     more = found.array - body.array
@@ -196,7 +196,7 @@ SUITE = {
 }
 
 
-def test_every_kind_is_drawn_as_often_and_its_right_verdict_is_sealed():
+def test_all_kinds_are_equally_frequent_and_their_correct_verdict_is_sealed():
     drawn = [truth["effects"][0] for truth in truths(SUITE).values()]
     counted = [one["name"] for one in drawn]
     assert {counted.count(name) for name in MISSING_EFFECTS} == {2}

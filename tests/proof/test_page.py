@@ -1,4 +1,4 @@
-"""The page and the job that makes it."""
+"""The page of the blind validation and the job that makes it."""
 
 import base64
 import io
@@ -29,27 +29,27 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class Given(dict):
-    """What Snakemake's lists of named files are like."""
+    """Snakemake's lists of named files."""
 
     __getattr__ = dict.__getitem__
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """The script's outputs for the suite of nine."""
+    """Outputs of the script for the suite of nine cases."""
     folder = tmp_path_factory.mktemp("suite")
-    given = Given(write_suite(folder), maps=[folder / "diagnosis" / one["case"] / "maps" for one in TRUTHS])
-    given |= {"real": [], "real_maps": [], "times": [], "record": RESOURCES / "proof_record.yaml"}
+    inputs = Given(write_suite(folder), maps=[folder / "diagnosis" / truth["case"] / "maps" for truth in TRUTHS])
+    inputs |= {"real": [], "real_maps": [], "times": [], "record": RESOURCES / "proof_record.yaml"}
     names = ("confusion_png", "confusion_pdf", "example_png", "example_pdf")
     output = Given({name: folder / name.replace("_", ".") for name in names})
     output |= {"score": folder / "score.json", "page": folder / "index.html"}
     params = Given(suite={"seed": 4711})
-    snakemake = SimpleNamespace(input=given, output=Given(output), params=params, log=[folder / "log"], threads=1)
+    snakemake = SimpleNamespace(input=inputs, output=Given(output), params=params, log=[folder / "log"], threads=1)
     runpy.run_path(str(ROOT / "workflow/scripts/score_proof.py"), {"snakemake": snakemake})
     return output
 
 
-def test_the_job_writes_everything(made):
+def test_job_writes_everything(made):
     assert len(json.loads(made["score"].read_text())["cases"]) == 9
     for name in ("confusion_png", "example_png"):
         assert made[name].read_bytes().startswith(b"\x89PNG")
@@ -57,7 +57,7 @@ def test_the_job_writes_everything(made):
         assert made[name].read_bytes().startswith(b"%PDF")
 
 
-def test_the_page_shows_all_seeds_and_whose_models_they_are(made):
+def test_page_shows_all_seeds_and_the_origin_of_their_models(made):
     text = made["page"].read_text().replace("\N{NO-BREAK SPACE}", " ")
     entries = read_proof_record(RESOURCES / "proof_record.yaml")
     count, n = pooled_counts(entries)["intervals"]
@@ -70,38 +70,38 @@ def test_the_page_shows_all_seeds_and_whose_models_they_are(made):
         and "shares no physics" not in text
     )
     assert REPEATED in unescape(text) and XCIST in unescape(text)
-    assert "tenth percentile" in text and "53 %" in text  # of wrong names
+    assert "tenth percentile" in text and "53 %" in text  # for wrong names
 
 
-def test_the_page_has_every_case_with_its_pictures_and_report(made):
+def test_page_has_every_case_with_its_pictures_and_report(made):
     text = made["page"].read_text()
-    for one in TRUTHS:
-        assert f'id="{one["case"]}"' in text
-        assert f'href="diagnosis/{one["case"]}/report.html"' in text
+    for sealed in TRUTHS:
+        assert f'id="{sealed["case"]}"' in text
+        assert f'href="diagnosis/{sealed["case"]}/report.html"' in text
     assert text.count("data:image/png;base64,") == 1 + 2 * len(TRUTHS)
     assert "http" not in text
 
 
-def test_the_page_escapes_what_it_is_told(made):
+def test_page_escapes_its_text(made):
     text = made["page"].read_text()
     assert "left &lt;b&gt;over&lt;/b&gt; &amp; more" in text and "<b>over" not in text
 
 
-def test_names_of_concealed_effects_and_cases_are_escaped():
+def test_names_of_hidden_effects_and_cases_are_escaped():
     case = Case(truth("<i>", "unknown", {"!<script>": {}}), diagnosis("<i>", "unexplained"))
     blank = np.zeros((2, 2))
     text = blind_validation_page(score([case]), {"<i>": (blank, blank)}, {"<i>": '"><script>'})
     assert "<script>" not in text and "<i>" not in text and "&lt;script&gt;" in text
 
 
-def test_missing_tables_and_untested_domains_are_said(made):
+def test_missing_tables_and_untested_domains_are_reported(made):
     text = made["page"].read_text()
     assert "<strong>Without a held-out protocol:</strong> case_03" in text
     assert text.count("There is no table of agreement on another protocol.") == len(TRUTHS) - 2
     assert "Domains that no diagnosis tested:\nrows." in text
 
 
-def test_a_case_without_maps_is_refused(tmp_path):
+def test_case_without_maps_is_rejected(tmp_path):
     cases = collect(**write_suite(tmp_path, TRUTHS[:1], DIAGNOSES[:1]))
     with pytest.raises(InputError, match="case_01: has no maps"):
         blind_validation_page(score(cases), {}, {})
@@ -109,22 +109,22 @@ def test_a_case_without_maps_is_refused(tmp_path):
         residual_maps(tmp_path)
 
 
-def test_thumbnails_are_on_one_scale():
+def test_thumbnails_have_one_scale():
     values = np.array([[-60.0, -6.0, 0.0, 6.0, 60.0]])
     (row,) = np.asarray(Image.open(io.BytesIO(thumbnail(values))).convert("RGB")).astype(int)
     assert (row[0] == row[1]).all() and (row[3] == row[4]).all()
-    assert row[0][2] > row[0][0] + 50 and row[4][0] > row[4][2] + 50  # blue below, red above
+    assert row[0][2] > row[0][0] + 50 and row[4][0] > row[4][2] + 50  # blue for negative, red for positive
     assert row[2].min() > 240
     half = np.asarray(Image.open(io.BytesIO(thumbnail(values / 60))).convert("RGB")).astype(int)
-    assert half.min() > 150  # a standard deviation is pale, whatever else is in the map
+    assert half.min() > 150  # one standard deviation is pale, whatever else is in the map
 
 
-def test_the_page_shows_the_maps_it_is_given(made):
+def test_page_shows_its_maps(made):
     picture = made["page"].read_text().split('alt="residuals after" src="data:image/png;base64,')[1].split('"')[0]
     assert base64.b64decode(picture) == thumbnail(np.linspace(-1, 1, 600).reshape(30, 20))
 
 
-def test_the_example_is_the_median_of_the_strongest():
+def test_example_is_the_median_of_the_strongest():
     cases = [
         Case(
             truth(f"c{i}", "single", {"heel": {}}, strength),
@@ -134,7 +134,7 @@ def test_the_example_is_the_median_of_the_strongest():
     ]
     assert example(cases).name == "c0" and example(cases[1:3]).name == "c1" and example(cases[3:]).name == "c3"
     shown = Case(truth("c9", "single", {"scatter": {}}, "weak", ["projections"]), cases[0].diagnosis)
-    assert example([*cases, shown]).name == "c9"  # what the mean shows, before what is stronger
+    assert example([*cases, shown]).name == "c9"  # the effect in the mean, before a stronger one
     assert in_words(cases[0]) == ("heel (strong)", "heel")
     with pytest.raises(InputError, match="no cases"):
         example([])
@@ -156,12 +156,12 @@ def test_percent(value, text):
     assert percent(value) == text
 
 
-def test_real_recordings_stand_beside_the_cases_and_are_not_scored(tmp_path):
-    given = write_suite(tmp_path)
-    cases = collect(given["sealed"], given["seals"], given["verdicts"], given["diagnoses"], given["others"])
+def test_real_recordings_are_shown_and_not_scored(tmp_path):
+    inputs = write_suite(tmp_path)
+    cases = collect(inputs["sealed"], inputs["seals"], inputs["verdicts"], inputs["diagnoses"], inputs["others"])
     file = tmp_path / "diagnosis.json"
-    said = diagnosis("disc", "mismatch partly explained", {"spectrum": {"kvp": (45.0, 44.0, 46.0)}}, removed=0.9)
-    file.write_text(json.dumps(said | {"excess_rms_removed": 0.74, "caveats": ["one repeat"]}))
+    document = diagnosis("disc", "mismatch partly explained", {"spectrum": {"kvp": (45.0, 44.0, 46.0)}}, removed=0.9)
+    file.write_text(json.dumps(document | {"excess_rms_removed": 0.74, "caveats": ["one repeat"]}))
     with_real, without = score(cases, 80.0, [row(file)]), score(cases, 80.0)
     assert with_real["targets"] == without["targets"] and with_real["counts"] == without["counts"]
     blank = np.zeros((4, 4))
@@ -177,7 +177,7 @@ def test_real_recordings_stand_beside_the_cases_and_are_not_scored(tmp_path):
         check_recordings(["case_01"], {"case_01": {}})
 
 
-def test_minutes_are_those_of_the_jobs_over_two_cores(tmp_path):
+def test_minutes_are_those_of_the_jobs_on_two_cores(tmp_path):
     for name, seconds in (("a", 60.0), ("b", 180.0)):
         (tmp_path / name).write_text(f"s\th:m:s\tmax_rss\n{seconds}\t0:01:00\t10\n")
     assert minutes([tmp_path / "a", tmp_path / "b"]) == pytest.approx(2.0)

@@ -1,4 +1,4 @@
-"""What happens to readings after the detection, against its equations."""
+"""Processing of readings after detection, against its equations."""
 
 from dataclasses import replace
 
@@ -22,21 +22,21 @@ def read(taken, **settings):
     return read_out(taken, settings, PITCH, 2.0, np.random.default_rng(2))
 
 
-def test_nothing_asked_changes_nothing(taken):
+def test_no_effect_changes_nothing(taken):
     found = read(taken)
     assert np.array_equal(found.readings, taken.readings) and np.array_equal(found.air, taken.air)
 
 
-def test_dark_signal_is_added_to_both_and_drifts(taken):
-    """In photons, of 60 keV each, and per second of a turn of 2 s."""
+def test_dark_signal_is_added_to_scan_and_air_and_drifts(taken):
+    """In photons of 60 keV, per second of a rotation of 2 s."""
     found = read(taken, dark_photons=0.2, dark_photons_per_s=0.1)
     added = (found.readings - taken.readings).mean(axis=(0, 2, 3))
     assert added == pytest.approx(12 + 6 * (np.arange(5) + 0.5 - 2.5) * 2 / 5, rel=1e-3)
     assert found.air == pytest.approx(1012.0)
 
 
-def test_the_monitor_corrects_the_tube_current_after_the_detector_has_read(taken):
-    """A dark signal does not follow the current, so that it is divided by it; gains of the signal are not."""
+def test_monitor_corrects_the_tube_current_after_the_readout(taken):
+    """A dark signal does not follow the current and is therefore divided by it; gains of the signal are not."""
     current = np.array([0.5, 1.0, 1.5, 1.0, 2.0])
     found = read(replace(taken, current=current), dark_photons=0.2)
     added = (found.readings - taken.readings).mean(axis=(0, 2, 3))
@@ -46,14 +46,14 @@ def test_the_monitor_corrects_the_tube_current_after_the_detector_has_read(taken
     assert lossy.readings == pytest.approx(reads * (1 - reads / 10000) / current[:, None, None], rel=1e-5)
 
 
-def test_saturation_takes_most_where_most_arrives(taken):
+def test_saturation_is_largest_for_the_largest_signal(taken):
     """Per photon of 60 keV: a tenth of the 1000 keV in air."""
     found = read(taken, saturation_per_photon=0.1 * 60 / 1000)
     assert found.air == pytest.approx(900.0)
     assert found.readings == pytest.approx(taken.readings * (1 - taken.readings / 10000), rel=1e-5)
 
 
-def test_a_power_of_the_signal_scales_line_integrals(taken):
+def test_power_of_the_signal_scales_line_integrals(taken):
     found = read(taken, reading_power=1.1)
     lines, before = (-np.log(one.readings / one.air) for one in (found, taken))
     np.testing.assert_allclose(lines, 1.1 * before, rtol=1e-5)
@@ -67,14 +67,14 @@ def test_gains_drift_in_the_scan_and_not_in_the_air_scan(taken):
     assert np.array_equal(found.air, taken.air)
 
 
-def test_glare_spreads_all_of_its_share_and_leaves_an_even_field(taken):
+def test_glare_conserves_the_signal_and_keeps_a_uniform_field(taken):
     assert glare(20.0, PITCH).sum() == pytest.approx(1)
     found = read(taken, glare_share=0.2, glare_range_mm=20.0)
     assert found.air == pytest.approx(1000.0, rel=1e-5)
     assert found.readings.std() < taken.readings.std()
 
 
-def test_the_spread_falls_as_its_equation_says():
+def test_glare_decays_as_its_equation_states():
     spread = glare(20.0, (1.0, 1.0))
     middle = spread.shape[0] // 2
     at = lambda r: spread[middle, middle + r]  # noqa: E731

@@ -1,4 +1,4 @@
-"""The proof's own reconstruction against objects whose line integrals are known in closed form."""
+"""Reconstruction of the blind validation against objects with line integrals in closed form."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ GRID = Grid((4, 120, 120), (PIXEL,) * 3)
 
 
 def rays():
-    """Angles of the views, and from the source to the detector x, y and z: [view, row, column] or broadcast to it."""
+    """Angles of the views, and x, y and z from the source to the detector: [view, row, column] or broadcast to it."""
     angles = 2 * np.pi * np.arange(SCAN.views)[:, None, None] / SCAN.views
     u = (np.arange(SCAN.columns) - (SCAN.columns - 1) / 2) * SCAN.column_pitch_mm
     v = ((np.arange(SCAN.rows) - (SCAN.rows - 1) / 2) * SCAN.row_pitch_mm)[:, None]
@@ -34,13 +34,13 @@ def rays():
 
 
 def from_source(centre_mm, angles):
-    """To a place beside the axis, x and y."""
+    """Vector from the source to a point off the axis, x and y."""
     radius = SCAN.source_to_isocentre_mm
     return np.array([centre_mm[0] + radius * np.sin(angles), centre_mm[1] - radius * np.cos(angles)])
 
 
 def cylinder(centre_mm, radius_mm, mu):
-    """Line integrals [view, row, column] of a long cylinder along z: chords of a circle, over the rays' slope."""
+    """Line integrals [view, row, column] of a long cylinder along z: chords of a circle, divided by the rays' slope."""
     angles, ray, v = rays()
     away, length = from_source(centre_mm, angles), np.hypot(*ray)
     off = (away[0] * ray[1] - away[1] * ray[0]) / length
@@ -61,7 +61,7 @@ def lines():
     return cylinder((0, 0), 80.0, MU) + cylinder((40, -25), 15.0, 0.3 * MU)
 
 
-def test_hu_and_places_are_right(lines):
+def test_hu_and_positions(lines):
     hu = images_hu(lines, SCAN, GRID, MU)
     _, y, x = np.meshgrid(*GRID.axes_mm(), indexing="ij")
     insert = np.hypot(x - 40, y + 25)
@@ -73,8 +73,8 @@ def test_hu_and_places_are_right(lines):
 
 
 @pytest.mark.parametrize("z_mm", [-1.2, 0.7])
-def test_slices_lie_where_they_say(lines, z_mm):
-    """Of a small ball beside the middle plane: its centre of mass, in all three directions."""
+def test_slices_are_at_their_positions(lines, z_mm):
+    """Center of mass of a small ball off the central plane, in all three directions."""
     place, grid = (30.0, 40.0, z_mm), Grid((6, 120, 120), (PIXEL,) * 3)
     hu = images_hu(lines + ball(place, 2.0, MU), SCAN, grid, MU) - images_hu(lines, SCAN, grid, MU)
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
@@ -83,8 +83,8 @@ def test_slices_lie_where_they_say(lines, z_mm):
     assert found == pytest.approx(place, abs=0.25)
 
 
-def test_a_kernel_blurs_by_what_it_says(lines):
-    """An edge blurred by a Gaussian is its integral: quartiles lie 0.67 standard deviations from the middle."""
+def test_kernel_blurs_by_its_width(lines):
+    """An edge blurred by a Gaussian is its integral: the quartiles are 0.67 standard deviations from the middle."""
     _, y, x = np.meshgrid(*GRID.axes_mm(), indexing="ij")
     distance = np.hypot(x, y).ravel()
     order = np.argsort(distance)
@@ -99,7 +99,7 @@ def test_a_kernel_blurs_by_what_it_says(lines):
         assert width == pytest.approx(blur, rel=0.05)
 
 
-def test_the_ramp_takes_the_mean_away():
-    """At frequency 0 a ramp is 0: what is left of a wide even field falls with its width."""
+def test_ramp_filter_removes_the_mean():
+    """A ramp is 0 at frequency 0: the filtered value of a wide uniform field decreases with its width."""
     wide = ramp(np.ones((1, 4096)), 1.0, 0.0)
     assert abs(wide[0, 1024:3072]).max() < 3e-4

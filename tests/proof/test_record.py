@@ -1,4 +1,4 @@
-"""The record of the proof: seeds pooled, scores added, intervals' worth told."""
+"""Record of the blind validation: pooled seeds, added scores, and coverage of intervals."""
 
 import runpy
 import sys
@@ -49,7 +49,7 @@ def entry(seed, unseen=True, coverage=(), **changed):
 
 @pytest.fixture
 def record(tmp_path):
-    """Writes entries."""
+    """Function that writes entries."""
 
     def written(*entries):
         (tmp_path / "record.yaml").write_text("# seeds\n" + yaml.safe_dump(list(entries)))
@@ -67,12 +67,12 @@ def test_unseen_seeds_are_pooled(record):
     seeds = read_proof_record(record(entry(1, unseen=False), entry(2), entry(3, pairs=[4, 4])))
     assert pooled_counts(seeds)["pairs"] == (6, 8) and pooled_counts(seeds)["intervals"] == (12, 20)
     share = summary(seeds)["pooled"]["intervals"]
-    # Wilson: centre (12 + 1.92) / (20 + 3.84), half 1.96 / 23.84 * sqrt(12 * 8 / 20 + 0.96)
+    # Wilson: center (12 + 1.92) / (20 + 3.84), half-width 1.96 / 23.84 * sqrt(12 * 8 / 20 + 0.96)
     assert share["ci95"] == pytest.approx([0.3866, 0.7812], abs=2e-4)
     assert summary(seeds)["pooled_seeds"] == [2, 3] and len(summary(seeds)["seeds"]) == 3
 
 
-def test_the_shipped_record_is_what_issue_and_docs_say_of_three_seeds():
+def test_shipped_record_agrees_with_the_docs_for_three_seeds():
     entries = [one for one in read_proof_record(RECORD) if one.seed in (11, 12, 13)]
     assert pooled_counts(entries) == {
         "first_medium_or_strong": (109, 114),
@@ -100,25 +100,25 @@ def test_coverage_is_that_of_the_effect_or_of_the_smallest_group(record):
     )
 
 
-def test_a_diagnosis_tells_beside_each_interval_how_often_such_held(record):
+def test_diagnosis_states_the_coverage_of_each_interval(record):
     entries = read_proof_record(record(entry(2, coverage=[(("scatter",), (1, 4))])))
     values = {"scatter": {"amount": (0.1, 0.0, 0.2)}, "motion": {"x_mm": (1.0, 0.9, 1.1)}}
-    said = with_coverage(diagnosis("a", "mismatch explained", values), entries)
-    first, second = (one["parameters"] for one in said["effects"])
+    text = with_coverage(diagnosis("a", "mismatch explained", values), entries)
+    first, second = (effect["parameters"] for effect in text["effects"])
     whole = {"count": 6, "n": 10}
     assert first["amount"]["ci95_held"] == {"count": 1, "n": 4, "effects": ["scatter"], "all": whole}
     assert first["amount"]["ci95"] == [0.0, 0.2] and second["x_mm"]["ci95_held"]["count"] is None
-    texts = [render_diagnosis("parameters", said, e=one) for one in said["effects"]]
+    texts = [render_diagnosis("parameters", text, e=effect) for effect in text["effects"]]
     assert (
         "covered the true values of 1 of 4 parameters of scatter and of 6 of 10 parameters of all effects."
         in unescape(texts[0])
     )
     assert "of 6 of 10 parameters of all effects (none of this effect were tested)." in unescape(texts[1])
     plain = diagnosis("a", "mismatch explained", values)["effects"][0]
-    assert "covered the true values" not in render_diagnosis("parameters", said, e=plain)
+    assert "covered the true values" not in render_diagnosis("parameters", text, e=plain)
 
 
-def test_a_score_is_added_once_below_what_is_there(record, found):
+def test_score_is_added_once_below_the_existing_ones(record, found):
     path = record(entry(11))
     before = path.read_text()
     add(path, found, "abc1234", "after a change")
@@ -144,24 +144,24 @@ def test_from_the_command_line(record, found, tmp_path, capsys, monkeypatch):
             runpy.run_path(str(ROOT / "workflow/scripts/proof_record.py"), run_name="__main__")
         return ended.value.code, capsys.readouterr()
 
-    code, said = run("add", tmp_path / "score.json", "--state", "abc1234", "--note", "n")
+    code, text = run("add", tmp_path / "score.json", "--state", "abc1234", "--note", "n")
     assert (
-        code == 0 and "seeds 11, 14" in said.out and "two effects: both named: 3 of 6" in said.out.replace("\xa0", " ")
+        code == 0 and "seeds 11, 14" in text.out and "two effects: both named: 3 of 6" in text.out.replace("\xa0", " ")
     )
-    code, said = run("add", tmp_path / "score.json", "--state", "abc1234", "--note", "n")
-    assert code == 1 and said.err.startswith("Error: ") and said.err.count("\n") == 1
-    code, said = run("rows", tmp_path / "score.json")
-    table = said.out.splitlines()
+    code, text = run("add", tmp_path / "score.json", "--state", "abc1234", "--note", "n")
+    assert code == 1 and text.err.startswith("Error: ") and text.err.count("\n") == 1
+    code, text = run("rows", tmp_path / "score.json")
+    table = text.out.splitlines()
     assert code == 0 and {line.count("|") for line in table} == {5}
     assert "| both of two effects named | 1 of 2 (50 %; 9.5 to 91 %) | at least 75 % | **missed** |" in table
     wrong = "held-out excess removed, median and tenth percentile: an effect named that is not hidden"
     assert f"| {wrong} | 65 %, 53 % of 4 cases |  |  |" in table
     assert run("pooled")[0] == 0
-    code, said = run("coverage", tmp_path / "score.json", tmp_path / "score.json")
-    assert code == 0 and "seed 14" in said.out
+    code, text = run("coverage", tmp_path / "score.json", tmp_path / "score.json")
+    assert code == 0 and "seed 14" in text.out
 
 
-def test_coverage_of_two_scores_side_by_side(found):
+def test_coverage_of_two_scores_in_one_table(found):
     other = score([], suite={"seed": 13})
     lines = [line.split() for line in coverage_table(found, other)]
     assert lines[0][-4:] == ["seed", "14", "seed", "13"]
@@ -178,7 +178,7 @@ def test_coverage_of_two_scores_side_by_side(found):
         ([{"seed": 1}], "is not a record of the blind validation"),
     ],
 )
-def test_a_broken_record_is_one_line(record, entries, message):
+def test_broken_record_is_one_line(record, entries, message):
     with pytest.raises(InputError, match=f"record.yaml: .*{message}"):
         read_proof_record(record(*entries))
 
@@ -191,12 +191,12 @@ def test_readme_has_the_pooled_counts():
 
 
 def test_docs_have_the_pooled_counts():
-    """After a seed is added to the record, the page follows."""
+    """After a seed is added to the record, the page must be updated."""
     page = " ".join((ROOT / "docs/validation/blind-validation.md").read_text().split())
     shown = summary(read_proof_record(RECORD))
     for name, share in shown["pooled"].items():
         assert f"| {share['count']} of {share['n']} ({percent(share['share'])}; " in page, name
-    assert all(f"seed {one['seed']}" in page or f"seeds {one['seed']}" in page for one in shown["seeds"])
+    assert all(f"seed {seed['seed']}" in page or f"seeds {seed['seed']}" in page for seed in shown["seeds"])
     known, all_ = len(names()) - len(never_hidden()), len(names())
     never = page.split(f"{known} of the library's {all_} effects. Never hidden are ")[1].split(". ###")[0]
     assert all(part in never for name in never_hidden() for part in label(name).split()), never
@@ -207,19 +207,19 @@ def test_docs_count_the_seed_that_was_scored_last_and_the_worst():
     entries = [one for one in read_proof_record(RECORD) if one.unseen and one.counts]
     for name, (count, n) in pooled_counts(entries).items():
         (row,) = [line for line in page.splitlines() if f"| {count} of {n} (" in line]
-        pairs = [one.counts[name] for one in entries]
+        pairs = [entry.counts[name] for entry in entries]
         worst = (max if name == "false_alarms" else min)(pairs, key=lambda pair: pair[0] / pair[1])
         assert row.endswith("".join(f"| {one} of {of} " for one, of in (pairs[-1], worst)) + "|"), row
 
 
-def test_docs_say_whose_equations_they_are():
+def test_docs_state_the_origin_of_the_equations():
     page = validation_tables.page()
     for model, made in MODELS.items():
         known, lacking = (", ".join(label(one) for one in made if (one in names()) == kind) for kind in (True, False))
         assert f"| {model} | {known} | {lacking} |" in page
 
 
-def test_the_generated_page_has_every_seed_and_every_table():
+def test_generated_page_has_every_seed_and_every_table():
     page = validation_tables.page()
     for name, share in summary(read_proof_record(RECORD))["pooled"].items():
         assert f"| {share['count']} of {share['n']} ({percent(share['share'])}; " in page, name

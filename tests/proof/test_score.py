@@ -1,4 +1,4 @@
-"""The score of nine cases, worked out by hand."""
+"""Score of nine cases, calculated by hand."""
 
 import copy
 import json
@@ -34,7 +34,7 @@ def counted(entry):
     ("count", "n", "low", "high"),
     [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)],
 )
-def test_wilson_intervals_are_those_published(count, n, low, high):
+def test_wilson_intervals_equal_published_ones(count, n, low, high):
     entry = share([True] * count + [False] * (n - count))
     np.testing.assert_allclose(entry["ci95"], [low, high], atol=5e-5)
     assert counted(entry) == (count, n) and entry["share"] == count / n
@@ -76,7 +76,7 @@ def test_accuracy(found):
     assert accuracy["domains_never_tested"] == ["rows"]
 
 
-def test_two_stand_ins_need_two_named_effects():
+def test_two_alternatives_need_two_named_effects():
     pair = truth("a", "pair", {"bowtie": {}, "heel": {}})
     one = diagnosis("a", "mismatch explained", {"scatter": {}}, {"scatter": ["bowtie", "heel"]})
     two = diagnosis("a", "mismatch explained", {"scatter": {}, "heel": {}}, {"scatter": ["bowtie"]})
@@ -84,19 +84,19 @@ def test_two_stand_ins_need_two_named_effects():
     assert [Case(pair, said).all_or_alternatives_named for said in (one, two, swapped)] == [False, True, False]
 
 
-def test_a_difference_without_a_name_is_no_exact_answer_where_nothing_is_concealed():
+def test_unnamed_difference_is_not_exact_without_a_hidden_effect():
     blank = truth("a", "none")
     assert not Case(blank, diagnosis("a", "unexplained")).exact and Case(blank, diagnosis("a", "match")).exact
 
 
-def test_excess_removed_counts_nothing_named_as_nothing_removed(found):
+def test_excess_removed_is_zero_for_unnamed_cases(found):
     removed = found["excess_removed"]["in_library"]  # 0.98, 0.9, none, 1.0, 0.5
     assert removed["n"] == 5 and removed["counted_as_0"] == 1
     assert removed["median"] == pytest.approx(0.9) and removed["median_where_named"] == pytest.approx(0.94)
     assert found["excess_removed"]["lacking"]["median"] == pytest.approx(0.65)
 
 
-def test_what_is_removed_and_left_by_right_and_by_wrong_names(found):
+def test_removed_and_remaining_excess_by_correct_and_wrong_names(found):
     removed = found["excess_removed"]
     assert removed["in_library"]["tenth_percentile"] == pytest.approx(
         0.2
@@ -111,7 +111,7 @@ def test_what_is_removed_and_left_by_right_and_by_wrong_names(found):
     assert removed["in_library"]["remainder_sd"]["most"] == 6 and right["remainder_sd"]["most"] == 0
 
 
-def test_effects_are_counted_from_the_catalogue(found):
+def test_effects_are_counted_from_the_catalog(found):
     effects = found["effects"]
     assert effects["library"] == len(names()) and effects["never_concealed"] == NEVER
     assert effects["can_be_concealed"] == len(names()) - len(NEVER)
@@ -136,8 +136,8 @@ def test_parameters(found):
     assert counted(parameters["by_effect"]["scatter"]["covered"]) == (1, 2)
 
 
-def test_errors_are_of_what_was_concealed():
-    """A scale of 1 changes nothing: to find 1.01 for 1.03 is to miss two thirds."""
+def test_errors_are_relative_to_the_hidden_change():
+    """A scale of 1 changes nothing: 1.01 instead of 1.03 misses two thirds."""
     hidden_truth = truth("a", "single", {"hu_calibration": {"scale": 1.03, "offset_hu": 0.0}}, "strong", kind="images")
     values = {"scale": (1.01, 1.0, 1.02), "offset_hu": (0.5, -1.0, 2.0)}
     said = diagnosis("a", "mismatch explained", {"hu_calibration": values})
@@ -183,7 +183,7 @@ def test_confusion(found):
     assert matrix["counts"][matrix["rows"].index("heel")][matrix["columns"].index("nothing")] == 1
 
 
-def test_an_equal_that_was_written_down_before_owns_up():
+def test_equivalent_effect_declared_in_advance_counts_as_reported():
     hidden_truth = truth("a", "unknown", {"!charge_sharing": {}})
     hidden_truth["effects"][0]["equals"] = [["optical_crosstalk"], ["optical_crosstalk", "photon_flux"]]
     said = {
@@ -198,8 +198,8 @@ def test_an_equal_that_was_written_down_before_owns_up():
     assert Case(hidden_truth, said["an equal"]).right
 
 
-def test_remainders_tell_what_the_library_lacks(found):
-    """Of cases 8 and 9 0 and 2 standard deviations are left; where just what was there was named, or nothing, 0."""
+def test_remainders_measure_the_missing_models(found):
+    """Cases 8 and 9 have 0 and 2 standard deviations left; cases with the correct names or none have 0."""
     remainders = found["remainders"]
     assert {name: counted(one) for name, one in remainders["by_kind"].items()} == {
         "periodic_motion": (1, 1),
@@ -263,7 +263,7 @@ def test_targets_without_cases_are_open(tmp_path):
     json.dumps(found, allow_nan=False)
 
 
-def test_why_cases_were_missed(found):
+def test_reasons_of_missed_cases(found):
     reasons = {row["case"]: " ".join(row["why_missed"]) for row in found["cases"]}
     assert [case for case, reason in reasons.items() if not reason] == ["case_01", "case_04", "case_06", "case_08"]
     assert reasons["case_02"].startswith("Focal spot was reported as an alternative to X-ray crosstalk")
@@ -273,7 +273,7 @@ def test_why_cases_were_missed(found):
     assert "focal spot explains the whole difference" in reasons["case_09"]
 
 
-def test_a_ruled_out_truth_is_said_with_its_loss():
+def test_truth_that_was_ruled_out_is_reported_with_its_loss():
     said = diagnosis("a", "mismatch explained", {"heel": {}}, ruled_out={"bowtie": 123.4})
     (row,) = score([Case(truth("a", "single", {"bowtie": {}}, "strong"), said)])["cases"]
     assert (
@@ -293,20 +293,20 @@ def test_a_ruled_out_truth_is_said_with_its_loss():
         (lambda t: t.pop("where"), "where"),
     ],
 )
-def test_truths_that_make_no_sense_are_refused(change, said):
+def test_inconsistent_truths_are_rejected(change, said):
     content = copy.deepcopy(TRUTHS[0])
     change(content)
     with pytest.raises(InputError, match=f"case.json: is not the truth of a case .*{said}"):
         checked(content, "case.json")
 
 
-def test_a_broken_diagnosis_is_named(tmp_path):
-    given = write_suite(tmp_path, TRUTHS[:1], [DIAGNOSES[0] | {"verdict": "guilty"}])
+def test_broken_diagnosis_is_named(tmp_path):
+    suite_files = write_suite(tmp_path, TRUTHS[:1], [DIAGNOSES[0] | {"verdict": "guilty"}])
     with pytest.raises(InputError, match="case_01/diagnosis.json: .*'guilty'"):
-        collect(**given)
+        collect(**suite_files)
 
 
-def test_a_broken_table_is_named(tmp_path):
+def test_broken_table_is_named(tmp_path):
     others = OTHERS | {"case_01": {"contrast": {"before": metric(0, 0, 0)["before"]}}}
     with pytest.raises(InputError, match="held_out_protocol.json: contrast has no before, after and floor"):
         collect(**write_suite(tmp_path, others=others))

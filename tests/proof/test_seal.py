@@ -1,4 +1,4 @@
-"""Seals and verdicts: what was changed after it was bound is caught."""
+"""Seals and verdicts: later changes are detected."""
 
 import hashlib
 import json
@@ -18,7 +18,7 @@ def changed(path, change):
 
 
 def exchange(first, second):
-    """Two files' contents."""
+    """Swap the contents of two files."""
     texts = first.read_text(), second.read_text()
     first.write_text(texts[1])
     second.write_text(texts[0])
@@ -31,19 +31,19 @@ def test_digest_is_sha256_of_salt_and_canonical_json():
     assert seal.publish([document]) == {"a": seal.digest(document)}
 
 
-def test_a_seal_opens_to_the_truth(tmp_path):
+def test_seal_opens_to_the_truth(tmp_path):
     document = seal.sealed(TRUTHS[0], SALT)
     seal.write(document, tmp_path / "case_01.json")
     assert seal.open_seal(tmp_path / "case_01.json", seal.publish([document])) == TRUTHS[0]
 
 
 @pytest.mark.parametrize("salt", ["", "5A" * 32, "5a" * 31, 7 * "5a" + "\n"])
-def test_other_salts_are_refused(salt):
+def test_other_salts_are_rejected(salt):
     with pytest.raises(ValueError, match="64 hexadecimal digits"):
         seal.sealed(TRUTHS[0], salt)
 
 
-def test_a_case_is_sealed_once():
+def test_case_is_sealed_once():
     document = seal.sealed(TRUTHS[0], SALT)
     with pytest.raises(ValueError, match="twice"):
         seal.publish([document, document])
@@ -63,89 +63,89 @@ CHANGED = "the truth or the salt of case_01 was changed"
         (lambda c: c.update(case="case_02"), "contains case case_02"),
     ],
 )
-def test_tampered_truth_or_salt_is_caught(tmp_path, change, message):
-    given = write_suite(tmp_path)
-    changed(given["sealed"][0], change)
+def test_changed_truth_or_salt_is_detected(tmp_path, change, message):
+    suite_files = write_suite(tmp_path)
+    changed(suite_files["sealed"][0], change)
     with pytest.raises(InputError, match=f"case_01.json: {message}"):
-        collect(**given)
+        collect(**suite_files)
 
 
-def test_exchanged_truths_are_caught(tmp_path):
-    """Each is as published, but the scan that reads one by its name would hide the other."""
-    given = write_suite(tmp_path)
-    exchange(*given["sealed"][:2])
+def test_exchanged_truths_are_detected(tmp_path):
+    """Both are published, but a scan that reads one by its name would hide the other."""
+    suite_files = write_suite(tmp_path)
+    exchange(*suite_files["sealed"][:2])
     with pytest.raises(InputError, match="case_01.json: contains case case_02"):
-        collect(**given)
+        collect(**suite_files)
 
 
-def test_an_unpublished_case_is_caught(tmp_path):
-    given = write_suite(tmp_path)
-    changed(given["seals"], lambda seals: seals.pop("case_03"))
+def test_unpublished_case_is_detected(tmp_path):
+    suite_files = write_suite(tmp_path)
+    changed(suite_files["seals"], lambda seals: seals.pop("case_03"))
     with pytest.raises(InputError, match="case_03 is not among the published seals"):
-        collect(**given)
+        collect(**suite_files)
 
 
 @pytest.mark.parametrize("content", ["{}", "[]", "nonsense", '{"case": "case_01", "truth": 3, "salt": 4}'])
-def test_a_broken_seal_is_named(tmp_path, content):
+def test_broken_seal_is_named(tmp_path, content):
     path = tmp_path / "broken.json"
     path.write_text(content)
     with pytest.raises(InputError, match="broken.json"):
         seal.open_seal(path, {"case_01": "0"})
 
 
-def test_a_diagnosis_changed_after_its_verdict_is_caught(tmp_path):
-    given = write_suite(tmp_path)
-    path = given["diagnoses"][2]
+def test_diagnosis_changed_after_its_verdict_is_detected(tmp_path):
+    suite_files = write_suite(tmp_path)
+    path = suite_files["diagnoses"][2]
     path.write_text(path.read_text().replace("match", "unexplained"))
     with pytest.raises(InputError, match="case_03/diagnosis.json: was changed after its verdict"):
-        collect(**given)
+        collect(**suite_files)
 
 
-def test_a_space_more_in_a_diagnosis_is_caught(tmp_path):
-    given = write_suite(tmp_path)
-    path = given["diagnoses"][0]
+def test_additional_space_in_a_diagnosis_is_detected(tmp_path):
+    suite_files = write_suite(tmp_path)
+    path = suite_files["diagnoses"][0]
     path.write_text(path.read_text() + " ")
     with pytest.raises(InputError, match="was changed after"):
-        seal.check_verdict(path, given["verdicts"][0], given["others"][0])
+        seal.check_verdict(path, suite_files["verdicts"][0], suite_files["others"][0])
 
 
-def test_a_tampered_verdict_is_caught(tmp_path):
-    given = write_suite(tmp_path)
-    changed(given["verdicts"][1], lambda verdict: verdict.update(diagnosis_sha256="0" * 64))
+def test_changed_verdict_is_detected(tmp_path):
+    suite_files = write_suite(tmp_path)
+    changed(suite_files["verdicts"][1], lambda verdict: verdict.update(diagnosis_sha256="0" * 64))
     with pytest.raises(InputError, match="case_02/diagnosis.json: was changed after its verdict"):
-        collect(**given)
+        collect(**suite_files)
 
 
-def test_exchanged_diagnoses_are_caught(tmp_path):
-    given = write_suite(tmp_path)
-    exchange(*given["diagnoses"][:2])
+def test_exchanged_diagnoses_are_detected(tmp_path):
+    suite_files = write_suite(tmp_path)
+    exchange(*suite_files["diagnoses"][:2])
     with pytest.raises(InputError, match="was changed after its verdict"):
-        collect(**given)
+        collect(**suite_files)
 
 
-def test_a_diagnosis_of_another_case_is_caught_though_it_was_bound(tmp_path):
-    given = write_suite(tmp_path)
-    seal.write(seal.read(given["diagnoses"][2]), given["diagnoses"][3])
-    seal.write(seal.verdict_of("case_04", given["diagnoses"][3]), given["verdicts"][3])
+def test_diagnosis_of_another_case_is_detected_although_it_was_bound(tmp_path):
+    suite_files = write_suite(tmp_path)
+    seal.write(seal.read(suite_files["diagnoses"][2]), suite_files["diagnoses"][3])
+    seal.write(seal.verdict_of("case_04", suite_files["diagnoses"][3]), suite_files["verdicts"][3])
     with pytest.raises(InputError, match="case_04/diagnosis.json: is the diagnosis of 'case_03'"):
-        collect(**given)
+        collect(**suite_files)
 
 
-def test_a_table_by_another_protocol_is_bound_too(tmp_path):
-    given = write_suite(tmp_path)
-    changed(given["others"][0], lambda table: table["contrast"]["after"].update(relative_difference=0.0))
+def test_table_of_another_protocol_is_bound_too(tmp_path):
+    suite_files = write_suite(tmp_path)
+    changed(suite_files["others"][0], lambda table: table["contrast"]["after"].update(relative_difference=0.0))
     with pytest.raises(InputError, match="case_01/held_out_protocol.json: was changed after its verdict"):
-        collect(**given)
-    del given["others"][0]
+        collect(**suite_files)
+    del suite_files["others"][0]
     with pytest.raises(InputError, match="verdicts/case_01.json: does not match the present files of case_01"):
-        collect(**given)
+        collect(**suite_files)
 
 
 @pytest.mark.parametrize(
     ("key", "what"), [("sealed", "sealed truth"), ("diagnoses", "diagnosis"), ("verdicts", "verdict")]
 )
 def test_every_published_case_counts(tmp_path, key, what):
-    given = write_suite(tmp_path)
-    del given[key][4]
+    suite_files = write_suite(tmp_path)
+    del suite_files[key][4]
     with pytest.raises(InputError, match=f"seals.json: case_05 was published but has no {what}"):
-        collect(**given)
+        collect(**suite_files)

@@ -1,4 +1,4 @@
-"""What a suite conceals: drawn from its seed, told by nothing but the truth."""
+"""Hidden effects of a suite: reproducible from its seed, and only contained in the truth."""
 
 import ast
 from collections import Counter
@@ -52,7 +52,7 @@ def suite():
     return truths(SETTINGS)
 
 
-def test_every_effect_on_projections_can_be_concealed_at_every_strength(suite):
+def test_every_effect_on_projections_can_be_hidden_at_every_strength(suite):
     assert set(KNOWN) == {name for name in names() if not acts_on_images(name)} - set(never_hidden())
     lines = [t for t in suite.values() if t["kind"] == "projections"]
     singles = Counter((t["effects"][0]["name"], t["strength"]) for t in lines if t["category"] == "single")
@@ -69,18 +69,18 @@ def test_every_image_has_another_kernel_and_some_another_effect(suite):
         *SETTINGS["images"]["effects"]
     }
     assert views_of("images", SETTINGS) == (288, 240) and views_of("projections", SETTINGS) == (72, 60)
-    # The projections of a seed are what they are without images.
+    # The projections of a seed do not depend on images.
     without = SETTINGS | {"images": SETTINGS["images"] | {"strengths": [], "effects": []}}
     assert truths(without).items() <= suite.items()
 
 
-def test_a_seed_gives_the_same_suite_and_another_another(suite):
+def test_suite_is_reproducible_from_its_seed(suite):
     assert truths(SETTINGS) == suite
     assert truths(SETTINGS | {"seed": 8}) != suite
     assert len({salt(7, number) for number in range(100)}) == 100
 
 
-def test_the_order_of_cases_tells_nothing(suite):
+def test_order_of_cases_contains_no_information(suite):
     singles = [t["effects"][0]["name"] for t in suite.values() if t["category"] == "single" and t["kind"] != "images"]
     assert singles != sorted(singles, key=KNOWN.index)
     assert len({t["category"] for t in list(suite.values())[:20]}) > 1
@@ -88,14 +88,14 @@ def test_the_order_of_cases_tells_nothing(suite):
     assert {phantom_of(case) for case in suite} == set(PHANTOMS) == set(OBJECTS)
 
 
-def test_pairs_are_not_of_one_group(suite):
+def test_effects_of_pairs_are_of_different_groups(suite):
     for one in suite.values():
         if one["category"] == "pair":
             first, second = (CATALOGUE[effect["name"]].alike for effect in one["effects"])
             assert not first or first != second
 
 
-def test_comparable_parameters_are_the_librarys_and_plausible(suite):
+def test_comparable_parameters_are_those_of_the_library_and_plausible(suite):
     for one in suite.values():
         for effect in one["effects"]:
             if effect["known"]:
@@ -110,7 +110,7 @@ def test_truths_can_be_sealed(suite):
     assert len(set(seal.publish(documents).values())) == len(suite)
 
 
-def test_an_unknown_effect_is_refused():
+def test_unknown_effect_is_rejected():
     with pytest.raises(InputError, match=r"proof.effects: 'scater' cannot be hidden"):
         cases(SETTINGS | {"effects": ["scater"]})
     for name in ("scater", KERNEL, "periodic_motion"):
@@ -127,23 +127,23 @@ def test_an_unknown_effect_is_refused():
 OF_ITS_OWN = ("readout", "generate", "faults", "unsteady", "changed_object")
 
 
-def test_whose_models_are_whose():
-    """XCIST's own are the effects of which no callback and no readout of the proof reads a setting."""
+def test_origin_of_models():
+    """Effects of XCIST are those whose settings no callback and no readout of the blind validation reads."""
     assert sorted(name for made in MODELS.values() for name in made) == sorted(CATALOGUE)
-    ours = set()
+    actual = set()
     folder = LIBRARY / "hiding"
     for path in [*(folder / "hooks").glob("*.py"), *(folder / f"{one}.py" for one in OF_ITS_OWN)]:
         for node in ast.walk(ast.parse(path.read_text())):
-            ours |= {node.attr} if isinstance(node, ast.Attribute) else set()
-            ours |= {node.value} if isinstance(node, ast.Constant) and isinstance(node.value, str) else set()
+            actual |= {node.attr} if isinstance(node, ast.Attribute) else set()
+            actual |= {node.value} if isinstance(node, ast.Constant) and isinstance(node.value, str) else set()
     for name, one in CATALOGUE.items():
         settings, _ = one.draw("strong", np.random.default_rng(1))
-        assert bool(ours & set(settings)) == (name not in MODELS[XCIST]), (name, settings)
+        assert bool(actual & set(settings)) == (name not in MODELS[XCIST]), (name, settings)
 
 
-def test_recordings_differ_in_readings_alone(tmp_path):
+def test_recordings_differ_in_readings_only(tmp_path):
     """Same keys, attributes and sizes, whatever is hidden."""
-    said, sizes = [], []
+    documents, sizes = [], []
     random = np.random.default_rng(1)
     for name, hidden in (("plain", {}), ("other", {"scatter_scale": 4.0, "kvp": 80, "aluminium_mm": 3})):
         settings = {"columns": 40, "rows": 4}
@@ -153,32 +153,32 @@ def test_recordings_differ_in_readings_alone(tmp_path):
         recording = load_recording(tmp_path / name)
         assert len(recording.repeats) == 2 and recording.geometry.views == 30
         assert recording.geometry.duration_s == pytest.approx(0.8) and recording.geometry.exposure_ms == 0
-        said.append(yaml.safe_load((tmp_path / name / "recording.yaml").read_text()))
+        documents.append(yaml.safe_load((tmp_path / name / "recording.yaml").read_text()))
         sizes.append([path.stat().st_size for path in sorted((tmp_path / name).glob("*.h5"))])
         with h5py.File(tmp_path / name / "scan01.h5") as file:
-            told = []
-            file.visititems(lambda path, item, told=told: told.append((path, dict(item.attrs))))
-            said[-1]["file"] = told
-    assert said[0] == said[1] and sizes[0] == sizes[1]
+            reported = []
+            file.visititems(lambda path, item, reported=reported: reported.append((path, dict(item.attrs))))
+            documents[-1]["file"] = reported
+    assert documents[0] == documents[1] and sizes[0] == sizes[1]
 
 
-def test_images_tell_nothing_but_their_voxels(tmp_path):
-    said, headers = [], []
+def test_images_contain_no_information_but_their_voxels(tmp_path):
+    documents, headers = [], []
     one, random = OBJECTS["quality_assurance"], np.random.default_rng(1)
     for name, hidden in (("plain", {}), ("other", {"kernel_pixels": 1.0, "hu_scale": 1.1, "hu_offset": 20.0})):
         scan = scan_section(one, {"columns": 60, "rows": 6}, 24, 1e5, 800.0, 70.0, hidden)
         readings = random.uniform(1, 2, (2, 24, 6, 60)).astype(np.float32)
-        readings[0, 0, 0, 0] = 0  # no count has no logarithm
+        readings[0, 0, 0, 0] = 0  # zero counts have no logarithm
         write_images(tmp_path / name, "case_01", one, scan, Acquired(readings, np.full((6, 60), 2, np.float32)), 0.0193)
         recording = load_recording(tmp_path / name)
         assert recording.kind == "images" and len(recording.repeats) == 2
         assert all(np.isfinite(image.array).all() for image in recording.repeats)
-        said.append((tmp_path / name / "recording.yaml").read_text())
+        documents.append((tmp_path / name / "recording.yaml").read_text())
         headers.append([path.read_bytes()[:NIFTI_HEADER] for path in sorted((tmp_path / name).glob("*.nii"))])
-    assert said[0] == said[1] and headers[0] == headers[1] and len(headers[0]) == 2
+    assert documents[0] == documents[1] and headers[0] == headers[1] and len(headers[0]) == 2
 
 
-def test_the_quick_set_has_fifteen_cases_of_every_kind():
+def test_quick_set_has_fifteen_cases_of_every_kind():
     config = Path(__file__).resolve().parents[2] / "config"
     whole, quick = (yaml.safe_load((config / f"{name}.yaml").read_text()) for name in ("config", "quick_proof"))
     hidden = truths(complete(whole | quick)["proof"])

@@ -1,4 +1,4 @@
-"""The independent simulator's scans, against closed forms: its frame, its noise, and what is added to it."""
+"""Scans of the independent simulator against closed forms: frame, noise, and added effects."""
 
 from dataclasses import replace
 
@@ -42,7 +42,7 @@ def scan(repeats=1, seed=1, surface="flat", **settings):
     voxel, cells = 1.5, (24, 68, 68)
     z, y, x = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * voxel for n in cells), indexing="ij")
     reach = np.sqrt((x - CENTRE[0]) ** 2 + (y - CENTRE[1]) ** 2 + (z - CENTRE[2]) ** 2)
-    ball = np.clip((RADIUS - reach) / voxel + 0.5, 0, 1)  # edges by the share of the voxel
+    ball = np.clip((RADIUS - reach) / voxel + 0.5, 0, 1)  # edges by volume fractions
     order = Scan(views=VIEWS, kev=KEV, photons=PHOTONS, settings=settings, surface=surface, **DETECTOR)
     return simulate(order, Materials({"water": ball}, (voxel, voxel)), repeats, np.random.SeedSequence(seed))
 
@@ -52,10 +52,10 @@ def lines(taken):
 
 
 def chords(centre=CENTRE, source_mm=0.0, **changed):
-    """Path lengths through the ball by the frame that geometry.py states, [view, row, column] in mm.
+    """Path lengths through the ball in the frame of geometry.py, [view, row, column] in mm.
 
-    centre      (3,), or one for every view, (view, 3)
-    source_mm   how far the source lies beside its place, along the columns
+    center      (3,), or one for every view, (view, 3)
+    source_mm   displacement of the source along the columns
     """
     geometry = circular(views=VIEWS, **(DETECTOR | changed))
     sine, cosine = np.sin(geometry.angles_rad), np.cos(geometry.angles_rad)
@@ -76,7 +76,7 @@ def plain():
     return scan(repeats=12)
 
 
-def test_line_integrals_of_a_ball_lie_where_the_geometry_says(plain):
+def test_line_integrals_of_a_ball_follow_the_geometry(plain):
     mean = lines(plain).mean(axis=0)
     finer = {"columns": 200, "rows": 20, "column_pitch_mm": 1.0, "row_pitch_mm": 1.0}
     shape = (VIEWS, DETECTOR["rows"], 5, DETECTOR["columns"], 5)
@@ -89,7 +89,7 @@ def test_line_integrals_of_a_ball_lie_where_the_geometry_says(plain):
 
 
 @pytest.mark.parametrize("wobble_mm", [0.0, 8.0])
-def test_an_arc_and_a_flying_focal_spot_are_where_the_geometry_says(wobble_mm, plain):
+def test_arc_and_flying_focal_spot_follow_the_geometry(wobble_mm, plain):
     """XCIST's third-generation detector is an arc of small modules; its focal spot flies along the columns."""
     mean = lines(scan(repeats=12, surface="cylindrical", wobble_mm=wobble_mm)).mean(axis=0)
     scene = ShapesScene([ellipsoid("water", CENTRE, 3 * (RADIUS,))])
@@ -108,14 +108,14 @@ def test_an_arc_and_a_flying_focal_spot_are_where_the_geometry_says(wobble_mm, p
         assert np.abs(mean - expected(surface="cylindrical", spots_mm=spots[::-1]))[inside].max() > 0.3
 
 
-def test_water_attenuates_as_published():
+def test_water_has_its_published_attenuation():
     # NIST's tables (Hubbell and Seltzer, 1995): 0.1837 and 0.2059 cm2/g at 80 and 60 keV.
     assert attenuation_per_mm("water", 80.0) == pytest.approx(0.01837, rel=0.01)
     assert attenuation_per_mm("water", 60.0) == pytest.approx(0.02059, rel=0.01)
     assert energy_of_water(0.01837) == pytest.approx(80.0, abs=1.5)
 
 
-def test_no_energy_gives_any_attenuation():
+def test_zero_energy_has_no_attenuation():
     with pytest.raises(
         InputError,
         match="mu_water_per_mm: the water of the blind validation attenuates 0.016. to 0.026. per mm .*not 0.03",
@@ -123,7 +123,7 @@ def test_no_energy_gives_any_attenuation():
         energy_of_water(0.03)
 
 
-def test_noise_is_that_of_so_many_photons(plain):
+def test_noise_is_that_of_the_photons(plain):
     quanta = plain.readings / KEV
     middle = quanta[:, :, 1:3, 18:22]
     air = plain.air[1:3, 18:22] / KEV
@@ -132,15 +132,15 @@ def test_noise_is_that_of_so_many_photons(plain):
     assert ratio.mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / 11 / ratio.size))
 
 
-def test_repeats_and_seeds_differ_and_a_seed_gives_the_same(plain):
+def test_repeats_and_seeds_differ_and_seeds_are_reproducible(plain):
     first, again, other = (scan(seed=seed).readings for seed in (3, 3, 4))
     assert np.array_equal(first, again) and not np.array_equal(first, other)
     assert not np.array_equal(plain.readings[0], plain.readings[1])
 
 
-def test_white_field_falls_with_the_solid_angle(plain):
+def test_white_field_decreases_with_the_solid_angle(plain):
     shape = plain.air / plain.air[1:3, 19:21].mean()
-    # The scintillator absorbs a little more of slanted rays: 0.2 % at the edge.
+    # The scintillator absorbs slightly more of oblique rays: 0.2 % at the edge.
     assert np.abs(shape - circular(views=VIEWS, **DETECTOR).solid_angles()).max() < 5e-3
 
 
@@ -152,7 +152,7 @@ def test_white_field_falls_with_the_solid_angle(plain):
         ({"detector_mm": -20.0}, {"source_to_detector_mm": 880.0}, CENTRE),
     ],
 )
-def test_displaced_parts_are_where_they_are_said_to_be(settings, geometry, centre, plain):
+def test_displaced_parts_are_at_their_positions(settings, geometry, centre, plain):
     changed = lines(scan(repeats=12, **settings)).mean(axis=0) - lines(plain).mean(axis=0)
     mu = attenuation_per_mm("water", KEV)
     expected = mu * (chords(centre, **geometry) - chords())
@@ -172,8 +172,8 @@ def test_displaced_parts_are_where_they_are_said_to_be(settings, geometry, centr
         ({"angle_wave_deg": (1.5, -2.0)}, {"view_angle_error": {"cosine_deg": 1.5, "sine_deg": -2.0}}),
     ],
 )
-def test_bench_geometry_is_the_librarys(settings, physics, plain):
-    """Two programs, by equations of their own: what changes in the shadow of a ball."""
+def test_bench_geometry_agrees_with_the_library(settings, physics, plain):
+    """Two programs with independent equations: changes of a ball's shadow."""
     taken = scan(repeats=12, **settings)
     geometry = circular(views=VIEWS, view_interval_ms=1000.0 / VIEWS, **DETECTOR)
     scene = ShapesScene([ellipsoid("water", CENTRE, 3 * (RADIUS,))])
@@ -187,7 +187,7 @@ def test_bench_geometry_is_the_librarys(settings, physics, plain):
     assert np.polyfit(change[inside], found, 1)[0] == pytest.approx(1.0, abs=0.1)
 
 
-def test_an_axis_beside_the_central_ray_displaces_the_object_along_the_columns(plain):
+def test_axis_offset_shifts_the_object_along_the_columns(plain):
     changed = lines(scan(repeats=12, axis_shift_mm=1.5)).mean(axis=0) - lines(plain).mean(axis=0)
     geometry = circular(views=VIEWS, **DETECTOR)
     mu = attenuation_per_mm("water", KEV)
@@ -197,7 +197,7 @@ def test_an_axis_beside_the_central_ray_displaces_the_object_along_the_columns(p
     assert np.polyfit(expected[inside], changed[inside], 1)[0] == pytest.approx(1.0, abs=0.1)
 
 
-def test_drift_ends_where_it_should(plain):
+def test_drift_ends_at_its_final_value(plain):
     drift = np.array([6.0, -4.0, 1.0])
     changed = lines(scan(repeats=12, velocity_mm_per_s=tuple(drift))).mean(axis=0) - lines(plain).mean(axis=0)
     mu = attenuation_per_mm("water", KEV)
@@ -214,9 +214,11 @@ def test_electronic_noise_adds_its_variance(plain):
     assert more == pytest.approx(150.0**2, rel=0.1)
 
 
-def test_electronic_noise_counts_in_noise_equivalent_quanta():
-    """Of many energies: over the reading in air it is sigma / N, whatever one quantum reads, and in dark pixels alone
-    there is nothing else."""
+def test_electronic_noise_is_in_noise_equivalent_quanta():
+    """Polychromatic: relative to the reading in air it is sigma / N, whatever a quantum reads.
+
+    Dark pixels have no other noise.
+    """
     taken = scan(repeats=40, electronic_photons=2000.0, kvp=120.0, aluminium_mm=3.0)
     relative = (taken.readings / taken.air).std(axis=0, ddof=1)[:, 1:3, 18:22]
     quantum = np.sqrt((taken.readings.mean(axis=0) / taken.air)[:, 1:3, 18:22] / PHOTONS)
@@ -229,11 +231,11 @@ def test_modulated_current_changes_the_noise_and_not_the_mean(plain):
     assert np.abs(taken.readings.mean(axis=(0, 2, 3)) / plain.readings.mean(axis=(0, 2, 3)) - 1).max() < 0.01
     ratio = (taken.readings.var(axis=0, ddof=1) / plain.readings.var(axis=0, ddof=1)).mean(axis=(1, 2))
     angles = np.arange(VIEWS) * 2 * np.pi / VIEWS
-    # Counts over a current m have the variance 1 / m of counts.
+    # Counts divided by a current m have 1 / m of the counts' variance.
     assert np.corrcoef(ratio, 1 / (1 + 0.6 * np.cos(2 * angles)))[0, 1] > 0.95
 
 
-def test_optical_crosstalk_correlates_neighbours(plain):
+def test_optical_crosstalk_correlates_neighbors(plain):
     taken = scan(repeats=12, optical_crosstalk=(0.1, 0.05))
     noise = taken.readings - taken.readings.mean(axis=0)
     noise = noise[..., 2:-2]
@@ -243,21 +245,23 @@ def test_optical_crosstalk_correlates_neighbours(plain):
     assert found == pytest.approx(expected, abs=0.03)
 
 
-def test_many_energies_harden(plain):
+def test_polychromatic_beam_hardens(plain):
     taken = scan(repeats=12, kvp=80.0, aluminium_mm=3.0)
     length, many, one = chords(), lines(taken).mean(axis=0), lines(plain).mean(axis=0)
     ratio = [many[chosen].mean() / one[chosen].mean() for chosen in ((length > 12) & (length < 20), length > 40)]
     assert ratio[1] < ratio[0] * 0.995 and ratio[0] > 1  # softer than 70 keV, less so behind more water
 
 
-def test_lag_leaves_some_of_the_last_view(plain):
+def test_lag_leaves_part_of_the_last_view(plain):
     changed = lines(scan(repeats=12, lag_share=0.3, lag_ms=29.0)).mean(axis=0)[1:] - lines(plain).mean(axis=0)[1:]
-    before = np.diff(np.exp(-lines(plain).mean(axis=0)), axis=0)  # signal that the view has more than the last
+    before = np.diff(
+        np.exp(-lines(plain).mean(axis=0)), axis=0
+    )  # additional signal of the view compared with the previous one
     assert np.polyfit(before.ravel(), changed.ravel(), 1)[0] > 0.02
 
 
-def test_a_second_slower_lag_is_the_slow_afterglow():
-    """Of a scan that begins without a glow, and flashes in the middle of every view: XCIST's two exponentials."""
+def test_second_slower_lag_is_the_slow_afterglow():
+    """A scan without initial afterglow and with a flash in the middle of every view: XCIST's two exponentials."""
     lag = {"lag_share": 0.05, "lag_ms": 60.0, "slow_lag_share": 0.03, "slow_lag_ms": 500.0}
     rod = ShapesScene([cylinder("water", CENTRE, RADIUS)], KEV)
     geometry = circular(views=VIEWS, view_interval_ms=1000.0 / VIEWS, exposure_ms=1e-6, **DETECTOR)
@@ -278,9 +282,13 @@ def test_a_second_slower_lag_is_the_slow_afterglow():
     assert np.abs(glowing - plain - without).max() > 0.2 * np.abs(expected).max()
 
 
-def test_the_heel_is_tungsten_that_slanted_rays_pass(plain):
-    """Of 10 um of it under an anode of 7 degrees, relative to the central ray: exp(-d mu (1 / sin(7 + a) - 1 / sin 7))
-    at the cone angle a. Above its K edge, tungsten has 11.2 cm2/g at 70 keV (NIST's XCOM), so 21.5 per mm."""
+def test_heel_is_tungsten_passed_by_oblique_rays(plain):
+    """For 10 um under an anode of 7 degrees, relative to the central ray:
+
+    exp(-d mu (1 / sin(7 + a) - 1 / sin 7)) at the cone angle a.
+
+    Above its K edge, tungsten has 11.2 cm2/g at 70 keV (NIST's XCOM), so 21.5 per mm.
+    """
     depth, anode = 0.01, np.deg2rad(7)
     taken = scan(heel_depth_mm=depth)
     rows = circular(views=VIEWS, **DETECTOR).row_positions_mm()
@@ -291,8 +299,8 @@ def test_the_heel_is_tungsten_that_slanted_rays_pass(plain):
     assert np.ptp(found) > 0.05
 
 
-def test_the_library_has_the_heel_that_the_catalogue_says_it_has(plain):
-    """Of either sign: the white field along the rows, by the library's own equation and cross-sections."""
+def test_heel_of_the_library_agrees_with_the_catalog(plain):
+    """Both signs: the white field along the rows, by the library's own equation and cross sections."""
     for random in (np.random.default_rng(seed) for seed in (0, 1)):
         settings, comparable = CATALOGUE["heel"].make(0.01, random)
         taken = scan(**settings)
@@ -304,7 +312,7 @@ def test_the_library_has_the_heel_that_the_catalogue_says_it_has(plain):
         assert np.sign(found[0]) == -np.sign(settings["heel_depth_mm"]) and np.ptp(found) > 0.05
 
 
-def test_off_focal_radiation_comes_from_beside_the_spot(plain):
+def test_off_focal_radiation_comes_from_outside_of_the_spot(plain):
     """All of it: the signal is that of six sources spread along the columns by a Gaussian, averaged over pixels."""
     width = 30.0
     taken = scan(repeats=12, off_focal_share=1.0, off_focal_width_mm=width)
@@ -323,8 +331,8 @@ def test_off_focal_radiation_comes_from_beside_the_spot(plain):
     assert np.polyfit(expected[there], changed[there], 1)[0] == pytest.approx(1.0, abs=0.05)
 
 
-def test_a_collimator_hides_off_focal_radiation_from_the_outer_columns(plain):
-    """By the library's own equation, whose source is even where the simulator's is a Gaussian of the same variance."""
+def test_collimator_hides_off_focal_radiation_from_the_outer_columns(plain):
+    """By the library's own equation, with a uniform source of the variance of the simulator's Gaussian."""
     fwhm, collimator = 20.0, 200.0
     taken = scan(off_focal_share=0.2, off_focal_width_mm=fwhm, off_focal_collimator_mm=collimator)
     found = (taken.air / plain.air).mean(axis=0)
@@ -337,13 +345,13 @@ def test_a_collimator_hides_off_focal_radiation_from_the_outer_columns(plain):
 
 
 def track(angles):
-    """Where the ball's middle is seen, along the columns, mm."""
+    """Position of the ball's center along the columns, mm."""
     depth = DETECTOR["source_to_isocentre_mm"] + CENTRE[0] * np.sin(angles) - CENTRE[1] * np.cos(angles)
     return (CENTRE[0] * np.cos(angles) + CENTRE[1] * np.sin(angles)) * DETECTOR["source_to_detector_mm"] / depth
 
 
 def moments(taken):
-    """Mean place and variance of the shadow along the columns in every view, mm and mm2."""
+    """Mean position and variance of the shadow along the columns in every view, mm and mm2."""
     geometry = circular(views=VIEWS, **DETECTOR)
     u = geometry.column_positions_mm()
     seen = np.abs(u - track(geometry.angles_rad)[:, None]) < 60
@@ -352,8 +360,8 @@ def moments(taken):
     return mean, (shadow * (u - mean[:, None]) ** 2).sum(axis=1) / shadow.sum(axis=1)
 
 
-def test_a_view_that_turns_blurs_the_shadow_by_the_way_of_its_middle(plain):
-    """Its variance grows by that of the middle's places over the arc."""
+def test_rotation_during_a_view_blurs_the_shadow_by_its_path(plain):
+    """Its variance grows by the variance of the center's positions over the arc."""
     duty = 0.95
     settings, comparable = CATALOGUE["view_blur"].make(duty, np.random.default_rng(3))
     grown = moments(scan(repeats=12, **settings))[1] - moments(plain)[1]
@@ -364,12 +372,12 @@ def test_a_view_that_turns_blurs_the_shadow_by_the_way_of_its_middle(plain):
     state = State(geometry)
     load("view_blur").apply(state, comparable)
     moments_of = np.array(state.turns)
-    ours = (moments_of[:, 1] * moments_of[:, 0] ** 2).sum() * (2 * np.pi / VIEWS) ** 2
-    assert ours == pytest.approx(arc.var(), rel=1e-4)
+    actual = (moments_of[:, 1] * moments_of[:, 0] ** 2).sum() * (2 * np.pi / VIEWS) ** 2
+    assert actual == pytest.approx(arc.var(), rel=1e-4)
 
 
-def test_the_spot_jumps_as_the_catalogue_says_of_the_library(plain):
-    """A source beside its place by s has the shadow of a point at s + (t - s) D / r, r from the source on."""
+def test_spot_jumps_as_in_the_library(plain):
+    """A source shifted by s has the shadow of a point at s + (t - s) D / r, r from the source."""
     settings, comparable = CATALOGUE["focal_spot_wobble"].make(6.0, np.random.default_rng(3))
     moved = moments(scan(repeats=12, **settings))[0] - moments(plain)[0]
     state = State(circular(views=VIEWS, **DETECTOR))
@@ -381,7 +389,7 @@ def test_the_spot_jumps_as_the_catalogue_says_of_the_library(plain):
     np.testing.assert_allclose(moved, expected, atol=0.3)
 
 
-def test_an_object_that_swings_is_at_another_place_in_every_view(plain):
+def test_swinging_object_has_another_position_in_every_view(plain):
     swung = scan(repeats=12, swing_deg=4.0, swing_per_turn=1.0, swing_phase=0.0)
     changed = lines(swung).mean(axis=0) - lines(plain).mean(axis=0)
     turn = np.deg2rad(4.0 * np.sin(2 * np.pi * np.arange(VIEWS) / VIEWS))
@@ -392,9 +400,11 @@ def test_an_object_that_swings_is_at_another_place_in_every_view(plain):
     assert np.polyfit(expected[inside], changed[inside], 1)[0] == pytest.approx(1.0, abs=0.15)
 
 
-def test_a_focal_spot_blurs_as_all_of_its_width_does(plain):
-    """A shadow's variance grows by w^2/12 (D - r)^2/r^2 along the columns, r from the source to the ball. Three points
-    that share the width evenly would give 8/9 of that."""
+def test_focal_spot_blurs_by_its_full_width(plain):
+    """A shadow's variance grows by w^2/12 (D - r)^2/r^2 along the columns, r from the source to the ball.
+
+    Three points that share the width evenly would give 8/9 of that.
+    """
     width = 20.0
     geometry = circular(views=VIEWS, **DETECTOR)
     u, angles = geometry.column_positions_mm(), geometry.angles_rad
@@ -413,8 +423,8 @@ def test_a_focal_spot_blurs_as_all_of_its_width_does(plain):
     assert grown.mean() / expected.mean() == pytest.approx(1.0, abs=0.03)
 
 
-def test_the_end_of_a_focal_spot_at_plus_z_lies_nearer_as_recordings_say(tmp_path):
-    """A positive nominal.anode_angle_deg. XCIST's source stands at +y."""
+def test_end_of_a_focal_spot_at_plus_z_is_nearer_as_in_recordings(tmp_path):
+    """Positive nominal.anode_angle_deg. XCIST's source is at +y."""
     from gecatsim.pyfiles.SetFocalspot import SetFocalspot
 
     order = Scan(views=VIEWS, kev=KEV, photons=PHOTONS, settings={"focal_spot_mm": (1.0, 2.0)}, **DETECTOR)

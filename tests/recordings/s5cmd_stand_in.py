@@ -1,7 +1,7 @@
-"""In place of s5cmd where it is not installed: `run` of a list of `cp --if-size-differ "s3://BUCKET/FOLDER/*" TARGET/`.
+"""Replacement of s5cmd if it is not installed: `run` of a list of `cp --if-size-differ "s3://BUCKET/FOLDER/*" TARGET/`.
 
-A bucket is a folder in BUCKETS. With STOP_AFTER it breaks off after so many files, the next one half written, as the
-real one leaves it when it is killed. Options, exit codes and lines of errors are those of s5cmd 2.3.0.
+A bucket is a folder in BUCKETS. With STOP_AFTER it stops after that number of files, with the next file half written,
+as s5cmd leaves it when it is killed. Options, exit codes and error lines are those of s5cmd 2.3.0.
 """
 
 import os

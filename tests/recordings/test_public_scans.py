@@ -1,4 +1,4 @@
-"""Public scans: the list, fetching from S3, somebody's own folder, and one line for each thing that is wrong."""
+"""Public scans: the list, fetching from S3, user folders, and one line per error."""
 
 import csv
 import json
@@ -26,8 +26,8 @@ TANDEM = "ct_phantom4radiomics"
 # The list
 
 
-def test_the_list_is_that_of_the_collections():
-    """The counts and sizes that the collections' pages state."""
+def test_list_agrees_with_the_collections():
+    """The counts and sizes stated on the collections' pages."""
     by = Counter(scan.collection for scan in public_scans())
     assert by == {TANDEM: 238, "ct4harmonization_multicentric": 1378}
     tandem = [scan for scan in public_scans() if scan.collection == TANDEM]
@@ -51,13 +51,13 @@ def test_the_list_is_that_of_the_collections():
 @pytest.mark.real
 @pytest.mark.skipif(not INDEX.exists(), reason="the index of the collections is not beside this checkout")
 @pytest.mark.parametrize("collection", [TANDEM, "ct4harmonization_multicentric"])
-def test_every_series_of_the_index_is_listed_as_it_is(collection):
-    ours = {series.uid: (scan, series) for scan in public_scans() for series in scan.series}
+def test_every_series_of_the_index_is_listed_correctly(collection):
+    actual = {series.uid: (scan, series) for scan in public_scans() for series in scan.series}
     with open(INDEX / f"{collection}.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) in (476, 2756)
     for row in rows:
-        scan, series = ours[row["SeriesInstanceUID"]]
+        scan, series = actual[row["SeriesInstanceUID"]]
         assert (series.modality, series.folder) == (row["Modality"], row["crdc_series_uuid"])
         assert (scan.study, scan.collection) == (row["StudyInstanceUID"], collection)
         assert series.files == int(row["instanceCount"]) and series.megabytes == float(row["series_size_MB"])
@@ -65,7 +65,7 @@ def test_every_series_of_the_index_is_listed_as_it_is(collection):
             assert (scan.description, scan.model) == (row["SeriesDescription"], row["ManufacturerModelName"])
 
 
-def test_a_selection_takes_what_it_says():
+def test_selection_returns_the_selected_scans():
     scans = select_scans({"collection": TANDEM, "groups": [1, "8"], "acquisitions": [1, 11, 12, 13, 14]}, "here")
     # Groups 1 and 2 count from the second acquisition.
     assert [scan.name for scan in scans] == ["110", "111", "112", "113", "801", "811", "812", "813", "814"]
@@ -86,7 +86,7 @@ def test_a_selection_takes_what_it_says():
         ("dose_mgy", [3], "config: here.dose_mgy has 3, .* choose from 10$"),
     ],
 )
-def test_a_selection_of_what_is_not_there_is_refused(key, value, message):
+def test_selection_of_missing_scans_is_rejected(key, value, message):
     with pytest.raises(InputError, match=message):
         select_scans({"collection": TANDEM, key: value}, "here")
 
@@ -96,7 +96,7 @@ def test_a_selection_of_what_is_not_there_is_refused(key, value, message):
 
 @pytest.fixture(scope="module", params=KINDS)
 def running(request, tmp_path_factory):
-    """A service with scans 801 and 802 on it, and these scans."""
+    """Service with scans 801 and 802, and these scans."""
     folder = tmp_path_factory.mktemp("s3")
     scans = public_files.write_bucket(public_files.listed("801", "802"), folder / BUCKET)
     with service(request.param, folder) as one:
@@ -109,7 +109,7 @@ def running(request, tmp_path_factory):
 
 @pytest.fixture
 def s3(running, monkeypatch):
-    """The same, and s5cmd on the path."""
+    """The same with s5cmd in PATH."""
     for name, value in running[0].variables.items():
         monkeypatch.setenv(name, value)
     return running
@@ -119,7 +119,7 @@ def files_in(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
-def test_a_scan_is_fetched_whole_with_whose_it_is(s3, tmp_path):
+def test_scan_is_fetched_completely_with_its_license(s3, tmp_path):
     one, (scan, _) = s3
     target = tmp_path / "with blank" / "801"
     fetch_scan(scan, target, one.endpoint, BUCKET)
@@ -134,50 +134,50 @@ def test_a_scan_is_fetched_whole_with_whose_it_is(s3, tmp_path):
     assert [path.name for path in target.parent.iterdir()] == ["801"]
 
 
-def test_what_is_here_is_not_fetched_again(s3, tmp_path):
+def test_complete_scan_is_not_fetched_again(s3, tmp_path):
     one, (scan, _) = s3
     target, partial = tmp_path / "801", tmp_path / ".partial-801"
     fetch_scan(scan, target, one.endpoint, BUCKET)
     (target / "source.json").unlink()
     target.rename(partial)
-    kept, lost, cut, *_ = sorted((partial / "ct").iterdir())
-    os.utime(kept, (1e9, 1e9))
+    stored, lost, cut, *_ = sorted((partial / "ct").iterdir())
+    os.utime(stored, (1e9, 1e9))
     lost.unlink()
     whole = cut.read_bytes()
     cut.write_bytes(whole[:200])
-    (partial / "ct" / "x.dcm99").write_bytes(whole[:200])  # what a killed s5cmd leaves
+    (partial / "ct" / "x.dcm99").write_bytes(whole[:200])  # as a killed s5cmd leaves it
     fetch_scan(scan, target, one.endpoint, BUCKET)
-    assert (target / "ct" / kept.name).stat().st_mtime == 1e9
+    assert (target / "ct" / stored.name).stat().st_mtime == 1e9
     assert (target / "ct" / cut.name).read_bytes() == whole and len(files_in(target / "ct")) == 6
 
 
 def refused(scan, target, endpoint, bucket=BUCKET):
-    """The line that is said; nothing may look as if the scan were here."""
+    """The error line; no scan may appear as complete."""
     with pytest.raises(InputError) as error:
         fetch_scan(scan, target, endpoint, bucket)
     assert not target.exists() and "\n" not in str(error.value)
     return str(error.value)
 
 
-def test_without_a_service_or_a_bucket_one_line_says_so(s3, tmp_path):
+def test_missing_service_or_bucket_is_one_line(s3, tmp_path):
     one, (scan, _) = s3
-    said = refused(scan, tmp_path / "801", "http://localhost:9")
-    assert "801: 0 of 7 files were downloaded (no connection)" in said and "run again to continue" in said
+    text = refused(scan, tmp_path / "801", "http://localhost:9")
+    assert "801: 0 of 7 files were downloaded (no connection)" in text and "run again to continue" in text
     assert "0 of 7 files were downloaded (" in refused(scan, tmp_path / "801", one.endpoint, "another-bucket")
 
 
-def test_a_series_that_the_bucket_has_not_leaves_the_other(s3, tmp_path):
+def test_missing_series_leaves_the_others(s3, tmp_path):
     one, (scan, _) = s3
     missing = replace(scan, seg=replace(scan.seg, folder="00000000-0000-4000-8000-000000000000"))
-    said = refused(missing, tmp_path / "801", one.endpoint)
-    assert "801: 6 of 7 files were downloaded (no object found)" in said
+    text = refused(missing, tmp_path / "801", one.endpoint)
+    assert "801: 6 of 7 files were downloaded (no object found)" in text
     fetch_scan(scan, tmp_path / "801", one.endpoint, BUCKET)
 
 
 @pytest.mark.parametrize("wrong", ["size", "count", "series", "doubled"])
-def test_what_is_not_as_listed_is_refused(s3, tmp_path, wrong):
+def test_files_that_differ_from_the_list_are_rejected(s3, tmp_path, wrong):
     one, (scan, other) = s3
-    said = {
+    text = {
         "size": "the files of its CT have 0.01 MB, but the list says 0.06 MB",
         "count": "6 of 7 files of its CT are present",
         "series": f"belongs to series {other.ct.uid}, not to {scan.ct.uid}",
@@ -196,10 +196,10 @@ def test_what_is_not_as_listed_is_refused(s3, tmp_path, wrong):
         first = min((one.folder / BUCKET / scan.ct.folder).iterdir())
         shutil.copy(first, partial / "again.dcm")
     line = refused(listed, tmp_path / "801", one.endpoint)
-    assert said in line and ("delete" in line or "remove one" in line), line
+    assert text in line and ("delete" in line or "remove one" in line), line
 
 
-def test_a_full_disk_is_said_before_anything_comes(s3, tmp_path, monkeypatch):
+def test_full_disk_is_reported_before_the_transfer(s3, tmp_path, monkeypatch):
     one, (scan, _) = s3
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(fetching.shutil, "disk_usage", lambda path: usage._replace(free=1000))
@@ -207,14 +207,14 @@ def test_a_full_disk_is_said_before_anything_comes(s3, tmp_path, monkeypatch):
     assert files_in(tmp_path) == []
 
 
-def test_without_s5cmd_one_line_says_how_to_get_it(tmp_path, monkeypatch):
+def test_missing_s5cmd_is_one_line_with_installation(tmp_path, monkeypatch):
     monkeypatch.setattr(fetching.shutil, "which", lambda *_, **__: None)
-    said = refused(public_files.listed("801")[0], tmp_path / "801", "http://localhost:9")
-    assert said.startswith("s5cmd: is not installed") and "make setup-fetch" in said
+    text = refused(public_files.listed("801")[0], tmp_path / "801", "http://localhost:9")
+    assert text.startswith("s5cmd: is not installed") and "make setup-fetch" in text
     assert not list(tmp_path.iterdir())
 
 
-# Somebody's own folder
+# User folders
 
 LAYOUTS = {
     "idc": lambda scan, series, ds: f"{series.folder}/{ds.SOPInstanceUID[-12:]}.dcm",
@@ -245,7 +245,7 @@ def bucket(tmp_path_factory):
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_a_folder_of_any_layout_is_read_by_tags(bucket, tmp_path, layout):
+def test_folder_of_any_layout_is_read_by_tags(bucket, tmp_path, layout):
     folder, scans = bucket
     lay_out(scans, folder, tmp_path / "mine", layout)
     found = find_scans(tmp_path / "mine", scans)
@@ -259,37 +259,37 @@ def test_a_folder_of_any_layout_is_read_by_tags(bucket, tmp_path, layout):
 
 
 @pytest.mark.parametrize("wrong", ["missing", "half", "doubled", "broken", "no folder"])
-def test_what_is_wrong_in_a_folder_is_one_line(bucket, tmp_path, wrong):
+def test_error_in_a_folder_is_one_line(bucket, tmp_path, wrong):
     folder, scans = bucket
     mine = tmp_path / "mine"
     lay_out(scans, folder, mine, "idc")
     first, *_ = sorted((mine / scans[0].ct.folder).iterdir())
     if wrong == "missing":
         shutil.rmtree(mine / scans[1].seg.folder)
-        said = f"{mine}: 1 of 2 scans are missing (first: 802, {scans[1].description}, without SEG)"
+        text = f"{mine}: 1 of 2 scans are missing (first: 802, {scans[1].description}, without SEG)"
     elif wrong == "half":
         first.unlink()
-        said = f"{mine}: scan 801: 5 of 6 files of its CT are present; copy that series to"
+        text = f"{mine}: scan 801: 5 of 6 files of its CT are present; copy that series to"
     elif wrong == "doubled":
-        again = mine / "zz" / "again.dcm"  # behind the others
+        again = mine / "zz" / "again.dcm"  # after the others
         again.parent.mkdir()
         shutil.copy(first, again)
-        said = f"{again}: is the same slice as {first}; remove one of them"
+        text = f"{again}: is the same slice as {first}; remove one of them"
     elif wrong == "broken":
         first.write_bytes(first.read_bytes()[:200])
-        said = f"{first}: cannot be read as DICOM"
+        text = f"{first}: cannot be read as DICOM"
     else:
         mine = tmp_path / "elsewhere"
-        said = f"downloads.scans: {mine}: no such folder"
+        text = f"downloads.scans: {mine}: no such folder"
     with pytest.raises(InputError) as error:
         find_scans(mine, scans)
-    assert said in str(error.value)
+    assert text in str(error.value)
     assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("wrong", ["missing", "foreign", "doubled", "without regions", "cut off"])
-def test_a_scan_that_went_wrong_after_it_came_is_one_line(bucket, tmp_path, wrong):
-    """Jobs look before they read, so that nothing is made of half a scan."""
+def test_scan_damaged_after_the_transfer_is_one_line(bucket, tmp_path, wrong):
+    """Jobs check before they read, so that no output is made from an incomplete scan."""
     folder, (scan, other) = bucket
     target = tmp_path / "801"
     for series in scan.series:
@@ -299,22 +299,22 @@ def test_a_scan_that_went_wrong_after_it_came_is_one_line(bucket, tmp_path, wron
     again = f"delete {target} and run snakemake fetch again"
     if wrong == "missing":
         first.unlink()
-        said = f"{target}: 5 of 6 files of its CT are present; {again}"
+        text = f"{target}: 5 of 6 files of its CT are present; {again}"
     elif wrong == "foreign":
         stray = target / "ct" / "stray.dcm"
         shutil.copy(min((folder / other.ct.folder).iterdir()), stray)
-        said = f"{stray}: belongs to series {other.ct.uid}, not to {scan.ct.uid}; {again}"
+        text = f"{stray}: belongs to series {other.ct.uid}, not to {scan.ct.uid}; {again}"
     elif wrong == "doubled":
         copy = target / "ct" / "zz.dcm"
         shutil.copy(first, copy)
-        said = f"{copy}: is the same slice as {first}; remove one of them"
+        text = f"{copy}: is the same slice as {first}; remove one of them"
     elif wrong == "without regions":
         shutil.rmtree(target / "seg")
-        said = f"{target}: 0 of 1 files of its SEG are present; {again}"
+        text = f"{target}: 0 of 1 files of its SEG are present; {again}"
     else:
         first.write_bytes(first.read_bytes()[:200])
-        said = f"{first}: cannot be read as DICOM"
+        text = f"{first}: cannot be read as DICOM"
     with pytest.raises(InputError) as error:
         check_scan(scan, target, sizes=False)
-    assert str(error.value).startswith(said)
+    assert str(error.value).startswith(text)
     assert "\n" not in str(error.value)

@@ -1,4 +1,4 @@
-"""Regions as the published ones were written: by pydicom-seg 0.4.1, read here by another program."""
+"""Regions in the format of the published ones: written by pydicom-seg 0.4.1 and read by the library."""
 
 import os
 import subprocess
@@ -21,7 +21,7 @@ PYTHON = os.environ.get("PYDICOM_SEG_PYTHON")  # of an environment of environmen
 
 @pytest.fixture(scope="module")
 def series(tmp_path_factory):
-    """The CT of scan 801, its files in no order."""
+    """CT of scan 801 with files in random order."""
     folder = tmp_path_factory.mktemp("series")
     (scan,) = public_files.listed("801")
     slices = public_files.ct_slices(scan, public_files.some_image())
@@ -30,8 +30,8 @@ def series(tmp_path_factory):
     return scan, slices, folder
 
 
-def held_against(path, folder):
-    """Regions of a file against the masks that were written."""
+def compare(path, folder):
+    """Compare regions of a file with the masks that were written."""
     regions = open_regions(path, read_series(folder).grid)
     assert list(regions.list_regions().values()) == list(public_files.SEGMENTS)
     for name, mask in public_files.some_masks().items():
@@ -44,22 +44,22 @@ def test_regions_written_by_pydicom_seg_are_read_by_name(series):
     _, _, folder = series
     dataset = pydicom.dcmread(WRITTEN)
     assert dataset.ManufacturerModelName == "https://github.com/razorx89/pydicom-seg"
-    # Empty frames are left out; the others come segment by segment, against the order of the CT's instances.
+    # Empty frames are omitted; the others are sorted by segment, opposite to the order of the CT's instances.
     assert dataset.NumberOfFrames == 6 * 3 + 3 < 6 * len(list(folder.iterdir()))
-    held_against(WRITTEN, folder)
+    compare(WRITTEN, folder)
 
 
-def test_the_stand_in_of_these_files_is_read_alike(series, tmp_path):
+def test_substitute_file_is_read_in_the_same_way(series, tmp_path):
     scan, slices, folder = series
     path = tmp_path / "seg.dcm"
     public_files.seg(scan, slices, public_files.some_masks()).save_as(path, enforce_file_format=True)
-    held_against(path, folder)
-    ours, theirs = pydicom.dcmread(path), pydicom.dcmread(WRITTEN)
-    assert ours.NumberOfFrames == theirs.NumberOfFrames
+    compare(path, folder)
+    actual, theirs = pydicom.dcmread(path), pydicom.dcmread(WRITTEN)
+    assert actual.NumberOfFrames == theirs.NumberOfFrames
 
 
 @pytest.mark.skipif(PYTHON is None, reason="PYDICOM_SEG_PYTHON names no Python that has pydicom-seg 0.4.1")
-def test_pydicom_seg_writes_what_is_kept_here(series, tmp_path):
+def test_pydicom_seg_writes_the_stored_file(series, tmp_path):
     scan, _, folder = series
     masks = public_files.some_masks()
     labels = sum(number * lps(mask).astype(np.uint8) for number, mask in enumerate(masks.values(), start=1))
@@ -68,9 +68,11 @@ def test_pydicom_seg_writes_what_is_kept_here(series, tmp_path):
     command = [PYTHON, str(script), str(folder), str(tmp_path / "labels.npz"), str(out), scan.seg.uid]
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     subprocess.run(command, check=True, timeout=120, env=environment)
-    held_against(out, folder)
-    kept, fresh = pydicom.dcmread(WRITTEN), pydicom.dcmread(out)
-    assert kept.PixelData == fresh.PixelData
-    for ours, theirs in zip(kept.PerFrameFunctionalGroupsSequence, fresh.PerFrameFunctionalGroupsSequence, strict=True):
-        assert ours.PlanePositionSequence == theirs.PlanePositionSequence
-        assert ours.SegmentIdentificationSequence == theirs.SegmentIdentificationSequence
+    compare(out, folder)
+    stored, fresh = pydicom.dcmread(WRITTEN), pydicom.dcmread(out)
+    assert stored.PixelData == fresh.PixelData
+    for actual, theirs in zip(
+        stored.PerFrameFunctionalGroupsSequence, fresh.PerFrameFunctionalGroupsSequence, strict=True
+    ):
+        assert actual.PlanePositionSequence == theirs.PlanePositionSequence
+        assert actual.SegmentIdentificationSequence == theirs.SegmentIdentificationSequence

@@ -1,4 +1,4 @@
-"""Tables that pyradiomics' own batch command wrote, as recordings of features."""
+"""Tables of pyradiomics' batch command as recordings of features."""
 
 import pandas as pd
 import pytest
@@ -52,7 +52,7 @@ def written(images, tmp_path_factory):
 
 @pytest.fixture
 def table(written, tmp_path):
-    """Makes a recording of one of the tables, changed as a DataFrame if that is asked for."""
+    """Function that makes a recording of one of the tables, optionally with a change of its DataFrame."""
 
     def make(name="same", change=None, rois=ROIS, **features):
         content = {"name": "clinic", "kind": "features", "repeats": ["t.csv"], "features": features}
@@ -65,18 +65,18 @@ def table(written, tmp_path):
     return make
 
 
-def test_values_are_those_of_the_study_s_own_extraction(table, images):
+def test_values_equal_the_study_extraction(table, images):
     recording = load_recording(table(conditions=["Dose"]))
     assert recording.features == FEATURES and recording.images_per_condition().to_dict() == {3: 3, 10: 3}
     labels = label_map()
     masks = {name: labels == label for name, label in LABELS.items()}
     for (dose, repeat), path in images[1].items():
         image = sitk.GetArrayFromImage(sitk.ReadImage(str(path)))
-        own = extraction.extract(Volume(image, Grid(labels.shape, SPACING_MM[::-1])), masks)
+        extracted = extraction.extract(Volume(image, Grid(labels.shape, SPACING_MM[::-1])), masks)
         theirs = recording.repeats.query(f"image == 'dose{dose}/r{repeat}.nii.gz'")
         assert theirs["roi"].tolist() == theirs["tissue_class"].tolist() == list(masks)
         pd.testing.assert_frame_equal(
-            own[list(FEATURES)], theirs[list(FEATURES)].reset_index(drop=True), check_exact=False, rtol=1e-9
+            extracted[list(FEATURES)], theirs[list(FEATURES)].reset_index(drop=True), check_exact=False, rtol=1e-9
         )
     notes = summarize_recording(recording)["notes"]
     # 14 of shape, 5 of NGTDM, the co-occurrence's MCC and SumAverage.
@@ -93,7 +93,7 @@ def test_masks_and_labels_give_the_same_table(table):
     pd.testing.assert_frame_equal(by_masks, load_recording(table("masks", rois=patterns, conditions=["Dose"])).repeats)
 
 
-def test_settings_are_read_and_those_that_differ_are_said(table):
+def test_settings_are_read_and_differences_are_reported(table):
     recording = load_recording(table("other"))
     (found,) = recording.extractions
     assert found.settings["binWidth"] == 10 and found.version == extraction.pyradiomics.__version__
@@ -106,8 +106,8 @@ def test_settings_are_read_and_those_that_differ_are_said(table):
     assert notes[0].startswith("ignored: 765 features")
 
 
-def test_a_setting_changes_the_features_that_it_is_said_to_change(images, tmp_path):
-    """Truth is pyradiomics itself: the same cases, one setting changed at a time."""
+def test_setting_changes_the_stated_features(images, tmp_path):
+    """The reference is pyradiomics: the same cases, with one setting changed at a time."""
     folder, paths = images
     cases = by_label(paths, folder)[:2]
     plain = pd.read_csv(batch(cases, tmp_path / "plain.csv"))
@@ -126,8 +126,8 @@ def test_a_setting_changes_the_features_that_it_is_said_to_change(images, tmp_pa
     }
     for setting, value in changes.items():
         other = pd.read_csv(batch(cases, tmp_path / f"{setting}.csv", SAME | {setting: value}))
-        apart = (plain[list(FEATURES)] - other[list(FEATURES)]).abs().max()
-        moved = set(FEATURES) - set(apart.index[apart <= 1e-9 * plain[list(FEATURES)].abs().max()])
+        feature_changes = (plain[list(FEATURES)] - other[list(FEATURES)]).abs().max()
+        moved = set(FEATURES) - set(feature_changes.index[feature_changes <= 1e-9 * plain[list(FEATURES)].abs().max()])
         (used,) = distinct_extractions(read_extractions(other, "t"))
         (found,) = [difference for difference in differences(STUDY, used) if difference.setting == setting]
         changed = {name for name in FEATURES if found.changes(name)}
@@ -135,15 +135,15 @@ def test_a_setting_changes_the_features_that_it_is_said_to_change(images, tmp_pa
         assert len(moved) >= 0.75 * len(changed), (setting, changed - moved)
 
 
-def test_rows_of_other_rois_and_features_are_left_out_and_counted(table):
+def test_rows_of_other_rois_and_features_are_skipped_and_counted(table):
     recording = load_recording(table(change=lambda t: t.drop(columns=FEATURES[40]), rois=ROIS[1:]))
     assert recording.repeats["roi"].unique().tolist() == ["cyst"] and len(recording.features) == 85
     assert "ignored: 6 rows of ROIs that recording.yaml does not name" in recording.notes
     assert f"missing: 1 of the 86 features ({FEATURES[40]})" in recording.notes
 
 
-def test_columns_of_one_s_own(table):
-    """A person's own names: cases, and ROIs with their classes in columns."""
+def test_user_columns(table):
+    """User names: cases, and ROIs with their classes in columns."""
 
     def named(t):
         t = t.rename(columns={"ID": "Case", "Label": "Segment"}).drop(columns="Image")
@@ -161,7 +161,7 @@ def test_columns_of_one_s_own(table):
     assert whole.repeats["tissue_class"].nunique() == 1 and len(whole.repeats) == 12
 
 
-def spoiled(**columns):
+def damaged(**columns):
     return lambda t: t.assign(**columns)
 
 
@@ -191,16 +191,16 @@ def spoiled(**columns):
             "has no rows below its header; use the table that pyradiomics wrote",
         ),
         (lambda t: t.drop(columns=list(FEATURES)), ROIS, "have none of the 86 features of the study in common"),
-        (spoiled(**{FEATURES[3]: float("nan")}), ROIS, f"{FEATURES[3]} is nan for roi liver"),
+        (damaged(**{FEATURES[3]: float("nan")}), ROIS, f"{FEATURES[3]} is nan for roi liver"),
         (
-            spoiled(diagnostics_Configuration_Settings="os.remove('x')"),
+            damaged(diagnostics_Configuration_Settings="os.remove('x')"),
             ROIS,
             "not a dictionary as pyradiomics writes it",
         ),
-        (spoiled(diagnostics_Configuration_Settings="{" * 900), ROIS, "not a dictionary as pyradiomics"),
-        (spoiled(diagnostics_Configuration_Settings="{1: 2}"), ROIS, "not a dictionary as pyradiomics"),
+        (damaged(diagnostics_Configuration_Settings="{" * 900), ROIS, "not a dictionary as pyradiomics"),
+        (damaged(diagnostics_Configuration_Settings="{1: 2}"), ROIS, "not a dictionary as pyradiomics"),
         (
-            spoiled(diagnostics_Configuration_EnabledImageTypes="{'Original': 5}"),
+            damaged(diagnostics_Configuration_EnabledImageTypes="{'Original': 5}"),
             ROIS,
             "row 2: diagnostics_Configuration_EnabledImageTypes holds",
         ),
@@ -212,26 +212,26 @@ def spoiled(**columns):
             "repeats were extracted with binWidth 25 and 50; list a column that distinguishes them",
         ),
         (
-            spoiled(diagnostics_Configuration_Settings="{'force2D': True}"),
+            damaged(diagnostics_Configuration_Settings="{'force2D': True}"),
             ROIS,
             "was extracted slice by slice (force2D), but recording.yaml says features.dimensions 3",
         ),
     ],
 )
-def test_one_line_for_what_is_wrong(table, change, rois, message):
+def test_error_is_one_line(table, change, rois, message):
     refused(table(change=change, rois=rois), message)
 
 
-def test_a_second_run_into_the_same_file_is_refused(table, written):
-    """pyradiomics appends to what --out names."""
+def test_second_run_into_the_same_file_is_rejected(table, written):
+    """pyradiomics appends to the file given by --out."""
     folder = table()
     (folder / "t.csv").write_text(written["same"] + written["same"])
     refused(folder, "t.csv: row 14 repeats the column names")
 
 
-def test_conditions_may_have_settings_of_their_own(table):
+def test_conditions_may_have_their_own_settings(table):
     def other(t):
         return t.assign(diagnostics_Configuration_Settings=t["Dose"].map("{{'binWidth': {}}}".format))
 
     recording = load_recording(table(change=other, conditions=["Dose"]))
-    assert [one.settings["binWidth"] for one in recording.extractions] == [3, 10]
+    assert [extraction.settings["binWidth"] for extraction in recording.extractions] == [3, 10]

@@ -1,4 +1,4 @@
-"""The phantom found again in images of it that were shifted, turned, sampled otherwise and made noisy."""
+"""Alignment of the phantom with images of it that were shifted, rotated, resampled and noisy."""
 
 import math
 from dataclasses import replace
@@ -28,7 +28,7 @@ from virtual_phantom.simulation.acquire import simulate_counts
 REAL = Path(__file__).resolve().parents[2] / "../shared/real"
 GRID = Grid((16, 64, 64), (3.0, 3.0, 3.0), (5.0, -40.0, 300.0))
 OTHER_GRID = Grid((26, 90, 96), (2.5, 2.5, 2.2), (30.0, 10.0, -20.0))
-# The same boxes in an eighth of the voxels, for what does not ask for a precise place.
+# The same boxes with an eighth of the voxels, for tests that need no precise position.
 COARSE = Grid((8, 32, 32), (6.0, 6.0, 6.0), GRID.centre_mm)
 OTHER_COARSE = Grid((13, 45, 48), (5.0, 5.0, 4.4), OTHER_GRID.centre_mm)
 MU_WATER = 0.02
@@ -36,7 +36,7 @@ BALLS = {"bright": ((40, 20, 6), 16.0, 120.0), "dark": ((-40, -16, -8), 14.0, -9
 
 
 def object_hu(points: np.ndarray) -> np.ndarray:
-    """An elliptic body, 170 x 130 mm, with three balls, at points (..., 3) from its centre, mm (x, y, z)."""
+    """HU of an elliptic body, 170 x 130 mm, with three balls, at points (..., 3) from its center, mm (x, y, z)."""
     x, y, z = np.moveaxis(points, -1, 0)
     hu = np.where((x / 85) ** 2 + (y / 65) ** 2 < 1, 30.0, -1000.0)
     for name, (_, _, value) in BALLS.items():
@@ -50,7 +50,7 @@ def in_ball(name: str, points: np.ndarray) -> np.ndarray:
 
 
 def points_of(grid: Grid, transform=None) -> np.ndarray:
-    """Voxel centres (z, y, x, 3), carried back by a transform of the phantom's world, from the phantom's centre, mm."""
+    """Voxel centers (z, y, x, 3), transformed back to the phantom's world, relative to the phantom's center, mm."""
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
     points = np.stack([x, y, z], axis=-1) + grid.centre_mm
     if transform is not None:
@@ -76,7 +76,7 @@ def coarse():
 
 
 def placed(rotation_deg, shift_mm):
-    """The phantom's centre at the recording's, then shifted; rotated about it."""
+    """Transform that puts the phantom's center at the recording's and shifts and rotates it."""
     centre = np.array(OTHER_GRID.centre_mm) - GRID.centre_mm
     return rigid_transform(GRID.centre_mm, rotation_deg, centre + shift_mm)
 
@@ -91,7 +91,7 @@ def align(image, phantom, name):
 
 @pytest.fixture(scope="module")
 def aligned(phantom):
-    """An image of the phantom at TURNED, on a table, and the alignment found."""
+    """Image of the phantom at TURNED on a table, and its alignment."""
     image = scanned(TURNED, table=True)
     return image, align(image, phantom, name="a")
 
@@ -105,14 +105,14 @@ def scanned(transform, noise_hu=20.0, table=False, function=object_hu, seed=1, g
 
 
 def errors(found, truth, grid=GRID) -> tuple[np.ndarray, float]:
-    """Displacement of the phantom's centre, mm (x, y, z), and angle between the rotations, degrees."""
+    """Displacement of the phantom's center, mm (x, y, z), and angle between the rotations, degrees."""
     found, truth = np.array(found.matrix), matrix_of(truth)
     turn = np.linalg.inv(truth[:3, :3]) @ found[:3, :3]
     angle = math.degrees(math.acos(min(1, (np.trace(turn) - 1) / 2)))
     return ((found - truth) @ [*grid.centre_mm, 1])[:3], angle
 
 
-def test_a_known_place_is_found_again(aligned):
+def test_known_position_is_found(aligned):
     _, found = aligned
     shift, angle = errors(found, TURNED)
     assert np.abs(shift).max() < 0.2 * min(OTHER_GRID.spacing) and angle < 0.1
@@ -120,7 +120,7 @@ def test_a_known_place_is_found_again(aligned):
     assert found.edge_mm < 0.3 and abs(found.growth_mm) < 0.2 and found.undetermined == ()
 
 
-def test_the_same_image_gives_the_same_numbers(coarse):
+def test_alignment_is_reproducible(coarse):
     image = scanned(TURNED, grid=OTHER_COARSE)
     first = align(image, coarse, name="a")
     assert np.abs(errors(first, TURNED, COARSE)[0]).max() < 0.2 * min(OTHER_COARSE.spacing)
@@ -145,7 +145,7 @@ def other_object(points):
         (lambda points: 0 * points[..., 0] - 1000, "no voxel is above -500 HU"),
     ],
 )
-def test_another_object_is_refused(coarse, function, message):
+def test_another_object_is_rejected(coarse, function, message):
     image = scanned(placed((0, 0, 2), (5, 5, 0)), noise_hu=10, function=function, grid=OTHER_COARSE)
     with pytest.raises(InputError) as error:
         align(image, coarse, name="scanner_a")
@@ -153,8 +153,8 @@ def test_another_object_is_refused(coarse, function, message):
     assert "\n" not in str(error.value)
 
 
-def test_what_a_uniform_cylinder_does_not_tell_is_said():
-    """Balls through all slices: z cannot be known."""
+def test_unconstrained_directions_of_a_uniform_cylinder_are_reported():
+    """Rods through all slices: the position along z is unknown."""
 
     def rods(points):
         return object_hu(points * [1, 1, 0])
@@ -169,16 +169,16 @@ def rois_on(grid, transform=None):
     return tuple(Roi(name, "tissue", sampled(lambda p: in_ball(name, p), grid, transform) >= 0.5) for name in BALLS)  # noqa: B023
 
 
-def test_rois_are_carried_to_where_they_are(aligned):
+def test_rois_follow_the_alignment(aligned):
     image, found = aligned
     carried = transfer_rois(found, rois_on(GRID), GRID, image, "a")
     for roi, right in zip(carried, rois_on(OTHER_GRID, TURNED), strict=True):
         assert roi.name == right.name and roi.mask.shape == OTHER_GRID.shape
         overlap = 2 * (roi.mask & right.mask).sum() / (roi.mask.sum() + right.mask.sum())
-        assert overlap > 0.9, roi.name  # half of the voxels of a ball of 9 mm lie at its surface
+        assert overlap > 0.9, roi.name  # half of the voxels of a ball of 9 mm are at its surface
 
 
-def test_rois_out_of_sight_are_refused(aligned):
+def test_rois_outside_of_the_image_are_rejected(aligned):
     image, found = aligned
     lower = OTHER_GRID.shape[0] // 2 - 2
     middle = OTHER_GRID.centre_mm[2] - (OTHER_GRID.shape[0] - lower) / 2 * OTHER_GRID.spacing[0]
@@ -204,7 +204,7 @@ def recording_of(folder, images, **content):
     return load_recording(folder)
 
 
-def test_repeats_are_averaged_and_a_moved_one_is_refused(coarse, tmp_path):
+def test_repeats_are_averaged_and_a_moved_one_is_rejected(coarse, tmp_path):
     truth = placed((0, 0, 3), (5, -6, 2))
     still = [scanned(truth, 14, seed=seed, grid=OTHER_COARSE) for seed in range(3)]
     found, mean, shifts = align_recording(recording_of(tmp_path / "still", still), coarse)
@@ -217,7 +217,7 @@ def test_repeats_are_averaged_and_a_moved_one_is_refused(coarse, tmp_path):
         align_recording(recording_of(tmp_path / "moved", moved), coarse)
 
 
-def test_only_the_study_s_own_phantom(phantom, tmp_path):
+def test_only_the_phantom_of_the_study_is_aligned(phantom, tmp_path):
     image = scanned(placed((0, 0, 0), (0, 0, 0)))
     assert check_same_phantom(recording_of(tmp_path / "any", [image]), "ct", "a.nii.gz") is None
     named = recording_of(tmp_path / "named", [image], phantom="synthetic")
@@ -231,7 +231,7 @@ def test_only_the_study_s_own_phantom(phantom, tmp_path):
 
 
 def simulated_scan(source: Volume, transform, grid: Grid, noise_level=1e-5) -> Volume:
-    """A noisy helical scan, FBP, of a volume that a transform of its world puts somewhere else, HU on `grid`."""
+    """Noisy helical scan, FBP, of a volume moved by a transform of its world, HU on `grid`."""
     image = itk_image(source.array, source.grid)
     array = itk_resample(image, grid, transform.GetInverse(), -1000.0)
     geometry = helical(
@@ -252,15 +252,15 @@ def simulated_scan(source: Volume, transform, grid: Grid, noise_level=1e-5) -> V
 
 @pytest.mark.real
 @pytest.mark.skipif(not REAL.exists(), reason="the real measurements are not beside this checkout")
-def test_a_simulated_scan_of_the_clinical_ct_registered_back():
-    """Within 0.2 voxel and 0.1 degree."""
+def test_simulated_scan_of_the_clinical_ct_is_registered():
+    """Within 0.2 voxels and 0.1 degrees."""
     centre = (3.5, 156.5, -785.5)
     image = ct.read_hu(REAL / "abdomen_ct" / "dicom")
     trunk = ct.trimmed(image, [[-178, 185], [22, 291]])
     study = Grid((20, 144, 144), (2.0, 2.6, 2.6), centre)
     phantom = Volume(ct.resample(trunk, study, outside=-1000.0), study)
-    own = Grid((32, 220, 220), (2.0, 2.0, 2.0), (centre[0] + 3, centre[1] - 14, centre[2] + 4))
+    scan_grid = Grid((32, 220, 220), (2.0, 2.0, 2.0), (centre[0] + 3, centre[1] - 14, centre[2] + 4))
     truth = rigid_transform(centre, (0.8, -0.6, 5), (9, -17, 5))
-    found = align(simulated_scan(trunk, truth, own), phantom, name="abdomen")
+    found = align(simulated_scan(trunk, truth, scan_grid), phantom, name="abdomen")
     shift, angle = errors(found, truth, study)
     assert np.abs(shift).max() < 0.2 * 2.0 and angle < 0.1, (shift, angle)

@@ -1,4 +1,4 @@
-"""DICOM-CT-PD: what is written by us is read back, by us and by positions written out from the format's paper."""
+"""DICOM-CT-PD: written files are read back, and positions agree with equations from the format's paper."""
 
 import math
 import shutil
@@ -23,7 +23,7 @@ from virtual_phantom.recordings.importers import command
 from virtual_phantom.recordings.importers.dicom_ct_pd import import_dicom_ct_pd
 
 SPOTS = ((-0.66, 3.0, -0.6), (0.66, 3.0, -0.6), (-0.66, -3.0, 0.6), (0.66, -3.0, 0.6))
-# A scanner of 736 columns in miniature: fewer and wider ones.
+# A scanner of 736 columns with fewer and wider ones.
 GEOMETRY = helical(
     views=40,
     turns=1.25,
@@ -61,7 +61,7 @@ def scan(written, tmp_path):
 
 
 def change(folder, *files, **elements):
-    """Set elements, named by tag or keyword, in these files; without any in all."""
+    """Set elements by tag or keyword in these files, or in all."""
     for path in [folder / f"view{number:06d}.dcm" for number in files] or sorted(folder.glob("*.dcm")):
         dataset = pydicom.dcmread(path)
         for name, value in elements.items():
@@ -70,7 +70,7 @@ def change(folder, *files, **elements):
         dataset.save_as(path)
 
 
-def test_what_is_written_is_read_back(scan, tmp_path):
+def test_written_scan_is_read_back(scan, tmp_path):
     recording = import_dicom_ct_pd(scan, tmp_path / "clinic")
     geometry = recording.geometry
     assert geometry.shape == GEOMETRY.shape and geometry.surface == "cylindrical"
@@ -89,7 +89,7 @@ def test_what_is_written_is_read_back(scan, tmp_path):
     assert origin["sha256"] == [found.split()[0]] and origin["files"] == GEOMETRY.views
 
 
-def test_elements_are_where_the_paper_puts_them(scan):
+def test_element_positions_agree_with_the_paper(scan):
     """Chen et al. (2015): source and elements of one file in cylindrical coordinates, x = -r sin a, y = r cos a."""
     one = pydicom.dcmread(scan / "view000007.dcm")
     value = {name: one[getattr(pd, name)].value for name in ("FOCAL_ANGLE", "FOCAL_Z", "FOCAL_RADIUS", "DISTANCE")}
@@ -112,8 +112,8 @@ def test_elements_are_where_the_paper_puts_them(scan):
     assert line == pytest.approx(LINES[6, 8 - row, 90], abs=float(np.ptp(LINES)) / 65535)
 
 
-def test_bytes_of_unknown_representation_and_upright_pixels_are_read(scan, tmp_path):
-    """As of files that are in implicit VR, and of pixels one row after another."""
+def test_bytes_of_unknown_representation_and_column_major_pixels_are_read(scan, tmp_path):
+    """As in files in implicit VR, and of pixels stored row after row."""
     for path in sorted(scan.glob("*.dcm")):
         dataset = pydicom.dcmread(path)
         for element in list(dataset):
@@ -142,20 +142,20 @@ def test_several_frames_of_a_file_are_views(scan, tmp_path):
     folder = tmp_path / "frames"
     folder.mkdir()
     views = [pydicom.dcmread(path) for path in sorted(scan.glob("*.dcm"))]
-    own = (pd.FOCAL_ANGLE, pd.FOCAL_Z, pd.SPOT_ANGLE, pd.SPOT_Z, pd.SPOT_RADIUS)
+    spot_elements = (pd.FOCAL_ANGLE, pd.FOCAL_Z, pd.SPOT_ANGLE, pd.SPOT_Z, pd.SPOT_RADIUS)
     for part in range(2):
         some, whole = views[20 * part : 20 * part + 20], pydicom.dcmread(scan / "view000001.dcm")
         items = []
         for view in some:
             item, rescale, place = Dataset(), Dataset(), Dataset()
-            for tag in own:
+            for tag in spot_elements:
                 place[tag] = view[tag]
             rescale.RescaleSlope, rescale.RescaleIntercept = view.RescaleSlope, view.RescaleIntercept
             item.PixelValueTransformationSequence = Sequence([rescale])
             item.add_new((0x7031, 0x0010), "LO", pd.CREATORS[0x7031])
             item.add_new((0x7031, 0x1099), "SQ", Sequence([place]))
             items.append(item)
-        for tag in (*own, Tag("RescaleSlope"), Tag("RescaleIntercept")):
+        for tag in (*spot_elements, Tag("RescaleSlope"), Tag("RescaleIntercept")):
             del whole[tag]
         whole.PerFrameFunctionalGroupsSequence, whole.NumberOfFrames = Sequence(items), len(items)
         whole.InstanceNumber = part + 1
@@ -166,7 +166,7 @@ def test_several_frames_of_a_file_are_views(scan, tmp_path):
     np.testing.assert_allclose(recording.repeats[0].data, LINES, atol=1e-4)
 
 
-def test_corrections_photons_and_labels_come_along_and_patients_do_not(scan, tmp_path, capsys):
+def test_corrections_photons_and_labels_are_read_and_patient_data_are_not(scan, tmp_path, capsys):
     for path in scan.glob("*.dcm"):
         dataset = pydicom.dcmread(path)
         dataset.PatientName, dataset.InstitutionName, dataset.KVP, dataset.XRayTubeCurrent = (
@@ -219,7 +219,7 @@ def test_corrections_photons_and_labels_come_along_and_patients_do_not(scan, tmp
         (lambda f: [path.unlink() for path in f.glob("*.dcm")], "has no DICOM file"),
     ],
 )
-def test_contradictions_end_in_one_line(spoil, message, scan, tmp_path):
+def test_contradictions_are_one_line(spoil, message, scan, tmp_path):
     spoil(scan)
     import_refused(tmp_path / "clinic", lambda: import_dicom_ct_pd(scan, tmp_path / "clinic"), message)
 
@@ -231,23 +231,23 @@ def swap(folder):
         one.save_as(path)
 
 
-def test_swapped_shifts_are_swapped_back_where_that_is_said(scan, tmp_path):
+def test_swapped_shifts_are_corrected_on_request(scan, tmp_path):
     swap(scan)
     recording = import_dicom_ct_pd(scan, tmp_path / "clinic", swapped_shifts=True)
     np.testing.assert_allclose(recording.geometry.source_mm, GEOMETRY.source_mm, atol=2e-4)
 
 
-def test_an_independent_reader_finds_the_same(written):
-    """pyxu-ldct-reader 1.0.0, where it is installed; its angles of elements are about the isocentre."""
+def test_independent_reader_finds_the_same(written):
+    """pyxu-ldct-reader 1.0.0, if it is installed; its angles of elements are about the isocenter."""
     reader = pytest.importorskip("pyxu_ldct_reader.reader", reason="pyxu-ldct-reader is not installed")
     if not hasattr(pydicom, "read_file"):
-        pydicom.read_file = pydicom.dcmread  # which it calls, and pydicom 3 has no more
+        pydicom.read_file = pydicom.dcmread  # called by the reader, and removed in pydicom 3
     values, ways, starts = reader.load_projections(str(written))
     assert values.shape == (40, 92, 8)
     np.testing.assert_allclose(values.transpose(0, 2, 1)[:, ::-1], LINES, atol=1e-4)
     x, y, z = np.moveaxis(starts[:, 0, 0], -1, 0)
     np.testing.assert_allclose(np.stack([y, x, -z], axis=1), GEOMETRY.source_mm, atol=1e-3)
-    # Right behind the axis both agree: the central column, along z too.
+    # The central column is in both on the central ray, also along z.
     middle = round(float((92 + 1) / 2 - GEOMETRY.column_offset_px)) - 1
     x, y, z = np.moveaxis(ways[:, middle], -1, 0)
     expected = np.array(

@@ -1,4 +1,4 @@
-"""A tree of DICOM files: every scan in it becomes a repeat, or a note says why not."""
+"""A tree of DICOM files: every scan in it becomes a repeat, or a note gives the reason."""
 
 import os
 import shutil
@@ -31,7 +31,7 @@ def scan(folder, seed, kernel="Br38f", **attributes):
 
 
 def means(tree, tmp_path, **options):
-    """Per repeat, the mean over the voxels: it identifies the scan."""
+    """Mean of the voxels per repeat, which identifies the scan."""
     recording = import_dicom_tree(tree, tmp_path / "recording", **options)
     return [float(image.array.mean()) for image in recording.repeats]
 
@@ -95,19 +95,19 @@ def test_three_scans_are_three_repeats(kind, tree, expected, tmp_path, caplog):
     assert notes(caplog) == expected_notes.get(kind, [])
 
 
-def test_a_copy_of_a_scan_is_no_repeat(tree, expected, tmp_path, caplog):
+def test_copy_of_a_scan_is_no_repeat(tree, expected, tmp_path, caplog):
     shutil.copytree(tree / "scan1", tree / "scan1_copy")
     assert means(tree, tmp_path) == expected
     assert f"{tree}/scan1_copy: not used: copy of {tree}/scan1" in notes(caplog)
 
 
-def test_a_series_spread_over_folders_is_one_repeat(tree, expected, tmp_path):
+def test_series_spread_over_folders_is_one_repeat(tree, expected, tmp_path):
     for number, path in enumerate(sorted((tree / "scan1").iterdir())):
         os.renames(path, tree / "scan1" / f"DIR{number // 5}" / path.name)
     assert means(tree, tmp_path) == expected
 
 
-def test_a_kernel_is_chosen_among_series_of_one_folder(tree, expected, tmp_path):
+def test_kernel_selects_among_series_of_one_folder(tree, expected, tmp_path):
     sharp = scan(tmp_path / "sharp", 7, kernel="Br59d", SeriesNumber=2)
     for path in sharp.iterdir():
         path.rename(tree / "scan1" / f"sharp{path.name}")
@@ -118,7 +118,7 @@ def test_a_kernel_is_chosen_among_series_of_one_folder(tree, expected, tmp_path)
         means(tree, tmp_path / "again")
 
 
-def test_folders_that_are_not_used_are_named(tree, expected, tmp_path, caplog):
+def test_unused_folders_are_named(tree, expected, tmp_path, caplog):
     caplog.clear()
     iodine = scan(tree / "iodine", 8, RescaleType="MGML")
     scout = scan(tree / "scout", 9, ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"])
@@ -140,10 +140,10 @@ def test_rounding_in_headers_makes_no_difference(tmp_path):
     scan(tree / "b", 1, PixelSpacing=[2.000001, 2], SliceThickness=3.00001, KVP=120.00001)
     recording = import_dicom_tree(tree, tmp_path / "recording")
     assert len(recording.repeats) == 2 and recording.grid.matches(CT_GRID, 0.02)
-    np.testing.assert_allclose(np.mean([one.array for one in recording.repeats]), object_hu().mean(), atol=3)
+    np.testing.assert_allclose(np.mean([repeat.array for repeat in recording.repeats]), object_hu().mean(), atol=3)
 
 
-@pytest.mark.filterwarnings("ignore:The value length")  # of the text that is too long by intent
+@pytest.mark.filterwarnings("ignore:The value length")  # text that is too long on purpose
 @pytest.mark.parametrize(
     ("attributes", "message"),
     [
@@ -151,19 +151,19 @@ def test_rounding_in_headers_makes_no_difference(tmp_path):
         ({"SpiralPitchFactor": float("inf")}, "SpiralPitchFactor is not a finite number"),
     ],
 )
-def test_a_wrong_fact_is_named(attributes, message, tmp_path):
+def test_wrong_attribute_is_named(attributes, message, tmp_path):
     with pytest.raises(InputError, match=message):
         means(scan(tmp_path / "tree", 0, **attributes), tmp_path)
 
 
-def test_numbers_that_no_scan_has_are_reported_and_left_out(tmp_path, caplog):
-    """Scanners write 0 for what they do not know."""
+def test_impossible_values_are_reported_and_omitted(tmp_path, caplog):
+    """Scanners write 0 for unknown values."""
     known = {"DistanceSourceToPatient": 0, "DistanceSourceToDetector": 1500, "SpiralPitchFactor": 0, "CTDIvol": -1}
     recording = import_dicom_tree(scan(tmp_path / "tree" / "scan", 0, **known), tmp_path / "recording")
     content = recording.document.content
     assert content["scan"] == {"source_to_detector_mm": 1500} and content["nominal"]["tube_kvp"] == 120
     assert not {"pitch", "dose_mgy"} & content["nominal"].keys()
-    (line,) = (one for one in caplog.messages if "omitted" in one)
+    (line,) = (message for message in caplog.messages if "omitted" in message)
     assert "pitch (0.0), dose_mgy (-1.0), source_to_isocentre_mm (0.0)" in line
 
 
@@ -175,7 +175,7 @@ def test_numbers_that_no_scan_has_are_reported_and_left_out(tmp_path, caplog):
         ({"PixelSpacing": [0.2, 0.2]}, "size", "where at least 60 mm are expected"),
     ],
 )
-def test_a_series_that_is_no_ct_in_hu_is_named_and_can_be_overruled(change, check, words, tmp_path):
+def test_series_not_in_hu_is_named_and_can_be_overruled(change, check, words, tmp_path):
     folder = scan(tmp_path / "tree" / "a", 1, **change)
     target = tmp_path / "recording"
     with pytest.raises(InputError) as error:
@@ -189,7 +189,7 @@ def test_a_series_that_is_no_ct_in_hu_is_named_and_can_be_overruled(change, chec
         import_dicom_tree(folder, tmp_path / "other", not_checked=["sizes"])
 
 
-def test_a_file_instead_of_a_folder_is_named(tmp_path):
+def test_file_instead_of_a_folder_is_named(tmp_path):
     folder = scan(tmp_path / "a", 1)
     with pytest.raises(InputError, match=r"001.dcm: is one DICOM file; use the top folder of a tree of DICOM series"):
         import_dicom_tree(folder / "001.dcm", tmp_path / "b")
@@ -198,7 +198,7 @@ def test_a_file_instead_of_a_folder_is_named(tmp_path):
         import_dicom_tree(tmp_path / "a.zip", tmp_path / "b")
 
 
-def test_an_imported_scan_keeps_its_rotation_so_that_regions_drawn_on_it_fit(tmp_path):
+def test_imported_scan_keeps_its_rotation_so_that_its_regions_fit(tmp_path):
     turn, slices = np.radians(0.9), ct_slices()
     across, along = np.array([0, np.cos(turn), np.sin(turn)]), np.array([0, -np.sin(turn), np.cos(turn)])
     for k, one in enumerate(slices):

@@ -1,4 +1,4 @@
-"""recording.yaml: keys, names of files, and lengths that are not millimetres."""
+"""recording.yaml: keys, file names, and lengths in other units than millimeters."""
 
 import numpy as np
 import pytest
@@ -52,12 +52,12 @@ def test_defaults_and_files(bench):
         ("scan.flying_focal_spot", [{"columns_mm": 1.0}], "flying_focal_spot"),
     ],
 )
-def test_mistakes_are_told_in_one_line(bench, path, value, message):
+def test_mistakes_are_one_line(bench, path, value, message):
     folder, content = bench
     refused(write_yaml(folder, changed(content, path, value)), message)
 
 
-def test_all_mistakes_are_told_at_once(bench):
+def test_all_mistakes_are_reported_together(bench):
     folder, content = bench
     wrong = {
         "scna": {},
@@ -72,7 +72,7 @@ def test_all_mistakes_are_told_at_once(bench):
         content = changed(content, path, value)
     with pytest.raises(InputErrors) as error:
         read_document(write_yaml(folder, content))
-    said = (
+    expected_line = (
         "scan.column_offset_px is nan; give a finite number",
         "unknown key 'scna'",
         "scan.views: 24.5 is not of type 'integer'",
@@ -82,9 +82,9 @@ def test_all_mistakes_are_told_at_once(bench):
         "'gone.h5' does not exist",
         "'a.h5' is under both repeats and held_out",
     )
-    for one in said:
+    for one in expected_line:
         assert sum(one in line for line in error.value.lines) == 1, (one, error.value.lines)
-    assert len(error.value.lines) == len(said)
+    assert len(error.value.lines) == len(expected_line)
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_paths_stay_in_the_folder(bench, tmp_path, name):
     refused(write_yaml(folder, changed(content, "repeats", [name])), "out of the folder")
 
 
-def test_absolute_paths_and_links_out_of_the_folder_are_refused(bench, tmp_path):
+def test_absolute_paths_and_links_out_of_the_folder_are_rejected(bench, tmp_path):
     folder, content = bench
     outside = tmp_path / "outside.h5"
     outside.write_bytes((folder / "a.h5").read_bytes())
@@ -108,16 +108,16 @@ def test_absolute_paths_and_links_out_of_the_folder_are_refused(bench, tmp_path)
 @pytest.mark.parametrize(
     "text, message", [("a: [1", "cannot be read as YAML"), ("- 1", "is not a mapping"), ("", "is empty")]
 )
-def test_what_is_not_a_mapping_is_refused(tmp_path, text, message):
+def test_other_types_than_mappings_are_rejected(tmp_path, text, message):
     (tmp_path / "recording.yaml").write_text(text)
     refused(tmp_path, message)
 
 
-def test_a_folder_without_recording_yaml_is_refused(tmp_path):
+def test_folder_without_recording_yaml_is_rejected(tmp_path):
     refused(tmp_path, "no such file; a recording is a folder with a recording.yaml")
 
 
-def test_a_recording_of_features_has_no_scan(tmp_path):
+def test_recording_of_features_has_no_scan(tmp_path):
     folder, content = features_folder(tmp_path / "table")
     refused(write_yaml(folder, content | {"scan": SCAN}), "'scan' has no meaning in a recording of features")
 
@@ -132,8 +132,8 @@ CLINICAL = SCAN | {
 
 
 @given(st.sets(st.sampled_from(LENGTHS), min_size=1), st.sampled_from([0.1, 10.0]))
-def test_any_length_in_centimetres_or_tenths_is_noticed(wrong, factor):
-    """Whichever lengths are given in another unit, all of them included, the geometry becomes implausible."""
+def test_lengths_in_centimeters_or_tenths_are_detected(wrong, factor):
+    """Any subset of lengths in another unit, including all of them, makes the geometry implausible."""
     scan = CLINICAL | {"rows": 64, "row_pitch_mm": 1.2}
     scan_geometry(scan, "right")
     mixed = scan | {key: scan[key] * factor for key in wrong}
@@ -143,7 +143,7 @@ def test_any_length_in_centimetres_or_tenths_is_noticed(wrong, factor):
 
 
 def read_like(scan):
-    """What the schema and then the geometry say of a scan section."""
+    """Errors of the schema and then of the geometry for a scan section."""
     from virtual_phantom.io.schema import read_schema, validate
     from virtual_phantom.recordings.document import SCHEMA
 
@@ -163,7 +163,7 @@ def read_like(scan):
         ({}, None, None, "cannot be diagnosed"),
     ],
 )
-def test_times_are_as_stated_or_said_to_be_taken_for_granted(stated, interval_ms, exposure_ms, words):
+def test_times_are_as_stated_or_reported_as_assumed(stated, interval_ms, exposure_ms, words):
     scan = {key: value for key, value in SCAN.items() if key != "rotation_time_ms"} | stated
     geometry = scan_geometry(scan, "a")
     assert (geometry.view_interval_ms, geometry.exposure_ms) == (interval_ms, exposure_ms)
@@ -186,7 +186,7 @@ def test_times_are_as_stated_or_said_to_be_taken_for_granted(stated, interval_ms
         ({"exposure_ms": 30}, "scan.exposure_ms 30 is longer than the time between views, 20 ms"),
     ],
 )
-def test_times_that_contradict_each_other_are_refused(stated, message):
+def test_contradictory_times_are_rejected(stated, message):
     with pytest.raises(InputError, match=message):
         scan_geometry(SCAN | stated, "a")
 

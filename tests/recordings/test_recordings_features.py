@@ -1,4 +1,4 @@
-"""Features: tables read back value by value, and columns, names and rows that do not belong."""
+"""Feature recordings: tables are read value by value, and wrong columns, names and rows are rejected."""
 
 import numpy as np
 import pandas as pd
@@ -19,7 +19,7 @@ def table(tmp_path):
     return features_folder(tmp_path / "table")
 
 
-def test_values_come_back_bit_for_bit(table):
+def test_values_are_read_bit_for_bit(table):
     recording = load_recording(table[0])
     written = pd.concat([features_table(), features_table(start=3)], ignore_index=True)
     pd.testing.assert_frame_equal(recording.repeats, written[recording.repeats.columns], check_exact=True)
@@ -35,7 +35,7 @@ def test_any_finite_value_survives(tmp_path_factory, values):
     np.testing.assert_array_equal(read_table(path)["original_glcm_Id"], values)
 
 
-def spoiled(table, change):
+def damaged(table, change):
     folder, _ = table
     change(features_table(start=3)).to_csv(folder / "b.csv", index=False)
     return folder
@@ -66,11 +66,11 @@ def spoiled(table, change):
         (lambda t: features_table(start=3, mean=1100.0), "set features.stored_offset_hu: 1024"),
     ],
 )
-def test_tables_that_are_something_else(table, change, message):
-    refused(spoiled(table, change), message)
+def test_other_tables_are_rejected(table, change, message):
+    refused(damaged(table, change), message)
 
 
-def test_a_column_written_twice_is_refused(table):
+def test_duplicate_column_is_rejected(table):
     folder, _ = table
     lines = (folder / "b.csv").read_text().splitlines()
     (folder / "b.csv").write_text("\n".join(f"{line},{'roi' if i == 0 else 'x'}" for i, line in enumerate(lines)))
@@ -78,7 +78,7 @@ def test_a_column_written_twice_is_refused(table):
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b'a,"b\n1'])
-def test_what_is_not_csv_is_refused(table, content):
+def test_files_other_than_csv_are_rejected(table, content):
     (table[0] / "b.csv").write_bytes(content)
     refused(table[0], "b.csv: ")
 
@@ -93,7 +93,7 @@ def test_absent_features_must_be_named_and_known(table):
     refused(write_yaml(folder, changed(content, "features.absent", ["original_glcm_MC"])), "unknown feature")
 
 
-def test_stored_values_must_be_announced_and_are_then_left_alone(table):
+def test_stored_values_must_be_declared_and_are_unchanged(table):
     folder, content = table
     for name, start in (("a", 0), ("b", 3)):
         features_table(start=start, mean=1064.0).to_csv(folder / f"{name}.csv", index=False)
@@ -105,8 +105,8 @@ def test_stored_values_must_be_announced_and_are_then_left_alone(table):
     refused(folder, "set features.stored_offset_hu: 0")
 
 
-def test_summary_says_where_the_voxels_are_not_the_study_s(table):
-    """TotalEnergy is Energy times the volume of a voxel; without them nominal.voxel_mm says it."""
+def test_summary_reports_other_voxels_than_the_study(table):
+    """TotalEnergy is Energy times the volume of a voxel; without them nominal.voxel_mm is used."""
     folder, content = table
     for name, start in (("a", 0), ("b", 3)):
         rows = features_table(start=start)
@@ -146,7 +146,7 @@ def test_summary_counts_images_by_condition(table):
     assert found["notes"] == ["ROIs are missing in 1 of 6 images"]
 
 
-def test_the_listing_asks_of_a_table_for_nothing_that_it_does_not_need(table):
+def test_listing_reads_only_what_it_needs_from_a_table(table):
     folder, content = table
 
     def listing(features):

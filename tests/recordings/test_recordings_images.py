@@ -1,4 +1,4 @@
-"""Images: NIfTI and DICOM repeats, their ROIs, and every way in which they are not HU on one grid."""
+"""Image recordings: NIfTI and DICOM repeats, their ROIs, and images that are not HU on one grid."""
 
 import json
 import re
@@ -22,7 +22,7 @@ def scanner(tmp_path):
 
 
 def dicom_folder(folder, **tags):
-    """Two DICOM repeats; `tags` change attributes of the second one's slices."""
+    """Two DICOM repeats; `tags` change attributes of the second repeat's slices."""
     content = {"name": "clinic", "kind": "images", "repeats": ["one", "two"]}
     write_yaml(folder, content)
     facts = {"KVP": 120, "ConvolutionKernel": ["Br38f", "3"], "ManufacturerModelName": "Edge", "SliceThickness": 3}
@@ -35,7 +35,7 @@ def dicom_folder(folder, **tags):
     return folder, content
 
 
-def test_repeats_and_rois_are_read_in_place(scanner):
+def test_repeats_and_rois_are_read_at_their_positions(scanner):
     recording = load_recording(scanner[0])
     assert recording.grid.matches(CT_GRID) and len(recording.repeats) == 2 and len(recording.held_out) == 0
     for image in recording.repeats:
@@ -45,7 +45,7 @@ def test_repeats_and_rois_are_read_in_place(scanner):
     assert [roi.tissue_class for roi in recording.rois()] == ["tumour", "fat"]
 
 
-def test_dicom_facts_are_kept_and_patients_are_not(tmp_path):
+def test_dicom_facts_are_kept_and_patient_data_are_not(tmp_path):
     """PatientName is A^B, PatientID 1, StudyDate 20200101 in every slice."""
     folder, _ = dicom_folder(tmp_path / "clinic", PatientName="Doe^Jane", PatientBirthDate="19440101")
     recording = load_recording(folder)
@@ -59,7 +59,7 @@ def test_dicom_facts_are_kept_and_patients_are_not(tmp_path):
     }
     np.testing.assert_array_equal(recording.repeats[1].array, object_hu())
     text = json.dumps(summarize_recording(recording)) + repr(recording)
-    text = re.sub("[0-9a-f]{64}", "", text)  # among 28 checksums 1944 stands by chance now and then
+    text = re.sub("[0-9a-f]{64}", "", text)  # among 28 checksums, 1944 appears by chance occasionally
     for private in ("Doe", "Jane", "1944", "A^B", "20200101"):
         assert private not in text
     digests = summarize_recording(recording)["sha256"]
@@ -74,13 +74,13 @@ def test_dicom_facts_are_kept_and_patients_are_not(tmp_path):
         Grid((13, 40, 48), (3.0, 2.0, 2.0), phantom_files.CENTRE),
     ],
 )
-def test_a_repeat_on_another_grid_is_refused(scanner, grid):
+def test_repeat_on_another_grid_is_rejected(scanner, grid):
     write_nifti_array(object_hu()[: grid.shape[0]], scanner[0] / "two.nii.gz", grid=grid)
     refused(scanner[0], "two.nii.gz: is on another grid")
 
 
-def test_a_repeat_that_is_rotated_is_refused(scanner):
-    """0.9 degrees to either side: the ends of 48 pixels lie 0.74 of one apart."""
+def test_rotated_repeat_is_rejected(scanner):
+    """0.9 degrees in either direction: the ends of 48 pixels are 0.74 pixels apart."""
     for name, degrees in (("one", 0.9), ("two", -0.9)):
         turn = np.eye(4)
         turn[:3, :3] = Rotation.from_rotvec([0, 0, np.radians(degrees)]).as_matrix()
@@ -91,8 +91,8 @@ def test_a_repeat_that_is_rotated_is_refused(scanner):
 
 @pytest.mark.parametrize("offset", [1000, 1024])
 @pytest.mark.parametrize("padding", [None, -2000])
-def test_stored_values_are_refused(scanner, offset, padding):
-    """Padding gives stored values a minimum below 0: the tissue alone gives them away."""
+def test_stored_values_are_rejected(scanner, offset, padding):
+    """Padding gives stored values a minimum below 0: only the tissue reveals them."""
     array = object_hu() + offset
     if padding:
         array[:, :3] = padding
@@ -110,7 +110,7 @@ def test_stored_values_are_refused(scanner, offset, padding):
         (lambda hu: hu - 1024, "hu", "perhaps HU - 1000 or HU - 1024: add that first"),
     ],
 )
-def test_images_are_checked_as_a_ct_is_unless_it_is_named(scanner, spoil, check, message):
+def test_images_are_checked_like_a_ct_unless_the_check_is_named(scanner, spoil, check, message):
     folder, content = scanner
     array = object_hu()
     write_nifti_array(spoil(array), folder / "two.nii.gz")
@@ -119,7 +119,7 @@ def test_images_are_checked_as_a_ct_is_unless_it_is_named(scanner, spoil, check,
     refused(write_yaml(folder, content | {"not_checked": ["units"]}), "not_checked")
 
 
-def test_dicom_without_its_rescale_is_refused(tmp_path):
+def test_dicom_without_rescale_is_rejected(tmp_path):
     refused(dicom_folder(tmp_path / "r", RescaleIntercept=0)[0], "two: has no value below 0, so these are not HU")
 
 
@@ -134,11 +134,11 @@ def test_dicom_without_its_rescale_is_refused(tmp_path):
         ({"Modality": "MR"}, "modality is MR"),
     ],
 )
-def test_series_that_are_no_repeats_or_no_axial_ct(tmp_path, tags, message):
+def test_series_other_than_axial_ct_repeats_are_rejected(tmp_path, tags, message):
     refused(dicom_folder(tmp_path / "r", **tags)[0], message)
 
 
-def test_mixed_orientations_and_sheared_series_are_refused(tmp_path):
+def test_mixed_orientations_and_sheared_series_are_rejected(tmp_path):
     folder, _ = dicom_folder(tmp_path / "r")
     slices = ct_slices()
     slices[5].ImageOrientationPatient = [-1, 0, 0, 0, 1, 0]
@@ -152,7 +152,7 @@ def test_mixed_orientations_and_sheared_series_are_refused(tmp_path):
     refused(folder, "gantry tilt")
 
 
-def test_slices_that_disagree_are_refused(tmp_path):
+def test_inconsistent_slices_are_rejected(tmp_path):
     folder, _ = dicom_folder(tmp_path / "r")
     slices = ct_slices()
     for number, ds in enumerate(slices):
@@ -170,20 +170,20 @@ def test_nominal_must_not_contradict_dicom(tmp_path):
 
 
 @pytest.mark.parametrize("factor", [0.1, 100.0])
-def test_lengths_in_other_units_are_refused(scanner, factor):
+def test_lengths_in_other_units_are_rejected(scanner, factor):
     spacing = tuple(factor * s for s in CT_GRID.spacing)
     write_nifti_array(object_hu(), scanner[0] / "one.nii.gz", grid=Grid(CT_GRID.shape, spacing))
     refused(scanner[0], "one.nii.gz: is")
 
 
-def test_a_header_in_metres_is_refused(scanner):
+def test_header_in_meters_is_rejected(scanner):
     image = nibabel.Nifti1Image(object_hu().T, CT_GRID.affine)
     image.header.set_xyzt_units("meter")
     nibabel.save(image, scanner[0] / "one.nii.gz")
     refused(scanner[0], "its header gives lengths in meter")
 
 
-def test_broken_images_are_refused(scanner):
+def test_broken_images_are_rejected(scanner):
     array = object_hu()
     array[3, 4, 5] = np.nan
     write_nifti_array(array, scanner[0] / "two.nii.gz")
@@ -206,12 +206,12 @@ def test_broken_images_are_refused(scanner):
         ("scan", {"source_to_isocentre_mm": 1000, "source_to_detector_mm": 595}, "is not larger than"),
     ],
 )
-def test_regions_and_scan_facts_that_cannot_be(scanner, path, value, message):
+def test_impossible_regions_and_scan_facts_are_rejected(scanner, path, value, message):
     folder, content = scanner
     refused(write_yaml(folder, changed(content, path, value)), message)
 
 
-def test_padding_is_mentioned(scanner):
+def test_padding_is_reported(scanner):
     array = object_hu()
     array[:, :3] = -3024
     write_nifti_array(array, scanner[0] / "two.nii.gz")

@@ -1,4 +1,4 @@
-"""Importers: what they write loads and says the same as their source; broken sources leave nothing behind."""
+"""Importers: outputs load and agree with their source; broken sources leave nothing behind."""
 
 import re
 from pathlib import Path
@@ -38,7 +38,7 @@ PARAMETERS = {
 
 
 def mat_file(path, sinogram=None, **parameters):
-    """A challenge file in miniature; a parameter set to None is left out."""
+    """A small challenge file; parameters set to None are omitted."""
     sinogram = np.random.default_rng(0).random((13, 112)) if sinogram is None else sinogram
     fields = {key: value for key, value in (PARAMETERS | parameters).items() if value is not None}
     savemat(path, {"CtDataFull": {"type": "2d", "sinogram": sinogram, "parameters": fields}})
@@ -53,7 +53,7 @@ def import_refused(folder, run, message):
     assert not folder.exists() and not list(folder.parent.glob(".partial*"))
 
 
-def test_a_sinogram_becomes_a_fan_beam(tmp_path):
+def test_sinogram_becomes_a_fan_beam(tmp_path):
     sinogram = mat_file(tmp_path / "s.mat")
     recording = import_htc2022(tmp_path / "s.mat", tmp_path / "disc", phantom="disc")
     np.testing.assert_array_equal(recording.repeats[0].data[:, 0], sinogram[:, ::-1].astype(np.float32))
@@ -79,12 +79,12 @@ def test_a_sinogram_becomes_a_fan_beam(tmp_path):
         ({"sinogram": np.full((13, 112), np.nan)}, "disc/projections.h5: 1456 line integrals are NaN"),
     ],
 )
-def test_sinograms_that_cannot_be_right(tmp_path, changes, message):
+def test_impossible_sinograms_are_rejected(tmp_path, changes, message):
     mat_file(tmp_path / "s.mat", **changes)
     import_refused(tmp_path / "disc", lambda: import_htc2022(tmp_path / "s.mat", tmp_path / "disc"), message)
 
 
-def test_a_segmentation_becomes_the_mask_of_what_was_scanned(tmp_path):
+def test_segmentation_becomes_the_mask_of_the_object(tmp_path):
     mat_file(tmp_path / "s.mat")
     inside = np.zeros((64, 64), np.uint8)
     inside[4:12, 40:60] = 1  # above the middle and to the right of it
@@ -102,7 +102,7 @@ def test_a_segmentation_becomes_the_mask_of_what_was_scanned(tmp_path):
         import_refused(tmp_path / "b", run, message)
 
 
-def test_other_and_truncated_mat_files_are_refused(tmp_path):
+def test_other_and_truncated_mat_files_are_rejected(tmp_path):
     savemat(tmp_path / "seg.mat", {"reconFullFbpSeg": np.ones((4, 4))})
     mat_file(tmp_path / "s.mat")
     whole = (tmp_path / "s.mat").read_bytes()
@@ -116,7 +116,7 @@ def test_other_and_truncated_mat_files_are_refused(tmp_path):
         import_refused(tmp_path / "disc", run, message)
 
 
-def test_an_existing_folder_is_never_touched(tmp_path):
+def test_existing_folder_is_never_changed(tmp_path):
     mat_file(tmp_path / "s.mat")
     (tmp_path / "disc").mkdir()
     (tmp_path / "disc" / "mine.txt").write_text("mine")
@@ -127,7 +127,7 @@ def test_an_existing_folder_is_never_touched(tmp_path):
         import_htc2022(tmp_path / "s.mat", tmp_path / "a disc")
 
 
-def test_a_table_of_another_layout_is_refused(tmp_path):
+def test_table_of_another_layout_is_rejected(tmp_path):
     (tmp_path / "t.csv").write_text("roi,original_firstorder_Mean\na,1\n")
     run = lambda: import_features(tmp_path / "t.csv", tmp_path / "table")  # noqa: E731
     import_refused(tmp_path / "table", run, "has neither a column scan_id")
@@ -136,7 +136,7 @@ def test_a_table_of_another_layout_is_refused(tmp_path):
 
 
 def dicom_tree(root, kernels=("Br38f", "Br38f", "Br59d")):
-    """Series as archives lay them out, and a SEG among them."""
+    """Series in the layout of archives, with a SEG among them."""
     for number, kernel in enumerate(kernels):
         slices = ct_slices()
         for ds in slices:
@@ -149,7 +149,7 @@ def dicom_tree(root, kernels=("Br38f", "Br38f", "Br59d")):
     return root
 
 
-def test_a_dicom_tree_gives_one_repeat_per_series_and_no_patient(tmp_path):
+def test_dicom_tree_gives_one_repeat_per_series_and_no_patient_data(tmp_path):
     recording = import_dicom_tree(dicom_tree(tmp_path / "tree"), tmp_path / "clinic", kernel="Br38f")
     assert len(recording.repeats) == 2 and recording.grid.matches(CT_GRID)
     for image in recording.repeats:
@@ -160,7 +160,7 @@ def test_a_dicom_tree_gives_one_repeat_per_series_and_no_patient(tmp_path):
     assert all(b"Doe" not in path.read_bytes() for path in (tmp_path / "clinic").iterdir())
 
 
-def test_series_that_are_no_repeats_are_refused(tmp_path):
+def test_series_that_are_no_repeats_are_rejected(tmp_path):
     tree = dicom_tree(tmp_path / "tree")
     folder = tmp_path / "clinic"
     import_refused(folder, lambda: import_dicom_tree(tree, folder), "study0/series has Br38f")
@@ -174,24 +174,24 @@ def test_series_that_are_no_repeats_are_refused(tmp_path):
     import_refused(folder, lambda: import_dicom_tree(tree / "patient" / "seg", folder), "has no CT slices in DICOM")
 
 
-def test_a_dicom_tree_on_the_command_line(tmp_path, capsys):
+def test_dicom_tree_on_the_command_line(tmp_path, capsys):
     tree = dicom_tree(tmp_path / "tree")
     assert command.main(["dicom", str(tree), f"{tmp_path}/scanner_a", "--kernel", "Br38f"]) == 0
     assert "scanner_a: images, 2 repeats" in capsys.readouterr().out
 
 
-def test_the_importer_on_the_command_line(tmp_path, capsys):
+def test_importer_on_the_command_line(tmp_path, capsys):
     mat_file(tmp_path / "s.mat")
     assert command.main(["htc2022", f"{tmp_path}/s.mat", f"{tmp_path}/disc", "--phantom", "disc"]) == 0
     assert "disc: projections, 1 repeat\n" in capsys.readouterr().out
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["disc", "s.mat"]  # nothing that was not asked for
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["disc", "s.mat"]  # no other output
     assert command.main(["htc2022", f"{tmp_path}/none.mat", f"{tmp_path}/other"]) == 1
     errors = capsys.readouterr().err
     assert errors.count("\n") == 1 and errors.startswith(f"Error: {tmp_path}/none.mat: no such file")
 
 
-def what_next(recording):
-    """The configuration that an importer says to write, in the place of whose capitals an acrylic disc stands."""
+def next_step(recording):
+    """Configuration that an importer suggests, with an acrylic disc in the place of the capitals."""
     printed = next_steps(recording)
     first, overlay, last = re.fullmatch(r"(Next: .+):\n\n(.+)\n\n(Then run.+)", printed, re.DOTALL).groups()
     assert f"save this as {recording.name}.yaml" in first and f"--configfile {recording.name}.yaml" in last
@@ -203,15 +203,15 @@ def what_next(recording):
     )
 
 
-def test_the_next_step_of_a_sinogram_is_its_diagnosis(tmp_path):
+def test_next_step_of_a_sinogram_is_its_diagnosis(tmp_path):
     angles = np.arange(0, 360.5, 0.5)
     mat_file(tmp_path / "s.mat", np.zeros((721, 112)), angles=angles)
-    printed, settings, whole = what_next(import_htc2022(tmp_path / "s.mat", tmp_path / "disc"))
+    printed, settings, whole = next_step(import_htc2022(tmp_path / "s.mat", tmp_path / "disc"))
     assert (
         "replace the words in capitals by the properties of the scanned object" in printed
         and "Then run: snakemake diagnosis" in printed
     )
-    # As the shipped configuration of the same disc has it.
+    # Equal to the shipped configuration of the same disc.
     (mine,) = settings["diagnosis"]["recordings"].values()
     shipped = yaml.safe_load((ROOT / "config" / "htc2022.yaml").read_text())["diagnosis"]["recordings"]["solid_disc"]
     assert {key: mine[key] for key in ("alignment", "view_step", "effects")} == {
@@ -224,15 +224,15 @@ def test_the_next_step_of_a_sinogram_is_its_diagnosis(tmp_path):
     inside[20:40, 20:40] = 1
     savemat(tmp_path / "seg.mat", {"reconFullFbpSeg": inside})
     masked = import_htc2022(tmp_path / "s.mat", tmp_path / "masked", segmentation=tmp_path / "seg.mat")
-    printed, _, whole = what_next(masked)
+    printed, _, whole = next_step(masked)
     assert "DIAMETER" not in printed
     one = whole["diagnosis"]["recordings"]["masked"]
     assert one["object"] == {"mask": f"{tmp_path}/masked/object.nii.gz", "material": "pmma"} and "disc" not in one
 
 
-def test_capitals_that_nobody_replaced_are_told(tmp_path):
+def test_remaining_placeholders_are_reported(tmp_path):
     mat_file(tmp_path / "s.mat")
-    _, settings, _ = what_next(import_htc2022(tmp_path / "s.mat", tmp_path / "disc"))
+    _, settings, _ = next_step(import_htc2022(tmp_path / "s.mat", tmp_path / "disc"))
     settings["diagnosis"]["recordings"]["disc"]["disc"]["diameter_mm"] = "DIAMETER"
     with pytest.raises(
         InputError, match="diagnosis.recordings.disc.disc.diameter_mm: 'DIAMETER' is not of type 'number'"
@@ -240,23 +240,23 @@ def test_capitals_that_nobody_replaced_are_told(tmp_path):
         complete(DEFAULT | settings)
 
 
-def test_the_next_step_of_images_is_to_find_the_phantom(tmp_path):
+def test_next_step_of_images_is_to_find_the_phantom(tmp_path):
     tree = dicom_tree(tmp_path / "tree", ("Br38f",))
-    printed, settings, _ = what_next(import_dicom_tree(tree, tmp_path / "my: scans" / "clinic"))
+    printed, settings, _ = next_step(import_dicom_tree(tree, tmp_path / "my: scans" / "clinic"))
     assert settings == {"recordings": {"clinic": f"{tmp_path}/my: scans/clinic"}}
     assert "if the scanned object is the study's phantom: snakemake alignment" in printed
 
 
-def test_the_next_step_of_a_study_s_own_scans_knows_the_object(tmp_path):
+def test_next_step_of_the_study_s_own_scans_has_the_object(tmp_path):
     folder = projections_folder(tmp_path / "scans")[0]
     content = yaml.safe_load((folder / "recording.yaml").read_text()) | {"origin": {"importer": "study"}}
-    printed, settings, _ = what_next(load_recording(write_yaml(folder, content)))
+    printed, settings, _ = next_step(load_recording(write_yaml(folder, content)))
     assert settings["diagnosis"] == {"recordings": {"bench": {}}} and "capitals" not in printed
 
 
-def test_the_next_step_of_a_table_is_a_comparison(tmp_path):
+def test_next_step_of_a_table_is_a_comparison(tmp_path):
     folder, content = features_folder(tmp_path / "table")
-    _, settings, whole = what_next(load_recording(write_yaml(folder, content | {"origin": {"importer": "features"}})))
+    _, settings, whole = next_step(load_recording(write_yaml(folder, content | {"origin": {"importer": "features"}})))
     expected = {"recording": "table", "where": {"dose_mgy": 10}, "protocol": "fbp_300", "noise": "dose10"}
     assert settings["analyses"]["comparison"] == {"table": expected}
     assert whole["analyses"]["comparison"]["table"]["where"] == {"dose_mgy": 10}

@@ -1,4 +1,4 @@
-"""Projections: what is read back, and every way in which a file is not what recording.yaml says."""
+"""Projection recordings: values, and files that contradict recording.yaml."""
 
 import h5py
 import numpy as np
@@ -28,7 +28,7 @@ SHAPE = (SCAN["views"], SCAN["rows"], SCAN["columns"])
 
 
 @pytest.mark.parametrize("log", [True, False])
-def test_both_ways_of_storing_give_the_same_line_integrals(tmp_path, log):
+def test_both_storage_formats_give_the_same_line_integrals(tmp_path, log):
     recording = load_recording(projections_folder(tmp_path / "r", log)[0])
     assert (len(recording.repeats), len(recording.held_out), recording.log) == (2, 1, log)
     for acquisition in (*recording.repeats, *recording.held_out):
@@ -36,7 +36,7 @@ def test_both_ways_of_storing_give_the_same_line_integrals(tmp_path, log):
     assert recording.geometry.views == 24 and recording.notes == ()
 
 
-def test_files_of_our_own_workflow_can_be_recordings(tmp_path):
+def test_files_of_the_workflow_can_be_recordings(tmp_path):
     from virtual_phantom.io import exchange
     from virtual_phantom.recordings.scan import scan_geometry
 
@@ -47,7 +47,7 @@ def test_files_of_our_own_workflow_can_be_recordings(tmp_path):
 
 @pytest.mark.parametrize("share", [0.2, 0.6, 0.98])
 @pytest.mark.parametrize("log", [True, False])
-def test_a_truncated_file_is_named(tmp_path, log, share):
+def test_truncated_file_is_named(tmp_path, log, share):
     folder, _ = projections_folder(tmp_path / "r", log)
     whole = (folder / "b.h5").read_bytes()
     (folder / "b.h5").write_bytes(whole[: int(share * len(whole))])
@@ -84,7 +84,7 @@ FRAME = np.full(SHAPE[1:], 1000.0)
         ({"data": np.full(SHAPE, 5000.0)}, "the median count is over twice the white field"),
     ],
 )
-def test_counts_that_cannot_be_right(tmp_path, changes, message):
+def test_impossible_counts_are_rejected(tmp_path, changes, message):
     refused(projections_folder(tmp_path / "r", **changes)[0], message)
 
 
@@ -96,11 +96,11 @@ def test_counts_that_cannot_be_right(tmp_path, changes, message):
         (np.full(SHAPE, np.nan), "are NaN or infinite"),
     ],
 )
-def test_line_integrals_that_cannot_be_right(tmp_path, data, message):
+def test_impossible_line_integrals_are_rejected(tmp_path, data, message):
     refused(projections_folder(tmp_path / "r", True, data=data)[0], message)
 
 
-def test_counts_of_the_astra_noise_model_are_refused(tmp_path):
+def test_counts_of_the_astra_noise_model_are_rejected(tmp_path):
     folder, _ = projections_folder(tmp_path / "r")
     with h5py.File(folder / "b.h5", "a") as file:
         file["exchange/data"].attrs["line_integral_scale"] = 2.0
@@ -108,7 +108,7 @@ def test_counts_of_the_astra_noise_model_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("value, message", [("false", None), (b"False", None), ("perhaps", "is 'perhaps'; set it to")])
-def test_a_flag_stored_as_text(tmp_path, value, message):
+def test_flag_stored_as_text(tmp_path, value, message):
     folder, _ = projections_folder(tmp_path / "r")
     with h5py.File(folder / "b.h5", "a") as file:
         file["exchange/data"].attrs["log"] = value
@@ -118,13 +118,13 @@ def test_a_flag_stored_as_text(tmp_path, value, message):
         assert not load_recording(folder).log
 
 
-def test_counts_beside_line_integrals_are_refused(tmp_path):
+def test_counts_with_line_integrals_are_rejected(tmp_path):
     folder, _ = projections_folder(tmp_path / "r")
     write_projections(folder / "b.h5", log=True)
     refused(folder, "b.h5: contains line integrals, but a.h5 contains counts")
 
 
-def test_dead_pixels_and_missing_theta_are_mentioned(tmp_path):
+def test_dead_pixels_and_missing_theta_are_reported(tmp_path):
     white = np.full((1, *SHAPE[1:]), 1000.0)
     white[0, 2, 7] = 50.0
     folder, _ = projections_folder(tmp_path / "r", data_white=white, theta=None)
@@ -135,7 +135,7 @@ def test_dead_pixels_and_missing_theta_are_mentioned(tmp_path):
     assert np.isnan(values[:, 2, 7]).all() and np.isnan(values).sum() == SHAPE[0]
 
 
-def test_views_beyond_a_turn_are_mentioned(tmp_path):
+def test_views_beyond_a_turn_are_reported(tmp_path):
     folder, content = projections_folder(tmp_path / "r")
     scan = SCAN | {"views": 25}
     for name in "abc":
@@ -148,7 +148,7 @@ def test_views_beyond_a_turn_are_mentioned(tmp_path):
 
 
 @given(arrays(np.float64, (2, 1, 3), elements=st.floats(-10, 2000)), st.floats(1, 100), st.floats(1e-6, 0.1))
-def test_line_integrals_are_finite_and_fall_with_the_counts(data, dark, smallest):
+def test_line_integrals_are_finite_and_decrease_with_the_counts(data, dark, smallest):
     white = np.full((1, 3), dark + 500.0)
     values = Projections(data, white, np.full((1, 3), dark)).line_integrals(smallest)
     assert np.isfinite(values).all() and values.max() <= -np.log(smallest) + 1e-5
@@ -156,7 +156,7 @@ def test_line_integrals_are_finite_and_fall_with_the_counts(data, dark, smallest
     assert (more <= values).all()
 
 
-def test_summary_says_what_is_missing(tmp_path):
+def test_summary_lists_what_is_missing(tmp_path):
     folder, content = projections_folder(tmp_path / "r")
     found = summarize_recording(load_recording(folder))
     assert (found["repeats"], found["held_out"], found["content"]["shape"]) == (2, 1, list(SHAPE))
@@ -172,20 +172,20 @@ def test_summary_says_what_is_missing(tmp_path):
     ]
 
 
-def test_a_stated_sensor_reaches_the_model(tmp_path):
-    """What is not stated is typical, and the less is stated, the freer is its thickness."""
+def test_stated_sensor_is_used_in_the_model(tmp_path):
+    """Unstated values are typical, and the thickness is freer the less is stated."""
     settings = Settings(samples=1, view_step=1, alignment={}, disc=Disc(20.0, "water"))
     folder, content = projections_folder(tmp_path / "r", log=True)
     random = np.random.default_rng(1)
     for name in "abc":
         noisy = line_integrals(SCAN) + random.normal(0, 0.01, SHAPE)
         write_projections(folder / f"{name}.h5", log=True, data=noisy.astype(np.float32))
-    for said, right in (
+    for output, right in (
         ({}, ("caesium_iodide", "energy", 0.6, 1.0)),
         ({"material": "silicon", "reads": "counts"}, ("silicon", "counts", 30.0, 0.5)),
         ({"material": "caesium_iodide", "thickness_mm": 0.4}, ("caesium_iodide", "energy", 0.4, 0.05)),
     ):
-        write_yaml(folder, content | {"nominal": {"sensor": said} if said else {}})
+        write_yaml(folder, content | {"nominal": {"sensor": output} if output else {}})
         _, prepared = prepare_recording(DiagnosisRequest(folder, settings, 0.0193, {}))
         sensor = prepared.fitter.model.chain.sensor
         assert (sensor.material, sensor.reads, sensor.thickness_mm, sensor.thickness_sd) == right
@@ -203,7 +203,7 @@ def test_a_stated_sensor_reaches_the_model(tmp_path):
         (np.deg2rad(angles_deg())[:, None].astype(np.float32), np.array([b"Radians"])),
     ],
 )
-def test_angles_are_read_as_a_row_or_a_column_and_in_the_units_stated(tmp_path, theta, units):
+def test_angles_are_read_as_a_row_or_a_column_in_the_stated_units(tmp_path, theta, units):
     folder, content = projections_folder(tmp_path / "r", theta=theta)
     if units is not None:
         with h5py.File(folder / "b.h5", "a") as file:
@@ -212,7 +212,7 @@ def test_angles_are_read_as_a_row_or_a_column_and_in_the_units_stated(tmp_path, 
     assert np.rad2deg(geometry.angles_rad) == pytest.approx(angles_deg())
 
 
-def test_angles_in_unknown_units_are_refused(tmp_path):
+def test_angles_in_unknown_units_are_rejected(tmp_path):
     folder, _ = projections_folder(tmp_path / "r", theta=angles_deg())
     with h5py.File(folder / "b.h5", "a") as file:
         file["exchange/theta"].attrs["units"] = "steps"

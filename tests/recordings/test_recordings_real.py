@@ -1,4 +1,4 @@
-"""Real measurements through the public path: importer, recording folder, loader, summary."""
+"""Real measurements through the public functions: importer, recording folder, loader, summary."""
 
 import math
 import shutil
@@ -28,9 +28,9 @@ pytestmark = [
 
 
 def first_turn(recording):
-    """Line integrals of the 720 views of one turn, thinned to every second, as FDK takes them, and their geometry."""
+    """Line integrals of the 720 views of one turn, every second of them, as for FDK, and their geometry."""
     whole = recording.geometry
-    kept = slice(0, 720, 2)
+    selected = slice(0, 720, 2)
     geometry = OrbitGeometry(
         source_to_isocentre_mm=whole.source_to_isocentre_mm,
         source_to_detector_mm=whole.source_to_detector_mm,
@@ -38,15 +38,15 @@ def first_turn(recording):
         rows=whole.rows,
         column_pitch_mm=whole.column_pitch_mm,
         row_pitch_mm=whole.row_pitch_mm,
-        angles_rad=whole.angles_rad[kept],
-        source_z_mm=whole.source_z_mm[kept],
+        angles_rad=whole.angles_rad[selected],
+        source_z_mm=whole.source_z_mm[selected],
         views_per_rotation=360,
     )
-    return recording.repeats[0].data[kept], geometry
+    return recording.repeats[0].data[selected], geometry
 
 
 def reconstruction(recording, size):
-    """FDK of the fan beam over the 75.9 mm square of the data set's own images, [y, x], 1/mm, and its pixel, mm."""
+    """FDK of the fan beam on the 75.9 mm square of the data set's own images, [y, x], 1/mm, and the pixel size, mm."""
     data, geometry = first_turn(recording)
     pixel = 512 * 0.2 * 410.66 / 553.74 / size
     grid = Grid((1, size, size), (0.1, pixel, pixel))
@@ -58,7 +58,7 @@ def solid(image):
     return image > 0.5 * np.median(image[image > 0.5 * image.max()])
 
 
-def test_the_solid_disc_is_round_and_70_mm_wide(tmp_path):
+def test_solid_disc_is_round_and_70_mm_wide(tmp_path):
     recording = import_htc2022(REAL / "htc2022" / "htc2022_solid_disc_full.mat", tmp_path / "disc")
     image, pixel = reconstruction(recording, 256)
     disc = solid(image)
@@ -66,13 +66,15 @@ def test_the_solid_disc_is_round_and_70_mm_wide(tmp_path):
     diameter = 2 * math.sqrt(disc.sum() / math.pi) * pixel
     assert diameter == pytest.approx(70, abs=0.5)
     radius = np.hypot(x - x.mean(), y - y.mean()).max() * pixel
-    assert 2 * radius == pytest.approx(diameter, rel=0.02)  # round: no point lies farther out than half the diameter
+    assert 2 * radius == pytest.approx(diameter, rel=0.02)  # round: no point is farther out than half the diameter
     assert np.median(image[disc]) == pytest.approx(0.0324, rel=0.05)  # 1/mm
 
 
-def test_the_shadow_is_widest_where_the_disc_is_nearest_to_the_source(tmp_path):
-    """Fixes on which side the source is: the disc lies 0.4 mm off the axis, which by its shadow's place says when it is
-    near, and by its width too."""
+def test_shadow_is_widest_where_the_disc_is_closest_to_the_source(tmp_path):
+    """Determines the side of the source.
+
+    The disc is 0.4 mm off the axis: the position of its shadow tells when it is close, and its width too.
+    """
     recording = import_htc2022(REAL / "htc2022" / "htc2022_solid_disc_full.mat", tmp_path / "disc")
     shadow = recording.repeats[0].data[:720, 0] > 0.6
     geometry = recording.geometry
@@ -83,15 +85,15 @@ def test_the_shadow_is_widest_where_the_disc_is_nearest_to_the_source(tmp_path):
     x, y = np.linalg.lstsq(np.stack([np.cos(turn), np.sin(turn)], 1), across * geometry.source_to_isocentre_mm)[0]
     depth = geometry.source_to_isocentre_mm + x * np.sin(turn) - y * np.cos(turn)
     change, _ = np.linalg.lstsq(np.stack([1 / depth - (1 / depth).mean(), np.ones(720)], 1), width)[0]
-    assert change == pytest.approx(35, rel=0.3)  # the other way round it is -35
+    assert change == pytest.approx(35, rel=0.3)  # -35 for the opposite side
 
 
-def test_the_holes_lie_where_the_published_segmentation_has_them(tmp_path):
-    """Fixes start angle and direction: mirrored or turned by 90 degrees, a fifth of the pixels disagree."""
+def test_holes_agree_with_the_published_segmentation(tmp_path):
+    """Determines start angle and direction: if mirrored or rotated by 90 degrees, a fifth of the pixels disagree."""
     recording = import_htc2022(REAL / "htc2022" / "htc2022_ta_full.mat", tmp_path / "ta")
     data = recording.repeats[0].data
     assert data.shape == (721, 1, 560)
-    # the last view is the first one again: none is nearer to it but, by chance of noise, one of its neighbours
+    # the last view repeats the first one: no other view is closer, except a neighbor by chance of noise
     assert ((data[:720] - data[720]) ** 2).sum((1, 2)).argmin() in (719, 0, 1)
     image, _ = reconstruction(recording, 512)
     shown = solid(image)[::-1]  # row 0 at the top, +y
@@ -105,12 +107,12 @@ def test_the_holes_lie_where_the_published_segmentation_has_them(tmp_path):
 def test_every_sinogram_loads(tmp_path, name):
     found = summarize_recording(import_htc2022(REAL / "htc2022" / f"htc2022_{name}_full.mat", tmp_path / name))
     assert found["content"]["values"] == "line integrals" and found["known"]["nominal"]["tube_kvp"] == 45
-    again, times = found["notes"]  # the data set states an exposure and no time from view to view
+    again, times = found["notes"]  # the data set states an exposure and no view interval
     assert again == "1 view beyond the first rotation, along the same directions"
     assert "1200 ms (scan.exposure_ms)" in times
 
 
-def test_the_tandem_study_keeps_its_values(tmp_path):
+def test_tandem_study_keeps_its_values(tmp_path):
     source = REAL / "ct_phantom4radiomics" / "features_2d.csv"
     recording = import_features(source, tmp_path / "study", phantom="synthetic")
     raw = pd.read_csv(source)
@@ -123,7 +125,7 @@ def test_the_tandem_study_keeps_its_values(tmp_path):
     assert in_hu.to_dict() == pytest.approx(noted, abs=1)
 
 
-def test_the_dose_series_keeps_its_values(tmp_path):
+def test_dose_series_keeps_its_values(tmp_path):
     source = REAL / "edge_dose_series" / "features_3d.csv"
     recording = import_features(source, tmp_path / "dose")
     raw = pd.read_csv(source)
@@ -136,7 +138,7 @@ def test_the_dose_series_keeps_its_values(tmp_path):
     assert variance["fbp"].tolist() == pytest.approx([1253, 740, 365], abs=1)
 
 
-def test_the_clinical_ct_as_series_and_as_imported_tree(tmp_path):
+def test_clinical_ct_as_series_and_as_imported_tree(tmp_path):
     source = REAL / "abdomen_ct"
     shutil.copytree(source / "dicom", tmp_path / "hand" / "ct")
     shutil.copy(source / "labels.nii.gz", tmp_path / "hand")
@@ -158,7 +160,7 @@ def test_the_clinical_ct_as_series_and_as_imported_tree(tmp_path):
     assert (facts["tube_kvp"], facts["kernel"], facts["slice_thickness_mm"]) == (120, "Br38f/3", 3)
     assert facts["model"] == "Biograph40_mCT 4R" and facts["spacing_mm"] == [0.9765625, 0.9765625]
     assert imported.nominal["kernel"] == facts["kernel"]
-    # institution, dates, weight and protocol name stand in the headers
+    # institution, dates, weight and protocol name are in the headers
     text = str(summarize_recording(by_hand)) + (tmp_path / "imported" / "recording.yaml").read_text()
     for private in ("Petersgraben", "20221208", "FDG_TK_KM", "1.3.12.2.1107"):
         assert private not in text

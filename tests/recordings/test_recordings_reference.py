@@ -1,4 +1,4 @@
-"""Features recordings as references: groups by conditions, values in HU, scores; and the two real tables."""
+"""Feature recordings as references: groups by conditions, values in HU, and scores; with the two real tables."""
 
 from pathlib import Path
 
@@ -60,7 +60,7 @@ def test_conditions_are_numbered_in_their_order(recording):
         of(recording, per="roi")
 
 
-def test_conditions_choose_rows(recording):
+def test_conditions_select_rows(recording):
     assert len(reference.select_rows(recording.repeats, {"dose_mgy": 20, "roi": "cyst_1"}, "r")) == 2
     assert len(reference.select_rows(recording.repeats, {}, "r")) == 12
     with pytest.raises(InputError, match="recording r: no images with dose_mgy 40; choose from 10, 20, 30"):
@@ -69,7 +69,7 @@ def test_conditions_choose_rows(recording):
         reference.select_rows(recording.repeats, {"kernel": "B"}, "recording r")
 
 
-def test_a_condition_has_a_name_and_the_mean_of_its_images(recording):
+def test_condition_has_a_name_and_the_mean_of_its_images(recording):
     table = of(recording, per="condition", named=True)
     assert table["condition"].tolist() == ["10", "10", "20", "20", "30", "30"]
     ten = recording.repeats[recording.repeats["dose_mgy"] == 10]
@@ -79,20 +79,20 @@ def test_a_condition_has_a_name_and_the_mean_of_its_images(recording):
         reference.reference_features(reference.in_hu(recording), ["scanner"], per="condition")
 
 
-def test_stored_values_are_brought_to_hu(tmp_path):
+def test_stored_values_are_converted_to_hu(tmp_path):
     folder, content = features_folder(tmp_path / "table")
     write_yaml(folder, content | {"features": {"stored_offset_hu": 1000}})
     for name, start in (("a", 0), ("b", 3)):
         features_table(start=start, mean=1040).to_csv(folder / f"{name}.csv", index=False)
     table = of(load_recording(folder))
     assert table["original_firstorder_Median"].mean() == pytest.approx(40, abs=1)
-    contrast = "original_glcm_Contrast"  # textures stay as they are
+    contrast = "original_glcm_Contrast"  # textures are unchanged
     stored = pd.concat([features_table(start=start, mean=1040) for start in (0, 3)])
     assert table[contrast].tolist() == stored[contrast].tolist()
     assert (table["group"] == 1).all()
 
 
-def test_a_condition_of_a_single_image_is_left_out_of_the_scores(recording):
+def test_condition_of_a_single_image_is_excluded_from_scores(recording):
     assert reference.has_scores(recording)
     scores = reference.stability_scores(recording, 100)
     assert (scores["stability_comparisons"] == 2).all() and len(scores) == 86  # one pair of groups, two ROIs
@@ -104,7 +104,7 @@ def test_a_condition_of_a_single_image_is_left_out_of_the_scores(recording):
     )
 
 
-def test_scores_are_of_as_many_images_as_the_study_has_repeats(tmp_path):
+def test_scores_use_as_many_images_as_the_study_has_repeats(tmp_path):
     folder, content = features_folder(tmp_path / "table")
     for name, start, doses in (("a", 0, (10, 20, 10)), ("b", 3, (20, 10, 20)), ("c", 6, (10, 10, 20))):
         features_table(start=start).assign(dose_mgy=np.repeat(doses, 2)).to_csv(folder / f"{name}.csv", index=False)
@@ -139,23 +139,23 @@ def dose_series(tmp_path_factory):
 class TestReal:
     pytestmark = real
 
-    def test_the_tandem_study_gives_the_published_picture(self, study):
+    def test_tandem_study_reproduces_the_published_result(self, study):
         scores = reference.stability_scores(study, 100)  # 29 of each group
         assert (scores["repeats"] == 29).all()
         assert scores["stability_percent"].mean() == pytest.approx(11, abs=0.5)
-        # 88.0 over the pairs of different classes; with those of one class counted too it is 87
+        # 88.0 over the pairs of different classes; 87 with pairs of one class
         assert scores["discrimination_percent"].mean() == pytest.approx(87.5, abs=0.6)
         published = measured.load_published_top().query("kind == 'stability' and source == 'phantom'")["feature"]
         best = scores.sort_values("stability_percent", ascending=False, kind="stable")["feature"][:12]
         assert len(published) == 10 and len(set(best) & set(published)) >= 6
-        kept = measured.load_scores()  # of all, 30 in most groups
+        shipped = measured.load_scores()  # of all images, 30 in most groups
         for kind in ranking.KINDS:
-            assert np.corrcoef(kept[f"{kind}_percent"], scores[f"{kind}_percent"])[0, 1] > 0.99
+            assert np.corrcoef(shipped[f"{kind}_percent"], scores[f"{kind}_percent"])[0, 1] > 0.99
 
-    def test_its_means_are_those_kept_in_resources(self, study):
+    def test_means_equal_those_in_resources(self, study):
         means = of(study, per="condition").sort_values(["group", "roi"], ignore_index=True)
-        kept = measured.group_means()[list(means.columns)].sort_values(["group", "roi"], ignore_index=True)
-        pd.testing.assert_frame_equal(means, kept, rtol=1e-6, check_dtype=False)
+        shipped = measured.group_means()[list(means.columns)].sort_values(["group", "roi"], ignore_index=True)
+        pd.testing.assert_frame_equal(means, shipped, rtol=1e-6, check_dtype=False)
 
     def test_both_recordings_are_markers_and_lists(self, study, dose_series):
         simulated = of(dose_series).rename(columns={"group": "seed"})

@@ -1,4 +1,4 @@
-"""One table of pyradiomics saved as other programs save it: the same values, or one line."""
+"""A pyradiomics table saved by other programs: the same values, or one line."""
 
 import gzip
 import logging
@@ -16,7 +16,7 @@ from virtual_phantom.recordings.reading import load_recording
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """The CSV that pyradiomics wrote, as text."""
+    """The CSV of pyradiomics as text."""
     folder = tmp_path_factory.mktemp("scans")
     cases = [
         {"Image": path, "Mask": folder / "labels.nii.gz", "Label": label}
@@ -42,7 +42,7 @@ def semicolons(table):
 
 
 def spaced(text):
-    """Names of columns as a spreadsheet or a person writes them."""
+    """Column names as written by spreadsheets and people."""
     head, _, rest = text.partition("\n")
     return ", ".join(f" {name} " for name in head.upper().split(",")) + "\n" + rest
 
@@ -82,7 +82,7 @@ def test_every_dialect_gives_the_same_values(written, table, tmp_path, variant):
         assert found[name].tolist() == table[name].tolist()
 
 
-def test_what_is_passed_over_or_renamed_is_noted(written, table, tmp_path, caplog):
+def test_skipped_and_renamed_columns_are_noted(written, table, tmp_path, caplog):
     changed = {
         "comments": "# 1\n# 2\n" + written,
         "numbers": table.to_csv(),
@@ -167,7 +167,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("variant", REFUSED)
-def test_one_line_for_what_has_two_meanings_or_none(written, table, tmp_path, variant):
+def test_ambiguous_and_unreadable_tables_are_one_line(written, table, tmp_path, variant):
     change, message = REFUSED[variant]
     path = saved(change(written, table), tmp_path)
     with pytest.raises(InputError) as error:
@@ -186,7 +186,7 @@ def test_images_keep_their_names(written, table, tmp_path):
         assert found["Image"].tolist() == found["Mask"].tolist() == found["reader"].tolist() == NAMES
 
 
-def test_a_recording_of_such_a_table(written, table, tmp_path):
+def test_recording_of_a_saved_table(written, table, tmp_path):
     """Conditions keep their leading zeros; rows are counted as in the file."""
     conditions = table.assign(site=["007"] * 3 + ["08"] * 3, dose=[3, 3, 3, 10, 10, 10])
     rois = "[{name: liver, tissue_class: liver, label: 1}]"

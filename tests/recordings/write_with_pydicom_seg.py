@@ -1,4 +1,4 @@
-"""Write regions as the study that published the scans did: pydicom-seg 0.4.1, in an environment of its own.
+"""Write regions like the study that published the scans: with pydicom-seg 0.4.1 in a separate environment.
 
     python -m venv seg && seg/bin/pip install -r tests/recordings/environment-pydicom-seg.txt
     seg/bin/python tests/recordings/write_with_pydicom_seg.py SERIES LABELS.npz OUT.dcm SERIES_UID
@@ -20,8 +20,8 @@ CODE = {"CodeValue": "85756007", "CodingSchemeDesignator": "SCT", "CodeMeaning":
 def main(series, labels, out, uid):
     slices = [pydicom.dcmread(path) for path in sorted(Path(series).iterdir())]
     slices.sort(key=lambda one: float(one.ImagePositionPatient[2]))
-    given = np.load(labels)
-    image = sitk.GetImageFromArray(given["labels"].astype(np.uint8))
+    archive = np.load(labels)
+    image = sitk.GetImageFromArray(archive["labels"].astype(np.uint8))
     row, column = map(float, slices[0].PixelSpacing)
     z = [float(one.ImagePositionPatient[2]) for one in slices]
     image.SetSpacing((column, row, (z[-1] - z[0]) / (len(z) - 1)))
@@ -36,7 +36,7 @@ def main(series, labels, out, uid):
             "SegmentedPropertyTypeCodeSequence": CODE,
             "recommendedDisplayRGBValue": [255, 0, 0],
         }
-        for number, name in enumerate(given["names"], start=1)
+        for number, name in enumerate(archive["names"], start=1)
     ]
     template = pydicom_seg.template.from_dcmqi_metainfo(
         {

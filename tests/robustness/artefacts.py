@@ -1,4 +1,4 @@
-"""One file of every kind that a stage of the study writes and a later one reads, and how each is spoiled."""
+"""A file of every kind that stages exchange, and how each is damaged."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ DIAGNOSIS = {
 
 @dataclass(frozen=True)
 class Artefact:
-    """write(folder) gives the path; read(path) gives numbers and words that can be compared with `same`."""
+    """write(folder) returns the path; read(path) returns numbers and text for comparison with `same`."""
 
     name: str
     write: Callable[[Path], Path]
@@ -167,21 +167,21 @@ ARTEFACTS = [
 
 
 def mutations(content: bytes, count: int, random: np.random.Generator) -> Iterator[tuple[str, bytes]]:
-    """`count` spoiled versions: cut short, one bit turned, or a stretch overwritten with zeros, in turn."""
+    """`count` damaged versions: truncated, with one changed bit, or partly overwritten with zeros, in turn."""
     for number in range(count):
         place = int(random.integers(len(content)))
         if number % 3 == 0:
             yield f"cut at byte {place}", content[:place]
         elif number % 3 == 1:
             bit = int(random.integers(8))
-            spoiled = bytearray(content)
-            spoiled[place] ^= 1 << bit
-            yield f"bit {bit} of byte {place} turned", bytes(spoiled)
+            damaged = bytearray(content)
+            damaged[place] ^= 1 << bit
+            yield f"bit {bit} of byte {place} turned", bytes(damaged)
         else:
             length = int(random.integers(1, 65))
-            spoiled = bytearray(content)
-            spoiled[place : place + length] = bytes(len(spoiled[place : place + length]))
-            yield f"{length} bytes from {place} on zeroed", bytes(spoiled)
+            damaged = bytearray(content)
+            damaged[place : place + length] = bytes(len(damaged[place : place + length]))
+            yield f"{length} bytes from {place} on zeroed", bytes(damaged)
 
 
 def same(a: object, b: object) -> bool:

@@ -1,4 +1,4 @@
-"""What came of fuzzed input, at the end of the tests' own summary."""
+"""Print the outcomes of fuzzed input at the end of pytest's summary."""
 
 
 def pytest_terminal_summary(terminalreporter):

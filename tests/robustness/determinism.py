@@ -1,12 +1,12 @@
-"""Make the tiny study again under other circumstances and compare every table, JSON, image and projection file.
+"""Repeat the tiny study under other conditions and compare every table, JSON, image and projection file.
 
-python tests/robustness/determinism.py                  one and four cores, another order of jobs, nothing compiled yet
-python tests/robustness/determinism.py --processor      with the instructions of a plain x86-64 processor alone
+python tests/robustness/determinism.py                  one and four cores, another job order, an empty cache
+python tests/robustness/determinism.py --processor      with the instructions of a plain x86-64 processor only
 python tests/robustness/determinism.py --target features/fbp_150/dose10/seed00.csv      part of the study
 
 Exit code 0: all files are byte-identical to those of two cores. With --processor: noise-free projections agree within
-1e-5 of the largest, noise-free images within half a HU, and counts of one draw within one; how far noisy images and
-features are apart is printed, beside what differs between two repeats.
+1e-5 of the largest, noise-free images within half a HU, and counts of one realization within one. Differences of noisy
+images and features are printed with the differences between two repeats.
 """
 
 import argparse
@@ -26,11 +26,11 @@ from virtual_phantom.io import exchange, volumes
 from virtual_phantom.reconstruction.images import in_hu
 from virtual_phantom.simulation.acquire import simulate_counts
 
-# A helper of tests in another folder, which Python does not look into for a program that is run from here.
+# Helper of tests in another folder, which is not on the import path of a program that is run from here.
 tiny = run_path(str(ROOT / "tests" / "workflow" / "workflow_runs.py"))["tiny"]
 
 CIRCUMSTANCES = ("one core", "four cores, four threads", "another order", "nothing compiled")
-# What the tiny study reconstructs with, for images without noise.
+# Algorithms of the tiny study, for images without noise.
 ALGORITHMS = {"sirt": {"iterations": 100, "terms": 25}, "fbp": {}}
 MU_WATER_PER_MM, NOISE_LEVEL = 0.0193, 6e-6
 PROJECTIONS_WITHIN, IMAGES_WITHIN_HU = 1e-5, 0.5
@@ -47,17 +47,17 @@ def make_under(circumstance: str, folder: Path, targets: list[str], reference: P
     if circumstance == "one core":
         return make(folder, targets, cores=1)
     if circumstance == "four cores, four threads":
-        return make(folder, targets, cores=4, overlay={"threads": 4}, beside=folder.parent / "config")
+        return make(folder, targets, cores=4, overlay={"threads": 4}, config_folder=folder.parent / "config")
     if circumstance == "another order":
         made = sorted(reference.glob("features/*/*/seed00.csv"), key=lambda path: -path.stat().st_mtime)
-        for path in made:  # what was made last, first
+        for path in made:  # most recent files first
             make(folder, [str(path.relative_to(reference))], cores=1)
         return make(folder, targets, cores=1)
     return make(folder, targets, environment={"NUMBA_CACHE_DIR": f"{folder}.kernels"})
 
 
 def compare(folder: Path, reference: Path) -> bool:
-    """Whether all files are the same; says which are not."""
+    """Whether all files are equal; prints which are not."""
     expected, found = tables(reference), tables(folder)
     differ = [name for name in sorted(expected | found) if expected.get(name) != found.get(name)]
     print(f"{folder.name}: {len(expected)} files compared, {len(differ)} differ", *differ[:20], sep="\n", flush=True)
@@ -65,7 +65,7 @@ def compare(folder: Path, reference: Path) -> bool:
 
 
 def noise_free(clean: Path, image: Path, out: Path) -> None:
-    """Write what this processor makes of clean line integrals: images in HU, not rounded, and one draw of counts."""
+    """Write noise-free results of this processor: images in HU, not rounded, and one realization of counts."""
     lines, geometry = exchange.read_line_integrals(clean)
     grid = volumes.read_nifti(image).grid
     images = {
@@ -77,7 +77,7 @@ def noise_free(clean: Path, image: Path, out: Path) -> None:
 
 
 def compare_processors(folder: Path, reference: Path, variables: dict[str, str]) -> bool:
-    """Whether all without noise agrees; says what differs, and by how much."""
+    """Whether all noise-free results agree; prints the differences."""
     made = []
     for one, changed in ((reference, {}), (folder, variables)):
         for number, clean in enumerate(sorted(one.glob("projections/*/clean.h5"))):
@@ -86,10 +86,10 @@ def compare_processors(folder: Path, reference: Path, variables: dict[str, str])
             subprocess.run(list(map(str, command)), check=True, env=os.environ | changed)
             made.append(out)
     agree, half = bool(made), len(made) // 2
-    for ours, theirs in zip(made[:half], made[half:], strict=True):
-        one, other = np.load(ours), np.load(theirs)
+    for actual, theirs in zip(made[:half], made[half:], strict=True):
+        one, other = np.load(actual), np.load(theirs)
         lines = np.abs(one["lines"] - other["lines"]).max() / one["lines"].max()
-        print(f"{ours.stem}, noise-free projections: they differ by up to {lines:.1e} of the largest")
+        print(f"{actual.stem}, noise-free projections: they differ by up to {lines:.1e} of the largest")
         agree &= bool(lines <= PROJECTIONS_WITHIN)
         for name in ALGORITHMS:
             largest = np.abs(one[name] - other[name]).max()
@@ -105,17 +105,18 @@ def compare_processors(folder: Path, reference: Path, variables: dict[str, str])
             pd.read_csv(one).select_dtypes(float).filter(like="original_")
             for one in (path, folder / path.relative_to(reference), path.with_name("seed01.csv"))
         )
-        apart, repeats = ((here - one).abs().to_numpy().ravel() for one in (there, repeat))
-        share = apart[repeats > 0] / repeats[repeats > 0]
+        difference, repeats = ((here - one).abs().to_numpy().ravel() for one in (there, repeat))
+        share = difference[repeats > 0] / repeats[repeats > 0]
         print(
-            f"{path.relative_to(reference).parent}: {100 * (apart == 0).mean():.1f} % of features the same; over what "
-            f"two repeats differ by: median {np.median(share):.2g}, 95th percentile {np.quantile(share, 0.95):.2g}"
+            f"{path.relative_to(reference).parent}: {100 * (difference == 0).mean():.1f} % of features are equal; "
+            f"difference over that of two repeats: median {np.median(share):.2g}, "
+            f"95th percentile {np.quantile(share, 0.95):.2g}"
         )
     return agree
 
 
 def _differences(path: Path, other: Path) -> str:
-    """Of an image and the other processor's, beside those of two repeats."""
+    """Differences between an image and that of the other processor, and between two repeats."""
     here, there, repeat = (
         volumes.read_nifti(one).array.astype(float) for one in (path, other, path.with_name("seed01.nii.gz"))
     )
@@ -142,7 +143,9 @@ def main() -> int:
         variables = plain_processor(parent / "kernels")
         folder = make(parent / "plain processor", arguments.target, environment=variables)
         return int(not compare_processors(folder, reference, variables))
-    folders = [make_under(one, parent / one, arguments.target, reference) for one in CIRCUMSTANCES]
+    folders = [
+        make_under(circumstance, parent / circumstance, arguments.target, reference) for circumstance in CIRCUMSTANCES
+    ]
     return int(not all([compare(folder, reference) for folder in folders]))
 
 

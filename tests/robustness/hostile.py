@@ -1,4 +1,4 @@
-"""What a careless or hostile hand writes into a file, and what must come of it: a result, or one line."""
+"""Malformed and malicious input, and its allowed outcomes: a result, or one line."""
 
 import copy
 import os
@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 
 from virtual_phantom.base.errors import InputError
 
-EXAMPLES = int(os.environ.get("EXAMPLES", "40"))  # of each fuzzed thing; docs/reference/stability.md
+EXAMPLES = int(os.environ.get("EXAMPLES", "40"))  # per fuzzed input; docs/reference/stability.md
 FUZZ = settings(
     max_examples=EXAMPLES,
     deadline=None,
     derandomize=True,
     database=None,
-    phases=[Phase.generate],  # shrinking takes minutes; the failing input is printed as it is
+    phases=[Phase.generate],  # shrinking takes minutes; the failing input is printed unchanged
     suppress_health_check=list(HealthCheck),
 )
 PATIENT = "A^B"  # of the DICOM files that phantom_files writes
-outcomes: Counter = Counter()  # by what was fuzzed and what came of it, printed at the end
+outcomes: Counter = Counter()  # by fuzzed input and outcome, printed at the end
 
 ODD_TEXT = [
     "",
@@ -67,8 +67,8 @@ values = st.recursive(
 )
 
 
-def alike(value):
-    """Values of the same kind, which get past the first gate."""
+def same_type(value):
+    """Values of the same type, which pass the type check."""
     if isinstance(value, bool):
         return st.booleans()
     if isinstance(value, int):
@@ -81,7 +81,7 @@ def alike(value):
 
 
 def places(content, path=()):
-    """The paths of all that stands in a document of mappings and lists."""
+    """Paths of all entries in a document of mappings and lists."""
     found = [path] if path else []
     items = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
     for key, value in items:
@@ -91,7 +91,7 @@ def places(content, path=()):
 
 @st.composite
 def spoiled(draw, content: dict):
-    """A document with one to three places overwritten, taken out, renamed, or filled with more."""
+    """Document with one to three entries overwritten, removed, renamed or extended."""
     content = copy.deepcopy(content)
     for _ in range(draw(st.sampled_from([1, 1, 1, 2, 3]))):
         *parents, last = draw(st.sampled_from(places(content)))
@@ -100,7 +100,7 @@ def spoiled(draw, content: dict):
             section = section[key]
         change = draw(st.sampled_from(["set", "set", "set", "remove", "rename", "add"]))
         if change == "set":
-            section[last] = draw(st.one_of(alike(section[last]), alike(section[last]), values))
+            section[last] = draw(st.one_of(same_type(section[last]), same_type(section[last]), values))
         elif change == "remove":
             del section[last]
         elif change == "rename" and isinstance(section, dict):
@@ -113,7 +113,7 @@ def spoiled(draw, content: dict):
 
 
 def outcome(what: str, function, *arguments):
-    """The result, or None for input that was refused in one printable line. Anything else is the program's fault."""
+    """Result, or None if the input was rejected in one printable line. Any other exception fails the test."""
     try:
         found = function(*arguments)
     except InputError as error:

@@ -1,11 +1,11 @@
-"""Kill a run of the workflow at random moments, resume it each time, and compare its tables with an unbroken run.
+"""Kill the workflow at random times, resume it each time, and compare its tables with an uninterrupted run.
 
 python tests/robustness/interrupt.py --kills 20                 the tiny study
 python tests/robustness/interrupt.py --kills 20 --target proof   six cases of the blind test, each with its diagnosis
 python tests/robustness/interrupt.py --kills 3 --target projections/views150/clean.h5    one file of the study
 
 Every kill is a SIGKILL of the whole process group: Snakemake, its jobs and their threads. Exit code 0: every table,
-JSON and image is byte-identical, nothing else is left but hidden files, and no checksum is wrong.
+JSON and image is byte-identical, only hidden files are left besides, and no checksum is wrong.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from virtual_phantom.io.files import check_unchanged
 ROOT = Path(__file__).resolve().parents[2]
 
 COMPARED = {".csv", ".json", ".yaml", ".gz", ".nii", ".npy", ".h5"}
-WITH_TIMES = {"logs", "timing.json"}  # say how long something took
+WITH_TIMES = {"logs", "timing.json"}  # text with durations
 
 
 def start(folder: Path, target: str, cores: int) -> subprocess.Popen:
@@ -37,7 +37,7 @@ def start(folder: Path, target: str, cores: int) -> subprocess.Popen:
 
 
 def finish(folder: Path, target: str, cores: int) -> float:
-    """Run to the end; seconds."""
+    """Run to the end and return the seconds."""
     begun = time.monotonic()
     if start(folder, target, cores).wait() != 0:
         sys.exit(f"Error: the run failed; see {folder.parent / folder.name}.log")
@@ -45,9 +45,9 @@ def finish(folder: Path, target: str, cores: int) -> float:
 
 
 def without_minutes(score: Path) -> bytes:
-    """The proof's score but for how long it took."""
+    """Score of the blind test without its run time."""
     content = json.loads(score.read_bytes())
-    content["targets"] = [one for one in content["targets"] if one["name"] != "minutes"]
+    content["targets"] = [target for target in content["targets"] if target["name"] != "minutes"]
     return json.dumps(content, sort_keys=True).encode()
 
 
@@ -73,7 +73,7 @@ def main() -> int:
     parent.mkdir(parents=True, exist_ok=True)
     seconds = finish(whole, arguments.target, arguments.cores)
     print(f"unbroken: {seconds:.0f} s", flush=True)
-    # A resumed run has less to do: moments lie within what an even share of the work, and the start, takes.
+    # A resumed run has less to do: kill times lie within an equal share of the work, plus the start.
     longest = 8 + 1.2 * seconds / (arguments.kills + 1)
     for number in range(arguments.kills):
         process = start(broken, arguments.target, arguments.cores)

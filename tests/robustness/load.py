@@ -1,9 +1,9 @@
-"""A study of many small acquisitions, and many recordings, run to the end: time, memory, and two runs on one folder.
+"""Run a study of many small acquisitions and many recordings: time, memory, and two runs on one folder.
 
 python tests/robustness/load.py --acquisitions 1000 --recordings 200
 
-Exit code 0: both finish, no job takes more memory than --limit-mb, the tables have a row for every image and ROI, and a
-second Snakemake on the same folder, started while the first runs, stops and says that the folder is locked.
+Exit code 0: both finish, no job uses more memory than --limit-mb, and the tables have a row for every image and ROI. A
+second Snakemake on the same folder, started during the first run, stops and reports that the folder is locked.
 """
 
 import argparse
@@ -20,7 +20,7 @@ import psutil
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
-PROTOCOLS = 10  # of a hundred repeats at most
+PROTOCOLS = 10  # of at most a hundred repeats
 SCAN = {
     "trajectory": "circular",
     "source_to_isocentre_mm": 500,
@@ -37,7 +37,7 @@ SCAN = {
 
 
 def overlay(acquisitions: int, recordings: Path, names: list[str]) -> dict:
-    """The tiny study with PROTOCOLS protocols of few iterations, and as many repeats as it takes."""
+    """Tiny study with PROTOCOLS protocols of few iterations, and the necessary number of repeats."""
     protocols = {f"load_{n:02d}": {"algorithm": "sirt", "projections": 40 + n} for n in range(PROTOCOLS)}
     repeats = -(-acquisitions // PROTOCOLS)
     return {
@@ -66,7 +66,7 @@ def write_recordings(parent: Path, count: int) -> list[str]:
 
 
 def largest_process_mb(process: subprocess.Popen) -> float:
-    """Until the process ends: the largest resident set of it or any of its jobs, MB."""
+    """Largest resident set of the process or any of its jobs until it ends, MB."""
     largest = 0.0
     while process.poll() is None:
         for one in [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]:
@@ -90,14 +90,14 @@ def main() -> int:
     names = write_recordings(parent / "recordings", arguments.recordings)
     base = yaml.safe_load((ROOT / "config" / "tiny.yaml").read_text())
     whole = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
-    wanted = overlay(arguments.acquisitions, parent / "recordings", names)
-    # An overlay can only add: what the files under it have is taken away by null.
+    settings = overlay(arguments.acquisitions, parent / "recordings", names)
+    # An overlay can only add entries; null removes those of the files below it.
     for section, keys in (("protocols", whole["protocols"]), ("analyses", whole["analyses"])):
-        wanted[section] = {**dict.fromkeys(keys), **wanted[section]}
-    wanted["noise"]["levels"] = {**dict.fromkeys(whole["noise"]["levels"]), **wanted["noise"]["levels"]}
-    wanted["analyses"]["pca"] = {**dict.fromkeys(whole["analyses"]["pca"]), **wanted["analyses"]["pca"]}
-    wanted["grid"] = base["grid"]
-    (parent / "load.yaml").write_text(yaml.safe_dump(wanted))
+        settings[section] = {**dict.fromkeys(keys), **settings[section]}
+    settings["noise"]["levels"] = {**dict.fromkeys(whole["noise"]["levels"]), **settings["noise"]["levels"]}
+    settings["analyses"]["pca"] = {**dict.fromkeys(whole["analyses"]["pca"]), **settings["analyses"]["pca"]}
+    settings["grid"] = base["grid"]
+    (parent / "load.yaml").write_text(yaml.safe_dump(settings))
     command = [sys.executable, "-m", "snakemake", f"{results}/features.csv", "recordings"]
     command += ["--cores", str(arguments.cores), "--configfile", str(ROOT / "config" / "tiny.yaml")]
     command += [str(parent / "load.yaml"), "--config", f"results_dir={results}"]

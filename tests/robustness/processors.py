@@ -1,6 +1,6 @@
-"""A small scan from line integrals to features, and what keeps a process from a processor's newer instructions.
+"""A small scan from line integrals to features, and variables that disable newer processor instructions.
 
-python tests/robustness/processors.py OUT.npz      makes the scan and writes what came of it
+python tests/robustness/processors.py OUT.npz      makes the scan and writes the results
 """
 
 import sys
@@ -19,14 +19,14 @@ from virtual_phantom.simulation.reconstruct import reconstruct
 
 MU_WATER_PER_MM, NOISE_LEVEL = 0.0193, 6e-6
 REPEATS = 8
-# glibc chooses its exp and log by these (names of x86-64; others ignore them).
+# glibc selects its exp and log by these (names of x86-64; others ignore them).
 GLIBC = ("AVX512F", "AVX512VL", "AVX512BW", "AVX512DQ", "AVX512CD", "AVX2", "AVX2_Usable", "FMA", "FMA_Usable", "FMA4")
 
 
 def plain_processor(kernels: Path) -> dict[str, str]:
-    """Variables that keep numba, NumPy, OpenBLAS and the C library from all that some x86-64 processors lack.
+    """Variables that limit numba, NumPy, OpenBLAS and the C library to instructions of every x86-64 processor.
 
-    kernels   an empty folder for kernels compiled so
+    kernels   an empty folder for kernels compiled in this way
     """
     from numpy._core import _multiarray_umath
 
@@ -41,8 +41,9 @@ def plain_processor(kernels: Path) -> dict[str, str]:
 
 
 def small_scan() -> dict[str, np.ndarray]:
-    """Line integrals [view, row, column], counts and HU of each repeat, and features [repeat, ROI, feature]; counts of
-    given means."""
+    """Line integrals [view, row, column], counts and HU of each repeat, features [repeat, ROI, feature], and counts of
+    given means.
+    """
     grid = Grid((12, 40, 40), (4.0, 4.0, 4.0))
     z, y, x = np.ix_(*grid.axes_mm())
     random = np.random.default_rng(np.random.SeedSequence(4))
@@ -64,7 +65,7 @@ def small_scan() -> dict[str, np.ndarray]:
         name: np.hypot(np.hypot(x - at, y), z) < radius for name, at, radius in (("left", -30, 18), ("right", 28, 16))
     }
     features = np.stack([extract(image, masks)[list(FEATURES)].to_numpy(float) for image in images])
-    # Of means that no rounding tells apart: halves of whole numbers, from none to a million photons.
+    # Means without rounding errors: multiples of one half, from zero to a million photons.
     means = np.concatenate([np.arange(0, 2000) / 2, np.arange(1000, 10**6, 7) / 2])
     return {
         "means": means,

@@ -1,4 +1,4 @@
-"""A file that was spoiled after it was written is refused by name; none gives another number in silence."""
+"""Damaged files are rejected by name; none gives wrong numbers silently."""
 
 import os
 import warnings
@@ -10,18 +10,18 @@ from artefacts import ARTEFACTS, mutations, same
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.io import files
 
-OURS_TO_READ = [one for one in ARTEFACTS if one.name != "YAML, physics"]  # Snakemake reads that one
-MUTATIONS = int(os.environ.get("MUTATIONS", "40"))  # of each kind of file
+OURS_TO_READ = [artefact for artefact in ARTEFACTS if artefact.name != "YAML, physics"]  # read by Snakemake
+MUTATIONS = int(os.environ.get("MUTATIONS", "40"))  # per kind of file
 
 
-@pytest.mark.parametrize("artefact", ARTEFACTS, ids=[one.name for one in ARTEFACTS])
-def test_every_spoiled_file_is_refused_by_name(artefact, tmp_path):
+@pytest.mark.parametrize("artefact", ARTEFACTS, ids=[artefact.name for artefact in ARTEFACTS])
+def test_every_damaged_file_is_rejected_by_name(artefact, tmp_path):
     path = artefact.write(tmp_path)
     whole, random = path.read_bytes(), np.random.default_rng(0)
     assert same(artefact.read(path), artefact.read(path))
-    for what, spoiled in mutations(whole, MUTATIONS, random):
-        path.write_bytes(spoiled)
-        if spoiled == whole:  # zeros over zeros
+    for what, damaged in mutations(whole, MUTATIONS, random):
+        path.write_bytes(damaged)
+        if damaged == whole:  # zeros overwritten by zeros
             continue
         with pytest.raises(InputError, match="is not as it was written") as error:
             artefact.read(path)
@@ -29,44 +29,44 @@ def test_every_spoiled_file_is_refused_by_name(artefact, tmp_path):
 
 
 @pytest.mark.parametrize("artefact", OURS_TO_READ, ids=[one.name for one in OURS_TO_READ])
-def test_a_file_without_its_checksum_is_taken_or_refused_in_a_line(artefact, tmp_path):
-    """As a user's own files are: what structure does not tell cannot be known, but nothing may break otherwise."""
+def test_file_without_its_checksum_is_read_or_rejected_in_a_line(artefact, tmp_path):
+    """As user files: damage that keeps the structure cannot be detected, but no other error is allowed."""
     path = artefact.write(tmp_path)
     whole, random = path.read_bytes(), np.random.default_rng(1)
     expected = artefact.read(path)
     files.checksum_path(path).unlink()
     assert same(artefact.read(path), expected)
-    for what, spoiled in mutations(whole, MUTATIONS, random):
-        path.write_bytes(spoiled)
+    for what, damaged in mutations(whole, MUTATIONS, random):
+        path.write_bytes(damaged)
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of numbers that are wrong by intent
+                warnings.simplefilter("ignore")  # warnings about numbers that are wrong on purpose
                 found = artefact.read(path)
         except InputError as error:
             assert str(path.parent) in str(error) and "\n" not in str(error), (what, error)
         except Exception as error:
             pytest.fail(f"{what}: {type(error).__name__}: {error}")
         else:
-            # Of these, checksums within the format tell of every change of a number.
+            # Formats with internal checksums, which detect every change of a number.
             assert artefact.name != "NIfTI, compressed" or same(found, expected), what
 
 
-def test_a_spoiled_checksum_is_refused(tmp_path):
+def test_damaged_checksum_is_rejected(tmp_path):
     files.write_text("A: 1\n", tmp_path / "a.yaml")
-    kept = files.checksum_path(tmp_path / "a.yaml")
-    for content in (b"", kept.read_bytes()[:20], b"\xff" * 64):
-        kept.write_bytes(content)
+    stored = files.checksum_path(tmp_path / "a.yaml")
+    for content in (b"", stored.read_bytes()[:20], b"\xff" * 64):
+        stored.write_bytes(content)
         with pytest.raises(InputError, match="a.yaml: is not as it was written"):
             files.read_text(tmp_path / "a.yaml")
 
 
-def test_the_checksum_is_what_sha256sum_reads(tmp_path):
+def test_checksum_is_readable_by_sha256sum(tmp_path):
     files.write_text("A: 1\n", tmp_path / "a.yaml")
     digest, name = files.checksum_path(tmp_path / "a.yaml").read_text().split()
     assert name == "a.yaml" and digest == files.sha256(tmp_path / "a.yaml")
 
 
-def test_a_failed_write_keeps_the_old_file_and_its_checksum(tmp_path):
+def test_failed_write_keeps_the_old_file_and_its_checksum(tmp_path):
     files.write_text("old", tmp_path / "a.txt")
     with pytest.raises(RuntimeError), files.replacing(tmp_path / "a.txt") as temporary:
         temporary.write_text("new")

@@ -1,4 +1,4 @@
-"""A full disk and a folder that may not be written to: one clear line, and nothing that the next run would trust."""
+"""Full disks and read-only folders: one clear line, and no file that the next run would trust."""
 
 import os
 import shutil
@@ -19,7 +19,7 @@ SIZE_KB = 256
 
 
 def mounted(folder: Path, options: str) -> None:
-    """A small file system on `folder`; the test is skipped where none may be mounted."""
+    """Mount a small file system on `folder`; skips if mounting is not allowed."""
     if shutil.which("mount") is None:
         pytest.skip("there is no mount")
     command = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
@@ -39,7 +39,7 @@ def small_disk(tmp_path):
 
 RANDOM = np.random.default_rng(0)
 GRID = Grid((40, 64, 64), (1.0, 1.0, 1.0))
-NOISE = RANDOM.normal(size=GRID.shape).astype(np.float32)  # 640 kB, which do not compress
+NOISE = RANDOM.normal(size=GRID.shape).astype(np.float32)  # 640 kB of incompressible data
 GEOMETRY = circular(
     views=40,
     source_to_isocentre_mm=500.0,
@@ -67,18 +67,18 @@ WRITERS = {
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_is_told_and_the_old_file_stays(name, small_disk):
+def test_full_disk_is_reported_and_the_old_file_remains(name, small_disk):
     path = small_disk / name
     files.write_text("old", path)
     with pytest.raises(InputError) as error:
         WRITERS[name](path)
     assert str(error.value) == f"{path}: cannot be written: the disk is full; free some space and run again"
     assert files.read_text(path) == "old"
-    assert sorted(one.name for one in small_disk.iterdir()) == [f".{name}.sha256", name]
+    assert sorted(path.name for path in small_disk.iterdir()) == [f".{name}.sha256", name]
 
 
-def test_a_disk_too_full_for_the_checksum_alone(small_disk):
-    """The file fits, and not a byte more: it must not appear without its checksum."""
+def test_disk_with_no_space_for_the_checksum(small_disk):
+    """The file fits exactly: it must not appear without its checksum."""
     free = os.statvfs(small_disk).f_bavail * os.statvfs(small_disk).f_frsize
     with pytest.raises(InputError, match="the disk is full"):
         files.write_text("x" * free, small_disk / "a.txt")
@@ -86,7 +86,7 @@ def test_a_disk_too_full_for_the_checksum_alone(small_disk):
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_read_only_file_system_is_told(name, tmp_path):
+def test_read_only_file_system_is_reported(name, tmp_path):
     folder = tmp_path / "disk"
     folder.mkdir()
     mounted(folder, f"size={SIZE_KB}k,ro")
@@ -99,15 +99,15 @@ def test_a_read_only_file_system_is_told(name, tmp_path):
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_without_permission_is_told(tmp_path):
+def test_folder_without_permission_is_reported(tmp_path):
     tmp_path.chmod(0o555)
     with pytest.raises(InputError, match="the folder may not be written to"):
         files.write_text("x", tmp_path / "a.txt")
     tmp_path.chmod(0o755)
 
 
-def test_other_errors_of_writers_stay_what_they_are(tmp_path):
-    """A mistake of the program must not read as one of the disk."""
+def test_other_errors_of_writers_are_unchanged(tmp_path):
+    """A programming error must not be reported as a disk error."""
     with pytest.raises(OSError) as error, files.replacing(tmp_path / "a.h5") as temporary:
         with h5py.File(temporary, "w") as file:
             file["x"] = np.zeros(3)

@@ -1,4 +1,4 @@
-"""Home folder, Matplotlib's settings, encodings and the current folder: each works or ends in one line."""
+"""Home folder, Matplotlib's settings, encodings and the current folder: each works or gives one line."""
 
 import os
 import subprocess
@@ -26,8 +26,8 @@ print(matplotlib.get_configdir())
 
 
 def run(program, cwd, **variables):
-    given = {name: value for name, value in os.environ.items() if not name.startswith(("MPL", "XDG"))}
-    environment = given | {"PYTHONPATH": str(LIBRARY)} | variables
+    clean = {name: value for name, value in os.environ.items() if not name.startswith(("MPL", "XDG"))}
+    environment = clean | {"PYTHONPATH": str(LIBRARY)} | variables
     words = [sys.executable, "-c", program]
     return subprocess.run(words, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
 
@@ -53,7 +53,7 @@ def home(tmp_path, monkeypatch):
         ({"x": ["~/a", 3, None], "~/key": ("~/b",)}, {"x": ["{home}/a", 3, None], "~/key": ("{home}/b",)}),
     ],
 )
-def test_a_tilde_is_the_home_folder(home, written, meant):
+def test_tilde_is_the_home_folder(home, written, meant):
     def at_home(value):
         if isinstance(value, dict):
             return {key: at_home(one) for key, one in value.items()}
@@ -65,7 +65,7 @@ def test_a_tilde_is_the_home_folder(home, written, meant):
 
 
 @pytest.mark.parametrize("user", ["root", pytest.param("nobody", id="another")])
-def test_a_tilde_with_a_user_is_the_user_s_folder(user):
+def test_tilde_with_a_user_is_the_users_folder(user):
     pwd = pytest.importorskip("pwd")
     try:
         folder = pwd.getpwnam(user).pw_dir
@@ -92,9 +92,9 @@ def test_all_paths_of_a_configuration_may_begin_with_a_tilde(home):
     assert settings["results_dir"] == "~/results"
 
 
-def test_words_of_a_command_line_and_arguments_of_functions_may_begin_with_a_tilde(home):
+def test_command_line_and_function_arguments_may_begin_with_a_tilde(home):
     words = []
-    run_command(lambda given: words.extend(given) or 0, ["init", "~/ct", "--out=~/a=b.yaml", "--names", "5=~", "~x"])
+    run_command(lambda clean: words.extend(clean) or 0, ["init", "~/ct", "--out=~/a=b.yaml", "--names", "5=~", "~x"])
     assert words == ["init", f"{home}/ct", f"--out={home}/a=b.yaml", "--names", "5=~", "~x"]
     with pytest.raises(InputError, match=f"^{home}/no.nii"):
         vp.read_phantom("~/no.nii", [{"name": "a", "tissue_class": "liver", "file": "~/a.nii"}])
@@ -112,8 +112,8 @@ def test_words_of_a_command_line_and_arguments_of_functions_may_begin_with_a_til
         ({"phantom": {"ct": {"rois": [{"file": "~/x"}]}}}, "phantom.ct.rois.0.file: ~/x"),
     ],
 )
-def test_a_tilde_without_a_home_folder_is_one_line(monkeypatch, settings, key):
-    monkeypatch.setenv("HOME", "")  # as in some containers; a path below / would be meant for nobody
+def test_tilde_without_a_home_folder_is_one_line(monkeypatch, settings, key):
+    monkeypatch.setenv("HOME", "")  # as in some containers; nobody wants a path below /
     line = f"{key}: no home folder is known for ~; set HOME or write the whole path"
     assert inspected(settings) == ([line], {})
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
@@ -128,7 +128,7 @@ def test_a_tilde_without_a_home_folder_is_one_line(monkeypatch, settings, key):
         {"MATPLOTLIBRC": "{file}", "MPLCONFIGDIR": "~/x"},
     ],
 )
-def test_figures_are_drawn_whatever_is_set_for_matplotlib(tmp_path, variables):
+def test_figures_do_not_depend_on_matplotlib_settings(tmp_path, variables):
     file, temporary = tmp_path / "matplotlibrc", tmp_path / "temporary"
     file.write_bytes(b"\xff\xfe")
     temporary.mkdir()
@@ -139,7 +139,7 @@ def test_figures_are_drawn_whatever_is_set_for_matplotlib(tmp_path, variables):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["matplotlibrc", "temporary"]  # no folder "~"
 
 
-def test_a_folder_that_was_deleted_is_one_line(tmp_path, monkeypatch, capsys):
+def test_deleted_current_folder_is_one_line(tmp_path, monkeypatch, capsys):
     gone = tmp_path / "gone"
     gone.mkdir()
     monkeypatch.chdir(gone)
@@ -150,14 +150,14 @@ def test_a_folder_that_was_deleted_is_one_line(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("character", ["\n", "\r", "\u2028"])
-def test_a_path_with_a_line_break_is_one_line(capsys, character):
+def test_path_with_a_line_break_is_one_line(capsys, character):
     assert run_command(lambda words: 0, ["init", f"a{character}b"]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.endswith("contains a line break; rename the file or folder")
 
 
-def test_a_name_that_the_locale_cannot_encode_is_one_line(tmp_path):
-    """Of a word on the command line, and of a name that is read from a file."""
+def test_name_that_the_locale_cannot_encode_is_one_line(tmp_path):
+    """For an argument of the command line, and for a name that is read from a file."""
     start = "from virtual_phantom.base.console import run_command\n"
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     for code, shown in (

@@ -1,4 +1,4 @@
-"""Configuration and recording.yaml: whatever stands in them, a study or one line; never a traceback or a way out."""
+"""Any content of a configuration or recording.yaml gives a study or one line; never a traceback or a path outside."""
 
 import pytest
 import recording_folders as folders
@@ -76,7 +76,7 @@ BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
 
 
 @pytest.mark.parametrize("text", [BOMB, "a: &a [*a]\n", "a: " + "[" * 400 + "]" * 400, "a: &a {b: *a}\n"])
-def test_documents_that_unfold_without_end_are_refused_at_once(text, tmp_path):
+def test_exponentially_nested_aliases_are_rejected_at_once(text, tmp_path):
     (tmp_path / "recording.yaml").write_text(text)
     with pytest.raises(InputError):
         read_document(tmp_path)
@@ -85,11 +85,11 @@ def test_documents_that_unfold_without_end_are_refused_at_once(text, tmp_path):
             complete(DEFAULT | {"protocols": yaml.safe_load(text)})
 
 
-NO_FOLDER = ("", "{wildcard}", "a\nb", "a\n", "\x00", "\ud800")  # other odd names are folders that someone may want
+NO_FOLDER = ("", "{wildcard}", "a\nb", "a\n", "\x00", "\ud800")  # other unusual names can be folders that users want
 
 
 @pytest.mark.parametrize("name", [name for name in ODD_TEXT if name not in ("1e-4", "nan", "null")])
-def test_names_that_are_no_names(name, tmp_path):
+def test_invalid_names_are_rejected(name, tmp_path):
     """Wherever a name becomes a part of a path, of a rule or of a label."""
     protocol = {"algorithm": "sirt", "projections": 3}
     for change in (

@@ -1,4 +1,4 @@
-"""DICOM, NIfTI and HDF5 whose headers lie: a volume or one line, and never more memory than the file can fill."""
+"""DICOM, NIfTI and HDF5 with false headers: a volume or one line, and no more memory than the file can fill."""
 
 import gzip
 import resource
@@ -22,12 +22,12 @@ from virtual_phantom.recordings.provenance import dicom_facts
 from virtual_phantom.recordings.reading import load_recording
 
 HEADER = 348  # bytes, of NIfTI-1
-pytestmark = pytest.mark.filterwarnings("ignore")  # pydicom's and numpy's, of values that are wrong by intent
+pytestmark = pytest.mark.filterwarnings("ignore")  # from pydicom and numpy about values that are wrong on purpose
 
 
 @pytest.fixture
 def little_memory():
-    """At most 2 GB more than now, so that an allocation by a lying header fails loudly."""
+    """At most 2 GB more than now, so that an allocation by a false header fails."""
     used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
     before = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (used + 2 * 10**9, before[1]))
@@ -37,7 +37,7 @@ def little_memory():
 
 @pytest.mark.parametrize("kind", [nibabel.Nifti1Image, nibabel.Nifti2Image])
 @pytest.mark.parametrize("suffix", [".nii", ".nii.gz"])
-def test_a_header_that_claims_the_moon_is_refused_before_it_is_allocated(kind, suffix, tmp_path, little_memory):
+def test_header_with_a_huge_size_is_rejected_before_allocation(kind, suffix, tmp_path, little_memory):
     side = 32_000 if kind is nibabel.Nifti1Image else 10**6
     header = kind.header_class()
     header.set_data_dtype(np.int16)
@@ -54,10 +54,10 @@ def test_any_nifti_header_gives_a_volume_or_one_line(tmp_path):
     phantom_files.write_nifti_array(phantom_files.object_hu(), path)
     whole, random = path.read_bytes(), np.random.default_rng(0)
     for _ in range(4 * EXAMPLES):
-        spoiled = bytearray(whole)
+        damaged = bytearray(whole)
         for place in random.integers(HEADER, size=random.integers(1, 6)):
-            spoiled[place] = random.choice([0, 1, 127, 128, 255, random.integers(256)])
-        path.write_bytes(spoiled)
+            damaged[place] = random.choice([0, 1, 127, 128, 255, random.integers(256)])
+        path.write_bytes(damaged)
         volume = outcome("NIfTI header", read_nifti, path)
         if volume is not None:
             assert all(np.isfinite(volume.grid.spacing)) and np.isfinite(volume.grid.centre_mm).all()
@@ -93,14 +93,14 @@ def test_any_dicom_header_gives_a_volume_or_one_line(tmp_path):
             dataset[number] = RawDataElement(number, vr, len(value), value, 0, False, True)
             dataset.save_as(path)
         else:
-            spoiled = bytearray(contents[path])
+            damaged = bytearray(contents[path])
             for place in random.integers(132, 1200, size=random.integers(1, 4)):
-                spoiled[place] = random.integers(256)
-            path.write_bytes(spoiled)
+                damaged[place] = random.integers(256)
+            path.write_bytes(damaged)
         outcome("DICOM header", read, folder)
 
 
-def test_slices_that_claim_more_pixels_than_they_hold_are_refused(tmp_path, little_memory):
+def test_slices_with_fewer_pixels_than_stated_are_rejected(tmp_path, little_memory):
     slices = phantom_files.ct_slices()[:3]
     for one in slices:
         one.Rows = one.Columns = 65_535
@@ -122,12 +122,12 @@ def test_any_region_file_gives_a_mask_or_one_line(kind, tmp_path):
         return [regions.mask(name) for name in phantom_files.BALLS]
 
     for number in range(EXAMPLES):
-        spoiled = bytearray(whole)
+        damaged = bytearray(whole)
         for place in random.integers(132, len(whole), size=random.integers(1, 6)):
-            spoiled[place] = random.integers(256)
-        path.write_bytes(spoiled[: random.integers(132, len(whole))] if number % 5 == 0 else spoiled)
+            damaged[place] = random.integers(256)
+        path.write_bytes(damaged[: random.integers(132, len(whole))] if number % 5 == 0 else damaged)
         masks = outcome(kind, mask)
-        assert masks is None or all(one.shape == phantom_files.CT_GRID.shape for one in masks)
+        assert masks is None or all(mask.shape == phantom_files.CT_GRID.shape for mask in masks)
 
 
 def test_any_hdf5_gives_projections_or_one_line(tmp_path):
@@ -135,14 +135,14 @@ def test_any_hdf5_gives_projections_or_one_line(tmp_path):
     path = folder / "b.h5"
     whole, random = path.read_bytes(), np.random.default_rng(0)
     for number in range(EXAMPLES):
-        spoiled = bytearray(whole)
+        damaged = bytearray(whole)
         for place in random.integers(4000 if number % 2 else len(whole), size=random.integers(1, 6)):
-            spoiled[place] = random.integers(256)
-        path.write_bytes(spoiled)
+            damaged[place] = random.integers(256)
+        path.write_bytes(damaged)
         outcome("HDF5", load_recording, folder)
 
 
-def test_an_empty_dataset_that_claims_the_moon_is_refused(tmp_path, little_memory):
+def test_empty_dataset_with_a_huge_size_is_rejected(tmp_path, little_memory):
     scan = folders.SCAN | {
         "columns": 16_384,
         "column_pitch_mm": 0.02,
@@ -160,8 +160,8 @@ def test_an_empty_dataset_that_claims_the_moon_is_refused(tmp_path, little_memor
         load_recording(folder)
 
 
-def test_damaged_dicom_attributes_change_no_phantom_in_silence(tmp_path):
-    """A sample of benchmarks/fuzz_dicom.py, which counts 2000 runs."""
+def test_damaged_dicom_attributes_never_change_a_phantom_silently(tmp_path):
+    """A sample of benchmarks/fuzz_dicom.py, which runs 2000 cases."""
     for reader, result in fuzz_dicom.run_dicom(EXAMPLES, 1, tmp_path):
         outcomes[f"DICOM attributes, {reader}", result.outcome] += 1
         assert result.outcome not in fuzz_dicom.FAULTS, f"{result.damage}: {result.outcome}: {result.words}"

@@ -1,4 +1,4 @@
-"""A results folder with every character that a shell or a format would make something of."""
+"""A results folder whose name has every character with a meaning in shells or formats."""
 
 from workflow_runs import ROOT, tiny
 
@@ -7,7 +7,7 @@ from virtual_phantom.io.files import check_unchanged, checksum_path
 NAME = "a b;touch hacked;$(touch hacked)`touch hacked` & | > 'q' \"é\"#%"
 
 
-def test_a_results_folder_is_a_name_and_never_a_command(tmp_path):
+def test_results_folder_is_never_interpreted_as_a_command(tmp_path):
     folder = tmp_path / NAME
     process = tiny(folder, folder / "phantom" / "image.nii.gz", overlay={"results_dir": str(folder)}, cores=1)
     assert process.returncode == 0, process.stderr[-3000:]

@@ -1,4 +1,4 @@
-"""Numbers at the edge of what a scan can give: the result is defined, or the study stops and says why.
+"""Extreme values: the result is defined, or the study stops and states the reason.
 
 docs/reference/stability.md lists what is defined.
 """
@@ -59,7 +59,7 @@ def images(line_integrals, geometry, grid, algorithm):
     [((1, 32, 32), (2.0, 2.5, 2.5)), ((3, 32, 32), (40.0, 2.5, 2.5)), ((24, 32, 32), (0.05, 2.5, 2.5))],
     ids=["one slice", "slices 16 times as thick as wide", "slices a fiftieth as thick as wide"],
 )
-def test_water_is_water_in_one_slice_and_in_voxels_of_any_shape(shape, spacing, algorithm):
+def test_water_has_0_hu_in_one_slice_and_in_voxels_of_any_shape(shape, spacing, algorithm):
     grid = Grid(shape, spacing)
     geometry = scan(grid, rows=1 if shape[0] == 1 else 2 * shape[0])
     (image,) = images(clean_line_integrals(disc(grid), geometry, MU), geometry, grid, algorithm)
@@ -69,7 +69,7 @@ def test_water_is_water_in_one_slice_and_in_voxels_of_any_shape(shape, spacing, 
 
 @pytest.mark.parametrize("model", ["astra", "physical"])
 @pytest.mark.parametrize("algorithm", ["sirt", "fbp"])
-def test_a_scan_without_a_photon_gives_finite_images(model, algorithm):
+def test_scan_without_photons_gives_finite_images(model, algorithm):
     grid = Grid((1, 32, 32), (2.0, 2.5, 2.5))
     geometry = scan(grid)
     counts = simulate_counts(clean_line_integrals(disc(grid, hu=3000.0), geometry, MU), 1.0, model, SEED)
@@ -79,16 +79,16 @@ def test_a_scan_without_a_photon_gives_finite_images(model, algorithm):
     assert np.isfinite(images(lines, geometry, grid, algorithm)[0].array).all()
 
 
-def test_a_scan_of_nothing_is_refused_or_pure_noise():
+def test_scan_of_air_is_rejected_or_pure_noise():
     with pytest.raises(InputError, match="the phantom attenuates no ray"):
         simulate_counts(np.zeros((2, 3, 4)), 1e-4, "astra", SEED)
     counts = simulate_counts(np.zeros((20, 30, 40)), 1e-4, "physical", SEED)
     assert counts.data.mean() == pytest.approx(1e4, rel=1e-3)
 
 
-@pytest.mark.filterwarnings("ignore:invalid value")  # of infinities, on the way to being refused
+@pytest.mark.filterwarnings("ignore:invalid value")  # from infinities, before they are rejected
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_what_is_no_number_stops_every_stage(bad, tmp_path):
+def test_non_finite_numbers_stop_every_stage(bad, tmp_path):
     grid = Grid((1, 32, 32), (2.0, 2.5, 2.5))
     phantom, geometry = disc(grid), scan(grid)
     lines = clean_line_integrals(phantom, geometry, MU)
@@ -108,7 +108,7 @@ def test_what_is_no_number_stops_every_stage(bad, tmp_path):
         extract(phantom, {"roi": np.ones(grid.shape, bool)}, "image")
 
 
-def test_numbers_beyond_single_precision_are_refused(tmp_path):
+def test_numbers_beyond_single_precision_are_rejected(tmp_path):
     array = np.full((4, 4, 4), -1000.0)
     array[1, 1, 1] = 1e300
     nibabel.save(nibabel.Nifti1Image(array, np.eye(4)), tmp_path / "ct.nii.gz")
@@ -116,7 +116,7 @@ def test_numbers_beyond_single_precision_are_refused(tmp_path):
         read_hu(tmp_path / "ct.nii.gz")
 
 
-def test_hu_beyond_sixteen_bits_are_set_to_the_last_with_a_warning():
+def test_hu_beyond_sixteen_bits_are_clipped_with_a_warning():
     grid = Grid((1, 32, 32), (2.0, 2.5, 2.5))
     geometry = scan(grid)
     lines = clean_line_integrals(disc(grid), geometry, MU) * 60
@@ -125,7 +125,7 @@ def test_hu_beyond_sixteen_bits_are_set_to_the_last_with_a_warning():
     assert image.array.max() == 32767
 
 
-def test_a_constant_roi_has_finite_features_and_a_warning():
+def test_constant_roi_has_finite_features_and_a_warning():
     grid = Grid((5, 8, 8), (2.0, 2.0, 2.0))
     with pytest.warns(RadiomicsWarning, match="fills 1 gray-level bins"):
         table = extract(Volume(np.full(grid.shape, 40.0, np.float32), grid), {"flat": np.ones(grid.shape, bool)}, "one")
@@ -134,7 +134,7 @@ def test_a_constant_roi_has_finite_features_and_a_warning():
     assert np.isfinite(row[list(FEATURES)].to_numpy(float)).all()
 
 
-def test_a_roi_of_one_voxel_is_refused():
+def test_roi_of_one_voxel_is_rejected():
     grid = Grid((5, 8, 8), (2.0, 2.0, 2.0))
     mask = np.zeros(grid.shape, bool)
     mask[2, 3, 4] = True
@@ -142,8 +142,8 @@ def test_a_roi_of_one_voxel_is_refused():
         extract(Volume(np.zeros(grid.shape, np.float32), grid), {"dot": mask}, "image")
 
 
-def test_no_warning_is_swallowed():
-    """No filter hides one, and errors of floating point are let pass only by name: where 0/0 or 1/0 has its meaning."""
+def test_no_warning_is_suppressed():
+    """No filter hides a warning. Floating-point errors are ignored only by name, where 0/0 or 1/0 has a meaning."""
     found = 0
     for path in (ROOT / "workflow").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -162,7 +162,7 @@ def test_no_warning_is_swallowed():
     assert found > 5
 
 
-def test_a_volume_of_one_voxel_goes_through_a_file(tmp_path):
+def test_volume_of_one_voxel_is_written_and_read(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         voxel = Volume(np.full((1, 1, 1), 7.0, np.float32), Grid((1, 1, 1), (5.0, 0.1, 0.1)))

@@ -1,4 +1,4 @@
-"""What DICOM headers say of a patient reaches no file, no log and no message."""
+"""Patient data in DICOM headers are in no file, log or message."""
 
 import gzip
 import json
@@ -22,7 +22,7 @@ from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.recordings.summary import readable, summarize_recording, summary_table
 
 MARK = "Planted"
-# Of the patient, of those who treated them, and of when and where: PS3.15, table E.1-1, has them all removed.
+# Patient, staff, place and time: PS3.15, table E.1-1, removes all of them.
 PERSONAL = """PatientName PatientID PatientBirthDate PatientSex PatientAge PatientAddress PatientComments PatientWeight
 OtherPatientIDs OtherPatientNames PatientMotherBirthName EthnicGroup Occupation AdditionalPatientHistory MilitaryRank
 PatientTelephoneNumbers ReferringPhysicianName PerformingPhysicianName OperatorsName NameOfPhysiciansReadingStudy
@@ -33,7 +33,7 @@ StructureSetName StructureSetDate SoftwareVersions CurrentPatientLocation Admiss
 
 
 def plant(path: Path) -> None:
-    """The mark into every personal attribute of a file, as it is: dates and numbers become such that none may be."""
+    """Put the mark into every personal attribute of a file; dates and numbers become invalid."""
     dataset = pydicom.dcmread(path)
     for keyword in PERSONAL:
         tag = Tag(keyword)
@@ -59,19 +59,19 @@ def planted(tmp_path):
 
 
 @pytest.fixture
-def nothing_said(capfd, caplog):
-    """Whatever is printed, logged or warned of while the test runs is free of the mark."""
+def no_mark_printed(capfd, caplog):
+    """Fail if the mark is in the output, a log or a warning of the test."""
     caplog.set_level(logging.DEBUG)
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
-    assert MARK not in "".join(capfd.readouterr()) + caplog.text + "".join(str(one.message) for one in said)
+    assert MARK not in "".join(capfd.readouterr()) + caplog.text + "".join(str(one.message) for one in caught)
 
 
 def contents(folder: Path) -> bytes:
-    """Of all files under a folder, names among them, those that are compressed unpacked."""
+    """Contents of all files under a folder, with their names; compressed files are unpacked."""
     parts = []
-    for path in (one for one in folder.rglob("*") if one.is_file()):
+    for path in (path for path in folder.rglob("*") if path.is_file()):
         raw = path.read_bytes()
         parts += [str(path.relative_to(folder)).encode(), gzip.decompress(raw) if path.suffix == ".gz" else raw]
     assert parts
@@ -79,7 +79,7 @@ def contents(folder: Path) -> bytes:
 
 
 @pytest.mark.parametrize("regions", ["seg.dcm", "struct.dcm"])
-def test_a_phantom_of_dicom_says_nothing_of_its_patient(regions, planted, nothing_said):
+def test_phantom_of_dicom_has_no_patient_data(regions, planted, no_mark_printed):
     rois = [{"name": name, "tissue_class": name, "label": name} for name in phantom_files.BALLS]
     settings = {"image": str(planted / "series"), "labels": str(planted / regions), "rois": rois}
     made = ct.load_phantom(settings, Grid((10, 44, 52), (3.0, 2.0, 2.0)), 1)
@@ -87,7 +87,7 @@ def test_a_phantom_of_dicom_says_nothing_of_its_patient(regions, planted, nothin
     assert MARK.encode() not in contents(planted / "results")
 
 
-def test_a_recording_of_dicom_says_nothing_of_its_patient(planted, nothing_said):
+def test_recording_of_dicom_has_no_patient_data(planted, no_mark_printed):
     folder = planted / "scanner"
     content = {"name": "scanner", "kind": "images", "repeats": ["series"], "labels": "seg.dcm"}
     content["rois"] = [{"name": "bright", "tissue_class": "x", "label": "bright"}]
@@ -99,13 +99,13 @@ def test_a_recording_of_dicom_says_nothing_of_its_patient(planted, nothing_said)
     assert MARK not in json.dumps(found) + readable(summary_table({"scanner": found}))
 
 
-def test_an_imported_recording_says_nothing_of_its_patient(planted, nothing_said):
+def test_imported_recording_has_no_patient_data(planted, no_mark_printed):
     import_dicom_tree(planted / "series", planted / "made")
     assert MARK.encode() not in contents(planted / "made")
 
 
 @pytest.mark.parametrize("spoil", ["cut", "modality", "tilt", "doubled"])
-def test_what_is_said_of_a_broken_series_names_files_and_no_patient(spoil, planted, nothing_said):
+def test_messages_on_a_broken_series_name_files_and_no_patient_data(spoil, planted, no_mark_printed):
     paths = sorted((planted / "series").iterdir())
     if spoil == "cut":
         paths[3].write_bytes(paths[3].read_bytes()[:2200])

@@ -1,4 +1,4 @@
-"""DICOM files that pydicom and nibabel ship, written by many scanners and programs: each read right, or refused."""
+"""DICOM files shipped with pydicom and nibabel, from many scanners and programs: read correctly, or rejected."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from virtual_phantom.phantom.dicom_series import read_series
 from virtual_phantom.phantom.masks import open_regions
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
 
-pytestmark = pytest.mark.filterwarnings("ignore")  # pydicom's, of files that are wrong by intent
+pytestmark = pytest.mark.filterwarnings("ignore")  # from pydicom about files that are wrong on purpose
 SHIPPED = Path(pydicom.data.__file__).parent / "test_files"
 FOLDERS = (SHIPPED.parent, Path(nibabel.__file__).parent / "nicom" / "tests" / "data")
 FILES = sorted(
@@ -29,7 +29,7 @@ RESULTS = yaml.safe_load(Path(__file__).with_name("real_dicom.yaml").read_text(e
 
 
 def result(function):
-    """Words of the error; "read" if there is none. Anything but InputError is a fault."""
+    """Text of the error, or "read". Any exception but InputError is a fault."""
     try:
         function()
     except InputError as error:
@@ -38,7 +38,7 @@ def result(function):
     return "read"
 
 
-def test_every_shipped_file_is_read_or_refused_in_one_line(tmp_path):
+def test_every_shipped_file_is_read_or_rejected_in_one_line(tmp_path):
     grid = Grid((2, 2, 2), (1.0, 1.0, 1.0))
     assert len(FILES) > 100
     for number, path in enumerate(FILES):
@@ -51,7 +51,7 @@ def test_every_shipped_file_is_read_or_refused_in_one_line(tmp_path):
 
 
 @pytest.mark.parametrize("name", RESULTS)
-def test_a_file_is_read_or_refused_for_its_reason(name, tmp_path):
+def test_file_is_read_or_rejected_for_its_reason(name, tmp_path):
     expected = RESULTS[name]
     source = next(folder / name for folder in (SHIPPED, *FOLDERS) if (folder / name).exists())
     folder = source
@@ -69,18 +69,18 @@ def test_a_file_is_read_or_refused_for_its_reason(name, tmp_path):
     "CT_small 693_J2KI J2K_pixelrep_mismatch MR_small MR_small_RLE MR_small_jp2klossless MR_small_jpeg_ls_lossless "
     "MR_small_bigendian MR_small_expb MR_small_implicit MR_small_padded image_dfl".split(),
 )
-def test_stored_values_are_those_of_pydicom(name):
+def test_stored_values_equal_those_of_pydicom(name):
     path = SHIPPED / f"{name}.dcm"
     stored = dicom_pixels._stored(read_header(path))
     np.testing.assert_array_equal(stored, pydicom.dcmread(path).pixel_array)
 
 
-def test_files_are_known_as_dicom_by_their_first_bytes():
-    """As pydicom reads them, apart from those without any attribute that says what they are."""
+def test_files_are_recognized_as_dicom_by_their_first_bytes():
+    """As pydicom reads them, except files without any identifying attribute."""
     for path in FILES:
         if (
             path.suffix == ".dcm" and path.name != "no_meta.dcm"
-        ):  # starts with a stray byte; pydicom finds nothing either
+        ):  # starts with an additional byte; pydicom finds nothing either
             assert not not_dicom(path), path
     for name in ("README.txt", "crayons.icc", "zipMR.gz", "test1.json", "rtplan.dump"):
         assert not_dicom(SHIPPED / name)

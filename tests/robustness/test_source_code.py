@@ -1,4 +1,4 @@
-"""What no code of the workflow does: unpickle, evaluate text, load unsafe YAML, or hand anything to a shell."""
+"""Forbidden in the workflow's code: unpickling, evaluation of text, unsafe YAML, and shells."""
 
 import ast
 import re
@@ -18,10 +18,10 @@ CALLS = {"eval", "exec", "compile", "__import__", "os.system", "os.popen", "yaml
 CALLS |= {"yaml.unsafe_load", "pandas.read_pickle", "pd.read_pickle", "nibabel.load", "pandas.read_xml", "pd.read_xml"}
 
 
-# The one file that starts another program, s5cmd, by a list of words.
+# The only file that starts another program, s5cmd, with a list of arguments.
 STARTS_A_PROGRAM = "public_scans/fetch.py"
-# The one file that unpickles: compiled code, as Numba's own cache does. It is read from folders that only the user and
-# who installed the package can write to (tests/test_compiled.py), and only if its checksum is right.
+# The only file that unpickles: compiled code, as Numba's own cache does. Its folders are writable only by the user and
+# the installer of the package (tests/test_compiled.py), and its checksum must be correct.
 READS_COMPILED_CODE = "base/compiled.py"
 
 
@@ -29,13 +29,13 @@ def name_of(node) -> str:
     return ast.unparse(node) if isinstance(node, ast.Name | ast.Attribute) else ""
 
 
-def test_there_is_something_to_look_at():
+def test_source_files_are_found():
     assert len(SOURCES) > 150 and len(RULES) > 10
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_no_code_is_taken_from_data(path):
-    # Benchmarks time whole runs; what they start is none of the user's.
+def test_no_code_is_executed_from_data(path):
+    # Benchmarks time whole runs; the programs that they start are not the user's.
     starts = path.is_relative_to(ROOT / "benchmarks") or path.as_posix().endswith(STARTS_A_PROGRAM)
     compiled = path.as_posix().endswith(READS_COMPILED_CODE)
     banned = IMPORTS - ({"subprocess"} if starts else {"pickle"} if compiled else set())
@@ -46,7 +46,7 @@ def test_no_code_is_taken_from_data(path):
             assert (node.module or "").split(".")[0] not in banned, node.lineno
         if not isinstance(node, ast.Call):
             continue
-        name, keywords = name_of(node.func), {one.arg: one.value for one in node.keywords}
+        name, keywords = name_of(node.func), {keyword.arg: keyword.value for keyword in node.keywords}
         assert name not in CALLS, f"{name}, line {node.lineno}"
         assert "shell" not in keywords, node.lineno
         if name in ("np.load", "numpy.load"):
@@ -55,20 +55,20 @@ def test_no_code_is_taken_from_data(path):
             assert "variable_names" in keywords, node.lineno
 
 
-def test_only_compiled_code_with_a_right_checksum_is_unpickled():
+def test_only_compiled_code_with_a_correct_checksum_is_unpickled():
     (path,) = [path for path in SOURCES if path.as_posix().endswith(READS_COMPILED_CODE)]
     tree = ast.parse(path.read_text(encoding="utf-8"))
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and name_of(node.func).startswith("pickle.")]
-    assert [ast.unparse(one) for one in calls] == ["pickle.loads(payload)"]
+    assert [ast.unparse(call) for call in calls] == ["pickle.loads(payload)"]
     (read,) = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "_read"]
     returned = {ast.unparse(node) for node in ast.walk(read) if isinstance(node, ast.Return)}
     assert returned == {"return None", "return payload if checksum == CHECKSUM(key + payload).digest() else None"}
 
 
-def test_the_program_that_is_started_is_s5cmd_and_gets_a_list():
+def test_only_s5cmd_is_started_with_a_list_of_arguments():
     (path,) = [path for path in SOURCES if path.as_posix().endswith(STARTS_A_PROGRAM)]
     calls = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
-    (started,) = [one for one in calls if name_of(one.func).startswith("subprocess.")]
+    (started,) = [call for call in calls if name_of(call.func).startswith("subprocess.")]
     assert name_of(started.func) == "subprocess.run" and isinstance(started.args[0], ast.List)
     assert fetch.PROGRAM == "s5cmd" and ast.unparse(started.args[0].elts[0]) == "run"
 

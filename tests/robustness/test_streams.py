@@ -1,4 +1,6 @@
-"""The noise of no two acquisitions is related but where a study asks for it, and depends on nothing else drawn."""
+"""Noise of acquisitions is independent unless a study requests common random numbers, and does not depend on other
+draws.
+"""
 
 import ast
 import itertools
@@ -22,30 +24,30 @@ def counts(geometry, noise, seed, lines=LINES, level=1e-4, **options):
 
 
 def test_streams_are_uncorrelated():
-    drawn = np.array([counts(*one).ravel() for one in LABELS], float)
+    drawn = np.array([counts(*label).ravel() for label in LABELS], float)
     correlation = np.corrcoef(drawn)[np.triu_indices(len(LABELS), 1)]
-    # Of n values each: standard deviation 1 / sqrt(n); the largest of 780 lies under 4.5 of them with 99.5 %.
+    # For n values each, the standard deviation is 1 / sqrt(n); the largest of 780 is below 4.5 of them with 99.5 %.
     z = correlation * np.sqrt(LINES.size)
     assert np.abs(z).max() < 4.5
     assert 0.9 < z.std() < 1.1 and abs(z.mean()) < 0.2
 
 
 def test_shifted_streams_are_uncorrelated():
-    """Two seeds that shared a stream with an offset would show here and not above."""
+    """Two seeds that shared a stream with an offset would correlate here and not above."""
     first, second = (counts("views150", "dose10", seed).ravel().astype(float) for seed in (0, 1))
     n = LINES.size
     product = np.fft.irfft(np.fft.rfft(first - first.mean()) * np.conj(np.fft.rfft(second - second.mean())), n)
     assert np.abs(product).max() / (first.std() * second.std() * n) < 5.5 / np.sqrt(n)
 
 
-def test_no_two_of_many_acquisitions_have_one_stream():
+def test_no_two_of_many_acquisitions_share_a_stream():
     labels = itertools.product((f"views{n}" for n in range(100, 120)), ("a", "b", "ab"), range(100))
-    states = {tuple(streams.acquisition(1, *one).generate_state(4)) for one in labels}
+    states = {tuple(streams.acquisition(1, *label).generate_state(4)) for label in labels}
     assert len(states) == 20 * 3 * 100
 
 
-def test_common_draws_are_the_same_quantiles():
-    """Levels and physics of one repeat: standardised counts agree but for their steps, and the draw is the repeat's."""
+def test_common_random_numbers_are_equal_quantiles():
+    """Levels and physics of one repeat: standardized counts agree up to their steps and are those of the repeat."""
     base = counts("views150", "dose10", 0, draws="common").astype(float)
     np.testing.assert_array_equal(base, counts("views300", "double", 0, draws="common"))
     brighter = counts("views150", "half", 0, LINES - 0.1, 0.5e-4, draws="common").astype(float)
@@ -60,7 +62,7 @@ def test_common_draws_are_the_same_quantiles():
     assert abs(np.corrcoef(base.ravel(), alone.ravel())[0, 1]) < 4.5 / np.sqrt(LINES.size)
 
 
-def test_photons_are_drawn_whatever_else_is():
+def test_photon_counts_do_not_depend_on_other_random_numbers():
     """With electronic noise or afterglow, and in a chain without effects as in the study without a chain."""
     geometry = circular(
         views=10,
@@ -81,11 +83,12 @@ def test_photons_are_drawn_whatever_else_is():
     assert np.std(noisy - photons) == pytest.approx(5, rel=0.03)
     mean = 1e4 * np.exp(-1)
     both = np.corrcoef((glowing - mean).ravel(), (photons - mean).ravel())[0, 1]
-    # Of a view's own photons 0.9 + 0.1 times what nothing older holds: 0.9 over the root of the squares' sum.
+    # A view's own photons contribute 0.9 + 0.1 times the share in the same view: 0.9 over the root of the sum of
+    # squares.
     assert both == pytest.approx(0.9 / np.sqrt(0.9**2 + 0.1**2 * 0.5 / 1.5), abs=0.01)
 
 
-def test_unknown_draws_are_refused():
+def test_unknown_mode_of_random_numbers_is_rejected():
     with pytest.raises(ValueError, match="draws 'shared': use independent or common"):
         counts("a", "b", 0, draws="shared")
     assert (
@@ -94,8 +97,8 @@ def test_unknown_draws_are_refused():
     )
 
 
-def test_one_module_owns_all_streams():
-    """Of the library and its scripts; XCIST's own state is seeded from a stream, as it has no other way."""
+def test_one_module_creates_all_streams():
+    """In the library and its scripts; XCIST's global state is seeded from a stream."""
     makers = {"SeedSequence", "default_rng", "RandomState", "PCG64", "seed"}
     found = set()
     for path in [*LIBRARY.rglob("*.py"), *(LIBRARY.parents[1] / "scripts").rglob("*.py")]:

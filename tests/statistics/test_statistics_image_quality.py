@@ -1,4 +1,4 @@
-"""Measures of images whose contrast, noise and blur are known in closed form."""
+"""Image quality measures of images with contrast, noise and blur in closed form."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_contrast_is_exact_and_its_error_is_that_of_the_means():
 
 
 def test_white_noise_has_its_magnitude_and_a_flat_spectrum():
-    images = 1000 * np.arange(3 * 96 * 96).reshape(3, 96, 96) + white(4)  # structure does not matter
+    images = 1000 * np.arange(3 * 96 * 96).reshape(3, 96, 96) + white(4)  # structure has no effect
     whole = np.ones(images.shape[1:], bool)
     spectrum = noise_spectrum(images, whole, SPACING)
     assert spectrum.area == pytest.approx(1, rel=0.02)
@@ -60,12 +60,12 @@ def test_white_noise_has_its_magnitude_and_a_flat_spectrum():
 
 @pytest.mark.parametrize("sigma_px", [0.8, 1.2])
 def test_filtered_noise_has_its_mean_frequency(sigma_px):
-    """The spectrum of noise filtered by a Gaussian is exp(-(2 pi sigma f)^2), and its mean 1/(2 pi^1.5 sigma)."""
+    """The spectrum of noise filtered by a Gaussian is exp(-(2 pi sigma f)^2), with mean 1/(2 pi^1.5 sigma)."""
     images = ndimage.gaussian_filter(white(6, (4, 160, 160)), (0, 0, sigma_px, sigma_px), mode="wrap")
     spectrum = noise_spectrum(images, np.ones(images.shape[1:], bool), SPACING)
     sigma = sigma_px * SPACING[1]
     expected = 1 / (2 * np.pi**1.5 * sigma)
-    # Less what lies beyond the Nyquist frequency.
+    # Without the part beyond the Nyquist frequency.
     nyquist = 1 / (2 * SPACING[1])
     reach = 2 * np.pi * sigma * nyquist
     expected *= -np.expm1(-(reach**2)) / special.erf(reach)
@@ -73,7 +73,7 @@ def test_filtered_noise_has_its_mean_frequency(sigma_px):
     assert spectrum.area == pytest.approx(2 * np.pi * sigma_px**2, rel=0.1)  # the integral of rho^2, in voxels
 
 
-def test_spectra_of_one_noise_differ_by_what_noise_gives():
+def test_spectra_of_one_noise_differ_by_chance():
     whole = np.ones((3, 96, 96), bool)
     one, other = (noise_spectrum(white(3, seed=seed), whole, SPACING) for seed in (1, 2))
     found = shape_difference(one, other)
@@ -82,8 +82,8 @@ def test_spectra_of_one_noise_differ_by_what_noise_gives():
     assert shape_difference(one, noise_spectrum(smooth, whole, SPACING)).value > 5 * found.error
 
 
-def test_errors_are_those_of_many_draws():
-    """Correlated noise: errors from three repeats against the scatter of 40 such measurements."""
+def test_errors_equal_the_scatter_of_many_realizations():
+    """Correlated noise: errors from three repeats compared with the scatter of 40 such measurements."""
     whole = np.ones((3, 64, 64), bool)
     rois = {"left": whole & (np.arange(64) < 32), "right": whole & (np.arange(64) >= 32)}
     y, x = np.mgrid[:64, :64] - 31.5
@@ -106,17 +106,17 @@ def test_errors_are_those_of_many_draws():
 
 
 @pytest.mark.parametrize("sigma_px", [0.7, 1.0, 1.5])
-def test_a_blurred_disc_has_its_resolution(sigma_px):
+def test_blurred_disc_has_its_resolution(sigma_px):
     """The MTF of a Gaussian is exp(-2 (pi sigma f)^2): one half at sqrt(ln 2 / 2)/(pi sigma)."""
     y, x = np.mgrid[:96, :96] - 47.5 + 0.13
     distance = np.broadcast_to((np.hypot(y, x) - 33.3) * SPACING[1], (3, 96, 96))
-    # A straight edge blurred by a Gaussian is an error function; the disc is 20 and more times wider than its blur.
+    # A straight edge blurred by a Gaussian is an error function; the disc is at least 20 times wider than its blur.
     image = -500 * special.erf(distance / (np.sqrt(2) * sigma_px * SPACING[1]))
     valid = np.ones(image.shape, bool)
     expected = np.sqrt(np.log(2) / 2) / (np.pi * sigma_px * SPACING[1])
     exact = mtf_half(image[None], distance, SPACING, valid)
     assert exact.value == pytest.approx(expected, rel=0.02) and np.isnan(exact.error)
-    # The same from a mask five times finer, as of a phantom.
+    # The same with a mask of a fifth of the voxel size, as from a phantom.
     y, x = (np.mgrid[: 5 * 96, : 5 * 96] - (5 * 96 - 1) / 2) / 5 + 0.13
     fine = np.broadcast_to(np.hypot(y, x) < 33.3, (3, 5 * 96, 5 * 96))
     measured = signed_distance_mm(fine, SPACING, 5)
@@ -124,7 +124,7 @@ def test_a_blurred_disc_has_its_resolution(sigma_px):
     assert mtf_half(image[None], measured, SPACING, valid).value == pytest.approx(expected, rel=0.05)
 
 
-def test_squares_lie_side_by_side_within_the_mask():
+def test_squares_are_disjoint_within_the_mask():
     mask = np.zeros((2, 40, 70), bool)
     mask[:, 3:37, 2:69] = True
     side, corners = tiles(mask)
@@ -137,7 +137,7 @@ def test_squares_lie_side_by_side_within_the_mask():
         tiles(np.ones((1, 16, 16), bool))
 
 
-def test_what_cannot_be_measured_is_said():
+def test_unmeasurable_images_are_reported():
     images = white(2, (3, 32, 32))
     with pytest.raises(InputError, match="there is only one; record at least two"):
         noise_contrasts(images[:1])

@@ -8,7 +8,7 @@ from virtual_phantom.statistics import noise
 BOX = np.ones((2, 3, 4), bool)
 
 
-def test_variance_by_hand():
+def test_variance_of_simple_values():
     left = BOX.copy()
     left[:, :, 2:] = False
     ramp = np.where(left, 1.0, 2.0)
@@ -16,12 +16,11 @@ def test_variance_by_hand():
     # 1 2 3 has variance 1, 2 4 6 has 4.
     assert table["variance_hu2"].to_dict() == pytest.approx({"left": 1, "right": 4, noise.EVERY_ROI: 2.5})
     assert (table["repeats"] == 3).all()
-    # Leaving one of 1 2 3 out gives variances 0.5, 2 and 0.5: mean 1, jackknife variance 2/3 x (0.25 + 1 +
-    # 0.25).
+    # Leaving out one of 1 2 3 gives variances 0.5, 2 and 0.5: mean 1, jackknife variance 2/3 x (0.25 + 1 + 0.25).
     assert table.loc["left", "standard_error"] == pytest.approx(1.0)
 
 
-def test_overlapping_rois_count_each_voxel_once_in_all():
+def test_overlapping_rois_count_each_voxel_once_in_total():
     inner = BOX.copy()
     inner[0] = False
     image = np.where(inner, 1.0, 2.0)
@@ -30,7 +29,7 @@ def test_overlapping_rois_count_each_voxel_once_in_all():
 
 
 @pytest.mark.parametrize("name", ["all", "All", "roi", "variance_hu2", "EVERY_ROI"])
-def test_an_roi_of_any_name_keeps_its_row(name):
+def test_roi_of_any_name_keeps_its_row(name):
     half = BOX.copy()
     half[0] = False
     image = np.where(half, 1.0, 2.0)
@@ -38,11 +37,11 @@ def test_an_roi_of_any_name_keeps_its_row(name):
     assert table["variance_hu2"].to_dict() == pytest.approx({name: 1, "other": 4, noise.EVERY_ROI: 2.5})
 
 
-def test_known_noise_is_recovered_and_its_error_is_honest_for_correlated_voxels():
+def test_known_noise_is_recovered_with_a_correct_error_for_correlated_voxels():
     rng = np.random.default_rng(5)
     errors, claimed = [], []
     for _ in range(150):
-        # Blocks of 10 x 10 equal voxels: 16 independent values per image, not 1600.
+        # Blocks of 10 x 10 equal voxels: 16 independent values per image instead of 1600.
         images = np.kron(rng.normal(0, 7, (10, 1, 4, 4)), np.ones((1, 1, 10, 10)))
         row = noise.repeat_variance(images, {"roi": np.ones(images.shape[1:], bool)}).iloc[0]
         errors.append(row["variance_hu2"] - 49)
@@ -52,7 +51,7 @@ def test_known_noise_is_recovered_and_its_error_is_honest_for_correlated_voxels(
     assert np.std(errors) == pytest.approx(49 * np.sqrt(2 / 9 / 16), rel=0.25)  # chi-square, 9 degrees of freedom
 
 
-def test_images_are_taken_one_at_a_time():
+def test_images_are_processed_one_at_a_time():
     alive = []
 
     def images():
@@ -64,18 +63,18 @@ def test_images_are_taken_one_at_a_time():
     assert alive == [0, 1, 2, 3]
 
 
-def test_a_line_is_found_and_inverted():
+def test_line_is_fitted_and_inverted():
     level = np.array([1e-4, 2e-4, 4e-4])
     fit = noise.linear_fit(level, 3 + 5e5 * level)
     assert (fit.slope, fit.intercept, fit.r_squared) == pytest.approx((5e5, 3, 1))
     assert fit.noise_level_for(228) == pytest.approx(4.5e-4)
-    # By hand: points (0, 0), (1, 2), (2, 1) have slope 1/2, intercept 1/2 and R2 1/4.
+    # Points (0, 0), (1, 2), (2, 1) have slope 1/2, intercept 1/2 and R2 1/4.
     fit = noise.linear_fit([0, 1, 2], [0, 2, 1])
     assert (fit.slope, fit.intercept, fit.r_squared) == pytest.approx((0.5, 0.5, 0.25))
 
 
 def calibration(variance):
-    """Three levels of one protocol, two ROIs whose mean variance is that of the argument."""
+    """Three levels of one protocol, and two ROIs whose mean variance is `mean`."""
     rows = [
         {"protocol": "p", "noise_level": level, "roi": roi, "spatial_variance_hu2": value + sign}
         for level, value in zip((1e-4, 2e-4, 4e-4), variance, strict=True)
@@ -84,8 +83,8 @@ def calibration(variance):
     return pd.DataFrame(rows)
 
 
-def test_a_noise_level_is_matched_to_a_recording():
-    """variance = 3 + 5e5 A exactly, so 103 needs A = 2e-4; the only error is that of the recorded mean, 2 / sqrt 2."""
+def test_noise_level_is_matched_to_a_recording():
+    """Exactly variance = 3 + 5e5 A, so 103 needs A = 2e-4; the only error is that of the recorded mean, 2 / sqrt 2."""
     measured = pd.DataFrame({"a": [100.0, 104.0, np.nan], "b": [102.0, 106.0, 99.0]})
     match = noise.match_noise_level(calibration([53, 103, 203]), "p", ["a", "b"], measured)
     assert (match.A, match.variance_hu2, match.extrapolated) == (pytest.approx(2e-4), pytest.approx(103), False)
@@ -93,7 +92,7 @@ def test_a_noise_level_is_matched_to_a_recording():
     assert noise.match_noise_level(calibration([53, 103, 203]), "p", ["a"], measured * 3).extrapolated
 
 
-def test_the_error_of_a_matched_level_covers():
+def test_error_of_a_matched_level_has_its_coverage():
     """Lines with known scatter: the true level lies within 1.96 standard errors in about 95 %."""
     random = np.random.default_rng(5)
     levels = np.linspace(1e-4, 4e-4, 12)

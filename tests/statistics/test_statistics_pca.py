@@ -12,7 +12,7 @@ ROIS = {"normal_1": "normal_liver", "cyst_1": "cyst", "metastasis": "metastasis"
 
 
 def simulated(seed=0, features=FEATURES[:6], spread=1.0, protocols=("a", "b")):
-    """Features drawn around a centre per ROI, a few repeats of a few protocols."""
+    """Random features around a center per ROI, for several repeats of several protocols."""
     rng = np.random.default_rng(seed)
     centres = {roi: rng.normal(0, 3, len(features)) for roi in ROIS}
     return pd.DataFrame(
@@ -45,9 +45,9 @@ def plane(points, source=None):
     return points[["pc1", "pc2"]].to_numpy(dtype=float)
 
 
-def test_two_features_by_hand():
-    # Standardised, two features with correlation r have components along (1, 1) and (1, -1), of variance 1 +
-    # r and 1 - r. Here (0, 1, 2, 3) and (0, 2, 1, 3): r = 4/5.
+def test_two_features_in_closed_form():
+    # Two standardized features with correlation r have components along (1, 1) and (1, -1), of variance 1 + r and 1 -
+    # r. Here (0, 1, 2, 3) and (0, 2, 1, 3): r = 4/5.
     table = (
         simulated(features=FEATURES[:2]).iloc[:4].assign(**{FEATURES[0]: [0.0, 1, 2, 3], FEATURES[1]: [0.0, 2, 1, 3]})
     )
@@ -60,28 +60,28 @@ def test_two_features_by_hand():
 
 @settings(max_examples=20, deadline=None)
 @given(scale=st.floats(1e-3, 1e3), shift=st.floats(-1e3, 1e3), which=st.integers(0, 5), seed=st.integers(0, 50))
-def test_units_of_a_feature_change_nothing(scale, shift, which, seed):
+def test_unit_of_a_feature_has_no_effect(scale, shift, which, seed):
     table = simulated(seed)
     changed = table.assign(**{FEATURES[which]: scale * table[FEATURES[which]] + shift})
     assert np.allclose(plane(pca.project(table)), plane(pca.project(changed)), atol=1e-6)
 
 
-def test_the_order_of_rows_changes_nothing():
+def test_order_of_rows_has_no_effect():
     table = simulated()
     order = np.random.default_rng(1).permutation(len(table))
     assert np.allclose(plane(pca.project(table))[order], plane(pca.project(table.iloc[order])))
 
 
-def test_components_are_centred_uncorrelated_and_as_wide_as_they_say():
+def test_components_are_centered_uncorrelated_and_have_their_variance():
     points = pca.project(simulated())
     covariance = np.cov(plane(points).T, ddof=0)
     assert np.allclose(plane(points).mean(axis=0), 0)
     assert covariance[0, 1] == pytest.approx(0, abs=1e-12)
     share = points.loc[0, ["explained_pc1_percent", "explained_pc2_percent"]].to_numpy(dtype=float) / 100
-    assert np.diag(covariance) == pytest.approx(6 * share)  # six standardised features have total variance six
+    assert np.diag(covariance) == pytest.approx(6 * share)  # six standardized features have a total variance of six
 
 
-def test_standardising_each_set_hides_offsets_and_together_shows_them():
+def test_separate_standardization_hides_offsets_and_joint_standardization_shows_them():
     table, reference = simulated(), measured_table()
     moved = reference.assign(**{feature: 10 * reference[feature] + 500 for feature in FEATURES[:6]})
     each = [plane(pca.project(table, other), "measured") for other in (reference, moved)]
@@ -90,7 +90,7 @@ def test_standardising_each_set_hides_offsets_and_together_shows_them():
     assert np.abs(together[1] - together[0]).max() > 100
 
 
-def test_which_set_is_fitted_decides_the_axes():
+def test_fitted_set_determines_the_axes():
     table, reference = simulated(), measured_table()
     fits = {fit_on: pca.project(table, reference, fit_on=fit_on, standardise="together") for fit_on in pca.FIT_ON}
     assert np.allclose(plane(fits["simulated"], "simulated"), plane(pca.project(table)))
@@ -100,7 +100,7 @@ def test_which_set_is_fitted_decides_the_axes():
     assert len({fit.loc[0, "explained_pc1_percent"] for fit in fits.values()}) == 3
 
 
-def test_features_of_one_set_only_are_left_out_and_columns_keep_their_types(tmp_path):
+def test_features_of_one_set_only_are_excluded_and_columns_keep_their_types(tmp_path):
     table = simulated(features=FEATURES[:6])
     reference = measured_table(features=FEATURES[:4])
     points = pca.project(table, reference)
@@ -127,8 +127,8 @@ def test_separable_classes_are_separated_and_random_labels_are_not():
     assert pca.separability(random, "demo")["accuracy"][0] == pytest.approx(1 / 3, abs=0.15)
 
 
-def test_no_point_is_judged_by_repeats_of_its_own_setting():
-    # Two settings with their classes in opposite order: only repeats of a setting tell its classes.
+def test_points_are_not_classified_by_repeats_of_their_own_setting():
+    # Two settings with opposite class order: only repeats of a setting predict its classes.
     rows = [
         {
             "source": "simulated",

@@ -1,4 +1,4 @@
-"""How much stability changes by physics: intervals of differences against published ones, and where there is none."""
+"""Change of stability by physics: intervals of differences against published ones, and undefined cases."""
 
 import numpy as np
 import pandas as pd
@@ -19,7 +19,7 @@ PUBLISHED = [
 
 
 def trusted(rows):
-    """A table of trust with Wilson's intervals of proportions, of a feature each."""
+    """Table of trusted features with Wilson's intervals, one feature per proportion."""
     found = []
     for number, (count, of) in enumerate(rows):
         interval = binomtest(count, of).proportion_ci(method="wilson")
@@ -28,7 +28,7 @@ def trusted(rows):
     return pd.DataFrame(found, columns=["feature", "family", "stability_percent", "ci95_low", "ci95_high"])
 
 
-def test_the_interval_of_a_difference_is_newcombe_s():
+def test_interval_of_a_difference_equals_newcombes():
     one, other, published = zip(*PUBLISHED, strict=True)
     found = stability_change(trusted(one), trusted(other)[::-1])
     np.testing.assert_allclose(found[["ci95_low", "ci95_high"]] / 100, published, atol=5.1e-5)
@@ -37,14 +37,14 @@ def test_the_interval_of_a_difference_is_newcombe_s():
     assert list(found["changed"]) == ["yes", "yes", "yes", "no", "no", "yes"]
 
 
-def test_of_one_repeat_nothing_is_said():
+def test_one_repeat_gives_no_interval():
     one = trusted([(3, 8)])
     without = one.assign(ci95_low=np.nan, ci95_high=np.nan)
     assert list(stability_change(one, without)["changed"]) == ["undecided"]
 
 
-def test_an_interval_that_ends_short_of_its_value_reaches_not_beyond_it():
-    """The interval is of what is expected, the value that of one study."""
+def test_interval_that_ends_before_its_value_is_not_extended():
+    """The interval is for the expectation, the value for one study."""
     one = trusted([(3, 8)]).assign(stability_percent=90.0, ci95_low=40.0, ci95_high=80.0)
     other = one.assign(stability_percent=30.0, ci95_low=35.0, ci95_high=60.0)
     found = stability_change(one, other).iloc[0]

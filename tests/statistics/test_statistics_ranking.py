@@ -32,7 +32,7 @@ def independent(features=FEATURES):
 
 
 @pytest.mark.parametrize("items, n", [(12, 3), (15, 7), (10, 1)])
-def test_unrelated_lists_of_independent_features_follow_the_hypergeometric_law(items, n):
+def test_unrelated_lists_of_independent_features_follow_the_hypergeometric_distribution(items, n):
     scores = np.random.default_rng(1).normal(size=items)
     found = np.round(ranking.random_overlaps(ranking.memberships(scores), np.eye(items))[:, n - 1] * n)
     for shared in range(n + 1):
@@ -40,11 +40,11 @@ def test_unrelated_lists_of_independent_features_follow_the_hypergeometric_law(i
         assert np.mean(found == shared) == pytest.approx(expected, abs=4 * np.sqrt(0.25 / ranking.RANDOM_LISTS))
 
 
-def test_twins_go_together():
-    """Ten pairs of one feature each, all in the given list's order: a random list shares whole pairs."""
+def test_identical_features_are_selected_together():
+    """Ten pairs of identical features, adjacent in the given list: a random list shares whole pairs."""
     pairs = np.kron(np.eye(10), np.ones((2, 2)))
     found = ranking.random_overlaps(ranking.memberships(-np.arange(20.0)), pairs)[:, 9] * 10
-    assert np.array_equal(found, 2 * np.round(found / 2))  # five pairs of ten, and all of a pair
+    assert np.array_equal(found, 2 * np.round(found / 2))  # five of ten pairs, and all of a pair
     for shared in range(6):
         expected = hypergeom.pmf(shared, 10, 5, 5)
         assert np.mean(found == 2 * shared) == pytest.approx(expected, abs=4 * np.sqrt(0.25 / ranking.RANDOM_LISTS))
@@ -62,8 +62,10 @@ def test_shared_variance_is_the_mean_square_of_spearmans_coefficient():
 
 
 def unrelated_study(rng, root, spread_of_merits):
-    """A study whose groups and ROIs differ by draws of its own, while features are correlated as `root` says: one root
-    for values, one for how much a feature is moved by the groups, which correlated features share."""
+    """Study whose groups and ROIs differ by random values, with features correlated by `root`.
+
+    One root is for values, and one for the changes between groups, which correlated features share.
+    """
     merit = np.exp(spread_of_merits * (root[1] @ rng.standard_normal(len(root[0]))))
     rows = []
     for roi in range(3):
@@ -77,8 +79,8 @@ def unrelated_study(rng, root, spread_of_merits):
 
 @pytest.mark.real
 @pytest.mark.skipif(not STUDY.exists(), reason="the table of CT-Phantom4Radiomics is not beside the checkout")
-def test_scores_of_features_correlate_by_the_square_of_the_features_where_groups_differ_in_nothing():
-    """Real scans, dealt out to the groups at random: what is left of the order of features is chance."""
+def test_scores_correlate_by_the_squared_correlation_of_features_without_group_differences():
+    """Real scans, assigned to groups at random: the order of features is then random."""
     study = measured.load_full_table(STUDY)
     study = study[(study["repositioned"] == 0) & (study["group"] <= 5)]
     names = list(measured.STUDY_FEATURES)
@@ -90,12 +92,12 @@ def test_scores_of_features_correlate_by_the_square_of_the_features_where_groups
     pairs = np.triu_indices(len(names), 1)
     squares = ranking.shared_variance(study, names).to_numpy()[pairs]
     slope, offset = np.polyfit(squares, np.corrcoef(np.transpose(stability))[pairs], 1)
-    # A coefficient of 60 draws has a standard error of 0.13; those of 3,570 pairs hang together.
+    # A coefficient of 60 realizations has a standard error of 0.13; those of 3,570 pairs are dependent.
     assert slope == pytest.approx(1, abs=0.15) and offset == pytest.approx(0, abs=0.1)
 
 
-def test_the_band_holds_95_percent_of_unrelated_studies_and_that_of_independent_features_does_not():
-    """40 features in 5 clusters of 8, correlated by 0.95 inside; two studies that share nothing else."""
+def test_band_covers_95_percent_of_unrelated_studies_unlike_that_of_independent_features():
+    """40 features in 5 clusters of 8 with a correlation of 0.95, in two otherwise unrelated studies."""
     rng = np.random.default_rng(np.random.SeedSequence(23))
     correlations = np.where(np.kron(np.eye(5), np.ones((8, 8))) > 0, 0.95, 0) + 0.05 * np.eye(40)
     root = np.linalg.cholesky(correlations), np.linalg.cholesky(correlations**2)
@@ -104,14 +106,14 @@ def test_the_band_holds_95_percent_of_unrelated_studies_and_that_of_independent_
     for _ in range(25):
         one, other = (unrelated_study(rng, root, 1.0).rename(columns=dict(enumerate(names))) for _ in range(2))
         scores = [wilcoxon.scores(study, names) for study in (one, other)]
-        for shared, kept in ((ranking.shared_variance(one, names), inside), (independent(names), independent_inside)):
+        for shared, stored in ((ranking.shared_variance(one, names), inside), (independent(names), independent_inside)):
             found = ranking.overlap(*scores, shared)
             for kind in ranking.KINDS:
                 share, lower, upper = (
                     found[f"{what}_{kind}_percent"].to_numpy()[:-1] for what in ("overlap", "lower", "upper")
                 )
-                kept.append(np.mean((share >= lower - 1e-9) & (share <= upper + 1e-9)))
-    # 50 curves, whose lengths depend on each other: the mean share inside has a standard error of 0.02.
+                stored.append(np.mean((share >= lower - 1e-9) & (share <= upper + 1e-9)))
+    # 50 curves with dependent lengths: the mean share inside has a standard error of 0.02.
     assert np.mean(inside) > 0.93
     assert np.mean(independent_inside[::2]) < 0.87  # of stability
 
@@ -122,7 +124,7 @@ def test_the_band_holds_95_percent_of_unrelated_studies_and_that_of_independent_
     st.lists(st.integers(0, 2), min_size=5, max_size=5),
     st.integers(1, 5),
 )
-def test_overlap_with_ties_is_the_mean_over_every_way_to_break_them(a, b, n):
+def test_overlap_with_ties_is_the_mean_over_every_order(a, b, n):
     def tops(scores):  # every order of the five items that the scores allow, cut after n
         return [
             set(order[:n])
@@ -146,16 +148,16 @@ def test_equal_and_opposite_rankings():
     assert same["percent"].tolist() == pytest.approx(list(range(10, 101, 10)))
 
 
-def test_one_score_for_all_gives_what_unrelated_lists_give():
+def test_constant_scores_give_the_overlap_of_unrelated_lists():
     result = ranking.overlap(table(np.zeros(12)), table(np.arange(12.0)), independent())
-    # n^2 / 12 of n on average; 2000 lists are off by at most 4 standard errors
+    # n^2 / 12 on average; 2000 lists differ by at most 4 standard errors
     expected = 100 * np.arange(1, 13) / 12
     assert result["overlap_stability_percent"].tolist() == pytest.approx(expected.tolist())
     assert np.abs(result["expected_stability_percent"] - expected).max() < 4 * 50 / np.sqrt(ranking.RANDOM_LISTS)
     assert result["area_stability"].iloc[0] == pytest.approx(13 / 24)  # mean of n / 12
 
 
-def test_features_of_one_table_only_are_left_out():
+def test_features_of_one_table_only_are_excluded():
     simulated = table(np.arange(86.0))
     result = ranking.overlap(simulated, measured.load_score_draws(10), independent())
     assert (result["n_features"] == 85).all() and len(result) == 85
@@ -176,14 +178,14 @@ def test_top_lists_are_ordered_and_mark_ties():
     assert top["discrimination_simulated"][0] == FEATURES[85]
 
 
-def test_fewer_features_than_ranks_give_as_many_rows_whatever_the_others_have():
+def test_fewer_features_than_ranks_give_as_many_rows():
     few, draws = table(np.arange(86)).head(4), table(np.arange(86)).assign(draw=1, repeats=1, of=3)
     top = ranking.top_features(few, measured.load_published_top(), draws)
     assert list(top["rank"]) == [1, 2, 3, 4] and list(top["stability_simulated"]) == list(FEATURES[3::-1])
     assert top["stability_measured"][0] == FEATURES[85]
 
 
-def test_measured_top_lists_are_the_best_by_their_means_over_draws():
+def test_measured_top_lists_are_sorted_by_means_over_realizations():
     draws = pd.concat(
         [
             table(scores).assign(draw=draw, repeats=1, of=3)
@@ -194,19 +196,19 @@ def test_measured_top_lists_are_the_best_by_their_means_over_draws():
     top = ranking.top_features(table(np.arange(86)), measured.load_published_top(), draws)
     assert list(top["stability_measured"][:2]) == [FEATURES[7], FEATURES[85]]
     assert list(top["stability_measured_percent"][:2]) == [(7 + 300) / 2, 85]
-    # SD of 7 and 300 is 293 / sqrt(2), of draws of one of three: over sqrt(1 - 1 / 3)
+    # SD of 7 and 300 is 293 / sqrt(2), for one of three: divided by sqrt(1 - 1 / 3)
     assert top["stability_measured_sd"][0] == pytest.approx(293 / np.sqrt(2) / np.sqrt(2 / 3))
     assert top["stability_measured_sd"][1] == 0
 
 
-def test_overlap_is_the_mean_over_draws_and_says_their_spread():
+def test_overlap_is_the_mean_over_realizations_with_their_spread():
     order = np.arange(10.0)
     draws = pd.concat(
         [table(scores).assign(draw=draw, repeats=5, of=20) for draw, scores in ((1, order), (2, order[::-1]))],
         ignore_index=True,
     )
     found = ranking.overlap(table(order), draws, independent())
-    # The five best of the same order are five, of the opposite one none.
+    # The same order shares all five, the opposite order none.
     assert found["overlap_stability_percent"][4] == pytest.approx(50)
     assert found["overlap_stability_sd"][4] == pytest.approx(100 / np.sqrt(2) / np.sqrt(1 - 5 / 20))
     assert ranking.overlap(table(order), table(order), independent())["overlap_stability_sd"].isna().all()
@@ -217,7 +219,7 @@ def test_overlap_is_the_mean_over_draws_and_says_their_spread():
     assert repeats.sampling_fraction(draws) == 0.25
 
 
-def test_without_the_printed_phantom_there_are_no_columns_of_it():
+def test_other_phantoms_have_no_columns_of_the_printed_phantom():
     top = ranking.top_features(table(np.arange(86)))
     assert len(top) == 10 and list(top.filter(regex="published|measured")) == []
     assert list(top) == [
@@ -226,7 +228,7 @@ def test_without_the_printed_phantom_there_are_no_columns_of_it():
     ]
 
 
-def test_published_lists_are_the_papers():
+def test_published_lists_equal_the_papers():
     published = measured.load_published_top()
     assert published.groupby(["kind", "source"]).size().tolist() == [10] * 4
     assert set(published["feature"]) <= set(FEATURES)
@@ -257,7 +259,7 @@ def test_published_lists_are_the_papers():
         (lambda scores: scores.assign(discrimination_percent="5,0"), "values that are not finite"),
     ],
 )
-def test_a_broken_table_of_scores_is_refused(spoil, message):
+def test_broken_score_table_is_rejected(spoil, message):
     good = table(np.arange(86.0))
     with pytest.raises(InputError, match=f"simulated scores: .*{message}"):
         ranking.top_features(spoil(good), measured.load_published_top())
@@ -267,8 +269,8 @@ def test_a_broken_table_of_scores_is_refused(spoil, message):
         ranking.overlap(good, spoil(good), independent())
 
 
-def test_scores_of_both_stand_beside_each_other():
-    """By hand: means over draws, their SD, and ranks that ties share."""
+def test_scores_of_both_are_in_one_table():
+    """Means over realizations, their SD, and shared ranks of ties."""
     features = ["a", "b", "c"]
     simulated = pd.DataFrame({"feature": features, "family": "x", "stability_percent": [10.0, 30.0, 30.0]})
     simulated["discrimination_percent"] = 90.0

@@ -1,4 +1,4 @@
-"""The interval of the stability: against closed forms, against scipy, and how often it holds a truth that is known."""
+"""Confidence interval of the stability: closed forms, scipy, and coverage of a known truth."""
 
 from itertools import combinations, product
 
@@ -22,7 +22,7 @@ def studies(number, groups, repeats, spread, seed=0, rois=ROIS):
 
 
 def stable_by_scipy(x, units=APART):
-    """The share of comparisons with |W| < 1, one scipy.stats.ranksums at a time."""
+    """Share of comparisons with |W| < 1, by single scipy.stats.ranksums."""
     groups = range(x.shape[1])
     found = [
         abs(ranksums(x[unit][:, a].ravel(), x[unit][:, b].ravel()).statistic) < 1
@@ -34,8 +34,8 @@ def stable_by_scipy(x, units=APART):
 
 
 @pytest.mark.parametrize("repeats", [1, 2, 3, 4, 5])
-def test_equal_groups_agree_as_often_as_the_exact_distribution_says(repeats):
-    """All ways to deal out the ranks, by hand; scipy's exact p value of the first statistic that is not stable."""
+def test_equal_groups_agree_as_often_as_the_exact_distribution_states(repeats):
+    """All assignments of the ranks; scipy's exact p-value of the first statistic that is not stable."""
     ranks = np.arange(2 * repeats)
     rows = [np.isin(ranks, chosen) for chosen in map(list, combinations(range(2 * repeats), repeats))]
     stable = [abs(ranksums(ranks[row], ranks[~row]).statistic) < 1 for row in rows]
@@ -48,7 +48,7 @@ def test_equal_groups_agree_as_often_as_the_exact_distribution_says(repeats):
     assert stable_probability(repeats) == pytest.approx(1 - max(unstable, default=0.0))
 
 
-def test_many_repeats_are_as_good_as_normal(monkeypatch):
+def test_many_repeats_approach_the_normal_distribution(monkeypatch):
     exact = stable_probability(50)
     monkeypatch.setattr(stability_interval, "EXACT_UP_TO", 49)
     assert stable_probability(50) == pytest.approx(exact, abs=2e-3)
@@ -56,10 +56,10 @@ def test_many_repeats_are_as_good_as_normal(monkeypatch):
 
 
 @pytest.mark.parametrize("units", [APART, [[0, 3], [1, 4], [2, 5]]])
-def test_the_value_is_the_share_that_scipy_gives(units):
+def test_value_equals_scipys_share(units):
     _, x = studies(4, 3, 5, 0.5)
     x[0] = np.round(x[0])  # ties
-    x[1, 2] = 7.0  # an ROI where nothing varies
+    x[1, 2] = 7.0  # an ROI without variation
     found = stability_intervals(x, units, range(3))
     assert found.value == pytest.approx([stable_by_scipy(one, units) for one in x])
     for inside in (found.low <= found.value, found.value <= found.high, found.twice_low <= found.twice_high):
@@ -67,24 +67,24 @@ def test_the_value_is_the_share_that_scipy_gives(units):
     assert (found.low >= 0).all() and (found.high <= 1).all()
 
 
-def test_groups_that_do_not_differ_and_groups_that_do():
+def test_equal_and_different_groups():
     _, equal = studies(1, 4, 6, 0.0)
-    _, apart = studies(1, 4, 6, 100.0)
-    found = stability_intervals(np.concatenate([equal, apart]), APART, range(4))
+    _, different = studies(1, 4, 6, 100.0)
+    found = stability_intervals(np.concatenate([equal, different]), APART, range(4))
     assert found.value[1] == found.low[1] == 0 and 0 < found.high[1] < 0.25
     assert found.low[0] > 0.3 and found.high[0] >= stable_probability(6)
-    # What differs is seen the better the more repeats; what does not, is not.
+    # More repeats show existing differences better, and no others.
     assert found.twice[0] > 0.4 and found.twice[1] < 0.01
 
 
-def test_one_repeat_says_nothing():
+def test_one_repeat_gives_no_interval():
     _, x = studies(2, 3, 1, 1.0)
     found = stability_intervals(x, APART, range(3))
     assert (found.value == 0).all() and np.isnan(found.low).all() and np.isnan(found.twice_high).all()
 
 
-def test_shared_noise_is_simulated_as_such():
-    """Reconstructions of the same scans agree more often than scans do, where they do not differ."""
+def test_shared_noise_is_simulated():
+    """Without a true difference, reconstructions of the same scans agree more often than different scans."""
     rng = np.random.default_rng(3)
     scans = rng.normal(size=(ROIS, 1, 8))
     x = np.concatenate([scans + 0.5 * rng.normal(size=(ROIS, 2, 8)), rng.normal(size=(ROIS, 1, 8))], axis=1)
@@ -96,19 +96,19 @@ def test_shared_noise_is_simulated_as_such():
     together, alone = (
         stability_interval._ScaledStudies(x, one, design).stability(0.0).mean() for one in (shared, np.eye(3))
     )
-    # One pair of three: were both the same, all of its comparisons would agree.
+    # One pair of three: if both were the same, all of its comparisons would agree.
     assert 0.04 < together - alone < (1 - stable_probability(8)) / 3
 
 
-def test_it_is_the_same_for_whatever_other_features_are_there():
+def test_interval_does_not_depend_on_other_features():
     _, x = studies(3, 3, 4, 0.5)
     both, alone = stability_intervals(x, APART, range(3)), stability_intervals(x[1:2], APART, range(3))
     assert both.low[1] == alone.low[0] and both.twice_high[1] == alone.twice_high[0]
 
 
 @pytest.mark.parametrize("spread, groups, repeats", [(0.3, 4, 5), (1.0, 4, 5), (3.0, 4, 3)])
-def test_intervals_hold_the_expected_stability(spread, groups, repeats, monkeypatch):
-    """95 % are asked for. Of 150 intervals of that coverage fewer than 135, or none outside, come once in 2000 times.
+def test_intervals_cover_the_expected_stability(spread, groups, repeats, monkeypatch):
+    """The level is 95 %. For 150 intervals, coverage of fewer than 135 or of all has a probability of 1 in 2000.
 
     The truth is the mean over 4000 studies with the same means. All numbers: benchmarks/stability_interval.py.
     """
@@ -118,13 +118,13 @@ def test_intervals_hold_the_expected_stability(spread, groups, repeats, monkeypa
     noise = np.random.default_rng(6).normal(size=(4000, *x.shape[1:]))
     truth = design.stability(noise + means[0][..., None]).mean()
     found = stability_intervals(x, APART, range(groups))
-    held = int(((found.low <= truth) & (truth <= found.high)).sum())
-    assert 135 <= held < 150
+    covered = int(((found.low <= truth) & (truth <= found.high)).sum())
+    assert 135 <= covered < 150
     assert 0.02 < (found.high - found.low).mean() < 0.45
 
 
 def rows(x, features):
-    """A table of features as `features.tables.read_groups` gives it."""
+    """A feature table in the form of `features.tables.read_groups`."""
     _, rois, groups, repeats = x.shape
     return pd.DataFrame(
         [
@@ -146,7 +146,7 @@ def said():
     return trust.trust_table(rows(x, FEATURES), FEATURES, dict(enumerate("abcabc", 1)), cut_off=25)
 
 
-def test_a_row_says_what_it_rests_on(said):
+def test_row_states_its_comparisons(said):
     assert list(said["feature"]) == list(FEATURES) and set(said["family"]) == {"first order", "GLCM"}
     numbers = said[["groups", "rois", "repeats", "comparisons", "cut_off_percent"]].drop_duplicates()
     assert numbers.to_numpy().tolist() == [[6, ROIS, 4, 15 * ROIS, 25.0]]
@@ -158,7 +158,7 @@ def test_a_row_says_what_it_rests_on(said):
     assert last.endswith("%).") and "Twice the repeats would give about " in last
 
 
-def test_classes_are_pooled_as_the_score_pools_them(said):
+def test_classes_are_pooled_like_the_score(said):
     x = studies(1, 3, 4, 0.7)[1]
     found = trust.trust_table(
         rows(x, FEATURES[:1]), FEATURES[:1], {1: 1, 2: 2, 3: 3}, cut_off=50, compare="tissue_class"
@@ -168,7 +168,7 @@ def test_classes_are_pooled_as_the_score_pools_them(said):
     assert found["if_equal_percent"].to_numpy() == pytest.approx(100 * stable_probability(8))
 
 
-def test_a_verdict_goes_by_the_interval():
+def test_verdict_uses_the_interval():
     low, high = np.array([50.0, 49.0, 10.0, np.nan]), np.array([80.0, 80.0, 49.9, np.nan])
     assert list(trust.verdicts(low, high, 50)) == ["yes", "undecided", "no", "undecided"]
     alone = {"ci95_low": np.nan}

@@ -12,7 +12,7 @@ SCORES = pd.DataFrame({"feature": FEATURES[::-1], "stability_percent": [10.0, 50
 
 
 def table():
-    """Mean knows the ROI, Skewness the group and is now above and now under zero, Entropy neither."""
+    """Mean depends on the ROI, Skewness on the group with changing sign, Entropy on neither."""
     rows = []
     for group in (1, 2, 3):
         for place, roi in enumerate(("cyst", "liver", "aorta")):
@@ -40,7 +40,7 @@ def test_w_has_the_interval_of_its_table():
     assert without[without["measure"] == "w_stability_percent"]["ci95_low"].isna().all()
 
 
-def test_each_measure_is_held_against_its_cut_off():
+def test_each_measure_has_its_cutoff():
     measured = stability_measures.measure_table(table(), SCORES, FEATURES, CUT_OFFS)
     assert list(measured.columns) == "feature family measure value ci95_low ci95_high cut_off stable".split()
     verdicts = measured.pivot(index="measure", columns="feature", values="stable").loc[
@@ -48,7 +48,7 @@ def test_each_measure_is_held_against_its_cut_off():
     ]
     assert verdicts[MEAN].tolist() == ["yes"] * 6
     assert verdicts[SKEWNESS].tolist() == ["yes", "no", "no", "no", "undefined", "undefined"]
-    # Hardly any spread at all, and none of it between ROIs: stable by its size, useless by its reliability.
+    # Very small spread, none of it between ROIs: stable in size, and useless by its reliability.
     assert verdicts[ENTROPY].tolist() == ["no", "no", "no", "no", "yes", "yes"]
     with_interval = measured["ci95_low"].notna()
     assert set(measured.loc[with_interval, "measure"]) == {"icc_2_1", "icc_3_1"}
@@ -56,7 +56,7 @@ def test_each_measure_is_held_against_its_cut_off():
     assert ((inside["ci95_low"] <= inside["value"]) & (inside["value"] <= inside["ci95_high"])).all()
 
 
-def test_one_row_per_feature_says_by_which():
+def test_one_row_per_feature_lists_the_measures():
     features = stability_measures.stable_by_feature(
         stability_measures.measure_table(table(), SCORES, FEATURES, CUT_OFFS | {"w_stability_percent": 60})
     )
@@ -66,13 +66,13 @@ def test_one_row_per_feature_says_by_which():
     assert features["stable_w_stability_percent"].tolist() == ["yes", "no", "no"]
 
 
-def test_the_order_of_rows_changes_nothing_but_the_order_of_rois():
+def test_order_of_rows_only_changes_the_order_of_rois():
     start = stability_measures.measure_table(table(), SCORES, FEATURES, CUT_OFFS)
     shuffled = stability_measures.measure_table(table().sample(frac=1, random_state=3), SCORES, FEATURES, CUT_OFFS)
     pd.testing.assert_frame_equal(start, shuffled)
 
 
-def test_the_cube_holds_each_value_at_its_place():
+def test_cube_has_each_value_at_its_position():
     rows = table().sample(frac=1, random_state=0)
     cube = stability_measures.feature_array(rows, FEATURES)
     assert cube.shape == (3, 3, 3, 2)

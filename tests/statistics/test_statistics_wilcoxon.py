@@ -25,16 +25,16 @@ def column(*values):
         (column(1, 2, 3), column(4, 5, 6), 4.5 / np.sqrt(5.25)),
         # Ranks 1 and 2.5 (tied), sum 3.5; expected 2 x 5 / 2 = 5, variance 2 x 2 x 5 / 12.
         (column(1, 2), column(2, 3), 1.5 / np.sqrt(5 / 3)),
-        # Ranks 1 and 4 of 4, sum 5: exactly what is expected.
+        # Ranks 1 and 4 of 4, sum 5: exactly the expectation.
         (column(1, 9), column(2, 3), 0.0),
     ],
 )
-def test_w_by_hand(a, b, expected):
+def test_w_of_simple_values(a, b, expected):
     assert wilcoxon.ranksum_z(a, b) == pytest.approx([expected])
     assert wilcoxon.ranksum_z(b, a) == pytest.approx([expected])
 
 
-def test_w_of_many_features_at_once_is_that_of_each():
+def test_w_of_many_features_at_once_equals_that_of_each():
     a, b = np.random.default_rng(0).integers(0, 9, (2, 7, 5)).astype(float)
     each = [abs(ranksums(a[:, i], b[:, i]).statistic) for i in range(5)]
     assert wilcoxon.ranksum_z(a, b).tolist() == each
@@ -44,7 +44,7 @@ ROIS = {"cyst_1": "cyst", "cyst_2": "cyst", "metastasis": "metastasis"}
 
 
 def table(value, groups=(1, 2, 3), repeats=6, rois=ROIS):
-    """value(group, roi, repeat) for every row."""
+    """value(group, roi, repeat) of every row."""
     return pd.DataFrame(
         [
             {"group": group, "roi": roi, "tissue_class": name, FEATURE: float(value(group, roi, repeat))}
@@ -59,18 +59,18 @@ def percents(result, *more):
     return result.loc[0, ["stability_percent", "discrimination_percent", *more]].tolist()
 
 
-def test_a_feature_that_knows_the_class_and_nothing_else_scores_100_and_100():
+def test_feature_that_depends_on_the_class_only_scores_100_and_100():
     scores = wilcoxon.scores(table(lambda g, roi, k: 100 * (roi == "metastasis") + k), [FEATURE])
     assert percents(scores) == [100, 100]
 
 
-def test_a_feature_that_knows_the_group_and_nothing_else_scores_0_and_0():
+def test_feature_that_depends_on_the_group_only_scores_0_and_0():
     assert percents(wilcoxon.scores(table(lambda g, roi, k: 100 * g + k), [FEATURE])) == [0, 0]
 
 
 def test_counts_and_classes():
-    # Only the metastasis drifts: its 3 pairs of groups are unstable, the cysts' 6 are stable. Cyst and
-    # metastasis are told apart in groups 2 and 3 (2 pairs each) and not in group 1 (2 pairs).
+    # Only the metastasis drifts: its 3 pairs of groups are unstable, the cysts' 6 are stable. Cyst and metastasis are
+    # distinguished in groups 2 and 3 (2 pairs each) and not in group 1 (2 pairs).
     drift = table(lambda g, roi, k: 100 * (g - 1) * (roi == "metastasis") + k)
     scores = wilcoxon.scores(drift, [FEATURE])
     assert percents(scores, "stability_cyst", "stability_metastasis") == pytest.approx([600 / 9, 400 / 6, 100, 0])
@@ -80,22 +80,22 @@ def test_counts_and_classes():
     assert pooled.loc[0, ["stability_comparisons", "discrimination_comparisons"]].tolist() == [6, 3]
 
 
-def test_the_papers_eight_groups_give_28_pairs_a_roi():
+def test_eight_groups_of_the_paper_give_28_pairs_per_roi():
     rois = dict(zip(("n1", "n2", "c1", "c2", "hem", "met"), "nncchm", strict=True))
     scores = wilcoxon.scores(table(lambda g, roi, k: k, groups=range(8), repeats=2, rois=rois), [FEATURE])
     assert scores.loc[0, ["stability_comparisons", "discrimination_comparisons"]].tolist() == [6 * 28, 8 * 13]
 
 
-def test_the_threshold_moves_both_scores():
-    # 1 2 3 against 4 5 6 in either direction: W is 1.964 (by hand above).
-    apart = table(lambda g, roi, k: 3 * g + 3 * (roi == "metastasis") + k, groups=(1, 2), repeats=3)
-    assert percents(wilcoxon.scores(apart, [FEATURE], threshold=1.96)) == [0, 100]
-    assert percents(wilcoxon.scores(apart, [FEATURE], threshold=1.97)) == [100, 0]
+def test_threshold_changes_both_scores():
+    # 1 2 3 against 4 5 6 in either direction: W is 1.964 (see above).
+    difference = table(lambda g, roi, k: 3 * g + 3 * (roi == "metastasis") + k, groups=(1, 2), repeats=3)
+    assert percents(wilcoxon.scores(difference, [FEATURE], threshold=1.96)) == [0, 100]
+    assert percents(wilcoxon.scores(difference, [FEATURE], threshold=1.97)) == [100, 0]
 
 
 @settings(max_examples=25, deadline=None)
 @given(values=st.lists(st.integers(-20, 20), min_size=36, max_size=36), seed=st.integers(0, 2**16))
-def test_monotone_transforms_and_the_order_of_repeats_change_nothing(values, seed):
+def test_monotonic_transforms_and_the_order_of_repeats_have_no_effect(values, seed):
     start = table(lambda g, roi, k: 0, groups=(1, 2), repeats=6).assign(**{FEATURE: np.array(values, dtype=float)})
     scores = wilcoxon.scores(start, [FEATURE])
     cubed = start.assign(**{FEATURE: start[FEATURE] ** 3 + start[FEATURE]})
@@ -117,7 +117,7 @@ def test_monotone_transforms_and_the_order_of_repeats_change_nothing(values, see
         (lambda t: t[t["group"] == 1], {}, "features: 1 group; stability"),
         (lambda t: t[t["tissue_class"] == "cyst"], {}, "features: 1 tissue class; stability"),
         (lambda t: t[(t["group"] != 2) | (t["roi"] != "cyst_2")], {}, "features: group 2 has no roi cyst_2"),
-        # Two protocols with the number 1
+        # Two protocols with number 1
         (
             lambda t: t.assign(seed=[*range(6)] * 9, group=t["group"].replace(2, 1)),
             {},
@@ -144,20 +144,20 @@ def study():
 
 
 @pytest.mark.real
-def test_measured_data_give_the_published_picture(study):
+def test_measured_data_reproduce_the_published_result(study):
     scores = wilcoxon.scores(study, measured.STUDY_FEATURES)
     assert scores["stability_percent"].mean() == pytest.approx(11, abs=0.5)
     assert scores["discrimination_percent"].mean() == pytest.approx(88, abs=0.5)
     published = measured.load_published_top().query("kind == 'stability' and source == 'phantom'")["feature"]
     best = scores.sort_values("stability_percent", ascending=False, kind="stable")["feature"][:12]
     assert len(set(best) & set(published)) == 7
-    # With the pairs of ROIs of one class counted too (15 instead of 13 a group), discrimination is 87 %.
+    # With pairs of ROIs of one class (15 instead of 13 per group), discrimination is 87 %.
     all_pairs = wilcoxon.scores(study.assign(tissue_class=study["roi"]), measured.STUDY_FEATURES)
     assert all_pairs["discrimination_percent"].mean() == pytest.approx(87, abs=0.5)
 
 
 @pytest.mark.real
-def test_comparing_roi_by_roi_ranks_the_published_discriminative_features_higher_than_pooling(study):
+def test_roi_wise_comparison_ranks_published_discriminative_features_higher_than_pooling(study):
     published = measured.load_published_top().query("kind == 'discrimination' and source == 'phantom'")["feature"]
     rank = {
         compare: wilcoxon.scores(study, measured.STUDY_FEATURES, compare=compare)
@@ -175,8 +175,8 @@ def test_comparing_roi_by_roi_ranks_the_published_discriminative_features_higher
 
 
 @pytest.mark.real
-def test_the_kept_scores_are_those_of_the_table(study):
-    kept = measured.load_scores()
-    scores = wilcoxon.scores(study, measured.STUDY_FEATURES)[list(kept.columns)]
-    assert list(kept["feature"]) == list(scores["feature"])
-    assert np.allclose(kept.iloc[:, 1:], scores.iloc[:, 1:], rtol=1e-7)
+def test_stored_scores_equal_those_of_the_table(study):
+    stored = measured.load_scores()
+    scores = wilcoxon.scores(study, measured.STUDY_FEATURES)[list(stored.columns)]
+    assert list(stored["feature"]) == list(scores["feature"])
+    assert np.allclose(stored.iloc[:, 1:], scores.iloc[:, 1:], rtol=1e-7)

@@ -1,4 +1,4 @@
-"""`virtual-phantom check`: ten configurations with three mistakes each, and every one of them named in one run."""
+"""`virtual-phantom check`: ten configurations with three mistakes each, all of which one run names."""
 
 import copy
 import re
@@ -47,7 +47,7 @@ CT = {
 
 
 def ct(**changes):
-    """The study of the CT with values set at dotted keys, where __ stands for a dot."""
+    """Study of the CT with values set at keys, where __ represents a dot."""
     return changed(CT, **changes)
 
 
@@ -70,7 +70,7 @@ def roi(name, label, tissue_class="tumour", **more):
     return {"name": name, "tissue_class": tissue_class, "label": label, **more}
 
 
-# What a user wrote, as settings or as text, and what each of the three lines must say.
+# Configurations as settings or as text, and the required content of each of the three lines.
 CASES = {
     "misspelled keys": (
         changed(protocols__sirt_180={"algorithm": "sirt", "projection": 180}, grid__spacing=[2, 2, 2], seeds=3),
@@ -192,7 +192,7 @@ CASES = {
 
 @pytest.fixture
 def desk(tmp_path, monkeypatch):
-    """A folder with the default configuration, a CT, its label map and a recording, to work in."""
+    """A working folder with the default configuration, a CT, its label map and a recording."""
     monkeypatch.chdir(tmp_path)
     Path("config").mkdir()
     Path("config/config.yaml").write_text(DEFAULT.read_text())
@@ -203,16 +203,16 @@ def desk(tmp_path, monkeypatch):
 
 
 def checked(settings, capsys):
-    """Exit code and lines of the command on a configuration."""
+    """Exit code and lines of the command for a configuration."""
     text = settings if isinstance(settings, str) else yaml.safe_dump(settings)
     Path("my.yaml").write_text(text)
     code = main.main(["check", "my.yaml"])
-    said = capsys.readouterr()
-    return code, (said.out + said.err).splitlines()
+    messages = capsys.readouterr()
+    return code, (messages.out + messages.err).splitlines()
 
 
 def lines_and_notes(settings, capsys):
-    """Exit code, mistakes and notes of the command on a configuration."""
+    """Exit code, mistakes and notes of the command for a configuration."""
     code, lines = checked(settings, capsys)
     notes = [line for line in lines if line.startswith("Note: ")]
     others = [line for line in lines if line not in notes and "no errors found" not in line]
@@ -225,23 +225,23 @@ def test_ten_configurations_have_three_mistakes_each():
 
 
 @pytest.mark.parametrize("title", CASES)
-def test_every_mistake_is_named_in_one_run_and_nothing_else(title, desk, capsys):
+def test_every_mistake_and_nothing_else_is_named_in_one_run(title, desk, capsys):
     settings, expected = CASES[title]
     code, (head, *lines) = checked(settings, capsys)
     assert (code, head) == (1, "Error: 3 mistakes"), lines
     for number, line in enumerate(lines, start=1):
         assert line.startswith(f"{number:>3}. ")
-        assert sum(said in line for said in expected) == 1, line
-    assert all(any(said in line for line in lines) for said in expected), lines
+        assert sum(messages in line for messages in expected) == 1, line
+    assert all(any(messages in line for line in lines) for messages in expected), lines
 
 
-def test_without_a_mistake_it_says_so(desk, capsys):
+def test_correct_configuration_is_confirmed(desk, capsys):
     assert checked(CT, capsys) == (0, ["my.yaml: no errors found"])
     assert checked({}, capsys)[0] == 0
 
 
-def test_what_keep_mm_removes_of_the_body_is_a_mistake(desk, capsys):
-    """Of an ellipse, what lies beyond h of its half axis has the share (arccos h - h sqrt(1 - h^2)) / pi.
+def test_body_cut_by_keep_mm_is_a_mistake(desk, capsys):
+    """The part of an ellipse beyond h of its half axis has the share (arccos h - h sqrt(1 - h^2)) / pi.
 
     The body's half axis is 40 mm along x, and 30 mm of it are kept.
     """
@@ -257,7 +257,7 @@ def test_what_keep_mm_removes_of_the_body_is_a_mistake(desk, capsys):
     )
     assert code == 1 and found, line
     assert float(found[1]) == pytest.approx(share, abs=0.5)
-    # The ball `bright` ends 14 + 9 mm from the axis; the first column that is cut is at 31 mm.
+    # The ball `bright` ends 14 + 9 mm from the axis; the first column outside is at 31 mm.
     assert found[3] == "bright" and float(found[2]) == pytest.approx(8, abs=2)
     settings["phantom"]["ct"]["not_checked"] = ["keep_mm"]
     code, lines, notes = lines_and_notes(settings, capsys)
@@ -267,7 +267,7 @@ def test_what_keep_mm_removes_of_the_body_is_a_mistake(desk, capsys):
     ]
 
 
-def test_a_table_that_keep_mm_removes_is_a_note_each_time(desk, capsys):
+def test_table_removed_by_keep_mm_is_a_note_each_time(desk, capsys):
     hu = phantom_files.object_hu()
     hu[:, 0] = 200
     phantom_files.write_nifti_array(hu, "ct.nii.gz")
@@ -280,33 +280,33 @@ def test_a_table_that_keep_mm_removes_is_a_note_each_time(desk, capsys):
         assert code == 0 and not lines and len(notes) == 1
         assert f"removes {share} % of the tissue (voxels above -300 HU): {share} % outside" in notes[0]
         assert notes[0].endswith("and 0 % of the body")
-    assert [kept.read_bytes() for kept in Path(".snakemake/virtual_phantom").iterdir()] == [b"notes"]
+    assert [cached.read_bytes() for cached in Path(".snakemake/virtual_phantom").iterdir()] == [b"notes"]
 
 
-def test_a_ct_that_is_not_in_hu_hides_no_mistake_of_its_regions(desk, capsys):
+def test_ct_not_in_hu_hides_no_mistake_of_its_regions(desk, capsys):
     phantom_files.write_nifti_array(phantom_files.object_hu() + 1024, "ct.nii.gz")
     _, lines, _ = lines_and_notes(with_rois(roi("bright", 1), roi("lost", 9, "fat")), capsys)
     assert len(lines) == 2 and "perhaps HU + 1024" in lines[0] and "no voxel has the label 9" in lines[1]
 
 
-def test_a_label_map_is_looked_at_and_its_labels_may_be_numbers(desk, capsys):
-    def said(labels, materials):
+def test_label_map_is_read_and_its_labels_may_be_numbers(desk, capsys):
+    def messages(labels, materials):
         object_ = {"labels": labels, "materials": materials}
         diagnosis = {"recordings": {"bench": {"object": object_}}}
         code, lines = checked({"recordings": {"bench": "bench"}, "diagnosis": diagnosis}, capsys)
         where = "Error: diagnosis.recordings.bench.object: "
         return code, [line.removeprefix(where) for line in lines]
 
-    assert said("labels.nii.gz", {1: "pmma", "2": "aluminium"}) == (0, ["my.yaml: no errors found"])
-    code, (line,) = said("labels.nii.gz", {1: "pmma"})
+    assert messages("labels.nii.gz", {1: "pmma", "2": "aluminium"}) == (0, ["my.yaml: no errors found"])
+    code, (line,) = messages("labels.nii.gz", {1: "pmma"})
     assert code == 1 and line.startswith(
         "labels.nii.gz: its label 2 has no material; name one for each under materials"
     )
-    code, (line,) = said("label.nii.gz", {1: "pmma"})
+    code, (line,) = messages("label.nii.gz", {1: "pmma"})
     assert code == 1 and line == "label.nii.gz: no such file; give the path of a NIfTI image"
-    code, (line,) = said("labels.nii.gz", {1: "pmma", 2: "delrin"})
+    code, (line,) = messages("labels.nii.gz", {1: "pmma", 2: "delrin"})
     assert code == 1 and line.startswith("materials.2: material 'delrin' is unknown; known: water, ")
-    code, (line,) = said("labels.nii.gz", {1: "pmma", 2: {"compound": "H2O"}})
+    code, (line,) = messages("labels.nii.gz", {1: "pmma", 2: {"compound": "H2O"}})
     assert code == 1 and "materials.2: 'density_g_per_cm3' is a required property" in line
 
 
@@ -322,7 +322,7 @@ def test_one_mistake_is_one_line(desk, capsys):
         ("- 1\n", "my.yaml: is not a mapping of keys to values"),
     ],
 )
-def test_a_file_that_is_no_configuration_is_one_line(text, message, desk, capsys):
+def test_file_other_than_a_configuration_is_one_line(text, message, desk, capsys):
     code, (line,) = checked(text, capsys)
     assert code == 1 and line.startswith(f"Error: {message}")
 
@@ -343,13 +343,17 @@ def test_a_file_that_is_no_configuration_is_one_line(text, message, desk, capsys
         (
             {"bright": "tumour"},
             None,
-            "comparison.ours: the recording has no ROI dark; to compare the common ROIs, add rois: [bright]",
+            "comparison.tumors: the recording has no ROI dark; to compare the common ROIs, add rois: [bright]",
         ),
-        ({"bright": "tumour", "dark": "fat", "spine": "bone"}, None, "comparison.ours: the study has no ROI spine; to"),
-        ({"bright": "tumour"}, ["dark"], "comparison.ours: the recording has no ROI dark; to compare"),
+        (
+            {"bright": "tumour", "dark": "fat", "spine": "bone"},
+            None,
+            "comparison.tumors: the study has no ROI spine; to",
+        ),
+        ({"bright": "tumour"}, ["dark"], "comparison.tumors: the recording has no ROI dark; to compare"),
     ],
 )
-def test_regions_of_a_table_are_held_against_those_of_the_study(rois, chosen, message, desk, capsys):
+def test_regions_of_a_table_are_compared_with_those_of_the_study(rois, chosen, message, desk, capsys):
     _, content = recording_folders.features_folder(Path("clinic"))
     content["rois"] = [{"name": name, "tissue_class": kind, "label": n} for n, (name, kind) in enumerate(rois.items())]
     recording_folders.write_yaml(Path("clinic"), content)
@@ -360,9 +364,11 @@ def test_regions_of_a_table_are_held_against_those_of_the_study(rois, chosen, me
             for image in range(2 * first, 2 * first + 2)
         ]
         pd.concat(rows).drop(columns="roi").assign(dose_mgy=1).to_csv(f"clinic/{file}", index=False)
-    asked = {"recording": "clinic", "where": {"dose_mgy": 1}, "protocol": "fbp_150", "noise": "dose10"}
-    asked |= {} if chosen is None else {"rois": chosen}
-    code, lines = checked(changed(CT, recordings={"clinic": "clinic"}, analyses__comparison={"ours": asked}), capsys)
+    comparison_settings = {"recording": "clinic", "where": {"dose_mgy": 1}, "protocol": "fbp_150", "noise": "dose10"}
+    comparison_settings |= {} if chosen is None else {"rois": chosen}
+    code, lines = checked(
+        changed(CT, recordings={"clinic": "clinic"}, analyses__comparison={"tumors": comparison_settings}), capsys
+    )
     assert (code, len(lines)) == (int(message is not None), 1), lines
     assert (message or "no errors") in lines[0]
 
@@ -371,18 +377,18 @@ def test_regions_of_a_table_are_held_against_those_of_the_study(rois, chosen, me
 @pytest.mark.parametrize(
     ("value", "problem"), [("", "should be non-empty"), (5, "is the number 5 to YAML"), ([], "is not of")]
 )
-def test_a_path_that_is_no_text_is_named(key, value, problem, desk, capsys):
+def test_path_that_is_no_text_is_named(key, value, problem, desk, capsys):
     code, lines, _ = lines_and_notes(ct(**{f"phantom__ct__{key}": value}), capsys)
     assert code == 1 and lines[0].startswith(f"config: phantom.ct.{key}: ") and problem in lines[0], lines
     assert not any("unexpected" in line for line in lines)
 
 
-def test_a_missing_file_is_one_line(desk, capsys):
+def test_missing_file_is_one_line(desk, capsys):
     assert main.main(["check", "nothing.yaml"]) == 1
     assert capsys.readouterr().err.startswith("Error: nothing.yaml: no such file; give")
 
 
-def test_files_are_put_together_as_snakemake_does_it(desk):
+def test_files_are_merged_as_by_snakemake(desk):
     Path("a.yaml").write_text("protocols: {sirt_150: null, x: {algorithm: sirt, projections: 2}}\nseed: 1\n")
     Path("b.yaml").write_text("seed: 2\nprotocols: {x: {projections: 3}}\n")
     lines, settings = read_config.read_configs(["a.yaml", "b.yaml"])
@@ -398,11 +404,11 @@ def test_every_mistake_of_a_recording_is_named_in_one_run(desk, capsys):
     document.write_text(yaml.safe_dump(content | {"kind": "sinograms", "origni": {}, "held_out": ["gone.h5"]}))
     code, (head, *lines) = checked(changed(recordings={"bench": "bench"}), capsys)
     assert (code, head, len(lines)) == (1, "Error: 3 mistakes", 3)
-    for said in ("kind is 'sinograms'", "unknown key 'origni'", "'gone.h5' does not exist"):
-        assert sum(said in line for line in lines) == 1, lines
+    for messages in ("kind is 'sinograms'", "unknown key 'origni'", "'gone.h5' does not exist"):
+        assert sum(messages in line for line in lines) == 1, lines
 
 
-def test_a_folder_without_a_configuration_takes_the_default_study(desk, capsys):
+def test_folder_without_a_configuration_uses_the_default_study(desk, capsys):
     Path("config/config.yaml").unlink()
     assert read_config.read_configs([]) == ([], yaml.safe_load(DEFAULT.read_text()))
     assert checked(CT, capsys) == (0, ["my.yaml: no errors found"])
@@ -412,41 +418,41 @@ def test_a_folder_without_a_configuration_takes_the_default_study(desk, capsys):
 
 @pytest.fixture
 def looks(monkeypatch):
-    """Every look at a CT, as it is made."""
+    """List of all checks of a CT."""
     made, look = [], preflight_ct.ct_problems
     monkeypatch.setattr(preflight_ct, "ct_problems", lambda config: made.append(config["seed"]) or look(config))
     return made
 
 
-def test_a_ct_that_was_right_is_looked_at_once(desk, looks):
+def test_correct_ct_is_checked_once(desk, looks):
     _, settings = read_config.read_configs([])
     settings |= CT
     assert [preflight.problems(settings, keep=True) for _ in range(3)] == [[], [], []] and len(looks) == 1
-    (kept,) = Path(".snakemake/virtual_phantom").iterdir()
-    assert len(kept.name) == 64 and kept.read_bytes() == b""  # nothing of the user's
+    (cached,) = Path(".snakemake/virtual_phantom").iterdir()
+    assert len(cached.name) == 64 and cached.read_bytes() == b""  # no user file
     assert preflight.problems(settings | {"seed": 7}, keep=True) == [] and looks[1:] == [7]
 
 
 @pytest.mark.parametrize("file", ["ct.nii.gz", "labels.nii.gz"])
-def test_a_changed_file_is_looked_at_again(desk, looks, file):
+def test_changed_file_is_checked_again(desk, looks, file):
     _, settings = read_config.read_configs([])
     settings |= CT
     assert preflight.problems(settings, keep=True) == []
     whole = Path(file).read_bytes()
-    Path(file).write_bytes(whole[:-200] + bytes(200))  # as long as it was
+    Path(file).write_bytes(whole[:-200] + bytes(200))  # of unchanged length
     lines = preflight.problems(settings, keep=True)
     assert len(looks) == 2 and len(lines) == 1 and file in lines[0]
-    # What is wrong is told at every start.
+    # Mistakes are reported at every start.
     assert preflight.problems(settings, keep=True) == lines and len(looks) == 3
     Path(file).unlink()
     assert "no such file" in preflight.problems(settings, keep=True)[0]
 
 
-def test_nothing_is_kept_where_snakemake_has_not_been(desk, capsys):
+def test_nothing_is_cached_without_a_snakemake_folder(desk, capsys):
     assert checked(CT, capsys)[0] == 0 and not Path(".snakemake").exists()
 
 
-BENEATH = {  # overlays on overlays, as their first lines say
+BENEATH = {  # overlays on overlays, as stated in their first lines
     "every_scan": ["printed_phantom"],
     "multicentre": ["printed_phantom"],
     "printed_groups": ["printed_phantom", "as_scanned"],
@@ -454,16 +460,16 @@ BENEATH = {  # overlays on overlays, as their first lines say
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "config").glob("*.yaml")))
-def test_what_is_shipped_has_no_mistake_but_files_that_are_to_be_fetched(name, monkeypatch):
+def test_shipped_configurations_have_no_mistake_but_files_to_fetch(name, monkeypatch):
     monkeypatch.chdir(ROOT)
     names = [*BENEATH.get(name, []), name]
-    lines, settings = read_config.read_configs([f"config/{one}.yaml" for one in names])
+    lines, settings = read_config.read_configs([f"config/{name}.yaml" for name in names])
     assert not lines
     assert not [line for line in preflight.problems(settings) if "no such" not in line]
 
 
-def test_what_check_finds_stops_snakemake_before_any_job(desk):
-    """The same list, and nothing made."""
+def test_mistakes_stop_snakemake_before_any_job(desk):
+    """The same list, and no output."""
     Path("my.yaml").write_text(yaml.safe_dump(CASES["files that are not there"][0]))
     arguments = ["-s", ROOT / "workflow" / "Snakefile", "--cores", "1", "--nolock", "--configfile", "my.yaml"]
     run = subprocess.run([sys.executable, "-m", "snakemake", *map(str, arguments)], capture_output=True, text=True)
@@ -481,7 +487,7 @@ def test_several_mistakes_are_one_error_with_all_lines():
     assert printed(InputError("one")) == "Error: one"
 
 
-# ---- how much is missing -------------------------------------------------------------------------
+# ---- size of the missing part --------------------------------------------------------------------
 
 GRID = Grid((14, 34, 42), (3.0, 2.0, 2.0))
 
@@ -496,8 +502,8 @@ def whole(**changes):
 @pytest.mark.parametrize(
     "surface", [{}, {"detector": "cylindrical"}, {"detector": "cylindrical", "arc_radius_mm": 900.0}]
 )
-def test_columns_are_the_fewest_that_do(reach, offset, surface):
-    """Against the field of view that the geometry itself has."""
+def test_suggested_columns_are_the_minimum(reach, offset, surface):
+    """Compare with the field of view of the geometry."""
     scan = whole(column_offset_px=offset, **surface)
     columns = columns_for(reach, scan)
     radius = {n: scan_geometry(scan | {"columns": n}, 90, GRID).field_of_view_radius_mm for n in (columns - 1, columns)}
@@ -506,8 +512,8 @@ def test_columns_are_the_fewest_that_do(reach, offset, surface):
 
 
 @pytest.mark.parametrize("changes", [{"trajectory": "circular", "rows": 4}, {"turns": 1.5, "rows": 6}])
-def test_rows_are_the_fewest_that_do(changes):
-    """Against what jobs refuse."""
+def test_suggested_rows_are_the_minimum(changes):
+    """Compare with the check in jobs."""
     scan = whole(**changes)
     mask = np.zeros(GRID.shape, bool)
     mask[1:13, 10:20, 5:30] = True

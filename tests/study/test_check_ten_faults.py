@@ -1,4 +1,4 @@
-"""`virtual-phantom check` on one configuration with ten faulty inputs: each is named in one run, and nothing else."""
+"""`virtual-phantom check` with ten faulty inputs in one configuration: one run names each, and nothing else."""
 
 import shutil
 from pathlib import Path
@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture
 def desk(tmp_path, monkeypatch):
-    """A CT clipped to a window, masks, a structure set, recordings of images and of tables, each with a fault."""
+    """A CT clipped to a window, masks, a structure set, and recordings of images and tables, each with a fault."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(ROOT / "config", "config")
     noise = np.random.default_rng(0).normal(0, 10, phantom_files.CT_GRID.shape)
@@ -29,10 +29,10 @@ def desk(tmp_path, monkeypatch):
     circles = [structure_files.contour(structure_files.circle(8, z)) for z in structure_files.Z[4:9]]
     structure_files.structure_set((1, "Liver", circles), path="rt.dcm")
     Path("params.yaml").write_text("imageType: {Original: {}}\nfeatureClass: {firstorder: [Mean, Medain]}\n")
-    # HU + 1024, as some converters leave it
+    # HU + 1024, as some converters write it
     _, images = recording_folders.images_folder(Path("scanner"))
     write_nifti_array((object_hu() + 1024 + noise.clip(-20)).astype(np.float32), "scanner/two.nii.gz")
-    # a row of a table that is shifted by one column
+    # a row of a table shifted by one column
     _, table = recording_folders.features_folder(Path("clinic"))
     lines = Path("clinic/b.csv").read_text().splitlines()
     cells = lines[3].split(",")
@@ -94,7 +94,7 @@ def test_ten_faults_are_ten_lines(desk, capsys):
 
 
 def test_all_images_of_a_recording_are_read(desk, capsys):
-    """Images of another size, in mu, and of another format each get a line."""
+    """Images of another size, in 1/mm, and of another format get a line each."""
     Path("scanner/three.nii.gz").write_text("no image")
     write_nifti_array(object_hu()[1:], "scanner/four.nii.gz", grid=Grid((13, 40, 48), (3, 2, 2), (5, -40, 301.5)))
     document = yaml.safe_load(Path("scanner/recording.yaml").read_text())

@@ -1,4 +1,4 @@
-"""What the rules know of a configured study: no Snakemake, and nothing computed."""
+"""Context of the rules: what they know of a configured study, without Snakemake or computation."""
 
 import copy
 import subprocess
@@ -23,7 +23,7 @@ MEETS = {"recording": "scanner", "where": {"dose_mgy": 1}, "rois": ["cyst_1"], "
 
 
 def recorded(folder, name, kind, **more):
-    """A recording of which the paths alone are there."""
+    """A recording of which only the paths exist."""
     place = folder / name
     place.mkdir()
     (place / "repeat").write_bytes(bytes(3_000_000))
@@ -40,8 +40,8 @@ def context_of(**changes):
 
 
 @pytest.fixture
-def beside(tmp_path):
-    """The default study beside recordings, with a noise level that meets one of them."""
+def with_recordings(tmp_path):
+    """The default study with recordings and a noise level that is matched to one of them."""
     recordings = {"scanner": recorded(tmp_path, "scanner", "features"), "ct": recorded(tmp_path, "ct", "images")}
     levels = DEFAULT["noise"]["levels"] | {"met": {"repeats": 3, "meets": MEETS}}
     compared = {"recording": "scanner", "where": {"dose_mgy": 1, "kernel": "soft"}, "protocol": "fbp_150"}
@@ -49,7 +49,7 @@ def beside(tmp_path):
     return context_of(recordings=recordings, noise={"levels": levels}, analyses=asked)
 
 
-def test_all_that_a_configuration_asks_for():
+def test_all_outputs_of_a_configuration():
     targets = context_of(keep_projections=True, results_dir="r/").targets()
     assert len(targets) == len(set(targets)) and all(path.startswith("r/") for path in targets)
     assert targets[-1] == "r/index.html"
@@ -58,27 +58,27 @@ def test_all_that_a_configuration_asks_for():
     assert not [path for path in context_of().targets() if "projections" in path]
 
 
-def test_protocols_share_noise_with_those_of_the_same_acquisitions():
+def test_protocols_with_the_same_acquisitions_share_noise():
     sharing = context_of().selections.sharing()
     assert sharing["sirt_150"] == sharing["fbp_150"] != sharing["sirt_200"] and len(sharing) == 8
     assert set(context_of(noise={"draws": "common"}).selections.sharing().values()) == {"common"}
 
 
-def test_the_next_commands_name_the_study_s_own_configuration():
+def test_next_commands_name_the_configuration_of_the_study():
     files = ["config/config.yaml", str(Path("config/tiny.yaml").absolute()), "my.yaml"]
     assert context_of(trial=True).pages.commands()["The default study, for real results"] == "snakemake --cores 2"
     larger = "virtual-phantom init ct --labels labels.nii.gz --size normal --out my-normal.yaml"
     assert list(context_of(trial=larger).pages.commands().values())[0] == larger
     pages = context_of().pages
     assert list(pages.commands().values())[-1] == "snakemake --cores 2"
-    own = list(replace(pages, configured_by=tuple(files)).commands().values())
-    assert own[-1] == "snakemake --cores 2 --configfile config/tiny.yaml my.yaml"
-    assert own[-2] == "snakemake plan --cores 2 --configfile config/tiny.yaml my.yaml"
-    assert not [one for one in own if "diagnosis" in one or "recordings" in one]
+    commands = list(replace(pages, configured_by=tuple(files)).commands().values())
+    assert commands[-1] == "snakemake --cores 2 --configfile config/tiny.yaml my.yaml"
+    assert commands[-2] == "snakemake plan --cores 2 --configfile config/tiny.yaml my.yaml"
+    assert not [command for command in commands if "diagnosis" in command or "recordings" in command]
 
 
 def test_memory_is_that_of_the_arrays():
-    """Floats of four bytes, and 30 % more; 600 MB for Python."""
+    """Four bytes per number, 30 % more, and 600 MB for Python."""
     context = context_of(grid={"shape": [10, 100, 200], "oversampling": 3})
     assert context.megabytes() == 600
     assert context.megabytes(volumes=50, volume_lanes=20) == 600 + int(1.3 * 50 * 20 * 10 * 100 * 200 * 4 / 1e6)
@@ -88,32 +88,41 @@ def test_memory_is_that_of_the_arrays():
     assert context.megabytes(projections=8, geometry="views150") == int(600 + 1.3 * 8 * pixels * 4 / 1e6)
 
 
-def test_a_level_that_a_job_finds_is_waited_for(beside):
-    one, found = beside.acquisitions.acquisition("dose10", "03"), beside.acquisitions.acquisition("met", "03")
+def test_matched_level_is_an_input(with_recordings):
+    one, found = (
+        with_recordings.acquisitions.acquisition("dose10", "03"),
+        with_recordings.acquisitions.acquisition("met", "03"),
+    )
     assert one == {"noise": "dose10", "noise_level": DEFAULT["noise"]["levels"]["dose10"]["A"], "seed": 3}
     assert found["noise_level"] is None
-    assert beside.acquisitions.level_files(["dose10", "met", "met"]) == ["results/noise/met.json"]
-    groups = {noise: beside.acquisitions.group_of("fbp_150", noise, "00") for noise in ("dose10", "met")}
+    assert with_recordings.acquisitions.level_files(["dose10", "met", "met"]) == ["results/noise/met.json"]
+    groups = {noise: with_recordings.acquisitions.group_of("fbp_150", noise, "00") for noise in ("dose10", "met")}
     assert groups == {"dose10": "acquisitions", "met": "matched_acquisitions"}
-    assert beside.comparisons.noise_target_features("met") == "results/recordings/scanner/features.csv"
+    assert with_recordings.comparisons.noise_target_features("met") == "results/recordings/scanner/features.csv"
 
 
-def test_recordings_ask_for_memory_by_their_largest_file(beside):
-    assert beside.recordings.megabytes("scanner") == 1036 and beside.recordings.image_megabytes("ct") == 120
-    inputs = beside.recordings.inputs("ct")
+def test_recordings_request_memory_for_their_largest_file(with_recordings):
+    assert (
+        with_recordings.recordings.megabytes("scanner") == 1036
+        and with_recordings.recordings.image_megabytes("ct") == 120
+    )
+    inputs = with_recordings.recordings.inputs("ct")
     assert inputs["rois"] == "results/recordings/ct/rois.csv" and len(inputs["files"]) == 2
-    assert set(beside.recordings.inputs("scanner")) == {"files"}
-    assert beside.recordings.pictures() == ["results/figures/recording_ct.png", "results/figures/recording_ct.pdf"]
+    assert set(with_recordings.recordings.inputs("scanner")) == {"files"}
+    assert with_recordings.recordings.pictures() == [
+        "results/figures/recording_ct.png",
+        "results/figures/recording_ct.pdf",
+    ]
 
 
-def test_the_head_of_a_comparison_says_what_is_compared(beside):
+def test_header_of_a_comparison_states_what_is_compared(with_recordings):
     title = "FBP 150, noise dose10, against scanner (dose mGy 1, kernel soft)"
-    assert beside.comparisons.title("near") == title
-    shown = {one["title"]: one for one in beside.pages.figures()}
+    assert with_recordings.comparisons.title("near") == title
+    shown = {figure["title"]: figure for figure in with_recordings.pages.figures()}
     assert shown[title]["section"] == "Recordings" and shown[title]["wildcards"] == {"comparison": "near"}
 
 
-def test_the_report_has_figures_with_captions_and_tables_with_titles_first():
+def test_report_has_figures_with_captions_and_tables_with_titles_first():
     pages = context_of().pages
     assert len(pages.pictures()) == len(pages.caption_files()) == len(pages.figures())
     assert all(Path(path).exists() for path in pages.caption_files())
@@ -124,7 +133,7 @@ def test_the_report_has_figures_with_captions_and_tables_with_titles_first():
     assert pages.diagnoses() == {} and pages.links() == {"Viewer of slices": "viewer.html"}
 
 
-def test_diagnoses_that_were_made_are_in_the_report(tmp_path):
+def test_existing_diagnoses_are_in_the_report(tmp_path):
     recordings = {"bench": recorded(tmp_path, "bench", "features")}
     compared = {"recording": "bench", "where": {}, "protocol": "fbp_150", "noise": "dose10"}
     context = context_of(
@@ -140,7 +149,7 @@ def test_diagnoses_that_were_made_are_in_the_report(tmp_path):
     assert list(context.pages.diagnoses()) == [str(page)]
 
 
-def test_images_to_export_are_those_of_the_figure_of_scans_or_those_named():
+def test_exported_images_are_those_of_the_figure_of_scans_or_named_ones():
     optimal = DEFAULT["analyses"]["optimal"]
     assert context_of().pages.exported == [(optimal[name], optimal["noise"], "00") for name in ("fbp", "sirt")]
     named = context_of(dicom={"images": ["fbp_150/dose10/seed03"]}).pages
@@ -151,9 +160,9 @@ def test_images_to_export_are_those_of_the_figure_of_scans_or_those_named():
         context_of(dicom={"images": ["fbp_150/dose10/seed99"]})
 
 
-def test_a_case_is_modelled_by_its_own_protocol():
+def test_case_is_modeled_by_its_own_protocol():
     proof = context_of().proof
-    case, last = proof.cases[0], proof.cases[-1]  # of projections, and of images
+    case, last = proof.cases[0], proof.cases[-1]  # projections and images
     model, held_out = proof.model(case), proof.held_out_model(case)
     assert model["folder"] == f"results/proof/recordings/{case}" and model["protocol"] is None
     assert held_out["folder"] == f"results/proof/held_out_protocol/{case}"
@@ -165,19 +174,19 @@ def test_a_case_is_modelled_by_its_own_protocol():
     assert set(proof.tried_on(last)) == set(settings["images"]["tried"])
 
 
-def test_effects_that_are_tried_on_images_of_the_proof_are_told_by_their_key():
+def test_image_effects_of_the_blind_test_depend_on_their_key():
     images = context_of().proof.settings["images"]
     with pytest.raises(InputError, match="proof.images.tried: there is no effect 'glow'"):
         context_of(proof={"images": images | {"tried": [*images["tried"], "glow"]}})
 
 
-def test_expected_seconds_are_those_of_the_study_s_files():
+def test_expected_seconds_of_the_study_files():
     expected = context_of().expected_seconds()
     assert all(seconds > 0 for seconds in expected.values())
     assert "results/projections/views150/clean.h5" in expected and "results/features.csv" in expected
 
 
-def test_what_a_diagnosed_object_is_drawn_in_is_an_input_of_its_jobs(tmp_path, monkeypatch):
+def test_files_of_a_diagnosed_object_are_inputs_of_its_jobs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("disc", "rods", "holes"):
         array = np.ones((1, 4, 4), np.uint8)
@@ -204,17 +213,19 @@ def test_what_a_diagnosed_object_is_drawn_in_is_an_input_of_its_jobs(tmp_path, m
     assert len(together["shapes"]) == 1 and "phantom" not in together
 
 
-def test_recordings_of_a_scanner_declare_the_same_of_it(tmp_path):
-    """What is declared once is known of all; what is declared here and not there is refused, and so is what differs."""
+def test_recordings_of_a_scanner_declare_the_same_physics(tmp_path):
+    """A declaration applies to all recordings; partial and different declarations are rejected."""
 
     def stated(amount, **more):
         return {"scatter": {"amount": {"value": amount, "sd": 0.01}, "width_mm": {"value": 60, "sd": 5}}} | more
 
     folders = {name: recorded(tmp_path, name, "projections", scan=SCAN) for name in ("one", "two", "three")}
 
-    def bench(own=None, baseline=None, **scanner):
+    def bench(baselines=None, baseline=None, **scanner):
         one = {"disc": {"diameter_mm": 70, "material": "pmma"}}
-        recordings = {name: one | ({"baseline": own[name]} if own and name in own else {}) for name in folders}
+        recordings = {
+            name: one | ({"baseline": baselines[name]} if baselines and name in baselines else {}) for name in folders
+        }
         scanner = {"recordings": ["one", "two"], "baseline": baseline or {}, **scanner}
         return context_of(
             recordings=folders, diagnosis={"recordings": recordings, "scanners": {"bench": scanner}}
@@ -228,25 +239,27 @@ def test_recordings_of_a_scanner_declare_the_same_of_it(tmp_path):
     assert [*judged.models("bench")] == ["one", "two", "three"]
     assert [*judged.models("bench", judged=False)] == ["one", "two"]
     assert "baseline" not in found.settings["one"] or not found.settings["one"]["baseline"]
-    # Of its protocol, and so another one in each.
-    apart = bench({"one": stated(0.1), "two": stated(0.2)})
-    assert apart.models("bench")["two"]["settings"]["baseline"]["scatter"]["amount"]["value"] == 0.2
+    # Protocol parameters may differ.
+    different = bench({"one": stated(0.1), "two": stated(0.2)})
+    assert different.models("bench")["two"]["settings"]["baseline"]["scatter"]["amount"]["value"] == 0.2
     spot = {"focal_spot": {"width_mm": {"value": 1, "sd": 0.1}, "length_mm": {"value": 1, "sd": 0.1}}}
     wider = {"focal_spot": {"width_mm": {"value": 2, "sd": 0.1}, "length_mm": {"value": 1, "sd": 0.1}}}
-    for own, words in (
+    for baselines, words in (
         ({"one": spot}, "bench: recording one declares focal_spot, but others do not; declare it under diagnosis"),
         ({"one": spot, "two": wider}, "bench: one and two declare different values of width_mm of focal_spot"),
     ):
         with pytest.raises(InputError, match=words):
-            bench(own)
+            bench(baselines)
     with pytest.raises(InputError, match="bench.effects: scatter is declared under baseline; remove it"):
         bench(baseline=stated(0.1), effects=["scatter"])
     with pytest.raises(InputError, match="bench.baseline.scatter: nothing is stated of width_mm"):
         bench(baseline={"scatter": {"amount": {"value": 0.1, "sd": 0.01}}})
 
 
-def test_a_large_scan_asks_for_memory_by_what_is_fitted_of_it(tmp_path):
-    """A clinical turn took 6.1 GB with two processes (docs/explanation/performance.md); all views take ten times."""
+def test_large_scan_requests_memory_for_its_fitted_views(tmp_path):
+    """A clinical turn needed 6.1 GB with two processes (docs/explanation/performance.md); all views need ten times as
+    much.
+    """
     scan = SCAN | {"views": 984, "views_per_rotation": 984, "rows": 64, "columns": 888}
     folder = recorded(tmp_path, "turn", "projections", scan=scan)
 
@@ -259,7 +272,7 @@ def test_a_large_scan_asks_for_memory_by_what_is_fitted_of_it(tmp_path):
     assert megabytes(2, view_step=1) > 50_000
 
 
-def test_bad_input_ends_a_function_of_a_rule_with_one_line():
+def test_bad_input_ends_a_rule_function_with_one_line():
     @or_exit
     def asked(wildcards):
         raise InputError(f"config: {wildcards} is missing; add it")
@@ -268,8 +281,8 @@ def test_bad_input_ends_a_function_of_a_rule_with_one_line():
         asked("x")
 
 
-def test_making_the_context_loads_no_heavy_library():
-    """Every start of Snakemake does it, and most read the effects and what noise was measured."""
+def test_context_loads_no_heavy_library():
+    """Every start of Snakemake creates it, and most read the effects and the matched noise."""
     code = (
         "import sys, yaml; from pathlib import Path; from virtual_phantom.study.context import read_context; "
         "from virtual_phantom.physics import effect; "
@@ -286,15 +299,15 @@ def test_making_the_context_loads_no_heavy_library():
 
 
 def captions_of(context, **config):
-    """The captions of a study's figures, as it would be with another configuration."""
+    """Captions of a study's figures with another configuration."""
     figures = study.report_figures(context.pages.pictures(), context.pages.caption_files(), context.pages.figures())
-    return {one.path.stem: study.caption(one, context.config | config) for one in figures}
+    return {figure.path.stem: study.caption(figure, context.config | config) for figure in figures}
 
 
-def test_captions_say_what_is_of_the_printed_phantom_only_where_it_is_shown():
+def test_captions_mention_the_printed_phantom_only_where_it_is_shown():
     words = ("Flouris", "Cancer Imaging", "printed phantom", "Black", "paper")
-    own = {"phantom": {"source": "ct", "ct": {}}}
-    for name, caption in captions_of(context_of(measured={"overlay": False}), **own).items():
+    settings = {"phantom": {"source": "ct", "ct": {}}}
+    for name, caption in captions_of(context_of(measured={"overlay": False}), **settings).items():
         assert not [word for word in words if word in caption], name
     shown = captions_of(context_of())
     assert all("Flouris" in caption for caption in shown.values())
@@ -302,6 +315,6 @@ def test_captions_say_what_is_of_the_printed_phantom_only_where_it_is_shown():
     assert "Figure 2 of" in shown["scans"] and "built-in phantom" in shown["rois"]
 
 
-def test_captions_call_panels_as_the_figures_do(beside):
-    caption = captions_of(beside)["comparison_near"]
+def test_captions_name_panels_like_the_figures(with_recordings):
+    caption = captions_of(with_recordings)["comparison_near"]
     assert "a: difference of the means" in caption and "b: ratio" in caption and "Middle" not in caption

@@ -1,4 +1,4 @@
-"""How long a diagnosis takes, told before it starts: what is counted of it, and who says it."""
+"""Forecast of the time of a diagnosis: counted work, and its users."""
 
 import math
 import os
@@ -47,14 +47,14 @@ def counted(shape=(180, 16, 128), effects=27, **settings):
 
 
 def diagnosed(folder, **recordings):
-    """The context of recordings of projections, {name: (changes of the scan, settings of the diagnosis)}."""
+    """Context of recordings of projections, {name: (changes of the scan, settings of the diagnosis)}."""
     places = {name: recorded(folder, name, "projections", scan=CONE | scan) for name, (scan, _) in recordings.items()}
     settings = {name: settings for name, (_, settings) in recordings.items()}
     return context_of(results_dir=f"{folder}/r", recordings=places, diagnosis={"recordings": settings})
 
 
 def seconds_of(context, name, cores):
-    (found,) = (one for one in context.diagnosis.forecasts(cores) if one["name"] == name)
+    (found,) = (forecast for forecast in context.diagnosis.forecasts(cores) if forecast["name"] == name)
     assert found["processes"] == cores
     return found["seconds"]
 
@@ -64,11 +64,11 @@ def drawn(path, *shape):
     return str(path)
 
 
-def test_rays_are_those_of_the_views_that_are_fitted():
+def test_rays_are_those_of_the_fitted_views():
     assert counted().rays == 180 * 16 * 128 * 2**2 and counted().pixels == 180 * 16 * 128
     assert counted(view_step=7).rays == math.ceil(180 / 7) * 16 * 128 * 4
     assert counted((60, 16, 128), samples=3).rays == 60 * 16 * 128 * 9
-    # Of a fan beam all rays of a pixel lie in its plane.
+    # In a fan beam, all rays of a pixel are in its plane.
     assert counted((180, 1, 512)).rays == 180 * 512 * 2
     assert counted((984, 64, 888), samples=1).rays <= MOST_FITTED
 
@@ -84,8 +84,8 @@ def test_rays_are_those_of_the_views_that_are_fitted():
     ids=" and ".join,
 )
 @pytest.mark.parametrize("rows", [1, 8])
-def test_every_point_of_a_declared_source_has_rays_of_its_own(physics, rows):
-    """As the chain sends them where no blur is wider than two pixels."""
+def test_every_point_of_a_declared_source_has_its_own_rays(physics, rows):
+    """As in the chain, if no blur is wider than two pixels."""
     scan = {"source_to_isocentre_mm": 570.0, "source_to_detector_mm": 1040.0, "view_interval_ms": 1.0}
     geometry = circular(views=720, columns=32, rows=rows, column_pitch_mm=12.0, row_pitch_mm=12.0, **scan)
     state = State(geometry, 1e5)
@@ -95,7 +95,7 @@ def test_every_point_of_a_declared_source_has_rays_of_its_own(physics, rows):
     assert counted((720, rows, 32), baseline=physics).rays == points_of_source(physics) * counted((720, rows, 32)).rays
 
 
-def test_planes_are_what_a_ray_meets(tmp_path):
+def test_planes_are_those_that_a_ray_crosses(tmp_path):
     assert counted().planes == 256 * 2
     assert counted(disc={"diameter_mm": 70, "material": "pmma"}).planes == 0
     assert counted(object={"kind": "step_wedge", "parameters": {}}).planes == 5
@@ -105,7 +105,7 @@ def test_planes_are_what_a_ray_meets(tmp_path):
     assert counted(object={"labels": mask, "materials": materials}).planes == 3 * 60
 
 
-def test_work_is_counted_by_what_is_simulated_and_ranked():
+def test_work_depends_on_simulations_and_rankings():
     pixels, rays, planes = 180 * 16 * 128, 180 * 16 * 128 * 4, 512
     points = pixels + rays / RAYS_PER_PIXEL
     assert counted().work(1000, 3, compiled=True) == {
@@ -122,29 +122,29 @@ def test_work_is_counted_by_what_is_simulated_and_ranked():
     assert set(few) == set(UNITS) and few["plane"] == few["compiled"] == 0 and few["filter_point"] == 2 * points
 
 
-def test_a_forecast_is_from_few_scans_and_rounds_to_many():
-    """A rate at a time, so that every end is known by hand."""
+def test_forecast_ranges_from_few_scans_and_rounds_to_many():
+    """One rate at a time, so that both ends have a closed form."""
     points = counted().work(1, 1)["point"]
 
-    def one(unit, processes=1):
+    def forecast(unit, processes=1):
         found = counted().forecast({"seconds": {STAGE: {unit: 2.0}}}, processes)
         return found.cpu, found.wall
 
-    assert one("job") == ((2 / RATES_OFF, 2 * RATES_OFF),) * 2
-    assert one("compiled")[0] == (0, 2 * RATES_OFF)  # kernels may be there
-    cpu, wall = one("evaluation_point", 4)
+    assert forecast("job") == ((2 / RATES_OFF, 2 * RATES_OFF),) * 2
+    assert forecast("compiled")[0] == (0, 2 * RATES_OFF)  # kernels may be cached
+    cpu, wall = forecast("evaluation_point", 4)
     low, high = (2 * points * count for count in EVALUATIONS)
     assert cpu == pytest.approx((low / RATES_OFF, high * RATES_OFF))
-    assert wall == pytest.approx((cpu[0] / 4, cpu[1] / 2.5))  # at worst half of the processes are idle
-    assert one("filter_point")[0] == pytest.approx(
+    assert wall == pytest.approx((cpu[0] / 4, cpu[1] / 2.5))  # half of the processes are idle at worst
+    assert forecast("filter_point")[0] == pytest.approx(
         [2 * points * 27 * k for k in (ROUNDS[0] / RATES_OFF, ROUNDS[1] * RATES_OFF)]
     )
-    assert one("point", 4)[1] == one("point")[1] and not {"job", "plane", "point"} & set(SHARED)
+    assert forecast("point", 4)[1] == forecast("point")[1] and not {"job", "plane", "point"} & set(SHARED)
     assert counted().forecast({"seconds": {}}) is None
 
 
-# What was diagnosed, and CPU seconds that it took (one process or two, kernels compiled before or not), beside other
-# work: a real disc (docs/validation/real-discs.md), and discs that skimage's Radon transform has scanned.
+# Recordings and the CPU seconds of their diagnosis with one or two processes on a loaded machine. Kernels were partly
+# cached. The first is a real disc (docs/validation/real-discs.md); skimage's Radon transform scanned the others.
 DISC = {"disc": {"diameter_mm": 70, "material": "pmma"}}
 TAKEN = [
     ((721, 1, 560), DISC | {"samples": 1, "view_step": 15}, 6, (39.8, 46.5)),
@@ -154,13 +154,13 @@ TAKEN = [
 
 
 @pytest.mark.parametrize("shape, settings, effects, taken", TAKEN)
-def test_diagnoses_took_what_is_forecast(shape, settings, effects, taken):
+def test_real_diagnoses_took_the_forecast_time(shape, settings, effects, taken):
     low, high = counted(shape, effects, **settings).forecast(RATES).cpu
     assert all(low < seconds < high for seconds in taken), (low, high)
 
 
-def test_simulated_recordings_took_what_is_forecast():
-    """Those by which rates were fitted, and three others; their sizes are benchmarks/diagnosis_rates.py's."""
+def test_diagnoses_of_simulated_recordings_took_the_forecast_time():
+    """The recordings behind the rates, and three others; their sizes are in benchmarks/diagnosis_rates.py."""
     cases = pytest.importorskip("diagnosis_rates").CASES
     seconds, inside, off = RATES["measured"]["diagnoses"]["seconds"], 0, []
     named = [case for case in cases if case.name in seconds]
@@ -177,7 +177,7 @@ def test_simulated_recordings_took_what_is_forecast():
     assert len(named) >= 12 and inside >= 5 / 6 * len(named) and max(off) < 2
 
 
-def test_the_plan_lists_what_is_known_of_each(tmp_path):
+def test_plan_lists_the_known_work_of_each_diagnosis(tmp_path):
     disc = {"disc": {"diameter_mm": 70, "material": "pmma"}}
     context = diagnosed(
         tmp_path,
@@ -186,9 +186,11 @@ def test_the_plan_lists_what_is_known_of_each(tmp_path):
         again=({"rows": 1}, disc | {"physics_from": "disc"}),
         missing=({}, {"object": {"kind": "pmma_disc"}}),
     )
-    forecasts = {one["name"]: one for one in context.diagnosis.forecasts(4)}
+    forecasts = {forecast["name"]: forecast for forecast in context.diagnosis.forecasts(4)}
     rays = 180 * 16 * 128 * 4
-    bench = Extent(rays // 4, rays, 2 * 256, 3, True)  # the study's phantom is drawn twice as fine as its images
+    bench = Extent(
+        rays // 4, rays, 2 * 256, 3, True
+    )  # the study's phantom is drawn with half the voxel size of its images
     assert context.diagnosis.extent("bench") == bench
     assert forecasts["bench"] == {
         "name": "bench",
@@ -207,27 +209,27 @@ def test_the_plan_lists_what_is_known_of_each(tmp_path):
 
 
 @pytest.mark.parametrize("load", [1.0, 3.0])
-def test_the_job_says_what_the_plan_said(tmp_path, monkeypatch, load):
-    """From the phantom's file, which the plan knows from the configuration; longer beside other work."""
+def test_job_and_plan_state_the_same_forecast(tmp_path, monkeypatch, load):
+    """The job reads the phantom's file, the plan the configuration. The time is longer with other load."""
     monkeypatch.setattr(forecast, "slowdown", lambda cores: load)
     context = diagnosed(tmp_path, bench=({}, {"check_setup": False}))
     fine = drawn(tmp_path / "fine.nii", 2, 256, 200)
-    told = context.diagnosis.forecasts(2)[0]
+    planned = context.diagnosis.forecasts(2)[0]
     model, shape = context.diagnosis.model("bench"), (180, 16, 128)
-    line = forecast_line("bench", model, shape, told["effects"], 2, fine)
-    time, effects = duration_range(*(load * seconds for seconds in told["seconds"])), told["effects"]
-    cpu = duration_range(*told["cpu_seconds"])
+    line = forecast_line("bench", model, shape, planned["effects"], 2, fine)
+    time, effects = duration_range(*(load * seconds for seconds in planned["seconds"])), planned["effects"]
+    cpu = duration_range(*planned["cpu_seconds"])
     assert line == (
         f"diagnosis of bench: {time} with 2 processes (CPU time {cpu}; {effects} effects, 1.5 million rays)"
     )
     one = forecast_line("bench", model, shape, 1, 1, fine)
     assert " with 1 process (CPU time " in one and one.endswith("; 1 effect, 1.5 million rays)")
     assert forecast_line("bench", model, shape, 0, 1, fine) is None
-    os.remove(fine)  # the job itself says that
+    os.remove(fine)  # stated by the job itself
     assert forecast_line("bench", model, shape, 3, 1, fine) is None
 
 
-def test_more_cores_are_less_time_and_the_console_is_told_core_seconds(tmp_path):
+def test_more_cores_take_less_time_and_the_console_gets_core_seconds(tmp_path):
     context = diagnosed(tmp_path, bench=({}, {}))
     one, two = (seconds_of(context, "bench", cores) for cores in (1, 2))
     assert all(single / 2 < double < single for single, double in zip(one, two, strict=True))
@@ -236,8 +238,8 @@ def test_more_cores_are_less_time_and_the_console_is_told_core_seconds(tmp_path)
     assert context.expected_seconds(1)[document] == pytest.approx(one)
 
 
-def test_a_cluster_is_asked_for_more_than_the_forecast(tmp_path):
-    """In whole minutes, and never under the floor; an hour a round of fits where nothing is known."""
+def test_cluster_jobs_request_more_than_the_forecast(tmp_path):
+    """In whole minutes and at least the minimum; an hour per round of fits without a forecast."""
     context = diagnosed(
         tmp_path,
         small=({"rows": 1}, {"disc": {"diameter_mm": 70, "material": "pmma"}}),
@@ -251,7 +253,7 @@ def test_a_cluster_is_asked_for_more_than_the_forecast(tmp_path):
     assert diagnosis.minutes("again", 1) == 60 * 4
 
 
-def test_rays_are_said_to_two_digits():
+def test_rays_are_printed_with_two_digits():
     assert [rays_text(count) for count in (46_080, 412_345, 12_345_678)] == [
         "46 thousand rays",
         "0.41 million rays",

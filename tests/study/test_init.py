@@ -1,4 +1,4 @@
-"""`virtual-phantom init`: what it proposes for a CT, against what is known of the object in it."""
+"""`virtual-phantom init`: its proposal for a CT with a known object."""
 
 import re
 import shlex
@@ -33,7 +33,7 @@ REAL = ROOT / "../shared/real/abdomen_ct"
 
 @pytest.fixture
 def desk(tmp_path, monkeypatch):
-    """A folder with the default configuration, a CT and its regions in every form, to work in."""
+    """A working folder with the default configuration, a CT and its regions in every form."""
     monkeypatch.chdir(tmp_path)
     Path("config").mkdir()
     shutil.copy(ROOT / "config" / "config.yaml", "config")
@@ -56,7 +56,7 @@ def labelled():
 
 
 def initialised(*words):
-    """The configuration that the command writes, as Snakemake would have it."""
+    """The configuration that the command writes, as Snakemake reads it."""
     assert main.main(["init", *words]) == 0
     lines, settings = read_config.read_configs(["my.yaml"])
     assert not lines
@@ -85,8 +85,8 @@ def test_regions_of_every_form_become_rois(image, labels, desk, capsys):
     assert Image.open("my.png").size[0] > 300
 
 
-def test_what_is_scanned_is_the_body(desk):
-    """A cylinder of 80 x 64 mm (x, y) and 42 mm along z, at CENTRE, without a table or arms."""
+def test_scanned_volume_is_the_body(desk):
+    """A cylinder of 80 x 64 mm (x, y) and 42 mm along z, at `CENTRE`, without a table or arms."""
     settings = initialised("ct.nii.gz", "--labels", "labels.nii.gz")
     phantom = settings["phantom"]["ct"]
     assert "keep_mm" not in phantom and "keep_mm is not needed" in Path("my.yaml").read_text()
@@ -98,18 +98,18 @@ def test_what_is_scanned_is_the_body(desk):
     assert settings["measured"] == {"overlay": False}
 
 
-def test_arms_and_a_table_are_left_out(desk):
+def test_arms_and_table_are_excluded(desk):
     hu = phantom_files.object_hu()
     hu[:, 0] = 200
     hu[:, 14:26, :3] = 50
     phantom_files.write_nifti_array(hu, "arms.nii.gz")
     plain = propose("ct.nii.gz", "labels.nii.gz").box_mm
-    kept = propose("arms.nii.gz", "labels.nii.gz").config["phantom"]["ct"]["keep_mm"]
-    np.testing.assert_allclose(kept, plain, atol=0)
+    keep_mm = propose("arms.nii.gz", "labels.nii.gz").config["phantom"]["ct"]["keep_mm"]
+    np.testing.assert_allclose(keep_mm, plain, atol=0)
 
 
-def test_a_chest_is_scanned_whole(desk):
-    """An ellipse of 84 x 64 mm with lungs that end 4 mm under its surface, beside an arm."""
+def test_whole_chest_is_scanned(desk):
+    """An ellipse of 84 x 64 mm with lungs that end 4 mm below its surface, and an arm."""
     z, y, x = np.ix_(*phantom_files.CT_GRID.axes_mm())
     body, arm = (x / 38) ** 2 + (y / 32) ** 2 + 0 * z < 1, (abs(x - 44) < 3) & (abs(y) < 10) & (abs(z) < 99)
     lungs = ((abs(x) - 20) / 15) ** 2 + (y / 24) ** 2 + 0 * z < 1
@@ -127,7 +127,7 @@ def test_a_chest_is_scanned_whole(desk):
     assert CENTRE[1] - 40 < y_low <= CENTRE[1] - 32 and CENTRE[1] + 32 <= y_high < CENTRE[1] + 40
 
 
-def test_a_check_of_the_ct_can_be_left_out(desk, capsys):
+def test_check_of_the_ct_can_be_disabled(desk, capsys):
     """The CT is that of an animal: a quarter of the size."""
     small = Grid(phantom_files.CT_GRID.shape, (0.75, 0.5, 0.5), CENTRE)
     phantom_files.write_nifti_array(phantom_files.object_hu(), "ct.nii.gz", grid=small)
@@ -141,7 +141,7 @@ def test_a_check_of_the_ct_can_be_left_out(desk, capsys):
     assert "there is no check 'sise'; did you mean 'size'?" in capsys.readouterr().err
 
 
-def test_a_ct_without_air_is_noted(desk, capsys):
+def test_ct_without_air_is_noted(desk, capsys):
     hu, labels = (array[:, 10:-10, 12:-12] for array in (phantom_files.object_hu(), labelled()))
     grid = Grid(hu.shape, phantom_files.CT_GRID.spacing, CENTRE)
     phantom_files.write_nifti_array(hu, "ct.nii.gz", grid=grid)
@@ -151,14 +151,14 @@ def test_a_ct_without_air_is_noted(desk, capsys):
     assert note in capsys.readouterr().err and "keep_mm" not in settings["phantom"]["ct"]
 
 
-def test_a_region_that_is_too_small_is_left_out_and_told(desk):
+def test_too_small_region_is_excluded_and_reported(desk):
     initialised("ct.nii.gz", "--labels", "labels.nii.gz")
     text = Path("my.yaml").read_text()
     assert "# label_9: is too small: about 4 voxels of this grid, at least 128 are needed" in text
     assert [roi["name"] for roi in yaml.safe_load(text)["phantom"]["ct"]["rois"]] == ["label_3", "label_5"]
 
 
-def test_gas_and_tissue_is_no_region(desk):
+def test_gas_with_tissue_is_no_region(desk):
     hu = phantom_files.object_hu()
     hu[:5][phantom_files.ball("dark")[:5]] = -900
     phantom_files.write_nifti_array(hu, "gas.nii.gz")
@@ -166,9 +166,9 @@ def test_gas_and_tissue_is_no_region(desk):
         propose("gas.nii.gz", "labels.nii.gz")
 
 
-def test_a_region_in_another_piece_is_left_out_unless_it_is_asked_for(desk):
+def test_region_in_another_piece_is_excluded_unless_requested(desk):
     hu, labels = phantom_files.object_hu(), labelled()
-    hu[:, 16:24, :3], labels[:, 17:23, :3] = 50, 7  # the body begins a column farther
+    hu[:, 16:24, :3], labels[:, 17:23, :3] = 50, 7  # the body begins one column farther
     phantom_files.write_nifti_array(hu, "arm.nii.gz")
     phantom_files.write_nifti_array(labels, "arm_labels.nii.gz")
     found = propose("arm.nii.gz", "arm_labels.nii.gz")
@@ -178,7 +178,7 @@ def test_a_region_in_another_piece_is_left_out_unless_it_is_asked_for(desk):
     assert defaults.box_mm[0][0] < found.box_mm[0][0] == found.config["phantom"]["ct"]["keep_mm"][0][0]
 
 
-def test_the_file_says_what_the_proposal_is_and_what_it_costs(desk):
+def test_file_states_the_proposal_and_its_cost(desk):
     settings = initialised("ct.nii.gz", "--labels", "labels.nii.gz", "--size", "quick")
     again = "virtual-phantom init ct.nii.gz --labels labels.nii.gz --size normal --out my-normal.yaml"
     proposed = propose("ct.nii.gz", "labels.nii.gz", size="quick", results_dir="results-my", instead=again)
@@ -187,13 +187,13 @@ def test_the_file_says_what_the_proposal_is_and_what_it_costs(desk):
     assert f"{proposed.cost['acquisitions']} scans in {proposed.cost['jobs']} jobs" in text
     assert all(len(line) < 130 or "name:" in line for line in text.splitlines())
     whole = complete(settings)
-    # Of the default study nothing is left that a quick one does not have.
+    # It has no section of the default study that a quick one lacks.
     assert set(whole["protocols"]) == set(sizes()["quick"]["protocols"])
     assert set(whole["noise"]["levels"]) == set(sizes()["quick"]["levels"])
     assert whole["analyses"]["pca"]["sirt"]["noise"] == ["dose10", "double"]
 
 
-def test_a_quick_study_is_a_trial_and_names_the_command_for_an_answer(desk, capsys):
+def test_quick_study_is_a_trial_and_names_the_command_for_results(desk, capsys):
     words = ["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "3=a,5=b", "--rois", "a,b"]
     settings = initialised(*words, "--size", "quick")
     assert f"Then, for real results: {settings['trial']}" in capsys.readouterr().out
@@ -204,8 +204,8 @@ def test_a_quick_study_is_a_trial_and_names_the_command_for_an_answer(desk, caps
     assert [roi["name"] for roi in normal["phantom"]["ct"]["rois"]] == ["a", "b"]
 
 
-def test_a_region_of_more_than_one_tissue_is_doubted(desk, capsys):
-    """A tenth of the ball is as dense as bone; without it, it is of one value."""
+def test_region_of_several_tissues_is_reported(desk, capsys):
+    """A tenth of the ball is as dense as bone; the rest has one value."""
     hu, ball = phantom_files.object_hu(), phantom_files.ball("dark")
     hu[tuple(axis[::10] for axis in np.nonzero(ball))] = 900
     phantom_files.write_nifti_array(hu, "calcium.nii.gz")
@@ -216,14 +216,14 @@ def test_a_region_of_more_than_one_tissue_is_doubted(desk, capsys):
     assert Path("my.yaml").read_text().count("calcium, bone") == 1
 
 
-def test_the_picture_names_in_its_legend_only_what_it_shows(desk):
-    """A thin region is not used and outlined, but not where the picture ends before it."""
+def test_legend_of_the_picture_names_what_it_shows(desk):
+    """A thin region is outlined although it is not used, unless the picture ends before it."""
 
     def legend(labels, box_mm=None):
         phantom_files.write_nifti_array(labels, "some.nii.gz", flip_y=True)
         proposed = propose("ct.nii.gz", "some.nii.gz")
         proposed = replace(proposed, box_mm=box_mm or proposed.box_mm)
-        return [one.get_text() for one in preview(proposed).legends[0].get_texts()]
+        return [text.get_text() for text in preview(proposed).legends[0].get_texts()]
 
     some, shown = labelled(), ["label 3", "label 5", "scanned box"]
     some[some == 9] = 0
@@ -233,7 +233,7 @@ def test_the_picture_names_in_its_legend_only_what_it_shows(desk):
     assert legend(some, [[x - 20, x + 20] for x in CENTRE[:2]]) == shown
 
 
-def test_normal_is_the_default_study():
+def test_size_normal_is_the_default_study():
     default, normal = yaml.safe_load((ROOT / "config" / "config.yaml").read_text()), sizes()["normal"]
     assert normal["protocols"] == default["protocols"] and normal["levels"] == default["noise"]["levels"]
     assert normal["analyses"] == default["analyses"]
@@ -242,7 +242,7 @@ def test_normal_is_the_default_study():
     assert normal["reconstruction"]["sirt"].items() <= sirt.items()
 
 
-def test_files_that_are_there_stay(desk, capsys):
+def test_existing_files_are_kept(desk, capsys):
     words = ["init", "ct.nii.gz", "--labels", "labels.nii.gz"]
     Path("my.yaml").write_text("mine")
     assert main.main(words) == 1 and Path("my.yaml").read_text() == "mine"
@@ -277,7 +277,7 @@ def test_files_that_are_there_stay(desk, capsys):
         (["labels.nii.gz", "--labels", "ct.nii.gz"], "has 4 different whole numbers up to 9, as a label map or mask"),
     ],
 )
-def test_what_cannot_be_is_one_line_and_nothing_is_written(words, message, desk, capsys):
+def test_errors_are_one_line_and_nothing_is_written(words, message, desk, capsys):
     Path("f.yaml").mkdir()
     Path("ct.zip").write_bytes(b"PK" + bytes(200))
     phantom_files.write_nifti_array(np.zeros(phantom_files.CT_GRID.shape, np.float32), "zero.nii")
@@ -297,8 +297,8 @@ def test_regions_of_one_tissue_are_of_one_class(name, expected):
     assert tissue_class(name) == expected
 
 
-def test_snakemake_takes_what_was_written(desk):
-    """From the command to the phantom and its figure, and a plan of all the rest."""
+def test_snakemake_accepts_the_written_file(desk):
+    """From the command to the phantom and its figure, and a plan of all other jobs."""
     initialised("dicom", "--labels", "seg.dcm", "--size", "quick")
     run = [sys.executable, "-m", "snakemake", "-s", str(ROOT / "workflow" / "Snakefile"), "--cores", "2", "--nolock"]
     made = subprocess.run([*run, "figure_rois", "--configfile", "my.yaml"], capture_output=True, text=True, timeout=600)
@@ -309,8 +309,8 @@ def test_snakemake_takes_what_was_written(desk):
 
 
 @pytest.mark.real
-def test_a_clinical_ct_is_proposed_as_it_was_by_hand(monkeypatch, tmp_path):
-    """Against config/abdomen.yaml, which was written by hand for the same CT."""
+def test_proposal_for_a_clinical_ct_agrees_with_the_manual_one(monkeypatch, tmp_path):
+    """Compare with config/abdomen.yaml, which was written by hand for the same CT."""
     if not REAL.exists():
         pytest.skip("needs abdomen_ct among the real measurements")
     monkeypatch.chdir(tmp_path)
@@ -318,21 +318,21 @@ def test_a_clinical_ct_is_proposed_as_it_was_by_hand(monkeypatch, tmp_path):
     names = {"5": "liver", "1": "spleen", "87": "muscle_right", "86": "muscle_left", "52": "aorta"}
     found = propose("abdomen_ct/dicom", "abdomen_ct/labels.nii.gz", names=names, rois=list(names)).config
     hand = yaml.safe_load((ROOT / "config" / "abdomen.yaml").read_text())
-    ours, theirs = found["phantom"]["ct"], hand["phantom"]["ct"]
-    np.testing.assert_allclose(ours["keep_mm"], theirs["keep_mm"], atol=12)
-    np.testing.assert_allclose(ours["centre_mm"], theirs["centre_mm"], atol=6)
+    proposed_ct, manual = found["phantom"]["ct"], hand["phantom"]["ct"]
+    np.testing.assert_allclose(proposed_ct["keep_mm"], manual["keep_mm"], atol=12)
+    np.testing.assert_allclose(proposed_ct["centre_mm"], manual["centre_mm"], atol=6)
     assert found["grid"]["shape"][0] == hand["grid"]["shape"][0]
     np.testing.assert_allclose(found["grid"]["spacing_mm"], hand["grid"]["spacing_mm"], rtol=0.05)
     assert found["grid"]["oversampling"] == hand["grid"]["oversampling"]
     width = {name: one["columns"] * one["column_pitch_mm"] for name, one in (("o", found["scan"]), ("t", hand["scan"]))}
     assert width["o"] == pytest.approx(width["t"], rel=0.05)
     assert found["scan"]["rows"] == hand["scan"]["rows"]
-    parts = {one["name"]: (one["tissue_class"], one.get("parts", 1)) for one in theirs["rois"]}
-    assert {one["name"]: (one["tissue_class"], one.get("parts", 1)) for one in ours["rois"]} == parts
+    parts = {roi["name"]: (roi["tissue_class"], roi.get("parts", 1)) for roi in manual["rois"]}
+    assert {roi["name"]: (roi["tissue_class"], roi.get("parts", 1)) for roi in proposed_ct["rois"]} == parts
     default = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
     assert preflight.problems(default | found) == []
 
 
 @pytest.mark.parametrize(("hours", "words"), [(1 / 30, "30 s to 2 min"), (1.0, "15 min to 1 h")])
-def test_time_is_a_range_of_a_factor_of_two_to_either_side(hours, words):
+def test_time_is_a_range_of_a_factor_of_two_in_either_direction(hours, words):
     assert duration_text(hours) == words

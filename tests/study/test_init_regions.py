@@ -1,4 +1,7 @@
-"""`virtual-phantom init` on files of regions of which some cannot be used: the others are, and the rest is named."""
+"""`virtual-phantom init` with files of regions of which some cannot be used:
+
+the others are used, and the rest is named.
+"""
 
 import shutil
 from pathlib import Path
@@ -33,14 +36,14 @@ def desk(tmp_path, monkeypatch):
 
 
 def read(labels, names=None, **options):
-    return {one.name: one for one in read_regions(read_nifti("ct.nii.gz"), labels, names or {}, **options)}
+    return {region.name: region for region in read_regions(read_nifti("ct.nii.gz"), labels, names or {}, **options)}
 
 
 def notes(capsys):
     return [line.removeprefix("Note: ") for line in capsys.readouterr().err.splitlines() if line.startswith("Note: ")]
 
 
-def test_a_contour_outside_the_ct_leaves_the_other_regions(desk, capsys):
+def test_contour_outside_of_the_ct_leaves_the_other_regions(desk, capsys):
     organs = [
         (n, name, [contour(circle(radius, Z[k], x, y)) for k in range(5, 12)])
         for n, (name, radius, x, y) in enumerate([("bright", 7, 14, 8), ("dark", 6, -16, -10)], 1)
@@ -58,7 +61,7 @@ def test_a_contour_outside_the_ct_leaves_the_other_regions(desk, capsys):
     assert [line.split(":")[0] for line in lines] == left_out
     assert "leaves the CT" in lines[0] and "does not lie in a slice of the CT" in lines[1]
     assert lines[3] == "rt.dcm: 1 region without voxels skipped: no"
-    assert [one["name"] for one in yaml.safe_load(Path("my.yaml").read_text())["phantom"]["ct"]["rois"]] == list(BALLS)
+    assert [roi["name"] for roi in yaml.safe_load(Path("my.yaml").read_text())["phantom"]["ct"]["rois"]] == list(BALLS)
     assert main.main(["check", "my.yaml"]) == 0 and not notes(capsys)
     Path("my.yaml").unlink()
     Path("my.png").unlink()
@@ -66,7 +69,7 @@ def test_a_contour_outside_the_ct_leaves_the_other_regions(desk, capsys):
     assert "a contour of ROI BODY" in capsys.readouterr().err and not Path("my.yaml").exists()
 
 
-def test_a_folder_of_masks_with_anything_beside_them(desk, capsys):
+def test_folder_of_masks_with_other_files(desk, capsys):
     write_nifti_array(np.ones((5, 5, 5), np.uint8), "masks/other.nii.gz", grid=Grid((5, 5, 5), (3.0, 2.0, 2.0)))
     Path("masks/broken.nii.gz").write_bytes(b"\x1f\x8b nothing")
     Path("masks/._bright.nii.gz").write_bytes(b"\x00\x05\x16\x07Mac OS X")
@@ -100,7 +103,7 @@ def test_a_folder_of_masks_with_anything_beside_them(desk, capsys):
     assert list(read("masks", rois=["Dark"])) == ["dark_1"]
 
 
-def test_a_folder_of_structure_sets_with_files_that_are_none(desk, capsys):
+def test_folder_of_structure_sets_with_other_files(desk, capsys):
     Path("drawn").mkdir()
     whole = Path(phantom_files.write_rtstruct("rt.dcm")).read_bytes()
     Path("drawn/a.dcm").write_bytes(whole[132:])  # without the preamble, as some systems write it
@@ -111,7 +114,7 @@ def test_a_folder_of_structure_sets_with_files_that_are_none(desk, capsys):
     assert "drawn: 2 files without masks skipped: b.dcm, c.txt" in notes(capsys)
 
 
-def test_a_folder_in_which_no_mask_can_be_read_says_why(desk):
+def test_folder_without_readable_masks_gives_the_reason(desk):
     for path in Path("masks").iterdir():
         path.write_bytes(b"nothing")
     with pytest.raises(ValueError, match=r"masks: no region can be read; the first: masks/bright.nii.gz: has no NIfTI"):
@@ -130,7 +133,7 @@ def test_a_folder_in_which_no_mask_can_be_read_says_why(desk):
         (["é", "è"], ["e_1", "e_2"]),
     ],
 )
-def test_names_of_rois_become_different_names_of_the_configuration(own, called, desk, capsys):
+def test_different_roi_names_stay_different_in_the_configuration(own, called, desk, capsys):
     rois = [(n, name, [contour(circle(6 + n, Z[6]))]) for n, name in enumerate(own, 1)]
     structure_set(*rois, charset="ISO_IR 192")
     with console.printed_notes():
@@ -156,7 +159,7 @@ def test_gaps_are_filled_by_an_option_that_the_configuration_keeps(desk, capsys)
     assert main.main([*words, "--fill-gaps"]) == 0
     assert "4 of its 9 slices" in notes(capsys)[0]
     settings = yaml.safe_load(Path("my.yaml").read_text())
-    assert all(one["fill_gaps"] for one in settings["phantom"]["ct"]["rois"])
+    assert all(roi["fill_gaps"] for roi in settings["phantom"]["ct"]["rois"])
     assert "--fill-gaps" in settings["trial"]
     assert main.main(["check", "my.yaml"]) == 0
     whole = read("rt.dcm", fill_gaps=True)
@@ -169,7 +172,7 @@ def test_gaps_are_filled_by_an_option_that_the_configuration_keeps(desk, capsys)
 def test_long_work_is_reported_every_few_seconds(monkeypatch, capsys):
     clock = iter([0, 1, 5.5, 6, 20, 21, 30])
     monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
-    console.progress("reading regions", 0, 5)  # in a job: nothing
+    console.progress("reading regions", 0, 5)  # no report in a job
     with console.printed_notes():
         for done in range(5):
             console.progress("reading regions", done, 5)

@@ -1,4 +1,4 @@
-"""Fits that a diagnosis keeps: what they depend on, and what becomes of a process that is killed."""
+"""Cached fits of a diagnosis: their dependencies, and killed processes."""
 
 import os
 import signal
@@ -26,21 +26,21 @@ def made_of(folder, model=MODEL):
 
 
 @pytest.mark.parametrize("name", ["recording.yaml", "repeat_1.h5"])
-def test_a_byte_of_the_recording_counts(recording, name):
+def test_every_byte_of_the_recording_counts(recording, name):
     before = made_of(recording)
     assert made_of(recording) == before
     (recording / name).write_text(name[:-1] + "X")
     assert made_of(recording) != before
 
 
-def test_a_setting_and_what_is_declared_count(recording):
+def test_settings_and_declared_physics_count(recording):
     before, settings = made_of(recording), MODEL["settings"]
     for changed in ({"samples": 3}, {"baseline": {}}, {"baseline": {"scatter": {}}}):
         assert made_of(recording, MODEL | {"settings": settings | changed}) != before
 
 
 def change_code(monkeypatch, end):
-    """Let the code of the modules whose paths have this end be another."""
+    """Change the code of the modules whose paths end like this."""
     real = dependencies._parsed
 
     def parsed(path):
@@ -51,26 +51,26 @@ def change_code(monkeypatch, end):
 
 
 @pytest.mark.parametrize("changed", ["physics/effects/focal_spot.py", "physics/chain.py", "diagnosis/fitting/fit.py"])
-def test_the_code_behind_counts_that_of_declared_effects_too(recording, monkeypatch, changed):
+def test_code_of_all_dependencies_counts(recording, monkeypatch, changed):
     before = made_of(recording)
     change_code(monkeypatch, changed)
     assert made_of(recording) != before
 
 
-def test_code_of_effects_that_are_in_no_fit_does_not_count(recording, monkeypatch):
+def test_code_of_effects_in_no_fit_does_not_count(recording, monkeypatch):
     before = made_of(recording)
     change_code(monkeypatch, "scatter.py")
     assert made_of(recording) == before
 
 
-def test_versions_of_what_computes_count(recording, monkeypatch):
+def test_versions_of_numerical_packages_count(recording, monkeypatch):
     before = made_of(recording)
     monkeypatch.setattr(module, "version", lambda name: "0.0.1" if name == "scipy" else "2.0")
     assert made_of(recording) != before
 
 
-def test_a_process_that_is_killed_is_one_line(monkeypatch):
-    """A pool that waited for it would wait for ever."""
+def test_killed_process_is_one_line(monkeypatch):
+    """A process pool would wait for it forever."""
     monkeypatch.setattr(side_by_side, "trial", lambda *task: os.kill(os.getpid(), signal.SIGKILL))
     with pytest.raises(InputError, match="2 processes .* was killed, .* memory: run with fewer cores"):
         side_by_side.trials(None, [(("scatter",), None, None), (("motion",), None, None)], 2)

@@ -1,4 +1,4 @@
-"""Commands that are printed work when they are pasted, and options take names with commas."""
+"""Printed commands work when they are pasted, and options accept names with commas."""
 
 import shlex
 import subprocess
@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize("name", ["my study.yaml", "it's.yaml", "$HOME.yaml", "a;b & c.yaml", "Größe.yaml"])
-def test_a_shell_reads_the_words_back(name):
+def test_shell_reads_the_words_back(name):
     shown = commands.typed("virtual-phantom", "check", Path("a folder") / name)
     read = subprocess.run(["bash", "-c", f"printf '%s\\n' {shown}"], capture_output=True, text=True, check=True)
     assert read.stdout.splitlines() == ["virtual-phantom", "check", f"a folder/{name}"]
@@ -33,7 +33,7 @@ def test_snakemake_finds_a_snakefile(snakefile, tmp_path, monkeypatch):
     assert commands.missing() is None
 
 
-def test_without_a_clone_one_line_says_what_is_needed(tmp_path, monkeypatch):
+def test_without_a_clone_one_line_states_the_requirement(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(commands, "clone", lambda: None)
     assert commands.snakemake("--cores", "2") == "snakemake -s CLONE/workflow/Snakefile --cores 2"
@@ -72,6 +72,6 @@ def test_pairs_are_quoted_as_in_csv(values, pairs):
 
 
 @pytest.mark.parametrize("value", ['"GTV, left', '5,"a', 'a"'])
-def test_a_quotation_mark_that_is_open_is_one_line(value):
+def test_unclosed_quotation_mark_is_one_line(value):
     with pytest.raises(InputError, match="has a quotation mark that is not closed; close it, or double it"):
         parse_list([value], "--rois")

@@ -23,7 +23,7 @@ def files(tmp_path, monkeypatch):
 
 
 def read(folder):
-    """The paths of the CT as they are read, and the notes."""
+    """Paths of the CT as they are read, and the notes."""
     ct = {"image": CT["image"].format(folder), "labels": CT["labels"].format(folder)}
     ct["rois"] = [{"name": "spleen", "tissue_class": "spleen", "file": CT["rois"][0]["file"].format(folder)}]
     with collected_notes() as notes:
@@ -35,7 +35,7 @@ def paths(folder):
     return [CT["image"].format(folder), CT["labels"].format(folder), CT["rois"][0]["file"].format(folder)]
 
 
-def test_resources_is_the_folder_where_neither_has_anything(files):
+def test_resources_is_the_default_folder(files):
     assert resources_folder() == "resources"
     assert read("resources") == (paths("resources"), [])
     files("downloads/of_another_program")
@@ -49,13 +49,13 @@ def test_downloads_is_used_and_the_note_names_the_new_folder(files):
     assert read("downloads") == (found, notes)
 
 
-def test_a_configuration_that_names_downloads_finds_resources(files):
+def test_configuration_with_downloads_finds_resources(files):
     files("resources/abdomen_ct")
     found, notes = read("downloads")
     assert found == paths("resources") and len(notes) == 3
     assert notes[0] == ("config: phantom.ct.image is deprecated below downloads; write resources/abdomen_ct/dicom")
 
 
-def test_a_path_that_exists_is_taken_as_it_is(files):
+def test_existing_path_is_used_unchanged(files):
     files("resources/abdomen_ct", *paths("downloads"))
     assert read("downloads") == (paths("downloads"), [])

@@ -1,4 +1,4 @@
-"""Scripts of the workflow are modules: importing one runs nothing, and `main` states what it takes."""
+"""Scripts of the workflow are modules: importing one runs nothing, and `main` has typed arguments."""
 
 import importlib.util
 import inspect
@@ -11,8 +11,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = ROOT / "workflow" / "scripts"
-BY_HAND = "proof_record.py"  # a command with arguments of its own, which no rule runs
-# Packages that read the number of threads once, as they are loaded: `job` sets it before `main` loads them.
+BY_HAND = "proof_record.py"  # a command with its own arguments, which no rule runs
+# Packages that read the number of threads when they are loaded: `job` sets it before `main` loads them.
 READS_THREADS = ("numba", "astra")
 PATHS = sorted(SCRIPTS.rglob("*.py"))
 LOADED_LAZILY = ("acquire", "compile_kernels", "project", "reconstruct")
@@ -26,7 +26,7 @@ def imported(path):
 
 
 @pytest.mark.parametrize("path", PATHS, ids=lambda path: path.relative_to(SCRIPTS).as_posix())
-def test_a_script_can_be_imported_and_its_main_is_annotated(path, tmp_path, monkeypatch, capsys):
+def test_script_can_be_imported_and_its_main_is_annotated(path, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     main = imported(path).main
     assert not list(tmp_path.iterdir()) and capsys.readouterr() == ("", "")
@@ -37,15 +37,15 @@ def test_a_script_can_be_imported_and_its_main_is_annotated(path, tmp_path, monk
 
 
 @pytest.mark.parametrize("path", PATHS, ids=lambda path: path.relative_to(SCRIPTS).as_posix())
-def test_a_script_maps_every_argument_of_its_main(path):
+def test_script_passes_every_argument_of_its_main(path):
     """By name, inside `with job(snakemake)` at its end."""
     if path.name == BY_HAND:
         return
     *_, end = path.read_text().split('\nif "snakemake" in globals():\n    with job(snakemake):\n        main(')
-    given = dict.fromkeys(inspect.signature(imported(path).main).parameters)
+    keywords = dict.fromkeys(inspect.signature(imported(path).main).parameters)
 
     class Anything:
-        """What stands for any attribute, item or call of `snakemake`."""
+        """Replacement of any attribute, item or call of `snakemake`."""
 
         def __getattr__(self, name):
             return self
@@ -60,11 +60,11 @@ def test_a_script_maps_every_argument_of_its_main(path):
             return self
 
     call = eval(f"dict({end}", {**imported(path).__dict__, "snakemake": Anything(), "dict": dict})
-    assert call.keys() == given.keys()
+    assert call.keys() == keywords.keys()
 
 
 @pytest.mark.parametrize("name", LOADED_LAZILY)
-def test_jobs_with_threads_of_their_own_load_packages_after_these_are_set(name):
+def test_jobs_with_several_threads_load_packages_after_the_number_is_set(name):
     program = (
         "import importlib.util, sys\n"
         f"spec = importlib.util.spec_from_file_location('script', {str(SCRIPTS / f'{name}.py')!r})\n"

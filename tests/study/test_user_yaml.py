@@ -1,4 +1,4 @@
-"""Configurations as people write them: what YAML reads differently is refused by line, and null removes entries."""
+"""User-written configurations: values that YAML changes are rejected by line, and null removes entries."""
 
 import json
 from pathlib import Path
@@ -59,7 +59,7 @@ def checked(content, capsys):
         ("seed: !!python/name:os.system\n", "my.yaml, line 1: cannot be read as YAML (could not determine"),
     ],
 )
-def test_what_yaml_reads_differently_is_one_line(content, line, capsys):
+def test_values_that_yaml_changes_are_one_line(content, line, capsys):
     code, lines = checked(content, capsys)
     assert code == 1 and sum(line in one for one in lines) == 1, lines
 
@@ -69,32 +69,32 @@ def test_what_yaml_reads_differently_is_one_line(content, line, capsys):
     [
         ("\ufeffseed: 3\n", {"seed": 3}),
         ("seed: 3\r\nresults_dir: 'no'\r\n", {"seed": 3, "results_dir": "no"}),
-        ("results_dir: 1e3\n", {"results_dir": "1e3"}),  # text to YAML 1.1
+        ("results_dir: 1e3\n", {"results_dir": "1e3"}),  # text in YAML 1.1
         (json.dumps({"seed": 3}, indent="\t"), {"seed": 3}),
         ("protocols:\n  a: &a {projections: 90}\n  b: {<<: *a, group: 9}\n", {"protocols": None}),
         ("__use_yte__: true\nseed: ?3 + 4\n", {"seed": 7}),
     ],
 )
-def test_what_snakemake_reads_is_read_as_snakemake_does(content, settings):
+def test_files_are_read_as_by_snakemake(content, settings):
     from snakemake.common.configfile import load_configfile
 
     Path("my.yaml").write_bytes(content.encode())
     lines, found = read_config.read_configs(["my.yaml"])
     assert not lines
-    own = load_configfile("my.yaml")
+    loaded = load_configfile("my.yaml")
     for key, value in settings.items():
-        assert found[key] == value if value is not None else own[key].items() <= found[key].items(), key
-        assert value is None or own[key] == value
+        assert found[key] == value if value is not None else loaded[key].items() <= found[key].items(), key
+        assert value is None or loaded[key] == value
 
 
 @pytest.mark.parametrize("path", [".", "gone.yaml", "a\0b"])
-def test_a_path_that_is_no_file_is_one_line(path, capsys):
+def test_path_that_is_no_file_is_one_line(path, capsys):
     assert main.main(["check", path]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("Error: ") and "give the path of a configuration" in line
 
 
-def test_aliases_that_unfold_without_end_are_refused_at_once():
+def test_exponentially_nested_aliases_are_rejected_at_once():
     layers = [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 30)]
     Path("bomb.yaml").write_text("\n".join(["a0: &a0 [1]", *layers]))
     with pytest.raises(InputError, match="unfolds to too many items"):
@@ -117,7 +117,7 @@ def test_names_of_a_layout_are_text(name):
 # ---- null ----------------------------------------------------------------------------------------
 
 
-def test_null_removes_and_what_names_the_entry_gets_one_line_each(capsys):
+def test_null_removes_an_entry_and_each_reference_gets_one_line(capsys):
     code, lines = checked("protocols: {sirt_300: null, fbp_450: null}\n", capsys)
     assert (code, len(lines)) == (1, 5)
     for where, name in (
@@ -126,8 +126,8 @@ def test_null_removes_and_what_names_the_entry_gets_one_line_each(capsys):
         ("analyses.pca.sirt.protocols", "sirt_300"),
         ("analyses.pca.fbp.protocols", "fbp_450"),
     ):
-        said = f"config: {where} names '{name}', which protocols.{name}: null removes; remove it or name another: "
-        assert sum(said in line for line in lines) == 1, lines
+        message = f"config: {where} names '{name}', which protocols.{name}: null removes; remove it or name another: "
+        assert sum(message in line for line in lines) == 1, lines
     assert not [line for line in lines if "did you mean" in line]
 
 
@@ -191,30 +191,30 @@ def test_nulls_of_the_shipped_configurations_remove_something(files, capsys):
 
 
 @pytest.mark.parametrize("entry", ["{name: no, tissue_class: x}", "{name: a b, tissue_class: x}", "{name: ~}", "3"])
-def test_an_entry_that_is_refused_is_the_only_mistake(entry, capsys):
+def test_rejected_entry_is_the_only_mistake(entry, capsys):
     rois = f"[{entry}, {{name: b, tissue_class: y, label: 3}}]"
     _, lines = checked(f"phantom: {{source: ct, ct: {{image: a.nii.gz, labels: b.nii.gz, rois: {rois}}}}}", capsys)
     assert not [line for line in lines if "are all of tissue_class" in line], lines
 
 
-def test_removing_a_protocol_as_the_docs_say_works(capsys):
+def test_removing_a_protocol_as_documented_works(capsys):
     text = (ROOT / "docs" / "how-to" / "protocols.md").read_text()
-    (block,) = [one for one in text.split("```yaml\n")[1:] if "sirt_300: null" in one]
+    (block,) = [part for part in text.split("```yaml\n")[1:] if "sirt_300: null" in part]
     assert checked(block.partition("```")[0], capsys) == (0, [])
 
 
-# ---- where there is no clone ----------------------------------------------------------------------
+# ---- without a clone ------------------------------------------------------------------------------
 
 
-def test_the_package_has_the_default_study(monkeypatch, capsys):
+def test_package_has_the_default_study(monkeypatch, capsys):
     monkeypatch.setattr(read_config, "clone", lambda: None)
     assert read_config.read_configs([]) == ([], yaml.safe_load((ROOT / "config" / "config.yaml").read_text()))
     assert main.main(["check", str(ROOT / "config" / "tiny.yaml")]) == 0
     assert capsys.readouterr().err == ""
 
 
-def test_the_clone_of_an_installed_package_is_found(tmp_path, monkeypatch):
-    """By what pip writes down of a local source (PEP 610)."""
+def test_clone_of_an_installed_package_is_found(tmp_path, monkeypatch):
+    """From pip's record of a local source (PEP 610)."""
     (tmp_path / "my clone" / "workflow").mkdir(parents=True)
     (tmp_path / "my clone" / "workflow" / "Snakefile").touch()
 

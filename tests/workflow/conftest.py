@@ -8,9 +8,9 @@ from workflow_runs import tiny
 
 @pytest.fixture(scope="session")
 def made_once(tmp_path_factory, worker_id):
-    """A folder that all workers share: the tiny study in `results`, a copy of it in `kept`, what was said in `said`.
+    """Folder that all workers share: the tiny study in `results`, a copy of it in `kept`, and its output in `said`.
 
-    It is run for real on two cores, by the worker that asks first; others wait.
+    The first worker runs it on two cores; the others wait.
     """
     base = tmp_path_factory.getbasetemp()
     folder = (base if worker_id == "master" else base.parent) / "tiny"
@@ -27,5 +27,5 @@ def made_once(tmp_path_factory, worker_id):
 
 @pytest.fixture(scope="session")
 def study(made_once):
-    """The folder of the tiny study, to be read and copied; test_workflow.py alone changes it, and has its own."""
+    """Folder of the tiny study, for reading and copying; only test_workflow.py changes it, in its own copy."""
     return made_once / "kept"

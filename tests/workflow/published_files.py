@@ -1,4 +1,4 @@
-"""A copy of the project whose clinical CT is a few bytes, listed as the real one is."""
+"""A copy of the project with a clinical CT of a few bytes, listed like the real one."""
 
 import csv
 import hashlib
@@ -12,9 +12,9 @@ TABLE = "workflow/lib/virtual_phantom/resources/abdomen_ct.csv"
 
 
 def copy_with_bytes(project):
-    """Copy the project; its table lists the first two slices and the regions, of other bytes.
+    """Copy the project; its table lists the first two slices and the regions with other bytes.
 
-    Returns the files as a web folder would hold them, {source: bytes}, and where they belong, {path: source}.
+    Returns the files of a web folder, {source: bytes}, and their paths, {path: source}.
     """
     copy_project(ROOT, project)
     with open(ROOT / TABLE, newline="") as file:
@@ -38,7 +38,7 @@ def put(folder, files):
 
 
 def with_its_ct(project):
-    """A copy of the project with the files in their place."""
+    """A copy of the project with the files at their paths."""
     published, places = copy_with_bytes(project)
     put(project, {path: published[source] for path, source in places.items()})
     return project

@@ -1,4 +1,4 @@
-"""A change of code runs jobs again; a change of words does not."""
+"""A change of code runs jobs again; a change of text does not."""
 
 import pytest
 from pages import copy_project
@@ -6,7 +6,7 @@ from workflow_runs import ROOT, snakemake
 
 TARGET = "results-tiny/phantom/positions.csv"
 TINY = ("--configfile", "config/tiny.yaml")
-POSE = "workflow/lib/virtual_phantom/base/pose.py"  # imported by the script and by what it imports
+POSE = "workflow/lib/virtual_phantom/base/pose.py"  # imported by the script and by one of its imports
 NOTHING = "Nothing to be done"
 
 
@@ -33,18 +33,18 @@ def change(project, old, new, path=POSE):
     (project / path).write_text(text.replace(old, new, 1))
 
 
-def test_other_words_run_nothing(project):
+def test_changed_text_runs_nothing(project):
     assert NOTHING in dry(project)
     change(project, '"""', '"""Other words. ')
     change(project, "def main", "# A comment.\ndef main", "workflow/scripts/positions.py")
     assert NOTHING in dry(project)
 
 
-def test_other_code_runs_again_unless_touched(project):
+def test_changed_code_runs_again_unless_touched(project):
     with (project / POSE).open("a") as file:
         file.write("\nADDED = 1\n")
-    said = dry(project)
-    assert "rule positions" in said and "Params have changed" in said
+    output = dry(project)
+    assert "rule positions" in output and "Params have changed" in output
     assert "positions.csv" in dry(project, "--summary")
     process = snakemake(TARGET, "--touch", *TINY, project=project, environment={"PYTHONPATH": ""})
     assert process.returncode == 0, process.stderr[-2000:]

@@ -1,4 +1,4 @@
-"""Recordings in the study: what the tiny study itself measured, handed back to it as a recording."""
+"""Comparison with recordings: the tiny study's own features as a recording."""
 
 import html
 import json
@@ -18,7 +18,7 @@ OVERLAY = {
     "noise": {
         "levels": {
             "matched": {
-                "repeats": 5,  # more than fill the bundle of the levels before it up: images of its own only
+                "repeats": 5,  # exceeds the bundle of the levels before it, so that it has its own images
                 "meets": {
                     "recording": "own",
                     "where": {"protocol": "sirt_150"},
@@ -72,8 +72,8 @@ def compared(study, tmp_path_factory):
     return results
 
 
-def test_the_level_that_made_a_recording_is_found(compared):
-    """The recording was simulated at A = 12e-6; its own sampling error over three repeats is a few per cent."""
+def test_noise_level_of_a_recording_is_found(compared):
+    """The recording was simulated at A = 12e-6; its sampling error over three repeats is a few per cent."""
     level = matched_noise.read_level(compared / "noise" / "matched.json")
     assert level["A"] == pytest.approx(12e-6, rel=0.1)
     table = pd.read_csv(compared / "tables" / "matched_noise.csv")
@@ -82,24 +82,24 @@ def test_the_level_that_made_a_recording_is_found(compared):
     np.testing.assert_allclose(features["noise_level"], level["A"])
 
 
-def test_a_recording_agrees_with_what_made_it_and_not_with_another_protocol(compared):
+def test_recording_agrees_with_its_own_protocol_and_not_with_another(compared):
     families = {
         name: pd.read_csv(compared / "tables" / f"comparison_{name}_families.csv").set_index("family")
         for name in ("same", "other")
     }
     assert families["same"].loc["all", "share_mean_differs"] == 0
     assert families["same"].loc["all", "median_abs_shift_sd"] < 1.5
-    # Over study seeds 2022 to 2027 another protocol of three repeats has shares of 0.16 to 0.27 (SD 0.04) and shifts of
+    # For study seeds 2022 to 2027, another protocol of three repeats has shares of 0.16 to 0.27 (SD 0.04) and shifts of
     # 3.2 to 4.9 (SD 0.6).
     assert families["other"].loc["all", "share_mean_differs"] > 0.1
     assert families["other"].loc["all", "median_abs_shift_sd"] > 2.5
 
 
 def test_features_are_diagnosed(compared):
-    """Against what made it a recording is a match; against another number of projections it is none."""
-    own = {"recordings": {"own": str(compared.parent / "own")}, **OVERLAY}
-    overlay = {**own, "diagnosis": {"comparisons": ["same", "other"]}}
-    process = tiny(compared, "diagnosis", overlay=overlay, beside=compared.parent / "diagnosed")
+    """The same protocol is a match; another number of projections is not."""
+    settings = {"recordings": {"own": str(compared.parent / "own")}, **OVERLAY}
+    overlay = {**settings, "diagnosis": {"comparisons": ["same", "other"]}}
+    process = tiny(compared, "diagnosis", overlay=overlay, config_folder=compared.parent / "diagnosed")
     assert process.returncode == 0, process.stderr[-4000:]
     found = {}
     for name in ("same", "other"):
@@ -112,13 +112,13 @@ def test_features_are_diagnosed(compared):
     assert found["same"]["verdict"] == "match" and found["other"]["verdict"] != "match"
     for place in found["other"]["locations"]:
         assert place["p"] < 0.01 and (compared / "diagnosis" / "other" / "maps" / place["map"]).exists()
-    overlay = {**own, "diagnosis": {"recordings": {"own": {}}}}
-    process = tiny(compared, "-n", "diagnosis", overlay=overlay, beside=compared.parent / "wrong")
+    overlay = {**settings, "diagnosis": {"recordings": {"own": {}}}}
+    process = tiny(compared, "-n", "diagnosis", overlay=overlay, config_folder=compared.parent / "wrong")
     assert process.returncode == 1
     assert "Error: diagnosis.recordings.own: holds features; name comparisons" in process.stderr
 
 
-def test_figures_and_tables_of_recordings_are_there(compared):
+def test_figures_and_tables_of_recordings_exist(compared):
     for name in ("comparison_same", "comparison_other", "overlap_own", "pca_sirt"):
         assert (compared / "figures" / f"{name}.png").stat().st_size > 10_000
     points = pd.read_csv(compared / "tables" / "pca_sirt.csv")

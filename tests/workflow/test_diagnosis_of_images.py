@@ -1,4 +1,4 @@
-"""Images of a tiny study with a blurring kernel, handed back as a recording, and what the diagnosis says."""
+"""Diagnosis of images of a tiny study with a blurring kernel as a recording."""
 
 import html
 import json
@@ -26,10 +26,12 @@ STUDY = {
 
 @pytest.fixture(scope="module")
 def scanner(tmp_path_factory):
-    """A folder with the recording `scanner`, and what the diagnosis made of it under `results`."""
+    """A folder with the recording `scanner` and its diagnosis under `results`."""
     folder = tmp_path_factory.mktemp("scanner")
     images = [f"{folder}/made/images/bench/bench/seed{seed:02d}.nii.gz" for seed in range(4)]
-    process = tiny(folder / "made", *images, overlay={**STUDY, "physics": CONCEALED}, beside=folder / "concealed")
+    process = tiny(
+        folder / "made", *images, overlay={**STUDY, "physics": CONCEALED}, config_folder=folder / "concealed"
+    )
     assert process.returncode == 0, process.stderr[-4000:]
     recording = folder / "recording"
     recording.mkdir()
@@ -48,13 +50,13 @@ def diagnosis(folder, *arguments, **settings):
         "recordings": {"scanner": str(folder / "recording")},
         "diagnosis": {"recordings": {"scanner": {key: value for key, value in diagnosed.items() if value}}},
     }
-    return tiny(folder / "results", "diagnosis", *arguments, overlay=overlay, beside=folder / "overlay")
+    return tiny(folder / "results", "diagnosis", *arguments, overlay=overlay, config_folder=folder / "overlay")
 
 
-def test_the_kernel_is_named_with_its_width(scanner):
+def test_kernel_is_named_with_its_width(scanner):
     folder = scanner / "results" / "diagnosis" / "scanner"
     found = json.loads((folder / "diagnosis.json").read_text())
-    assert [one["name"] for one in found["effects"]] == ["reconstruction_kernel"], found["sentence"]
+    assert [effect["name"] for effect in found["effects"]] == ["reconstruction_kernel"], found["sentence"]
     low, high = found["effects"][0]["parameters"]["sigma_mm"]["ci95"]
     assert low - (high - low) / 2 < CONCEALED["reconstruction_kernel"]["sigma_mm"] < high + (high - low) / 2
     rms = found["held_out"]["rms_hu"]
@@ -69,10 +71,10 @@ def test_the_kernel_is_named_with_its_width(scanner):
     assert "FBP" in found["modelled"]["scan"]
 
 
-def test_its_physics_is_an_overlay_that_changes_images_alone(scanner):
+def test_its_physics_is_an_overlay_for_images_only(scanner):
     physics = yaml.safe_load((scanner / "results" / "diagnosis" / "scanner" / "physics.yaml").read_text())
     overlay = {**STUDY, "physics": physics["physics"]}
-    process = tiny(scanner / "made", "-n", overlay=overlay, beside=scanner / "richer")
+    process = tiny(scanner / "made", "-n", overlay=overlay, config_folder=scanner / "richer")
     assert process.returncode == 0, process.stderr[-2000:]
     jobs = planned(process)
     assert jobs["reconstruct_0"] == ["protocol=bench"] and "geometry=views60" not in jobs["project"]

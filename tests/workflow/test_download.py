@@ -1,4 +1,4 @@
-"""Fetching published measurements: from a server of this machine, and one line where there is none."""
+"""Fetching published measurements from a local server, and one line without a server."""
 
 import contextlib
 import functools
@@ -22,7 +22,7 @@ NOWHERE = "http://localhost:9"
 
 @contextlib.contextmanager
 def served(folder):
-    """Serves a folder as the web does."""
+    """Serve a folder like a web server."""
     handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(folder))
     with http.server.ThreadingHTTPServer(("localhost", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
@@ -32,7 +32,7 @@ def served(folder):
 
 @pytest.mark.real
 @pytest.mark.skipif(not SINOGRAMS.exists(), reason="the real sinograms are not beside this checkout")
-def test_a_sinogram_is_fetched_and_becomes_a_recording(tmp_path):
+def test_sinogram_is_fetched_and_becomes_a_recording(tmp_path):
     folder = tmp_path / "r" / "downloads" / "htc2022_ta"
     with served(SINOGRAMS) as server:
         process = tiny(tmp_path / "r", folder, overlay={"downloads": {"htc2022": server}})
@@ -50,7 +50,7 @@ def test_without_a_server_there_is_one_line(tmp_path):
 
 @pytest.mark.real
 @pytest.mark.skipif(not ABDOMEN_CT.exists(), reason="the real CT is not beside this checkout")
-def test_the_files_of_the_clinical_ct_are_those_listed():
+def test_files_of_the_clinical_ct_are_those_of_the_list():
     files = read_published(RESOURCES / "abdomen_ct.csv")
     assert len(files) == 21
     for file in files:
@@ -58,16 +58,16 @@ def test_the_files_of_the_clinical_ct_are_those_listed():
 
 
 def phantom(project, server, *arguments):
-    """`snakemake` of the clinical CT's phantom: what it says, and its errors."""
+    """Run `snakemake` for the clinical CT's phantom; returns its output and errors."""
     (project / "mirror.yaml").write_text(yaml.safe_dump({"downloads": {"abdomen_ct": server}}))
     settings = ("--configfile", "config/abdomen.yaml", "mirror.yaml")
     process = snakemake(*arguments, *settings, project=project)
-    said = process.stdout + process.stderr
-    assert "Traceback" not in said, said[-3000:]
-    return process.returncode, said, [line for line in said.splitlines() if line.startswith("Error:")]
+    output = process.stdout + process.stderr
+    assert "Traceback" not in output, output[-3000:]
+    return process.returncode, output, [line for line in output.splitlines() if line.startswith("Error:")]
 
 
-def test_the_clinical_ct_is_fetched_where_it_is_not_here(tmp_path):
+def test_missing_clinical_ct_is_fetched(tmp_path):
     project, web = tmp_path / "project", tmp_path / "web"
     published, places = copy_with_bytes(project)
     first, *others = places
@@ -85,15 +85,15 @@ def test_the_clinical_ct_is_fetched_where_it_is_not_here(tmp_path):
         put(web, published)
         put(project, {first: published[places[first]]})
         os.utime(project / first, (1e9, 1e9))
-        code, said, _ = phantom(project, server, "download_abdomen_ct")
-        assert code == 0, said[-3000:]
-    assert (project / first).stat().st_mtime == 1e9  # taken as it was
+        code, output, _ = phantom(project, server, "download_abdomen_ct")
+        assert code == 0, output[-3000:]
+    assert (project / first).stat().st_mtime == 1e9  # used unchanged
     assert {path: (project / path).read_bytes() for path in places} == {
         path: published[source] for path, source in places.items()
     }
 
-    code, said, _ = phantom(project, NOWHERE, "-n", image)  # the web is not asked again
-    assert code == 0 and "rule phantom:" in said and "download_abdomen_ct" not in said, said[-3000:]
+    code, output, _ = phantom(project, NOWHERE, "-n", image)  # no second download
+    assert code == 0 and "rule phantom:" in output and "download_abdomen_ct" not in output, output[-3000:]
     (project / others[-1]).write_bytes(b"drawn by somebody else")
     code, _, errors = phantom(project, NOWHERE, "-n", image)
     assert code == 1 and len(errors) == 1 and errors[0].startswith(f"Error: {others[-1]}: is not the file that")

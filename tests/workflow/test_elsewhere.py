@@ -1,4 +1,4 @@
-"""The workflow as others use workflows: from a folder that holds a configuration and nothing else."""
+"""The workflow in a folder that contains only a configuration."""
 
 import itertools
 import re
@@ -53,8 +53,8 @@ def folder(tmp_path):
 
 
 @pytest.mark.parametrize("first, second", [SNAKEFILES, SNAKEFILES[::-1]], ids=["root", "workflow"])
-def test_one_run_by_directory_goes_on_as_a_module(folder, tmp_path, first, second):
-    """Both find the same files and make them of the same inputs: the second has nothing to do again."""
+def test_run_by_directory_continues_as_a_module(folder, tmp_path, first, second):
+    """Both find the same files with the same inputs: the second has nothing to do."""
     process = snakemake(folder, TABLE, "-s", first, "--directory", folder, cwd=tmp_path)
     assert process.returncode == 0 and (folder / TABLE).stat().st_size > 1000, process.stderr[-3000:]
     made = (folder / TABLE).read_bytes()
@@ -63,16 +63,16 @@ def test_one_run_by_directory_goes_on_as_a_module(folder, tmp_path, first, secon
     assert "Nothing to be done" in snakemake(folder, TABLE).stderr
     other = TABLE.replace("fbp", "sirt")
     process = snakemake(folder, other)
-    said = process.stdout + process.stderr
-    assert process.returncode == 0 and (folder / other).exists(), said[-3000:]
-    # Our lines in place of Snakemake's, as in the project's own folder.
-    assert re.search(r"^[\d:]+ (\d+) of \1 jobs done", said, re.MULTILINE) and "rule extract" not in said
+    output = process.stdout + process.stderr
+    assert process.returncode == 0 and (folder / other).exists(), output[-3000:]
+    # Lines of Virtual Phantom instead of Snakemake's, as in the project's own folder.
+    assert re.search(r"^[\d:]+ (\d+) of \1 jobs done", output, re.MULTILINE) and "rule extract" not in output
     assert (folder / TABLE).read_bytes() == made
     assert sorted(path.name for path in folder.iterdir()) == [".snakemake", "Snakefile", "config", "results-tiny"]
 
 
-def test_all_of_the_study_is_planned_as_in_the_project(folder, tmp_path):
-    """By its own names and by others; local rules are local by both."""
+def test_whole_study_is_planned_as_in_the_project(folder, tmp_path):
+    """With its own rule names and with others; local rules stay local with both."""
 
     def dry(*words, cwd=None):
         return snakemake(folder, "-n", "-p", *words, cwd=cwd)
@@ -91,8 +91,8 @@ def test_all_of_the_study_is_planned_as_in_the_project(folder, tmp_path):
 
 
 @pytest.mark.parametrize("words", [(), ("-s", "Snakefile"), ("-s", "workflow/Snakefile"), ("-s", ROOT / "Snakefile")])
-def test_the_profile_is_found_wherever_the_workflow_is_named(folder, words):
-    """It keeps the host's name out of what is printed, and the files of a job out of what makes it run again."""
+def test_profile_is_found_wherever_the_workflow_is_named(folder, words):
+    """It omits the host's name from the output, and the files of a job from its rerun triggers."""
     process = snakemake(folder, "-n", *words, cwd=ROOT)
     assert process.returncode == 0, process.stderr[-2000:]
     assert "profiles/default for setting default command line arguments" in process.stderr

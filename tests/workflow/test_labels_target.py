@@ -1,4 +1,4 @@
-"""`snakemake diagnosis` of an object of a label map, which is an input of its jobs."""
+"""`snakemake diagnosis` of an object given by a label map, which is an input of its jobs."""
 
 import json
 
@@ -9,7 +9,7 @@ from workflow_runs import planned, tiny
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Where an object of two materials was recorded, and drawn in labels."""
+    """Folder of a recording of two materials, with the object as a label map."""
     folder = tmp_path_factory.mktemp("labels")
     (folder / "bench").mkdir()
     bench(folder / "bench", {"spectrum": SPECTRUM})
@@ -23,10 +23,10 @@ def diagnosis(folder, *arguments):
         "recordings": {"bench": str(folder / "bench")},
         "diagnosis": {"recordings": {"bench": {"effects": ["spectrum", "scatter"], "object": object_}}},
     }
-    return tiny(folder / "results", "diagnosis", *arguments, overlay=overlay, beside=folder / "overlay")
+    return tiny(folder / "results", "diagnosis", *arguments, overlay=overlay, config_folder=folder / "overlay")
 
 
-def test_a_label_map_is_diagnosed_and_again_when_it_changes(folder):
+def test_label_map_is_diagnosed_and_again_after_a_change(folder):
     process = diagnosis(folder)
     assert process.returncode == 0, process.stderr[-4000:]
     made = folder / "results" / "diagnosis" / "bench"

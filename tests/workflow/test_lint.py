@@ -1,4 +1,4 @@
-"""What `snakemake --lint` and snakefmt find: nothing but what CONTRIBUTING.md gives a reason for."""
+"""`snakemake --lint` and snakefmt find nothing except what CONTRIBUTING.md explains."""
 
 import re
 import subprocess
@@ -7,11 +7,11 @@ from pathlib import Path
 
 from workflow_runs import ROOT, snakemake
 
-# Rules run in the environment in which Snakemake runs, as the Snakefile itself needs the library.
+# Rules run in Snakemake's own environment, because the Snakefile itself needs the library.
 EXCEPTION = "Specify a conda environment or container for each rule."
 
 
-def test_lint_asks_for_environments_and_nothing_else():
+def test_lint_only_suggests_environments():
     process = snakemake("--lint")
     found = re.findall(r"^    \* (.+):$", process.stdout + process.stderr, re.MULTILINE)
     assert set(found) == {EXCEPTION}, process.stderr[-4000:]

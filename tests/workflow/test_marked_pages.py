@@ -1,4 +1,4 @@
-"""Every page of docs with marked blocks, followed in a copy of the project with results of the tiny study."""
+"""Follow every page of docs with marked blocks in a copy of the project with results of the tiny study."""
 
 import json
 import shutil
@@ -8,7 +8,7 @@ from pages import copy_project, follow, marked, run
 from workflow_runs import ROOT
 
 DOCS, REAL = ROOT / "docs", ROOT / "../shared/real"
-GIVEN = {  # page: real measurements that it begins with, and where its reader has them
+GIVEN = {  # page: real measurements that its reader has, and their path
     "getting-started/clinical-ct.md": ("abdomen_ct", "resources/abdomen_ct"),
     "getting-started/own-sinogram.md": ("htc2022/htc2022_solid_disc_full.mat", "htc2022_solid_disc_full.mat"),
 }
@@ -16,7 +16,7 @@ GIVEN = {  # page: real measurements that it begins with, and where its reader h
 
 @pytest.fixture(scope="module")
 def finished(study, tmp_path_factory):
-    """A copy of the project in which the tiny study has been run, as Snakemake remembers it."""
+    """A copy of the project with a completed tiny study in Snakemake's records."""
     folder = tmp_path_factory.mktemp("pages") / "finished"
     copy_project(ROOT, folder)
     shutil.copytree(study, folder / "results-tiny")
@@ -26,7 +26,7 @@ def finished(study, tmp_path_factory):
 
 
 @pytest.mark.parametrize("page", marked(DOCS), ids=lambda page: page.stem)
-def test_a_page_does_what_it_says(page, finished, tmp_path):
+def test_page_has_its_stated_results(page, finished, tmp_path):
     name, folder = page.relative_to(DOCS).as_posix(), tmp_path / "project"
     shutil.copytree(finished, folder)
     if name in GIVEN:
@@ -40,7 +40,7 @@ def test_a_page_does_what_it_says(page, finished, tmp_path):
         FOUND[name](folder)
 
 
-def scatter_is_found(folder):
+def check_scatter_is_found(folder):
     found = json.loads((folder / "results-bench" / "diagnosis" / "bench" / "diagnosis.json").read_text())
     (effect,) = found["effects"]
     amount = effect["parameters"]["amount"]
@@ -50,16 +50,16 @@ def scatter_is_found(folder):
     assert found["excess_removed"] > 0.995
 
 
-def spectrum_and_dark_signal_are_missing(folder):
+def check_spectrum_and_dark_signal_are_missing(folder):
     found = json.loads((folder / "results" / "diagnosis" / "solid_disc" / "diagnosis.json").read_text())
     assert [effect["name"] for effect in found["effects"]] == ["spectrum", "dark_signal"]
     assert found["verdict"] == "mismatch partly explained"
 
 
-# Page: check of what it says about a report that a person reads.
+# Page: check of its statements about a report.
 FOUND = {
-    "how-to/diagnosis.md": scatter_is_found,
-    "getting-started/own-sinogram.md": spectrum_and_dark_signal_are_missing,
+    "how-to/diagnosis.md": check_scatter_is_found,
+    "getting-started/own-sinogram.md": check_spectrum_and_dark_signal_are_missing,
 }
 
 

@@ -1,4 +1,4 @@
-"""A recording that one scan leaves ambiguous, and what `snakemake next_measurement` says should be recorded next."""
+"""An ambiguous recording, and the recording that `snakemake next_measurement` suggests next."""
 
 import json
 
@@ -18,7 +18,7 @@ from virtual_phantom.recordings.scan import scan_geometry
 
 @pytest.fixture(scope="module")
 def ranked(tmp_path_factory):
-    """Where the ranking lies of a disc scanned by a detector that had moved."""
+    """Folder of the ranking for a disc scanned by a shifted detector."""
     folder = tmp_path_factory.mktemp("next")
     (folder / "disc").mkdir()
     geometry = scan_geometry(SCAN, "scan")
@@ -31,7 +31,7 @@ def ranked(tmp_path_factory):
         write_line_integrals(folder / "disc" / name, lines, geometry)
     content = {"name": "disc", "kind": "projections", "repeats": names, "scan": SCAN}
     (folder / "disc" / "recording.yaml").write_text(yaml.safe_dump(content))
-    asked = {
+    settings = {
         "disc": {"diameter_mm": 160, "material": "water"},
         "effects": ["detector_offset", "centre_of_rotation", "electronic_noise"],
         "samples": 1,
@@ -39,7 +39,7 @@ def ranked(tmp_path_factory):
     overlay = {
         "results_dir": str(folder / "results"),
         "recordings": {"disc": str(folder / "disc")},
-        "diagnosis": {"recordings": {"disc": asked}, "matters": None},
+        "diagnosis": {"recordings": {"disc": settings}, "matters": None},
     }
     (folder / "overlay.yaml").write_text(yaml.safe_dump(overlay))
     process = snakemake("next_measurement", "--configfile", "config/tiny.yaml", folder / "overlay.yaml")
@@ -47,15 +47,17 @@ def ranked(tmp_path_factory):
     return folder / "results" / "diagnosis" / "disc", process.stdout + process.stderr
 
 
-def test_the_diagnosis_points_to_the_ranking(ranked):
+def test_diagnosis_points_to_the_ranking(ranked):
     folder, _ = ranked
     found = json.loads((folder / "diagnosis.json").read_text())
-    assert [one["name"] for one in found["effects"]] in (["detector_offset"], ["centre_of_rotation"]), found["sentence"]
-    (said,) = found["next_measurement"]
-    assert "snakemake next_measurement" in said and said in (folder / "report.html").read_text()
+    assert [effect["name"] for effect in found["effects"]] in (["detector_offset"], ["centre_of_rotation"]), found[
+        "sentence"
+    ]
+    (line,) = found["next_measurement"]
+    assert "snakemake next_measurement" in line and line in (folder / "report.html").read_text()
 
 
-def test_table_figure_and_recording_are_there(ranked):
+def test_table_figure_and_recording_exist(ranked):
     folder, printed = ranked
     table = pd.read_csv(folder / "next_measurement" / "ranking.csv")
     first = table.iloc[1]
@@ -63,17 +65,17 @@ def test_table_figure_and_recording_are_there(ranked):
     assert first["recording"] in printed
     further = table.iloc[1:]
     settling = further["settles"].astype(bool)
-    assert (settling.cummin() == settling).all()  # those that leave a pair alike come last
+    assert (settling.cummin() == settling).all()  # scans that leave a pair ambiguous come last
     for part in (further[settling], further[~settling]):
         assert (np.diff(part["information_gain_nats"]) <= 0).all()
     for name in ("ranking.png", "ranking.pdf"):
         assert (folder / "next_measurement" / name).stat().st_size > 1000
-    alike = pd.read_csv(folder / "next_measurement" / "alike.csv")
-    assert set(alike.iloc[0][["effect", "other"]]) == {"detector_offset", "centre_of_rotation"}
-    assert alike.iloc[0]["together"] > 0.95
+    ambiguous = pd.read_csv(folder / "next_measurement" / "alike.csv")
+    assert set(ambiguous.iloc[0][["effect", "other"]]) == {"detector_offset", "centre_of_rotation"}
+    assert ambiguous.iloc[0]["together"] > 0.95
 
 
-def test_the_recording_to_fill_in_is_one(ranked):
+def test_recording_template_is_valid(ranked):
     folder, _ = ranked
     path = folder / "next_measurement" / "recording.yaml"
     content = yaml.safe_load(path.read_text())

@@ -1,7 +1,7 @@
-"""A CT that lies anywhere in the world, as clinical ones do: a DICOM series with a label map, a DICOM SEG and an
-RTSTRUCT, through all that is made of a phantom. The tutorial of one's own CT does it with NIfTI, to all figures.
+"""A CT at any world position, like clinical ones, through all outputs of a phantom.
 
-What is asked for is known of the object in phantom_files, and not from the code under test.
+It is a DICOM series with a label map, a DICOM SEG and an RTSTRUCT. The tutorial of a user's CT does the same with
+NIfTI. The expected values follow from the object in phantom_files, and not from the tested code.
 """
 
 import json
@@ -26,7 +26,7 @@ from phantom_files import (
 from workflow_runs import tiny
 
 PLACES = {f"{name}_{kind}": (name, kind) for name in BALLS for kind in ("labels", "seg", "rtstruct")}
-MOVED = (20.0, -10.0, 7.0)  # where the scanner that records its images has its isocentre: (0, 0, 0) less this
+MOVED = (20.0, -10.0, 7.0)  # isocenter of the scanner that records its images: (0, 0, 0) minus this
 STUDY = {
     "grid": {"shape": [14, 34, 42], "spacing_mm": [3.0, 2.0, 2.0]},
     "scan": {"columns": 100, "column_pitch_mm": 2.4, "rows": 30, "row_pitch_mm": 4.0},
@@ -43,7 +43,7 @@ STUDY = {
 
 @pytest.fixture(scope="module")
 def overlay(tmp_path_factory):
-    """The study of the CT, which is written first, as a DICOM series."""
+    """Study of the CT, which is first written as a DICOM series."""
     folder = tmp_path_factory.mktemp("ct")
     slices = ct_slices()
     labels = sum(number * ball(name).astype(np.uint8) for number, name in enumerate(BALLS, start=1))
@@ -62,7 +62,7 @@ def overlay(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def made(overlay, tmp_path_factory):
-    """The folder of the study, run to its features, its viewer and its images in DICOM."""
+    """Folder of the study, run to its features, its viewer and its images in DICOM."""
     folder = tmp_path_factory.mktemp("off_centre") / "results"
     process = tiny(folder, folder / "features.csv", folder / "viewer.html", "dicom", overlay=overlay)
     assert process.returncode == 0, process.stderr[-4000:]
@@ -79,7 +79,7 @@ def test_features_are_those_of_the_balls(made):
 
 
 @pytest.mark.parametrize("name", BALLS)
-def test_images_and_regions_stay_where_the_object_is(made, name):
+def test_images_and_regions_are_at_the_position_of_the_object(made, name):
     offset, _, value = BALLS[name]
     expected = np.add(CENTRE, offset)
     places = {}
@@ -112,19 +112,19 @@ def test_exported_regions_name_the_exported_slices(made):
     assert [one.SegmentLabel for one in seg.SegmentSequence] == [*PLACES]
 
 
-def test_with_effects_too_a_body_beyond_the_detector_is_refused(made, overlay):
-    """Line integrals without effects, in which this shows first, are not made then."""
+def test_body_beyond_the_detector_is_rejected_also_with_effects(made, overlay):
+    """Line integrals without effects, which show this first, are not made then."""
     rich = {"physics": {"scatter": {"amount": 0.05}}, "noise": overlay["noise"] | {"model": "physical"}}
     narrow = {"scan": overlay["scan"] | {"columns": 62}}
     target = made / "images" / "fbp_150" / "dose10" / "seed00.nii.gz"
-    process = tiny(made, target, overlay=overlay | rich | narrow, beside=made.parent / "narrow")
+    process = tiny(made, target, overlay=overlay | rich | narrow, config_folder=made.parent / "narrow")
     assert process.returncode == 1
     assert "Error: scan: the phantom reaches 4" in process.stderr, process.stderr[-3000:]
 
 
 @pytest.fixture(scope="module")
 def measured(made, overlay):
-    """Its images as the recording of a scanner with a world of its own: aligned, compared and diagnosed."""
+    """Its images as a recording of a scanner with another world: aligned, compared and diagnosed."""
     recording = made.parent / "scanner"
     recording.mkdir()
     for seed in range(3):
@@ -142,22 +142,24 @@ def measured(made, overlay):
         "diagnosis": {"recordings": {"scanner": diagnosed}},
     }
     table = made / "tables" / "comparison_same_families.csv"
-    process = tiny(made, "alignment", "diagnosis", table, overlay=overlay | more, beside=made.parent / "measured")
+    process = tiny(
+        made, "alignment", "diagnosis", table, overlay=overlay | more, config_folder=made.parent / "measured"
+    )
     assert process.returncode == 0, process.stderr[-4000:]
     return made
 
 
-def test_a_recording_elsewhere_is_aligned(measured):
+def test_recording_in_another_world_is_aligned(measured):
     found = json.loads((measured / "recordings" / "scanner" / "alignment.json").read_text())
     np.testing.assert_allclose(found["translation_mm"], -np.add(CENTRE, MOVED), atol=0.3)
 
 
-def test_a_comparison_with_itself_finds_nothing(measured):
+def test_comparison_with_itself_shows_no_difference(measured):
     families = pd.read_csv(measured / "tables" / "comparison_same_families.csv").set_index("family")
     assert families.loc["all", "share_mean_differs"] == 0
 
 
-def test_a_diagnosis_of_itself_finds_nothing(measured):
+def test_diagnosis_of_itself_shows_no_difference(measured):
     found = json.loads((measured / "diagnosis" / "scanner" / "diagnosis.json").read_text())
     assert found["verdict"] == "match", found["sentence"]
     assert set(found["agreement"]["rois"]) <= set(PLACES) and found["agreement"]["rois"]

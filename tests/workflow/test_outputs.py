@@ -1,4 +1,4 @@
-"""The table of outputs says what the rules make: no file more, none less, each by the rule that the table names."""
+"""The table of outputs lists exactly the files of the rules, each with its rule."""
 
 import re
 from pathlib import PurePosixPath
@@ -27,18 +27,21 @@ def made(process):
 
 
 def pattern(output, suffix):
-    """What its files match."""
+    """Pattern that its files match."""
     parts = WILDCARD.split(output.pattern)
     words = [re.escape(part) if place % 2 == 0 else ".+" for place, part in enumerate(parts)]
     return re.compile("".join(words) + re.escape(suffix))
 
 
-PATTERNS = [(one, suffix, pattern(one, suffix)) for one in OUTPUTS for suffix in one.suffixes]
+PATTERNS = [(output, suffix, pattern(output, suffix)) for output in OUTPUTS for suffix in output.suffixes]
 
 
 @pytest.fixture(scope="module")
 def planned_files(tmp_path_factory):
-    """What studies make together: the default one, the proof, beside recordings of every kind, of a scanned phantom."""
+    """Files of several studies:
+
+    the default one, the blind test, with recordings of every kind, and of a scanned phantom.
+    """
     folder = tmp_path_factory.mktemp("outputs")
     overlay = {"results_dir": "r", "keep_projections": True}
     names = {name: kind for kinds in IMPORTED.values() for name, kind in kinds.items()} | {"scanner": "images"}
@@ -48,7 +51,7 @@ def planned_files(tmp_path_factory):
     overlay["diagnosis"] = {"recordings": discs, "scanners": {"bench": {"recordings": list(discs)}}}
     (folder / "overlay.yaml").write_text(yaml.safe_dump(overlay))
     settings = ("--configfile", "config/recordings.yaml", folder / "overlay.yaml")
-    beside = made(snakemake("all", *ALL, "-n", "--forceall", *settings))
+    with_recordings = made(snakemake("all", *ALL, "-n", "--forceall", *settings))
     scanned = made(
         snakemake("all", "-n", "--forceall", "--configfile", "config/printed_phantom.yaml", "--config", "results_dir=r")
     )
@@ -57,7 +60,9 @@ def planned_files(tmp_path_factory):
     (folder / "moved.yaml").write_text(yaml.safe_dump(moved))
     voxels = made(snakemake("all", "-n", "--forceall", "--configfile", "config/as_scanned.yaml", folder / "moved.yaml"))
     alone = made(snakemake("all", "proof", "-n", "--forceall", "--config", "results_dir=r"))
-    return {(rule, str(PurePosixPath(file).relative_to("r"))) for rule, file in beside | alone | scanned | voxels}
+    return {
+        (rule, str(PurePosixPath(file).relative_to("r"))) for rule, file in with_recordings | alone | scanned | voxels
+    }
 
 
 def test_every_file_of_a_rule_is_in_the_table(planned_files):
@@ -70,11 +75,11 @@ def test_every_file_of_a_rule_is_in_the_table(planned_files):
 def test_every_row_of_the_table_is_made_by_its_rule(planned_files):
     for one, suffix, files in PATTERNS:
         found = [file for rule, file in planned_files if rule == one.rule and files.fullmatch(file)]
-        # Sinograms are fetched where there is a network (test_download.py).
+        # Sinograms are fetched if there is a network (test_download.py).
         assert found or one.rule == "download_htc2022", (one.name, suffix)
 
 
-def test_rows_tell_files_apart():
-    assert len({one.name for one in OUTPUTS}) == len(OUTPUTS)
-    assert len({(one.rule, one.pattern) for one in OUTPUTS}) == len(OUTPUTS)
-    assert all(stage_of(one.rule) in (one.rule, "figures") for one in OUTPUTS)
+def test_rows_distinguish_files():
+    assert len({output.name for output in OUTPUTS}) == len(OUTPUTS)
+    assert len({(output.rule, output.pattern) for output in OUTPUTS}) == len(OUTPUTS)
+    assert all(stage_of(output.rule) in (output.rule, "figures") for output in OUTPUTS)

@@ -1,4 +1,4 @@
-"""A parameter file of one's own in the study: extraction, merging and statistics hold its features."""
+"""A user's parameter file in the study: extraction, merging and statistics use its features."""
 
 import shutil
 
@@ -22,7 +22,7 @@ TABLES = ("stability", "stable_features", "top_features", "overlap")
 
 @pytest.fixture(scope="module")
 def own(study, tmp_path_factory):
-    """The tiny study's images, with features of one's own in place of its own."""
+    """The tiny study's images with features of the parameter file."""
     folder = tmp_path_factory.mktemp("own")
     shutil.copytree(study, folder / "results")
     shutil.rmtree(folder / "results" / "features")
@@ -35,14 +35,14 @@ def own(study, tmp_path_factory):
     return folder, overlay
 
 
-def test_tables_hold_the_features_of_the_file(own, study):
+def test_tables_have_the_features_of_the_file(own, study):
     results = own[0] / "results"
-    ours, default = (pd.read_csv(one / "features.csv") for one in (results, study))
-    assert [name for name in ours if name.startswith(("original_", "log-"))] == OWN
+    features, default = (pd.read_csv(one / "features.csv") for one in (results, study))
+    assert [name for name in features if name.startswith(("original_", "log-"))] == OWN
     keys = ["protocol", "noise", "seed", "roi"]
-    both = ours.merge(default, on=keys, suffixes=("", "_default"), validate="one_to_one")
-    assert len(both) == len(default) == len(ours)
-    for name in OWN[:2]:  # the bin width does not matter to them
+    both = features.merge(default, on=keys, suffixes=("", "_default"), validate="one_to_one")
+    assert len(both) == len(default) == len(features)
+    for name in OWN[:2]:  # independent of the bin width
         pd.testing.assert_series_equal(both[name], both[f"{name}_default"], check_names=False)
     assert (both["original_glcm_Idn"] != both["original_glcm_Idn_default"]).any()
     for name in TABLES[:2]:
@@ -50,7 +50,7 @@ def test_tables_hold_the_features_of_the_file(own, study):
     assert len(pd.read_csv(results / "tables" / "overlap.csv")) == 3, "those that the measured phantom has too"
 
 
-def test_a_mistake_in_the_file_stops_before_anything_runs(own):
+def test_mistake_in_the_file_stops_before_any_job(own):
     folder, overlay = own
     (folder / "my_params.yaml").write_text("setting: {binwidth: 3}")
     process = tiny(folder / "results", "-n", overlay=overlay)

@@ -1,4 +1,4 @@
-"""`snakemake plan`: the jobs that it counts are those of a dry run, and its rules say what a cluster has to know."""
+"""`snakemake plan`: its job counts equal those of a dry run, and rules state what a cluster needs."""
 
 import json
 import re
@@ -16,7 +16,7 @@ from virtual_phantom.study.costs.limits import minutes
 
 
 def kinds(process):
-    """{kind of rule: jobs} of a dry run's table, without what it counts for itself."""
+    """{kind of rule: jobs} of a dry run's table, without its total."""
     assert process.returncode == 0, process.stderr[-2000:]
     table = dict(re.findall(r"^(\w+) +(\d+)$", process.stdout, re.MULTILINE))
     found = Counter()
@@ -32,7 +32,7 @@ def profile():
 
 
 @pytest.mark.parametrize("config", ["config", "recordings"])
-def test_the_jobs_counted_are_those_of_a_dry_run(config, tmp_path):
+def test_job_counts_equal_those_of_a_dry_run(config, tmp_path):
     overlay = {"results_dir": f"{tmp_path}/r", "keep_projections": config == "config"}
     if config == "recordings":
         overlay["recordings"] = {name: str(recorded(tmp_path / name, "features")) for name in ("tandem", "dose_series")}
@@ -42,18 +42,18 @@ def test_the_jobs_counted_are_those_of_a_dry_run(config, tmp_path):
     assert process.returncode == 0, process.stderr[-2000:]
     table = pd.read_csv(tmp_path / "r" / "plan.csv")
     counted = dict(table.groupby("rule")["jobs"].sum())
-    # In the groups of a cluster, none of which may wait for itself: matched noise waits for images, and images for it.
+    # With the groups of a cluster, none of which may wait for itself: matched noise waits for images and vice versa.
     groups = ["--group-components", *(f"{entry.split('=')[0]}=1000" for entry in profile()["group-components"])]
     assert counted == kinds(snakemake("-n", "-q", "rules", "--configfile", *files, *groups))
     content = json.loads((tmp_path / "r" / "plan.json").read_text())
     assert content["jobs"] == table["jobs"].sum()
-    # Printed too, and again when there is nothing to be done.
+    # Printed again even if there is nothing to do.
     again = [snakemake("plan", "--configfile", *files)] if config == "config" else []
     for once in (process, *again):
         assert f"{content['acquisitions']} acquisitions, {content['jobs']} jobs" in once.stdout
 
 
-def test_images_that_are_not_kept_are_gone_once_used(tmp_path):
+def test_temporary_images_are_removed_after_use(tmp_path):
     results, overlay = tmp_path / "r", {"keep_images": False}
     table = results / "features" / "fbp_150" / "dose10" / "seed01.csv"
     process = tiny(results, table, overlay=overlay)
@@ -65,14 +65,14 @@ def test_images_that_are_not_kept_are_gone_once_used(tmp_path):
 
 
 def rules_of(path):
-    """{rule: its text} of a file of rules; rules that are numbered have one text."""
+    """{rule: its text} of a file of rules; numbered rules share one text."""
     parts = re.split(r"^ *rule ?(\w*):$", path.read_text(), flags=re.MULTILINE)
     return {name or f"{path.stem}, numbered": text for name, text in zip(parts[1::2], parts[2::2], strict=True)}
 
 
-def test_every_rule_that_is_not_local_says_what_it_needs():
-    """Memory and time, without which a cluster gives every job the same; and a GPU is asked for with a number."""
-    local, told = set(), 0
+def test_every_rule_that_is_not_local_states_its_resources():
+    """Memory and time, without which a cluster gives every job the same. A GPU is requested with a number."""
+    local, gpu_rules = set(), 0
     paths = sorted((ROOT / "workflow" / "rules").glob("*.smk"))
     for path in paths:
         for rule, text in rules_of(path).items():
@@ -83,27 +83,27 @@ def test_every_rule_that_is_not_local_says_what_it_needs():
             assert resources, f"{path.name}: {rule} has no resources"
             for key in ("mem_mb", "runtime"):
                 assert f"{key}=" in resources[1], f"{path.name}: {rule}: {key}"
-            told += 1
-    assert told >= 40 and {"plan", "proof_seal", "recordings"} <= local
+            gpu_rules += 1
+    assert gpu_rules >= 40 and {"plan", "proof_seal", "recordings"} <= local
 
 
-def test_rules_ask_for_the_time_of_their_work(tmp_path):
+def test_rules_request_the_time_of_their_work(tmp_path):
     """At the paper's scale, where it differs from rule to rule."""
     process = snakemake("-n", "--configfile", "config/paper.yaml", "--config", "engine=cpu", f"results_dir={tmp_path}")
     blocks = re.findall(r"^ +output: (.*)\n(?:.*\n)*? +resources: .*runtime=(\d+)", process.stdout, re.MULTILINE)
-    asked = {file: int(runtime) for files, runtime in blocks for file in files.split(", ")}
+    minutes_by_file = {file: int(runtime) for files, runtime in blocks for file in files.split(", ")}
     plan = plan_of(yaml.safe_load((ROOT / "config" / "paper.yaml").read_text()))
     counted = Counter()
     for job in study_jobs(plan, "cpu", rois=1):
         if job.rule in ("phantom", "project", "reconstruct", "extract", "merge_features", "noise_calibration"):
             counted[job.rule] += 1
             for file in job.outputs:
-                assert asked[f"{tmp_path}/{file}"] == minutes(RATES, job.stage, job.work), (job.rule, file)
-    assert len(counted) == 6 and len(set(asked.values())) > 10
+                assert minutes_by_file[f"{tmp_path}/{file}"] == minutes(RATES, job.stage, job.work), (job.rule, file)
+    assert len(counted) == 6 and len(set(minutes_by_file.values())) > 10
 
 
 def test_groups_of_the_profile_are_those_of_the_rules():
-    """Those of acquisitions depend on their noise: tests/study/test_context.py."""
+    """Groups of acquisitions depend on their noise: tests/study/test_context.py."""
     text = "".join(path.read_text() for path in (ROOT / "workflow" / "rules").glob("*.smk"))
     stated = set(re.findall(r'^ +group:\n +"(\w+)"', text, re.MULTILINE)) | {"acquisitions", "matched_acquisitions"}
     assert {entry.split("=")[0] for entry in profile()["group-components"]} <= stated

@@ -1,6 +1,6 @@
-"""The printed phantom's study by one command, from scans on a service that speaks S3 to every figure.
+"""The printed phantom's study with one command, from scans on an S3 service to every figure.
 
-The scans are stand-ins of the public ones, simulated by us, whose truth is known.
+The scans are simulated substitutes of the public ones, with known truth.
 """
 
 import nibabel
@@ -10,7 +10,7 @@ import public_files
 import pytest
 import SimpleITK as sitk
 import yaml
-from from_nothing import TANDEM, standing_in
+from from_nothing import TANDEM, substituted_scans
 from radiomics.featureextractor import RadiomicsFeatureExtractor
 from test_fetch import PLACE
 from workflow_runs import ROOT, snakemake
@@ -22,7 +22,7 @@ PHANTOM = TANDEM | {"groups": [8], "acquisitions": [1, 2, 3, 4]}
 COMPARED = TANDEM | {"groups": [4, 8], "acquisitions": [11, 12]}
 LEVELS = {"dose10": 2.0e-5, "double": 6.0e-5, "quadruple": 12.0e-5}
 MEETS = {"recording": "printed_phantom", "where": {"group": 8}, "rois": ["cyst_1"], "protocol": "group_8"}
-SMALL = {  # one figure of each kind that takes scans; group 8 at the scans' own voxels, and with their noise
+SMALL = {  # one figure of each kind with scans; group 8 at the scans' own voxels and with their noise
     "noise": {
         "levels": {name: {"A": A, "repeats": 3} for name, A in LEVELS.items()}
         | {"dose10_plus12": None, "met": {"repeats": 2, "meets": MEETS}},
@@ -59,9 +59,9 @@ SMALL = {  # one figure of each kind that takes scans; group 8 at the scans' own
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """The project, what the command said, and what was scanned."""
+    """The project, the command's output, and the scanned objects."""
     folder = tmp_path_factory.mktemp("nothing")
-    with standing_in(folder, PHANTOM, COMPARED) as (project, settings, variables, truth):
+    with substituted_scans(folder, PHANTOM, COMPARED) as (project, settings, variables, truth):
         settings = SMALL | settings | {"grid": settings["grid"] | {"oversampling": 2}}
         (project / "mine.yaml").write_text(yaml.safe_dump(settings))
         files = ("config/printed_phantom.yaml", "config/tiny.yaml", "mine.yaml")
@@ -72,9 +72,9 @@ def made(tmp_path_factory):
 
 def test_one_command_makes_every_figure(made):
     project, process, _ = made
-    said = process.stdout + process.stderr
-    assert process.returncode == 0, said[-3000:]
-    assert "8 CT and 8 SEG series" in said
+    output = process.stdout + process.stderr
+    assert process.returncode == 0, output[-3000:]
+    assert "8 CT and 8 SEG series" in output
     assert len(list((project / "results" / "logs" / "fetch").glob("*.log"))) == 2 * len(NAMES)
     figures = project / "results" / "figures"
     expected = {"rois", "stability_discrimination", "overlap", "overlap_printed_phantom", "pca_fbp"}
@@ -83,7 +83,7 @@ def test_one_command_makes_every_figure(made):
     assert (project / "results" / "index.html").stat().st_size > 0
 
 
-def test_measured_and_simulated_are_of_the_same_regions_and_as_many(made):
+def test_measured_and_simulated_rows_have_the_same_regions_and_number(made):
     project, _, _ = made
     cells = pd.read_csv(project / "results/tables/comparison_group_8.csv")
     assert cells["roi"].nunique() == 6 and len(cells) == 6 * 86
@@ -93,20 +93,20 @@ def test_measured_and_simulated_are_of_the_same_regions_and_as_many(made):
     assert points["source"].value_counts().to_dict() == {"simulated": 3 * 6, "measured": 2 * 6}
 
 
-def test_a_level_meets_the_scans_at_their_own_voxels(made):
-    """Read off a line of three levels, and simulated again."""
+def test_noise_level_matches_the_scans_at_their_own_voxels(made):
+    """Interpolated on a line of three levels, and simulated again."""
     project, _, _ = made
     (level,) = pd.read_csv(project / "results/tables/matched_noise.csv").to_dict("records")
     assert (level["noise"], level["protocol"]) == ("met", "group_8")
     assert not level["extrapolated"] and level["A_standard_error"] < 0.1 * level["A"]
-    assert level["ratio"] == pytest.approx(1, abs=0.2)  # of two repeats, at an A that is known to 7 %
+    assert level["ratio"] == pytest.approx(1, abs=0.2)  # for two repeats, at an A that is known to 7 %
     cells = pd.read_csv(project / "results/tables/comparison_group_8.csv")
     variance = cells[(cells["feature"] == VARIANCE) & (cells["roi"] == "cyst_1")].iloc[0]
     assert variance["mean_recorded"] == pytest.approx(level["recorded_variance_hu2"])
     assert variance["mean_simulated"] == pytest.approx(level["simulated_variance_hu2"])
 
 
-def test_the_phantom_is_the_mean_of_the_scans(made):
+def test_phantom_is_the_mean_of_the_scans(made):
     project, _, (phantom, images) = made
     assert sorted(path.name for path in (project / PLACE).iterdir()) == sorted(images)
     table = pd.read_csv(project / "results/public_scans/scans.csv", dtype={"scan": str})
@@ -122,26 +122,26 @@ def test_the_phantom_is_the_mean_of_the_scans(made):
     assert list(rois.index) == ["normal_1", "normal_2", "cyst_1", "cyst_2", "hemangioma", "metastasis"]
     for roi in phantom.rois:
         assert rois.loc[roi.name, "tissue_class"] == roi.tissue_class
-        # Another grid: half a voxel of interpolation, at most.
+        # Another grid: interpolation over half a voxel, at most.
         assert rois.loc[roi.name, "n_voxels"] == pytest.approx(roi.mask.sum(), rel=0.35)
         assert rois.loc[roi.name, "mean_hu"] == pytest.approx(mean[roi.mask].mean(), abs=6)
-    own = pd.read_csv(project / "results/public_scans/own_blur.csv").fillna({"region": ""})
-    own = own.set_index(["what", "region"])
+    own_blur = pd.read_csv(project / "results/public_scans/own_blur.csv").fillna({"region": ""})
+    own_blur = own_blur.set_index(["what", "region"])
     assert (project / "results/public_scans/sharp.nii.gz").exists()
-    resolution = own.loc[("mtf_half_per_mm", "")]
+    resolution = own_blur.loc[("mtf_half_per_mm", "")]
     assert resolution["without_own_blur"] > 1.1 * resolution["of_the_mean"]
-    # The list's slice of 1 mm; SD of a Gaussian as wide at half its height.
-    assert own.loc[("blur_along_z_mm", ""), "of_the_mean"] == pytest.approx(0.4247, abs=1e-4)
+    # Slices of 1 mm in the list; SD of a Gaussian of the same width at half its height.
+    assert own_blur.loc[("blur_along_z_mm", ""), "of_the_mean"] == pytest.approx(0.4247, abs=1e-4)
     by_segment = dict(zip(public_files.SEGMENTS, rois.index, strict=True))
     masks = {roi.name: roi.mask for roi in phantom.rois}
     for segment, name in by_segment.items():
-        assert own.loc[("mean_hu", segment), "of_the_mean"] == pytest.approx(mean[masks[name]].mean(), abs=0.1)
+        assert own_blur.loc[("mean_hu", segment), "of_the_mean"] == pytest.approx(mean[masks[name]].mean(), abs=0.1)
     image = nibabel.load(project / "results/phantom/image.nii.gz").get_fdata()
     assert image.min() == -1000 and (image[0] == -1000).all() and (image[:, 0] == -1000).all()
 
 
 def by_hand(image, mask, spacing):
-    """Features of pyradiomics, called on the image that was written and not read by us."""
+    """Features by a direct call of pyradiomics on the written image."""
     extractor = RadiomicsFeatureExtractor(binWidth=25)
     images = [sitk.GetImageFromArray(one) for one in (image.astype(np.float32), mask.astype(np.uint8))]
     for one in images:
@@ -150,7 +150,7 @@ def by_hand(image, mask, spacing):
 
 
 def test_features_of_the_other_scans_are_two_recordings(made):
-    """In three dimensions, and in two as the published table has them: largest section, stored values, pixels of 1."""
+    """In three dimensions, and in two like the published table: largest section, stored values, pixels of 1."""
     project, _, (phantom, images) = made
     table = pd.read_csv(project / "results/recordings/printed_phantom/features.csv")
     assert len(table) == 4 * 6 and set(table["image"]) == {"scan411", "scan412", "scan811", "scan812"}
@@ -173,14 +173,14 @@ def test_features_of_the_other_scans_are_two_recordings(made):
                 assert row[name] == pytest.approx(float(expected[name]), rel=1e-6), name
 
 
-def test_a_region_that_is_none_is_one_line(made):
+def test_invalid_region_is_one_line(made):
     project, _, _ = made
     rois = yaml.safe_load((ROOT / "config/printed_phantom.yaml").read_text())["phantom"]["ct"]["rois"]
     rois[2]["label"] = "cyst_1"
     (project / "wrong.yaml").write_text(yaml.safe_dump({"phantom": {"ct": {"rois": rois}}}))
     files = ("config/printed_phantom.yaml", "mine.yaml", "wrong.yaml")
     process = snakemake("results/phantom/image.nii.gz", "--configfile", *files, project=project, cores=1)
-    said = process.stdout + process.stderr
-    assert process.returncode == 1 and "Traceback" not in said
-    (error,) = [line for line in said.splitlines() if line.startswith("Error:")]
+    output = process.stdout + process.stderr
+    assert process.returncode == 1 and "Traceback" not in output
+    (error,) = [line for line in output.splitlines() if line.startswith("Error:")]
     assert "cyst_1 has the label cyst_1, which is not in public_scans.regions; did you mean 'cyst1'?" in error

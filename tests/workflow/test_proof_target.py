@@ -1,4 +1,4 @@
-"""The blind test in small: concealed by XCIST, diagnosed without the seals, scored, and tampering caught."""
+"""A small blind test: hidden by XCIST, diagnosed without the seals, scored, and protected from changes."""
 
 import json
 import shutil
@@ -17,7 +17,7 @@ def quick(results, *targets):
 
 @pytest.fixture(scope="module")
 def proof(tmp_path_factory):
-    """Results of the tiny suite. The sealed folder is taken away while the diagnosis works."""
+    """Results of the tiny suite. The sealed folder is removed during the diagnosis."""
     folder = tmp_path_factory.mktemp("proof")
     results = folder / "results"
     made = results / "proof"
@@ -27,7 +27,7 @@ def proof(tmp_path_factory):
     shutil.move(made / "sealed", folder / "sealed")
     shutil.move(made / "seals.json", folder / "seals.json")
     diagnoses = [made / "diagnosis" / case / "diagnosis.json" for case in cases]
-    # Recordings are there; what made them is neither asked for nor looked at.
+    # Recordings exist; their inputs are neither needed nor checked.
     process = quick(results, *diagnoses, "--allowed-rules", "proof_diagnosis")
     assert process.returncode == 0, process.stderr[-4000:]
     shutil.move(folder / "sealed", made / "sealed")
@@ -37,7 +37,7 @@ def proof(tmp_path_factory):
     return results
 
 
-def test_everything_is_there_and_scored(proof):
+def test_all_outputs_exist_and_are_scored(proof):
     for step in STEPS:
         assert (proof / "proof" / step).stat().st_size > 0, step
     score = json.loads((proof / "proof" / "score.json").read_text())
@@ -46,7 +46,7 @@ def test_everything_is_there_and_scored(proof):
 
 
 def test_strong_effects_are_named(proof):
-    """Of three strong single effects, one of them of images, all of which stand far out of the noise."""
+    """Three strong single effects, one of them on images, far above the noise."""
     for path in (proof / "proof" / "sealed").glob("[!.]*.json"):
         truth = json.loads(path.read_text())["truth"]
         found = json.loads((proof / "proof" / "diagnosis" / truth["case"] / "diagnosis.json").read_text())
@@ -57,7 +57,7 @@ def test_strong_effects_are_named(proof):
             assert found["verdict"] == "match", found["sentence"]
 
 
-def test_a_diagnosis_changed_after_its_verdict_is_refused(proof, tmp_path):
+def test_diagnosis_changed_after_its_verdict_is_rejected(proof, tmp_path):
     copy = tmp_path / "results"
     shutil.copytree(proof, copy)
     path = copy / "proof" / "diagnosis" / "case_01" / "diagnosis.json"

@@ -1,4 +1,4 @@
-"""From the CSV that `pyradiomics` wrote of the study's images to `snakemake recordings` and a comparison."""
+"""From a `pyradiomics` CSV of the study's images to `snakemake recordings` and a comparison."""
 
 import json
 import shutil
@@ -17,7 +17,7 @@ COMPARISON = {"recording": "clinic", "protocol": PROTOCOL, "noise": NOISE}
 
 @pytest.fixture(scope="module")
 def read(study, tmp_path_factory):
-    """The study's images of a protocol, extracted by pyradiomics with its own settings and with others, and read."""
+    """The study's images of a protocol, extracted by pyradiomics with the study's settings and others, and read."""
     folder = tmp_path_factory.mktemp("pyradiomics")
     images = sorted((study / "images" / PROTOCOL / NOISE).glob("seed*.nii.gz"))
     rois = pd.read_csv(study / "phantom" / "rois.csv")
@@ -39,8 +39,8 @@ def read(study, tmp_path_factory):
         "kind": "features",
         "repeats": ["t.csv"],
         "rois": [
-            {"name": one.roi, "tissue_class": one.tissue_class, "file": f"{one.roi}.nii.gz"}
-            for one in rois.itertuples()
+            {"name": itertuple.roi, "tissue_class": itertuple.tissue_class, "file": f"{itertuple.roi}.nii.gz"}
+            for itertuple in rois.itertuples()
         ],
         "features": {"conditions": ["width"]},
     }
@@ -58,7 +58,7 @@ def read(study, tmp_path_factory):
     return results, process.stdout, overlay
 
 
-def test_the_listing_says_what_was_found_and_which_settings_differ(read):
+def test_listing_states_contents_and_different_settings(read):
     results, printed, _ = read
     assert (
         "clinic: features, 6 repeats" in printed and "86 features (3D) of 6 ROIs, 2 conditions of 3 images" in printed
@@ -68,7 +68,7 @@ def test_the_listing_says_what_was_found_and_which_settings_differ(read):
     assert found["content"]["extraction"][1]["pyradiomics"].startswith("v")
 
 
-def test_the_same_images_agree_and_features_of_other_settings_are_marked(read):
+def test_same_images_agree_and_features_of_other_settings_are_marked(read):
     results = read[0]
     same, other = (
         pd.read_csv(results / "tables" / f"comparison_at_{width}_features.csv").set_index("feature")
@@ -82,7 +82,7 @@ def test_the_same_images_agree_and_features_of_other_settings_are_marked(read):
     assert (other.loc[marked, "median_abs_shift_sd"] > 1).mean() > 0.9
 
 
-def test_the_diagnosis_leaves_features_of_other_settings_out(read):
+def test_diagnosis_excludes_features_of_other_settings(read):
     results, _, overlay = read
     process = tiny(results, "diagnosis", overlay=overlay | {"diagnosis": {"comparisons": ["at_10"]}})
     assert process.returncode == 0, process.stderr[-4000:]

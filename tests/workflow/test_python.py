@@ -1,4 +1,4 @@
-"""What `import virtual_phantom` offers gives what the workflow gives."""
+"""Functions of `import virtual_phantom` give the results of the workflow."""
 
 import inspect
 from pathlib import Path
@@ -32,8 +32,8 @@ def test_defaults_are_those_of_the_default_study():
     assert simulated.STUDY["scan"].items() <= scan.items()
     assert noise["levels"]["dose10"]["A"] == simulated.NOISE_LEVEL
     assert simulated.PROJECTIONS in {one["projections"] for one in section("config.yaml", "protocols").values()}
-    given = inspect.signature(vp.draw_phantom).parameters
-    assert given["oversampling"].default == grid["oversampling"]
+    default_arguments = inspect.signature(vp.draw_phantom).parameters
+    assert default_arguments["oversampling"].default == grid["oversampling"]
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def scanned(phantom, repeats):
 
 
 @pytest.mark.filterwarnings("ignore::virtual_phantom.features.extraction.RadiomicsWarning")
-def test_features_are_those_of_the_study(study, phantom):
+def test_features_equal_those_of_the_study(study, phantom):
     """Bit for bit: the same streams, and tables keep every digit."""
     found = vp.extract(vp.reconstruct(scanned(phantom, 2), "fbp"), phantom)
     made = read_csv(study / "features.csv").query("protocol == 'fbp_150' and noise == 'dose10' and seed < 2")
@@ -57,12 +57,12 @@ def test_features_are_those_of_the_study(study, phantom):
     assert list(found["tissue_class"]) == list(made["tissue_class"])
 
 
-def test_images_by_sirt_are_those_of_the_study(study, phantom):
-    """Up to rounding to whole HU: the study makes more realisations at once, whose sums end in other digits."""
+def test_images_by_sirt_equal_those_of_the_study(study, phantom):
+    """Up to rounding to integer HU: the study reconstructs more realizations at once, whose sums round differently."""
     (image,) = vp.reconstruct(scanned(phantom, 1), "sirt", **section("tiny.yaml", "reconstruction")["sirt"])
     made = read_nifti(study / "images" / "sirt_150" / "dose10" / "seed00.nii.gz").array
-    apart = np.abs(image.array.astype(int) - made)
-    assert apart.max() <= 1 and (apart > 0).mean() < 0.01
+    difference = np.abs(image.array.astype(int) - made)
+    assert difference.max() <= 1 and (difference > 0).mean() < 0.01
 
 
 def test_effects_act_on_the_scan_and_on_its_images(phantom):
@@ -72,13 +72,13 @@ def test_effects_act_on_the_scan_and_on_its_images(phantom):
         phantom, projections=60, physics={"scatter": {"amount": 0.2}, "hu_calibration": {"offset_hu": 30}}, **scanner
     )
     assert set(changed.image_physics) == {"hu_calibration"}
-    assert changed.clean.max() < plain.clean.max() - 0.1  # scatter fills the shadow up
+    assert changed.clean.max() < plain.clean.max() - 0.1  # scatter adds signal in the shadow
     same = vp.scan(phantom, projections=60, physics={"hu_calibration": {"offset_hu": 30, "scale": 1.0}}, **scanner)
     (before,), (after,) = vp.reconstruct(plain), vp.reconstruct(same)
     np.testing.assert_allclose(after.array - before.array.astype(float), 30, atol=1)
 
 
-def test_a_recording_is_diagnosed(tmp_path):
+def test_recording_is_diagnosed(tmp_path):
     folder, content = projections_folder(tmp_path / "bench", log=True)
     chain = Chain(DiscScene(120.0, "water"), load_recording(folder).geometry, photons=1e5)
     lines = noisy_lines(chain.state({"scatter": {"amount": 0.3, "width_mm": 40.0}}), 3, np.random.default_rng(3))
@@ -114,7 +114,7 @@ def test_bad_input_is_one_clear_line(phantom, call, message):
     assert message in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_names_are_found_and_others_are_not():
+def test_public_names_are_found_and_others_are_not():
     assert {"draw_phantom", "read_phantom", "scan", "reconstruct", "extract", "diagnose"} <= set(dir(vp))
     for name in ("draw_phantom", "read_phantom", "scan", "reconstruct", "extract", "diagnose"):
         assert inspect.getdoc(getattr(vp, name))

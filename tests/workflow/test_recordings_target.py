@@ -1,4 +1,4 @@
-"""`snakemake recordings`: the list of what was found, and one line for what cannot be read."""
+"""`snakemake recordings`: the list of readable recordings, and one line for others."""
 
 import json
 import shutil
@@ -14,7 +14,7 @@ from workflow_runs import TINY, snakemake
 
 @pytest.fixture
 def target(tmp_path):
-    """Runs the target with two recordings in the configuration, b and t."""
+    """Run the target with two recordings in the configuration, b and t."""
     bench, table = projections_folder(tmp_path / "bench")[0], features_folder(tmp_path / "table")[0]
     overlay = tmp_path / "overlay.yaml"
     content = {"results_dir": f"{tmp_path}/r", "recordings": {"b": str(bench), "t": str(table)}}
@@ -22,7 +22,7 @@ def target(tmp_path):
     return lambda *arguments: snakemake(*arguments, "recordings", "--configfile", TINY, overlay)
 
 
-def test_the_target_lists_recordings_and_stops_at_a_bad_one(target, tmp_path):
+def test_target_lists_recordings_and_stops_at_a_bad_one(target, tmp_path):
     process = target()
     assert process.returncode == 0, process.stderr[-3000:]
     assert "b: projections, 2 repeats, 1 held out" in process.stdout and "t: features, 6 repeats" in process.stdout
@@ -44,8 +44,8 @@ def test_the_target_lists_recordings_and_stops_at_a_bad_one(target, tmp_path):
     assert all(f"{tmp_path}/bench/recording.yaml: " in line for line in lines[place + 1 : place + 4])
 
 
-def test_the_alignment_target_carries_the_phantom_s_rois(study, tmp_path):
-    """The tiny study's own phantom, moved by a change of its NIfTI's origin, and named as somebody else's."""
+def test_alignment_target_transforms_the_rois_of_the_phantom(study, tmp_path):
+    """The tiny study's own phantom with a shifted NIfTI origin, as if from another scanner."""
     folder, overlay = tmp_path / "moved", tmp_path / "overlay.yaml"
     folder.mkdir()
     content = {"name": "moved", "kind": "images", "phantom": "synthetic", "repeats": ["a.nii.gz"]}
@@ -64,9 +64,9 @@ def test_the_alignment_target_carries_the_phantom_s_rois(study, tmp_path):
     assert process.returncode == 0, process.stderr[-3000:]
     found = json.loads((tmp_path / "r" / "recordings" / "m" / "alignment.json").read_text())
     assert found["translation_mm"] == pytest.approx([30, -20, 500], abs=0.05) and found["rois_from"] == "phantom"
-    own, carried = (pd.read_csv(tmp_path / "r" / place / "rois.csv") for place in ("phantom", "recordings/m"))
-    assert carried["roi"].tolist() == own["roi"].tolist()
-    assert carried["n_voxels"].tolist() == pytest.approx(own["n_voxels"].tolist(), rel=0.05)
+    original, carried = (pd.read_csv(tmp_path / "r" / place / "rois.csv") for place in ("phantom", "recordings/m"))
+    assert carried["roi"].tolist() == original["roi"].tolist()
+    assert carried["n_voxels"].tolist() == pytest.approx(original["n_voxels"].tolist(), rel=0.05)
     assert (tmp_path / "r" / "figures" / "alignment_m.png").stat().st_size > 10_000
 
     (folder / "recording.yaml").write_text(yaml.safe_dump(content | {"phantom": "bench"}))

@@ -1,4 +1,4 @@
-"""Files of rules share the names of common.smk and no others, and state the paths of the table of outputs."""
+"""Rule files share only the names of common.smk and state the paths of the table of outputs."""
 
 import contextlib
 import io
@@ -17,7 +17,7 @@ SHARED = {"context", "results", "reported", "code", "resource"}
 
 
 def compiled(path):
-    """The Python that Snakemake makes of a file of rules."""
+    """Python code that Snakemake makes of a file of rules."""
     text = io.StringIO()
     with contextlib.redirect_stdout(text), SnakemakeApi(OutputSettings()) as api:
         api.workflow(resource_settings=ResourceSettings(), snakefile=path).print_compilation()
@@ -25,14 +25,14 @@ def compiled(path):
 
 
 def scopes(table):
-    """A table of symbols and all that lie in it: functions, lambdas, comprehensions."""
+    """A symbol table and all tables inside: functions, lambdas, comprehensions."""
     yield table
     for inner in table.get_children():
         yield from scopes(inner)
 
 
 def assigned(table):
-    """Names that a file puts into the namespace that all files share: variables, functions, imports."""
+    """Names that a file adds to the common namespace: variables, functions, imports."""
     return {
         symbol.get_name()
         for scope in scopes(table)
@@ -42,7 +42,7 @@ def assigned(table):
 
 
 def used(table):
-    """Names that a file takes from there."""
+    """Names that a file uses from the common namespace."""
     return {
         symbol.get_name()
         for scope in scopes(table)
@@ -52,7 +52,7 @@ def used(table):
 
 
 def borrowed(paths):
-    """{file: names that it uses and that another file alone has assigned}."""
+    """{file: names that it uses and that only another file has assigned}."""
     tables = {path.name: symtable.symtable(compiled(path), path.name, "exec") for path in paths}
     names = {file: assigned(table) for file, table in tables.items()}
     found = {}
@@ -62,7 +62,7 @@ def borrowed(paths):
     return found
 
 
-def test_files_of_rules_share_the_names_of_common_smk_and_nothing_else():
+def test_rule_files_share_the_names_of_common_smk_only():
     found = borrowed(FILES)
     assert {file: names - SHARED for file, names in found.items() if names - SHARED} == {}
     assert set().union(*found.values()) == SHARED
@@ -79,7 +79,7 @@ def test_files_of_rules_share_the_names_of_common_smk_and_nothing_else():
         "lambda wildcards, x=VALUE: x",
     ],
 )
-def test_a_name_of_another_file_is_found(line, tmp_path):
+def test_name_of_another_file_is_found(line, tmp_path):
     (tmp_path / "one.smk").write_text("import os\nVALUE = os.sep\n")
     (tmp_path / "two.smk").write_text(f"rule x:\n    output: 'x'\n    params: y={line}\n    script: 'x.py'\n")
     paths = sorted(tmp_path.glob("*.smk"))
@@ -101,14 +101,14 @@ def rows(paths):
 
 def test_paths_of_rules_are_those_of_the_table():
     table = rows(path for output in OUTPUTS for path in output.paths())
-    given = rows(stated())
+    rule_paths = rows(stated())
     # Inputs whose wildcards have one value, and figures that the table lists by name.
     one_value = {"phantom/moved/seed*/grid/rois.csv", "phantom/moved/seed*/grid/rois", "logs/kernels/1.txt"}
-    assert given - table == one_value | {"figures/pca_*.png", "figures/pca_*.pdf"}
-    functions = {"proof/verdicts/*.json", "*.parquet"}  # lists that the context makes
-    assert table - given == functions | {f"figures/pca_{name}{suffix}" for name in PCA for suffix in PICTURES}
+    assert rule_paths - table == one_value | {"figures/pca_*.png", "figures/pca_*.pdf"}
+    functions = {"proof/verdicts/*.json", "*.parquet"}  # lists made by the context
+    assert table - rule_paths == functions | {f"figures/pca_{name}{suffix}" for name in PCA for suffix in PICTURES}
 
 
-def test_rules_do_not_know_the_results_folder():
+def test_rules_do_not_contain_the_results_folder():
     for path in FILES:
         assert not re.search(r"results_dir|\.results\b", re.sub(r'"""(.|\n)*?"""', "", path.read_text())), path.name

@@ -1,4 +1,4 @@
-"""Images at a scanner's voxels, of a phantom that is re-positioned before some repeats, through the workflow."""
+"""Images at a scanner's voxels, of a phantom re-positioned before some repeats, through the workflow."""
 
 import numpy as np
 import pandas as pd
@@ -31,7 +31,7 @@ OVERLAY = {
 
 
 def middle(mask):
-    """A region's centre of mass, (z, y, x), mm from the isocentre."""
+    """A region's center of mass, (z, y, x), mm from the isocenter."""
     return [axis[index].mean() for axis, index in zip(mask.grid.axes_mm(), np.nonzero(mask.array), strict=True)]
 
 
@@ -43,8 +43,8 @@ def made(tmp_path_factory):
     return folder
 
 
-def test_the_last_repeat_lies_where_the_table_says(made):
-    """Each region's centre of mass: that of the others, turned and shifted."""
+def test_last_repeat_has_the_pose_of_the_table(made):
+    """Each region's center of mass is that of the others, rotated and shifted."""
     table = pd.read_csv(made / "phantom" / "positions.csv").set_index("seed")
     assert table["repositioned"].tolist() == [False, False, True]
     assert (table.loc[:1, ["x_mm", "y_mm", "z_mm", "turn_deg"]] == 0).all(axis=None)
@@ -63,8 +63,8 @@ def test_the_last_repeat_lies_where_the_table_says(made):
             assert moved == pytest.approx(expected, abs=0.35 * max(one.grid.spacing)), path
 
 
-def test_regions_see_the_same_tissue_in_every_place(made):
-    """Were regions left behind, or the phantom, edges would be in them."""
+def test_regions_contain_the_same_tissue_in_every_pose(made):
+    """If regions or phantom did not follow, edges would be inside."""
     features = pd.read_csv(made / "features.csv")
     assert len(features) == 2 * 3 * 6
     for (protocol, roi), rows in features.groupby(["protocol", "roi"]):

@@ -1,7 +1,7 @@
-"""What the workflow takes of Snakemake without its documentation's word: another version may have it no more.
+"""Undocumented parts of Snakemake that the workflow uses, which another version may lack.
 
-A run of four small jobs tells: attributes of `workflow` that the rules use, fields of records that progress reads, and
-messages that have no event.
+A run of four small jobs checks attributes of `workflow` that the rules use, fields of records that progress reads, and
+messages without an event.
 """
 
 import inspect
@@ -107,7 +107,7 @@ rule failed:
     script:
         "fail.py"
 """
-# Attributes of `workflow` by the file that uses them: common.smk while the Snakefile is read, the other once jobs run.
+# Attributes of `workflow` by file: common.smk while the Snakefile is read, the other once jobs run.
 USED = {
     "common.smk": ["configfiles", "current_basedir.get_path_or_uri", "is_main_process"],
     "library.smk": ["current_basedir.get_path_or_uri", "is_main_process", "output_settings"],
@@ -127,14 +127,14 @@ USED = {
     ],
 }
 
-# Said where a rule has a group, and where a run ends at its first failure.
+# Printed for a rule with a group, and for a run that ends at its first failure.
 ELSEWHERE = {"Group jobs: inactive (local execution)", "Shutting down, this might take some time."}
-DOCUMENTED = {"source_path"}  # in Snakemake's own pages
+DOCUMENTED = {"source_path"}  # on Snakemake's own pages
 
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory):
-    """What a run shows, and what it prints."""
+    """Records and output of a run."""
     folder = tmp_path_factory.mktemp("run")
     (folder / "Snakefile").write_text(SNAKEFILE.format(chains=json.dumps(USED)))
     (folder / "touch.py").write_text("open(snakemake.output[0], 'w').close()\n")
@@ -154,14 +154,14 @@ def records(seen, event):
     return found
 
 
-def test_attributes_that_rules_use_are_there(seen):
+def test_attributes_used_by_rules_exist(seen):
     assert seen["attributes"].keys() == {chain for chains in USED.values() for chain in chains}
     assert not {chain: found for chain, found in seen["attributes"].items() if "AttributeError" in found}
     assert seen["attributes"]["is_main_process"] == "True" and seen["attributes"]["cores"] == "1"
     assert seen["attributes"]["resource_settings.cores"] == "1"
 
 
-def test_rules_use_no_others():
+def test_rules_use_no_other_attributes():
     found = {}
     for path in FILES:
         code = re.sub(r"#.*|\"[^\"\n]*\"", "", path.read_text())
@@ -170,7 +170,7 @@ def test_rules_use_no_others():
     assert found == USED
 
 
-def test_jobs_are_told_with_what_they_make_and_wait_for(seen):
+def test_job_records_have_outputs_and_dependencies(seen):
     jobs = seen["job"]
     assert {name: job[0] for name, job in jobs.items()} == {name: name == "all" for name in jobs} and len(jobs) == 5
     assert len({job[1] for job in jobs.values()}) == 5
@@ -181,7 +181,7 @@ def test_one_handler_writes_to_the_terminal(seen):
     assert seen["handlers"].count(True) == 1
 
 
-def test_records_have_the_fields_that_are_read(seen):
+def test_records_have_the_expected_fields(seen):
     numbers = {name: str(job[1]) for name, job in seen["job"].items()}
     assert {record["jobid"] for record in records(seen, "job_info")} >= {numbers[name] for name in ("first", "failed")}
     assert {record["job_id"] for record in records(seen, "job_finished")} == {numbers["first"], numbers["made"]}
@@ -195,25 +195,25 @@ def test_records_have_the_fields_that_are_read(seen):
     assert before["thread"] == failed["thread"]
 
 
-def test_records_of_groups_have_the_fields_that_are_read():
-    """They are of clusters alone."""
+def test_group_records_have_the_expected_fields():
+    """Groups occur on clusters only."""
     source = inspect.getsource(GroupJob)
     for field in ("LogEvent.GROUP_INFO", "jobs=", "LogEvent.GROUP_ERROR", "aux_logs=", "job_error_info="):
         assert field in source, field
 
 
-def test_events_have_the_names_that_are_read():
+def test_events_have_the_expected_names():
     from snakemake_interface_logger_plugins.common import LogEvent
 
-    told = {"job_info", "job_finished", "job_error", "group_info", "group_error", "error"}
-    assert told | SILENT_EVENTS | startup.SILENT_EVENTS <= {str(event) for event in LogEvent}
-    assert all(hasattr(Console, f"_{event}") for event in told)
+    events = {"job_info", "job_finished", "job_error", "group_info", "group_error", "error"}
+    assert events | SILENT_EVENTS | startup.SILENT_EVENTS <= {str(event) for event in LogEvent}
+    assert all(hasattr(Console, f"_{event}") for event in events)
 
 
-def test_what_has_no_event_is_said_in_the_words_that_are_known(seen):
-    said = [record["msg"] for record in seen["records"] if record["event"] is None]
+def test_messages_without_event_have_the_expected_text(seen):
+    texts = [record["msg"] for record in seen["records"] if record["event"] is None]
     for beginning in {*messages.HIDDEN, *messages.HIDDEN_AT_STARTUP} - ELSEWHERE:
-        assert any(text.startswith(beginning) for text in said), beginning
+        assert any(text.startswith(beginning) for text in texts), beginning
     modules = ("snakemake.workflow", "snakemake.dag", "snakemake.scheduling.job_scheduler")
     sources = "".join(inspect.getsource(sys.modules[name]) for name in modules)
     for text in (*ELSEWHERE, *messages.DRY_RUN, messages.DRY_RUN_ENDS):
@@ -224,7 +224,7 @@ def test_what_has_no_event_is_said_in_the_words_that_are_known(seen):
     assert messages.FILES_MISSING.search(errors["MissingOutputException"])[1] == str(seen["job"]["left_out"][1])
 
 
-def test_files_that_know_snakemake_s_words_are_one():
+def test_snakemakes_texts_are_in_one_file():
     folder = ROOT / "workflow" / "lib" / "virtual_phantom" / "study" / "progress"
     known = [
         *messages.HIDDEN,

@@ -1,4 +1,4 @@
-"""Targets that the pages name plan with the configurations that they are named with, and importers run as written."""
+"""Documented targets can be planned with their configurations, and importers run as documented."""
 
 import shutil
 
@@ -15,7 +15,7 @@ TABLES = {
 }
 
 
-def test_targets_of_the_default_study_plan(tmp_path):
+def test_targets_of_the_default_study_can_be_planned(tmp_path):
     results = tmp_path / "results"
     series = results / "dicom" / "fbp_300" / "dose10" / "seed03" / "series"
     targets = ("proof", "report_page", "viewer", "dicom", "plan", series)
@@ -24,8 +24,8 @@ def test_targets_of_the_default_study_plan(tmp_path):
     assert "protocol=fbp_300, noise=dose10, seed=03" in jobs["dicom_series"] and len(jobs["dicom_series"]) == 3
 
 
-def test_targets_of_the_helsinki_recordings_plan(tmp_path):
-    """With recordings that stand in for the imported ones: planning reads what they say of themselves alone."""
+def test_targets_of_the_helsinki_recordings_can_be_planned(tmp_path):
+    """With substitutes of imported recordings: planning only reads their description."""
     named = {name: recorded(tmp_path / name, kind) for name, kind in IMPORTED["htc2022.yaml"].items()}
     masks = {"ta": named["ta"] / "object.nii.gz", "tb": named["tb"] / "object.nii.gz"}
     for mask in masks.values():

@@ -1,4 +1,4 @@
-"""The workflow itself: every shipped config plans, the tiny study runs, mistakes stop it with one clear line."""
+"""The workflow: every shipped configuration can be planned, the tiny study runs, and mistakes stop it with one line."""
 
 import base64
 import hashlib
@@ -54,7 +54,7 @@ IMPORTED = {
 
 
 def recorded(folder, kind):
-    """A recording that stands in for an imported one: planning reads its recording.yaml only."""
+    """Substitute of an imported recording: planning only reads its recording.yaml."""
     folder.mkdir()
     (folder / "repeat").write_text("image,roi\n")
     content = {"name": folder.name, "kind": kind, "repeats": ["repeat"]}
@@ -64,14 +64,14 @@ def recorded(folder, kind):
 
 
 @pytest.mark.parametrize("config", sorted(path.name for path in (ROOT / "config").glob("*.yaml")))
-def test_every_shipped_config_plans(config, tmp_path):
+def test_every_shipped_config_can_be_planned(config, tmp_path):
     overlay = {"results_dir": f"{tmp_path}/r"}
     if config in IMPORTED:
         named = IMPORTED[config]
         overlay["recordings"] = {name: str(recorded(tmp_path / name, kind)) for name, kind in named.items()}
     if config == "htc2022.yaml":
         mask = tmp_path / "object.nii.gz"
-        mask.write_bytes(b"")  # planning looks if it is there
+        mask.write_bytes(b"")  # planning checks that it exists
         overlay["diagnosis"] = {"recordings": {name: {"object": {"mask": str(mask)}} for name in ("ta", "tb")}}
     (tmp_path / "overlay.yaml").write_text(yaml.safe_dump(overlay))
     project = with_its_ct(tmp_path / "project") if config == "abdomen.yaml" else ROOT
@@ -84,13 +84,13 @@ def test_every_shipped_config_plans(config, tmp_path):
 
 @pytest.fixture(scope="module")
 def study_run(made_once):
-    """The tiny study where it was run: its folder, and what was said."""
+    """Folder and output of the tiny study."""
     return made_once / "results", json.loads((made_once / "said").read_text())
 
 
 @pytest.fixture(scope="module")
 def study(study_run):
-    """The folder of the tiny study, which these tests go on in."""
+    """Folder of the tiny study, in which these tests continue."""
     return study_run[0]
 
 
@@ -111,17 +111,17 @@ def test_every_figure_and_table_is_made(study):
     ):
         assert len(pd.read_csv(study / "tables" / f"{table}.csv")) > 0
     features = pd.read_csv(study / "features.csv")
-    # 4 groups at dose10, the same 4 at dose10_plus12, and two SIRT ones at double: 3 repeats and 6 ROIs of each.
+    # 4 groups at dose10, the same 4 at dose10_plus12, and two SIRT groups at double: 3 repeats and 6 ROIs each.
     assert len(features) == (4 + 4 + 2) * 3 * 6
     assert len(pd.read_csv(study / "tables" / "stability.csv")) == 86
 
 
-def test_few_lines_say_how_far_the_study_is(study_run):
-    folder, said = study_run
-    jobs = 41  # `all` is none
-    stated = re.findall(r"^\d\d:\d\d:\d\d (\d+) of (\d+) jobs done(.*)$", said, re.MULTILINE)
+def test_few_lines_report_the_progress(study_run):
+    folder, lines = study_run
+    jobs = 41  # `all` is not counted
+    stated = re.findall(r"^\d\d:\d\d:\d\d (\d+) of (\d+) jobs done(.*)$", lines, re.MULTILINE)
     first = rf"Jobs to do: {jobs}, .+ (s|min) on 2 cores.*\. Results: {folder}; logs: {folder}/logs"
-    assert re.fullmatch(rf"\d\d:\d\d:\d\d {first}", said.splitlines()[1]), said[:2000]
+    assert re.fullmatch(rf"\d\d:\d\d:\d\d {first}", lines.splitlines()[1]), lines[:2000]
     assert {int(total) for _, total, _ in stated} == {jobs}
     done = [int(number) for number, _, _ in stated]
     assert done == sorted(done) and done[0] == 0 and done[-1] == jobs
@@ -130,11 +130,11 @@ def test_few_lines_say_how_far_the_study_is(study_run):
     left = r", (under|about|[\d.]+( s)? to) [\d.]+ (s|min) left; now: \w+ \("
     assert all(re.match(left, rest) for _, _, rest in stated[1:-1]), stated
     assert sum(" left" in rest for _, _, rest in stated[1:-1]) > len(stated[1:-1]) / 2
-    assert len(said.splitlines()) < 60 and "jobid" not in said and "Job stats" not in said
+    assert len(lines.splitlines()) < 60 and "jobid" not in lines and "Job stats" not in lines
 
 
-def test_every_job_has_left_a_log(study):
-    """One that its rule names, each of its own; `default`, which only lists files, has none."""
+def test_every_job_has_written_its_own_log(study):
+    """Its rule names the log; `default`, which only lists files, has none."""
     process = tiny(study, "--forceall", "-n")
     assert process.returncode == 0, process.stderr[-2000:]
     jobs = re.findall(r"^ *(?:local)?rule (\w+):$", process.stdout, re.MULTILINE)
@@ -145,7 +145,7 @@ def test_every_job_has_left_a_log(study):
     assert [log for log in logs if not (ROOT / log).is_file()] == []
 
 
-def test_parquet_holds_what_csv_holds_with_types(study):
+def test_parquet_has_the_content_of_csv_with_types(study):
     tables = [study / "features.csv", *(study / "tables").glob("*.csv")]
     assert len(tables) == 14
     for path in tables:
@@ -158,7 +158,7 @@ def test_parquet_holds_what_csv_holds_with_types(study):
     assert pd.api.types.is_string_dtype(features["settings_hash"])
 
 
-def test_images_lie_on_the_phantom_in_every_reader(study):
+def test_images_are_aligned_with_the_phantom_in_every_reader(study):
     phantom = nibabel.load(study / "phantom" / "image.nii.gz")
     path = study / "images" / "sirt_300" / "dose10" / "seed00.nii.gz"
     image = nibabel.load(path)
@@ -171,9 +171,9 @@ def test_images_lie_on_the_phantom_in_every_reader(study):
 
 
 def test_pages_and_dicom_of_the_study(study, tmp_path):
-    """Exported images lie on the NIfTI ones, and the report holds every figure and what it was made by."""
+    """Exported images are aligned with the NIfTI ones, and the report contains every figure and its provenance."""
     overlay = {"dicom": {"images": ["sirt_150/double/seed02"]}}
-    process = tiny(study, "dicom", "report_page", overlay=overlay, beside=tmp_path)
+    process = tiny(study, "dicom", "report_page", overlay=overlay, config_folder=tmp_path)
     assert process.returncode == 0, process.stderr[-4000:]
     (series,) = (study / "dicom").glob("*/*/*/series")
     exported = read_series(series)
@@ -192,7 +192,7 @@ def test_pages_and_dicom_of_the_study(study, tmp_path):
     assert (study / "viewer.html").stat().st_size < 15e6
 
 
-def test_seeds_make_different_images_with_the_same_mean(study):
+def test_seeds_give_different_images_with_the_same_mean(study):
     folder = study / "images" / "fbp_300" / "dose10"
     stack = np.stack([nibabel.load(folder / f"seed{seed:02d}.nii.gz").get_fdata() for seed in range(3)])
     assert (stack.std(0) > 0).mean() > 0.5
@@ -206,20 +206,20 @@ def test_noise_variance_is_linear_in_the_noise_level(study):
     assert np.corrcoef(table["noise_level"], table["variance_hu2"])[0, 1] ** 2 > 0.98
 
 
-def test_nothing_half_written_is_left(study):
+def test_no_partial_file_is_left(study):
     assert not list((study / "projections").rglob("seed*.h5"))
     assert not list(study.rglob(".partial-*"))
 
 
-def test_kept_projections_are_those_of_the_images(study, tmp_path):
-    """The image from a kept file of counts is, voxel for voxel, the one that the study drew for itself."""
+def test_stored_projections_are_those_of_the_images(study, tmp_path):
+    """The image from a stored file of counts equals the one of the study, voxel by voxel."""
     file = study / "projections" / "views150" / "double" / "seed01.h5"
-    process = tiny(study, file, overlay={"keep_projections": True}, beside=tmp_path)
+    process = tiny(study, file, overlay={"keep_projections": True}, config_folder=tmp_path)
     assert process.returncode == 0, process.stderr[-2000:]
     counts, geometry = exchange.read_counts(file)
     file.unlink()
     image = volumes.read_nifti(study / "images" / "sirt_150" / "double" / "seed01.nii.gz")
-    # As many lanes as in the study: another number of them may sum in another order.
+    # The number of lanes is that of the study, because it may change the order of summation.
     lanes = max(int(path.stem) for path in (study / "logs" / "kernels").glob("*.txt"))
     again, *_ = reconstruct(
         np.repeat(counts.line_integrals(0.5)[None], lanes, axis=0),
@@ -233,19 +233,19 @@ def test_kept_projections_are_those_of_the_images(study, tmp_path):
     np.testing.assert_array_equal(again.array, image.array)
 
 
-def test_common_draws_give_noise_levels_the_same_noise(study, tmp_path):
+def test_common_random_numbers_give_noise_levels_the_same_noise(study, tmp_path):
     files = [study / "projections" / "views150" / level / "seed01.h5" for level in ("dose10", "double")]
     overlay = {"keep_projections": True, "noise": {"draws": "common"}}
-    process = tiny(study, *files, overlay=overlay, beside=tmp_path)
+    process = tiny(study, *files, overlay=overlay, config_folder=tmp_path)
     assert process.returncode == 0, process.stderr[-2000:]
     clean, _ = exchange.read_line_integrals(study / "projections" / "views150" / "clean.h5")
     noise = [exchange.read_counts(file)[0].line_integrals(0.5) - clean for file in files]
     for file in files:
         file.unlink()
-    assert np.corrcoef(*(one.ravel() for one in noise))[0, 1] > 0.999  # of independent draws 0
+    assert np.corrcoef(*(one.ravel() for one in noise))[0, 1] > 0.999  # 0 for independent noise
 
 
-def test_a_second_run_does_nothing(study):
+def test_second_run_does_nothing(study):
     process = tiny(study)
     assert process.returncode == 0
     assert "Nothing to be done" in process.stderr + process.stdout
@@ -271,46 +271,46 @@ AFTER_FEATURES = AFTER_STABILITY | {"merge_features", "pca", *(f"figure_pca_{nam
     [({"projections": 180}, ["geometry=views180"]), ({"algorithm": "fbp"}, [])],
     ids=["of a new geometry", "of a geometry that is there"],
 )
-def test_a_new_protocol_runs_its_own_jobs_only(study, tmp_path, settings, projected):
-    """And what all protocols share: the merged table, the statistics, their figures, kernels for its bundle's size."""
+def test_new_protocol_only_runs_its_own_jobs(study, tmp_path, settings, projected):
+    """And common outputs: the merged table, the statistics, their figures, and kernels for its bundle's size."""
     overlay = {"protocols": {"new": PROTOCOL | settings | {"group": 9}}}
-    jobs = planned(tiny(study, "-n", overlay=overlay, beside=tmp_path))
-    own = {rule for rule in jobs if rule.startswith(("reconstruct", "extract"))}
-    assert own and all(one.startswith("protocol=new") for rule in own for one in jobs[rule])
+    jobs = planned(tiny(study, "-n", overlay=overlay, config_folder=tmp_path))
+    own_jobs = {rule for rule in jobs if rule.startswith(("reconstruct", "extract"))}
+    assert own_jobs and all(one.startswith("protocol=new") for rule in own_jobs for one in jobs[rule])
     assert jobs.pop("project", []) == projected
-    assert jobs.keys() - own <= AFTER_FEATURES | {"compile_kernels"}
+    assert jobs.keys() - own_jobs <= AFTER_FEATURES | {"compile_kernels"}
 
 
-def test_a_threshold_redoes_the_statistics_only(study, tmp_path):
-    jobs = planned(tiny(study, "-n", overlay={"statistics": {"threshold": 1.5}}, beside=tmp_path))
+def test_threshold_only_changes_the_statistics(study, tmp_path):
+    jobs = planned(tiny(study, "-n", overlay={"statistics": {"threshold": 1.5}}, config_folder=tmp_path))
     assert set(jobs) == AFTER_STABILITY
 
 
-def test_a_noise_model_leaves_the_line_integrals(study, tmp_path):
-    jobs = planned(tiny(study, "-n", overlay={"noise": {"model": "physical"}}, beside=tmp_path))
+def test_noise_model_keeps_the_line_integrals(study, tmp_path):
+    jobs = planned(tiny(study, "-n", overlay={"noise": {"model": "physical"}}, config_folder=tmp_path))
     assert not {"phantom", "project", "compile_kernels"} & set(jobs)
     assert sum(len(jobs[rule]) for rule in jobs if rule.startswith("extract")) == 10
 
 
-def test_a_solver_setting_leaves_the_other_algorithm(study, tmp_path):
-    jobs = planned(tiny(study, "-n", overlay={"reconstruction": {"sirt": {"terms": 30}}}, beside=tmp_path))
-    made = [one for rule, wildcards in jobs.items() if rule.startswith("reconstruct") for one in wildcards]
+def test_solver_setting_keeps_the_other_algorithm(study, tmp_path):
+    jobs = planned(tiny(study, "-n", overlay={"reconstruction": {"sirt": {"terms": 30}}}, config_folder=tmp_path))
+    made = [wildcard for rule, wildcards in jobs.items() if rule.startswith("reconstruct") for wildcard in wildcards]
     assert made and all("protocol=sirt_" in one for one in made)
     assert not {"phantom", "project"} & set(jobs)
 
 
-def test_another_noise_level_leaves_the_images_that_are_there(study, tmp_path):
-    """Five repeats more than fill the bundle of the levels before it up, so they have jobs of their own."""
+def test_another_noise_level_keeps_existing_images(study, tmp_path):
+    """Five repeats exceed the bundle of the levels before it, so they have their own jobs."""
     overlay = {
         "noise": {"levels": {"loud": {"A": 5.0e-5, "repeats": 5}}},
         "analyses": {"pca": {"fbp": {"noise": ["dose10", "dose10_plus12", "loud"]}}},
     }
-    jobs = planned(tiny(study, "-n", overlay=overlay, beside=tmp_path))
-    extracted = [one for rule, wildcards in jobs.items() if rule.startswith("extract") for one in wildcards]
+    jobs = planned(tiny(study, "-n", overlay=overlay, config_folder=tmp_path))
+    extracted = [wildcard for rule, wildcards in jobs.items() if rule.startswith("extract") for wildcard in wildcards]
     assert sorted(extracted) == ["protocol=fbp_150, noise=loud", "protocol=fbp_300, noise=loud"]
 
 
-def test_an_edited_mask_is_noticed(tmp_path):
+def test_edited_mask_is_detected(tmp_path):
     z, y, x = np.mgrid[-6:6, -20:20, -20:20]
     body, core = np.hypot(x, y) < 15, np.hypot(x, y) < 5
     affine = np.diag([4.0, 4.0, 4.0, 1.0])
@@ -334,7 +334,7 @@ def test_an_edited_mask_is_noticed(tmp_path):
 
 
 def without(study, copy, *protocols):
-    """A copy of the study without what hangs on one geometry and these protocols, and without the merged table."""
+    """A copy of the study without the outputs of one geometry and these protocols, and without the merged table."""
     shutil.copytree(study, copy)
     shutil.rmtree(copy / "projections" / "views150")
     for kind in ("images", "features"):
@@ -349,10 +349,10 @@ def made_first(folder, *protocols):
     return sorted(protocols, key=lambda name: (folder / "images" / name / "dose10" / "seed00.nii.gz").stat().st_mtime)
 
 
-def test_one_core_and_another_order_make_the_same_features(study, tmp_path):
-    """features.csv byte for byte, with all that hangs on one geometry, both algorithms, made again by one core.
+def test_one_core_and_another_order_give_the_same_features(study, tmp_path):
+    """Compare features.csv byte for byte after one core repeats all outputs of one geometry with both algorithms.
 
-    What the study made last is made first.
+    The order of the jobs is reversed.
     """
     protocols = ("sirt_150", "fbp_150")
     copy = without(study, tmp_path / "r", *protocols)
@@ -367,8 +367,8 @@ def first_table(protocol):
     return f"features/{protocol}/dose10/seed00.csv"
 
 
-def test_four_cores_and_no_compiled_kernels_make_the_same_images_and_features(study, tmp_path):
-    """One protocol's images and tables byte for byte: two jobs of two threads at a time, all kernels compiled again."""
+def test_four_cores_and_no_compiled_kernels_give_the_same_images_and_features(study, tmp_path):
+    """Compare one protocol's images and tables byte for byte: two jobs of two threads, all kernels compiled again."""
     copy, kernels = without(study, tmp_path / "r", "fbp_150"), tmp_path / "kernels"
     shutil.rmtree(copy / "logs" / "kernels")
     targets = [copy / "features" / "fbp_150" / noise / "seed00.csv" for noise in ("dose10", "dose10_plus12")]
@@ -376,7 +376,7 @@ def test_four_cores_and_no_compiled_kernels_make_the_same_images_and_features(st
     nowhere = str(copy / "features.csv" / "x")
     environment = {"NUMBA_CACHE_DIR": str(kernels), "TMPDIR": nowhere, "XDG_CACHE_HOME": nowhere}
     environment |= {"MPLBACKEND": "module://matplotlib_inline.backend_inline", "PYTHONIOENCODING": "ascii"}
-    process = tiny(copy, *targets, cores=4, overlay={"threads": 2}, beside=tmp_path, environment=environment)
+    process = tiny(copy, *targets, cores=4, overlay={"threads": 2}, config_folder=tmp_path, environment=environment)
     assert process.returncode == 0, process.stderr[-4000:]
     assert list(kernels.glob("*.kernel"))
     made = [copy / "projections" / "views150" / "clean.h5"]
@@ -410,22 +410,22 @@ def test_four_cores_and_no_compiled_kernels_make_the_same_images_and_features(st
     ],
 )
 def test_mistakes_in_the_config(overlay, messages, tmp_path):
-    """One run names them all, a line each (tests/test_config.py has more)."""
+    """One run names all of them in a line each (tests/test_config.py has more)."""
     if messages == ["needs a CUDA device"] and astra.use_cuda():
         pytest.skip("there is a CUDA device here")
     process = tiny(tmp_path / "r", "-n", overlay=overlay)
-    said = (process.stderr + process.stdout).splitlines()
+    lines = (process.stderr + process.stdout).splitlines()
     assert process.returncode == 1
-    assert sum(line.startswith("Error:") for line in said) == 1
-    first = next(number for number, line in enumerate(said) if line.startswith("Error:"))
-    listed = said[first : first + len(messages)]
-    for message in messages:  # a line each, those of one section in any order
-        assert sum(message in line for line in listed) == 1, said
+    assert sum(line.startswith("Error:") for line in lines) == 1
+    first = next(number for number, line in enumerate(lines) if line.startswith("Error:"))
+    listed = lines[first : first + len(messages)]
+    for message in messages:  # one line each, in any order within a section
+        assert sum(message in line for line in listed) == 1, lines
     assert "Traceback" not in process.stderr
     assert not (tmp_path / "r").exists()
 
 
-def test_a_missing_ct_stops_before_any_job(tmp_path):
+def test_missing_ct_stops_before_any_job(tmp_path):
     ct = {"image": f"{tmp_path}/none.nii.gz", "rois": [{"name": "a", "tissue_class": "b", "file": "m.nii.gz"}]}
     overlay = {"phantom": {"source": "ct", "ct": ct}, "measured": {"overlay": False}}
     target = tmp_path / "r" / "phantom" / "image.nii.gz"
@@ -436,8 +436,8 @@ def test_a_missing_ct_stops_before_any_job(tmp_path):
     assert "Jobs to do" not in process.stderr + process.stdout and not target.exists()
 
 
-def test_a_truncated_acquisition_is_named(study, tmp_path):
-    """A clean projection file cut in half is refused by name, and nothing is made from it."""
+def test_truncated_acquisition_is_named(study, tmp_path):
+    """A clean projection file cut in half is rejected by name, and no output is made from it."""
     copy = tmp_path / "r"
     shutil.copytree(study, copy)
     clean = copy / "projections" / "views150" / "clean.h5"

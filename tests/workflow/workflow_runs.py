@@ -19,26 +19,28 @@ BENEATH = {
 
 
 def snakemake(*arguments, cores=2, environment=None, timeout=900, project=ROOT):
-    """Run snakemake in the repository, or a copy of it, with these variables besides its own; returns the finished
-    process, output and errors as text. A dry run lists every file of each job."""
+    """Run snakemake in the repository, or a copy of it, with additional variables.
+
+    Returns the finished process with output and errors as text. A dry run lists every file of each job.
+    """
     in_full = ["-p"] if "-n" in arguments else []
     command = [warm.python(), "-m", "snakemake", "--cores", str(cores), "--nolock", *map(str, arguments), *in_full]
     environment = os.environ | (environment or {})
     return subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, timeout=timeout)
 
 
-def tiny(folder, *targets, cores=2, overlay=None, beside=None, **run):
-    """The tiny study into `folder`; `overlay` is a dict of config keys on top of it, written to `beside`.
+def tiny(folder, *targets, cores=2, overlay=None, config_folder=None, **run):
+    """Run the tiny study into `folder`; `overlay` is a dict of config keys on top of it, written to `config_folder`.
 
     run   further arguments of `snakemake`
     """
     files = [TINY]
     if overlay is not None:
-        beside = beside or folder.parent
-        beside.mkdir(parents=True, exist_ok=True)
-        files.append(beside / "overlay.yaml")
+        config_folder = config_folder or folder.parent
+        config_folder.mkdir(parents=True, exist_ok=True)
+        files.append(config_folder / "overlay.yaml")
         files[-1].write_text(yaml.safe_dump(overlay))
-    # Targets go first: --config and --configfile would swallow them.
+    # Targets come first: --config and --configfile would take them as values.
     settings = ("--configfile", *files, "--config", f"results_dir={folder}")
     return snakemake(*targets, *settings, cores=cores, **run)
 

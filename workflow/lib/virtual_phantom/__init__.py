@@ -1,4 +1,4 @@
-"""Simulate CT acquisitions of a virtual phantom and measure how far radiomics features can be trusted.
+"""Simulate CT acquisitions of a virtual phantom and measure the stability of radiomics features.
 
 For people at a prompt::
 

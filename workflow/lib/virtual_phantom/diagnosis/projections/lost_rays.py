@@ -102,7 +102,7 @@ def truncation_of(scene: object, geometry: ScanGeometry) -> Truncation:
 
 
 def _passed_mm(scene: VoxelScene, geometry: ScanGeometry) -> tuple[float, float]:
-    """Return how far rays run below and above the ends of a scene within its radius, mm."""
+    """Return the extent of rays below and above the ends of a scene within its radius, mm."""
     low, high = scene.ends_mm
     x, y, z = geometry.source_mm.T[..., None]
     (to_x, to_y, to_z), rows = geometry.bundles()
