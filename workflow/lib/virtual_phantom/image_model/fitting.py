@@ -55,6 +55,7 @@ def fit_noise(
     *,
     pattern: Component | None = None,
     start: NoiseModel = SMOOTH_KERNEL,
+    realizations: int = 1,
     evaluations: int = 220,
 ) -> tuple[NoiseModel, Component]:
     """Fit the noise of one reconstruction to the features of a uniform region.
@@ -89,7 +90,7 @@ def fit_noise(
         law = DoseLaw({1.0: left, 2.0: left})
         scanner = ImageScanner(spacing, Blur(1, 2, 0), {FBP: noise}, {FBP: law})
         region = RegionModel(1.0, NO_TEXTURE, free)
-        pairs = stream_pairs(stream, 1, 1)
+        pairs = stream_pairs(stream, range(realizations))
         return measured.misfit(scanner.features(region, mask, measured.mean[MEAN], FBP, 1.0, pairs))
 
     first = [start.mtf50_per_cm, start.mtf10_per_cm / start.mtf50_per_cm - 1, start.low_frequency_per_cm]
@@ -115,8 +116,10 @@ def fit_region(
     ----------
     measured : mapping of str to Measured
         By reconstruction.
+    stream : Stream
+        The texture's realization is part of the model: predictions must use the same stream.
     realizations : int
-        Textures, with one noise realization each; small regions need more.
+        Noise realizations; small regions need more.
     """
 
     def model(x: np.ndarray) -> RegionModel:
@@ -133,7 +136,7 @@ def fit_region(
                 [
                     known.misfit(
                         scanner.features(
-                            region, mask, known.mean[MEAN], name, dose_mgy, stream_pairs(stream, realizations, 1)
+                            region, mask, known.mean[MEAN], name, dose_mgy, stream_pairs(stream, range(realizations))
                         )
                     )
                     for name, known in measured.items()

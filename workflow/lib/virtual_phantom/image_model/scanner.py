@@ -80,8 +80,7 @@ def features_of(images: Iterable[np.ndarray], mask: np.ndarray, spacing: tuple[f
     return pd.concat(tables, ignore_index=True)[list(FEATURES)]
 
 
-def stream_pairs(stream: Stream, textures: int, noises: int) -> Iterator[tuple[Stream, Stream]]:
-    """Yield a pair of streams for each noise realization of each texture."""
-    for texture in range(textures):
-        for noise in range(noises):
-            yield below(stream, 0, texture), below(stream, 1, texture, noise)
+def stream_pairs(stream: Stream, noises: Iterable[int]) -> Iterator[tuple[Stream, Stream]]:
+    """Yield the stream of the texture, which stays the same, and that of a noise realization, by its number."""
+    for noise in noises:
+        yield below(stream, 0), below(stream, 1, noise)
