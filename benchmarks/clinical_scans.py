@@ -16,12 +16,13 @@ import numpy as np
 import yaml
 
 from benchmarks import common
+from benchmarks.common.xcist_surfaces import Surface, Surfaces
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.io import dicom_ct_pd as pd
 from virtual_phantom.io.dicom_export import write
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
-from virtual_phantom.proof.hiding.xcist import TARGET_ANGLE_DEG, Scan, Surface, Surfaces, simulate
+from virtual_phantom.proof.hiding.xcist import TARGET_ANGLE_DEG, Scan, simulate
 
 DETECTOR = common.LIGHTSPEED | {"rows": 16, "surface": "cylindrical"}
 VIEWS, ROTATION_MS, PHOTONS = 246, 1000.0, 3e5  # per turn, a quarter of the scanner's 984

@@ -212,7 +212,7 @@ def run(options):
         path = white if name == "white_noise" else common.ROOT / RESULTS / name / "features.csv"
         one = tiny if name == "tiny" else plan
         repeated = one.repeats(["dose10"])
-        table = tables.select_groups(tables.read_features(path), one.groups(), noise="dose10", seeds=repeated)
+        table = tables.read_groups(path, one.groups(), noise="dose10", seeds=repeated)
         rows[name] = headline(table, measured.load_score_draws(repeated)) | over_rois(table)
         if name == "default":
             rows["default, re-positioned too"] = headline(table, measured.load_score_draws(repeated, "all"))

@@ -42,7 +42,7 @@ def written(folder, content):
 def test_without_a_file_nothing_has_changed():
     """The hash of the default study, as tables made before there were parameter files have it."""
     assert read_parameters(None) is DEFAULT and DEFAULT.features == FEATURES
-    assert extraction.settings_hash() == "23e4155cfad53c0a"
+    assert extraction.DEFAULT.hash() == "23e4155cfad53c0a"
 
 
 @pytest.mark.parametrize("content", [FILTERED, PREPARED], ids=["filters", "resampled and normalised"])

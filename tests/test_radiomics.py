@@ -1,6 +1,5 @@
 import logging
 import warnings
-from functools import cache
 
 import numpy as np
 import pytest
@@ -225,10 +224,10 @@ def test_rows_say_what_made_them():
 
 
 def test_the_settings_hash_follows_the_settings(monkeypatch):
-    before = extraction.settings_hash()
-    assert extraction.settings_hash() == before
+    before = extraction.DEFAULT.hash()
+    assert extraction.DEFAULT.hash() == before
     monkeypatch.setitem(extraction.SETTINGS, "binWidth", 26)
-    assert extraction.settings_hash() != before
+    assert extraction.DEFAULT.hash() != before
 
 
 def test_warns_with_numbers_of_small_and_of_flat_regions():
@@ -249,7 +248,7 @@ def test_warns_with_numbers_of_small_and_of_flat_regions():
 def test_what_pyradiomics_logs_becomes_a_warning_and_its_logger_is_left_as_it_was(monkeypatch, capfd):
     logger = logging.getLogger("radiomics")
     before = logger.handlers[:], logger.propagate
-    real = extraction._extractor()
+    real = extraction.DEFAULT.extractor
 
     class Grumbling:
         def execute(self, image, label):
@@ -257,7 +256,7 @@ def test_what_pyradiomics_logs_becomes_a_warning_and_its_logger_is_left_as_it_wa
             logging.getLogger("radiomics.glcm").info("small talk")
             return real.execute(image, label)
 
-    monkeypatch.setattr(extraction, "_extractor", cache(Grumbling))
+    monkeypatch.setitem(vars(extraction.DEFAULT), "extractor", Grumbling())
     noise = np.random.default_rng(0).normal(0, 60, (6, 6, 6))
     with pytest.warns(RadiomicsWarning, match="image, ROI roi: pyradiomics: something is odd") as caught:
         extraction.extract(volume(noise), {"roi": np.ones(noise.shape, bool)})

@@ -2,8 +2,7 @@
 
 import numpy as np
 from figure_checks import assert_text_fits, texts
-
-from virtual_phantom.figures.separability import Panel, draw_correlations, draw_templates
+from generators.effect_templates import Panel, draw_correlations, draw_templates
 
 NAMES = [f"source distance: isocentre {number}" for number in range(23)]
 

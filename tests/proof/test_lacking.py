@@ -45,7 +45,7 @@ def test_ten_kinds_or_more_have_a_right_verdict_and_no_effect_of_their_name():
         assert not one.known and "left" in one.right, name
         for effect in {effect for group in one.equals for effect in group}:
             assert load(effect) and effect.replace("_", " ").split()[-1] in one.right
-        sizes = [one.ranges[strength] for strength in ("weak", "medium", "strong")]
+        sizes = one.ranges
         assert all(low < high for low, high in sizes) and sizes[0][1] <= sizes[1][0] < sizes[1][1] <= sizes[2][0]
         assert one.draw("medium", np.random.default_rng(1)) == one.draw("medium", np.random.default_rng(1))
         assert CATALOGUE[name] is one

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.common.xcist_surfaces import Surface, Surfaces
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.physics.beam.materials import attenuation_per_mm as attenuation
@@ -19,8 +20,6 @@ from virtual_phantom.proof.hiding.generate import NOMINAL
 from virtual_phantom.proof.hiding.xcist import (
     Materials,
     Scan,
-    Surface,
-    Surfaces,
     _configured,
     attenuation_per_mm,
     energy_of_water,

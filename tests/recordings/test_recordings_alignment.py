@@ -204,17 +204,17 @@ def recording_of(folder, images, **content):
     return load_recording(folder)
 
 
-def test_repeats_are_averaged_and_a_moved_one_is_refused(phantom, tmp_path):
+def test_repeats_are_averaged_and_a_moved_one_is_refused(coarse, tmp_path):
     truth = placed((0, 0, 3), (5, -6, 2))
-    still = [scanned(truth, 40, seed=seed) for seed in range(3)]
-    found, mean, shifts = align_recording(recording_of(tmp_path / "still", still), phantom)
-    assert np.abs(errors(found, truth)[0]).max() < 0.4
+    still = [scanned(truth, 14, seed=seed, grid=OTHER_COARSE) for seed in range(3)]
+    found, mean, shifts = align_recording(recording_of(tmp_path / "still", still), coarse)
+    assert np.abs(errors(found, truth, COARSE)[0]).max() < 0.4
     np.testing.assert_allclose(mean.array, np.mean([image.array for image in still], axis=0), atol=1e-3)
     assert [shift.repeat for shift in shifts] == ["0.nii.gz", "1.nii.gz", "2.nii.gz"]
     assert shifts[0].farthest_mm == 0 and max(shift.farthest_mm for shift in shifts) < 0.5
-    moved = [still[0], scanned(placed((0, 0, 3), (5, -1, 2)), 40)]
-    with pytest.raises(InputError, match=r"1.nii.gz: is displaced by up to [45]\.\d mm from the first repeat"):
-        align_recording(recording_of(tmp_path / "moved", moved), phantom)
+    moved = [still[0], scanned(placed((0, 0, 3), (5, 1, 2)), 14, grid=OTHER_COARSE)]
+    with pytest.raises(InputError, match=r"1.nii.gz: is displaced by up to [67]\.\d mm from the first repeat"):
+        align_recording(recording_of(tmp_path / "moved", moved), coarse)
 
 
 def test_only_the_study_s_own_phantom(phantom, tmp_path):

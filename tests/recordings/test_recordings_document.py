@@ -144,10 +144,11 @@ def test_any_length_in_centimetres_or_tenths_is_noticed(wrong, factor):
 
 def read_like(scan):
     """What the schema and then the geometry say of a scan section."""
-    from virtual_phantom.io.schema import validate
-    from virtual_phantom.recordings.document import _schema
+    from virtual_phantom.io.schema import read_schema, validate
+    from virtual_phantom.recordings.document import SCHEMA
 
-    validate({"name": "a", "kind": "projections", "repeats": ["a"], "scan": scan}, _schema(), "a/recording.yaml")
+    content = {"name": "a", "kind": "projections", "repeats": ["a"], "scan": scan}
+    validate(content, read_schema(SCHEMA), "a/recording.yaml")
     scan_geometry(scan, "a/recording.yaml")
 
 

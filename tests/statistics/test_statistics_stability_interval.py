@@ -124,7 +124,7 @@ def test_intervals_hold_the_expected_stability(spread, groups, repeats, monkeypa
 
 
 def rows(x, features):
-    """A table of features as `features.tables.select_groups` gives it."""
+    """A table of features as `features.tables.read_groups` gives it."""
     _, rois, groups, repeats = x.shape
     return pd.DataFrame(
         [

@@ -21,11 +21,12 @@ from virtual_phantom.study.progress.status import duration_range
 CONCEALED = {"scatter": {"amount": 0.04}, "electronic_noise": {"photons": 80.0}}
 OF_SCANNER = ["bench", "second", "third"]
 EFFECTS = ["scatter", "electronic_noise", "detector_offset", "xray_crosstalk"]
-SCAN = {"trajectory": "circular", "columns": 68, "rows": 16, "column_pitch_mm": 9.5, "row_pitch_mm": 12.0}
+VIEWS, ROWS, COLUMNS = 60, 12, 68
+SCAN = {"trajectory": "circular", "columns": COLUMNS, "rows": ROWS, "column_pitch_mm": 9.5, "row_pitch_mm": 16.0}
 STUDY = {
     "noise": {"model": "physical", "levels": {"bench": {"A": 1.0e-5, "repeats": 4}}},
     "scan": SCAN,
-    "protocols": {"bench": {"algorithm": "fbp", "projections": 90}},
+    "protocols": {"bench": {"algorithm": "fbp", "projections": VIEWS}},
 }
 
 
@@ -88,7 +89,7 @@ def test_what_was_concealed_is_named_and_the_report_is_there(bench):
     for place in found["locations"]:
         assert (folder / "maps" / place["map"]).stat().st_size > 0
     before, after = (np.load(folder / "maps" / f"residuals {name}.npy") for name in ("before", "after"))
-    assert before.shape == after.shape == (90, SCAN["columns"])
+    assert before.shape == after.shape == (VIEWS, COLUMNS)
     assert (before**2).mean() > 2 > (after**2).mean()  # standard deviations of noise
 
 
@@ -108,15 +109,16 @@ def test_its_time_is_told_before_it_fits_and_by_the_plan(bench):
     (said,) = re.findall(
         r"^diagnosis of bench: .* with 2 processes \(CPU time (.*); (.*)\)$", (bench / "said").read_text(), re.M
     )
-    assert said[1] == "4 effects, 98 thousand rays"  # 90 views of 16 x 68 pixels, a ray each
+    assert said[1] == "4 effects, 49 thousand rays"  # 60 views of 12 x 68 pixels, a ray each
     log = (bench / "results" / "logs" / "diagnosis" / "bench" / "diagnose.log").read_text()
     assert log.index("diagnosis of bench: ") < log.index("fitted the alignment")
     assert not [path for path in (bench / "results" / "logs").rglob(".*") if path.suffix == ".now"]
     process = diagnosis(bench, target="plan")
     assert process.returncode == 0, process.stderr[-4000:]
     (told,) = json.loads((bench / "results" / "plan.json").read_text())["diagnoses"]
-    assert told["rays"] == 90 * 16 * 68 and told["effects"] == 4 and said[0] == duration_range(*told["cpu_seconds"])
-    assert re.search(rf"^bench +4 +98 thousand rays +2 +{duration_range(*told['seconds'])}$", process.stdout, re.M)
+    assert told["rays"] == VIEWS * ROWS * COLUMNS and told["effects"] == 4
+    assert said[0] == duration_range(*told["cpu_seconds"])
+    assert re.search(rf"^bench +4 +49 thousand rays +2 +{duration_range(*told['seconds'])}$", process.stdout, re.M)
 
 
 def test_its_physics_is_an_overlay_that_the_study_takes(bench):
@@ -136,8 +138,8 @@ def twin(bench, *arguments, of="bench"):
         "physics": {"from": of},
         "protocols": {
             **{f"{kind}_{views}": None for kind in ("sirt", "fbp") for views in (150, 200, 250, 300, 450)},
-            "bench": {"algorithm": "fbp", "projections": 90, "group": 1},
-            "fewer": {"algorithm": "fbp", "projections": 70, "group": 2},
+            "bench": {"algorithm": "fbp", "projections": VIEWS, "group": 1},
+            "fewer": {"algorithm": "fbp", "projections": 48, "group": 2},
         },
         "analyses": {
             **dict.fromkeys(("optimal", "noise_calibration", "pca")),
@@ -160,7 +162,7 @@ def test_the_study_runs_on_the_scanner_that_was_found(bench):
     process = twin(bench)
     assert process.returncode == 0, process.stderr[-4000:]
     results = bench / "results"
-    log = (results / "logs" / "project" / "views90_physics_of_bench.log").read_text()
+    log = (results / "logs" / "project" / f"views{VIEWS}_physics_of_bench.log").read_text()
     found = yaml.safe_load(kept)["physics"]
     assert f"effects: {found}" in log
     table = pd.read_csv(results / "tables" / "physics_change.csv").set_index("feature")
@@ -185,14 +187,14 @@ def test_where_physics_cannot_come_from_is_said_in_one_line(bench):
 @pytest.fixture(scope="module")
 def further(bench):
     """The same scans again and again: beside what was found in them, and as recordings of a scanner."""
-    quick = {"samples": 1, "effects": ["scatter"], "view_step": 5}
+    quick = {"samples": 1, "effects": ["scatter"], "view_step": 3, "check_setup": False}  # checked for bench
     overlay = {
         **STUDY,
         "recordings": {name: str(bench / "bench") for name in ("again", *OF_SCANNER)},
         "diagnosis": {
             "recordings": {
                 "bench": {"samples": 1, "effects": EFFECTS},
-                "again": {"samples": 1, "effects": EFFECTS, "baseline_from": "bench"},
+                "again": {"samples": 1, "effects": EFFECTS, "baseline_from": "bench", "check_setup": False},
                 **dict.fromkeys(OF_SCANNER[1:], quick),
             },
             "scanners": {"room": {"recordings": OF_SCANNER, "judged_on": OF_SCANNER[2:]}},

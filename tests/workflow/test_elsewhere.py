@@ -4,7 +4,6 @@ import itertools
 import re
 import shutil
 import subprocess
-import sys
 
 import pytest
 import warm
@@ -31,9 +30,9 @@ onstart:
 TABLE = "results-tiny/features/fbp_150/dose10/seed00.csv"
 
 
-def snakemake(folder, *words, cwd=None, python=sys.executable):
+def snakemake(folder, *words, cwd=None):
     """Snakemake on the tiny study, without PYTHONPATH."""
-    command = [python, "-m", "snakemake", "--cores", "2", *map(str, words)]
+    command = [warm.python(), "-m", "snakemake", "--cores", "2", *map(str, words)]
     command += ["--configfile", str(folder / "config" / "tiny.yaml")]
     return subprocess.run(command, cwd=cwd or folder, capture_output=True, text=True, timeout=600)
 
@@ -76,7 +75,7 @@ def test_all_of_the_study_is_planned_as_in_the_project(folder, tmp_path):
     """By its own names and by others; local rules are local by both."""
 
     def dry(*words, cwd=None):
-        return snakemake(folder, "-n", "-p", *words, cwd=cwd, python=warm.python())
+        return snakemake(folder, "-n", "-p", *words, cwd=cwd)
 
     here = jobs_of(dry(cwd=ROOT))
     assert len(here) > 20
@@ -94,6 +93,6 @@ def test_all_of_the_study_is_planned_as_in_the_project(folder, tmp_path):
 @pytest.mark.parametrize("words", [(), ("-s", "Snakefile"), ("-s", "workflow/Snakefile"), ("-s", ROOT / "Snakefile")])
 def test_the_profile_is_found_wherever_the_workflow_is_named(folder, words):
     """It keeps the host's name out of what is printed, and the files of a job out of what makes it run again."""
-    process = snakemake(folder, "-n", *words, cwd=ROOT, python=warm.python())
+    process = snakemake(folder, "-n", *words, cwd=ROOT)
     assert process.returncode == 0, process.stderr[-2000:]
     assert "profiles/default for setting default command line arguments" in process.stderr

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from virtual_phantom.features import tables
 from virtual_phantom.features.names import features_of
+from virtual_phantom.features.tables import read_groups
 from virtual_phantom.io import files
 from virtual_phantom.statistics import measured, ranking, wilcoxon
 from virtual_phantom.study.job import job, log
@@ -14,17 +14,16 @@ def main(
     features_file: str,
     scores: str,
     output: str,
-    groups: Mapping[str, str],
+    groups: Mapping[str, int],
     noise: str,
     seeds: int,
     statistics: Mapping,
     recording: str | None,
 ) -> None:
-    source = features_file
     recorded = files.read_csv(scores) if recording else measured.load_score_draws(seeds)
     repeats = int(recorded["repeats"].iloc[0])
-    features = tables.select_groups(tables.read_features(source), dict(groups), noise=noise, seeds=repeats)
-    simulated = wilcoxon.scores(features, features_of(features), source=source, **statistics)
+    features = read_groups(features_file, groups, noise=noise, seeds=repeats)
+    simulated = wilcoxon.scores(features, features_of(features), source=features_file, **statistics)
     table = ranking.overlap(simulated, recorded, ranking.shared_variance(features, features_of(features)))
     files.write_csv(table, output)
     for kind in ranking.KINDS:

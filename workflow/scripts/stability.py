@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from virtual_phantom.features import tables
 from virtual_phantom.features.names import features_of
+from virtual_phantom.features.tables import read_groups
 from virtual_phantom.io import files
 from virtual_phantom.statistics import wilcoxon
 from virtual_phantom.study.job import job, log
@@ -13,12 +13,12 @@ def main(
     *,
     features_file: str,
     output: str,
-    groups: Mapping[str, str],
+    groups: Mapping[str, int],
     noise: str,
     seeds: int,
     statistics: Mapping,
 ) -> None:
-    table = tables.select_groups(tables.read_features(features_file), dict(groups), noise=noise, seeds=seeds)
+    table = read_groups(features_file, groups, noise=noise, seeds=seeds)
     scores = wilcoxon.scores(table, features_of(table), source=features_file, **statistics)
     files.write_csv(scores, output)
     log.info(

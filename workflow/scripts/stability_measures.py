@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from virtual_phantom.features import tables
 from virtual_phantom.features.names import features_of
+from virtual_phantom.features.tables import read_groups
 from virtual_phantom.io import files
 from virtual_phantom.statistics import stability_measures
 from virtual_phantom.study.job import job, log
@@ -15,12 +15,12 @@ def main(
     trust_file: str,
     measures_output: str,
     features_output: str,
-    groups: Mapping[str, str],
+    groups: Mapping[str, int],
     noise: str,
     seeds: int,
     cut_offs: Mapping[str, float],
 ) -> None:
-    table = tables.select_groups(tables.read_features(features_file), dict(groups), noise=noise, seeds=seeds)
+    table = read_groups(features_file, groups, noise=noise, seeds=seeds)
     scores = files.read_csv(trust_file)
     measured = stability_measures.measure_table(table, scores, features_of(table), cut_offs, features_file)
     features = stability_measures.stable_by_feature(measured)

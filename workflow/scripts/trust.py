@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from virtual_phantom.features import tables
 from virtual_phantom.features.names import features_of
+from virtual_phantom.features.tables import read_groups
 from virtual_phantom.io import files
 from virtual_phantom.statistics import trust
 from virtual_phantom.study.job import job, log
@@ -13,18 +13,18 @@ def main(
     *,
     features_file: str,
     output: str,
-    groups: Mapping[str, str],
+    groups: Mapping[str, int],
     noise: str,
     seeds: int,
     statistics: Mapping,
     cut_offs: Mapping[str, float],
     sharing: Mapping[str, str],
 ) -> None:
-    trust_table = tables.select_groups(tables.read_features(features_file), dict(groups), noise=noise, seeds=seeds)
+    table = read_groups(features_file, groups, noise=noise, seeds=seeds)
     labels = {groups[protocol]: label for protocol, label in sharing.items()}
     found = trust.trust_table(
-        trust_table,
-        features_of(trust_table),
+        table,
+        features_of(table),
         labels,
         cut_offs["w_stability_percent"],
         threshold=statistics["threshold"],

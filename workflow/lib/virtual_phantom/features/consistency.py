@@ -8,6 +8,7 @@ also hold for means are used: linear ones, and inequalities by Jensen or Cauchy-
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -114,10 +115,10 @@ def check(table: pd.DataFrame, source: str) -> None:
         )
     values = np.where(np.abs(values) < 1 / LARGEST, 0.0, values)
     errors = rounding(values)
-    types: dict[str, dict[str, Terms]] = {}
+    types: dict[str, Features] = defaultdict(Features)
     for column, name in enumerate(names):
         kind, _, feature = name.partition("_")
-        types.setdefault(kind, {})[feature] = Terms(values[:, column], errors[:, column])
+        types[kind][feature] = Terms(values[:, column], errors[:, column])
     first: tuple[int, Relation, str] | None = None
     wrong = np.zeros(len(table), dtype=bool)
     with np.errstate(divide="ignore", invalid="ignore"):  # values that are not finite break no relation
@@ -163,107 +164,73 @@ def rounding(values: np.ndarray) -> np.ndarray:
         return np.where(finite, np.maximum(0.5 * 10.0**-unit, 5.0 * 10.0**-share * abs(values)), 0.0)
 
 
-def relations(terms: Mapping[str, Terms], shift: np.ndarray | float, voxels: Terms | None = None) -> Iterator[Relation]:
-    """Yield all relations between the features of one image type.
+class Features(dict[str, Terms]):
+    """Features by name. Missing ones are NaN, which breaks no relation."""
 
-    Parameters
-    ----------
-    terms : mapping of str to Terms
-        By feature name without image type, such as firstorder_Mean.
-    shift : ndarray or float
-        voxelArrayShift of every row; NaN if unknown.
-    voxels : Terms, optional
-        Number of voxels of every region.
-    """
-    for text, low, high, *flags in _all(_Features(terms, shift, voxels)):
-        yield Relation(text, _terms(low), _terms(high), *flags)
+    def __missing__(self, name: str) -> Terms:
+        return UNKNOWN
 
-
-class _Features:
-    """Features by name, with voxelArrayShift and number of voxels of every row."""
-
-    def __init__(self, terms: Mapping[str, Terms], shift: np.ndarray | float, voxels: Terms | None):
-        self.terms, self.shift, self.voxels = terms, shift, voxels
-
-    def __call__(self, *names: str) -> list[Terms] | None:
-        """Return these features, or None if one is missing."""
-        return [self.terms[name] for name in names] if all(name in self.terms for name in names) else None
+    def of(self, family: str) -> Features:
+        """Return the features of one class, by their names without it."""
+        start = f"{family}_"
+        return Features({name.removeprefix(start): term for name, term in self.items() if name.startswith(start)})
 
 
 def _terms(value: Terms | float) -> Terms:
     return value if isinstance(value, Terms) else Terms(np.asarray(value, dtype=np.float64), np.zeros(()))
 
 
-def _all(features: _Features) -> Iterator[tuple]:
-    """Yield the text, sides and, if not both False, flags of every Relation."""
-    yield from _first_order(features)
-    yield from _bounds(features)
-    yield from _glcm(features)
-    for family, names in MATRICES.items():
-        yield from _matrix(features, family, *names)
-    yield from _numbers_of_voxels(features)
-    yield from _shape(features)
+UNKNOWN = _terms(np.nan)
+
+
+def relations(features: Features, shift: np.ndarray | float, voxels: Terms) -> Iterator[Relation]:
+    """Yield all relations between the features of one image type.
+
+    Parameters
+    ----------
+    features : Features
+        By feature name without image type, such as firstorder_Mean.
+    shift : ndarray or float
+        voxelArrayShift of every row; NaN if unknown.
+    voxels : Terms
+        Number of voxels of every region; UNKNOWN if it is not stated.
+    """
+    for text, low, high, *flags in (
+        *_first_order(features.of("firstorder"), shift, voxels),
+        *_bounds(features),
+        *_glcm(features.of("glcm")),
+        *(relation for family, names in MATRICES.items() for relation in _matrix(features.of(family), family, *names)),
+        *_numbers_of_voxels(features, voxels),
+        *_shape(features),
+    ):
+        yield Relation(text, _terms(low), _terms(high), *flags)
 
 
 # Smallest and largest value of features by class; None: no limit. Limits also hold for means over directions.
-BOUNDS: dict[str, dict[str, tuple[float | None, float | None]]] = {
-    "firstorder": {
-        "Variance": (0, None),
-        "StandardDeviation": (0, None),
-        "Energy": (0, None),
-        "TotalEnergy": (0, None),
-        "RootMeanSquared": (0, None),
-        "Entropy": (0, BITS),
-        "Uniformity": (0, 1),
-        "MeanAbsoluteDeviation": (0, None),
-        "RobustMeanAbsoluteDeviation": (0, None),
-        "InterquartileRange": (0, None),
-    },
-    "glcm": {
-        "Autocorrelation": (1, MOST),
-        "JointAverage": (1, MOST),
-        "SumAverage": (2, MOST),
-        "ClusterTendency": (0, MOST),
-        "ClusterProminence": (0, None),
-        "Contrast": (0, MOST),
-        "SumSquares": (0, MOST),
-        "Correlation": (-1, 1),
-        "DifferenceAverage": (0, MOST),
-        "DifferenceVariance": (0, MOST),
-        "DifferenceEntropy": (0, BITS),
-        "JointEntropy": (0, BITS),
-        "SumEntropy": (0, BITS),
-        "JointEnergy": (0, 1),
-        "MaximumProbability": (0, 1),
-        "Imc1": (-1, 0),
-        "Imc2": (0, 1),
-        "MCC": (0, 1),
-        "InverseVariance": (0, 1),
-        **dict.fromkeys(("Id", "Idm"), (0, 1)),
-        # |i - j| / Ng is below 1
-        **dict.fromkeys(("Idn", "Idmn"), (0.5, 1)),
-    },
-    "ngtdm": {
-        "Coarseness": (0, 1e6),  # 1e6: value that pyradiomics gives for a uniform region
-        "Contrast": (0, None),
-        "Busyness": (0, None),
-        "Complexity": (0, None),
-        "Strength": (0, None),
-    },
-    "shape": {
-        **dict.fromkeys(
-            ("MeshVolume", "VoxelVolume", "SurfaceArea", "SurfaceVolumeRatio", "LeastAxisLength", "Sphericity"),
-            (0, None),
-        ),
-        "Elongation": (0, 1),
-        "Flatness": (0, 1),
-    },
-    "shape2D": {
-        **dict.fromkeys(("MeshSurface", "PixelSurface", "Perimeter", "PerimeterSurfaceRatio"), (0, None)),
-        "Sphericity": (0, 1),
-        "Elongation": (0, 1),
-    },
-}
+BOUNDS = (
+    ("firstorder", 0, None, "Variance StandardDeviation Energy TotalEnergy RootMeanSquared"),
+    ("firstorder", 0, BITS, "Entropy"),
+    ("firstorder", 0, 1, "Uniformity"),
+    ("firstorder", 0, None, "MeanAbsoluteDeviation RobustMeanAbsoluteDeviation InterquartileRange"),
+    ("glcm", 1, MOST, "Autocorrelation JointAverage"),
+    ("glcm", 2, MOST, "SumAverage"),
+    ("glcm", 0, MOST, "ClusterTendency"),
+    ("glcm", 0, None, "ClusterProminence"),
+    ("glcm", 0, MOST, "Contrast SumSquares"),
+    ("glcm", -1, 1, "Correlation"),
+    ("glcm", 0, MOST, "DifferenceAverage DifferenceVariance"),
+    ("glcm", 0, BITS, "DifferenceEntropy JointEntropy SumEntropy"),
+    ("glcm", 0, 1, "JointEnergy MaximumProbability"),
+    ("glcm", -1, 0, "Imc1"),
+    ("glcm", 0, 1, "Imc2 MCC InverseVariance Id Idm"),
+    ("glcm", 0.5, 1, "Idn Idmn"),  # |i - j| / Ng is below 1
+    ("ngtdm", 0, 1e6, "Coarseness"),  # 1e6: value that pyradiomics gives for a uniform region
+    ("ngtdm", 0, None, "Contrast Busyness Complexity Strength"),
+    ("shape", 0, None, "MeshVolume VoxelVolume SurfaceArea SurfaceVolumeRatio LeastAxisLength Sphericity"),
+    ("shape", 0, 1, "Elongation Flatness"),
+    ("shape2D", 0, None, "MeshSurface PixelSurface Perimeter PerimeterSurfaceRatio"),
+    ("shape2D", 0, 1, "Sphericity Elongation"),
+)
 # Parts of feature names of matrices of gray levels i >= 1 and counts j >= 1 (dependences, run lengths, zone sizes).
 # They are the kind of count, prefixes for small and large j, infix of level emphases, prefix of non-uniformities, and
 # the percentage.
@@ -274,81 +241,66 @@ MATRICES = {
 }
 
 
-def _bounds(features: _Features) -> Iterator[tuple]:
-    for family, names in BOUNDS.items():
-        for name, (low, high) in names.items():
-            if found := features(f"{family}_{name}"):
-                if low is not None:
-                    yield f"{family}_{name} is at least {low:g}", low, found[0]
-                if high is not None:
-                    yield f"{family}_{name} is at most {high:g}", found[0], high
+def _within(name: str, value: Terms, low: float | None, high: float | None) -> Iterator[tuple]:
+    if low is not None:
+        yield f"{name} is at least {low:g}", low, value
+    if high is not None:
+        yield f"{name} is at most {high:g}", value, high
 
 
-def _first_order(features: _Features) -> Iterator[tuple]:
-    def first(*names: str) -> list[Terms] | None:
-        return features(*(f"firstorder_{name}" for name in names))
+def _bounds(features: Features) -> Iterator[tuple]:
+    for family, low, high, names in BOUNDS:
+        for name in names.split():
+            yield from _within(f"{family}_{name}", features[f"{family}_{name}"], low, high)
 
+
+def _first_order(first: Features, shift: np.ndarray | float, voxels: Terms) -> Iterator[tuple]:
     order = ("Minimum", "10Percentile", "Median", "90Percentile", "Maximum")
-    present = [name for name in order if first(name)]
+    present = [name for name in order if name in first]
     for low, high in [*zip(present, present[1:], strict=False), ("Minimum", "Mean"), ("Mean", "Maximum")]:
-        if found := first(low, high):
-            yield f"{low} is at most {high}", *found
-    if found := first("Range", "Maximum", "Minimum"):
-        yield "Range is Maximum - Minimum", found[0], found[1] - found[2], True
-    for low in ("MeanAbsoluteDeviation", "InterquartileRange"):
-        if found := first(low, "Range"):
-            yield f"{low} is at most Range", *found
-    if found := first("InterquartileRange", "90Percentile", "10Percentile"):
-        yield "InterquartileRange is at most 90Percentile - 10Percentile", found[0], found[1] - found[2]
-    if found := first("RobustMeanAbsoluteDeviation", "90Percentile", "10Percentile"):
-        # extreme case: half of the values at each end of the interval
-        text = "RobustMeanAbsoluteDeviation is at most half of 90Percentile - 10Percentile"
-        yield text, found[0], 0.5 * (found[1] - found[2])
-    if found := first("MeanAbsoluteDeviation", "Variance"):
-        yield "MeanAbsoluteDeviation^2 is at most Variance", found[0] * found[0], found[1]
-    if found := first("StandardDeviation", "Variance"):
-        yield "StandardDeviation^2 is Variance", found[0] * found[0], found[1], True
-    if found := first("Mean", "Median", "Variance"):
-        change = found[0] - found[1]
-        yield "(Mean - Median)^2 is at most Variance", change * change, found[2]
-    if found := first("Variance", "Maximum", "Mean", "Minimum"):
-        variance, most, mean, least = found
-        text = "Variance is at most (Maximum - Mean)(Mean - Minimum)"  # Bhatia and Davis, 2000
-        yield text, variance, (most - mean) * (mean - least)
-    if found := first("Variance", "Range"):
-        yield "Variance is at most Range^2 / 4", found[0], 0.25 * (found[1] * found[1])
-    if found := first("Kurtosis", "Skewness", "Variance"):
-        kurtosis, skewness, variance = found
-        # Pearson, 1916. Both are 0 if all voxels are equal, and only rounding errors if they nearly are.
-        uneven = variance.value > variance.error + RELATIVE * (1 + abs(variance.value))
-        if mean := first("Mean"):
-            uneven &= variance.value > RELATIVE**2 * mean[0].value ** 2
-        low = Terms(np.where(uneven, 1 + skewness.value**2, -np.inf), (skewness * skewness).error)
-        yield "Kurtosis is at least 1 + Skewness^2 (3 is not subtracted)", low, kurtosis
-        if ends := first("Maximum", "Mean", "Minimum"):
-            far = (ends[0] - ends[1]) + (ends[1] - ends[2])  # at least the distance from the mean to the farther end
-            text = "Kurtosis is at most Range^2 / Variance"
-            high = far * far / variance
-            yield text, kurtosis, Terms(np.where(uneven, high.value, np.inf), high.error)
-    if found := first("TotalEnergy", "Energy"):
-        volume = "TotalEnergy / Energy, the volume of a voxel in mm^3,"
-        yield f"{volume} is at most {LARGEST_VOXEL:g}", found[0], LARGEST_VOXEL * found[1]
-        yield f"{volume} is at least {SMALLEST_VOXEL:g}", SMALLEST_VOXEL * found[1], found[0]
-    if found := first("Entropy", "Uniformity"):
-        yield "Entropy is at least -log2(Uniformity)", -1.0 * found[1].through(np.log2), found[0]
-    if found := first("RootMeanSquared", "Mean", "Variance"):
-        square, mean = found[0] * found[0], found[1] + features.shift
-        offset = "(Mean + voxelArrayShift)" if np.any(np.nan_to_num(features.shift)) else "Mean"
-        yield f"RootMeanSquared^2 is Variance + {offset}^2", square, found[2] + mean * mean, True
-    if (found := first("Energy", "RootMeanSquared")) and features.voxels is not None:
-        text = "Energy is the number of voxels times RootMeanSquared^2"
-        yield text, found[0], features.voxels * (found[1] * found[1]), True, True
+        yield f"{low} is at most {high}", first[low], first[high]
+    least, mean, median, most = (first[name] for name in ("Minimum", "Mean", "Median", "Maximum"))
+    spread, variance = first["Range"], first["Variance"]
+    between = first["90Percentile"] - first["10Percentile"]
+    yield "Range is Maximum - Minimum", spread, most - least, True
+    for name in ("MeanAbsoluteDeviation", "InterquartileRange"):
+        yield f"{name} is at most Range", first[name], spread
+    yield "InterquartileRange is at most 90Percentile - 10Percentile", first["InterquartileRange"], between
+    # extreme case: half of the values at each end of the interval
+    text = "RobustMeanAbsoluteDeviation is at most half of 90Percentile - 10Percentile"
+    yield text, first["RobustMeanAbsoluteDeviation"], 0.5 * between
+    deviation = first["MeanAbsoluteDeviation"]
+    yield "MeanAbsoluteDeviation^2 is at most Variance", deviation * deviation, variance
+    sd = first["StandardDeviation"]
+    yield "StandardDeviation^2 is Variance", sd * sd, variance, True
+    yield "(Mean - Median)^2 is at most Variance", (mean - median) * (mean - median), variance
+    text = "Variance is at most (Maximum - Mean)(Mean - Minimum)"  # Bhatia and Davis, 2000
+    yield text, variance, (most - mean) * (mean - least)
+    yield "Variance is at most Range^2 / 4", variance, 0.25 * (spread * spread)
+    kurtosis, skewness = first["Kurtosis"], first["Skewness"]
+    # Pearson, 1916. Both are 0 if all voxels are equal, and only rounding errors if they nearly are.
+    uneven = variance.value > variance.error + RELATIVE * (1 + abs(variance.value))
+    if "Mean" in first:
+        uneven &= variance.value > RELATIVE**2 * mean.value**2
+    low = Terms(np.where(uneven, 1 + skewness.value**2, -np.inf), (skewness * skewness).error)
+    yield "Kurtosis is at least 1 + Skewness^2 (3 is not subtracted)", low, kurtosis
+    if "Skewness" in first:
+        far = (most - mean) + (mean - least)  # at least the distance from the mean to the farther end
+        high = far * far / variance
+        high = Terms(np.where(uneven, high.value, np.inf), high.error)
+        yield "Kurtosis is at most Range^2 / Variance", kurtosis, high
+    energy, total, root = first["Energy"], first["TotalEnergy"], first["RootMeanSquared"]
+    volume = "TotalEnergy / Energy, the volume of a voxel in mm^3,"
+    yield f"{volume} is at most {LARGEST_VOXEL:g}", total, LARGEST_VOXEL * energy
+    yield f"{volume} is at least {SMALLEST_VOXEL:g}", SMALLEST_VOXEL * energy, total
+    yield "Entropy is at least -log2(Uniformity)", -1.0 * first["Uniformity"].through(np.log2), first["Entropy"]
+    moved = mean + shift
+    offset = "(Mean + voxelArrayShift)" if np.any(np.nan_to_num(shift)) else "Mean"
+    yield f"RootMeanSquared^2 is Variance + {offset}^2", root * root, variance + moved * moved, True
+    yield "Energy is the number of voxels times RootMeanSquared^2", energy, voxels * (root * root), True, True
 
 
-def _glcm(features: _Features) -> Iterator[tuple]:
-    def glcm(*names: str) -> list[Terms] | None:
-        return features(*(f"glcm_{name}" for name in names))
-
+def _glcm(glcm: Features) -> Iterator[tuple]:
     for low, high in (
         ("Idm", "Id"),
         ("Id", "Idn"),
@@ -360,67 +312,53 @@ def _glcm(features: _Features) -> Iterator[tuple]:
         ("InverseVariance", "DifferenceAverage"),
         ("DifferenceAverage", "Contrast"),  # |i - j| is a whole number
     ):
-        if found := glcm(low, high):
-            yield f"glcm_{low} is at most glcm_{high}", *found
-    if found := glcm("MaximumProbability", "JointEnergy"):
-        yield "glcm_MaximumProbability^2 is at most glcm_JointEnergy", found[0] * found[0], found[1]
-    if found := glcm("JointEntropy", "JointEnergy"):
-        yield "glcm_JointEntropy is at least -log2(glcm_JointEnergy)", -1.0 * found[1].through(np.log2), found[0]
-    if found := glcm("JointEntropy", "SumEntropy", "DifferenceEntropy"):
-        # i + j, |i - j| and the sign of i - j (one bit) determine i and j
-        text = "glcm_JointEntropy is at most glcm_SumEntropy + glcm_DifferenceEntropy + 1"
-        yield text, found[0], found[1] + found[2] + 1
-    if found := glcm("DifferenceVariance", "Contrast", "DifferenceAverage"):
-        text = "glcm_DifferenceVariance is at most glcm_Contrast - glcm_DifferenceAverage^2"
-        yield text, found[0], found[1] - found[2] * found[2]
-    if found := glcm("ClusterTendency", "ClusterProminence"):
-        yield "glcm_ClusterTendency^2 is at most glcm_ClusterProminence", found[0] * found[0], found[1]
-    if found := glcm("ClusterShade", "ClusterTendency", "ClusterProminence"):
-        text = "glcm_ClusterShade^2 is at most glcm_ClusterTendency glcm_ClusterProminence"
-        yield text, found[0] * found[0], found[1] * found[2]
+        yield f"glcm_{low} is at most glcm_{high}", glcm[low], glcm[high]
+    most, energy, entropy = glcm["MaximumProbability"], glcm["JointEnergy"], glcm["JointEntropy"]
+    contrast, difference, square = glcm["Contrast"], glcm["DifferenceAverage"], glcm["SumSquares"]
+    tendency, shade, prominence = glcm["ClusterTendency"], glcm["ClusterShade"], glcm["ClusterProminence"]
+    mean, product = glcm["JointAverage"], glcm["Autocorrelation"]
+    yield "glcm_MaximumProbability^2 is at most glcm_JointEnergy", most * most, energy
+    yield "glcm_JointEntropy is at least -log2(glcm_JointEnergy)", -1.0 * energy.through(np.log2), entropy
+    # i + j, |i - j| and the sign of i - j (one bit) determine i and j
+    text = "glcm_JointEntropy is at most glcm_SumEntropy + glcm_DifferenceEntropy + 1"
+    yield text, entropy, glcm["SumEntropy"] + glcm["DifferenceEntropy"] + 1
+    text = "glcm_DifferenceVariance is at most glcm_Contrast - glcm_DifferenceAverage^2"
+    yield text, glcm["DifferenceVariance"], contrast - difference * difference
+    yield "glcm_ClusterTendency^2 is at most glcm_ClusterProminence", tendency * tendency, prominence
+    text = "glcm_ClusterShade^2 is at most glcm_ClusterTendency glcm_ClusterProminence"
+    yield text, shade * shade, tendency * prominence
     # The following relations hold for a symmetrical matrix.
-    if found := glcm("SumAverage", "JointAverage"):
-        yield "glcm_SumAverage is twice glcm_JointAverage", found[0], 2.0 * found[1], True, True
-    if found := glcm("ClusterTendency", "Contrast", "SumSquares"):
-        text = "glcm_ClusterTendency + glcm_Contrast is 4 glcm_SumSquares"
-        yield text, found[0] + found[1], 4.0 * found[2], True, True
-    if found := glcm("SumSquares", "Contrast", "JointAverage", "Autocorrelation"):
-        square, contrast, mean, product = found
-        text = "glcm_Autocorrelation is at least glcm_JointAverage^2 + glcm_SumSquares - glcm_Contrast / 2"
-        yield text, mean * mean + square - 0.5 * contrast, product, False, True
+    yield "glcm_SumAverage is twice glcm_JointAverage", glcm["SumAverage"], 2.0 * mean, True, True
+    yield "glcm_ClusterTendency + glcm_Contrast is 4 glcm_SumSquares", tendency + contrast, 4.0 * square, True, True
+    text = "glcm_Autocorrelation is at least glcm_JointAverage^2 + glcm_SumSquares - glcm_Contrast / 2"
+    yield text, mean * mean + square - 0.5 * contrast, product, False, True
+    if "Contrast" in glcm:
         text = f"glcm_Autocorrelation is at most {DIRECTIONS} glcm_JointAverage^2 + glcm_SumSquares"
         yield text, product, DIRECTIONS * (mean * mean) + square, False, True
 
 
 def _matrix(
-    features: _Features, family: str, kind: str, small: str, large: str, of_levels: str, length: str, share: str | None
+    matrix: Features, family: str, kind: str, small: str, large: str, of_levels: str, length: str, share: str | None
 ) -> Iterator[tuple]:
     """Relations between moments of the normalized entries p(i, j) of a matrix of levels i and counts j."""
     low, high = f"LowGrayLevel{of_levels}Emphasis", f"HighGrayLevel{of_levels}Emphasis"
     few, many = f"{small}Emphasis", f"{large}Emphasis"
-
-    def matrix(*names: str) -> list[Terms] | None:
-        return features(*(f"{family}_{name}" for name in names))
+    levels, lengths = "GrayLevelNonUniformity", f"{length}NonUniformity"
 
     def named(name: str) -> str:
         return f"{family}_{name}"
 
-    within = {
-        **dict.fromkeys((few, low, f"{small}LowGrayLevelEmphasis"), (0, 1)),
-        **dict.fromkeys((many, high, f"{large}HighGrayLevelEmphasis"), (1, None)),
-        **dict.fromkeys(("GrayLevelNonUniformityNormalized", f"{length}NonUniformityNormalized"), (0, 1)),
-        **dict.fromkeys(("GrayLevelNonUniformity", f"{length}NonUniformity"), (0, None)),
-        **dict.fromkeys(("GrayLevelVariance", f"{kind}Variance"), (0, None)),
-        **dict.fromkeys((f"{small}HighGrayLevelEmphasis", f"{large}LowGrayLevelEmphasis"), (0, None)),
-        f"{kind}Entropy": (0, BITS),
-        **({share: (0, 1)} if share else {}),
-    }
-    for name, (least, most) in within.items():
-        if found := matrix(name):
-            if least is not None:
-                yield f"{named(name)} is at least {least:g}", least, found[0]
-            if most is not None:
-                yield f"{named(name)} is at most {most:g}", found[0], most
+    for least, most, *names in (
+        (0, 1, few, low, f"{small}LowGrayLevelEmphasis"),
+        (1, None, many, high, f"{large}HighGrayLevelEmphasis"),
+        (0, 1, f"{levels}Normalized", f"{lengths}Normalized"),
+        (0, None, levels, lengths, "GrayLevelVariance", f"{kind}Variance"),
+        (0, None, f"{small}HighGrayLevelEmphasis", f"{large}LowGrayLevelEmphasis"),
+        (0, BITS, f"{kind}Entropy"),
+        *([(0, 1, share)] if share else []),
+    ):
+        for name in names:
+            yield from _within(named(name), matrix[name], least, most)
     for lower, upper in (
         (f"{small}LowGrayLevelEmphasis", few),
         (f"{small}LowGrayLevelEmphasis", low),
@@ -430,112 +368,97 @@ def _matrix(
         (f"{large}LowGrayLevelEmphasis", many),
         (many, f"{large}HighGrayLevelEmphasis"),
         (high, f"{large}HighGrayLevelEmphasis"),
-        ("GrayLevelNonUniformityNormalized", "GrayLevelNonUniformity"),
-        (f"{length}NonUniformityNormalized", f"{length}NonUniformity"),
+        (f"{levels}Normalized", levels),
+        (f"{lengths}Normalized", lengths),
     ):
-        if found := matrix(lower, upper):
-            yield f"{named(lower)} is at most {named(upper)}", *found
-    for lower, upper in ((few, many), (low, high)):
-        if found := matrix(lower, upper):  # Cauchy-Schwarz
-            yield f"{named(lower)} {named(upper)} is at least 1", 1.0, found[0] * found[1]
-    for lower, upper in (("GrayLevelVariance", high), (f"{kind}Variance", many)):
-        if found := matrix(lower, upper):  # the mean is at least 1
-            yield f"{named(lower)} is at most {named(upper)} - 1", found[0], found[1] - 1.0
-    for name in ("GrayLevelNonUniformityNormalized", f"{length}NonUniformityNormalized"):
-        if found := matrix(f"{kind}Entropy", name):  # Shannon entropy is at least Renyi's of order 2
-            yield f"{named(kind)}Entropy is at least -log2({named(name)})", -1.0 * found[1].through(np.log2), found[0]
+        yield f"{named(lower)} is at most {named(upper)}", matrix[lower], matrix[upper]
+    for lower, upper in ((few, many), (low, high)):  # Cauchy-Schwarz
+        yield f"{named(lower)} {named(upper)} is at least 1", 1.0, matrix[lower] * matrix[upper]
+    for lower, upper in (("GrayLevelVariance", high), (f"{kind}Variance", many)):  # the mean is at least 1
+        yield f"{named(lower)} is at most {named(upper)} - 1", matrix[lower], matrix[upper] - 1.0
+    for name in (f"{levels}Normalized", f"{lengths}Normalized"):  # Shannon entropy is at least Renyi's of order 2
+        text = f"{named(kind)}Entropy is at least -log2({named(name)})"
+        yield text, -1.0 * matrix[name].through(np.log2), matrix[f"{kind}Entropy"]
     # The highest level occurs at least once, so its square is at most its emphasis times the number of entries.
-    counted = f"{length}NonUniformity" if family == "gldm" else "GrayLevelNonUniformity"
-    if found := matrix(f"{large}HighGrayLevelEmphasis", many, high, counted, f"{counted}Normalized"):
-        text = f"{named(large)}HighGrayLevelEmphasis is at most {named(many)} {named(high)} times the entries counted"
-        most = found[1] * found[2] * (found[3] / found[4])
-        yield text, found[0], (DIRECTIONS if family == "glrlm" else 1.0) * most
-    if share and (found := matrix(f"{kind}Variance", many, share)):
+    counted = lengths if family == "gldm" else levels
+    text = f"{named(large)}HighGrayLevelEmphasis is at most {named(many)} {named(high)} times the entries counted"
+    product = matrix[many] * matrix[high] * (matrix[counted] / matrix[f"{counted}Normalized"])
+    yield text, matrix[f"{large}HighGrayLevelEmphasis"], (DIRECTIONS if family == "glrlm" else 1.0) * product
+    if share:
         # The mean of j is the number of voxels divided by the number of runs or zones.
         equal = family == "glszm"
         text = f"{named(kind)}Variance is {'' if equal else 'at most '}{named(many)} - 1 / {named(share)}^2"
-        inverse = _terms(1.0) / found[2]
-        yield text, found[0], found[1] - inverse * inverse, equal
-    number = matrix("GrayLevelNonUniformity", "GrayLevelNonUniformityNormalized")
-    if family == "glszm" and number and (found := matrix(f"{length}NonUniformity", f"{length}NonUniformityNormalized")):
+        inverse = _terms(1.0) / matrix[share]
+        yield text, matrix[f"{kind}Variance"], matrix[many] - inverse * inverse, equal
+    if family == "glszm":
         text = "glszm_GrayLevelNonUniformity glszm_SizeZoneNonUniformityNormalized is glszm_SizeZoneNonUniformity "
         text += "glszm_GrayLevelNonUniformityNormalized"  # both ratios are the number of zones
-        yield text, number[0] * found[1], found[0] * number[1], True
-        if entropy := matrix("ZoneEntropy"):
+        first, second = (
+            (matrix[levels], matrix[f"{levels}Normalized"]),
+            (matrix[lengths], matrix[f"{lengths}Normalized"]),
+        )
+        yield text, first[0] * second[1], second[0] * first[1], True
+        if levels in matrix and f"{levels}Normalized" in matrix:
             text = "glszm_ZoneEntropy is at most log2 of the number of zones"
-            yield text, entropy[0], (found[0] / found[1]).through(np.log2)
+            yield text, matrix["ZoneEntropy"], (second[0] / second[1]).through(np.log2)
 
 
-def _numbers_of_voxels(features: _Features) -> Iterator[tuple]:
+def _numbers_of_voxels(features: Features, voxels: Terms) -> Iterator[tuple]:
     """Relations between families. A table that combines several extractions may break them in every row."""
-    every = features("gldm_DependenceNonUniformity", "gldm_DependenceNonUniformityNormalized")
-    if every is None:
-        return
-    count = every[0] / every[1]
-    energy = features("firstorder_Energy", "firstorder_RootMeanSquared")
-    if energy:
-        text = "Energy is RootMeanSquared^2 gldm_DependenceNonUniformity / gldm_DependenceNonUniformityNormalized"
-        yield text, energy[0], energy[1] * energy[1] * count, True, True
-    if features.voxels is not None:
-        text = "gldm_DependenceNonUniformity / gldm_DependenceNonUniformityNormalized is the number of voxels"
-        yield text, count, features.voxels, True, True
-    if found := features("gldm_GrayLevelNonUniformity", "firstorder_Uniformity"):
-        text = "gldm_GrayLevelNonUniformity is Uniformity times the number of voxels"
-        yield text, found[0], found[1] * count, True, True
-    if found := features("gldm_DependenceEntropy"):
-        text = "gldm_DependenceEntropy is at most log2 of the number of voxels"
-        yield text, found[0], count.through(np.log2), False, True
-    levels = features("gldm_HighGrayLevelEmphasis", "glcm_ClusterTendency", "glcm_ClusterProminence")
-    if levels:
-        text = "glcm_ClusterProminence is at most 4 glcm_ClusterTendency times the square of the highest level"
-        yield text, levels[2], 4.0 * (levels[1] * levels[0] * count), False, True
-    zones = features("glszm_SizeZoneNonUniformity", "glszm_SizeZoneNonUniformityNormalized", "glszm_ZonePercentage")
-    if zones:
-        text = "glszm_ZonePercentage is the number of zones divided by the number of voxels"
-        yield text, zones[0] / zones[1], zones[2] * count, True, True
-    for name in ("GrayLevel", "RunLength"):
-        if found := features(f"glrlm_{name}NonUniformity", f"glrlm_{name}NonUniformityNormalized"):
-            text = f"glrlm_{name}NonUniformity / glrlm_{name}NonUniformityNormalized is at most the number of voxels"
-            yield text, found[0], found[1] * count, False, True
+    count = features["gldm_DependenceNonUniformity"] / features["gldm_DependenceNonUniformityNormalized"]
+    root = features["firstorder_RootMeanSquared"]
+    text = "Energy is RootMeanSquared^2 gldm_DependenceNonUniformity / gldm_DependenceNonUniformityNormalized"
+    yield text, features["firstorder_Energy"], root * root * count, True, True
+    text = "gldm_DependenceNonUniformity / gldm_DependenceNonUniformityNormalized is the number of voxels"
+    yield text, count, voxels, True, True
+    text = "gldm_GrayLevelNonUniformity is Uniformity times the number of voxels"
+    yield text, features["gldm_GrayLevelNonUniformity"], features["firstorder_Uniformity"] * count, True, True
+    text = "gldm_DependenceEntropy is at most log2 of the number of voxels"
+    yield text, features["gldm_DependenceEntropy"], count.through(np.log2), False, True
+    text = "glcm_ClusterProminence is at most 4 glcm_ClusterTendency times the square of the highest level"
+    most = 4.0 * (features["glcm_ClusterTendency"] * features["gldm_HighGrayLevelEmphasis"] * count)
+    yield text, features["glcm_ClusterProminence"], most, False, True
+    text = "glszm_ZonePercentage is the number of zones divided by the number of voxels"
+    zones = features["glszm_SizeZoneNonUniformity"] / features["glszm_SizeZoneNonUniformityNormalized"]
+    yield text, zones, features["glszm_ZonePercentage"] * count, True, True
+    for name in ("glrlm_GrayLevelNonUniformity", "glrlm_RunLengthNonUniformity"):
+        text = f"{name} / {name}Normalized is at most the number of voxels"
+        yield text, features[name], features[f"{name}Normalized"] * count, False, True
 
 
-def _shape(features: _Features) -> Iterator[tuple]:
+def _shape(features: Features) -> Iterator[tuple]:
     for family in ("shape", "shape2D"):
-
-        def shape(*names: str, family: str = family) -> list[Terms] | None:
-            return features(*(f"{family}_{name}" for name in names))
-
+        shape = features.of(family)
         for low, high in (
             ("LeastAxisLength", "MinorAxisLength"),
             ("MinorAxisLength", "MajorAxisLength"),
             *((f"Maximum2DDiameter{plane}", "Maximum3DDiameter") for plane in ("Slice", "Column", "Row")),
             ("Flatness", "Elongation"),
         ):
-            if found := shape(low, high):
-                yield f"{family}_{low} is at most {family}_{high}", *found
+            yield f"{family}_{low} is at most {family}_{high}", shape[low], shape[high]
         for ratio, part, whole in (
             ("Elongation", "MinorAxisLength", "MajorAxisLength"),
             ("Flatness", "LeastAxisLength", "MajorAxisLength"),
             ("SurfaceVolumeRatio", "SurfaceArea", "MeshVolume"),
             ("PerimeterSurfaceRatio", "Perimeter", "MeshSurface"),
         ):
-            if found := shape(ratio, part, whole):
-                yield f"{family}_{ratio} is {family}_{part} / {family}_{whole}", found[0] * found[2], found[1], True
-    if found := features("shape_Sphericity", "shape_SurfaceArea", "shape_MeshVolume"):
-        sphericity, area, volume = found
-        text = "shape_Sphericity is (36 pi shape_MeshVolume^2)^(1/3) / shape_SurfaceArea"
-        yield text, sphericity * area, (36 * np.pi * (volume * volume)).through(np.cbrt), True
+            text = f"{family}_{ratio} is {family}_{part} / {family}_{whole}"
+            yield text, shape[ratio] * shape[whole], shape[part], True
+    sphericity, area, volume = (features[f"shape_{name}"] for name in ("Sphericity", "SurfaceArea", "MeshVolume"))
+    text = "shape_Sphericity is (36 pi shape_MeshVolume^2)^(1/3) / shape_SurfaceArea"
+    yield text, sphericity * area, (36 * np.pi * (volume * volume)).through(np.cbrt), True
+    if "shape_SurfaceArea" in features and "shape_MeshVolume" in features:
         yield "shape_Sphericity is at most 1", sphericity, 1.0
 
 
-def _voxels(table: pd.DataFrame) -> Terms | None:
+def _voxels(table: pd.DataFrame) -> Terms:
     """Number of voxels by pyradiomics' own columns, after resampling and resegmentation."""
     for stage in ("resegmented", "interpolated", "original"):
         name = f"diagnostics_Mask-{stage}_VoxelNum"
         if name in table:
             values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64)
             return Terms(values, np.zeros(len(values)))
-    return None
+    return UNKNOWN
 
 
 def _shift(table: pd.DataFrame, terms: Mapping[str, Terms], source: str) -> np.ndarray:

@@ -17,13 +17,11 @@ import contextlib
 import logging
 import warnings
 from collections.abc import Iterator, Mapping
-from functools import cache
 
 import numpy as np
 import pandas as pd
 import radiomics as pyradiomics
 import SimpleITK as sitk
-from radiomics.featureextractor import RadiomicsFeatureExtractor
 from radiomics.imageoperations import binImage
 from scipy import ndimage
 
@@ -43,13 +41,15 @@ MINIMUM_VOXELS = 64
 MINIMUM_GREY_LEVELS = 3
 
 
+VERSIONS = {
+    "pyradiomics_version": pyradiomics.__version__,
+    "numpy_version": np.__version__,
+    "simpleitk_version": sitk.Version_VersionString(),
+}
+
+
 class RadiomicsWarning(UserWarning):
     """Features of an ROI carry little information, or pyradiomics logged a message."""
-
-
-def settings_hash() -> str:
-    """Return the hash of the default settings (Parameters.hash)."""
-    return DEFAULT.hash()
 
 
 def extract(
@@ -106,7 +106,7 @@ def extract(
                 "n_voxels": n_voxels,
                 "grey_levels": levels,
                 "settings_hash": parameters.hash(),
-                **_versions(),
+                **VERSIONS,
                 **values,
             }
         )
@@ -122,15 +122,10 @@ def extract_repeats(
     return pd.concat([extract(volume, masks, f"{name}, repeat {i}", parameters) for i, volume in enumerate(volumes)])
 
 
-@cache
-def _extractor() -> RadiomicsFeatureExtractor:
-    return DEFAULT.extractor
-
-
 def _values(image: sitk.Image, label: sitk.Image, parameters: Parameters, source: str) -> tuple[dict[str, float], int]:
     """Return the features by name, and the number of occupied bins."""
     if parameters.source is None:
-        found = _extractor().execute(image, label)
+        found = parameters.extractor.execute(image, label)
         return {feature: float(found[feature]) for feature in FEATURES}, _grey_levels(image, label, SETTINGS)
     extractor = parameters.extractor
     try:
@@ -152,15 +147,6 @@ def _values(image: sitk.Image, label: sitk.Image, parameters: Parameters, source
     return {feature: float(found[feature]) for feature in parameters.features}, _grey_levels(
         *prepared, extractor.settings
     )
-
-
-@cache
-def _versions() -> dict[str, str]:
-    return {
-        "pyradiomics_version": pyradiomics.__version__,
-        "numpy_version": np.__version__,
-        "simpleitk_version": sitk.Version_VersionString(),
-    }
 
 
 def _largest(mask: np.ndarray) -> int:
@@ -198,31 +184,19 @@ def _grey_levels(image: sitk.Image, label: sitk.Image, settings: Mapping) -> int
 
 
 def _warn_if_poor(name: str, row: dict, parameters: Parameters) -> None:
-    if row["n_voxels"] < MINIMUM_VOXELS:
-        warnings.warn(
-            f"{name}: ROI {row['roi']} has {row['n_voxels']} voxels, fewer than the {MINIMUM_VOXELS} that "
-            "texture features need",
-            RadiomicsWarning,
-            stacklevel=3,
-        )
-    if row["grey_levels"] < MINIMUM_GREY_LEVELS:
-        warnings.warn(
-            f"{name}: ROI {row['roi']} fills {row['grey_levels']} gray-level bins{_width(parameters)}, "
-            f"fewer than the {MINIMUM_GREY_LEVELS} that texture features need",
-            RadiomicsWarning,
-            stacklevel=3,
+    texts, voxels, levels = [], row["n_voxels"], row["grey_levels"]
+    if voxels < MINIMUM_VOXELS:
+        texts.append(f"has {voxels} voxels, fewer than the {MINIMUM_VOXELS} that texture features need")
+    if levels < MINIMUM_GREY_LEVELS:
+        settings = parameters.extraction.effective()
+        width = f" of {settings['binWidth']} HU" if "binWidth" in settings and not settings["normalize"] else ""
+        texts.append(
+            f"fills {levels} gray-level bins{width}, fewer than the {MINIMUM_GREY_LEVELS} that texture features need"
         )
     if bad := [feature for feature in parameters.features if not np.isfinite(row[feature])]:
-        warnings.warn(
-            f"{name}: ROI {row['roi']} gives no finite value for {', '.join(bad)}",
-            RadiomicsWarning,
-            stacklevel=3,
-        )
-
-
-def _width(parameters: Parameters) -> str:
-    settings = parameters.extraction.effective()
-    return f" of {settings['binWidth']} HU" if "binWidth" in settings and not settings["normalize"] else ""
+        texts.append(f"gives no finite value for {', '.join(bad)}")
+    for text in texts:
+        warnings.warn(f"{name}: ROI {row['roi']} {text}", RadiomicsWarning, stacklevel=3)
 
 
 @contextlib.contextmanager

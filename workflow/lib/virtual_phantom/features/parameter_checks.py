@@ -18,16 +18,11 @@ OF_ALL_IMAGES = frozenset(
 )
 # Settings about mask files. Here each region is one mask on the voxels of the image, so they have no effect.
 OF_FILES = frozenset("geometryTolerance correctMask additionalInfo label label_channel preCrop".split())
-USUAL = {
-    **UNSTATED,
-    "correctMask": False,
-    "additionalInfo": False,
-    "label": 1,
-    "label_channel": 0,
-}  # no note if a file states these values
+# No note if a file states these values.
+USUAL = UNSTATED | {"correctMask": False, "additionalInfo": False, "label": 1, "label_channel": 0}
 # Image type that each setting of a filter needs.
 FILTER = {
-    **dict.fromkeys(("sigma",), "LoG"),
+    "sigma": "LoG",
     **dict.fromkeys(("start_level", "level", "wavelet"), "Wavelet"),
     "gradientUseSpacing": "Gradient",
     **dict.fromkeys(("lbp2DRadius", "lbp2DSamples", "lbp2DMethod"), "LBP2D"),

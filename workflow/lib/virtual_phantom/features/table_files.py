@@ -24,6 +24,7 @@ from ..base.names import counted
 from ..io.files import NAMES, check_unchanged
 from ..io.volumes import GZIP
 from .names import EVERY_FAMILY, is_feature
+from .names import NAMES as STUDIED
 from .settings import COLUMNS
 
 SEPARATORS = (",", ";", "\t", "|")
@@ -52,29 +53,14 @@ PLAIN = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-][0-9]+)?", re.AS
 GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:,[0-9]{3})+", re.ASCII)  # 7,678 or 1,061,670: may be thousands separators
 FEATURE_PATTERN = re.compile(rf"(?:(.*)_)?({'|'.join(EVERY_FAMILY)})_([A-Za-z0-9]+)", re.IGNORECASE)
 CLASSES = {name.lower(): name for name in EVERY_FAMILY}
-# Names of features in pyradiomics 3.0.1, including deprecated ones.
-FEATURE_NAMES = {
-    name.lower(): name
-    for name in """10Percentile 90Percentile Energy Entropy InterquartileRange Kurtosis Maximum Mean
-    MeanAbsoluteDeviation Median Minimum Range RobustMeanAbsoluteDeviation RootMeanSquared Skewness StandardDeviation
-    TotalEnergy Uniformity Variance Autocorrelation ClusterProminence ClusterShade ClusterTendency Contrast Correlation
-    DifferenceAverage DifferenceEntropy DifferenceVariance Dissimilarity Homogeneity1 Homogeneity2 Id Idm Idmn Idn Imc1
-    Imc2 InverseVariance JointAverage JointEnergy JointEntropy MCC MaximumProbability SumAverage SumEntropy SumSquares
-    SumVariance DependenceEntropy DependenceNonUniformity DependenceNonUniformityNormalized DependencePercentage
-    DependenceVariance GrayLevelNonUniformity GrayLevelNonUniformityNormalized GrayLevelVariance HighGrayLevelEmphasis
-    LargeDependenceEmphasis LargeDependenceHighGrayLevelEmphasis LargeDependenceLowGrayLevelEmphasis
-    LowGrayLevelEmphasis SmallDependenceEmphasis SmallDependenceHighGrayLevelEmphasis
-    SmallDependenceLowGrayLevelEmphasis HighGrayLevelRunEmphasis LongRunEmphasis LongRunHighGrayLevelEmphasis
-    LongRunLowGrayLevelEmphasis LowGrayLevelRunEmphasis RunEntropy RunLengthNonUniformity
-    RunLengthNonUniformityNormalized RunPercentage RunVariance ShortRunEmphasis ShortRunHighGrayLevelEmphasis
-    ShortRunLowGrayLevelEmphasis HighGrayLevelZoneEmphasis LargeAreaEmphasis LargeAreaHighGrayLevelEmphasis
-    LargeAreaLowGrayLevelEmphasis LowGrayLevelZoneEmphasis SizeZoneNonUniformity SizeZoneNonUniformityNormalized
-    SmallAreaEmphasis SmallAreaHighGrayLevelEmphasis SmallAreaLowGrayLevelEmphasis ZoneEntropy ZonePercentage
-    ZoneVariance Busyness Coarseness Complexity Strength Compactness1 Compactness2 Elongation Flatness LeastAxisLength
+# Features of pyradiomics 3.0.1 that are not among the 86 of the study, including deprecated ones.
+OTHER_FEATURES = """StandardDeviation Dissimilarity Homogeneity1 Homogeneity2 MCC SumAverage SumVariance
+    DependencePercentage
+    Busyness Coarseness Complexity Strength Compactness1 Compactness2 Elongation Flatness LeastAxisLength
     MajorAxisLength Maximum2DDiameterColumn Maximum2DDiameterRow Maximum2DDiameterSlice Maximum3DDiameter
     MaximumDiameter MeshSurface MeshVolume MinorAxisLength Perimeter PerimeterSurfaceRatio PixelSurface
-    SphericalDisproportion Sphericity SurfaceArea SurfaceVolumeRatio VoxelVolume""".split()
-}
+    SphericalDisproportion Sphericity SurfaceArea SurfaceVolumeRatio VoxelVolume"""
+FEATURE_NAMES = {name.lower(): name for name in " ".join([*STUDIED.values(), OTHER_FEATURES]).split()}
 DIAGNOSED = {name.lower(): name for name in COLUMNS}
 Record = tuple[int, list[str]]
 

@@ -103,10 +103,16 @@ def select(table: pd.DataFrame, *, protocols: Sequence[str], noise: Sequence[str
     return chosen.reset_index(drop=True)
 
 
-def select_groups(table: pd.DataFrame, groups: Mapping[str, int], *, noise: str, seeds: int) -> pd.DataFrame:
-    """Select rows as `select`, with the group number of each protocol {protocol: number} as column group."""
-    chosen = select(table, protocols=list(groups), noise=[noise], seeds=seeds)
-    return chosen.assign(group=chosen["protocol"].map(groups))
+def read_groups(path: str | Path, groups: Mapping[str, int], *, noise: str, seeds: int) -> pd.DataFrame:
+    """Read a feature table and `select` rows; the column group has the number of each protocol in {protocol: number}.
+
+    Raises
+    ------
+    InputError
+        As in `read_features` and `select`.
+    """
+    chosen = select(read_features(path), protocols=list(groups), noise=[noise], seeds=seeds)
+    return chosen.assign(group=chosen["protocol"].map(dict(groups)))
 
 
 def require_unique_rows(table: pd.DataFrame, source: str) -> None:

@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..base.units import HU_BODY
+from ..io.simpleitk import itk_image, itk_resample
 from ..io.volumes import Volume
 from . import axial, style
 from .scans import round_up
@@ -48,7 +49,9 @@ def draw(
     InputError
         If there is no ROI or an empty one, or if image and phantom do not overlap.
     """
-    aligned = _resample(phantom, np.array(matrix), image.grid)
+    back = np.linalg.inv(matrix)
+    to_phantom = sitk.AffineTransform(back[:3, :3].ravel().tolist(), back[:3, 3].tolist())
+    aligned = itk_resample(itk_image(phantom.array, phantom.grid), image.grid, to_phantom, float("nan"))
     if not (aligned > HU_BODY).any():
         raise InputError("figure of the alignment: the phantom lies outside the recording; align it again")
     z = axial.choose_slices(masks)[0]
@@ -63,15 +66,21 @@ def draw(
     panels = figure.subplots(2, 2, gridspec_kw={"height_ratios": heights})
     views = [
         (lambda array: array[z], (0, 1), f"z = {axial.slice_z_mm(image.grid, z):.1f} mm"),
-        (lambda array: array[:, y], (0, 2), f"y = {_row_y_mm(image.grid, y):.1f} mm"),
+        (
+            lambda array: array[:, y],
+            (0, 2),
+            f"y = {image.grid.centre_mm[1] + float(image.grid.axes_mm()[1][y]):.1f} mm",
+        ),
     ]
     body = np.concatenate([(cut(image.array) - cut(aligned))[cut(aligned) > HU_BODY] for cut, _, _ in views])
     limit = round_up(float(np.percentile(np.abs(body), 98)))
-    for row, (cut, axes_of_view, title) in enumerate(views):
+    for row, (cut, plane, title) in enumerate(views):
         left, right = panels[row]
-        extent, limits = _extent(image.grid, axes_of_view), [box[2 * k : 2 * k + 2] for k in axes_of_view]
-        shown = _show(left, cut(image.array), extent, limits, axial.WINDOW_HU, "gray")
-        difference = _show(right, cut(image.array) - cut(aligned), extent, limits, (-limit, limit), "RdBu_r")
+        extent = axial.edges_mm(image.grid, plane)
+        visible = tuple(end for k in plane for end in box[2 * k : 2 * k + 2])
+        shown = axial.show(left, cut(image.array), image.grid, visible, plane=plane)
+        remaining = cut(image.array) - cut(aligned)
+        difference = axial.show(right, remaining, image.grid, visible, (-limit, limit), "RdBu_r", plane)
         right.set_facecolor(UNKNOWN)
         _outline(left, np.nan_to_num(cut(aligned), nan=-1000.0), extent, HU_BODY, BODY_COLOR, 0.7)
         for roi, mask in masks.items():
@@ -92,18 +101,6 @@ def draw(
     return figure
 
 
-def _resample(phantom: Volume, matrix: np.ndarray, grid: Grid) -> np.ndarray:
-    """Interpolate the phantom (HU) on the recording's grid; NaN outside of the phantom's image."""
-    image = sitk.GetImageFromArray(phantom.array)
-    image.SetSpacing(phantom.grid.spacing[::-1])
-    image.SetOrigin(tuple(phantom.grid.affine[:3, 3]))
-    back = np.linalg.inv(matrix)
-    transform = sitk.AffineTransform(back[:3, :3].ravel().tolist(), back[:3, 3].tolist())
-    direction = (1, 0, 0, 0, 1, 0, 0, 0, 1)
-    target = (tuple(grid.affine[:3, 3]), grid.spacing[::-1], direction, float("nan"), sitk.sitkFloat32)
-    return sitk.GetArrayFromImage(sitk.Resample(image, grid.shape[::-1], transform, sitk.sitkLinear, *target))
-
-
 def _box_mm(aligned: np.ndarray, grid: Grid, margin: float = 0.06) -> tuple[float, ...]:
     """Box with a margin around the aligned body: x low, x high, y low, y high, z low, z high, world mm."""
     voxels = np.argwhere(np.nan_to_num(aligned, nan=-1000.0) > HU_BODY)[:, ::-1]
@@ -113,22 +110,6 @@ def _box_mm(aligned: np.ndarray, grid: Grid, margin: float = 0.06) -> tuple[floa
     half = np.array(grid.extent_mm[::-1]) / 2
     low, high = np.maximum(low - wider, grid.centre_mm - half), np.minimum(high + wider, grid.centre_mm + half)
     return tuple(np.column_stack([low, high]).ravel())
-
-
-def _extent(grid: Grid, axes: tuple[int, int]) -> tuple[float, ...]:
-    extent, centre = grid.extent_mm[::-1], grid.centre_mm
-    return tuple(centre[k] + side * extent[k] / 2 for k in axes for side in (-1, 1))
-
-
-def _row_y_mm(grid: Grid, y: int) -> float:
-    return grid.centre_mm[1] + float(grid.axes_mm()[1][y])
-
-
-def _show(axes: Axes, array: np.ndarray, extent, limits, window, cmap: str):
-    shown = axes.imshow(array, cmap=cmap, vmin=window[0], vmax=window[1], origin="lower", extent=extent)
-    axes.set(xlim=limits[0][::-1], ylim=limits[1], aspect="equal", xticks=[], yticks=[])
-    axes.spines[:].set_visible(False)
-    return shown
 
 
 def _outline(axes: Axes, array: np.ndarray, extent, level: float, color: str, width: float) -> None:

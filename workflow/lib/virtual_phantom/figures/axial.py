@@ -62,10 +62,9 @@ def body_mask(slice_hu: np.ndarray) -> np.ndarray:
     return ndimage.binary_fill_holes(regions == largest)
 
 
-def edges_mm(grid: Grid) -> tuple[float, float, float, float]:
-    """Outer edges of the grid, world mm: x low, x high, y low, y high."""
-    x, y = grid.centre_mm[:2]
-    _, height, width = grid.extent_mm
+def edges_mm(grid: Grid, plane: tuple[int, int] = (0, 1)) -> tuple[float, float, float, float]:
+    """Outer edges of the grid along two axes, by default x and y, world mm: x low, x high, y low, y high."""
+    (x, width), (y, height) = ((grid.centre_mm[axis], grid.extent_mm[::-1][axis]) for axis in plane)
     return x - width / 2, x + width / 2, y - height / 2, y + height / 2
 
 
@@ -101,9 +100,11 @@ def show(
     box_mm: tuple[float, float, float, float],
     window: tuple[float, float] = WINDOW_HU,
     cmap: str = "gray",
+    plane: tuple[int, int] = (0, 1),
 ) -> AxesImage:
     """Draw a slice (y, x) to scale, without ticks; `box_mm` is the visible part, as from `body_box_mm`."""
-    image = axes.imshow(slice_array, cmap=cmap, vmin=window[0], vmax=window[1], origin="lower", extent=edges_mm(grid))
+    extent = edges_mm(grid, plane)
+    image = axes.imshow(slice_array, cmap=cmap, vmin=window[0], vmax=window[1], origin="lower", extent=extent)
     axes.set(xlim=(box_mm[1], box_mm[0]), ylim=(box_mm[2], box_mm[3]), aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
     return image
@@ -124,20 +125,7 @@ def scale_bar(axes: Axes) -> None:
     length = power * max(step for step in (1, 2, 5) if step * power <= quarter)
     start, direction = left + 0.03 * (right - left), np.sign(right - left)
     y = low + 0.05 * (high - low)
-    axes.plot(
-        [start, start + direction * length],
-        [y, y],
-        color="white",
-        linewidth=2,
-        solid_capstyle="butt",
-        path_effects=[patheffects.withStroke(linewidth=3, foreground="black")],
-    )
-    axes.text(
-        start + direction * length / 2,
-        y + 0.015 * (high - low),
-        f"{length:g} mm",
-        color="white",
-        ha="center",
-        va="bottom",
-        path_effects=OUTLINED,
-    )
+    ends, halo = [start, start + direction * length], [patheffects.withStroke(linewidth=3, foreground="black")]
+    axes.plot(ends, [y, y], color="white", linewidth=2, solid_capstyle="butt", path_effects=halo)
+    middle, above = start + direction * length / 2, y + 0.015 * (high - low)
+    axes.text(middle, above, f"{length:g} mm", color="white", ha="center", va="bottom", path_effects=OUTLINED)

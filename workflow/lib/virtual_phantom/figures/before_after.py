@@ -15,15 +15,9 @@ AXES = {"projections": ("detector column", "view"), "images": ("column", "row")}
 
 
 def draw(before: np.ndarray, after: np.ndarray, kind: str, hidden: str, found: str) -> Figure:
-    """Draw the standardized residuals of held-out data, before and after the diagnosis, on one color scale.
+    """Draw residuals of held-out data in standard deviations, shape (down, across), on one color scale.
 
-    Parameters
-    ----------
-    before, after : ndarray, shape (down, across)
-        Residuals in standard deviations.
-    kind : {"projections", "images"}
-    hidden, found : str
-        Names of the hidden effects and of the effects that the diagnosis found, for the title.
+    The kind is "projections" or "images". The title names the hidden effects and those that the diagnosis found.
     """
     title = f"hidden: {hidden}, found: {found}"
     return draw_maps(before, after, title, *AXES[kind], image=kind == "images")

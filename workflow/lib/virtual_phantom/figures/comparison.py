@@ -25,10 +25,7 @@ SHIFT_COLORS, RATIO_COLORS = "RdBu_r", "PuOr_r"
 NEUTRAL, MISSING, IN_ORDER = "#FFFFFF", "#BBBBBB", "#AAD4BF"
 DOT, RING = 1.5, 3.2  # diameters in points
 # {column with the reason why a feature cannot be compared: (mark of the feature, begin of the note)}
-MARKED = {
-    "other_settings": ("*", "recording:"),
-    "other_sizes": ("†", "grows with the ROI; recording:"),
-}
+MARKED = {"other_settings": ("*", "recording:"), "other_sizes": ("†", "grows with the ROI; recording:")}
 
 
 @style.styled()
@@ -81,32 +78,17 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
     widths = [columns, columns, *([1.4] if ranked else [])]
     left, right, *rank = figure.subplots(1, len(widths), sharey=True, gridspec_kw={"width_ratios": widths})
     shift_steps = margin * np.array(SHIFT_STEPS)
-    _heat(
-        figure,
-        left,
-        y,
-        wide["shift_sd"].astype(float),
-        shift_steps,
-        SHIFT_COLORS,
-        [style.number(step) for step in (*-shift_steps[::-1], *shift_steps)],
-        "shift of the mean (repeat SDs of the recording)",
-    )
-    ratio = wide["sd_ratio"].astype(float)
+    shift, ratio = wide["shift_sd"].astype(float), wide["sd_ratio"].astype(float)
+    labels = [style.number(step) for step in (*-shift_steps[::-1], *shift_steps)]
+    text = "shift of the mean (repeat SDs of the recording)"
+    _heat(figure, left, y, shift, shift_steps, SHIFT_COLORS, labels, text)
     with np.errstate(divide="ignore"):
         logarithm = np.log2(ratio)
     ratio_steps = np.log2(factor) * np.array(RATIO_STEPS)
-    _heat(
-        figure,
-        right,
-        y,
-        logarithm,
-        ratio_steps,
-        RATIO_COLORS,
-        [_fraction(factor**step) for step in (*(-step for step in RATIO_STEPS[::-1]), *RATIO_STEPS)],
-        "SD over repeats, simulated / recorded",
-    )
+    labels = [_fraction(factor**step) for step in (*(-step for step in RATIO_STEPS[::-1]), *RATIO_STEPS)]
+    _heat(figure, right, y, logarithm, ratio_steps, RATIO_COLORS, labels, "SD over repeats, simulated / recorded")
     for axes, kind, dark in (
-        (left, "mean", np.abs(wide["shift_sd"].astype(float)) > shift_steps[-2]),
+        (left, "mean", np.abs(shift) > shift_steps[-2]),
         (right, "sd", np.abs(logarithm) > ratio_steps[-2]),
     ):
         _marks(axes, y, wide[f"q_{kind}"].astype(float) < ALPHA, wide[f"{kind}_equivalent"].astype(bool), dark)
@@ -195,26 +177,12 @@ def _heat(figure: Figure, axes: Axes, y, values, steps, colors: str, labels: lis
     norm = BoundaryNorm(boundaries, color_map.N)
     masked = np.ma.masked_invalid(np.where(np.isposinf(values), 1e300, np.where(np.isneginf(values), -1e300, values)))
     for rows in np.split(np.arange(len(y)), np.flatnonzero(np.diff(y) > 1 + GAP_ROWS / 2) + 1):
-        axes.pcolormesh(
-            np.arange(values.shape[1] + 1) - 0.5,
-            np.append(y[rows] - 0.5, y[rows[-1]] + 0.5),
-            masked[rows],
-            cmap=color_map,
-            norm=norm,
-            edgecolors="#DDDDDD",
-            linewidth=0.3,
-        )
+        edges = np.arange(values.shape[1] + 1) - 0.5, np.append(y[rows] - 0.5, y[rows[-1]] + 0.5)
+        axes.pcolormesh(*edges, masked[rows], cmap=color_map, norm=norm, edgecolors="#DDDDDD", linewidth=0.3)
     axes.spines[:].set_visible(False)
     axes.tick_params(length=0)
-    bar = figure.colorbar(
-        ScalarMappable(norm, color_map),
-        ax=axes,
-        location="top",
-        extend="both",
-        spacing="uniform",
-        aspect=28,
-        pad=0.005,
-    )
+    look = {"location": "top", "extend": "both", "spacing": "uniform", "aspect": 28, "pad": 0.005}
+    bar = figure.colorbar(ScalarMappable(norm, color_map), ax=axes, **look)
     bar.set_ticks(boundaries, labels=labels)
     bar.ax.tick_params(length=0)
     bar.set_label(text)

@@ -67,12 +67,8 @@ def draw(matrix: Mapping) -> Figure:
         Patch(facecolor=ALTERNATIVE, edgecolor=RIGHT, label="hidden effect reported as alternative"),
         Patch(facecolor=WRONG, label="wrong"),
     ]
-    figure.legend(
-        handles=keys,
-        loc="outside lower center",
-        ncols=3,
-        title="number of cases; thirds of a cell: weak (light), medium and strong effect",
-    )
+    title = "number of cases; thirds of a cell: weak (light), medium and strong effect"
+    figure.legend(handles=keys, loc="outside lower center", ncols=3, title=title)
     return figure
 
 
@@ -87,12 +83,5 @@ def _cell(axes, column: int, row: int, cell: Mapping) -> None:
     axes.add_patch(
         Rectangle((column + left, row - 0.46), width, 0.92, facecolor=face, edgecolor=edge, linewidth=0.8, zorder=2)
     )
-    axes.text(
-        column + left + width / 2,
-        row,
-        str(cell["count"]),
-        ha="center",
-        va="center_baseline",
-        color="black" if outcome == "stand-in" or strength == "weak" else "white",
-        zorder=3,
-    )
+    color, middle = "black" if outcome == "stand-in" or strength == "weak" else "white", column + left + width / 2
+    axes.text(middle, row, str(cell["count"]), ha="center", va="center_baseline", color=color, zorder=3)

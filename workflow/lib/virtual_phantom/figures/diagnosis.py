@@ -7,10 +7,9 @@ from collections.abc import Container, Mapping, Sequence
 import numpy as np
 import seaborn
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
+from matplotlib.ticker import MaxNLocator, NullLocator
 
 from ..io.volumes import Volume
 from . import axial, style
@@ -22,16 +21,6 @@ LINEAR_SD = 5.0  # residuals; the axis is linear below
 LINEAR_GAIN = 1.0  # log score; the axis of improvements is linear below
 FIRST_ORDER_ALPHA = 0.4  # of bars of first-order estimates
 LINE_INTEGRALS = "line integrals"  # kind of residuals in draw_setup
-
-
-def _plain(axis: Axis) -> None:
-    """Set few ticks and write their numbers in full, because the shared style has no exponents."""
-    axis.get_major_locator().set_params(numticks=6)
-    axis.set_major_formatter(_written())
-
-
-def _written() -> FuncFormatter:
-    return FuncFormatter(lambda value, _: style.number(value))
 
 
 def _residual_ticks(low: float, high: float) -> np.ndarray:
@@ -113,15 +102,9 @@ def draw_maps(
     for index, (panel, values, name) in enumerate(
         zip(axes, (before, after), ("alignment only", "with the effects found"), strict=True)
     ):
-        residuals = panel.imshow(
-            values,
-            aspect="equal" if image else "auto",
-            cmap="RdBu_r",
-            vmin=-MAP_LIMIT,
-            vmax=MAP_LIMIT,
-            interpolation="nearest",
-            extent=(-0.5, across_end, down_end, -0.5),
-        )
+        look = {"cmap": "RdBu_r", "vmin": -MAP_LIMIT, "vmax": MAP_LIMIT, "interpolation": "nearest"}
+        extent = (-0.5, across_end, down_end, -0.5)
+        residuals = panel.imshow(values, aspect="equal" if image else "auto", extent=extent, **look)
         panel.set(xlabel=across, title=name)
         style.letter_panel(panel, index)
     axes[0].set_ylabel(down)
@@ -151,7 +134,7 @@ def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) 
         axes.set_yscale("symlog", linthresh=LINEAR_SD)
         axes.set_yticks(_residual_ticks(*axes.get_ylim()))
         axes.yaxis.set_minor_locator(NullLocator())
-        axes.yaxis.set_major_formatter(_written())
+        axes.yaxis.set_major_formatter(style.number_formatter())
         axes.set(xlabel=label, ylabel="recorded − modeled (SD)" if index == 0 else None)
         style.letter_panel(axes, index)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
@@ -179,7 +162,9 @@ def draw_ranking(gains: Mapping[str, float], chosen: tuple[str, ...], fitted: Co
         name = names[round(bar.get_y() + bar.get_height() / 2)]
         bar.set_alpha(1.0 if name in fitted else FIRST_ORDER_ALPHA)
     axes.set_xscale("symlog", linthresh=LINEAR_GAIN)
-    _plain(axes.xaxis)
+    # Few ticks, with numbers in full, because the shared style has no exponents.
+    axes.xaxis.get_major_locator().set_params(numticks=6)
+    axes.xaxis.set_major_formatter(style.number_formatter())
     axes.set_xlabel(
         "improvement in held-out log score, each effect alone\nblue: in the verdict; pale: first-order estimate"
     )

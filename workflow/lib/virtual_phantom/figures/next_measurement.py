@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import seaborn
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from . import style
 
@@ -38,7 +38,7 @@ def draw_ranking(table: pd.DataFrame, enough: float) -> Figure:
         seaborn.barplot(x=scores, y=labels, color=style.ORANGE, saturation=1, ax=axes)
         axes.set(xscale="log", xlabel="smallest log score between two effects", ylabel="", xlim=(LEAST_SHOWN, None))
         axes.xaxis.set_major_locator(LogLocator())
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: style.number(value)))
+        axes.xaxis.set_major_formatter(style.number_formatter())
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.axvline(enough, color=style.GREY, linestyle="--", linewidth=0.8, label=f"distinguished: {enough:g}")
         now = max(float(table.loc[table["name"] == "now", "least_log_score"].iloc[0]), LEAST_SHOWN)

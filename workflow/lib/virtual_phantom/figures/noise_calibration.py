@@ -80,12 +80,8 @@ def draw(
         handles.append(axes.axhline(variance, color="black", linewidth=0.9, linestyle=pattern, label=text))
     if studied:
         handles.append(_study(axes, studied, unit))
-    axes.set(
-        xlabel=f"noise level A = 1/I₀ ({unit})",
-        ylabel="variance over repeats, all ROIs (HU²)",
-        xlim=(0, 1.05 * furthest),
-    )
-    axes.set_ylim(bottom=0)
+    axes.set(xlabel=f"noise level A = 1/I₀ ({unit})", ylabel="variance over repeats, all ROIs (HU²)")
+    axes.set(xlim=(0, 1.05 * furthest), ylim=(0, None))
     lines = sum(1 + handle.get_label().count("\n") for handle in handles)
     figure.set_figheight((62 + 3.8 * lines) / style.MILLIMETRES_PER_INCH)
     figure.legend(handles=handles, loc="outside lower left")
@@ -102,19 +98,10 @@ def describe(line: LinearFit, unit: str) -> str:
 
 
 def _points(axes: Axes, protocol: str, group: pandas.DataFrame, look: Mapping[str, str]) -> ErrorbarContainer:
-    return axes.errorbar(
-        group["noise_level"],
-        group["variance_hu2"],
-        yerr=group["standard_error"],
-        linestyle="none",
-        markeredgecolor="white",
-        markeredgewidth=0.4,
-        capsize=2,
-        elinewidth=0.8,
-        zorder=3,
-        label=f"{style.label(protocol)}: simulated, ± standard error",
-        **look,
-    )
+    bars = {"yerr": group["standard_error"], "linestyle": "none", "capsize": 2, "elinewidth": 0.8, "zorder": 3}
+    edges = {"markeredgecolor": "white", "markeredgewidth": 0.4}
+    text = f"{style.label(protocol)}: simulated, ± standard error"
+    return axes.errorbar(group["noise_level"], group["variance_hu2"], label=text, **bars, **edges, **look)
 
 
 def _line(axes: Axes, group: pandas.DataFrame, fit: LinearFit, furthest: float, unit: str, color: str) -> Line2D:
@@ -130,25 +117,15 @@ def _mark(axes: Axes, levels: Mapping[str, float | None], variance: float, patte
     known = {protocol: level for protocol, level in levels.items() if level is not None}
     for protocol, level in known.items():
         axes.vlines(level, 0, variance, color=colors[protocol], linewidth=0.8, linestyle=pattern)
-        axes.plot(
-            level, variance, "o", markersize=5, markerfacecolor="none", markeredgecolor=colors[protocol], zorder=4
-        )
+        ring = {"markersize": 5, "markerfacecolor": "none", "markeredgecolor": colors[protocol]}
+        axes.plot(level, variance, "o", zorder=4, **ring)
     numbers = ["–" if level is None else style.number(level) for level in levels.values()]
     return f"reached at A = {', '.join(numbers)} ×{unit}" if known else "not reached"
 
 
 def _study(axes: Axes, levels: Mapping[str, float], unit: str) -> Line2D:
     names = ", ".join(f"{style.number(level)} ×{unit} ({style.label(label)})" for label, level in levels.items())
-    (handle,) = axes.plot(
-        list(levels.values()),
-        np.zeros(len(levels)),
-        linestyle="none",
-        marker="^",
-        color="black",
-        markersize=6,
-        clip_on=False,
-        zorder=5,
-        transform=axes.get_xaxis_transform(),
-        label=textwrap.fill(f"level of the study: A = {names}", LEGEND_CHARACTERS),
-    )
-    return handle
+    look = {"linestyle": "none", "marker": "^", "color": "black", "markersize": 6, "clip_on": False, "zorder": 5}
+    text = textwrap.fill(f"level of the study: A = {names}", LEGEND_CHARACTERS)
+    at_bottom = axes.get_xaxis_transform()
+    return axes.plot(list(levels.values()), np.zeros(len(levels)), transform=at_bottom, label=text, **look)[0]

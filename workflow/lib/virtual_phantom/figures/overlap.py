@@ -37,15 +37,13 @@ def draw(table: pandas.DataFrame) -> Figure:
         ):
             axes.fill_between(percent, bottom, top, color=gray, linewidth=0, label=label)
         axes.plot(percent, expected, color=style.GREY, linestyle=":", label="random lists, mean")
-        axes.errorbar(
-            percent,
-            overlap,
-            yerr=table[f"overlap_{kind}_sd"].fillna(0),
-            errorevery=max(1, len(table) // 20),
-            color=color,
-            elinewidth=0.8,
-            label="simulated and measured lists; bars: SD over draws of measured scans",
-        )
+        bars = {
+            "yerr": table[f"overlap_{kind}_sd"].fillna(0),
+            "errorevery": max(1, len(table) // 20),
+            "elinewidth": 0.8,
+        }
+        text = "simulated and measured lists; bars: SD over draws of measured scans"
+        axes.errorbar(percent, overlap, color=color, label=text, **bars)
         axes.set(xlim=(0, 100), ylim=(0, 103), xlabel="length of both lists (% of the features)", title=title)
         style.letter_panel(axes, index)
     panels[0].set_ylabel("features in both lists (% of the length)")

@@ -71,18 +71,10 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
         _scatter(axes, simulated, markers, SIMULATED_POINTS, **filled)
         handles, _ = axes.get_legend_handles_labels()
         every = slice(None, None, -(-len(palette) // MOST_NAMED))
-        axes.legend(
-            handles[1 : 1 + len(palette)][every],
-            [style.number(value) for value in palette][every],
-            title=parameter,
-            loc="lower center",
-            bbox_to_anchor=(0.5, 1),
-            ncols=MOST_NAMED // 2,
-            columnspacing=1,
-            handlelength=1,
-            handletextpad=0.2,
-            markerscale=LEGEND_SCALE,
-        )
+        names = [style.number(value) for value in palette][every]
+        place = {"title": parameter, "loc": "lower center", "bbox_to_anchor": (0.5, 1), "ncols": MOST_NAMED // 2}
+        tight = {"columnspacing": 1, "handlelength": 1, "handletextpad": 0.2, "markerscale": LEGEND_SCALE}
+        axes.legend(handles[1 : 1 + len(palette)][every], names, **place, **tight)
         _measured(axes, measured, markers, conditions)
         style.letter_panel(axes, index)
         axes.set(xlabel=f"PC 1 ({first:.1f} % of variance)", ylabel=None)

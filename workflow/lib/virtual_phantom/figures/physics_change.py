@@ -51,20 +51,7 @@ def draw(table: pandas.DataFrame, threshold: float, noise: Mapping[str, float | 
         x_error, y_error = (np.abs(ends.to_numpy(float).T - positions[:, k]) for k, ends in enumerate(intervals))
         bars = {"fmt": "none", "ecolor": style.GREY, "elinewidth": 0.6, "zorder": 1}
         axes.errorbar(*positions.T, xerr=x_error, yerr=y_error, **bars)
-    seaborn.scatterplot(
-        table,
-        x="without_percent",
-        y="with_percent",
-        hue="family",
-        hue_order=families,
-        style="family",
-        palette=style.assign(families, style.ON_WHITE),
-        markers=style.assign(families, style.MARKERS),
-        alpha=0.75,
-        linewidth=0.4,
-        ax=axes,
-        zorder=2,
-    )
+    seaborn.scatterplot(table, x="without_percent", y="with_percent", ax=axes, zorder=2, **style.by_family(families))
     axes.get_legend().remove()
     highest = np.nanmax([table[NUMBERS[:2]].to_numpy(float).max(), *changed[["without_high", "with_high"]].max()])
     ends = -EDGE_PERCENT, ROUND_PERCENT * max(1, np.ceil(highest / ROUND_PERCENT)) + EDGE_PERCENT
@@ -98,8 +85,7 @@ def _text(changed: pandas.DataFrame, noise: Mapping[str, float | None] | None) -
     """Return the lines of text next to the axes."""
     lines = []
     if noise:
-        level = style.noise_levels(noise)
-        lines.append(f"{level[0].upper()}{level[1:]}.")
+        lines.append(style.noise_sentence(noise))
     lines += ["Bars: 95 % intervals of both values, for features", "with a significant change."]
     if not len(changed):
         return [*lines, "", "No feature changes significantly."]

@@ -9,7 +9,7 @@ from matplotlib.patches import Rectangle
 
 from ..io.volumes import Volume
 from . import axial, style
-from .rois import name_regions, outline
+from .rois import draw_slice, name_regions, outline, slice_panels
 
 UNUSED = "#BBBBBB"
 AROUND = 0.12  # margin around the scanned box, relative to its size
@@ -41,21 +41,10 @@ def draw(
     """
     colors = style.assign(tissue_class.values(), style.ON_GRAY_IMAGE)
     box = _around(box_mm, image)
-    columns = min(len(slices), 2)
-    rows = -(-len(slices) // columns)
-    width_mm = style.DOUBLE_COLUMN_MM if columns == 2 else 120.0
-    names_mm, title_mm, legend_mm = 2 * 19.0, 7.0, 9.0
-    panel_width_mm = width_mm / columns - names_mm
-    panel_height_mm = panel_width_mm * (box[3] - box[2]) / (box[1] - box[0])
-    figure = style.figure(width_mm, rows * (panel_height_mm + title_mm) + legend_mm)
-    panels = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    figure, panels, line = slice_panels(len(slices), box, 2 * 19.0, 9.0)
     unused_visible = False  # an unused region, such as an arm, may be outside of the drawn part
-    line_mm = 1.35 * style.FONT_POINTS * style.MILLIMETRES_PER_POINT
     for axes, z, rois, others in zip(panels, slices, used, unused, strict=False):
-        axial.show(axes, image.array[z], image.grid, box)
-        axial.mark_sides(axes)
-        axial.scale_bar(axes)
-        axes.set_title(f"z = {axial.slice_z_mm(image.grid, z):.1f} mm".replace("-", "−"))
+        draw_slice(axes, image, z, box)
         for mask in others.values():
             outline(axes, mask, image.grid, UNUSED)
             unused_visible |= _in_box(mask, image, box)
@@ -65,7 +54,7 @@ def draw(
         axes.add_patch(
             Rectangle((x_low, y_low), x_high - x_low, y_high - y_low, fill=False, edgecolor="white", linestyle="--")
         )
-        name_regions(axes, rois, image.grid, line=line_mm / panel_height_mm)
+        name_regions(axes, rois, image.grid, line)
     for axes in panels[len(slices) :]:
         axes.remove()
     handles = [Line2D([], [], color=color, label=style.label(name)) for name, color in colors.items()]

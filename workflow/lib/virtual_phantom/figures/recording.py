@@ -75,10 +75,7 @@ def draw_images(image: Volume, title: str, window: tuple[float, float] = (-160.0
         box = (-across / 2, across / 2, -up / 2, up / 2)
         shown = panel.imshow(slice_hu, extent=box, origin="lower", cmap="gray", vmin=window[0], vmax=window[1])
         panel.invert_xaxis()  # radiological orientation: x increases to the patient's right, on the left
-        panel.set(
-            xlabel=f"{horizontal} from the center (mm)",
-            ylabel=f"{vertical} from the center (mm)",
-            title=f"{title}: {name}",
-        )
+        panel.set(xlabel=f"{horizontal} from the center (mm)", ylabel=f"{vertical} from the center (mm)")
+        panel.set_title(f"{title}: {name}")
     figure.colorbar(shown, ax=axes, label="CT number (HU)", location="bottom", shrink=0.5)
     return figure

@@ -1,10 +1,11 @@
 """Regions of interest on axial slices of the phantom (figure 1 of Flouris et al., Sci. Rep. 2022)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 
 from ..base.errors import InputError
@@ -13,6 +14,15 @@ from ..io.volumes import Volume
 from . import axial, style
 
 LETTER_MM = 0.62 * style.FONT_POINTS * style.MILLIMETRES_PER_POINT  # mean width of a letter
+TITLE_MM = 7.0  # height of the title of a panel
+LEADER = {
+    "arrowstyle": "-",
+    "color": "white",
+    "linewidth": 0.6,
+    "path_effects": axial.OUTLINED,
+    "shrinkA": 0,
+    "shrinkB": 0,
+}
 
 
 @style.styled()
@@ -42,29 +52,18 @@ def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping
     box = axial.body_box_mm(phantom, slices)
     colors = style.assign((tissue_class[roi] for roi in masks), style.ON_GRAY_IMAGE)
 
-    columns = min(len(slices), 2)
-    rows = -(-len(slices) // columns)
-    spare = rows * columns > len(slices)  # whether a panel is free for the color bar
-    width_mm = style.DOUBLE_COLUMN_MM if columns == 2 else 120.0
     sides = [_sides({roi: mask[z] for roi, mask in masks.items()}, phantom.grid, np.mean(box[:2])) for z in slices]
     names_mm = sum(max(_widest_mm(names[side]) for names in sides) for side in (True, False))
-    color_bar_mm, title_mm, legend_mm = 0.0 if spare else 14.0, 7.0, 8.0
-    panel_width_mm = (width_mm - color_bar_mm) / columns - names_mm
-    panel_height_mm = panel_width_mm * (box[3] - box[2]) / (box[1] - box[0])
-    figure = style.figure(width_mm, rows * (panel_height_mm + title_mm) + legend_mm)
-    panels = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    spare = len(slices) > 1 and len(slices) % 2 == 1  # whether a panel is free for the color bar
+    figure, panels, line = slice_panels(len(slices), box, names_mm, 8.0, 0.0 if spare else 14.0)
     for index, (axes, z) in enumerate(zip(panels, slices, strict=False)):
-        image = axial.show(axes, phantom.array[z], phantom.grid, box)
-        axial.mark_sides(axes)
-        axial.scale_bar(axes)
-        axes.set_title(f"z = {axial.slice_z_mm(phantom.grid, z):.1f} mm".replace("-", "−"))
+        image = draw_slice(axes, phantom, z, box)
         if len(slices) > 1:
             style.letter_panel(axes, index)
         shown = {roi: mask[z] for roi, mask in masks.items() if mask[z].any()}
         for roi, mask in shown.items():
             outline(axes, mask, phantom.grid, colors[tissue_class[roi]])
-        line_mm = 1.35 * style.FONT_POINTS * style.MILLIMETRES_PER_POINT
-        name_regions(axes, shown, phantom.grid, line=line_mm / panel_height_mm)
+        name_regions(axes, shown, phantom.grid, line)
     if spare:
         panels[-1].set_axis_off()
         color_bar_axes = panels[-1].inset_axes([0.1, 0.5, 0.8, 0.08])
@@ -74,6 +73,42 @@ def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping
     handles = [Line2D([], [], color=color, label=style.label(name)) for name, color in colors.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6))
     return figure
+
+
+def slice_panels(
+    count: int, box_mm: Sequence[float], names_mm: float, legend_mm: float, color_bar_mm: float = 0.0
+) -> tuple[Figure, np.ndarray, float]:
+    """Create a figure with panels in one or two columns for slices of the same part of an image.
+
+    Parameters
+    ----------
+    box_mm : sequence of 4 float
+        Visible part, as from `axial.body_box_mm`.
+    names_mm, legend_mm, color_bar_mm : float
+        Width of the names beside each panel and of the color bar, and height of the legend.
+
+    Returns
+    -------
+    line : float
+        Height of a line of text, as a fraction of the panel's height.
+    """
+    columns = min(count, 2)
+    rows = -(-count // columns)
+    width_mm = style.DOUBLE_COLUMN_MM if columns == 2 else 120.0
+    panel_width_mm = (width_mm - color_bar_mm) / columns - names_mm
+    panel_height_mm = panel_width_mm * (box_mm[3] - box_mm[2]) / (box_mm[1] - box_mm[0])
+    figure = style.figure(width_mm, rows * (panel_height_mm + TITLE_MM) + legend_mm)
+    panels = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    return figure, panels, 1.35 * style.FONT_POINTS * style.MILLIMETRES_PER_POINT / panel_height_mm
+
+
+def draw_slice(axes: Axes, image: Volume, z: int, box_mm: Sequence[float]) -> AxesImage:
+    """Draw slice z with the patient's sides, a scale bar and its height."""
+    shown = axial.show(axes, image.array[z], image.grid, box_mm)
+    axial.mark_sides(axes)
+    axial.scale_bar(axes)
+    axes.set_title(f"z = {axial.slice_z_mm(image.grid, z):.1f} mm".replace("-", "−"))
+    return shown
 
 
 def outline(axes: Axes, mask: np.ndarray, grid: Grid, color: str) -> None:
@@ -126,14 +161,7 @@ def name_regions(axes: Axes, masks: Mapping[str, np.ndarray], grid: Grid, line: 
                 textcoords="axes fraction",
                 ha=align,
                 va="center",
-                arrowprops={
-                    "arrowstyle": "-",
-                    "color": "white",
-                    "linewidth": 0.6,
-                    "path_effects": axial.OUTLINED,
-                    "shrinkA": 0,
-                    "shrinkB": 0,
-                },
+                arrowprops=LEADER,
             )
 
 

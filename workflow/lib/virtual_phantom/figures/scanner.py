@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import pandas as pd
 import seaborn
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from . import style
 
@@ -37,7 +37,7 @@ def draw_recordings(recordings: Mapping[str, Mapping]) -> Figure:
     )
     axes.set(xlabel="RMS of recorded − modeled, held-out data", ylabel="")
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: style.number(value)))
+    axes.xaxis.set_major_formatter(style.number_formatter())
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.grid(axis="y")
     seaborn.move_legend(axes, "lower left", bbox_to_anchor=(0, 1), ncol=len(COLORS), title=None)

@@ -115,9 +115,8 @@ def _scatter(axes: Axes, scores: pandas.DataFrame, families: list[str]) -> None:
     points = points.sort_values("count", ascending=False, kind="stable")
     points["area"] = points["count"] * [style.marker_area(markers[family], POINT) for family in points["family"]]
     areas = {area: area for area in points["area"]}
-    shown = {"hue": "family", "hue_order": families, "style": "family", "size": "area", "sizes": areas}
-    look = {"palette": style.assign(families, style.ON_WHITE), "markers": markers, "alpha": 0.75, "linewidth": 0.4}
-    seaborn.scatterplot(points, x=SCORES[0], y=SCORES[1], ax=axes, zorder=2, **shown, **look)
+    look = {"size": "area", "sizes": areas, **style.by_family(families)}
+    seaborn.scatterplot(points, x=SCORES[0], y=SCORES[1], ax=axes, zorder=2, **look)
     axes.get_legend().remove()
 
 
@@ -175,20 +174,11 @@ def _name_best(axes: Axes, scores: pandas.DataFrame, noise: Mapping[str, float |
         axes.errorbar(*positions.T, xerr=error, fmt="none", ecolor=style.GREY, elinewidth=0.8, capsize=1.5, zorder=1)
     heading = f"Larger markers: several features.\nBest by the sum of both scores{interval}:"
     if noise:
-        levels = style.noise_levels(noise)
-        heading = f"{levels[0].upper()}{levels[1:]}.\n{heading}"
+        heading = f"{style.noise_sentence(noise)}\n{heading}"
     names = "\n".join(f"{index}  {_named(row)}" for index, (_, row) in enumerate(chosen.iterrows(), 1))
     for text, line in ((heading, 0), (names, heading.count("\n") + 1)):
-        axes.annotate(
-            text,
-            (0, 0),
-            xycoords="axes fraction",
-            xytext=(0, -32 - line * LINE * style.FONT_POINTS),
-            textcoords="offset points",
-            ha="left",
-            va="top",
-            linespacing=1.25,
-        )
+        below = {"xytext": (0, -32 - line * LINE * style.FONT_POINTS), "textcoords": "offset points"}
+        axes.annotate(text, (0, 0), xycoords="axes fraction", ha="left", va="top", linespacing=1.25, **below)
 
 
 def _named(row: pandas.Series) -> str:

@@ -19,6 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 from seaborn.utils import relative_luminance
@@ -34,15 +35,8 @@ FONT_POINTS = 7.0
 MILLIMETRES_PER_INCH = 25.4
 MILLIMETRES_PER_POINT = MILLIMETRES_PER_INCH / 72
 
-ORANGE, SKY_BLUE, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
-    "#E69F00",
-    "#56B4E9",
-    "#009E73",
-    "#F0E442",
-    "#0072B2",
-    "#D55E00",
-    "#CC79A7",
-)
+ORANGE, SKY_BLUE, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
+BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
 ON_WHITE = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY_BLUE, "#000000", "#666666")
 ON_GRAY_IMAGE = (ORANGE, SKY_BLUE, GREEN, YELLOW, VERMILLION, PURPLE, BLUE)
 MARKERS = ("o", "s", "^", "v", "D", "P", "X", "*", "p", "<", ">", "h", "d", "8", "H")
@@ -141,6 +135,11 @@ def number(value: float) -> str:
     return (f"{value:.8f}".rstrip("0") if "e" in text else text).replace("-", "−")
 
 
+def number_formatter() -> FuncFormatter:
+    """Return a formatter of tick labels that writes numbers as `number` does."""
+    return FuncFormatter(lambda value, _: number(value))
+
+
 def marker_area(marker: str, points: float) -> float:
     """Size for scatter such that a marker has an apparent diameter of `points`."""
     return points**2 * _MARKER_AREA.get(marker, 1.0)
@@ -164,6 +163,13 @@ def feature_label(feature: str) -> str:
 def assign(names: Iterable, values: Sequence) -> dict:
     """Assign `values` to the distinct names in order of appearance; values repeat if there are too few."""
     return dict(zip(dict.fromkeys(names), itertools.cycle(values), strict=False))
+
+
+def by_family(families: Sequence[str]) -> dict:
+    """Return options of seaborn.scatterplot for points with the color and marker of their feature family."""
+    colors, markers = assign(families, ON_WHITE), assign(families, MARKERS)
+    look = {"palette": colors, "markers": markers, "alpha": 0.75, "linewidth": 0.4}
+    return {"hue": "family", "hue_order": families, "style": "family", **look}
 
 
 def letter_panel(axes: Axes, index: int) -> None:
@@ -211,6 +217,12 @@ def noise_levels(levels: Mapping[str, float | None]) -> str:
         factor, unit = power_of_ten([level]) if level else (1, "")
         texts.append(label(name) + (f" (A = {number(level / factor)} ×{unit})" if level else ""))
     return f"noise level{'s' if len(texts) > 1 else ''} {', '.join(texts)}"
+
+
+def noise_sentence(levels: Mapping[str, float | None]) -> str:
+    """Return `noise_levels` as a sentence."""
+    text = noise_levels(levels)
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def ordered_colors(values: Iterable[float]) -> dict[float, str]:

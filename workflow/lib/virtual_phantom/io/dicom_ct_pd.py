@@ -17,14 +17,12 @@ from pathlib import Path
 
 import numpy as np
 from pydicom.dataset import Dataset
-from pydicom.uid import CTImageStorage
 from pydicom.valuerep import DSfloat
 
-from .. import __version__
 from ..base.errors import InputError
 from ..base.geometry import OrbitGeometry
 from ..base.vectors import FLAT
-from .dicom_export import NAME, ct_image, uid, write
+from .dicom_export import ct_image, simulated_ct, uid, write
 from .exchange import read_counts, read_line_integrals
 
 ROWS, COLUMNS = (0x7029, 0x1010), (0x7029, 0x1011)
@@ -129,17 +127,9 @@ def views_of(lines: np.ndarray, geometry: OrbitGeometry) -> list[Dataset]:
 
 def _shared(geometry: OrbitGeometry, low: DSfloat, slope: DSfloat, content: str) -> Dataset:
     """Return the elements that all views share."""
-    ds = Dataset()
-    ds.SOPClassUID, ds.Modality = CTImageStorage, "CT"
-    ds.PatientName, ds.PatientID, ds.PatientBirthDate, ds.PatientSex = "Virtual^Phantom", content[:12], "", ""
-    ds.StudyInstanceUID, ds.SeriesInstanceUID = uid(content, "study"), uid(content, "series")
-    ds.StudyDate, ds.StudyTime, ds.StudyID, ds.AccessionNumber, ds.ReferringPhysicianName = "", "", "", "", ""
-    ds.SeriesNumber, ds.ImageType = 1, ["ORIGINAL", "PRIMARY", "AXIAL"]
-    ds.Manufacturer, ds.ManufacturerModelName, ds.SoftwareVersions = NAME, "simulation", __version__
-    ds.SamplesPerPixel, ds.PhotometricInterpretation = 1, "MONOCHROME2"
-    ds.Rows, ds.Columns = geometry.columns, geometry.rows
-    ds.BitsAllocated, ds.BitsStored, ds.HighBit, ds.PixelRepresentation = 16, 16, 15, 0
-    ds.RescaleIntercept, ds.RescaleSlope, ds.RescaleType, ds.KVP = low, slope, "US", None
+    ds = simulated_ct(content, content[:12], uid(content, "series"))
+    ds.Rows, ds.Columns, ds.PixelRepresentation = geometry.columns, geometry.rows, 0
+    ds.RescaleIntercept, ds.RescaleSlope, ds.RescaleType = low, slope, "US"
     ds.DataCollectionDiameter = _rounded(2 * geometry.field_of_view_radius_mm)
     if geometry.view_interval_ms is not None:
         ds.ExposureTime = round(geometry.view_interval_ms * geometry.views_per_rotation)

@@ -79,6 +79,19 @@ def series(image: Volume, phantom: Volume, scan: Scan) -> list[Dataset]:
     return slices
 
 
+def simulated_ct(study: str, patient: str, series_uid: str) -> Dataset:
+    """Return the elements of all simulated CT data: anonymous, with 16-bit pixels; `study` is a hash of the content."""
+    ds = Dataset()
+    ds.SOPClassUID, ds.Modality, ds.ImageType = CTImageStorage, "CT", ["ORIGINAL", "PRIMARY", "AXIAL"]
+    ds.PatientName, ds.PatientID, ds.PatientBirthDate, ds.PatientSex = "Virtual^Phantom", patient, "", ""
+    ds.StudyInstanceUID, ds.SeriesInstanceUID, ds.SeriesNumber = uid(study, "study"), series_uid, 1
+    ds.StudyDate, ds.StudyTime, ds.StudyID, ds.AccessionNumber, ds.ReferringPhysicianName = "", "", "", "", ""
+    ds.Manufacturer, ds.ManufacturerModelName, ds.SoftwareVersions = NAME, "simulation", __version__
+    ds.SamplesPerPixel, ds.PhotometricInterpretation = 1, "MONOCHROME2"
+    ds.BitsAllocated, ds.BitsStored, ds.HighBit, ds.KVP = 16, 16, 15, None
+    return ds
+
+
 def ct_image(shared: Dataset, number: int, instance_uid: str, pixels: np.ndarray) -> Dataset:
     """Return the dataset of one CT file: the elements that a series shares, and 16-bit pixels (little-endian)."""
     dataset = Dataset()
@@ -159,33 +172,24 @@ def uid(*sources: object) -> str:
 def _shared(grid: Grid, scan: Scan, study: str, image_hash: str) -> Dataset:
     """Return the elements that all slices share, module by module."""
     dz, dy, dx = map(_mm, grid.spacing)
-    ds = Dataset()
-    # Patient: anonymous
-    ds.PatientName, ds.PatientID = "Virtual^Phantom", f"phantom-{study[:12]}"
-    ds.PatientBirthDate = ds.PatientSex = ""
-    ds.QualityControlSubject = "YES"
+    ds = simulated_ct(study, f"phantom-{study[:12]}", uid(image_hash, scan.label, "series"))
+    # Patient and study
+    ds.QualityControlSubject, ds.StudyID = "YES", study[:12]
     ds.PatientComments = "Simulated: a phantom, not a patient"
-    # General study
-    ds.StudyInstanceUID, ds.StudyDate, ds.StudyTime = uid(study, "study"), "", ""
-    ds.StudyID, ds.AccessionNumber, ds.ReferringPhysicianName = study[:12], "", ""
     ds.StudyDescription = f"{NAME}, simulated CT"
-    # General series, equipment, frame of reference
-    ds.Modality, ds.SeriesNumber, ds.PatientPosition = "CT", 1, "HFS"
-    ds.SeriesInstanceUID = uid(image_hash, scan.label, "series")
+    # General series, frame of reference
+    ds.PatientPosition = "HFS"
     ds.SeriesDescription, ds.ProtocolName = scan.label[:TEXT_LENGTH], scan.protocol[:TEXT_LENGTH]
-    ds.Manufacturer, ds.ManufacturerModelName, ds.SoftwareVersions = NAME, "simulation", __version__
     ds.FrameOfReferenceUID, ds.PositionReferenceIndicator = uid(study, "frame of reference"), ""
     # General image, plane, pixels
-    ds.SOPClassUID, ds.ImageType = CTImageStorage, ["ORIGINAL", "PRIMARY", "AXIAL"]
     ds.AcquisitionNumber, ds.BurnedInAnnotation = 1, "NO"
     ds.ImageComments = f"Simulated. {scan.description}"
     ds.PixelSpacing, ds.ImageOrientationPatient = [dy, dx], [1, 0, 0, 0, 1, 0]
     ds.SliceThickness, ds.SpacingBetweenSlices = dz, dz
-    ds.SamplesPerPixel, ds.PhotometricInterpretation = 1, "MONOCHROME2"
     ds.Rows, ds.Columns = grid.shape[1:]
-    ds.BitsAllocated, ds.BitsStored, ds.HighBit, ds.PixelRepresentation = 16, 16, 15, 1
+    ds.PixelRepresentation = 1
     # CT, with an abdominal window
-    ds.RescaleIntercept, ds.RescaleSlope, ds.RescaleType, ds.KVP = 0, 1, "HU", None
+    ds.RescaleIntercept, ds.RescaleSlope, ds.RescaleType = 0, 1, "HU"
     ds.WindowCenter, ds.WindowWidth = 40, 400
     ds.DistanceSourceToPatient = _mm(scan.source_to_isocentre_mm)
     ds.DistanceSourceToDetector = _mm(scan.source_to_detector_mm)

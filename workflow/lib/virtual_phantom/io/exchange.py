@@ -16,6 +16,8 @@ F. De Carlo et al., J. Synchrotron Rad. 21, 1224, 2014.
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -23,7 +25,7 @@ import h5py
 import numpy as np
 
 from ..base.counts import Counts
-from ..base.errors import InputError
+from ..base.errors import InputError, refusing
 from ..base.geometry import OrbitGeometry, ScanGeometry, orbit_of
 from .files import check_unchanged
 from .hdf5 import new_file
@@ -165,7 +167,8 @@ def _geometry(file):
     )
 
 
-class opened:  # noqa: N801  used like a function, as contextlib.closing is
+@contextlib.contextmanager
+def opened(path: str | Path, advice: str = "delete it and run again") -> Iterator[h5py.File]:
     """Open an HDF5 file for reading; failures in the block become InputErrors that name the file.
 
     Raises
@@ -173,23 +176,11 @@ class opened:  # noqa: N801  used like a function, as contextlib.closing is
     InputError
         If the file is missing, incomplete or changed, or lacks what the block reads.
     """
-
-    def __init__(self, path: str | Path, advice: str = "delete it and run again"):
-        self.path, self.advice = Path(path), advice
-
-    def __enter__(self):
-        if not self.path.exists():
-            raise InputError(f"{self.path}: no such file")
-        check_unchanged(self.path, self.advice)
-        try:
-            self.file = h5py.File(self.path, "r")
-        except OSError as error:
-            raise InputError(f"{self.path}: not a complete HDF5 file ({error}); {self.advice}") from error
-        return self.file
-
-    def __exit__(self, kind, error, _):
-        self.file.close()
-        if isinstance(error, Exception) and not isinstance(error, InputError):  # h5py raises many types
-            raise InputError(
-                f"{self.path}: not a complete projection file ({' '.join(str(error).split())}); {self.advice}"
-            ) from error
+    if not Path(path).exists():
+        raise InputError(f"{path}: no such file")
+    check_unchanged(path, advice)
+    with refusing(f"{path}: not a complete HDF5 file", OSError, advice=advice):
+        file = h5py.File(path, "r")
+    # h5py raises many types of exceptions.
+    with file, refusing(f"{path}: not a complete projection file", Exception, advice=advice):
+        yield file

@@ -110,33 +110,33 @@ def mistakes(
 def _each(error, source) -> Iterator[Mistake]:
     """Return the mistakes of one error; a missing key is not reported if another key is a misspelling of it."""
     path = tuple(error.absolute_path)
-    if error.validator == "additionalProperties":
-        known = list(error.schema.get("properties", ()))
-        for key in sorted(set(error.instance) - set(known), key=str):
-            yield Mistake((*path, key), _unknown(key, known, path, source))
-    elif error.validator == "required":
+    if error.validator == "required":
         missing = [key for key in error.validator_value if key not in error.instance]
-        unknown = set(error.instance) - set(error.schema.get("properties", ()))
-        meant_for = {close for key in unknown for close in difflib.get_close_matches(str(key), missing, 1)}
+        meant_for = {close for key in _extra(error) for close in difflib.get_close_matches(str(key), missing, 1)}
         (key,) = [key for key in missing if error.message.startswith(repr(key))]
         if key not in meant_for:
             yield Mistake((*path, key), _one_line(error, source))
-    elif "propertyNames" in error.absolute_schema_path:
-        yield Mistake((*path, error.instance), _one_line(error, source))
     else:
-        yield Mistake(path, _one_line(error, source))
+        for place in _wrong(error):
+            yield Mistake(place, _one_line(error, source, place))
+
+
+def _wrong(error) -> list[tuple]:
+    """Return the locations that an error is about: unknown or invalid keys, or one value."""
+    path = tuple(error.absolute_path)
+    if error.validator == "additionalProperties":
+        return [(*path, key) for key in _extra(error)]
+    return [(*path, error.instance)] if "propertyNames" in error.absolute_schema_path else [path]
+
+
+def _extra(error) -> list:
+    """Return the keys of the invalid section that its schema does not name."""
+    return sorted(set(error.instance) - set(error.schema.get("properties", ())), key=str)
 
 
 def _places(error, document, entries) -> Iterator[tuple]:
     """Return the locations to remove from a document for an error; none if it is at the top."""
-    path = tuple(error.absolute_path)
-    if error.validator == "additionalProperties":
-        places = [(*path, key) for key in set(error.instance) - set(error.schema.get("properties", ()))]
-    elif "propertyNames" in error.absolute_schema_path:
-        places = [(*path, error.instance)]
-    else:
-        places = [path]
-    for place in filter(None, places):
+    for place in filter(None, _wrong(error)):
         value = document
         for depth, key in enumerate(place):
             if place[:depth] in entries or (isinstance(value, list | tuple) and isinstance(value[key], dict)):
@@ -239,11 +239,12 @@ def _depth_first(error):
     return -len(error.absolute_path), error.validator not in ("additionalProperties", "required")
 
 
-def _one_line(error, source):
+def _one_line(error, source, place=None):
+    """Return the message of an error, for one of its locations if it has several."""
     where = _where(error.absolute_path, source)
     if error.validator == "additionalProperties":
-        known = list(error.schema.get("properties", ()))
-        return _unknown(sorted(set(error.instance) - set(known), key=str)[0], known, error.absolute_path, source)
+        key, known = (place or _wrong(error)[0])[-1], list(error.schema.get("properties", ()))
+        return f"{source}: unknown key '{key}' in {where}; {meant(key, known, 'known keys')}"
     if error.validator == "enum":
         choices = ", ".join(str(value) for value in error.validator_value)
         return f"{source}: {where} is '{error.instance}'; use one of {choices}"
@@ -264,10 +265,6 @@ def _one_line(error, source):
         message += f"; give {BOUNDS[error.validator]} {error.validator_value:g}"
     place = source if where == source else f"{source}: {where}"
     return f"{place}: {message[:300]}" + (f" ({what})" if what else "")
-
-
-def _unknown(key, known, path, source) -> str:
-    return f"{source}: unknown key '{key}' in {_where(path, source)}; {meant(key, known, 'known keys')}"
 
 
 def _number_meant(value, kinds) -> str | None:

@@ -180,9 +180,7 @@ def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
 
 
 def length_unit(path: str | Path) -> str:
-    """Return the unit of lengths in an image header, as NiBabel names it, such as "mm" or "unknown".
-
-    Only the header is read. NRRD and MetaImage have no unit.
+    """Return the unit of lengths in an image header, as NiBabel names it. NRRD and MetaImage have none: "unknown".
 
     Raises
     ------

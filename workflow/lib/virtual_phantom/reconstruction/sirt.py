@@ -99,7 +99,8 @@ class _SirtUpdate:
         self.row_weights = [_reciprocal(length, smallest) for length in lengths]
         column_sum = projector.empty_volume()
         for block in self.blocks:
-            back(projector.pack_projections(_ones(projector, block.stop - block.start)), block, column_sum)
+            shape = (projector.lanes, block.stop - block.start, projector.geometry.rows, projector.geometry.columns)
+            back(projector.pack_projections(np.ones(shape, dtype=np.float32)), block, column_sum)
         self.column_weights = _reciprocal(projector.one_lane(column_sum), UNSEEN * float(column_sum.max()))
 
     def __call__(self, volume):
@@ -111,10 +112,6 @@ class _SirtUpdate:
             self.back(residual, block, total)
         total *= self.column_weights
         return total
-
-
-def _ones(projector, views):
-    return np.ones((projector.lanes, views, projector.geometry.rows, projector.geometry.columns), dtype=np.float32)
 
 
 def _reciprocal(values, smallest):

@@ -5,13 +5,12 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path, PureWindowsPath
 
-from ..base.data import SCHEMAS, shipped_yaml
+from ..base.data import SCHEMAS
 from ..base.errors import InputError, InputErrors
 from ..io.files import files_of
-from ..io.schema import fill_defaults, mistakes, validate
+from ..io.schema import fill_defaults, mistakes, read_schema, validate
 from ..io.yaml_files import read_yaml
 
 FILE_NAME = "recording.yaml"
@@ -20,8 +19,8 @@ NAME_SHOWN = 60  # characters
 SECTIONS = {
     "images": {"labels", "rois", "isocentre_mm", "scan", "not_checked"},
     "projections": {"isocentre_mm", "scan", "corrected"},
+    "features": {"features", "rois"},
 }
-SECTIONS["features"] = {"features", "rois"}
 
 
 @dataclass(frozen=True)
@@ -71,13 +70,10 @@ def read_document(folder: str | Path) -> Document:
     folder = Path(folder)
     path = folder / FILE_NAME
     content = read_yaml(path, f"a recording is a folder with a {FILE_NAME} in it")
-    found, rest = mistakes(content, _schema(), str(path))
-    lines = [mistake.line for mistake in found]
-    lines += _foreign_keys(path, rest)
-    lines += _check_files(path, rest)
-    if lines:
+    found, rest = mistakes(content, read_schema(SCHEMA), str(path))
+    if lines := [*(mistake.line for mistake in found), *_foreign_keys(path, rest), *_check_files(path, rest)]:
         raise InputErrors(dict.fromkeys(lines))
-    fill_defaults(content, _schema())
+    fill_defaults(content, read_schema(SCHEMA))
     return Document(folder, content)
 
 
@@ -105,14 +101,9 @@ def planned_document(folder: str | Path, content: dict) -> Document:
         If `content` does not match schemas/recording.schema.yaml.
     """
     folder, content = Path(folder), copy.deepcopy(content)
-    validate(content, _schema(), str(folder / FILE_NAME))
-    fill_defaults(content, _schema())
+    validate(content, read_schema(SCHEMA), str(folder / FILE_NAME))
+    fill_defaults(content, read_schema(SCHEMA))
     return Document(folder, content)
-
-
-@cache
-def _schema() -> dict:
-    return shipped_yaml(SCHEMA)
 
 
 def _region_files(content: dict) -> list[str]:

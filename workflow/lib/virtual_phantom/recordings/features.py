@@ -16,9 +16,9 @@ from ..features.names import FEATURES, MEAN, VARIANCE, features_of, is_feature
 from ..features.settings import Extraction, differences, distinct_extractions, read_extractions
 from ..features.table_files import read_table
 from ..features.tables import finite_values
-from . import pyradiomics_table
 from .document import Document
 from .provenance import checksums
+from .pyradiomics_table import is_pyradiomics_table, short_names, to_native_layout
 from .recording import Provenance, Recording
 
 KEYS = ("image", "roi", "tissue_class")
@@ -133,9 +133,7 @@ def _tables(document: Document, study: tuple[str, ...]) -> tuple[dict[Path, pd.D
     settings, rois = document.content["features"], document.content.get("rois", [])
     tables = {path: _csv(path, settings) for path in (*document.repeats, *document.held_out)}
     conditions, source = settings["conditions"], str(document.path)
-    foreign = any(key in settings for key in LAYOUT) or any(
-        map(pyradiomics_table.is_pyradiomics_table, tables.values())
-    )
+    foreign = any(key in settings for key in LAYOUT) or any(map(is_pyradiomics_table, tables.values()))
     absent = set(settings["absent"])
     if not rois and not foreign:
         more = [name for name in study if name not in FEATURES and all(name in table for table in tables.values())]
@@ -143,9 +141,9 @@ def _tables(document: Document, study: tuple[str, ...]) -> tuple[dict[Path, pd.D
         return {path: _checked(path, table, wanted, conditions) for path, table in tables.items()}, wanted, []
     skipped, notes = 0, []
     for path, table in tables.items():
-        tables[path], rows = pyradiomics_table.to_native_layout(table, settings, rois, str(path))
+        tables[path], rows = to_native_layout(table, settings, rois, str(path))
         skipped += rows
-    names = pyradiomics_table.short_names(pd.concat([table["image"].dropna() for table in tables.values()]))
+    names = short_names(pd.concat([table["image"].dropna() for table in tables.values()]))
     features = tuple(name for name in study if name not in absent and all(name in table for table in tables.values()))
     if not features:
         raise InputError(
@@ -180,10 +178,8 @@ def _checked(path: Path, table: pd.DataFrame, features: tuple[str, ...], conditi
             raise InputError(f"{path}: {_unknown(name)}; correct or remove the column")
     if missing := [name for name in needed if name not in table]:
         more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-        advice = (
-            "add it; if it was not extracted, list it under features.absent" if missing[0] in FEATURES else "add it"
-        )
-        raise InputError(f"{path}: has no column {missing[0]}{more}; {advice}")
+        absent = "; if it was not extracted, list it under features.absent" if missing[0] in FEATURES else ""
+        raise InputError(f"{path}: has no column {missing[0]}{more}; add it{absent}")
     if table.empty:
         raise InputError(f"{path}: has no rows; write one row per image and ROI")
     for name in (*KEYS, *conditions):

@@ -9,7 +9,7 @@ import pandas as pd
 from ..base.errors import InputError
 from ..features.hu_offset import convert_to_hu
 from ..features.names import features_of
-from ..statistics import repeats as repeats_of
+from ..statistics.repeats import score_draws
 from .features import FeaturesRecording
 
 PER = ("image", "condition")
@@ -26,7 +26,6 @@ def with_group(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:
     """Return a table of features with a column `group`: 1, 2, ... for the sorted combinations of conditions.
 
     Without conditions, all images are group 1. The groups replace a condition named group, as in the tandem study.
-    its number in order.
     """
     if not conditions:
         return table.assign(group=1)
@@ -112,14 +111,8 @@ def stability_scores(recording: FeaturesRecording, repeats: int, **options) -> p
         )
     table = with_group(recording.repeats, recording.conditions)
     images = table.groupby("group")["image"].transform("nunique")
-    return repeats_of.score_draws(
-        table[images >= MINIMUM_IMAGES].reset_index(drop=True),
-        recording.features,
-        repeats,
-        unit="image",
-        source=name,
-        **options,
-    )
+    table = table[images >= MINIMUM_IMAGES].reset_index(drop=True)
+    return score_draws(table, recording.features, repeats, unit="image", source=name, **options)
 
 
 def select_rows(table: pd.DataFrame, conditions: dict, source: str) -> pd.DataFrame:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -81,13 +81,13 @@ def summary_table(summaries: dict[str, dict]) -> pd.DataFrame:
             "recording": name,
             **{key: summary[key] for key in ("kind", "repeats", "held_out")},
             "content": summary["text"],
-            "known": _join(
+            "known": "; ".join(
                 f"{key} {_short(value)}"
                 for section in ("nominal", "scan")
                 for key, value in summary["known"][section].items()
             ),
-            "missing": _join(summary["missing"]),
-            "notes": _join(summary["notes"]),
+            "missing": "; ".join(summary["missing"]),
+            "notes": "; ".join(summary["notes"]),
         }
         for name, summary in summaries.items()
     ]
@@ -103,10 +103,6 @@ def readable(rows: pd.DataFrame) -> str:
         lines += [f"  {key:<8} {row[key]}" for key in ("content", "known", "missing", "notes") if row[key]]
         blocks.append("\n".join(lines))
     return "\n\n".join(blocks)
-
-
-def _join(words: Iterable[str]) -> str:
-    return "; ".join(words)
 
 
 def _short(value) -> str:

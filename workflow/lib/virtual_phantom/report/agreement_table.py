@@ -20,13 +20,8 @@ def agreement_table(table: dict | None) -> str:
     """Format the table of images in diagnosis.json as HTML; an empty string for None."""
     if table is None:
         return ""
-    filters = {
-        "quantity": _quantity,
-        "compared": _compared,
-        "floor": _floor,
-        "short": style.number,
-        "algorithm": ALGORITHMS.__getitem__,
-    }
+    filters = {"quantity": _quantity, "compared": _compared, "floor": _floor, "short": style.number}
+    filters["algorithm"] = ALGORITHMS.__getitem__
     return render("agreement_of_images", filters, table=table, names=NAMES)
 
 

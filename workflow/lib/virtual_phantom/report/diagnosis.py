@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from datetime import date
-
 import numpy as np
 
-from .. import __version__
 from ..diagnosis.fitting.fit import Fit
 from ..diagnosis.residuals.dataset import Prepared
 from ..diagnosis.residuals.residual_tests import ALPHA
@@ -72,11 +69,7 @@ def diagnosis_page(diagnosis: Diagnosis, maps: tuple[np.ndarray, np.ndarray]) ->
         "diagnosis",
         content,
         effects={effect["name"]: load(effect["name"]) for effect in content["effects"]},
-        doubts=[
-            *(f"{doubt}." for doubt in content["doubts"]),
-            *advice(fit, prepared.fitter.model),
-            *content["caveats"],
-        ],
+        doubts=[f"{doubt}." for doubt in content["doubts"]] + advice(fit, prepared.fitter.model) + content["caveats"],
         places=[(location, after[location.domain]) for location in diagnosis.before],
         alpha=ALPHA,
         agreement=agreement_table(content.get("agreement")),
@@ -90,8 +83,6 @@ def diagnosis_page(diagnosis: Diagnosis, maps: tuple[np.ndarray, np.ndarray]) ->
         quantities={name: text.replace("{} ", "") for name, text in DIFFERENCES.items()},
         one_sided=ONE_SIDED,
         nuisances=NUISANCES,
-        version=__version__,
-        date=date.today().isoformat(),
     )
 
 
@@ -106,9 +97,7 @@ def setup_page(content: dict, stated: np.ndarray, best: np.ndarray) -> str:
         Residuals of the scan as described and as corrected.
     """
     maps = picture(figures.draw_setup(stated, best, content["recording"], content["setup"]["of"]))
-    return render_diagnosis(
-        "diagnosis_of_setup", content, maps=maps, version=__version__, date=date.today().isoformat()
-    )
+    return render_diagnosis("diagnosis_of_setup", content, maps=maps)
 
 
 def residual_maps(diagnosis: Diagnosis) -> tuple[np.ndarray, np.ndarray]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Callable, Mapping
+from datetime import date
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Undefined
 from matplotlib.figure import Figure
 
+from .. import __version__
 from ..base.names import enumerated, label
 from ..diagnosis.verdict_text import percent
 from ..figures import style
@@ -22,7 +24,6 @@ COLORS = {  # {verdict: color}
     "mismatch partly explained": "#E69F00",
 }
 OTHER_COLOR = "#D55E00"
-
 MOST_ROUNDED = 0.05  # largest relative change by rounding to the digits of an interval
 
 
@@ -35,8 +36,6 @@ def render(template: str, filters: Mapping[str, Callable], *, strict: bool = Tru
         Filters of the template in addition to `label`.
     strict : bool, optional
         Whether an undefined variable is an error (otherwise it is empty).
-    **values
-        Variables of the template.
     """
     environment = Environment(
         loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined if strict else Undefined
@@ -46,25 +45,16 @@ def render(template: str, filters: Mapping[str, Callable], *, strict: bool = Tru
 
 
 def render_diagnosis(template: str, content: dict, **values) -> str:
-    """Render a report of a diagnosis.
+    """Render a report of a diagnosis, with the content of diagnosis.json as `d` in the template."""
+    filters = {"number": number, "within": within, "chance": _chance, "coverage": _coverage, "share": percent}
+    filters["feature"] = style.feature_label
+    made = {"colour": COLORS.get(content["verdict"], OTHER_COLOR), "version": __version__, "date": today()}
+    return render(template, filters, strict=False, d=content, **made, **values)
 
-    Parameters
-    ----------
-    content : dict
-        Content of diagnosis.json, `d` in the template.
-    **values
-        Other variables of the template.
-    """
-    filters = {
-        "number": number,
-        "within": within,
-        "chance": _chance,
-        "coverage": _coverage,
-        "share": percent,
-        "feature": style.feature_label,
-    }
-    colour = COLORS.get(content["verdict"], OTHER_COLOR)
-    return render(template, filters, strict=False, d=content, colour=colour, **values)
+
+def today() -> str:
+    """Return the date, for the note on who made a page."""
+    return date.today().isoformat()
 
 
 def number(value: float) -> str:
@@ -81,7 +71,6 @@ def within(value: float, interval: list[float]) -> str:
     if not 0 < width < np.inf:
         return number(value)
     text = f"{value:.{max(0, 1 - int(np.floor(np.log10(width))))}f}"
-
     one_sided = interval[0] >= 0 or interval[1] <= 0
     if one_sided and abs(float(text) - value) > MOST_ROUNDED * abs(value):
         return number(value)

@@ -10,17 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-import yaml
 
-from .. import __version__
 from ..features.extraction import MINIMUM_GREY_LEVELS, MINIMUM_VOXELS
-from ..figures.style import TRIAL
 from ..io.documents import DIAGNOSIS, read_document
 from ..io.files import read_csv
-from ..statistics.trust import percent
 from .answer import MOST_FEATURES, agreement_text, stability_answer, stability_by_tissue
-from .html import COLORS, OTHER_COLOR, render
-from .study import ReportFigure, caption, cell, packages
+from .html import COLORS, OTHER_COLOR
+from .study import ReportFigure, caption, render_study
 
 NAMES = {"icc_2_1": "ICC(2,1)", "icc_3_1": "ICC(3,1)", "ccc": "CCC", "cv": "CV", "qcd": "QCD"}  # measures other than W
 FIRST_ROWS = 5  # rows of each table that the page shows
@@ -83,9 +79,9 @@ def index_page(
     if trust is not None:
         tissues = stability_by_tissue(trust, frames.get("stability"), features, config["statistics"]["compare"])
         answer = stability_answer(trust, frames.get("stable_features")) | {"tissues": tissues}
-    return render(
+    return render_study(
         "index",
-        {"cell": cell, "percent": percent},
+        config,
         NAMES=NAMES,
         MOST_FEATURES=MOST_FEATURES,
         MOST_CLASSES=MOST_CLASSES,
@@ -101,11 +97,6 @@ def index_page(
         commands=commands,
         other_pages=other_pages or {},
         folder=str(folder),
-        trial=config["trial"],
-        TRIAL=TRIAL,
-        config=yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True),
-        version=__version__,
-        packages=packages(),
     )
 
 

@@ -36,14 +36,8 @@ def blind_validation_page(
     for name in [*(case["case"] for case in score["cases"]), *(real["recording"] for real in score["recordings"])]:
         if name not in maps:
             raise InputError(f"{name}: has no maps; diagnose it again")
-    filters = {
-        "number": number,
-        "percent": percent,
-        "tally": tally,
-        "reached": reached,
-        "valued": valued,
-        "colour": lambda verdict: COLORS.get(verdict, OTHER_COLOR),
-    }
+    filters = {"number": number, "percent": percent, "tally": tally, "reached": reached, "valued": valued}
+    filters["colour"] = lambda verdict: COLORS.get(verdict, OTHER_COLOR)
     pictures = {case: tuple(data_url(thumbnail(values)) for values in pair) for case, pair in maps.items()}
     return render(
         "proof",

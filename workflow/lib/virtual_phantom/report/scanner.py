@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from datetime import date
 from typing import Protocol
 
 from .. import __version__
@@ -13,7 +12,7 @@ from ..diagnosis.selection.store import write_overlay
 from ..figures import scanner as figures
 from ..io.documents import SCANNER, write_document
 from ..io.files import write_text
-from .html import COLORS, OTHER_COLOR, number, picture, render, within
+from .html import COLORS, OTHER_COLOR, number, picture, render, today, within
 
 
 class ScannerFiles(Protocol):
@@ -49,7 +48,7 @@ def scanner_page(content: dict) -> str:
     colour = COLORS.get(content["verdict"], OTHER_COLOR)
     filters = {"number": number, "within": within}
     shown = {kind: _parameters(content["recordings"].values(), kind) for kind in ("alone", "own")}
-    shown |= {"removed": removed, "colour": colour, "version": __version__, "date": date.today().isoformat()}
+    shown |= {"removed": removed, "colour": colour, "version": __version__, "date": today()}
     return render("scanner", filters, d=content | {"recording": content["scanner"]}, **shown)
 
 

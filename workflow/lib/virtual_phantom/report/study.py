@@ -21,6 +21,7 @@ from .. import __version__
 from ..features.names import is_feature
 from ..figures import style
 from ..io.files import read_csv, sha256
+from ..statistics.trust import percent
 from .html import data_url, number, render
 
 PACKAGES = (  # packages that results depend on
@@ -93,9 +94,9 @@ def report_page(
             }
         )
     frames = {title: read_csv(path) for title, path in tables.items()}
-    return render(
+    return render_study(
         "study",
-        {"cell": cell},
+        config,
         sections=sections,
         tables=[
             {"title": title, "name": tables[title].stem, "frame": frame, "shown": len(frame) <= MOST_ROWS}
@@ -103,12 +104,21 @@ def report_page(
         ],
         embedded={title: path.read_text(encoding="utf-8") for title, path in embedded.items()},
         links=links,
+        checksums={str(path): sha256(path) for path in tables.values()},
+    )
+
+
+def render_study(template: str, config: Mapping, **values) -> str:
+    """Render a page of a study with its complete configuration and the versions of the packages."""
+    return render(
+        template,
+        {"cell": cell, "percent": percent},
         trial=config["trial"],
         TRIAL=style.TRIAL,
-        config=yaml.safe_dump(config, sort_keys=False, allow_unicode=True),
+        config=yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True),
         version=__version__,
         packages=packages(),
-        checksums={str(path): sha256(path) for path in tables.values()},
+        **values,
     )
 
 

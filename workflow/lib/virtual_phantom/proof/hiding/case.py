@@ -18,6 +18,11 @@ CATEGORIES = ("single", "none", "pair", "unknown")
 KINDS = ("projections", "images")
 MATCH, EXPLAINED, PARTLY, UNEXPLAINED = VERDICTS
 ADMITTED = (PARTLY, UNEXPLAINED)  # verdicts that report unexplained differences
+# Keys of a diagnosis that are scored or shown.
+SCORED = (
+    *("recording", "verdict", "sentence", "locations", "effects", "ambiguous_with", "ruled_out"),
+    *("excess_removed", "remainder_sd"),
+)
 EFFECTS_OF = {"single": 1, "none": 0, "pair": 2}  # number of effects, all of them in the library
 
 
@@ -238,18 +243,7 @@ def complete(diagnosis: dict, source: str | Path, recording: str | None = None) 
     InputError
         If a key is missing or the recording is another one.
     """
-    needed = (
-        "recording",
-        "verdict",
-        "sentence",
-        "locations",
-        "effects",
-        "ambiguous_with",
-        "ruled_out",
-        "excess_removed",
-        "remainder_sd",
-    )
-    missing = [key for key in needed if key not in diagnosis]
+    missing = [key for key in SCORED if key not in diagnosis]
     if missing or diagnosis["verdict"] not in VERDICTS:
         what = f"it has no {', '.join(missing)}" if missing else f"verdict {diagnosis['verdict']!r}"
         raise InputError(f"{source}: is not a diagnosis that can be scored ({what}); diagnose the case again")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...physics.effect import names
-from .hidden_effect import IMAGE, MEAN, NOISE, STRENGTHS, HiddenEffect, ranges, sign
+from .hidden_effect import IMAGE, MEAN, NOISE, STRENGTHS, HiddenEffect, sign
 from .missing_effects import MISSING_EFFECTS
 from .objects import READOUT_KEV
 
@@ -19,12 +19,34 @@ COLLIMATOR_MM = 200.0  # distance from the focal spot, as the diagnosis assumes
 AT_PHOTONS = 1e5  # per pixel in air, at which a saturation loses its share
 
 
-def _same(setting: str, parameter: str, signed: bool = False):
-    """Make one parameter with the same definition in simulator and library."""
+def _same(setting: str, parameter: str | None = None, signed: bool = False):
+    """Make one setting, and the library's parameter with the same definition, if it has one."""
 
     def make(size, random):
         value = size * (sign(random) if signed else 1.0)
-        return {setting: value}, {parameter: value}
+        return {setting: value}, {} if parameter is None else {parameter: value}
+
+    return make
+
+
+def _velocity(setting: str, parameters: tuple[str, ...], weights: tuple[float, ...] = (1.0, 1.0, 1.0)):
+    """Make a velocity in a random direction, whose components have these weights."""
+
+    def make(size, random):
+        direction = random.normal(size=3) * weights
+        velocity = (size * direction / np.linalg.norm(direction)).tolist()
+        return {setting: tuple(velocity)}, dict(zip(parameters, velocity, strict=True))
+
+    return make
+
+
+def _wave(setting: str, cosine: str, sine: str):
+    """Make the amplitudes of a cosine and a sine, with a random phase."""
+
+    def make(size, random):
+        phase = float(random.uniform(0, 2 * np.pi))
+        amplitudes = size * np.cos(phase), size * np.sin(phase)
+        return {setting: amplitudes}, dict(zip((cosine, sine), amplitudes, strict=True))
 
     return make
 
@@ -33,10 +55,6 @@ def _spectrum(size, random):
     kvp = float(random.choice([80, 100, 120, 140]))
     # Beam hardening decreases with filtration: the size is inverse to the thickness of the aluminum filter.
     return {"kvp": kvp, "aluminium_mm": 20 / size}, {"kvp": kvp}
-
-
-def _scatter(size, random):
-    return {"scatter_scale": size}, {}
 
 
 def _focal_spot(size, random):
@@ -56,12 +74,6 @@ def _bowtie(size, random):
     return {"bowtie": str(random.choice(["small", "medium", "large"])), "bowtie_scale": size}, {}
 
 
-def _modulation(size, random):
-    phase = float(random.uniform(0, 2 * np.pi))
-    cosine, sine = size * np.cos(phase), size * np.sin(phase)
-    return {"modulation": (cosine, sine)}, {"cosine": cosine, "sine": sine}
-
-
 def _heel(size, random):
     depth_mm = size * sign(random)
     # The anode angle sets the anode's side in the library. A positive depth in the simulator is the other side.
@@ -79,13 +91,6 @@ def _source_distance(size, random):
     return {"isocentre_mm": isocentre, "detector_mm": detector}, {"isocentre_mm": isocentre, "detector_mm": detector}
 
 
-def _motion(size, random):
-    direction = random.normal(size=3) * (1.0, 1.0, 0.5)
-    velocity = (size * direction / np.linalg.norm(direction)).tolist()
-    names = ("x_mm_per_s", "y_mm_per_s", "z_mm_per_s")
-    return {"velocity_mm_per_s": tuple(velocity)}, dict(zip(names, velocity, strict=True))
-
-
 def _glare(size, random):
     return {"glare_share": size, "glare_range_mm": float(random.uniform(20, 40))}, {}
 
@@ -94,10 +99,6 @@ def _dark(size, random):
     drift = size * float(random.uniform(-0.5, 0.5))
     settings = {"dark_photons": size, "dark_photons_per_s": drift}
     return settings, {"level_units": size * READOUT_KEV, "drift_units_per_s": drift * READOUT_KEV}
-
-
-def _kernel(size, random):
-    return {"kernel_pixels": size}, {}  # not comparable: the library blurs in addition to its interpolation
 
 
 def _hu(size, random):
@@ -126,131 +127,94 @@ def _wobble(size, random):
     return {"wobble_mm": side}, {"columns_mm": 2 * side, "rows_mm": 0.0}
 
 
-def _source_drift(size, random):
-    direction = random.normal(size=3)
-    velocity = (size * direction / np.linalg.norm(direction)).tolist()
-    names = ("columns_mm_per_s", "rows_mm_per_s", "away_mm_per_s")
-    return {"source_mm_per_s": tuple(velocity)}, dict(zip(names, velocity, strict=True))
-
-
-def _angle_wave(size, random):
-    phase = float(random.uniform(0, 2 * np.pi))
-    cosine, sine = size * np.cos(phase), size * np.sin(phase)
-    return {"angle_wave_deg": (cosine, sine)}, {"cosine_deg": cosine, "sine_deg": sine}
-
-
 CATALOGUE: dict[str, HiddenEffect] = {
-    "spectrum": HiddenEffect(True, ranges((1.0, 1.5), (2.5, 4.0), (5.0, 8.0)), _spectrum, MEAN, "haze"),
-    "scatter": HiddenEffect(True, ranges((0.3, 0.6), (1.5, 3.0), (5.0, 10.0)), _scatter, MEAN, "haze"),
-    "veiling_glare": HiddenEffect(True, ranges((0.002, 0.004), (0.01, 0.02), (0.03, 0.06)), _glare, MEAN, "haze"),
-    "dark_signal": HiddenEffect(True, ranges((20, 40), (100, 200), (400, 800)), _dark, MEAN, "haze"),
-    "focal_spot": HiddenEffect(True, ranges((1.0, 1.3), (1.8, 2.3), (3.0, 3.8)), _focal_spot, MEAN, "blur"),
-    "xray_crosstalk": HiddenEffect(
-        True, ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.12)), _crosstalk("crosstalk"), MEAN, "blur"
-    ),
+    "spectrum": HiddenEffect(((1.0, 1.5), (2.5, 4.0), (5.0, 8.0)), _spectrum, MEAN, "haze"),
+    "scatter": HiddenEffect(((0.3, 0.6), (1.5, 3.0), (5.0, 10.0)), _same("scatter_scale"), MEAN, "haze"),
+    "veiling_glare": HiddenEffect(((0.002, 0.004), (0.01, 0.02), (0.03, 0.06)), _glare, MEAN, "haze"),
+    "dark_signal": HiddenEffect(((20, 40), (100, 200), (400, 800)), _dark, MEAN, "haze"),
+    "focal_spot": HiddenEffect(((1.0, 1.3), (1.8, 2.3), (3.0, 3.8)), _focal_spot, MEAN, "blur"),
+    "xray_crosstalk": HiddenEffect(((0.005, 0.01), (0.02, 0.04), (0.08, 0.12)), _crosstalk("crosstalk"), MEAN, "blur"),
     "optical_crosstalk": HiddenEffect(
-        True,
-        ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.12)),
+        ((0.005, 0.01), (0.02, 0.04), (0.08, 0.12)),
         _crosstalk("optical_crosstalk"),
         (*MEAN, "noise correlation"),
         "blur",
     ),
-    "afterglow": HiddenEffect(True, ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.15)), _afterglow, MEAN),
+    "afterglow": HiddenEffect(((0.005, 0.01), (0.02, 0.04), (0.08, 0.15)), _afterglow, MEAN),
     "electronic_noise": HiddenEffect(
-        True, ranges((12, 16), (25, 40), (80, 150)), _same("electronic_photons", "photons"), NOISE, "noise"
+        ((12, 16), (25, 40), (80, 150)), _same("electronic_photons", "photons"), NOISE, "noise"
     ),
     "photon_flux": HiddenEffect(
-        True,
-        ranges((0.85, 0.9), (0.65, 0.75), (0.35, 0.5)),
-        _same("flux_factor", "factor"),
-        (*NOISE, "alignment"),
-        "noise",
+        ((0.85, 0.9), (0.65, 0.75), (0.35, 0.5)), _same("flux_factor", "factor"), (*NOISE, "alignment"), "noise"
     ),
-    "current_modulation": HiddenEffect(True, ranges((0.1, 0.15), (0.25, 0.35), (0.5, 0.6)), _modulation, NOISE),
-    "bowtie": HiddenEffect(True, ranges((0.05, 0.1), (0.2, 0.4), (0.7, 1.0)), _bowtie, (*NOISE, "white field")),
-    "heel": HiddenEffect(True, ranges((1e-3, 2e-3), (4e-3, 7e-3), (0.012, 0.02)), _heel, (*NOISE, "white field")),
+    "current_modulation": HiddenEffect(
+        ((0.1, 0.15), (0.25, 0.35), (0.5, 0.6)), _wave("modulation", "cosine", "sine"), NOISE
+    ),
+    "bowtie": HiddenEffect(((0.05, 0.1), (0.2, 0.4), (0.7, 1.0)), _bowtie, (*NOISE, "white field")),
+    "heel": HiddenEffect(((1e-3, 2e-3), (4e-3, 7e-3), (0.012, 0.02)), _heel, (*NOISE, "white field")),
     "gain_pattern": HiddenEffect(
-        True, ranges((6e-4, 1e-3), (2e-3, 4e-3), (8e-3, 0.015)), _same("gain_rms", "rms"), ("pixels", "columns")
+        ((6e-4, 1e-3), (2e-3, 4e-3), (8e-3, 0.015)), _same("gain_rms", "rms"), ("pixels", "columns")
     ),
     "centre_of_rotation": HiddenEffect(
-        True, ranges((0.05, 0.08), (0.15, 0.3), (0.6, 1.2)), _same("axis_shift_mm", "shift_mm", True), MEAN, "place"
+        ((0.05, 0.08), (0.15, 0.3), (0.6, 1.2)), _same("axis_shift_mm", "shift_mm", True), MEAN, "place"
     ),
     "detector_offset": HiddenEffect(
-        True,
-        ranges((0.03, 0.05), (0.1, 0.2), (0.4, 0.8)),
-        _same("detector_columns_px", "columns_px", True),
+        ((0.03, 0.05), (0.1, 0.2), (0.4, 0.8)), _same("detector_columns_px", "columns_px", True), MEAN, "place"
+    ),
+    "source_distance": HiddenEffect(((0.6, 1.0), (2.0, 4.0), (8.0, 15.0)), _source_distance, (*MEAN, "alignment")),
+    "motion": HiddenEffect(
+        ((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)),
+        _velocity("velocity_mm_per_s", ("x_mm_per_s", "y_mm_per_s", "z_mm_per_s"), (1.0, 1.0, 0.5)),
         MEAN,
-        "place",
+        "drift",
     ),
-    "source_distance": HiddenEffect(
-        True, ranges((0.6, 1.0), (2.0, 4.0), (8.0, 15.0)), _source_distance, (*MEAN, "alignment")
-    ),
-    "motion": HiddenEffect(True, ranges((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _motion, MEAN, "drift"),
+    # Not comparable: the library blurs in addition to its interpolation.
     "reconstruction_kernel": HiddenEffect(
-        True, ranges((0.75, 0.85), (0.9, 1.0), (1.1, 1.2)), _kernel, IMAGE, of_images=True
+        ((0.75, 0.85), (0.9, 1.0), (1.1, 1.2)), _same("kernel_pixels"), IMAGE, of_images=True
     ),
-    "hu_calibration": HiddenEffect(True, ranges((0.005, 0.01), (0.02, 0.03), (0.05, 0.08)), _hu, IMAGE, of_images=True),
+    "hu_calibration": HiddenEffect(((0.005, 0.01), (0.02, 0.03), (0.05, 0.08)), _hu, IMAGE, of_images=True),
     "off_focal_radiation": HiddenEffect(
-        True, ranges((0.01, 0.02), (0.04, 0.06), (0.1, 0.15)), _off_focal, (*MEAN, "white field"), "haze"
+        ((0.01, 0.02), (0.04, 0.06), (0.1, 0.15)), _off_focal, (*MEAN, "white field"), "haze"
     ),
     "view_blur": HiddenEffect(
-        True,
-        ranges((0.2, 0.3), (0.5, 0.6), (0.9, 1.0)),
+        ((0.2, 0.3), (0.5, 0.6), (0.9, 1.0)),
         lambda size, _: ({"duty": size, "subviews": 8}, {"duty": size}),
         MEAN,
         "blur",
     ),
     "detector_saturation": HiddenEffect(
-        True, ranges((0.002, 0.004), (0.01, 0.02), (0.04, 0.08)), _saturation, (*MEAN, "alignment"), "haze"
+        ((0.002, 0.004), (0.01, 0.02), (0.04, 0.08)), _saturation, (*MEAN, "alignment"), "haze"
     ),
-    "focal_spot_wobble": HiddenEffect(True, ranges((0.1, 0.2), (0.4, 0.6), (1.0, 1.5)), _wobble, MEAN),
+    "focal_spot_wobble": HiddenEffect(((0.1, 0.2), (0.4, 0.6), (1.0, 1.5)), _wobble, MEAN),
     "detector_row_offset": HiddenEffect(
-        True, ranges((0.5, 0.8), (1.5, 2.5), (5.0, 8.0)), _same("detector_rows_mm", "rows_mm", True), MEAN
+        ((0.5, 0.8), (1.5, 2.5), (5.0, 8.0)), _same("detector_rows_mm", "rows_mm", True), MEAN
     ),
-    "source_drift": HiddenEffect(True, ranges((0.1, 0.2), (0.5, 1.0), (2.0, 4.0)), _source_drift, MEAN, "drift"),
-    "view_angle_error": HiddenEffect(True, ranges((0.02, 0.04), (0.1, 0.2), (0.4, 0.8)), _angle_wave, MEAN),
+    "source_drift": HiddenEffect(
+        ((0.1, 0.2), (0.5, 1.0), (2.0, 4.0)),
+        _velocity("source_mm_per_s", ("columns_mm_per_s", "rows_mm_per_s", "away_mm_per_s")),
+        MEAN,
+        "drift",
+    ),
+    "view_angle_error": HiddenEffect(
+        ((0.02, 0.04), (0.1, 0.2), (0.4, 0.8)), _wave("angle_wave_deg", "cosine_deg", "sine_deg"), MEAN
+    ),
 } | MISSING_EFFECTS
 
 # Source of the equation that makes the recordings. The names are keys in score.json.
 XCIST = "XCIST's own"
 OTHER = "an equation of the proof's own, which is not the library's"
 REPEATED = "the library's equation, written again"
-MODELS: dict[str, tuple[str, ...]] = {
+MODELS: dict[str, list[str]] = {
     XCIST: (
-        "spectrum",
-        "scatter",
-        "focal_spot",
-        "xray_crosstalk",
-        "optical_crosstalk",
-        "afterglow",
-        "electronic_noise",
-        "photon_flux",
-        "bowtie",
-        "source_distance",
-        "view_blur",
-        "focal_spot_wobble",
-        "k_edge_filter",
-    ),
-    OTHER: (
-        "veiling_glare",
-        "off_focal_radiation",
-        "detector_saturation",
-        *(name for name in MISSING_EFFECTS if name != "k_edge_filter"),
-    ),
+        "spectrum scatter focal_spot xray_crosstalk optical_crosstalk afterglow electronic_noise photon_flux bowtie "
+        "source_distance view_blur focal_spot_wobble k_edge_filter"
+    ).split(),
+    OTHER: ["veiling_glare", "off_focal_radiation", "detector_saturation"]
+    + [name for name in MISSING_EFFECTS if name != "k_edge_filter"],
     REPEATED: (
-        "dark_signal",
-        "current_modulation",
-        "heel",
-        "gain_pattern",
-        "centre_of_rotation",
-        "detector_offset",
-        "motion",
-        "detector_row_offset",
-        "source_drift",
-        "view_angle_error",
-        "reconstruction_kernel",
-        "hu_calibration",
-    ),
+        "dark_signal current_modulation heel gain_pattern centre_of_rotation detector_offset motion "
+        "detector_row_offset source_drift view_angle_error reconstruction_kernel hu_calibration"
+    ).split(),
 }
 
 

@@ -16,19 +16,9 @@ TABLE_WIDTH = 0.8  # share of the phantom's width
 
 
 def changed(fine: Volume, scanned_object: Object, settings: Mapping) -> Volume:
-    """Return the phantom with the hidden changes of the object.
+    """Return the phantom (HU) with the changes of the object that the hidden settings (Scan.settings) state.
 
-    Parameters
-    ----------
-    fine : Volume
-        HU.
-    settings : mapping
-        Hidden settings, as Scan.settings.
-
-    Returns
-    -------
-    Volume
-        `fine` itself if the object is not changed. Otherwise, the grid can be larger, with the same center.
+    The grid can be larger, with the same center. Without a change, the result is `fine` itself.
     """
     if thick := settings.get("table_mm", 0.0):
         return _table(fine, thick, settings["table_hu"])

@@ -9,13 +9,7 @@ from .xcist import Acquired, Scan
 
 
 def faulty(taken: Acquired, scan: Scan, random: np.random.Generator) -> Acquired:
-    """Return the readings with the hidden faults.
-
-    Parameters
-    ----------
-    random : numpy.random.Generator
-        Draws the quanta that share their charge.
-    """
+    """Return the readings with the hidden faults; `random` draws the quanta that share their charge."""
     settings, readings, air = scan.settings, taken.readings, taken.air
     if share := settings.get("charge_share", 0.0):
         # The air scan has no noise, so that the expected value is added.
@@ -39,19 +33,10 @@ def chosen(views: int, share: float, seed: int) -> np.ndarray:
 
 
 def warmed(views: int, columns: int, rise: float, turns: float) -> np.ndarray:
-    """Gains of a detector that warms up: gains change with the distance from the fan's center, towards a limit.
+    """Gains of a detector that warms up, shape (views, columns), with a mean of 1 in every view.
 
-    Parameters
-    ----------
-    rise : float
-        Limit for the last column; the first column has the opposite sign.
-    turns : float
-        Time constant, turns.
-
-    Returns
-    -------
-    ndarray, shape (views, columns)
-        The mean of a view is 1.
+    Gains change with the distance from the fan's center, with a time constant in turns, towards a limit: `rise` for the
+    last column, with the opposite sign for the first.
     """
     time = (np.arange(views) + 0.5) / views
     return 1 + rise * -np.expm1(-time / turns)[:, None] * np.linspace(-1, 1, columns)
@@ -60,19 +45,16 @@ def warmed(views: int, columns: int, rise: float, turns: float) -> np.ndarray:
 def charge_shared(readings: np.ndarray, share: float, kev: float, random: np.random.Generator) -> np.ndarray:
     """Count quanta near the edge of their pixel in the adjacent pixel, too.
 
+    Quanta beyond the edge of the detector are lost.
+
     Parameters
     ----------
     readings : ndarray, shape (..., columns)
-        Energies, keV.
+        Energies, keV, like the result.
     share : float
         Share of all quanta that are counted twice, half of them on either side.
     kev : float
         Energy of one quantum.
-
-    Returns
-    -------
-    ndarray
-        keV, same shape as `readings`. Quanta beyond the edge of the detector are lost.
     """
     quanta = np.rint(np.maximum(readings, 0) / kev).astype(np.int64)
     crossing = random.binomial(quanta, share)
@@ -103,11 +85,6 @@ def refracted(photons: np.ndarray, amount: float) -> np.ndarray:
     amount : float
         k, pixels squared.
 
-    Returns
-    -------
-    ndarray
-        Same shape as `photons`.
-
     References
     ----------
     .. [1] D. Paganin et al., J. Microsc. 206, 33, 2002.
@@ -123,7 +100,7 @@ def refracted(photons: np.ndarray, amount: float) -> np.ndarray:
 
 
 def displaced_tile(transmission: np.ndarray, first: float, last: float, shift: float) -> np.ndarray:
-    """Displace a tile of the detector along the columns.
+    """Displace a tile of the detector along the columns, by linear interpolation.
 
     Parameters
     ----------
@@ -131,12 +108,7 @@ def displaced_tile(transmission: np.ndarray, first: float, last: float, shift: f
     first, last : float
         Limits of the tile, shares of the columns.
     shift : float
-        Columns, by linear interpolation.
-
-    Returns
-    -------
-    ndarray
-        Same shape as `transmission`.
+        Columns.
     """
     columns = len(transmission)
     inside = np.arange(round(first * columns), round(last * columns))

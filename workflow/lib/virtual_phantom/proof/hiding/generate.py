@@ -25,7 +25,6 @@ from .xcist import TARGET_ANGLE_DEG, Acquired, Scan, simulate
 LEAST_READING = 1e-6  # share of the air scan, since the logarithm needs positive values
 NOMINAL = {"anode": "W", "anode_angle_deg": TARGET_ANGLE_DEG}  # the tube of all cases
 RECONSTRUCTED = {"kernel_pixels": 0.0, "hu_scale": 1.0, "hu_offset": 0.0}  # settings with their neutral values
-NOISE, PIXELS = range(2)  # branches of a scan's seed
 
 
 def scan_section(
@@ -37,17 +36,7 @@ def scan_section(
     kev: float,
     hidden: Mapping,
 ) -> Scan:
-    """Return the scan for XCIST.
-
-    Parameters
-    ----------
-    settings : mapping
-        Section proof.scan of the configuration.
-    photons, rotation_ms, kev : float
-        As in Scan.
-    hidden : mapping
-        Hidden settings of the simulator.
-    """
+    """Return the scan for XCIST, from the section proof.scan of the configuration and the hidden settings."""
     return Scan(
         views=views,
         **scanned_object.detector(settings["columns"], settings["rows"]),
@@ -69,14 +58,9 @@ def hidden_settings(truth: Mapping) -> dict:
 def acquire(
     scan: Scan, scanned_object: Object, fine: Volume, mu_water_per_mm: float, repeats: int, seed: Stream
 ) -> Acquired:
-    """Scan the fine phantom and read out the detector.
+    """Scan the fine phantom (HU) and read out the detector.
 
-    Parameters
-    ----------
-    fine : Volume
-        HU.
-    seed : Stream
-        Branches of it draw the noise, the gains of the pixels and the faults.
+    Branches of the seed draw the noise, the gains of the pixels and the faults.
     """
     noise, pixels, faults = seed.spawn(3)
     scanned = changed(fine, scanned_object, scan.settings)

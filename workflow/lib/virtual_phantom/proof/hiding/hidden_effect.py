@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,10 +19,8 @@ class HiddenEffect:
 
     Attributes
     ----------
-    known : bool
-        Whether the library has an effect of this name.
-    ranges : mapping of str to tuple of 2 float
-        {strength: (low, high)}: bounds of the log-uniform distribution of the size.
+    ranges : tuple of tuple of 2 float
+        For each of STRENGTHS: bounds of the log-uniform distribution of the size.
     make : callable
         Maps (size, random generator) to the settings of the simulator and to the parameters of the library that have
         the same definition.
@@ -30,6 +28,8 @@ class HiddenEffect:
         Domains of the diagnosis, at least one of which must show the effect.
     alike : str
         Effects with the same group change the readings in nearly the same way. No pair has two effects of one group.
+    known : bool
+        Whether the library has an effect of this name.
     of_images : bool
         Whether the effect belongs to the reconstruction, so that only images show it.
     right : str
@@ -38,24 +38,19 @@ class HiddenEffect:
         For effects that the library lacks: sets of its effects that are equivalent.
     """
 
-    known: bool
-    ranges: Mapping[str, tuple[float, float]]
+    ranges: tuple[tuple[float, float], ...]
     make: Callable[[float, np.random.Generator], tuple[dict, dict]]
     where: tuple[str, ...]
     alike: str = ""
+    known: bool = True
     of_images: bool = False
     right: str = ""
     equals: tuple[tuple[str, ...], ...] = ()
 
     def draw(self, strength: str, random: np.random.Generator) -> tuple[dict, dict]:
         """Draw a size for one of STRENGTHS and return the result of `make`."""
-        low, high = self.ranges[strength]
+        low, high = self.ranges[STRENGTHS.index(strength)]
         return self.make(float(np.exp(random.uniform(np.log(low), np.log(high)))), random)
-
-
-def ranges(*bounds: tuple[float, float]) -> dict[str, tuple[float, float]]:
-    """Return the bounds by strength, in the order of STRENGTHS."""
-    return dict(zip(STRENGTHS, bounds, strict=True))
 
 
 def sign(random: np.random.Generator) -> float:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .hidden_effect import MEAN, NOISE, HiddenEffect, ranges, sign
+from .hidden_effect import MEAN, NOISE, HiddenEffect, sign
 
 # Verdicts are part of the sealed truths: another text changes the published hashes.
 LEFT = "something outside of the library is left"
@@ -16,6 +16,10 @@ K_EDGES = {"Gd": 0.1, "Sn": 0.3, "W": 0.05}  # filters with a K edge in the beam
 
 def _seed(random: np.random.Generator) -> int:
     return int(random.integers(2**31))
+
+
+def _seeded(setting: str, seed: str):
+    return lambda size, random: {setting: size, seed: _seed(random)}
 
 
 def _breathing(size, random):
@@ -32,34 +36,18 @@ def _swing(size, random):
     return {"swing_deg": size, "swing_per_turn": float(random.uniform(0.7, 3)), "swing_phase": _phase(random)}
 
 
-def _jitter(size, random):
-    return {"jitter_deg": size, "jitter_seed": _seed(random)}
-
-
 def _tile(size, random):
     """A tile of an eighth to a quarter of the columns, in the inner half of the detector."""
     first, width = float(random.uniform(0.25, 0.5)), float(random.uniform(0.125, 0.25))
     return {"tile_px": size * sign(random), "tile_from": first, "tile_to": first + width}
 
 
-def _refraction(size, random):
-    return {"refraction": size}
-
-
 def _dim(size, random):
     return {"dim_share": size, "dim_views": float(random.uniform(0.03, 0.1)), "dim_seed": _seed(random)}
 
 
-def _lost(size, random):
-    return {"lost_views": size, "lost_seed": _seed(random)}
-
-
 def _warming(size, random):
     return {"warming": size * sign(random), "warming_turns": float(random.uniform(0.2, 0.6))}
-
-
-def _charge(size, random):
-    return {"charge_share": size}
 
 
 def _k_edge(size, random):
@@ -86,22 +74,27 @@ def _insert(size, random):
 
 def _kind(strengths, make, where, right=LEFT, equals=()):
     return HiddenEffect(
-        False, ranges(*strengths), lambda size, random: (make(size, random), {}), where, right=right, equals=equals
+        strengths,
+        lambda size, random: (make(size, random), {}),
+        where,
+        known=False,
+        right=right,
+        equals=equals,
     )
 
 
 MISSING_EFFECTS: dict[str, HiddenEffect] = {
     "periodic_motion": _kind(((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _breathing, MEAN),
     "swinging_object": _kind(((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _swing, MEAN),
-    "timing_jitter": _kind(((0.05, 0.1), (0.2, 0.4), (0.8, 1.5)), _jitter, MEAN),
+    "timing_jitter": _kind(((0.05, 0.1), (0.2, 0.4), (0.8, 1.5)), _seeded("jitter_deg", "jitter_seed"), MEAN),
     "displaced_tile": _kind(((0.05, 0.1), (0.2, 0.4), (0.6, 1.0)), _tile, MEAN),
-    "refraction": _kind(((0.005, 0.01), (0.02, 0.04), (0.06, 0.1)), _refraction, MEAN),
+    "refraction": _kind(((0.005, 0.01), (0.02, 0.04), (0.06, 0.1)), lambda size, _: {"refraction": size}, MEAN),
     "dim_views": _kind(((0.002, 0.004), (0.01, 0.02), (0.05, 0.1)), _dim, MEAN),
-    "lost_views": _kind(((0.02, 0.03), (0.04, 0.06), (0.08, 0.12)), _lost, MEAN),
+    "lost_views": _kind(((0.02, 0.03), (0.04, 0.06), (0.08, 0.12)), _seeded("lost_views", "lost_seed"), MEAN),
     "gain_drift": _kind(((0.001, 0.002), (0.005, 0.01), (0.02, 0.04)), _warming, MEAN),
     "charge_sharing": _kind(
         ((0.02, 0.04), (0.08, 0.15), (0.2, 0.35)),
-        _charge,
+        lambda size, _: {"charge_share": size},
         (*MEAN, *NOISE, "noise correlation"),
         "crosstalk of either kind, with or without another flux, is its equal; or " + LEFT,
         tuple((kind, *flux) for kind in ("optical_crosstalk", "xray_crosstalk") for flux in ((), ("photon_flux",))),

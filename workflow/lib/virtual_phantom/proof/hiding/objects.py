@@ -91,23 +91,10 @@ class Object:
         }
 
 
+BONE = "ICRU_skeleton_cortical_bone_adult"
 OBJECTS = {
     "quality_assurance": Object(
-        "quality_assurance.yaml",
-        (208.0, 208.0),
-        40.0,
-        "water",
-        "ICRU_skeleton_cortical_bone_adult",
-        150.0,
-        ("water", "bone"),
+        "quality_assurance.yaml", (208.0, 208.0), 40.0, "water", BONE, 150.0, ("water", "bone")
     ),
-    "abdomen": Object(
-        "phantom.yaml",
-        (222.0, 302.0),
-        96.0,
-        "ICRU_muscle_adult",
-        "ICRU_skeleton_cortical_bone_adult",
-        150.0,
-        ("soft_tissue", "bone"),
-    ),
+    "abdomen": Object("phantom.yaml", (222.0, 302.0), 96.0, "ICRU_muscle_adult", BONE, 150.0, ("soft_tissue", "bone")),
 }

@@ -25,12 +25,7 @@ BEYOND_MM = 6.0
 def build(scanned_object: Object, layout_file: str | Path, columns: int, rows: int, seed: Stream) -> Phantom:
     """Build a phantom, cut to the height that a detector of columns x rows sees.
 
-    `fine` of the result is scanned, `image` is known to the diagnosis.
-
-    Parameters
-    ----------
-    seed : Stream
-        Draws the textures.
+    `fine` of the result is scanned, `image` is known to the diagnosis. The seed draws the textures.
 
     Raises
     ------
@@ -60,12 +55,7 @@ def _middle(volume: Volume, slices: int) -> Volume:
 def materials(hu: Volume, scanned_object: Object, kev: float, mu_water_per_mm: float) -> Materials:
     """Divide HU into materials whose attenuation at one energy is mu_water_per_mm (1 + HU / 1000) in every voxel.
 
-    Parameters
-    ----------
-    hu : Volume
-        float32, with square voxels in the plane.
-    kev : float
-        Energy of the beam, keV.
+    Voxels are square in the plane.
     """
     mu = np.maximum(mu_water_per_mm * (1 + hu.array.astype(np.float64) / 1000), 0)
     soft_mu, dense_mu = (attenuation_per_mm(name, kev) for name in (scanned_object.soft, scanned_object.dense))

@@ -31,19 +31,12 @@ def canonical(truth: Mapping) -> str:
 
 
 def sealed(truth: Mapping, salt: str) -> dict:
-    """Return the sealed document of a truth.
+    """Return the sealed document of a truth, {"case", "salt", "truth"}. The truth has the key `case`.
 
     Parameters
     ----------
-    truth : mapping
-        Includes the key `case`.
     salt : str
         64 hexadecimal digits, drawn for this case alone.
-
-    Returns
-    -------
-    dict
-        {"case", "salt", "truth"}.
 
     Raises
     ------
@@ -62,12 +55,7 @@ def digest(document: Mapping) -> str:
 
 
 def publish(documents: Iterable[Mapping]) -> dict[str, str]:
-    """Return the digests of sealed documents, which are published before any recording is made.
-
-    Returns
-    -------
-    dict of str to str
-        {case: digest}.
+    """Return {case: digest} of sealed documents, which is published before any recording is made.
 
     Raises
     ------
@@ -83,12 +71,7 @@ def publish(documents: Iterable[Mapping]) -> dict[str, str]:
 
 
 def verdict_of(case: str, diagnosis: str | Path, other: str | Path | None = None) -> dict[str, str]:
-    """Return the document that binds a diagnosis before its seal is opened.
-
-    Parameters
-    ----------
-    other : str or Path, optional
-        Table of agreement on another protocol, which is bound, too.
+    """Return the document that binds a diagnosis, and a table of agreement `other`, before the seal is opened.
 
     Raises
     ------
@@ -123,12 +106,7 @@ def read(path: str | Path) -> dict:
 
 
 def open_seal(path: str | Path, seals: Mapping[str, str]) -> dict:
-    """Return the truth of a sealed document after a check against the published digests.
-
-    Parameters
-    ----------
-    seals : mapping of str to str
-        {case: digest}.
+    """Return the truth of a sealed document after a check against the published digests, {case: digest}.
 
     Raises
     ------
@@ -156,12 +134,7 @@ def open_seal(path: str | Path, seals: Mapping[str, str]) -> dict:
 
 
 def check_verdict(diagnosis: str | Path, verdict: str | Path, other: str | Path | None = None) -> dict:
-    """Return the diagnosis after a check against the digests of its verdict.
-
-    Parameters
-    ----------
-    other : str or Path, optional
-        Table of agreement on another protocol, which is checked, too.
+    """Return the diagnosis after a check, with a table of agreement `other`, against the digests of its verdict.
 
     Raises
     ------

@@ -42,13 +42,6 @@ def views_of(kind: str, settings: Mapping) -> tuple[int, int]:
     """Return the number of views for each of PROTOCOLS.
 
     Images have more views: with few views, streaks dominate, which differ between reconstructions.
-
-    Parameters
-    ----------
-    kind : str
-        One of case.KINDS.
-    settings : mapping
-        As in `truths`.
     """
     times = settings["images"]["views_times"] if kind == "images" else 1
     return tuple(settings[protocol]["views"] * times for protocol in PROTOCOLS)
@@ -61,15 +54,10 @@ def _number(case: str) -> int:
 def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
     """Check the names of recordings that are shown next to the cases.
 
-    Parameters
-    ----------
-    diagnosed : collection of str
-        Names under `diagnosis.recordings`.
-
     Raises
     ------
     InputError
-        If a name is missing there or has the form of a case's name.
+        If a name is not among `diagnosed` (names under `diagnosis.recordings`), or has the form of a case's name.
     """
     for name in names:
         if re.fullmatch(r"case_[0-9]+", name):
@@ -95,19 +83,7 @@ def check_tried(settings: Mapping) -> None:
 
 
 def truths(settings: Mapping) -> dict[str, dict]:
-    """Return the truth of each case.
-
-    Parameters
-    ----------
-    settings : mapping
-        Section `proof` of the configuration: seed, effects, strengths, and the numbers of cases without effect, with
-        pairs and with unknown effects.
-
-    Returns
-    -------
-    dict of str to dict
-        {case: truth}, as for seal.sealed.
-    """
+    """Return {case: truth}, as for seal.sealed, from the section `proof` of the configuration."""
     plan = []
     for purpose, part in ((0, _plan(settings)), (2, _plan_of_images(settings))):
         order = generator(branch(settings["seed"], purpose)).permutation(len(part))

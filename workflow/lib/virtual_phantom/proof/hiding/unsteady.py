@@ -10,14 +10,9 @@ from ...base.streams import branch, generator
 
 
 def breathed(turns: float, settings: Mapping) -> np.ndarray:
-    """Return the displacement of an object that breathes, (x, y, z) in mm.
+    """Return the displacement of an object that breathes, (x, y, z) in mm, after some turns of the gantry.
 
-    Parameters
-    ----------
-    turns : float
-        Turns of the gantry since the start of the scan.
-    settings : mapping
-        `breathing_mm`, the amplitude (x, y, z); `breathing_per_turn`; `breathing_phase`, radians.
+    Settings: `breathing_mm`, the amplitude (x, y, z); `breathing_per_turn`; `breathing_phase`, radians.
     """
     phase = 2 * np.pi * settings["breathing_per_turn"] * turns + settings["breathing_phase"]
     return np.sin(phase) * np.asarray(settings["breathing_mm"])
@@ -29,13 +24,7 @@ def swung(turns: float, settings: Mapping) -> float:
 
 
 def jittered(view: int, settings: Mapping) -> float:
-    """Return the angular error of a view, degrees.
-
-    Parameters
-    ----------
-    settings : mapping
-        `jitter_deg`, the standard deviation, and `jitter_seed`.
-    """
+    """Return the angular error of a view, degrees. Settings: `jitter_deg`, the SD, and `jitter_seed`."""
     return settings["jitter_deg"] * float(generator(branch(settings["jitter_seed"], view)).normal())
 
 

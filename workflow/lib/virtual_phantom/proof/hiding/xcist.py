@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Protocol
 
 import numpy as np
 from scipy.optimize import brentq
@@ -34,7 +35,6 @@ TARGET_ANGLE_DEG = 7.0  # anode angle of XCIST's tabulated spectra
 FOCAL_SPOT_SAMPLES = 3  # per direction, uniformly spaced
 SPOT_STRETCHED = (1 - FOCAL_SPOT_SAMPLES**-2) ** -0.5  # gives the samples the variance of a uniform focal spot
 ENERGIES_KEV = (40.0, 120.0)  # range of the monochromatic beam's energy
-SURFACES = {"ellipsoid": 1, "cylinder": 2}  # XCIST's numbers
 # Neutral settings of the hooks.
 IDLE = {
     "detector_columns_px": 0.0,
@@ -108,68 +108,11 @@ class Acquired:
     current: np.ndarray | None = None
 
 
-@dataclass(frozen=True)
-class Surface:
-    """An ellipsoid or an elliptic cylinder along z.
-
-    Attributes
-    ----------
-    kind : {"ellipsoid", "cylinder"}
-    material : str
-        XCIST's name.
-    centre_mm, half_axes_mm : tuple of 3 float
-        Along x, y and z, mm.
-    """
-
-    kind: str
-    material: str
-    centre_mm: tuple[float, float, float]
-    half_axes_mm: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Surfaces:
-    """An object for XCIST, given by surfaces. Later surfaces replace earlier ones where they overlap.
-
-    At least one surface must be a cylinder: XCIST's reader fails without the planes of its ends.
-
-    Attributes
-    ----------
-    rays : int, optional
-        Rays per detector cell and direction.
-    """
-
-    parts: tuple[Surface, ...]
-    rays: int = 2
+class ScannedObject(Protocol):
+    """An object that XCIST can scan."""
 
     def configure(self, cfg, folder: Path) -> None:
-        """Set the configuration to scan this object; write its file to the folder."""
-        cfg.phantom.filename = str(self.write(folder))
-        cfg.phantom.callback, cfg.phantom.projectorCallback = "Phantom_Analytic", "C_Projector_Analytic"
-        cfg.physics.colSampleCount = cfg.physics.rowSampleCount = self.rays
-
-    def write(self, folder: Path) -> Path:
-        """Write XCIST's file, in which objects are numbered from 1."""
-        names = sorted({surface.material for surface in self.parts})
-        lines = [f"materialList = {{{' '.join(repr(name) for name in names)} }};"]
-        for number, surface in enumerate(self.parts, start=1):
-            x, y, z = surface.centre_mm
-            along, across, up = surface.half_axes_mm
-            lines += [
-                "",
-                f"object.center({number},:) = [{x:.6f} {y:.6f} {z:.6f}];",
-                f"object.half_axes({number},:) = [{along:.6f} {across:.6f} {up:.6f}];",
-                f"object.euler_angs({number},:) = [0.000000 0.000000 0.000000];",
-                f"object.density({number}) = 1.000000;",
-                f"object.type({number}) = {SURFACES[surface.kind]};",
-                f"object.material({number}) = {1 + names.index(surface.material)};",
-                f"object.axial_lims({number},:) = [0 0];",
-                f"object.shape({number}) = 0;",
-                f"object.clip{{{number}}} = [];",
-            ]
-        path = folder / "object.ppm"
-        path.write_text("\n".join(lines) + "\n")
-        return path
+        """Set the configuration to scan this object; write its files to the folder."""
 
 
 @dataclass(frozen=True)
@@ -198,23 +141,18 @@ class Materials:
         names = list(self.fractions)
         slices, rows, columns = self.fractions[names[0]].shape
         plane, height = self.voxel_mm
-        content = {
-            "volumefractionmap_filename": [f"{number}.raw" for number in range(len(names))],
-            "volumefractionmap_datatype": ["float"] * len(names),
-            "cols": [columns] * len(names),
-            "rows": [rows] * len(names),
-            "slices": [slices] * len(names),
-            "x_size": [plane] * len(names),
-            "y_size": [plane] * len(names),
-            "z_size": [height] * len(names),
-            "x_offset": [(columns + 1) / 2] * len(names),
-            "y_offset": [(rows + 1) / 2] * len(names),
-            "z_offset": [(slices + 1) / 2] * len(names),
+        files = [f"{number}.raw" for number in range(len(names))]
+        content = {"n_materials": len(names), "mat_name": names, "volumefractionmap_filename": files}
+        of_each = {
+            "volumefractionmap_datatype": "float",
+            **{"cols": columns, "rows": rows, "slices": slices},
+            **{"x_size": plane, "y_size": plane, "z_size": height},
+            **{"x_offset": (columns + 1) / 2, "y_offset": (rows + 1) / 2, "z_offset": (slices + 1) / 2},
         }
-        for file, fraction in zip(content["volumefractionmap_filename"], self.fractions.values(), strict=True):
+        for file, fraction in zip(files, self.fractions.values(), strict=True):
             np.ascontiguousarray(fraction[:, ::-1], np.float32).tofile(folder / file)
         path = folder / "object.json"
-        path.write_text(json.dumps({"n_materials": len(names), "mat_name": names, **content}))
+        path.write_text(json.dumps(content | {key: [value] * len(names) for key, value in of_each.items()}))
         return path
 
 
@@ -226,12 +164,7 @@ def attenuation_per_mm(material: str, kev: float) -> float:
 
 
 def energy_of_water(mu_per_mm: float) -> float:
-    """Return the energy at which XCIST's water has an attenuation, keV.
-
-    Parameters
-    ----------
-    mu_per_mm : float
-        1/mm.
+    """Return the energy at which XCIST's water has an attenuation (1/mm), keV.
 
     Raises
     ------
@@ -248,14 +181,8 @@ def energy_of_water(mu_per_mm: float) -> float:
     return brentq(lambda kev: attenuation_per_mm("water", kev) - mu_per_mm, *ENERGIES_KEV)
 
 
-def simulate(scan: Scan, materials: Materials | Surfaces, repeats: int, seed: Stream) -> Acquired:
-    """Scan an object in a separate process, since XCIST's library keeps the state of one scan.
-
-    Parameters
-    ----------
-    seed : Stream
-        Stream of the noise.
-    """
+def simulate(scan: Scan, materials: ScannedObject, repeats: int, seed: Stream) -> Acquired:
+    """Scan an object in a separate process, since XCIST's library keeps the state of one scan."""
     with get_context("fork").Pool(1) as pool:
         return pool.apply(_simulate, (scan, materials, repeats, seed))
 
@@ -285,13 +212,7 @@ def _simulate(scan, materials, repeats, seed):
 
 
 def central(values: np.ndarray, scan: Scan) -> float:
-    """Return the mean over the center of the detector.
-
-    Parameters
-    ----------
-    values : ndarray, shape (columns * rows,)
-        Column by column.
-    """
+    """Return the mean over the center of the detector of values, shape (columns * rows,), column by column."""
     middle = values.reshape(scan.columns, scan.rows)[(scan.columns - 1) // 2 : scan.columns // 2 + 1]
     return float(middle[:, (scan.rows - 1) // 2 : scan.rows // 2 + 1].mean())
 
@@ -316,9 +237,7 @@ def _seed(cfg, seed):
     np.random.seed(third)  # noqa: NPY002
 
 
-def _configured(
-    scan: Scan, materials: Materials | Surfaces, folder: Path, current: float = 1.0, quantum_kev: float = 0.0
-):
+def _configured(scan: Scan, materials: ScannedObject, folder: Path, current: float = 1.0, quantum_kev: float = 0.0):
     from gecatsim import CFG
 
     cfg = CFG()

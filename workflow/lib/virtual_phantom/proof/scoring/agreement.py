@@ -29,8 +29,7 @@ def summary(cases: Sequence[Case]) -> dict:
         Meaning and number of cases, and
 
         * metrics: {metric: {n, before, after, floor, target, dukesim}}, medians of |relative difference|, for features
-        the
-          share; None without a value
+          the share; None without a value
         * by_phantom: {phantom: {metric: {n, before, after, floor}}}
         * missing: cases without any metric on another protocol
     """

@@ -56,6 +56,7 @@ def tables(cases: Sequence[Case]) -> dict:
         came_true over all cases, including those with a hidden effect that the library lacks. In first_named, came_true
         counts the effect itself; or_stand_in also counts its alternatives.
     """
+    ruled_out = [(case, name not in case.hidden) for case in cases for name in case.diagnosis["ruled_out"]]
     return {
         "meaning": MEANING,
         "first_named": [
@@ -68,13 +69,7 @@ def tables(cases: Sequence[Case]) -> dict:
         ],
         "gain": _by_evidence("gain", "held_out_gain", cases, GAINS, lambda gains: float(expit(min(gains)))),
         "p": _by_evidence("p", "p", cases, CHANCES, lambda chances: 1 - max(chances)),
-        "ruled_out": [
-            _line(
-                "ruled out",
-                None,
-                [(case, name not in case.hidden) for case in cases for name in case.diagnosis["ruled_out"]],
-            )
-        ],
+        "ruled_out": [_line("ruled out", None, ruled_out)],
         "verdict": [
             _line(verdict, None, [(case, holds(case)) for case in cases if case.verdict == verdict])
             for verdict, holds in STATEMENTS.items()

@@ -72,15 +72,12 @@ def matrix(cases: Sequence[Case]) -> dict:
                     cells.append(
                         {"row": row, "column": column, "strength": strength, "count": total, "outcomes": counts}
                     )
-    counts = [
-        [sum(cell["count"] for cell in cells if (cell["row"], cell["column"]) == (row, column)) for column in columns]
-        for row in rows
-    ]
+    totals = Counter((row, column) for row, column, _ in placed)
     return {
         "meaning": MEANING,
         "rows": rows,
         "columns": columns,
-        "counts": counts,
+        "counts": [[totals[row, column] for column in columns] for row in rows],
         "cells": cells,
         "pairs_left_out": len(cases) - len(shown),
     }

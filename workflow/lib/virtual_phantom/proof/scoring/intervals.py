@@ -9,12 +9,9 @@ from scipy.stats import binomtest
 
 
 def share(flags: Iterable[bool]) -> dict:
-    """Return the share of true flags.
+    """Return the share of true flags: {"count", "n", "share", "ci95"}.
 
-    Returns
-    -------
-    dict
-        {"count", "n", "share", "ci95"}. ci95 is Wilson's 95 % score interval [1]_. share and ci95 are None if n is 0.
+    ci95 is Wilson's 95 % score interval [1]_. share and ci95 are None if n is 0.
 
     References
     ----------

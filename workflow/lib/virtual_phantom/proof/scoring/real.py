@@ -22,9 +22,7 @@ def row(path: str | Path) -> dict:
     check_unchanged(path, "diagnose it again")
     found = complete(seal.read(path), path)
     return {
-        "recording": found["recording"],
-        "verdict": found["verdict"],
-        "sentence": found["sentence"],
+        **{key: found[key] for key in ("recording", "verdict", "sentence")},
         "named": [effect["name"] for effect in found["effects"]],
         "ambiguous_with": {name: list(others) for name, others in found["ambiguous_with"].items()},
         "excess_removed": found["excess_removed"],
@@ -34,12 +32,7 @@ def row(path: str | Path) -> dict:
 
 
 def minutes(benchmarks: Sequence[str | Path], cores: int = 2) -> float | None:
-    """Return the duration of jobs from Snakemake's benchmarks, divided by the number of cores.
-
-    Returns
-    -------
-    float or None
-        Minutes; None without benchmarks.
+    """Return the duration of jobs from Snakemake's benchmarks, minutes, divided by the cores; None without benchmarks.
 
     Raises
     ------

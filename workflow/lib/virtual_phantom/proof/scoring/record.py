@@ -79,13 +79,8 @@ def summary(entries: Sequence[SeedResult]) -> dict:
         "pooled": {name: share_of(*pair) for name, pair in pooled_counts(entries).items()},
         "pooled_seeds": [entry.seed for entry in entries if entry.unseen and entry.counts],
         "seeds": [
-            {
-                "seed": entry.seed,
-                "unseen": entry.unseen,
-                "state": entry.state,
-                "note": entry.note,
-                "counts": {name: list(pair) for name, pair in entry.counts.items()},
-            }
+            {key: getattr(entry, key) for key in ("seed", "unseen", "state", "note")}
+            | {"counts": {name: list(pair) for name, pair in entry.counts.items()}}
             for entry in entries
         ],
     }
@@ -104,6 +99,5 @@ def coverage_table(first: Mapping, second: Mapping) -> list[str]:
 
 
 def _count(entry: Mapping | None) -> str:
-    return (
-        "-" if entry is None or not entry["covered"]["n"] else f"{entry['covered']['count']} of {entry['covered']['n']}"
-    )
+    covered = entry and entry["covered"]
+    return f"{covered['count']} of {covered['n']}" if covered and covered["n"] else "-"

@@ -51,14 +51,5 @@ def _target(name, what, value, target, sense="at least", unit="share", n=None) -
     reached = None
     if value is not None:
         reached = bool(value >= target if sense == "at least" else value <= target)
-    return {
-        "name": name,
-        "what": what,
-        "value": value,
-        "target": target,
-        "sense": sense,
-        "unit": unit,
-        "n": n,
-        "ci95": None,
-        "reached": reached,
-    }
+    entry = {"name": name, "what": what, "value": value, "target": target, "sense": sense, "unit": unit, "n": n}
+    return entry | {"ci95": None, "reached": reached}

@@ -245,21 +245,15 @@ def _common(views: list[View]) -> dict:
                     f"{view.path}: is of another scan than {first.path.name} by its {words} {Tag(tag)}{values}; use a "
                     "folder with one scan"
                 )
-    if common[pd.LOGARITHM] != "YES":
-        raise InputError(
-            f"{first.path}: the logarithm (7039,1009) is {common[pd.LOGARITHM]}, so the values are not line integrals; "
-            "export logarithmic data"
-        )
-    if common[pd.BEAM] != "FANBEAM":
-        raise InputError(f"{first.path}: the beam (7037,100A) is {common[pd.BEAM]}; only FANBEAM is supported")
-    if (common[pd.SOURCES] or 1) != 1:
-        raise InputError(
-            f"{first.path}: the number of sources (7033,1061) is {common[pd.SOURCES]}; only one is supported"
-        )
-    if common[pd.SHAPE] not in (FLAT.upper(), CYLINDRICAL.upper()):
-        raise InputError(
-            f"{first.path}: the detector (7029,100B) is {common[pd.SHAPE]}; only FLAT and CYLINDRICAL are supported"
-        )
+    not_lines = ", so the values are not line integrals; export logarithmic data"
+    for tag, accepted, name, advice in (
+        (pd.LOGARITHM, ["YES"], "logarithm (7039,1009)", not_lines),
+        (pd.BEAM, ["FANBEAM"], "beam (7037,100A)", "; only FANBEAM is supported"),
+        (pd.SOURCES, [None, 0, 1], "number of sources (7033,1061)", "; only one is supported"),
+        (pd.SHAPE, ["FLAT", "CYLINDRICAL"], "detector (7029,100B)", "; only FLAT and CYLINDRICAL are supported"),
+    ):
+        if common[tag] not in accepted:
+            raise InputError(f"{first.path}: the {name} is {common[tag]}{advice}")
     return common
 
 

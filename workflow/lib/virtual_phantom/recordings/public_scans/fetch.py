@@ -127,12 +127,7 @@ def link_scan(scan: PublicScan, files: Mapping[str, Iterable[Path]], target: str
 def check_scan(scan: PublicScan, folder: str | Path, advice: str | None = None, sizes: bool = True) -> None:
     """Check that a folder created by fetch_scan or link_scan contains the complete scan.
 
-    Parameters
-    ----------
-    advice : str, optional
-        What to do if not; default: to delete the folder.
-    sizes : bool, optional
-        Whether to compare file sizes with the list.
+    By default, the advice is to delete the folder. With `sizes`, file sizes are compared with the list.
 
     Raises
     ------
@@ -148,6 +143,7 @@ def check_scan(scan: PublicScan, folder: str | Path, advice: str | None = None, 
 def _write_source(scan: PublicScan, folder: Path, origins: Mapping[str, str]) -> None:
     """Write the origin and license of the data to SOURCE."""
     collection = COLLECTIONS[scan.collection]
+    keys = ("modality", "uid", "files", "megabytes")
     content = {
         "collection": collection.title,
         "doi": collection.doi,
@@ -156,14 +152,7 @@ def _write_source(scan: PublicScan, folder: Path, origins: Mapping[str, str]) ->
         "scan": scan.name,
         "description": scan.description,
         "series": [
-            {
-                "modality": series.modality,
-                "uid": series.uid,
-                "files": series.files,
-                "megabytes": series.megabytes,
-                "from": origins[series.modality],
-            }
-            for series in scan.series
+            {key: getattr(series, key) for key in keys} | {"from": origins[series.modality]} for series in scan.series
         ],
     }
     (folder / SOURCE).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")

@@ -125,18 +125,13 @@ def _scan(row: Mapping[str, str]) -> PublicScan:
         files = int(row.get(f"{key}_files", 1))  # a SEG is one file
         return Series(modality, row[key], row[f"{key}_folder"], files, float(row[f"{key}_mb"]))
 
+    texts = ("collection", "group", "reconstruction", "kernel", "model", "description", "study")
     return PublicScan(
         name=row["scan"],
-        collection=row["collection"],
-        group=row["group"],
+        **{key: row[key] for key in texts},
         acquisition=int(row["acquisition"]),
         dose_mgy=float(row["dose_mgy"]),
-        reconstruction=row["reconstruction"],
-        kernel=row["kernel"],
         slice_mm=float(row["slice_mm"]) if row["slice_mm"] else None,
-        model=row["model"],
-        description=row["description"],
-        study=row["study"],
         ct=series("CT"),
         seg=series("SEG"),
     )
@@ -162,14 +157,10 @@ def select_scans(selection: Mapping, where: str, table: str | Path = TABLE) -> t
     """
     collection = selection["collection"]
     scans = found = [scan for scan in public_scans(table) if scan.collection == collection]
-    for key, attribute in (
-        ("groups", "group"),
-        ("acquisitions", "acquisition"),
-        ("dose_mgy", "dose_mgy"),
-        ("reconstruction", "reconstruction"),
-    ):
+    for key in ("groups", "acquisitions", "dose_mgy", "reconstruction"):
         if (wanted := selection.get(key)) is None:
             continue
+        attribute = key.removesuffix("s")
         values = {str(value) if key == "groups" else value for value in wanted}
         present = {getattr(scan, attribute) for scan in scans}
         if unknown := sorted(values - present, key=str):
