@@ -2,8 +2,10 @@
 
 Quantum noise alone is proportional to 1 / dose. Scanners filter noisier data more strongly, so that the variance rises
 less toward low doses. Measured variances of a uniform region at three or more doses give the logarithm of the variance
-as a quadratic function of log(1 / dose). A region whose unfiltered noise is `factor` times that of the uniform region
-has the variance that the uniform region would have at dose / factor, because the filter acts on the noise of the data.
+as a quadratic function of log(1 / dose).
+
+The filter acts on the noise of the data. Where unfiltered noise is `factor` times that of the uniform region, the
+variance is therefore what the uniform region would have at dose / factor.
 """
 
 from __future__ import annotations
