@@ -172,8 +172,8 @@ def with_noise(real: dict, regions: dict, stream: Stream, noise: dict[str, Noise
 def perturbed(regions: dict, stream: Stream, repeats: int) -> dict:
     """Features of the clean drawn phantom after random perturbations, after Zwanenburg et al. (2019).
 
-    Rotation by up to 4 degrees about z and a shift of up to half a voxel with linear interpolation, a change of the
-    region's volume by up to 20 %, and Gaussian noise with the SD that wavelets find in the image.
+    Rotation by up to 4 degrees about z and a shift of up to half a voxel, with linear interpolation. The region's volume
+    changes by up to 20 %. The Gaussian noise has the SD that wavelets find in the image.
     """
     found = {}
     textures = [drawn_regions(named(stream, "texture", repeat), MARGIN) for repeat in range(repeats)]
@@ -235,7 +235,7 @@ def forecast(scanner, models, regions, real, stream, doses=(6, 14), realizations
     """Means and repeat SDs at doses that are not measured here, with the model's residuals at the known doses.
 
     Residuals are linear in log dose between the nearest known doses and constant beyond 10 mGy. The SD is that over
-    noise realizations, times the median over features of measured over modelled SD at 10 mGy.
+    noise realizations, times the median over features of measured over simulated SD at 10 mGy.
     """
     region_names = {roi: name for name, roi in measured.DOSE_ROIS.items()}
     rows = []
