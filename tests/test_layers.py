@@ -9,8 +9,8 @@ from virtual_phantom.config.dependencies import LIBRARY, imported
 
 # Lowest first. A package imports from itself and from packages before it.
 PACKAGES = (
-    *("base", "io", "phantom", "projectors", "reconstruction", "physics", "simulation", "features", "statistics"),
-    *("recordings", "diagnosis", "figures", "report", "proof", "config", "study", "cli", "api"),
+    *("base", "io", "phantom", "projectors", "reconstruction", "physics", "simulation", "features", "image_model"),
+    *("statistics", "recordings", "diagnosis", "figures", "report", "proof", "config", "study", "cli", "api"),
 )
 # Packages and modules directly inside a package, lowest first.
 INSIDE = {

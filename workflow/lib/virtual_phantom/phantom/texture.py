@@ -57,6 +57,16 @@ def lognormal_shape(skewness: float) -> float:
     return scipy.optimize.brentq(excess, 0, 1.5) if skewness else 0.0
 
 
+def skewed(gaussian: np.ndarray, skewness: float) -> np.ndarray:
+    """Transform a Gaussian field of mean 0 and variance 1 to one with a skewness (see the module's docstring)."""
+    if not skewness:
+        return gaussian
+    s = lognormal_shape(skewness)
+    mean = math.exp(s * s / 2)
+    field = (np.exp(s * gaussian) - mean) / (mean * math.sqrt(math.expm1(s * s)))
+    return field * math.copysign(1, skewness)
+
+
 class Field:
     """A random realization of a component."""
 
@@ -75,11 +85,7 @@ class Field:
         values = self._nodes
         for axis in (z, y, x):  # each product removes the first axis of the lattice and appends the sampled axis
             values = np.tensordot(values, self._weights(axis), axes=(0, 1))
-        if self.component.skewness:
-            s = lognormal_shape(self.component.skewness)
-            mean = math.exp(s * s / 2)
-            values = (np.exp(s * values) - mean) / (mean * math.sqrt(math.expm1(s * s)))
-            values *= math.copysign(1, self.component.skewness)
+        values = skewed(values, self.component.skewness)
         return (values * self.component.sd_hu).astype(np.float32)
 
     def _weights(self, positions_mm: np.ndarray) -> np.ndarray:

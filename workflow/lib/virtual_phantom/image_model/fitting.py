@@ -1,0 +1,159 @@
+"""Fit noise and texture to measured features.
+
+All measured features enter with their repeat SD: the mean over features of sqrt(1 + z^2) is minimized, z = (model -
+measured) / SD. It grows linearly for features that a model cannot reach, so that these do not decide. Every
+evaluation uses the same random numbers, which makes the function of the parameters almost smooth; a simplex search
+(Nelder-Mead) needs no derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import minimize
+
+from ..base.streams import Stream
+from ..features.names import MEAN, VARIANCE
+from ..phantom.texture import Component
+from .dose import DoseLaw
+from .noise import NoiseModel
+from .region import Blur, RegionModel
+from .scanner import FBP, ImageScanner, stream_pairs
+
+NO_TEXTURE = Component(0.0, 1.0)
+SMOOTH_KERNEL = NoiseModel(2.6, 4.8, 0.15, 0.75, 0.1)  # body kernel, slice of 2 mm
+SKEWNESS_LIMIT = 4.5  # of a texture; Component allows 5
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Mean and SD over repeats of the features (index) of a region."""
+
+    mean: pd.Series
+    sd: pd.Series
+
+    def misfit(self, features: pd.DataFrame) -> float:
+        """Return the mean over features of sqrt(1 + z^2)."""
+        z = (features.mean() - self.mean) / self.sd
+        return float(np.sqrt(1 + z**2).mean())
+
+
+def _search(cost: Callable[[np.ndarray], float], start: np.ndarray, steps: np.ndarray, evaluations: int) -> np.ndarray:
+    simplex = start + np.vstack([np.zeros(len(start)), np.diag(steps)])
+    options = {"maxfev": evaluations, "initial_simplex": simplex}
+    return minimize(cost, start, method="Nelder-Mead", options=options).x
+
+
+def fit_noise(
+    measured: Measured,
+    mask: np.ndarray,
+    spacing: tuple[float, float, float],
+    stream: Stream,
+    *,
+    pattern: Component | None = None,
+    start: NoiseModel = SMOOTH_KERNEL,
+    realizations: int = 1,
+    evaluations: int = 220,
+) -> tuple[NoiseModel, Component]:
+    """Fit the noise of one reconstruction to the features of a uniform region.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (z, y, x)
+        Voxels of the region.
+    spacing : tuple of 3 float
+        Voxel size, mm (z, y, x).
+    pattern : Component, optional
+        Variation of the object inside the region, the same in all scans. By default it is fitted too.
+
+    Returns
+    -------
+    noise : NoiseModel
+    pattern : Component
+        The noise variance is the measured variance less that of the pattern.
+    """
+    variance = measured.mean[VARIANCE]
+
+    def model(x: np.ndarray) -> tuple[NoiseModel, Component]:
+        mtf50, ratio, low, slice_sd, tails = np.exp(x[:5]).tolist()
+        free = pattern or Component(*np.exp(x[5:7]).tolist())
+        return NoiseModel(mtf50, mtf50 * (1 + ratio), low, slice_sd, tails), free
+
+    def cost(x: np.ndarray) -> float:
+        noise, free = model(x)
+        left = variance - free.sd_hu**2
+        if left <= 0:
+            return np.inf
+        law = DoseLaw({1.0: left, 2.0: left})
+        scanner = ImageScanner(spacing, Blur(1, 2, 0), {FBP: noise}, {FBP: law})
+        region = RegionModel(1.0, NO_TEXTURE, free)
+        pairs = stream_pairs(stream, range(realizations))
+        return measured.misfit(scanner.features(region, mask, measured.mean[MEAN], FBP, 1.0, pairs))
+
+    first = [start.mtf50_per_cm, start.mtf10_per_cm / start.mtf50_per_cm - 1, start.low_frequency_per_cm]
+    first += [start.slice_sd_mm, start.log_amplitude_sd]
+    first += [] if pattern else [0.5 * np.sqrt(variance), 12.0]
+    return model(_search(cost, np.log(first), np.full(len(first), 0.25), evaluations))
+
+
+def fit_region(
+    scanner: ImageScanner,
+    measured: Mapping[str, Measured],
+    dose_mgy: float,
+    mask: np.ndarray,
+    start: RegionModel,
+    stream: Stream,
+    *,
+    realizations: int,
+    evaluations: int = 260,
+) -> RegionModel:
+    """Fit texture and noise factor of a region to its features at one dose, in all reconstructions together.
+
+    Parameters
+    ----------
+    measured : mapping of str to Measured
+        By reconstruction.
+    stream : Stream
+        The texture's realization is part of the model: predictions must use the same stream.
+    realizations : int
+        Noise realizations; small regions need more.
+    """
+
+    def model(x: np.ndarray) -> RegionModel:
+        factor, sd, length, wide_sd, wide_length, contrast = np.exp(x[:6]).tolist()
+        fine = Component(sd, length, float(np.clip(x[6], -SKEWNESS_LIMIT, SKEWNESS_LIMIT)))
+        return RegionModel(factor, fine, Component(wide_sd, wide_length), contrast)
+
+    def cost(x: np.ndarray) -> float:
+        region = model(x)
+        if not (0.3 < region.fine.correlation_mm < 30 and 1 < region.coarse.correlation_mm < 40):
+            return np.inf
+        return float(
+            np.mean(
+                [
+                    known.misfit(
+                        scanner.features(
+                            region, mask, known.mean[MEAN], name, dose_mgy, stream_pairs(stream, range(realizations))
+                        )
+                    )
+                    for name, known in measured.items()
+                ]
+            )
+        )
+
+    fine, coarse = start.fine, start.coarse
+    first = np.log(
+        [
+            start.noise_factor,
+            fine.sd_hu,
+            fine.correlation_mm,
+            coarse.sd_hu,
+            coarse.correlation_mm,
+            start.contrast,
+        ]
+    )
+    steps = np.array([0.15, 0.2, 0.2, 0.3, 0.3, 0.05, 0.4])
+    return model(_search(cost, np.append(first, fine.skewness), steps, evaluations))
