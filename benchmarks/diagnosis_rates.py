@@ -230,7 +230,7 @@ def one(folder, processes):
     study_rois = (given["image"], given["rois"]) if "phantom" in given else None
     scanned = ScannedVolume.of(asked, recording, study_rois)
     found.content["agreement"] = compare_images(
-        recording, found.prepared, found.choice, asked, Branch.AGREEMENT, scanned, with_changes=True
+        recording, found.prepared, found.choice, asked, Branch.AGREEMENT, scanned=scanned, with_changes=True
     )
     marks.append(clock())
     found = replace(found, scanned=scanned)

@@ -118,9 +118,9 @@ def run_diagnosis(
     content["modelled"] = model_assumptions(request, recording, found.prepared, effects)
     scanned = ScannedVolume.of(request, recording, study_rois, shape_rois) if images else None
     if images:
-        content["agreement"] = compare_images(
-            recording, found.prepared, found.choice, request, Branch.AGREEMENT, scanned, thresholds is not None
-        )
+        options = {"scanned": scanned, "with_changes": thresholds is not None}
+        compared = found.prepared, found.choice, request, Branch.AGREEMENT
+        content["agreement"] = compare_images(recording, *compared, **options)
         progress.reached(COMPARED)
     if thresholds is not None:
         content = judge_relevance(content, thresholds)

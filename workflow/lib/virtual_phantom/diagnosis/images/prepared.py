@@ -116,7 +116,8 @@ def prepare(
 
     def model(log_photons, sd):
         aligned = nuisances(log_photons, sd, given)
-        return ImagesModel(chain, aligned, reconstruct, spacing_mm, seed, anode, tube_kvp, declared)
+        label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
+        return ImagesModel(chain, aligned, reconstruct, spacing_mm, seed, **label)
 
     blank = model(np.log(TRIAL_PHOTONS), np.inf)
     stated = stated_physics(declared or {})

@@ -146,9 +146,8 @@ class FurtherScan:
         step = thinning(chain.geometry)
         chain = chain.copy(chain.geometry.every(step)) if step > 1 else chain
         aligned = self._aligned(model, weighed or fit)
-        further = ScansModel(
-            chain, aligned, model.anode, model.tube_kvp, density=model.density, declared=model.declared
-        )
+        known = {"tube_kvp": model.tube_kvp, "density": model.density, "declared": model.declared}
+        further = ScansModel(chain, aligned, anode=model.anode, **known)
 
         def here(one: Fit) -> Fit:
             physics = {name: dict(values) for name, values in one.physics.items()}
