@@ -164,11 +164,11 @@ def test_places_of_a_difference_are_found(scene):
     shape = given.held_out.mean.shape
     moved = parts[0].reshape(shape).copy()
     moved[:, :, 17] += 0.01
-    worst = locate([moved.ravel(), *parts[1:]], fitter.held_weights, given.held_out)[0]
+    worst = locate(Half([moved.ravel(), *parts[1:]], fitter.held_weights, given.held_out))[0]
     assert worst.domain in ("columns", "pixels") and worst.p < ALPHA
     columns = next(
         place
-        for place in locate([moved.ravel(), *parts[1:]], fitter.held_weights, given.held_out)
+        for place in locate(Half([moved.ravel(), *parts[1:]], fitter.held_weights, given.held_out))
         if place.domain == "columns"
     )
     assert columns.where == "column 17 of 40" and columns.z > 0
@@ -185,7 +185,9 @@ def test_what_is_spread_thinly_over_all_rays_is_seen_in_both_halves(scene):
     def both_halves(added):
         parts, fitted = (fitter.residuals(fit, held_out) for held_out in (True, False))
         parts[0], fitted[0] = parts[0] + added, fitted[0] + added
-        places = locate(parts, fitter.held_weights, given.held_out, fitted=Half(fitted, fitter.weights, given.data))
+        places = locate(
+            Half(parts, fitter.held_weights, given.held_out), fitted=Half(fitted, fitter.weights, given.data)
+        )
         return next(place for place in places if place.domain == "both halves"), places
 
     calm, _ = both_halves(0)
@@ -229,7 +231,7 @@ def test_one_repeat_that_is_fitted_is_held_against_several(scene):
     fitter, fit = given.fitter, trial(given.fitter, ()).fit
     parts = fitter.residuals(fit)
     alone = Half(parts[:1], fitter.weights[:1], replace(given.data, variance=None))
-    places = locate(parts, fitter.held_weights, given.held_out, fitted=alone)
+    places = locate(Half(parts, fitter.held_weights, given.held_out), fitted=alone)
     assert {"noise level", "noise correlation", "both halves"} <= {place.domain for place in places}
 
 

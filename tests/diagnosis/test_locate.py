@@ -42,7 +42,7 @@ def test_measured_weights_make_no_place_louder():
     found: dict[str, list] = {}
     for _ in range(200):
         weight = blocks.spread((freedom - 2) / random.chisquare(freedom, blocks.count)).ravel()
-        for place in locate([random.normal(size=weight.size)], [weight], data):
+        for place in locate(Half([random.normal(size=weight.size)], [weight], data)):
             found.setdefault(place.domain, []).append(place.map.ravel())
     for domain in ("columns", "rows", "views", "pixels", "projections"):
         z = np.concatenate(found[domain])

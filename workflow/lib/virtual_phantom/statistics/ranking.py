@@ -92,11 +92,6 @@ def memberships(scores: np.ndarray) -> np.ndarray:
     return np.array([membership(scores, n) for n in range(1, len(scores) + 1)])
 
 
-def expected_overlap(a: np.ndarray, b: np.ndarray, n: int) -> float:
-    """Expected number of items among the n highest scores of both lists, with ties broken at random."""
-    return float(membership(a, n) @ membership(b, n))
-
-
 def shared_variance(table: pd.DataFrame, features: Sequence[str]) -> pd.DataFrame:
     """Squared Spearman correlation between features over the rows of an ROI, averaged over ROIs.
 

@@ -57,7 +57,7 @@ class PreparedImages(Prepared):
         self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
     ) -> list[Location]:
         """See Prepared.domains."""
-        return locate(half.residuals, half.weights, half.data, fitted, more)
+        return locate(half, fitted, more)
 
     def recorded(self) -> np.ndarray:
         """See Prepared.recorded."""

@@ -16,7 +16,7 @@ from ..fitting.model import Model
 from ..fitting.problem import Problem
 from ..fitting.templates import SMALL, templates, varied
 from ..projections.prepared import BY_VIEW, PreparedScans
-from ..selection.forward_selection import AS_GOOD
+from ..selection.forward_selection import AS_GOOD, less
 from .candidates import candidate_measurements
 from .information import (
     Key,
@@ -345,7 +345,7 @@ def refit(prepared: PreparedScans, name: str, found: Mapping[str, Sequence[str]]
     chosen = fitter.fit(tuple(found), fitter.fit(()))
     ambiguities = []
     for effect, rivals in found.items():
-        rest = tuple(other for other in found if other != effect)
+        rest = less(tuple(found), effect)
         without = fitter.fit(rest, chosen) if rivals else None
         fits = {effect: {name: chosen}} | {rival: {name: fitter.fit((*rest, rival), without)} for rival in rivals}
         if rivals:
@@ -378,7 +378,7 @@ def refit_jointly(
         return sum(fitter.score(fits[name]) for name, fitter in together.fitters.items())
 
     for effect in effects:
-        rest = tuple(other for other in effects if other != effect)
+        rest = less(tuple(effects), effect)
         fits = {effect: chosen.fits}
         for other in others:
             pair = (effect, other) if (effect, other) in alike else (other, effect)

@@ -96,7 +96,7 @@ class PreparedScans(Prepared):
     ) -> list[Location]:
         """See Prepared.domains."""
         uncertain = None if fitted is None else left_by_numbers(self.fitter, fit)
-        return locate(half.residuals, half.weights, half.data, fit.pattern_variance, fitted, more, uncertain, self.step)
+        return locate(half, fit.pattern_variance, fitted, more, uncertain, self.step)
 
     def share_at_edges(self, fit: Fit) -> float | None:
         """See Prepared.share_at_edges."""

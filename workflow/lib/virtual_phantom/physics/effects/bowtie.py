@@ -51,15 +51,7 @@ EFFECT = Effect(
         ),
         Parameter("exponent", "1", "n: exponent of the fan angle", 1.0, 6.0, 2.0, 2.0, None, stated=True),
         Parameter(
-            "levels_off_deg",
-            "degrees",
-            "w: angle of leveling off; 0: none",
-            0.0,
-            60.0,
-            0.0,
-            0.0,
-            None,
-            stated=True,
+            "levels_off_deg", "degrees", "w: angle of leveling off; 0: none", 0.0, 60.0, 0.0, 0.0, None, stated=True
         ),
     ),
     apply=apply,
