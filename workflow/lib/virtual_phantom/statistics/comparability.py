@@ -8,14 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ..base.errors import InputError
-from ..features.names import (
-    FAMILIES,
-    HISTOGRAM_ONLY,
-    OTHER_FAMILIES,
-    family,
-    is_feature,
-    unfiltered,
-)
+from ..features.names import FAMILIES, HISTOGRAM_ONLY, OTHER_FAMILIES, family, is_feature, unfiltered
 from ..features.settings import SETTINGS
 
 SHIFTED = tuple(

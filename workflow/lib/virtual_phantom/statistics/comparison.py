@@ -17,10 +17,7 @@ import pandas as pd
 import scipy
 
 from ..base.errors import InputError
-from ..features.names import (
-    family,
-    features_of,
-)
+from ..features.names import family, features_of
 from ..features.tables import finite_values
 from . import COMPARED_REPEATS
 from .multiplicity import benjamini_yekutieli, holm

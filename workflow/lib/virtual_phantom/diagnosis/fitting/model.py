@@ -195,11 +195,7 @@ class Model(ABC):
         return None
 
     def strayed(
-        self,
-        errors: LinearizationPoint,
-        nuisance: Mapping[str, float],
-        prediction: Prediction,
-        weights: np.ndarray,
+        self, errors: LinearizationPoint, nuisance: Mapping[str, float], prediction: Prediction, weights: np.ndarray
     ) -> bool:
         """Return whether a prediction lies too far from the point where numerical errors were computed."""
         return False
@@ -213,8 +209,7 @@ class Model(ABC):
     def near(self, rays: LinearizationPoint, reach: float = 1.0) -> Chain:
         """Return the chain whose rays follow those of a linearization point."""
         return self._near.get(
-            (rays.key, reach),
-            lambda: self.chain.near(rays.physics, pose_of(rays.nuisance), reach, anode=self.anode),
+            (rays.key, reach), lambda: self.chain.near(rays.physics, pose_of(rays.nuisance), reach, anode=self.anode)
         )
 
     @abstractmethod

@@ -64,13 +64,7 @@ class ImagesModel(Model):
             for number in self.aligned
         )
 
-    def predict(
-        self,
-        physics: Mapping[str, Mapping[str, float]],
-        nuisance: Mapping[str, float],
-        data: ObservedImages,
-        linearization: Linearization = BASE,
-    ) -> Prediction:
+    def predict(self, physics, nuisance, data: ObservedImages, linearization: Linearization = BASE) -> Prediction:
         """Predict the data for effects and alignment; `mean` is whitened."""
         white = self.condenser.white
         mean, noise = self.images(physics, nuisance, linearization)

@@ -111,7 +111,7 @@ class FurtherScan:
         Parameters
         ----------
         model, fit : ScansModel, Fit
-            Of the existing recording, with the effects of the explanation.
+            Model of the existing recording, and its fit with the effects of the explanation.
         own : collection of str
             Effects that are specific to each scan and absent in this one.
         again : bool, optional
@@ -204,7 +204,7 @@ class DarkFrames:
     def information(self, model: ScansModel, fit: Fit, *_, **__) -> MeasurementInformation:
         """Return the information about dark signal, its drift and electronic noise.
 
-        Of the arguments of FurtherScan.information, only the first two matter.
+        The arguments are those of FurtherScan.information, and only the first two matter.
         """
         unknowns = model.unknowns(model.whole(fit.effects))
         geometry = model.chain.geometry

@@ -59,11 +59,7 @@ class Piece:
         return ellipsoid("water", self.place_mm, [self.radius_mm] * 3)
 
     def lengths_mm(
-        self,
-        geometry: ScanGeometry,
-        pose: Pose = IN_PLACE,
-        samples: int = 1,
-        motion_mm: np.ndarray | None = None,
+        self, geometry: ScanGeometry, pose: Pose = IN_PLACE, samples: int = 1, motion_mm: np.ndarray | None = None
     ) -> np.ndarray:
         """Return path lengths in the piece, mean over the rays of each pixel, shape (views, rows, columns)."""
         scene, total = ShapesScene([self.shape]), np.zeros(geometry.shape)

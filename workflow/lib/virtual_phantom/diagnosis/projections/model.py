@@ -88,24 +88,12 @@ class ScansModel(Model):
         source = self.chain.geometry.by_vectors().source_mm
         return np.arctan2(source[:, 1], source[:, 0])
 
-    def strayed(
-        self,
-        errors: LinearizationPoint,
-        nuisance: Mapping[str, float],
-        prediction: ScansPrediction,
-        weights: np.ndarray,
-    ) -> bool:
+    def strayed(self, errors: LinearizationPoint, nuisance, prediction: ScansPrediction, weights: np.ndarray) -> bool:
         """See Model.strayed."""
         lines = prediction.design[0]
         return bool(self.distortions) and self.numerical.strayed(errors, lines, weights.reshape(lines.shape))
 
-    def predict(
-        self,
-        physics: Mapping[str, Mapping[str, float]],
-        nuisance: Mapping[str, float],
-        data: ObservedScans,
-        linearization: Linearization = BASE,
-    ) -> ScansPrediction:
+    def predict(self, physics, nuisance, data: ObservedScans, linearization: Linearization = BASE) -> ScansPrediction:
         """See Model.predict."""
         photons = float(np.exp(nuisance["log_photons"]))
         chain = self.near(linearization.rays, linearization.reach)

@@ -42,8 +42,6 @@ def locate(
 
     Parameters
     ----------
-    half : Half
-        Of ObservedScans.
     constants : ndarray, shape (rows, columns), optional
         Variance of each pixel's constant in a fitted gain pattern.
     fitted : Half, optional

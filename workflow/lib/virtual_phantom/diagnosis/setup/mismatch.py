@@ -368,16 +368,10 @@ class Comparison:
             place, found = tried, after
             if settled or (best is not None and found.squares * best.total > HOPELESS * best.squares * found.total):
                 break
-        return SetupMismatch(
-            description,
-            {name: float(value) for name, value in zip(names, place, strict=True)},
-            found.squares,
-            float((rays.weight * rays.variance).sum()),
-            found.total,
-            found.scale,
-            int((rays.weight > 0).sum()),
-            turn_deg != 0,
-        )
+        fitted = {name: float(value) for name, value in zip(names, place, strict=True)}
+        noise, count = float((rays.weight * rays.variance).sum()), int((rays.weight > 0).sum())
+        squares = found.squares, noise, found.total
+        return SetupMismatch(description, fitted, *squares, found.scale, count, turn_deg != 0)
 
     def residual(self, found: SetupMismatch) -> np.ndarray:
         """Return residual line integrals of a description, as means over rows, shape (views, columns)."""

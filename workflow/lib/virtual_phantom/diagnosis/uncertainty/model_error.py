@@ -92,11 +92,7 @@ def pulled_of_recordings(
     places = joint_indices(problems, together.protocols)
     return {
         name: ModelErrorInfluence.of(
-            problem,
-            fit.fits[name],
-            {key: other.fits[name] for key, other in without.items()},
-            accuracy,
-            places[name],
+            problem, fit.fits[name], {key: other.fits[name] for key, other in without.items()}, accuracy, places[name]
         )
         for name, problem in problems.items()
     }

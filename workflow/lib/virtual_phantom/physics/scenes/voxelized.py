@@ -96,11 +96,7 @@ def shapes_to_hu(shaped: ShapedObject, shares: np.ndarray, mu_water_per_mm: floa
 
 
 def voxelize(
-    shaped: ShapedObject,
-    grid: Grid,
-    oversampling: int,
-    mu_water_per_mm: float,
-    rois: Sequence[ShapedRoi] | None = None,
+    shaped: ShapedObject, grid: Grid, oversampling: int, mu_water_per_mm: float, rois: Sequence[ShapedRoi] | None = None
 ) -> Phantom:
     """Return the phantom of an object of shapes.
 
