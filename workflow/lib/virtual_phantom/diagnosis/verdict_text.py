@@ -46,8 +46,6 @@ class VerdictLine:
 
     Attributes
     ----------
-    label : str
-        Subject of the line.
     text : str
         Statement, without the full stop.
     rank : int

@@ -33,8 +33,6 @@ def top_features(
         Columns kind, rank, source (simulator | phantom), feature.
     measured : DataFrame, optional
         From `repeats.score_draws`; features are ranked by their mean over draws.
-    n : int, optional
-        At most the number of scored features.
 
     Returns
     -------
@@ -155,8 +153,6 @@ def overlap(simulated: pd.DataFrame, measured: pd.DataFrame, shared: pd.DataFram
         The same columns, from one or more draws (`repeats.score_draws`).
     shared : DataFrame, shape (features, features)
         `shared_variance` of at least the features that both tables have. Other features are ignored.
-    level : float, optional
-        Level of the band of random lists.
 
     Returns
     -------

@@ -208,12 +208,7 @@ def above_thresholds(changes: Mapping[str, Mapping[str, float]], thresholds: Map
 
 
 def measured_areas(regions: Regions) -> list[np.ndarray]:
-    """Return the areas whose mean HU is compared: ROIs, and squares that cover the object, through all slices.
-
-    Returns
-    -------
-    list of ndarray of bool, shape (z, y, x)
-    """
+    """Return the areas whose mean HU is compared: ROIs, and squares that cover the object, through all slices."""
     inner = regions.inner
     found = [mask for mask in regions.rois.values() if mask.any()]
     _, rows, columns = inner.shape

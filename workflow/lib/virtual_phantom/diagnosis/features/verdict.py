@@ -35,10 +35,6 @@ class FeatureDiagnosis:
     ----------
     before, after : FeatureLocations
         Mismatch on held-out regions, without and with the best property.
-    trials : dict of Property to Trial
-        All properties.
-    content : dict
-        Content of diagnosis.json.
     """
 
     before: FeatureLocations

@@ -41,8 +41,6 @@ class Model(ABC):
     ----------
     chain : Chain
         With the detector's sensor, whose thickness is a prior.
-    aligned : tuple of Nuisance
-        Nuisance parameters.
     tube_kvp : float, optional
         Nominal tube voltage, kV, with a standard deviation of TUBE_KVP_SD.
     fixed : mapping of str to mapping of str to float, optional

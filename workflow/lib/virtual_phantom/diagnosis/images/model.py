@@ -128,8 +128,6 @@ def noise_lines(state: State, count: int, seed: Stream) -> np.ndarray:
 
     Parameters
     ----------
-    count : int
-        Number of realizations.
     seed : Stream
         The same seed gives the same underlying random numbers for every state.
 

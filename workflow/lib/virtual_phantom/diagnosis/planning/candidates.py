@@ -26,8 +26,6 @@ def candidate_measurements(geometry: OrbitGeometry, scene: object, own: Mapping)
 
     Parameters
     ----------
-    scene : VoxelScene or another scene
-        Scanned object of the recording.
     own : mapping
         Section diagnosis.recordings.<name> of the configuration.
     """

@@ -48,8 +48,6 @@ class Conditions:
         Number of fitted repeats, and of held-out ones.
     share : float
         Share of the views that is fitted.
-    white : bool
-        Whether the recording has a white field.
     """
 
     repeats: int

@@ -364,10 +364,6 @@ def refit_jointly(
 
     Parameters
     ----------
-    effects : sequence of str
-        Missing effects of the scanner's diagnosis.
-    others : sequence of str
-        Candidate alternatives.
     alike : mapping
         Result of `effect_similarity`. Alternatives with a similarity below ALIKE are not tried.
     """

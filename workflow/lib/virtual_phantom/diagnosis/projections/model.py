@@ -29,8 +29,6 @@ class ScansPrediction(Prediction):
     ----------
     white : ndarray or None
         Coefficients of the white field's shape.
-    state : State
-        State of the chain.
     """
 
     white: np.ndarray | None

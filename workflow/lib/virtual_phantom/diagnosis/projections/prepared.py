@@ -202,13 +202,7 @@ class PreparedScans(Prepared):
 
 
 def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:
-    """Return fitted data, held-out data, and a description of the held-out part.
-
-    Parameters
-    ----------
-    further : Scans or None
-        Repeats that the recording holds out.
-    """
+    """Return fitted data, held-out data, and a description of the held-out part."""
     if further is not None and len(further):
         return taken, further, "repeats kept for it"
     if len(taken) >= HALVES:
@@ -351,12 +345,8 @@ def _around(
 
     Parameters
     ----------
-    chain : Chain
-        Chain of all views.
     stated : mapping of str to mapping of str to float
         Physics of the baseline.
-    place : Pose
-        Expected pose of the object.
 
     Returns
     -------

@@ -93,8 +93,6 @@ def recording_content(prepared: Prepared, before: Fit, fit: Fit, log_score: Mapp
         Without the chosen effects, and with them.
     log_score : mapping of str to float
         Log score of the held-out data, "before" and "after".
-    compared : int
-        Number of recordings.
     """
     rms = rms_of(prepared, {"before": before, "after": fit}, held_out=True)
     fitted, held_out = prepared.halves(fit)
@@ -139,8 +137,6 @@ def removed(recordings: Mapping[str, Mapping], judged: bool) -> dict | None:
 
     Parameters
     ----------
-    recordings : mapping of str to mapping
-        As in scanner.json.
     judged : bool
         Whether to use the recordings that were not fitted; else the fitted ones.
     """

@@ -47,8 +47,6 @@ class Choice:
         Nuisance parameters alone.
     alone : dict of str to float
         {candidate: gain in held-out log score by it alone}, to first order for candidates without a fit in `singles`.
-    singles : dict of str to Trial
-        Fits of single candidates.
     chosen : Trial
         Fit of the selected effects; without effects if none is needed.
     gains : dict of str to float
@@ -133,8 +131,6 @@ def choose(
         Relative error of the models, {effect: share of its own change of the data}, with `default` for other effects
         and `numerical` for the corrections for finite steps. What such errors may cause is no evidence for another
         effect, and none against an alternative. None: defaults of the configuration.
-    how_far : DiagnosisProgress, optional
-        Progress of rankings and fits.
     alone : mapping of str to Screened, optional
         Matched filters of the candidates beside the nuisance parameters, if they are known.
     """
@@ -161,8 +157,6 @@ class ForwardSelection:
 
     Attributes
     ----------
-    current : Trial
-        Fit of the effects selected so far.
     worth : dict of str to float
         {effect: gain in log score when it was accepted}.
     """
@@ -355,8 +349,6 @@ class CandidateFits:
         `trials` without and with a cache, and `screened`, for the fitter.
     alone : mapping of str to Screened
         Matched filters beside the nuisance parameters, for candidates that can act alone.
-    singles : dict of str to Trial
-        Fits of single candidates made so far.
     """
 
     fitter: Fitter

@@ -26,8 +26,6 @@ class Physics:
 
     Attributes
     ----------
-    recording : str
-        Its source.
     effects, errors : dict of str to dict of str to float
         {effect: {parameter: value}}, and standard errors with model errors.
     units : dict of str to dict of str to str

@@ -49,8 +49,6 @@ class Rays:
 
     Attributes
     ----------
-    geometry : OrbitGeometry
-        Geometry of these pixels.
     row_step, column_step : int
         Steps between the detector's rows and columns.
     mean, variance, weight : ndarray, shape (views, rows, columns)
@@ -77,10 +75,6 @@ class SetupMismatch:
         Weighted sums of squares: residual, its noise (0 if unknown), and line integrals about their mean.
     scale : float
         Ratio of recorded and simulated line integrals.
-    rays : int
-        Number of compared rays.
-    turned : bool
-        Whether the start angle was fitted.
     """
 
     description: Description
@@ -137,10 +131,6 @@ class Comparison:
 
     Parameters
     ----------
-    lines : ndarray, shape (repeats, views, rows, columns)
-        Line integrals.
-    usable : ndarray of bool, shape (views, rows, columns)
-        Rays that count.
     most : sequence of 3 int
         Largest number of compared views, rows and columns.
     reach : mapping of str to float
@@ -443,8 +433,6 @@ def _centroids(lines: np.ndarray, there: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     lines : ndarray, shape (views, rows, columns)
-    there : ndarray of bool, shape (views, rows, columns)
-        Rays that count.
 
     Returns
     -------

@@ -114,8 +114,6 @@ def distortions_of_physics(
         From `data_changes`, of the fit.
     accuracy : mapping of str to float
         As `forward_selection.choose` takes it.
-    names : sequence of str
-        Effects, declared or of the fit.
     """
     problem, here = Problem.at(fitter, fit), fitter.predicted(fit)
     parts, spread = fitter.data.residuals(here), shapes(here.mean)

@@ -102,8 +102,6 @@ def voxelize(
 
     Parameters
     ----------
-    grid : Grid
-        Grid of the reconstruction.
     oversampling : int
         Factor by which the grid of the phantom is finer.
     mu_water_per_mm : float
