@@ -62,7 +62,7 @@ def left_over(prepared_data, physics, fit):
     size = float(np.linalg.norm(whitened(parts, fitter.held_weights)))
     fitted = Half([part.copy() for part in parts], fitter.weights, prepared_data.data)
     more = aligned(fit, fitter.model.distortions)
-    places = locate(parts, fitter.held_weights, held_out, fit.pattern_variance, fitted, more)
+    places = locate(Half(parts, fitter.held_weights, held_out), fit.pattern_variance, fitted, more)
     # Without noise, a sum of squares lacks the expectation of the noise.
     weight = fitter.held_weights[0].reshape(shape)
     terms = {"edges": EDGE_SHARE * (weight > 0).sum(), "pixels": (weight.sum(axis=0) > 0).sum()}

@@ -230,7 +230,7 @@ def diagnose_case(folder, processes):
     study_rois = (inputs["image"], inputs["rois"]) if "phantom" in inputs else None
     scanned = ScannedVolume.of(diagnosis_request, recording, study_rois)
     found.content["agreement"] = compare_images(
-        recording, found.prepared, found.choice, diagnosis_request, Branch.AGREEMENT, scanned, with_changes=True
+        recording, found.prepared, found.choice, diagnosis_request, Branch.AGREEMENT, scanned=scanned, with_changes=True
     )
     marks.append(clock())
     found = replace(found, scanned=scanned)

@@ -320,7 +320,7 @@ def test_single_repeat_takes_its_correlations_from_the_fit():
     def spread(one, of):
         half = one.half(fit, held_out=True)
         uncertain = left_by_numbers(of, fit)
-        places = locate(half.residuals, half.weights, half.data, uncertain=uncertain)
+        places = locate(half, uncertain=uncertain)
         z = next(place.map for place in places if place.domain == "projections")
         return np.sqrt((z**2).mean())
 

@@ -164,11 +164,11 @@ def test_locations_of_a_difference_are_found(scene):
     shape = prepared_data.held_out.mean.shape
     moved = parts[0].reshape(shape).copy()
     moved[:, :, 17] += 0.01
-    worst = locate([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out)[0]
+    worst = locate(Half([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out))[0]
     assert worst.domain in ("columns", "pixels") and worst.p < ALPHA
     columns = next(
         place
-        for place in locate([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out)
+        for place in locate(Half([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out))
         if place.domain == "columns"
     )
     assert columns.where == "column 17 of 40" and columns.z > 0
@@ -186,7 +186,8 @@ def test_difference_spread_over_all_rays_is_detected_in_both_halves(scene):
         parts, fitted = (fitter.residuals(fit, held_out) for held_out in (True, False))
         parts[0], fitted[0] = parts[0] + added, fitted[0] + added
         places = locate(
-            parts, fitter.held_weights, prepared_data.held_out, fitted=Half(fitted, fitter.weights, prepared_data.data)
+            Half(parts, fitter.held_weights, prepared_data.held_out),
+            fitted=Half(fitted, fitter.weights, prepared_data.data),
         )
         return next(place for place in places if place.domain == "both halves"), places
 
@@ -231,7 +232,7 @@ def test_one_fitted_repeat_is_compared_with_several(scene):
     fitter, fit = prepared_data.fitter, trial(prepared_data.fitter, ()).fit
     parts = fitter.residuals(fit)
     alone = Half(parts[:1], fitter.weights[:1], replace(prepared_data.data, variance=None))
-    places = locate(parts, fitter.held_weights, prepared_data.held_out, fitted=alone)
+    places = locate(Half(parts, fitter.held_weights, prepared_data.held_out), fitted=alone)
     assert {"noise level", "noise correlation", "both halves"} <= {place.domain for place in places}
 
 

@@ -52,7 +52,9 @@ def test_physics_of_the_solid_disc_predicts_a_disc_with_holes(tmp_path):
     odd = (np.arange(geometry.views) % 2 == 1)[:, None, None]
     data, held_out = (observe(replace(taken, usable=taken.usable & part), variance) for part in (~odd, odd))
     aligned = nuisances(np.log(PHOTONS), 0.02, {"scale": 1.0, "size": 0.01, "offset": 0.02})
-    fitter = Fitter(ScansModel(chain, aligned, Anode("Mo"), 45.0), data, held_out, variance, np.zeros_like(variance))
+    fitter = Fitter(
+        ScansModel(chain, aligned, anode=Anode("Mo"), tube_kvp=45.0), data, held_out, variance, np.zeros_like(variance)
+    )
     errors = {effect: dict.fromkeys(values, 0.0) for effect, values in FOUND.items()}
     units = {effect: {} for effect in FOUND}
     baseline = trial(fitter, ())

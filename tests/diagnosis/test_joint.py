@@ -128,7 +128,7 @@ def test_joint_fit_minimizes_the_sum(fitters, joint):
 def _at(fitter, physics, given):
     """Chi-square with fitted alignment at fixed physics."""
     model = fitter.model
-    fitter.model = type(model)(model.chain, model.aligned, model.anode, fixed=physics, numerical=model.numerical)
+    fitter.model = type(model)(model.chain, model.aligned, anode=model.anode, fixed=physics, numerical=model.numerical)
     try:
         return fitter.fit(("scatter",), given).chi_square
     finally:

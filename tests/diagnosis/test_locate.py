@@ -44,7 +44,7 @@ def test_measured_weights_do_not_raise_the_score_of_a_location():
     found: dict[str, list] = {}
     for _ in range(200):
         weight = blocks.spread((freedom - 2) / random.chisquare(freedom, blocks.count)).ravel()
-        for place in locate([random.normal(size=weight.size)], [weight], data):
+        for place in locate(Half([random.normal(size=weight.size)], [weight], data)):
             found.setdefault(place.domain, []).append(place.map.ravel())
     for domain in ("columns", "rows", "views", "pixels", "projections"):
         z = np.concatenate(found[domain])

@@ -145,8 +145,7 @@ def test_expected_gain_of_a_pair_equals_that_of_two_fits():
     scan, model = FurtherScan("disc", "", fitter.model.chain.scene, GEOMETRY), fitter.model
     weighed, conditions = fits["veiling_glare"], conditions_of(prepared)
     parts = {
-        name: [scan.information(model, (name,), fit, conditions, (), again=True, weighed=weighed)]
-        for name, fit in fits.items()
+        name: [scan.information(model, fit, conditions, again=True, weighed=weighed)] for name, fit in fits.items()
     }
     measured = fitter.score(fits["veiling_glare"]) - fitter.score(fits["scatter"])
     assert measured > 1000
@@ -253,7 +252,7 @@ def test_recordings_of_several_protocols_share_only_scanner_parameters():
     conditions = conditions_of(prepared)
 
     def numbers(name, protocol=""):
-        told_of = replace(again, name=name).information(model, effects, fit, conditions, (), protocol=protocol)
+        told_of = replace(again, name=name).information(model, fit, conditions, protocol=protocol)
         return {key for key in told_of.keys if "alignment" not in key}
 
     drift = "drift_units_per_s"
@@ -270,7 +269,7 @@ def test_displacement_changes_nothing_without_an_object_in_the_beam():
     prepared = prepare_recording({OFFSET: {"columns_px": 0.15}})
     fit, model = prepared.fitter.fit((OFFSET,)), prepared.fitter.model
     nothing = FurtherScan("air", "", DiscScene(0.0, "air"), GEOMETRY)
-    told_of = nothing.information(model, (OFFSET,), fit, conditions_of(prepared), ())
+    told_of = nothing.information(model, fit, conditions_of(prepared))
     assert np.isfinite(told_of.changes).all() and (told_of.steps > 0).all()
     offset = told_of.keys.index(("air", "alignment", "offset"))
     assert np.linalg.norm(told_of.changes[:, offset]) > 1e3

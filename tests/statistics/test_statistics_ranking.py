@@ -133,7 +133,7 @@ def test_overlap_with_ties_is_the_mean_over_every_order(a, b, n):
         ]
 
     brute = np.mean([len(x & y) for x, y in product(tops(a), tops(b))])
-    assert ranking.expected_overlap(np.array(a), np.array(b), n) == pytest.approx(brute)
+    assert ranking.membership(np.array(a), n) @ ranking.membership(np.array(b), n) == pytest.approx(brute)
 
 
 def test_equal_and_opposite_rankings():

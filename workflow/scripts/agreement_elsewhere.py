@@ -33,7 +33,7 @@ def main(
     else:
         choice = choose(prepared.fitter, baseline, ())
     scanned = ScannedVolume.of(request, recording, (image_file, rois_file))
-    table = compare_images(recording, prepared, choice, request, Branch.AGREEMENT_ELSEWHERE, scanned)
+    table = compare_images(recording, prepared, choice, request, Branch.AGREEMENT_ELSEWHERE, scanned=scanned)
     write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", output)
 
 

@@ -31,18 +31,7 @@ HIDDEN = {
 
 
 def shown_by(content: Mapping) -> dict:
-    """Return the arguments of `candidates` that a recording.yaml states.
-
-    Parameters
-    ----------
-    content : mapping
-        Content of recording.yaml.
-
-    Returns
-    -------
-    dict
-        All arguments but the settings.
-    """
+    """Return the arguments of `candidates` that a recording.yaml states."""
     kind = content["kind"]
     # A protocol of the study simulates images, and its scan may be a helix.
     helical = kind == "images" or content.get("scan", {}).get("trajectory") == "helical"
@@ -73,12 +62,6 @@ def candidates(
     kind : {"projections", "images"}, optional
     timed : bool, optional
         Whether the times of the views are known.
-    corrected : collection of str, optional
-        Corrections by the scanner's maker.
-    helical : bool, optional
-        Whether the source moves along the axis.
-    parallel : bool, optional
-        Whether the beam is parallel.
 
     Raises
     ------
@@ -137,13 +120,6 @@ def check_accuracy(accuracy: Mapping[str, float]) -> None:
 
 def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
     """Check that settings under `diagnosis.recordings` fit the kinds of the recordings.
-
-    Parameters
-    ----------
-    diagnosed : mapping
-        Section of the configuration.
-    recordings : mapping of str to Document
-        By name.
 
     Raises
     ------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ..base.errors import InputError
-from ..base.streams import Branch
 from ..physics.beam.sensors import sensor_from_label
 from ..physics.beam.spectra import KVP, TUNGSTEN, Anode
 from ..physics.chain import EVEN, Chain
@@ -11,7 +10,6 @@ from ..physics.state import AIR
 from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
 from ..recordings.scan import view_time_note
-from .comparison.regions import ScannedVolume
 from .comparison.scans import agreement_of_scans
 from .fitting.priors import BASELINE, declared
 from .images.setting import agreement_of_images, prepare_images
@@ -22,7 +20,6 @@ from .projections.prepared import PreparedScans, prepare
 from .request import DiagnosisRequest, NominalSettings
 from .residuals.dataset import Prepared
 from .scanned_object import coarse_scene, scene_of, whole_voxels
-from .selection.forward_selection import Choice
 from .workload import fitted
 
 
@@ -100,27 +97,9 @@ def nominal_settings(recording: Recording) -> NominalSettings:
     return NominalSettings(anode, tube_kvp, sensor_from_label(**nominal.get("sensor", {})))
 
 
-def compare_images(
-    recording: Recording,
-    prepared: Prepared,
-    choice: Choice,
-    request: DiagnosisRequest,
-    purpose: Branch,
-    scanned: ScannedVolume | None = None,
-    with_changes: bool = False,
-) -> dict:
-    """Return the agreement of a model with the held-out repeats in images (comparison.agreement.agreement).
-
-    Parameters
-    ----------
-    purpose : Branch
-        Branch of the random stream for the noise of simulated projections.
-    scanned : ScannedVolume, optional
-        None for a disc.
-    with_changes : bool, optional
-        Whether the changes that effects make in images are part of the result.
-    """
-    return KINDS[recording.kind][1](recording, prepared, choice, request, purpose, scanned, with_changes)
+def compare_images(recording: Recording, *arguments, **options) -> dict:
+    """Return the agreement of models with the held-out repeats in images; further arguments as `agreement_of_scans`."""
+    return KINDS[recording.kind][1](recording, *arguments, **options)
 
 
 # {kind of a recording: (preparation, agreement in images)}

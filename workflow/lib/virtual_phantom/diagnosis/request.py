@@ -140,8 +140,6 @@ class Protocol:
     ----------
     scan, grid : mapping
         Sections of the configuration, with defaults.
-    projections : int
-        Number of views.
     algorithm : {"sirt", "fbp"}
     settings : mapping
         Keyword arguments of the algorithm.
@@ -166,8 +164,6 @@ class DiagnosisRequest:
 
     Attributes
     ----------
-    folder : str or Path
-        Folder of the recording.
     mu_water_per_mm : float
         Attenuation of water for the monochromatic beam, 1/mm.
     materials : mapping
@@ -203,13 +199,7 @@ class DiagnosisRequest:
 
 @dataclass(frozen=True)
 class NominalSettings:
-    """Nominal settings of the scanner, from recording.yaml.
-
-    Attributes
-    ----------
-    tube_kvp : float or None
-        kV; None: unknown.
-    """
+    """Nominal settings of the scanner, from recording.yaml."""
 
     anode: Anode
     tube_kvp: float | None

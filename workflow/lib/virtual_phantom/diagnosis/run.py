@@ -78,8 +78,6 @@ def run_diagnosis(
         Physics of another recording: only the alignment is fitted, no effect is selected.
     same_material : bool, optional
         Whether the object of `physics` is of the same material.
-    images : bool, optional
-        Whether images are reconstructed and compared.
     study_rois : tuple of str, optional
         The study's image and its table of ROIs, for a scan of the study's phantom.
     shape_rois : bool, optional
@@ -118,9 +116,9 @@ def run_diagnosis(
     content["modelled"] = model_assumptions(request, recording, found.prepared, effects)
     scanned = ScannedVolume.of(request, recording, study_rois, shape_rois) if images else None
     if images:
-        content["agreement"] = compare_images(
-            recording, found.prepared, found.choice, request, Branch.AGREEMENT, scanned, thresholds is not None
-        )
+        options = {"scanned": scanned, "with_changes": thresholds is not None}
+        compared = found.prepared, found.choice, request, Branch.AGREEMENT
+        content["agreement"] = compare_images(recording, *compared, **options)
         progress.reached(COMPARED)
     if thresholds is not None:
         content = judge_relevance(content, thresholds)
@@ -144,8 +142,6 @@ def find_missing_physics(
 
     Parameters
     ----------
-    name : str
-        Name of the recording.
     object_may_differ : bool or float, optional
         Whether pieces of the object that explain more than any effect are corrected before effects are selected. A
         number limits this to pieces of at most that width, mm.
@@ -193,15 +189,7 @@ def find_missing_physics(
 def apply_known_physics(
     name: str, prepared: Prepared, physics: Physics, same_material: bool, cache: FitCache | None = None
 ) -> Diagnosis:
-    """Judge a prepared recording by physics that was found on another one: only the alignment is fitted.
-
-    Parameters
-    ----------
-    name : str
-        Name of the recording.
-    same_material : bool
-        See `verified`.
-    """
+    """Judge a prepared recording by physics that was found on another one: only the alignment is fitted."""
 
     def apply(given: Prepared, cache: FitCache | None) -> Choice:
         (baseline,) = trials(given.fitter, [((),)], kept=cache)

@@ -55,13 +55,7 @@ def labelled_object(given: LabelledObject) -> LabelMap:
 
 
 def whole_voxels(request: DiagnosisRequest, scene: object) -> str | None:
-    """Return a remark on the voxels of an object without partial volume, and a better choice; None for other objects.
-
-    Parameters
-    ----------
-    scene : VoxelScene or PrismScene
-        Scene of the request.
-    """
+    """Return a remark on voxels without partial volume, and a better choice; None for other objects."""
     other = request.settings.object
     if not isinstance(other, MaskedObject | LabelledObject) or not scene.whole_voxels:
         return None
@@ -80,14 +74,7 @@ def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, t
     Each voxel is the mean of eight. A side with an odd number of voxels gets one more plane of air, and the grid keeps
     its place.
 
-    Parameters
-    ----------
-    phantom : str or Path
-        Image in HU.
-    mu_water_per_mm : float
-        Attenuation of water for the monochromatic beam, 1/mm.
-    materials : dict
-        See DiagnosisRequest.materials.
+    Arguments are those of DiagnosisRequest.
     """
     volume = volumes.read_nifti(phantom)
     odd = [n % 2 for n in volume.grid.shape]
@@ -114,9 +101,7 @@ def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene 
         If the mask is missing, broken, empty, or holds values outside 0 to 1.
     """
     volume = read_mask(mask)
-    if volume.grid.shape[0] == 1:
-        return PrismScene(volume.array, volume.grid, (material,))
-    return VoxelScene(volume.array[None], volume.grid, (material,), DISC_ENERGY_KEV, threads)
+    return labelled_scene(LabelMap(volume.array[None], volume.grid, (material,)), DISC_ENERGY_KEV, threads)
 
 
 def labelled_scene(labelled: LabelMap, energy_kev: float, threads: int = 1) -> VoxelScene | PrismScene:
@@ -127,10 +112,10 @@ def labelled_scene(labelled: LabelMap, energy_kev: float, threads: int = 1) -> V
     energy_kev : float
         Energy of the monochromatic beam, keV. The ratio of the attenuation of two materials depends on it.
     """
-    shares, grid = labelled.shares, labelled.grid
+    shares, grid, materials = labelled.shares, labelled.grid, labelled.materials
     if grid.shape[0] == 1:
-        return PrismScene(shares[:, 0], grid, labelled.materials, energy_kev)
-    return VoxelScene(shares, grid, labelled.materials, energy_kev, threads)
+        return PrismScene(shares[:, 0], grid, materials, energy_kev)
+    return VoxelScene(shares, grid, materials, energy_kev, threads)
 
 
 def read_mask(mask: str | Path) -> Volume:

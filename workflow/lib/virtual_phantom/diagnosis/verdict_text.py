@@ -46,8 +46,6 @@ class VerdictLine:
 
     Attributes
     ----------
-    label : str
-        Subject of the line.
     text : str
         Statement, without the full stop.
     rank : int
@@ -62,15 +60,15 @@ class VerdictLine:
         return f"{self.label}: {self.text}."
 
 
-def with_verdict_text(content: Mapping, lines: Iterable[VerdictLine | None]) -> dict:
-    """Add the lines to a document, and the same as one string under `sentence`.
+def _line(label: str, text: str, rank: int = 0) -> VerdictLine | None:
+    """Return a line; None without a statement."""
+    return VerdictLine(label, text, rank) if text else None
 
-    Parameters
-    ----------
-    content : mapping
-        Content of diagnosis.json or scanner.json.
-    lines : iterable of VerdictLine or None
-        In the order of display; None for a line that does not apply.
+
+def with_verdict_text(content: Mapping, lines: Iterable[VerdictLine | None]) -> dict:
+    """Add lines, in the order of display, to a document, and the same as one string under `sentence`.
+
+    None stands for a line that does not apply.
     """
     given = [line for line in lines if line is not None]
     chosen = sorted(range(len(given)), key=lambda index: given[index].rank)[:MOST_LINES]
@@ -89,8 +87,6 @@ def recording_lines(content: Mapping, stated: Mapping[str, float] | None = None)
 
     Parameters
     ----------
-    content : mapping
-        Content of diagnosis.json.
     stated : mapping of str to float, optional
         Object location in the configuration, mm by axis.
     """
@@ -117,19 +113,17 @@ def _conclusion(content: Mapping, named: Sequence[Mapping]) -> VerdictLine:
     if named:
         return VerdictLine("Best explanation" if content["doubts"] else "Missing physics", effects_text(named))
     if verdict == MATCH:
-        return VerdictLine(
-            "Missing physics", f"none; {recording} and the simulation differ only by noise and alignment"
-        )
-    if verdict == PRACTICAL:
-        return VerdictLine(
-            "Missing physics", "none that is clinically relevant; image differences are below all thresholds"
-        )
-    if "removes" in content.get("object", {}):
+        text = f"none; {recording} and the simulation differ only by noise and alignment"
+    elif verdict == PRACTICAL:
+        text = "none that is clinically relevant; image differences are below all thresholds"
+    elif "removes" in content.get("object", {}):
         (piece,) = content["object"]["pieces"]
         return VerdictLine("Local object mismatch", piece_text(piece))
-    if contradiction(content):
-        return VerdictLine("Missing physics", "none; a declared value contradicts the data")
-    return VerdictLine("Missing physics", "unknown; no effect of Virtual Phantom explains the difference")
+    elif contradiction(content):
+        text = "none; a declared value contradicts the data"
+    else:
+        text = "unknown; no effect of Virtual Phantom explains the difference"
+    return VerdictLine("Missing physics", text)
 
 
 def _alternatives(content: Mapping, names: Sequence[str]) -> VerdictLine | None:
@@ -137,10 +131,8 @@ def _alternatives(content: Mapping, names: Sequence[str]) -> VerdictLine | None:
     for name in names:
         if rivals := _rivals(content, name):
             replaced.setdefault(" or ".join(rivals), []).append(effect_name(name))
-    if not replaced:
-        return None
     found = [rivals + f" instead of {' or '.join(effects)}" * (len(names) > 1) for rivals, effects in replaced.items()]
-    return VerdictLine("Indistinguishable alternatives", "; ".join(found[:MOST_DETAILED]), rank=5)
+    return _line("Indistinguishable alternatives", "; ".join(found[:MOST_DETAILED]), rank=5)
 
 
 def _rivals(content: Mapping, name: str) -> list[str]:
@@ -221,15 +213,13 @@ def contradiction(content: Mapping, of: str = "") -> VerdictLine | None:
         for key, found in parameters.items()
         if found["off"]
     ]
-    return VerdictLine("Contradicts declared physics", "; ".join(contradicted), rank=1) if contradicted else None
+    return _line("Contradicts declared physics", "; ".join(contradicted), rank=1)
 
 
 def _corrected_object(content: Mapping) -> VerdictLine | None:
     found = content.get("object", {})
-    if not found.get("mended"):
-        return None
-    pieces = enumerated([piece_text(piece) for piece in found["pieces"]])
-    return VerdictLine("Object corrected before the fit", pieces, rank=2)
+    pieces = [piece_text(piece) for piece in found["pieces"]] if found.get("mended") else []
+    return _line("Object corrected before the fit", enumerated(pieces), rank=2)
 
 
 def piece_text(piece: Mapping) -> str:
@@ -262,25 +252,20 @@ def _source(content: Mapping) -> VerdictLine | None:
     if source is None:
         return None
     left = ", ".join(map(effect_name, content["not_taken"]))
-    rest = f"; not transferred: {left}" if left else ""
-    return VerdictLine(
-        "Source of the physics", f"transferred from {source}; only the alignment is fitted{rest}", rank=1
-    )
+    text = f"transferred from {source}; only the alignment is fitted" + (f"; not transferred: {left}" if left else "")
+    return VerdictLine("Source of the physics", text, rank=1)
 
 
 def _below_thresholds(content: Mapping, names: Sequence[str]) -> VerdictLine | None:
-    if not names:
-        return None
     listed = _shortened([" or ".join([effect_name(name), *_rivals(content, name)]) for name in names])
-    return VerdictLine("Also significant, below the relevance thresholds", ", ".join(listed), rank=4)
+    return _line("Also significant, below the relevance thresholds", ", ".join(listed), rank=4)
 
 
 def _thresholds(content: Mapping) -> VerdictLine | None:
     """Return the relevance thresholds if the verdict depends on them."""
-    if content["verdict"] != PRACTICAL:
-        return None
-    limits = [DIFFERENCES[name].format(f"{value:g}") for name, value in content["practice"]["thresholds"].items()]
-    return VerdictLine("Relevance thresholds", ", ".join(limits), rank=5)
+    thresholds = content["practice"]["thresholds"] if content["verdict"] == PRACTICAL else {}
+    limits = [DIFFERENCES[name].format(f"{value:g}") for name, value in thresholds.items()]
+    return _line("Relevance thresholds", ", ".join(limits), rank=5)
 
 
 def _next(content: Mapping, named: Sequence[Mapping]) -> VerdictLine | None:
@@ -295,15 +280,7 @@ def _next(content: Mapping, named: Sequence[Mapping]) -> VerdictLine | None:
 
 
 def setup_lines(setup: Mapping, scanned: str) -> list[VerdictLine | None]:
-    """Return the lines for a scan with a wrong set-up or object.
-
-    Parameters
-    ----------
-    setup : mapping
-        Section `setup` of diagnosis.json.
-    scanned : str
-        Description of the object in the configuration.
-    """
+    """Return the lines for a scan with a wrong set-up or object; `scanned` describes the object as configured."""
     described, corrected = (f"{100 * setup[key]:.2g} %" for key in ("share_stated", "share"))
     variance = f"Unexplained variance of {setup['of']}"
     tried = VerdictLine("Effects", "none fitted; correct the set-up first")
@@ -322,14 +299,12 @@ def setup_lines(setup: Mapping, scanned: str) -> list[VerdictLine | None]:
             VerdictLine("Next", "name the scanned object in the configuration"),
             tried,
         ]
-    changed = None
-    if described != corrected:
-        changed = VerdictLine(variance, f"{described} as described, {corrected} as corrected")
+    changed = f"{described} as described, {corrected} as corrected" if described != corrected else ""
     mistakes = setup["mistakes"]
     return [
         VerdictLine("Scan set-up error", "; ".join(mistakes)),
         VerdictLine("Correction", "; ".join(mistakes.values())),
-        changed,
+        _line(variance, changed),
         tried,
     ]
 
@@ -342,13 +317,14 @@ def scanner_lines(content: Mapping) -> list[VerdictLine | None]:
     disagreement = _disagreement(recordings)
     count = len(recordings) - len(tests)
     if content["effects"]:
-        first = VerdictLine("Shared missing physics", f"{effects_text(content['effects'])}, in {count} recordings")
+        shared = f"{effects_text(content['effects'])}, in {count} recordings"
     elif unexplained or disagreement:
-        first = VerdictLine("Shared missing physics", "unknown; no shared effect explains the differences")
+        shared = "unknown; no shared effect explains the differences"
     else:
-        first = VerdictLine("Shared missing physics", f"none; {len(recordings)} recordings agree with the simulation")
+        shared = f"none; {len(recordings)} recordings agree with the simulation"
+    remaining = f"in {', '.join(unexplained)}" if unexplained else ""
     return [
-        first,
+        VerdictLine("Shared missing physics", shared),
         _removed("Fit on left-out recordings", content["excess_rms_removed"]),
         _removed(f"Fit on {', '.join(tests)} (not used for selection)", content["excess_rms_removed_judged"]),
         contradiction(content),
@@ -357,7 +333,7 @@ def scanner_lines(content: Mapping) -> list[VerdictLine | None]:
             for key, declared in content["declared_of_protocols"].items()
         ),
         disagreement,
-        VerdictLine("Remaining mismatch", f"in {', '.join(unexplained)}", rank=3) if unexplained else None,
+        _line("Remaining mismatch", remaining, rank=3),
     ]
 
 
@@ -402,14 +378,12 @@ def feature_lines(content: Mapping) -> list[VerdictLine | None]:
     (effect,) = content["effects"]
     rivals = [label(name) for name in content["ambiguous_with"].get(effect["name"], [])]
     removed = f"{100 * effect['evidence']['held_out_gain']:.0f} % of the difference removed"
-    remaining = None
-    if content["unexplained"]:
-        remaining = VerdictLine("Remaining mismatch", _feature_location(content["unexplained"][0]))
+    remaining = [_feature_location(location) for location in content["unexplained"][:1]]
     return [
         VerdictLine("Differing image property", " or ".join([label(effect["name"]), *rivals])),
         VerdictLine("Fit on held-out regions", removed),
         worst,
-        remaining,
+        _line("Remaining mismatch", "".join(remaining)),
         _next(content, []),
     ]
 
@@ -420,13 +394,7 @@ def _feature_location(location: Mapping) -> str:
 
 
 def effects_text(effects: Sequence[Mapping]) -> str:
-    """Return effects by name, a few of them with their parameters.
-
-    Parameters
-    ----------
-    effects : sequence of mapping
-        As in diagnosis.json: name, parameters with value and unit.
-    """
+    """Return effects of diagnosis.json by name, a few of them with their parameters."""
     detailed = len(effects) <= MOST_DETAILED
     return enumerated(_shortened([_effect_text(effect, detailed) for effect in effects]))
 

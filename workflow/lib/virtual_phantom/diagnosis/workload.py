@@ -21,8 +21,6 @@ def rays_of(shape: tuple[int, int, int], samples: int) -> int:
 
     Parameters
     ----------
-    shape : tuple of 3 int
-        Views, rows, columns.
     samples : int
         Rays per pixel and direction; in a fan beam along columns only.
     """
@@ -42,12 +40,8 @@ def samples_for(stated: int | None, shapes: bool, shape: tuple[int, int, int]) -
 
     Parameters
     ----------
-    stated : int or None
-        Value in the configuration.
     shapes : bool
         Whether path lengths come from shapes instead of voxels.
-    shape : tuple of 3 int
-        Views, rows, columns.
     """
     if stated:
         return stated
@@ -59,27 +53,12 @@ def step_for(shape: tuple[int, int, int], samples: int) -> int:
     """Return the default step between fitted views, with which fits have at most MOST_FITTED rays.
 
     The step is odd, as every second view would not show a focal spot that alternates between views.
-
-    Parameters
-    ----------
-    shape : tuple of 3 int
-        Views, rows, columns.
-    samples : int
-        Rays per pixel and direction.
     """
     step = max(1, math.ceil(rays_of(shape, samples) / MOST_FITTED))
     return min(step + (step + 1) % 2, max(1, (shape[0] // FEWEST_VIEWS - 1) | 1))
 
 
 def fitted(samples: int | None, view_step: int | None, shapes: bool, shape: tuple[int, int, int]) -> tuple[int, int]:
-    """Return rays per pixel and direction, and the step between views, of a fit of projections.
-
-    Parameters
-    ----------
-    samples, view_step : int or None
-        Values in the configuration.
-    shapes, shape
-        See `samples_for`.
-    """
+    """Return rays per pixel and direction, and the step between views, of a fit of projections."""
     samples = samples_for(samples, shapes, shape)
     return samples, view_step or step_for(shape, samples)

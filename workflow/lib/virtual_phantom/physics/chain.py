@@ -62,8 +62,6 @@ class Chain:
     illumination : {"even", "solid_angle"}, optional
         EVEN: all pixels receive the same number of photons in air; SOLID_ANGLE: a number proportional to the solid
         angle of the pixel.
-    sensor : Sensor, optional
-        Detector sensor, which weights a spectrum.
     readout : float or {"photons", "air"}, optional
         As State.readout.
     """
@@ -172,17 +170,10 @@ class Chain:
         ----------
         physics : mapping of str to mapping of str to float
             {effect: {parameter: value}}; empty: the baseline.
-        pose : Pose, optional
-            Pose of the object.
         photons : float, optional
             As State.photons; None: the number of the chain.
         **extra
             Initial values of fields of the State.
-
-        Returns
-        -------
-        State
-            Means, and everything that noise depends on.
         """
         state = self._run(physics, pose, photons, extra)
         glows = state.lag[0] or state.slow_lag[0]

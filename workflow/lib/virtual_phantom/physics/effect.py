@@ -18,18 +18,7 @@ from . import effects
 # Stages that move rays, the object, and the origin of rays.
 GEOMETRY, MOTION, FOCAL_SPOT = MOVING = ("geometry", "motion", "focal_spot")
 # In the order in which they act.
-STAGES = (
-    GEOMETRY,
-    MOTION,
-    "spectrum",
-    "fluence",
-    FOCAL_SPOT,
-    "scatter",
-    "crosstalk",
-    "noise",
-    "readout",
-    "image",
-)
+STAGES = (GEOMETRY, MOTION, "spectrum", "fluence", FOCAL_SPOT, "scatter", "crosstalk", "noise", "readout", "image")
 
 
 # Units of a parameter relative to one scan: view interval, scan time, reading in air, reading in air per scan time, and

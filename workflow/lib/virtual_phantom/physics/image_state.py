@@ -13,8 +13,6 @@ class ImageState:
 
     Attributes
     ----------
-    hu : ndarray of float, shape (z, y, x)
-        HU.
     spacing_mm : tuple of 3 float
         Voxel size (z, y, x), mm.
     """

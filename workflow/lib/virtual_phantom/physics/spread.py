@@ -22,15 +22,8 @@ def spread(
     Parameters
     ----------
     array : ndarray, shape (..., views, rows, columns)
-    width_mm : float
-        Standard deviation, mm.
     reach_mm : tuple of 2 float, optional
         Along columns and rows, mm: distance at which a factor of the kernel falls linearly from 1 to 0.
-
-    Returns
-    -------
-    ndarray
-        Same shape as `array`.
     """
     columns, rows = (
         _kernel(width_mm / pitch, reach / pitch)

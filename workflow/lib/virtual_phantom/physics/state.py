@@ -111,8 +111,6 @@ class State:
     readout : float or {"photons", "air"}
         Mean reading of the air scan in readout units; PHOTONS: readings are numbers of photons; AIR: the reading is
         unknown, and the mean signal in air is the unit.
-    mounting : Mounting
-        Rotation of the detector.
     """
 
     geometry: ScanGeometry

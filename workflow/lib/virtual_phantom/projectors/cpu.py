@@ -114,13 +114,13 @@ class CpuProjector:
     def forward(self, volume: np.ndarray, views: slice = slice(None)) -> np.ndarray:
         """Return line integrals of a packed volume (1/mm) by Joseph's method: packed projections, dimensionless."""
         projections = self._empty_projections(len(range(*views.indices(self.geometry.views))))
+        start = self._start(views)
 
         def run(first, last):
-            part = projections[first:last]
-            self._trace(volume, part, self._start(views) + first, transpose=False)
-            self._scale(part, self._start(views) + first)
+            self._trace(volume, projections[first:last], start + first, transpose=False)
+            self._scale(projections[first:last], start + first)
 
-        self._share_out(run, len(projections))
+        share_out(run, len(projections), self.threads)
         return projections
 
     def back(self, projections: np.ndarray, views: slice = slice(None), out: np.ndarray | None = None) -> np.ndarray:
@@ -129,21 +129,13 @@ class CpuProjector:
         The result is added to the packed volume `out`, if given.
         """
         volume = self.empty_volume() if out is None else out
+        voxels, pixels, taken = volume.reshape(-1), projections.reshape(-1), (self._start(views), len(projections))
 
         def run(first, last):
-            kernels.back_project(
-                volume.reshape(-1),
-                projections.reshape(-1),
-                self._start(views),
-                len(projections),
-                first,
-                last,
-                self._scan,
-                kernels.empty_lines(self._scan),
-                self._lanes,
-            )
+            room = kernels.empty_lines(self._scan)
+            kernels.back_project(voxels, pixels, *taken, first, last, self._scan, room, self._lanes)
 
-        self._share_out(run, self.grid.shape[1])
+        share_out(run, self.grid.shape[1], self.threads)
         return volume
 
     def adjoint(
@@ -204,19 +196,13 @@ class CpuProjector:
             full=float(full_rows),
         )
 
-        def run(first, last):
-            parallel.back_project_parallel(
-                volume.reshape(-1),
-                seen,
-                projections.reshape(-1),
-                first,
-                last,
-                scan,
-                parallel.empty_room(nz, views, orbit.rows),
-                self._lanes,
-            )
+        voxels, pixels = volume.reshape(-1), projections.reshape(-1)
 
-        self._share_out(run, ny)
+        def run(first, last):
+            room = parallel.empty_room(nz, views, orbit.rows)
+            parallel.back_project_parallel(voxels, seen, pixels, first, last, scan, room, self._lanes)
+
+        share_out(run, ny, self.threads)
         volume[1:-1, 1:-1, 1:-1] *= (seen == rays.half_turn)[..., None] / np.float32(rays.half_turn)
         return volume
 
@@ -230,9 +216,6 @@ class CpuProjector:
 
     def _scale(self, projections, first_view):
         kernels.path_lengths(projections.reshape(-1), first_view, len(projections), self._scan, self._lanes)
-
-    def _share_out(self, run, count):
-        share_out(run, count, self.threads)
 
 
 def parallel_stack(rays, lanes: int) -> np.ndarray:

@@ -179,19 +179,6 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
                             if rows == 1:  # One row has weight up to half its height from its center.
                                 height[i], slope[i] = 1.0, 0.0
                             gather_line(
-                                volume,
-                                voxel,
-                                projections,
-                                at[i],
-                                at[i] + step,
-                                rows + 2,
-                                near[i],
-                                np.float32(1.0) - near[i],
-                                height[i],
-                                slope[i],
-                                start,
-                                stop,
-                                shares[i],
-                                line,
-                                lanes,
-                            )
+                                volume, voxel, projections, at[i], at[i] + step, rows + 2, near[i],
+                                np.float32(1.0) - near[i], height[i], slope[i], start, stop, shares[i], line, lanes,
+                            )  # fmt: skip

@@ -8,14 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ..base.errors import InputError
-from ..features.names import (
-    FAMILIES,
-    HISTOGRAM_ONLY,
-    OTHER_FAMILIES,
-    family,
-    is_feature,
-    unfiltered,
-)
+from ..features.names import FAMILIES, HISTOGRAM_ONLY, OTHER_FAMILIES, family, is_feature, unfiltered
 from ..features.settings import SETTINGS
 
 SHIFTED = tuple(
@@ -159,8 +152,6 @@ def other_sizes(
     simulated, recorded : DataFrame
         One row per image and ROI. The number of voxels comes from Energy and RootMeanSquared (`roi_sizes`) or from a
         column of COUNTS; without either the result is empty.
-    features, rois : sequence of str
-        Features and ROIs that are compared.
 
     Returns
     -------

@@ -17,10 +17,7 @@ import pandas as pd
 import scipy
 
 from ..base.errors import InputError
-from ..features.names import (
-    family,
-    features_of,
-)
+from ..features.names import family, features_of
 from ..features.tables import finite_values
 from . import COMPARED_REPEATS
 from .multiplicity import benjamini_yekutieli, holm
@@ -163,8 +160,6 @@ def samples(table: pd.DataFrame, features: Sequence[str], rois: Sequence[str], s
     ----------
     table : DataFrame
         One row per image and ROI.
-    source : str
-        Beginning of error messages.
 
     Returns
     -------
@@ -211,14 +206,8 @@ def shift_interval(
 
     Parameters
     ----------
-    difference, lower, upper : ndarray
-        The difference and its confidence interval.
     sd : ndarray
         Estimated from n normal values independently of the difference.
-    n : int
-        Number of values.
-    level : float
-        Confidence level, 0 to 1.
 
     References
     ----------

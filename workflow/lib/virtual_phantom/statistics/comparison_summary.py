@@ -9,10 +9,7 @@ import pandas as pd
 import scipy
 
 from ..base.errors import InputError
-from ..features.names import (
-    EVERY_FAMILY,
-    family,
-)
+from ..features.names import EVERY_FAMILY, family
 from .comparison import ALPHA, ROUNDING
 
 MINIMUM_ROIS = 3  # two ROIs are in the right order with probability one half

@@ -165,8 +165,6 @@ def noise_magnitude(images: np.ndarray, rois: Mapping[str, np.ndarray], area: fl
     images : ndarray, shape (repeats, z, y, x)
         HU.
     rois : mapping of str to ndarray of bool, shape (z, y, x)
-    area : float
-        Correlation area (`Spectrum.area`).
 
     Raises
     ------

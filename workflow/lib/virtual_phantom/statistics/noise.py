@@ -24,7 +24,6 @@ def repeat_variance(
     ----------
     images : iterable of ndarray, shape (z, y, x)
         HU, one per repeat. Only voxels of ROIs are kept in memory.
-    masks : dict of str to ndarray of bool, shape (z, y, x)
     name : str, optional
         Start of error messages.
 
@@ -120,8 +119,6 @@ class NoiseMatch:
     ----------
     A, A_standard_error : float
         Noise level and its error from the fit and the measurement.
-    variance_hu2 : float
-        Measured variance, HU^2.
     extrapolated : bool
         Whether A lies outside the simulated levels.
     """

@@ -143,11 +143,7 @@ def separability(points: pd.DataFrame, name: str) -> pd.DataFrame:
                 "use more repeats or settings"
             )
         predicted = cross_val_predict(
-            LinearDiscriminantAnalysis(),
-            part[["pc1", "pc2"]].to_numpy(),
-            classes,
-            groups=blocks,
-            cv=LeaveOneGroupOut(),
+            LinearDiscriminantAnalysis(), part[["pc1", "pc2"]].to_numpy(), classes, groups=blocks, cv=LeaveOneGroupOut()
         )
         rows.append(
             {

@@ -33,8 +33,6 @@ def top_features(
         Columns kind, rank, source (simulator | phantom), feature.
     measured : DataFrame, optional
         From `repeats.score_draws`; features are ranked by their mean over draws.
-    n : int, optional
-        At most the number of scored features.
 
     Returns
     -------
@@ -90,11 +88,6 @@ def membership(scores: np.ndarray, n: int) -> np.ndarray:
 def memberships(scores: np.ndarray) -> np.ndarray:
     """`membership` for every n: shape (lengths, items)."""
     return np.array([membership(scores, n) for n in range(1, len(scores) + 1)])
-
-
-def expected_overlap(a: np.ndarray, b: np.ndarray, n: int) -> float:
-    """Expected number of items among the n highest scores of both lists, with ties broken at random."""
-    return float(membership(a, n) @ membership(b, n))
 
 
 def shared_variance(table: pd.DataFrame, features: Sequence[str]) -> pd.DataFrame:
@@ -160,8 +153,6 @@ def overlap(simulated: pd.DataFrame, measured: pd.DataFrame, shared: pd.DataFram
         The same columns, from one or more draws (`repeats.score_draws`).
     shared : DataFrame, shape (features, features)
         `shared_variance` of at least the features that both tables have. Other features are ignored.
-    level : float, optional
-        Level of the band of random lists.
 
     Returns
     -------

@@ -66,8 +66,6 @@ def mtf_half(images: np.ndarray, distance_mm: np.ndarray, spacing: Sequence[floa
         Signed distance from the edge in the axial plane, mm.
     spacing : sequence of 3 float
         mm (z, y, x).
-    valid : ndarray of bool, shape (z, y, x)
-        Voxels to use.
 
     Raises
     ------

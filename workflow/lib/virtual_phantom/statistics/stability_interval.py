@@ -49,8 +49,6 @@ class StabilityInterval:
 
     Attributes
     ----------
-    value : ndarray
-        Observed stability.
     low, high : ndarray
         95 % interval of the expected stability, which contains the observed one. NaN for one repeat per group.
     twice, twice_low, twice_high : ndarray
@@ -124,8 +122,6 @@ class _Design:
         ROIs of each sample.
     limits : list of float
         For each unit, |2 U - n^2| of the rank-sum test below which a pair is stable.
-    noise : ndarray, shape (simulations, rois, groups, repeats)
-        Independent standard normal numbers.
     if_equal : float
         Expected stability of protocols that do not differ and share no noise.
     """

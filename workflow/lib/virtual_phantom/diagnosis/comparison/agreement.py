@@ -44,8 +44,6 @@ class Regions:
     ----------
     spacing : tuple of 3 float
         mm (z, y, x).
-    rois : mapping of str to ndarray of bool, shape (z, y, x)
-        By name.
     distance_mm : ndarray, shape (z, y, x)
         Signed distance from the edge of highest contrast (body to air) in the axial plane, mm, negative within.
     valid : ndarray of bool, shape (z, y, x)
@@ -78,8 +76,6 @@ class Features:
         ----------
         images : ndarray, shape (repeats, z, y, x)
             HU.
-        name : str
-            For messages.
 
         Returns
         -------
@@ -113,8 +109,6 @@ def agreement(
 
     Parameters
     ----------
-    recorded : ndarray, shape (repeats, z, y, x)
-        HU.
     simulated : mapping of str to ndarray
         Images by name of their column ("before", "after"), with any number of repeats. The floor uses the noise of the
         last one.

@@ -165,10 +165,6 @@ def image_grid(geometry: OrbitGeometry, radius_mm: float) -> Grid:
 def complete(geometry: OrbitGeometry, grid: Grid) -> np.ndarray:
     """Return the voxels that are seen from every direction.
 
-    Returns
-    -------
-    ndarray of bool, shape (z, y, x)
-
     Raises
     ------
     InputError
@@ -194,11 +190,6 @@ def phantom_regions(grid: Grid, valid: np.ndarray, scanned: ScannedVolume, pose:
     """Return the parts of the object's ROIs in the images, or object and air if there are fewer than two.
 
     The edge is that between body and air.
-
-    Parameters
-    ----------
-    valid : ndarray of bool, shape (z, y, x)
-        See Regions.valid.
     """
     fine_shape = (grid.shape[0], *(n * SUBDIVIDED for n in grid.shape[1:]))
     fine = Grid(fine_shape, (grid.spacing[0], *(step / SUBDIVIDED for step in grid.spacing[1:])))
@@ -222,14 +213,8 @@ def sampled(array: np.ndarray, of: Grid, at: Grid, pose: Pose, order: int, outsi
 
     Parameters
     ----------
-    array : ndarray, shape (z, y, x)
-        The object.
     of, at : Grid
         Grids of the object and of the result.
-    order : int
-        Order of the interpolation.
-    outside : float
-        Value outside of the object's grid.
     """
     z, y, x = np.meshgrid(*at.axes_mm(), indexing="ij", sparse=True)
     x, y, z = x - pose.x_mm, y - pose.y_mm, z - pose.z_mm

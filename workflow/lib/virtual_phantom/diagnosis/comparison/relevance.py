@@ -64,8 +64,7 @@ def image_changes(
     Returns
     -------
     dict of str to ImageChange
-        By quantity of verdict_text.DIFFERENCES, if it can be measured: noise needs two repeats,
-        contrast two ROIs.
+        By quantity of verdict_text.DIFFERENCES, if it can be measured: noise needs two repeats, contrast two ROIs.
     """
     measures: dict[str, Callable[[], ImageChange]] = {
         "hu": lambda: _hu(reference, images, regions, paired),
@@ -111,11 +110,10 @@ def agreement_and_changes(
         Result of agreement.agreement with rois (names), repeats (number) and `practice`.
     """
     simulated = {"before": images(choice.baseline.fit), "after": images(choice.chosen.fit)}
-    more = {}
-    if with_changes:
-        more = {"practice": changes_by_effect(recorded, simulated, images, choice, regions, features)}
     found = agreement(recorded, simulated, regions, features=features)
-    return found | more | {"rois": list(regions.rois), "repeats": len(recorded)}
+    if with_changes:
+        found["practice"] = changes_by_effect(recorded, simulated, images, choice, regions, features)
+    return found | {"rois": list(regions.rois), "repeats": len(recorded)}
 
 
 def changes_by_effect(
@@ -130,12 +128,9 @@ def changes_by_effect(
 
     Parameters
     ----------
-    recorded : ndarray, shape (repeats, z, y, x)
-        HU.
     simulated : mapping of str to ndarray
-        Images with alignment alone, "before", and with the chosen effects, "after".
-    images : callable
-        Simulated images of a fit, with the noise of `simulated`.
+        Images with alignment alone, "before", and with the chosen effects, "after"; for the rest see
+        `agreement_and_changes`.
 
     Returns
     -------
@@ -155,9 +150,8 @@ def changes_by_effect(
     result["together"] = compared(before, after, paired=True)
     for name in effects:
         alone = len(effects) == 1
-        result["effects"][name] = (
-            result["together"] if alone else compared(images(choice.without[name]), after, paired=True)
-        )
+        changed = result["together"] if alone else compared(images(choice.without[name]), after, paired=True)
+        result["effects"][name] = changed
     return result | {"remaining": compared(after, recorded, paired=False)}
 
 
@@ -214,12 +208,7 @@ def above_thresholds(changes: Mapping[str, Mapping[str, float]], thresholds: Map
 
 
 def measured_areas(regions: Regions) -> list[np.ndarray]:
-    """Return the areas whose mean HU is compared: ROIs, and squares that cover the object, through all slices.
-
-    Returns
-    -------
-    list of ndarray of bool, shape (z, y, x)
-    """
+    """Return the areas whose mean HU is compared: ROIs, and squares that cover the object, through all slices."""
     inner = regions.inner
     found = [mask for mask in regions.rois.values() if mask.any()]
     _, rows, columns = inner.shape
@@ -228,9 +217,7 @@ def measured_areas(regions: Regions) -> list[np.ndarray]:
             square = np.zeros_like(inner)
             square[:, y : y + BLOCK_VOXELS, x : x + BLOCK_VOXELS] = True
             square &= inner
-            if (
-                square.sum() >= inner.shape[0] * BLOCK_VOXELS**2 / 2
-            ):  # squares with few voxels at the rim hold only noise
+            if square.sum() >= inner.shape[0] * BLOCK_VOXELS**2 / 2:  # the rim's few voxels hold only noise
                 found.append(square)
     return found
 
@@ -275,11 +262,9 @@ def _percent(reference: np.ndarray, images: np.ndarray, measure: Callable, paire
     """Return the relative difference of a measure in percent."""
     first, second = measure(reference), measure(images)
     ratio = second.value / first.value
-    if paired:  # same noise in both
-        return ImageChange(100 * (ratio - 1), 0.0)
-    return ImageChange(
-        100 * (ratio - 1), 100 * ratio * _known(np.hypot(first.error / first.value, second.error / second.value))
-    )
+    relative_error = np.hypot(first.error / first.value, second.error / second.value)
+    # Paired images have the same noise.
+    return ImageChange(100 * (ratio - 1), 0.0 if paired else 100 * ratio * _known(relative_error))
 
 
 def _noise(images: np.ndarray, regions: Regions) -> Measure:

@@ -25,25 +25,21 @@ NOISE = 0  # branch of the seed for simulated noise
 
 
 def agreement_of_scans(
-    recording: Recording,
-    prepared: PreparedScans,
-    choice: Choice,
-    request: DiagnosisRequest,
-    purpose: Branch,
-    scanned: ScannedVolume | None = None,
-    with_changes: bool = False,
+    recording: Recording, prepared: PreparedScans, choice: Choice, request: DiagnosisRequest, purpose: Branch, **options
 ) -> dict:
-    """Return the agreement of the held-out repeats with models, in images (see `agreement_of_repeats`).
+    """Return the agreement of the held-out repeats with models, in images.
 
     Parameters
     ----------
     purpose : Branch
         Branch of the random stream for simulated noise.
+    **options
+        Options of `agreement_of_repeats`.
     """
     further = scans(recording.held_out) if len(recording.held_out) else None
     repeats = held_out_repeats(scans(recording.repeats), further).every(prepared.step)
     seed, mu_water = branch(request.seed, purpose), request.mu_water_per_mm
-    return agreement_of_repeats(repeats, prepared, choice, mu_water, seed, scanned, request.threads, with_changes)
+    return agreement_of_repeats(repeats, prepared, choice, mu_water, seed, threads=request.threads, **options)
 
 
 def agreement_of_repeats(
@@ -53,8 +49,8 @@ def agreement_of_repeats(
     mu_water_per_mm: float,
     seed: Stream,
     scanned: ScannedVolume | None = None,
-    threads: int = 1,
     with_changes: bool = False,
+    threads: int = 1,
 ) -> dict:
     """Return the agreement of repeats of projections with models, in images.
 
@@ -64,8 +60,6 @@ def agreement_of_repeats(
 
     Parameters
     ----------
-    mu_water_per_mm : float
-        Attenuation of water, 1/mm.
     scanned : ScannedVolume, optional
         None for a disc.
     with_changes : bool, optional
@@ -78,15 +72,11 @@ def agreement_of_repeats(
         metrics but the reason.
     """
     chain = prepared.fitter.model.chain
-    pose = pose_of(choice.chosen.fit.nuisance)
+    pose, shown = pose_of(choice.chosen.fit.nuisance), scanned or chain.scene
     try:
-        radius = chain.scene.radius_mm if scanned is None else scanned.radius_mm
-        grid = image_grid(chain.geometry, radius)
-        valid = complete(chain.geometry, grid)
-        if scanned is None:
-            regions = disc_regions(grid, valid, chain.scene, pose)
-        else:
-            regions = phantom_regions(grid, valid, scanned, pose)
+        grid = image_grid(chain.geometry, shown.radius_mm)
+        regions_of = disc_regions if scanned is None else phantom_regions
+        regions = regions_of(grid, complete(chain.geometry, grid), shown, pose)
         reconstruct = Reconstruction(chain.geometry, grid, mu_water_per_mm, repeats.usable, threads)
         recorded = reconstruct(repeats.repeats)
     except InputError as error:
@@ -121,10 +111,8 @@ def simulated_repeats(prepared: PreparedScans, fit: Fit, count: int, random: np.
     air = state.measured_air * state.photons
     pattern = 0.0 if fit.pattern is None else fit.pattern
     transmissions = (np.maximum(state.counts(random) / air, LEAST_TRANSMISSION) for _ in range(count))
-    lines = (
-        fit.nuisance["offset"] + pattern - fit.nuisance["scale"] * np.log(transmission)
-        for transmission in transmissions
-    )
+    scale, offset = fit.nuisance["scale"], fit.nuisance["offset"]
+    lines = (offset + pattern - scale * np.log(transmission) for transmission in transmissions)
     numerical = prepared.fitter.model.distortion(fit.nuisance, fit.linearization)
     return np.stack([(line + numerical).astype(np.float32) for line in lines])
 
@@ -145,17 +133,7 @@ class Reconstruction:
         self.usable, self.threads = usable, threads
 
     def __call__(self, line_integrals: np.ndarray) -> np.ndarray:
-        """Reconstruct images from line integrals.
-
-        Parameters
-        ----------
-        line_integrals : ndarray, shape (repeats, views, rows, columns)
-
-        Returns
-        -------
-        ndarray, shape (repeats, z, y, x)
-            HU.
-        """
+        """Reconstruct images (repeats, z, y, x), HU, from line integrals (repeats, views, rows, columns)."""
         lines = filled(line_integrals, self.usable)
         engine = projector("cpu", self.geometry, self.grid, len(lines), self.threads)
         return attenuation_to_hu(fbp(engine, lines), self.mu_water_per_mm)

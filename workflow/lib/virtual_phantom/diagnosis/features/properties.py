@@ -31,8 +31,6 @@ class Property:
     ----------
     name : str
         Name of the effect, if it is one.
-    physics : str
-        Description, one sentence.
     settled_by : str
         Further measurement that tests this property alone.
     parameter : tuple of (str, str), or None
@@ -103,11 +101,6 @@ def folds(rois: Mapping[str, str]) -> dict[str, int]:
     rois : mapping of str to str
         {name: tissue class}.
 
-    Returns
-    -------
-    dict of str to int
-        {ROI: fold}.
-
     Raises
     ------
     InputError
@@ -128,11 +121,6 @@ def calibration(simulated: np.ndarray, recorded: np.ndarray) -> dict[str, float]
     ----------
     simulated, recorded : ndarray, shape (regions,)
         HU.
-
-    Returns
-    -------
-    dict of str to float
-        scale and offset_hu, HU.
     """
     ranges = {parameter.name: (parameter.low, parameter.high) for parameter in load("hu_calibration").parameters}
     scale = 1.0

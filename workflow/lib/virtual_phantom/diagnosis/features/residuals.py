@@ -123,17 +123,10 @@ def compare_features(data: Responses, simulated: np.ndarray) -> FeatureLocations
                 if not np.isfinite(p_family).any():
                     continue
                 worst = rows[np.nanargmax(np.where(np.isfinite(p_family), np.abs(maps[domain][rows, column]), np.nan))]
-                found.append(
-                    FeatureLocation(
-                        domain,
-                        f"{family} {name}",
-                        data.features[worst],
-                        float(maps[domain][worst, column]),
-                        float(corrected[worst, column]),
-                        int((p_family < ALPHA).sum()),
-                        int(np.isfinite(p_family).sum()),
-                    )
-                )
+                z, p_worst = float(maps[domain][worst, column]), float(corrected[worst, column])
+                counts = int((p_family < ALPHA).sum()), int(np.isfinite(p_family).sum())
+                where = f"{family} {name}"
+                found.append(FeatureLocation(domain, where, data.features[worst], z, p_worst, *counts))
     found.sort(key=lambda location: (location.p, -abs(location.z)))
     return FeatureLocations(found, maps, cells)
 

@@ -62,13 +62,7 @@ class Trial:
 
 
 def trials(data: Responses, seed: int = 0) -> dict[Property, Trial]:
-    """Test every property; the best first.
-
-    Parameters
-    ----------
-    seed : int, optional
-        Seed of the random shifts.
-    """
+    """Test every property; the best first."""
     before = shift(data, data.baseline)
     curves = {
         changed: {fold: finer(changed, curve) for fold, curve in by_fold.items()}
@@ -144,14 +138,8 @@ def _assembled(data: Responses, curves: Mapping[int, Curve], chosen: Mapping[int
 
     Parameters
     ----------
-    curves : mapping of int to Curve
-        By fold.
     chosen : mapping of int to int
         Index of the strength by fold.
-
-    Returns
-    -------
-    ndarray, shape (repeats, rois, features)
     """
     together = np.empty_like(data.baseline)
     for fold, index in chosen.items():

@@ -35,10 +35,6 @@ class FeatureDiagnosis:
     ----------
     before, after : FeatureLocations
         Mismatch on held-out regions, without and with the best property.
-    trials : dict of Property to Trial
-        All properties.
-    content : dict
-        Content of diagnosis.json.
     """
 
     before: FeatureLocations
@@ -54,8 +50,6 @@ def diagnose_features(
 
     Parameters
     ----------
-    name : str
-        Name of the comparison.
     not_compared : mapping of str to str
         {feature: reason}.
     mean : str
@@ -71,11 +65,17 @@ def diagnose_features(
     left = after.significant
     verdict = VERDICTS[(2 if left else 1) if chosen else (3 if differ else 0)]
     rivals = [rival.name for rival in alternatives(found)] if chosen else []
+    effect = {
+        "name": best.name,
+        "physics": best.physics,
+        "parameters": _parameters(data, best, mean) if chosen else {},
+        "evidence": {"held_out_gain": trial.held_out, "p": trial.p},
+    }
     content = {
         "recording": name,
         "verdict": verdict,
         "locations": [_content(location) for location in before.significant],
-        "effects": [_effect(data, best, trial, mean)] if chosen else [],
+        "effects": [effect] if chosen else [],
         "ambiguous_with": {best.name: rivals} if chosen else {},
         "ruled_out": {
             tested.name: test.held_out for tested, test in found.items() if differ and test.held_out < MATERIAL
@@ -124,15 +124,6 @@ def _content(location: FeatureLocation) -> dict:
         "feature": location.feature,
         "differing": location.differing,
         "features": location.features,
-    }
-
-
-def _effect(data: Responses, chosen: Property, trial: Trial, mean: str) -> dict:
-    return {
-        "name": chosen.name,
-        "physics": chosen.physics,
-        "parameters": _parameters(data, chosen, mean),
-        "evidence": {"held_out_gain": trial.held_out, "p": trial.p},
     }
 
 
@@ -199,21 +190,14 @@ def _strength(data: Responses, chosen: Property):
 def _metrics(data: Responses, trial: Trial | None, held_out: bool) -> dict:
     """Return squared and absolute standardized shifts of the means: before, after, and for noise alone."""
     before = shift(data, data.baseline)
-    after = before
-    if trial is not None:
-        after = shift(data, trial.after if held_out else trial.kept)
+    after = before if trial is None else shift(data, trial.after if held_out else trial.kept)
     half = stats.norm.ppf(0.75)  # median of |x| of a standard normal distribution
+    shifts = {"before": before, "after": after}
+    squares = {name: float((values**2).mean()) for name, values in shifts.items()}
+    medians = {name: float(np.median(np.abs(values))) for name, values in shifts.items()}
     return {
-        "mean_squared_shift": {
-            "before": float((before**2).mean()),
-            "after": float((after**2).mean()),
-            "floor": float(data.floor.mean()),
-        },
-        "median_absolute_shift": {
-            "before": float(np.median(np.abs(before))),
-            "after": float(np.median(np.abs(after))),
-            "floor": float(half * np.sqrt(np.median(data.floor))),
-        },
+        "mean_squared_shift": squares | {"floor": float(data.floor.mean())},
+        "median_absolute_shift": medians | {"floor": float(half * np.sqrt(np.median(data.floor)))},
     }
 
 

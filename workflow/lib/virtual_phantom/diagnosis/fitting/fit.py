@@ -37,8 +37,6 @@ class Fit:
         Chi-square of the fitted data and the priors.
     parts : tuple of float
         Chi-square by part of the data (Observed.parts).
-    free : int
-        Number of effects' parameters.
     elsewhere : dict of str to list of str
         {effect: parameters taken from other recordings}.
     directions : dict of str to dict of str to list of float
@@ -46,8 +44,6 @@ class Fit:
         elsewhere; empty: independent.
     pulled : dict of str to float
         Deviations of the nuisance parameters from their priors, in standard deviations.
-    linearization : Linearization
-        Linearization of the predictions.
     corrected : float
         Chi-square of the corrections for numerical errors.
     pattern, pattern_variance : ndarray, shape (rows, columns), or None
@@ -76,8 +72,6 @@ class Fit:
 
         Parameters
         ----------
-        errors : ndarray, shape (numbers,)
-            Standard errors of the point.
         residuals : sequence of ndarray, shape (data,)
             By part of the data.
         """
@@ -143,8 +137,6 @@ class Fitter:
 
         Parameters
         ----------
-        given : Fit, optional
-            Start.
         from_farther : bool, optional
             Repeat a fit that has stalled from starts farther off.
         """

@@ -145,14 +145,13 @@ class JointFitter:
         held = fitter.of(copy.copy(fitter.model))
         whole = self.whole(effects)
         held.model.fixed = {effect: parameters_owned_by(owners, effect, source.physics[effect]) for effect in whole}
-        physics = {
-            effect: others.physics[effect] | start.physics.get(effect, {}) | held.model.fixed[effect]
-            for effect in whole
-        }
+        physics, errors = {}, {}
+        for effect in whole:
+            own = start.physics.get(effect, {})
+            physics[effect] = others.physics[effect] | own | held.model.fixed[effect]
+            errors[effect] = parameters_owned_by(owners, effect, source.errors[effect])
         fit = held.fit(effects, replace(start, effects=effects, physics=physics))
-        errors = {
-            effect: fit.errors[effect] | parameters_owned_by(owners, effect, source.errors[effect]) for effect in whole
-        }
+        errors = {effect: fit.errors[effect] | errors[effect] for effect in whole}
         return replace(fit, errors=errors, directions=source.directions)
 
     def _protocol(self, name: str, effects: tuple[str, ...]) -> str:

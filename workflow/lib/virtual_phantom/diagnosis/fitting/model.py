@@ -41,8 +41,6 @@ class Model(ABC):
     ----------
     chain : Chain
         With the detector's sensor, whose thickness is a prior.
-    aligned : tuple of Nuisance
-        Nuisance parameters.
     tube_kvp : float, optional
         Nominal tube voltage, kV, with a standard deviation of TUBE_KVP_SD.
     fixed : mapping of str to mapping of str to float, optional
@@ -195,11 +193,7 @@ class Model(ABC):
         return None
 
     def strayed(
-        self,
-        errors: LinearizationPoint,
-        nuisance: Mapping[str, float],
-        prediction: Prediction,
-        weights: np.ndarray,
+        self, errors: LinearizationPoint, nuisance: Mapping[str, float], prediction: Prediction, weights: np.ndarray
     ) -> bool:
         """Return whether a prediction lies too far from the point where numerical errors were computed."""
         return False
@@ -213,8 +207,7 @@ class Model(ABC):
     def near(self, rays: LinearizationPoint, reach: float = 1.0) -> Chain:
         """Return the chain whose rays follow those of a linearization point."""
         return self._near.get(
-            (rays.key, reach),
-            lambda: self.chain.near(rays.physics, pose_of(rays.nuisance), reach, anode=self.anode),
+            (rays.key, reach), lambda: self.chain.near(rays.physics, pose_of(rays.nuisance), reach, anode=self.anode)
         )
 
     @abstractmethod

@@ -37,8 +37,6 @@ class Iterate:
     point : ndarray, shape (numbers,)
     residuals : dict of str to list of ndarray, shape (data,)
         By recording and part of the data.
-    chi_square : float
-        With the priors.
     """
 
     point: np.ndarray
@@ -68,17 +66,11 @@ class JointProblem:
     ----------
     problems : mapping of str to Problem
         By recording, for the same effects. Their bounds and priors of shared numbers are made common.
-    protocols : mapping of str to str
-        Protocol of every recording.
 
     Attributes
     ----------
     indices : dict of str to ndarray of int, shape (numbers,)
         By recording, positions of its numbers in a joint point; the first recording's numbers come first.
-    low, high : ndarray, shape (numbers,)
-        Bounds.
-    count : int
-        Number of data.
     """
 
     def __init__(self, problems: Mapping[str, Problem], protocols: Mapping[str, str]):

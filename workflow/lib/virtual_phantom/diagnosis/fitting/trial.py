@@ -25,8 +25,6 @@ def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, 
 
     Parameters
     ----------
-    given : Trial, optional
-        Start.
     against : Trial, optional
         Fit without the last effect, for its p-value; None: p is 1. Only with it does a fit that stalls start again from
         farther off: alternatives are many, each would take minutes in a large scan, and few come near.

@@ -10,7 +10,6 @@ import numpy as np
 from ...base.lru_cache import LRUCache
 from ...base.streams import Stream, below, generator
 from ...base.units import HU_AIR
-from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
 from ...physics.effect import absolute_attenuation, acts_on_images
 from ...physics.state import State
@@ -18,7 +17,6 @@ from ...simulation.reconstruct import apply_image_effects
 from ..fitting.linearization import BASE, Linearization, LinearizationPoint, before_images
 from ..fitting.model import Model
 from ..fitting.nuisance import Nuisance, pose_of
-from ..fitting.priors import Statement
 from ..noise.condensed import Prediction
 from .observed import Condenser, ObservedImages
 
@@ -33,7 +31,7 @@ class ImagesModel(Model):
 
     Parameters
     ----------
-    chain, aligned, anode, tube_kvp, declared
+    chain, aligned, **settings
         See Model.
     reconstruct : callable
         Line integrals, shape (lanes, views, rows, columns), to HU, shape (lanes, z, y, x).
@@ -50,11 +48,9 @@ class ImagesModel(Model):
         reconstruct: Callable[[np.ndarray], np.ndarray],
         spacing_mm: tuple[float, float, float],
         seed: Stream,
-        anode: Anode = TUNGSTEN,
-        tube_kvp: float | None = None,
-        declared: Mapping[str, Mapping[str, Statement]] | None = None,
+        **settings,
     ):
-        super().__init__(chain, aligned, anode, tube_kvp, declared=declared)
+        super().__init__(chain, aligned, **settings)
         self.reconstruct, self.spacing_mm, self._seed = reconstruct, spacing_mm, seed
         self.condenser: Condenser | None = None
         self._means, self._noises = LRUCache(IMAGES_KEPT), LRUCache(IMAGES_KEPT)
@@ -68,13 +64,7 @@ class ImagesModel(Model):
             for number in self.aligned
         )
 
-    def predict(
-        self,
-        physics: Mapping[str, Mapping[str, float]],
-        nuisance: Mapping[str, float],
-        data: ObservedImages,
-        linearization: Linearization = BASE,
-    ) -> Prediction:
+    def predict(self, physics, nuisance, data: ObservedImages, linearization: Linearization = BASE) -> Prediction:
         """Predict the data for effects and alignment; `mean` is whitened."""
         white = self.condenser.white
         mean, noise = self.images(physics, nuisance, linearization)
@@ -138,8 +128,6 @@ def noise_lines(state: State, count: int, seed: Stream) -> np.ndarray:
 
     Parameters
     ----------
-    count : int
-        Number of realizations.
     seed : Stream
         The same seed gives the same underlying random numbers for every state.
 

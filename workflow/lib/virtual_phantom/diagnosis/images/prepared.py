@@ -57,7 +57,7 @@ class PreparedImages(Prepared):
         self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
     ) -> list[Location]:
         """See Prepared.domains."""
-        return locate(half.residuals, half.weights, half.data, fitted, more)
+        return locate(half, fitted, more)
 
     def recorded(self) -> np.ndarray:
         """See Prepared.recorded."""
@@ -116,7 +116,8 @@ def prepare(
 
     def model(log_photons, sd):
         aligned = nuisances(log_photons, sd, given)
-        return ImagesModel(chain, aligned, reconstruct, spacing_mm, seed, anode, tube_kvp, declared)
+        label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
+        return ImagesModel(chain, aligned, reconstruct, spacing_mm, seed, **label)
 
     blank = model(np.log(TRIAL_PHOTONS), np.inf)
     stated = stated_physics(declared or {})

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...base.units import HU_BODY
 from ..residuals.residual_tests import (
+    Half,
     Location,
     blocks,
     by_value,
@@ -15,22 +16,16 @@ from ..residuals.residual_tests import (
     standardized,
     steepest,
 )
-from .observed import LAGS, ObservedImages
+from .observed import LAGS
 
 AXES = ("slices", "rows", "columns")
 RINGS = 16  # of equal width around the isocenter
 
 
-def locate(residuals, weights, data: ObservedImages, fitted=None, more=()) -> list[Location]:
-    """Return the worst location of every domain, from whitened voxels.
-
-    Parameters
-    ----------
-    residuals, weights, data, fitted, more
-        See projections.residual_maps.locate.
-    """
-    shape = data.mean.shape
-    residual, weight = residuals[0].reshape(shape), weights[0].reshape(shape)
+def locate(half: Half, fitted: Half | None = None, more=()) -> list[Location]:
+    """Return the worst location of every domain, from whitened voxels; arguments as in projections."""
+    data, shape = half.data, half.data.mean.shape
+    residual, weight = half.residuals[0].reshape(shape), half.weights[0].reshape(shape)
 
     def z(total) -> np.ndarray:
         return standardized(total(residual * weight), total(weight))
@@ -51,7 +46,7 @@ def locate(residuals, weights, data: ObservedImages, fitted=None, more=()) -> li
         ),
         by_value("tissue", "voxels of {:.0f} to {:.0f} HU", residual, weight, expected, inside),
         steepest("voxels", residual, weight, slope),
-        *noise_locations(residuals, weights, data, [_words(lag) for lag in LAGS], AXES, fitted),
+        *noise_locations(half, [_words(lag) for lag in LAGS], AXES, fitted),
     ]
     return corrected([*found, *more])
 

@@ -115,14 +115,9 @@ def agreement_of_images(
     scanned: ScannedVolume,
     with_changes: bool = False,
 ) -> dict:
-    """Return the agreement of the held-out repeats with as many simulated images of each model.
+    """Return the agreement of the held-out repeats with simulated images of each model, as `agreement_of_repeats`.
 
-    The simulated images, at most REALIZATIONS, are those of the fit, so that `purpose` has no effect.
-
-    Returns
-    -------
-    dict
-        Result of relevance.agreement_and_changes, with algorithm and grid.
+    The simulated images are those of the fit, at most REALIZATIONS, so that `purpose` has no effect.
     """
     repeats = prepared.held_out.repeats
     model, count = prepared.fitter.model, min(len(repeats), REALIZATIONS)

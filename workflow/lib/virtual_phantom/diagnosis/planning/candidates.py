@@ -26,8 +26,6 @@ def candidate_measurements(geometry: OrbitGeometry, scene: object, own: Mapping)
 
     Parameters
     ----------
-    scene : VoxelScene or another scene
-        Scanned object of the recording.
     own : mapping
         Section diagnosis.recordings.<name> of the configuration.
     """
@@ -40,28 +38,14 @@ def candidate_measurements(geometry: OrbitGeometry, scene: object, own: Mapping)
         found.append(_slower(again))
     if narrow := _narrow(again):
         found.append(narrow)
-    start = float(np.degrees(geometry.angles_rad[0]))
-    turned = {"start_angle_deg": _within_turn(start + 180)}
-    found.append(
-        replace(
-            again,
-            name="half_turn",
-            words="the same scan, begun 180 degrees further",
-            scan=turned,
-            geometry=geometry.turned(np.pi),
-        )
-    )
-    other_way = replace(geometry, angles_rad=2 * geometry.angles_rad[0] - geometry.angles_rad)
-    direction = -1 if _direction(geometry) > 0 else 1
-    found.append(
-        replace(
-            again,
-            name="other_way",
-            words="the same scan, turning the other way",
-            geometry=other_way,
-            scan={"direction": direction},
-        )
-    )
+    start_deg = float(np.degrees(geometry.angles_rad[0])) + 180
+    turned = {"start_angle_deg": round(start_deg - 360 if start_deg > 360 else start_deg, 6)}
+    words, half = "the same scan, begun 180 degrees further", geometry.turned(np.pi)
+    found.append(replace(again, name="half_turn", words=words, geometry=half, scan=turned))
+    mirrored = replace(geometry, angles_rad=2 * geometry.angles_rad[0] - geometry.angles_rad)
+    direction = {"direction": -1 if geometry.angles_rad[1] > geometry.angles_rad[0] else 1}
+    words = "the same scan, turning the other way"
+    found.append(replace(again, name="other_way", words=words, geometry=mirrored, scan=direction))
     found += _objects(again, geometry, getattr(scene, "energy_kev", None))
     nothing = {"kind": "ball", "parameters": {"diameter_mm": 1, "material": "air"}}
     section = {"object": nothing, "check_setup": False}
@@ -114,30 +98,19 @@ def _objects(again: FurtherScan, geometry: OrbitGeometry, energy_kev: float | No
     room = geometry.field_of_view_radius_mm
     high = geometry.rows * geometry.row_pitch_mm / geometry.magnification
     pixel = geometry.column_pitch_mm / geometry.magnification
-    wide, off = round(FILLED * room), round(OFF_AXIS * room)
+    wide, off, tall = round(FILLED * room), round(OFF_AXIS * room), 2 * round(high)
     step = max(1, round(room / 10))
+    water = {"diameter_mm": wide * 2 - 20, "wall_mm": 5, "length_mm": max(100, tall)}
+    wire = {"diameter_mm": max(0.5, round(2 * pixel, 1)), "x_mm": off, "length_mm": max(35, tall)}
     offered = [
-        (
-            "water",
-            "water_cylinder",
-            {"diameter_mm": wide * 2 - 20, "wall_mm": 5, "length_mm": max(100, 2 * round(high))},
-        ),
+        ("water", "water_cylinder", water),
         ("pmma", "pmma_disc", {"diameter_mm": round(room / 2)}),
         ("pmma_large", "pmma_disc", {"diameter_mm": 2 * wide}),
         ("catphan_404", "catphan504_ctp404", {}),
         ("catphan_486", "catphan504_ctp486", {}),
         ("acr", "acr464_module1", {}),
         ("wedge", "step_wedge", {"step_mm": step, "tread_mm": max(1, round(high / 5)), "width_mm": 4 * step}),
-        (
-            "wire",
-            "wire",
-            {
-                "diameter_mm": max(0.5, round(2 * pixel, 1)),
-                "x_mm": off,
-                "length_mm": max(35, 2 * round(high)),
-                "material": "aluminium",
-            },
-        ),
+        ("wire", "wire", wire | {"material": "aluminium"}),
         ("ball", "ball", {"diameter_mm": max(2, round(room / 10)), "material": "aluminium", "x_mm": off}),
     ]
     for name, kind, parameters in offered:
@@ -149,11 +122,3 @@ def _objects(again: FurtherScan, geometry: OrbitGeometry, energy_kev: float | No
         values = ", ".join(f"{key} {value}" for key, value in parameters.items())
         words = f"another object: {kind}" + (f" ({values})" if values else "")
         yield replace(again, name=name, words=words, scene=scene, known=dict(OBJECT_KNOWN), section=section)
-
-
-def _direction(geometry: OrbitGeometry) -> float:
-    return float(geometry.angles_rad[1] - geometry.angles_rad[0])
-
-
-def _within_turn(angle_deg: float) -> float:
-    return round(angle_deg - 360 if angle_deg > 360 else angle_deg, 6)

@@ -50,18 +50,6 @@ class MeasurementInformation:
     room: np.ndarray
     steps: np.ndarray
 
-    def of(self, keys: Collection[Key]) -> MeasurementInformation:
-        """Return the information about some of the parameters."""
-        some = [place for place, key in enumerate(self.keys) if key in keys]
-        return MeasurementInformation(
-            tuple(self.keys[place] for place in some),
-            self.changes[:, some],
-            self.predicted,
-            self.knowledge[some],
-            self.room[some],
-            self.steps[some],
-        )
-
 
 def measurement_information(
     problem: Problem, name: str, own: Collection[str] = (), protocol: str = ""

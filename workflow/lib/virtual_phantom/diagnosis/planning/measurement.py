@@ -48,8 +48,6 @@ class Conditions:
         Number of fitted repeats, and of held-out ones.
     share : float
         Share of the views that is fitted.
-    white : bool
-        Whether the recording has a white field.
     """
 
     repeats: int
@@ -86,13 +84,7 @@ class FurtherScan:
     section: Mapping | None = None
 
     def chain(self, like: Chain) -> Chain:
-        """Return the chain that simulates the scan.
-
-        Parameters
-        ----------
-        like : Chain
-            Chain of the existing recording.
-        """
+        """Return the chain that simulates the scan; `like` is that of the existing recording."""
         readout = like.readout
         if readout != PHOTONS:  # the reading in air is proportional to the photons
             readout = like.air_reading * self.photons
@@ -103,10 +95,10 @@ class FurtherScan:
     def information(
         self,
         model: ScansModel,
-        effects: tuple[str, ...],
         fit: Fit,
         conditions: Conditions,
-        own: Collection[str],
+        own: Collection[str] = (),
+        *,
         again: bool = False,
         beside: MeasurementInformation | None = None,
         weighed: Fit | None = None,
@@ -116,10 +108,8 @@ class FurtherScan:
 
         Parameters
         ----------
-        model : ScansModel
-            Model of the existing recording.
-        fit : Fit
-            Fit of that recording with these effects.
+        model, fit : ScansModel, Fit
+            Model of the existing recording, and its fit with the effects of the explanation.
         own : collection of str
             Effects that are specific to each scan and absent in this one.
         again : bool, optional
@@ -131,7 +121,7 @@ class FurtherScan:
         protocol : str, optional
             See information.measurement_information.
         """
-        problem = self.problem(model, effects, fit, conditions, () if again else own, again, weighed)
+        problem = self.problem(model, fit, conditions, () if again else own, again, weighed)
         keys = keys_of(problem, self.name, own, protocol)
         known = {} if beside is None else dict(zip(beside.keys, beside.steps, strict=True))
         if set(keys) <= set(known):
@@ -143,30 +133,19 @@ class FurtherScan:
     def problem(
         self,
         model: ScansModel,
-        effects: tuple[str, ...],
         fit: Fit,
         conditions: Conditions,
         off: Collection[str] = (),
         again: bool = False,
         weighed: Fit | None = None,
     ) -> Problem:
-        """Return the least-squares problem of its fit, for a subset of views and rays.
-
-        Parameters
-        ----------
-        model, effects, fit, conditions, again, weighed
-            See `information`.
-        off : collection of str, optional
-            Effects that are absent in it.
-        """
+        """Return the least-squares problem of its fit, for a subset of views and rays, without the effects `off`."""
         chain = self.chain(model.chain)
         step = thinning(chain.geometry)
-        if step > 1:
-            chain = chain.copy(chain.geometry.every(step))
+        chain = chain.copy(chain.geometry.every(step)) if step > 1 else chain
         aligned = self._aligned(model, weighed or fit)
-        further = ScansModel(
-            chain, aligned, model.anode, model.tube_kvp, density=model.density, declared=model.declared
-        )
+        known = {"tube_kvp": model.tube_kvp, "density": model.density, "declared": model.declared}
+        further = ScansModel(chain, aligned, anode=model.anode, **known)
 
         def here(one: Fit) -> Fit:
             physics = {name: dict(values) for name, values in one.physics.items()}
@@ -174,12 +153,12 @@ class FurtherScan:
                 for parameter in further.parameters(name) if name in physics else ():
                     if parameter.neutral is not None:
                         physics[name][parameter.name] = parameter.neutral
-            expected = {number.name: number.expected for number in further.alignment(effects)}
+            expected = {number.name: number.expected for number in further.alignment(fit.effects)}
             nuisance = {name: one.nuisance[name] if again else value for name, value in expected.items()}
-            return replace(one, effects=effects, physics=physics, nuisance=nuisance, linearization=model.nominal)
+            return replace(one, effects=fit.effects, physics=physics, nuisance=nuisance, linearization=model.nominal)
 
         fitter = _expecting(further, here(weighed or fit), conditions, step)
-        return Problem(fitter, effects, here(fit))
+        return Problem(fitter, fit.effects, here(fit))
 
     def _steps(self, problem: Problem) -> np.ndarray:
         """Return steps of derivatives with which all parameters change the data as much as a small displacement.
@@ -201,9 +180,9 @@ class FurtherScan:
         for number in model.aligned:
             if number.name in model.distortions:
                 continue  # more rays and smaller voxels make them small
-            expected = (
-                fit.nuisance[number.name] + np.log(self.photons) if number.name == "log_photons" else number.expected
-            )
+            expected = number.expected
+            if number.name == "log_photons":
+                expected = fit.nuisance[number.name] + np.log(self.photons)
             found.append(replace(number, expected=float(expected), sd=self.known.get(number.name, number.sd)))
         named = {number.name for number in found}
         found += [Nuisance(name, "1", 1.0, sd) for name, sd in self.known.items() if name not in named]
@@ -220,20 +199,12 @@ class DarkFrames:
     scan: Mapping = field(default_factory=dict)
     nominal: Mapping = field(default_factory=dict)
 
-    def information(
-        self,
-        model: ScansModel,
-        effects: tuple[str, ...],
-        fit: Fit,
-        conditions: Conditions,
-        own: Collection[str],
-        again: bool = False,
-        beside: MeasurementInformation | None = None,
-        weighed: Fit | None = None,
-        protocol: str = "",
-    ) -> MeasurementInformation:
-        """Return the information about dark signal, its drift and electronic noise; see FurtherScan.information."""
-        unknowns = model.unknowns(model.whole(effects))
+    def information(self, model: ScansModel, fit: Fit, *_, **__) -> MeasurementInformation:
+        """Return the information about dark signal, its drift and electronic noise.
+
+        The arguments are those of FurtherScan.information, and only the first two matter.
+        """
+        unknowns = model.unknowns(model.whole(fit.effects))
         geometry = model.chain.geometry
         air = model.chain.air_reading
         half = (geometry.duration_s if geometry.view_interval_ms is not None else 1.0) / 2
@@ -254,14 +225,12 @@ class DarkFrames:
         }
         measured = [unknown for unknown in unknowns if unknown.parameter.dark in slopes]
         keys = tuple((unknown.effect, unknown.name) for unknown in measured)
-        changes = (
-            np.stack([slopes[unknown.parameter.dark] for unknown in measured], axis=1) if keys else np.zeros((3, 0))
-        )
+        columns = [slopes[unknown.parameter.dark] for unknown in measured]
+        changes = np.stack(columns, axis=1) if columns else np.zeros((3, 0))
         now = np.array([unknown.of(fit.physics[unknown.effect][unknown.name]) for unknown in measured])
         room = np.array([[unknown.low, unknown.high] for unknown in measured]).reshape(-1, 2) - now[:, None]
-        return MeasurementInformation(
-            keys, changes, predicted, np.array([1 / unknown.sd**2 for unknown in measured]), room, now * 0
-        )
+        knowledge = np.array([1 / unknown.sd**2 for unknown in measured])
+        return MeasurementInformation(keys, changes, predicted, knowledge, room, now * 0)
 
 
 def thinning(geometry: OrbitGeometry) -> int:

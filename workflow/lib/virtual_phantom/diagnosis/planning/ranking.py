@@ -16,7 +16,7 @@ from ..fitting.model import Model
 from ..fitting.problem import Problem
 from ..fitting.templates import SMALL, templates, varied
 from ..projections.prepared import BY_VIEW, PreparedScans
-from ..selection.forward_selection import AS_GOOD
+from ..selection.forward_selection import AS_GOOD, less
 from .candidates import candidate_measurements
 from .information import (
     Key,
@@ -128,10 +128,10 @@ def rank(
     there = _information_of_recordings(prepared, explanations, chosen, protocols)
     undetermined = {label: _undetermined(parts) for label, parts in there.items()}
     if any(undetermined.values()):
-        explanations = {
-            label: {name: _without(prepared[name], fit, undetermined[label]) for name, fit in fits.items()}
-            for label, fits in explanations.items()
-        }
+        for label, fits in explanations.items():
+            explanations[label] = {
+                name: _without(prepared[name], fit, undetermined[label]) for name, fit in fits.items()
+            }
         there = _information_of_recordings(prepared, explanations, chosen, protocols)
     keys = [key for key in _keys(there[""], group) if key[-2:] not in undetermined[""]]
     first = next(iter(prepared))
@@ -152,16 +152,8 @@ def rank(
         parts, beside = {}, None
         for label, fits in explanations.items():
             fit = fits[first]
-            made_of = measurement.information(
-                model,
-                fit.effects,
-                fit,
-                conditions,
-                scan_effects(),
-                beside=beside,
-                weighed=chosen[first],
-                protocol=protocols[first],
-            )
+            more = {"beside": beside, "weighed": chosen[first], "protocol": protocols[first]}
+            made_of = measurement.information(model, fit, conditions, scan_effects(), **more)
             beside = beside or made_of
             parts[label] = [*there[label], made_of]
         ranked.append(made(measurement, parts))
@@ -175,13 +167,17 @@ def _information_of_recordings(
     """Return the information of the existing recordings, by explanation."""
     there: dict[str, list[MeasurementInformation]] = {}
     for label, fits in explanations.items():
-        beside = there.get("", [None] * len(fits))
-        parts = zip(fits.items(), beside, strict=True)
-        there[label] = [
-            _information_of_recording(prepared[name], name, fit, other, chosen[name], protocols[name])
-            for (name, fit), other in parts
-        ]
+        first, there[label] = there.get("", [None] * len(fits)), []
+        for (name, fit), beside in zip(fits.items(), first, strict=True):
+            model, conditions = prepared[name].fitter.model, conditions_of(prepared[name])
+            more = {"again": True, "beside": beside, "weighed": chosen[name], "protocol": protocols[name]}
+            there[label].append(existing_scan(name, model).information(model, fit, conditions, scan_effects(), **more))
     return there
+
+
+def existing_scan(name: str, model: Model) -> FurtherScan:
+    """Return an existing recording as a measurement."""
+    return FurtherScan(name, "", model.chain.scene, model.chain.geometry)
 
 
 def _undetermined(parts: Sequence[MeasurementInformation]) -> set[Pair]:
@@ -206,16 +202,6 @@ def _without(prepared: PreparedScans, fit: Fit, undetermined: Collection[Pair]) 
             if number.name == parameter:
                 physics[effect][parameter] = number.neutral
     return replace(fit, physics=physics)
-
-
-def _information_of_recording(
-    prepared: PreparedScans, name: str, fit: Fit, beside: MeasurementInformation | None, weighed: Fit, protocol: str
-) -> MeasurementInformation:
-    """Return the information of an existing recording, computed as for a candidate measurement."""
-    model = prepared.fitter.model
-    scan = FurtherScan(name, "", model.chain.scene, model.chain.geometry)
-    conditions = conditions_of(prepared)
-    return scan.information(model, fit.effects, fit, conditions, scan_effects(), True, beside, weighed, protocol)
 
 
 def conditions_of(prepared: PreparedScans) -> Conditions:
@@ -291,32 +277,24 @@ def effect_similarity(
 def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Sequence[str]) -> MeasurementInformation:
     """Return the information about alignment and effects, at neutral values or else at typical ones."""
     model, conditions = prepared.fitter.model, conditions_of(prepared)
-    scan = FurtherScan(recording, "", model.chain.scene, model.chain.geometry)
+    scan = existing_scan(recording, model)
     weak = [name for name in names if varied(model.parameters(name)) and name not in fit.physics]
-    off = {
-        name: _switched_off(
-            model, name, {parameter.name: parameter.typical for parameter in model.parameters(name)} | model.known(name)
-        )
-        for name in weak
-    }
-    beside = scan.information(
-        model, tuple(weak), replace(fit, effects=tuple(weak), physics=fit.physics | off), conditions, (), again=True
-    )
+    physics = dict(fit.physics)
+    for name in weak:
+        typical = {parameter.name: parameter.typical for parameter in model.parameters(name)}
+        physics[name] = _switched_off(model, name, typical | model.known(name))
+    with_weak = replace(fit, effects=tuple(weak), physics=physics)
+    beside = scan.information(model, with_weak, conditions, again=True)
     keys = [("template", *key) if key[0] in weak else key for key in beside.keys]
-    rows = []
-    problem = scan.problem(model, (), fit, conditions, again=True)
+    problem, rows = scan.problem(model, replace(fit, effects=()), conditions, again=True), []
     point = replace(fit, nuisance=_named(problem), linearization=problem.linearization)
-    for name in names:
-        if name in weak or name in fit.physics:
-            continue
+    for name in (name for name in names if name not in weak and name not in fit.physics):
         made = templates(problem.fitter, point, name)
         rows.append(made)
         keys += [("template", name, str(place)) for place in range(len(made))]
     more = len(keys) - len(beside.keys)
-    none = np.zeros(more)
-    known = np.array(
-        [0.0 if key[0] == "template" else value for key, value in zip(keys, beside.knowledge, strict=False)]
-    )
+    none, fixed = np.zeros(more), [key[0] == "template" for key in keys[: len(beside.keys)]]
+    known = np.where(fixed, 0.0, beside.knowledge)
     return MeasurementInformation(
         tuple(keys),
         np.hstack([beside.changes, *(row.T for row in rows)]),
@@ -349,13 +327,7 @@ def order(ranked: RankedMeasurement) -> tuple[bool, float]:
 def possible(
     prepared: Mapping[str, PreparedScans], section: Mapping = MappingProxyType({})
 ) -> list[FurtherScan | DarkFrames]:
-    """Return the candidate measurements for the first recording.
-
-    Parameters
-    ----------
-    section : mapping
-        Its section diagnosis.recordings.<name> of the configuration.
-    """
+    """Return the candidate measurements for the first recording; `section` is its entry in diagnosis.recordings."""
     chain = next(iter(prepared.values())).fitter.model.chain
     return candidate_measurements(chain.geometry, chain.scene, section)
 
@@ -368,20 +340,12 @@ def found_in(diagnosis: Mapping) -> dict[str, list[str]]:
 
 
 def refit(prepared: PreparedScans, name: str, found: Mapping[str, Sequence[str]]) -> tuple[Fits, list[Ambiguity]]:
-    """Refit a recording with its missing effects, and with each alternative.
-
-    Parameters
-    ----------
-    name : str
-        Name of the recording.
-    found : mapping of str to sequence of str
-        Result of `found_in`.
-    """
+    """Refit a recording with its missing effects, and with each alternative; `found` is the result of `found_in`."""
     fitter = prepared.fitter
     chosen = fitter.fit(tuple(found), fitter.fit(()))
     ambiguities = []
     for effect, rivals in found.items():
-        rest = tuple(other for other in found if other != effect)
+        rest = less(tuple(found), effect)
         without = fitter.fit(rest, chosen) if rivals else None
         fits = {effect: {name: chosen}} | {rival: {name: fitter.fit((*rest, rival), without)} for rival in rivals}
         if rivals:
@@ -400,14 +364,8 @@ def refit_jointly(
 
     Parameters
     ----------
-    effects : sequence of str
-        Missing effects of the scanner's diagnosis.
-    others : sequence of str
-        Candidate alternatives.
     alike : mapping
         Result of `effect_similarity`. Alternatives with a similarity below ALIKE are not tried.
-    protocols : mapping of str to str, optional
-        By recording.
     """
     together = JointFitter({name: recording.fitter for name, recording in prepared.items()}, protocols)
     chosen, ambiguities = together.fit(tuple(effects)), []
@@ -416,7 +374,7 @@ def refit_jointly(
         return sum(fitter.score(fits[name]) for name, fitter in together.fitters.items())
 
     for effect in effects:
-        rest = tuple(other for other in effects if other != effect)
+        rest = less(tuple(effects), effect)
         fits = {effect: chosen.fits}
         for other in others:
             pair = (effect, other) if (effect, other) in alike else (other, effect)

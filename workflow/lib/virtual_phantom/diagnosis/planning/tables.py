@@ -84,10 +84,6 @@ def recording_template(name: str, ranked: RankedMeasurement, content: Mapping, s
 
     Parameters
     ----------
-    name : str
-        Name of the existing recording.
-    content : mapping
-        Content of its recording.yaml.
     settings : mapping
         Section diagnosis.recordings.<name> of the configuration.
     """

@@ -59,11 +59,7 @@ class Piece:
         return ellipsoid("water", self.place_mm, [self.radius_mm] * 3)
 
     def lengths_mm(
-        self,
-        geometry: ScanGeometry,
-        pose: Pose = IN_PLACE,
-        samples: int = 1,
-        motion_mm: np.ndarray | None = None,
+        self, geometry: ScanGeometry, pose: Pose = IN_PLACE, samples: int = 1, motion_mm: np.ndarray | None = None
     ) -> np.ndarray:
         """Return path lengths in the piece, mean over the rays of each pixel, shape (views, rows, columns)."""
         scene, total = ShapesScene([self.shape]), np.zeros(geometry.shape)
@@ -82,13 +78,7 @@ class Piece:
         return place | {"width_mm": 2 * self.radius_mm, "hu": self.more_hu(energy_kev)}
 
     def words(self, energy_kev: float) -> str:
-        """Return the piece in words, as a verb phrase.
-
-        Parameters
-        ----------
-        energy_kev : float
-            Energy for HU, keV.
-        """
+        """Return the piece in words, as a verb phrase."""
         x, y, z = self.place_mm
         where = f"x {x:.0f}, y {y:.0f}" + ("" if self.rod else f", z {z:.0f}") + " mm"
         what = "a rod along z" if self.rod else "a piece"
@@ -100,13 +90,7 @@ class Piece:
 
 
 def reach_of(lines: np.ndarray, geometry: ScanGeometry) -> float:
-    """Return the radius of the attenuating object about the axis, as far as rays cover it, mm.
-
-    Parameters
-    ----------
-    lines : ndarray, shape (views, rows, columns)
-        Line integrals.
-    """
+    """Return the radius of the attenuating object about the axis, as far as rays cover it, mm."""
     across = np.abs(geometry.column_positions_mm()) / geometry.magnification
     largest = lines.max(axis=(0, 1))
     return float(across[largest > ATTENUATES * largest.max()].max(initial=across.min()))

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
 from ...physics.noise.correlation import correlations
 from ...physics.scenes.inclusion import Inclusion
 from ...physics.state import State
 from ..fitting.linearization import BASE, Linearization, LinearizationPoint, before_images
-from ..fitting.model import DENSITY_SD, Model
+from ..fitting.model import Model
 from ..fitting.nuisance import Nuisance, pose_of
-from ..fitting.priors import Statement
 from ..noise.condensed import Prediction
 from .discretization import Numerical, added_of
 from .local_mismatch import Piece
@@ -31,8 +29,6 @@ class ScansPrediction(Prediction):
     ----------
     white : ndarray or None
         Coefficients of the white field's shape.
-    state : State
-        State of the chain.
     """
 
     white: np.ndarray | None
@@ -44,7 +40,7 @@ class ScansModel(Model):
 
     Parameters
     ----------
-    chain, aligned, anode, tube_kvp, fixed, density, declared
+    chain, aligned, **settings
         See Model.
     numerical : Numerical, optional
         Discretization errors. Each is fitted as a distortion of the line integrals, because it is systematic.
@@ -55,18 +51,8 @@ class ScansModel(Model):
         {parameter of the alignment: piece of the object with this attenuation per mm}.
     """
 
-    def __init__(
-        self,
-        chain: Chain,
-        aligned: tuple[Nuisance, ...],
-        anode: Anode = TUNGSTEN,
-        tube_kvp: float | None = None,
-        fixed: Mapping[str, Mapping[str, float]] | None = None,
-        density: tuple[float, float] = (1.0, DENSITY_SD),
-        numerical: Numerical | None = None,
-        declared: Mapping[str, Mapping[str, Statement]] | None = None,
-    ):
-        super().__init__(chain, aligned, anode, tube_kvp, fixed, density, declared)
+    def __init__(self, chain: Chain, aligned: tuple[Nuisance, ...], *, numerical: Numerical | None = None, **settings):
+        super().__init__(chain, aligned, **settings)
         self.numerical = numerical
         self.pieces: Mapping[str, Inclusion] = {}
 
@@ -100,24 +86,12 @@ class ScansModel(Model):
         source = self.chain.geometry.by_vectors().source_mm
         return np.arctan2(source[:, 1], source[:, 0])
 
-    def strayed(
-        self,
-        errors: LinearizationPoint,
-        nuisance: Mapping[str, float],
-        prediction: ScansPrediction,
-        weights: np.ndarray,
-    ) -> bool:
+    def strayed(self, errors: LinearizationPoint, nuisance, prediction: ScansPrediction, weights: np.ndarray) -> bool:
         """See Model.strayed."""
         lines = prediction.design[0]
         return bool(self.distortions) and self.numerical.strayed(errors, lines, weights.reshape(lines.shape))
 
-    def predict(
-        self,
-        physics: Mapping[str, Mapping[str, float]],
-        nuisance: Mapping[str, float],
-        data: ObservedScans,
-        linearization: Linearization = BASE,
-    ) -> ScansPrediction:
+    def predict(self, physics, nuisance, data: ObservedScans, linearization: Linearization = BASE) -> ScansPrediction:
         """See Model.predict."""
         photons = float(np.exp(nuisance["log_photons"]))
         chain = self.near(linearization.rays, linearization.reach)

@@ -123,12 +123,6 @@ def observe(
     ----------
     reference : ndarray, shape (views, rows, columns)
         Variance of a first model, by which variances are divided, so that they vary little within a block.
-    blocks : Blocks, optional
-        Default: PARTS along the axes.
-    correlations : Correlations, optional
-        Correlation of the noise.
-    whitening : Whitening, optional
-        See Observed.
 
     Raises
     ------

@@ -96,7 +96,7 @@ class PreparedScans(Prepared):
     ) -> list[Location]:
         """See Prepared.domains."""
         uncertain = None if fitted is None else left_by_numbers(self.fitter, fit)
-        return locate(half.residuals, half.weights, half.data, fit.pattern_variance, fitted, more, uncertain, self.step)
+        return locate(half, fit.pattern_variance, fitted, more, uncertain, self.step)
 
     def share_at_edges(self, fit: Fit) -> float | None:
         """See Prepared.share_at_edges."""
@@ -136,11 +136,9 @@ class PreparedScans(Prepared):
 
     def pieces(self, fit: Fit) -> list[PieceOfScan]:
         """See Prepared.pieces."""
-        left = self._left(fit)
-        return [
-            self._of_object(replace(inclusion.key, more_per_mm=fit.nuisance[name]), left)
-            for name, inclusion in self.fitter.model.pieces.items()
-        ]
+        left, pieces = self._left(fit), self.fitter.model.pieces.items()
+        fitted = [replace(inclusion.key, more_per_mm=fit.nuisance[name]) for name, inclusion in pieces]
+        return [self._of_object(piece, left) for piece in fitted]
 
     def _with(self, name: str, piece: Piece) -> PreparedScans:
         """Return the recording with a piece whose attenuation is this parameter of the alignment."""
@@ -153,16 +151,9 @@ class PreparedScans(Prepared):
         half, predicted = self.half(fit, held_out=False), self.fitter.predicted(fit)
         residual, weight = (values[0].reshape(shape) for values in (half.residuals, half.weights))
         places = [geometry for geometry, _ in sources(predicted.state)]
-        return FitResidual(
-            self.data.as_recorded(residual),
-            weight,
-            chain.geometry,
-            reach_of(predicted.design[0], chain.geometry),
-            pose_of(fit.nuisance),
-            chain.samples,
-            places[len(places) // 2],  # middle of the focal spot
-            predicted.state.motion_mm,
-        )
+        middle_of_spot, reach_mm = places[len(places) // 2], reach_of(predicted.design[0], chain.geometry)
+        moved = pose_of(fit.nuisance), chain.samples, middle_of_spot, predicted.state.motion_mm
+        return FitResidual(self.data.as_recorded(residual), weight, chain.geometry, reach_mm, *moved)
 
     def _of_object(self, piece: Piece, left: FitResidual) -> PieceOfScan:
         energy_kev = self.fitter.model.chain.scene.energy_kev
@@ -195,12 +186,7 @@ class PreparedScans(Prepared):
         place = pose_of(model.nominal.rays.nuisance)
         clean = model.chain.state(stated, place, photons=1.0, anode=model.anode).line_integrals()
         data, held_out = (
-            _whitened(
-                replace(half, whitening=None),
-                correlations,
-                clean,
-                [half.as_recorded(error) for error in half.numerical],
-            )
+            _whitened(replace(half, whitening=None), correlations, clean, map(half.as_recorded, half.numerical))
             for half in (data, self.held_out)
         )
         now = of_state(state, apart=1).of_second_differences(_of_rows(self.data.usable))
@@ -216,13 +202,7 @@ class PreparedScans(Prepared):
 
 
 def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:
-    """Return fitted data, held-out data, and a description of the held-out part.
-
-    Parameters
-    ----------
-    further : Scans or None
-        Repeats that the recording holds out.
-    """
+    """Return fitted data, held-out data, and a description of the held-out part."""
     if further is not None and len(further):
         return taken, further, "repeats kept for it"
     if len(taken) >= HALVES:
@@ -256,10 +236,6 @@ def prepare(
     ----------
     further : Scans or None
         See `split`.
-    anode : Anode, optional
-        Nominal anode.
-    tube_kvp : float, optional
-        Nominal tube voltage, kV.
     nominal_photons : float, optional
         Stated photons per pixel in air.
     known : dict of str to float, optional
@@ -269,9 +245,9 @@ def prepare(
     step : int, optional
         Every such view is fitted or held out. Noise is estimated from all views, in large scans from these views and
         their neighbors.
-    time_remark, voxels : str, optional
+    time_remark, voxels
         See Prepared.
-    declared : mapping of str to mapping of str to Statement, optional
+    anode, tube_kvp, declared
         See Model.
     location : mapping of str to float, optional
         See fitting.nuisance.nuisances.
@@ -350,21 +326,11 @@ def prepare(
         numerical.names,
         location,
     )
-    model = ScansModel(chain, aligned, anode, tube_kvp, numerical=numerical, declared=declared)
+    label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
+    model = ScansModel(chain, aligned, numerical=numerical, **label)
     fitter = Fitter(model, data, held_out, weighed, floor)
-    return PreparedScans(
-        fitter,
-        data,
-        held_out,
-        variance,
-        words,
-        single,
-        photons,
-        step=step,
-        time_remark=time_remark,
-        voxels=voxels,
-        second_difference=between,
-    )
+    more = {"step": step, "time_remark": time_remark, "voxels": voxels, "second_difference": between}
+    return PreparedScans(fitter, data, held_out, variance, words, single, photons, **more)
 
 
 def every(chain: Chain, step: int) -> Chain:
@@ -379,12 +345,8 @@ def _around(
 
     Parameters
     ----------
-    chain : Chain
-        Chain of all views.
     stated : mapping of str to mapping of str to float
         Physics of the baseline.
-    place : Pose
-        Expected pose of the object.
 
     Returns
     -------

@@ -29,9 +29,7 @@ THIN = 0.05  # of the largest line integral, below which rays miss the object
 
 
 def locate(
-    residuals: list[np.ndarray],
-    weights: list[np.ndarray],
-    data: ObservedScans,
+    half: Half,
     constants: np.ndarray | None = None,
     fitted: Half | None = None,
     more: Sequence[Location] = (),
@@ -44,12 +42,10 @@ def locate(
 
     Parameters
     ----------
-    residuals, weights : list of ndarray, shape (data,)
-        By part, with whitened noise (Fitter).
     constants : ndarray, shape (rows, columns), optional
         Variance of each pixel's constant in a fitted gain pattern.
     fitted : Half, optional
-        The fitted data, if `residuals` are of held-out data.
+        The fitted data, if `half` is held out.
     more : sequence of Location, optional
         Domains other than residuals.
     uncertain : sequence of ndarray, shape (directions, data), optional
@@ -62,8 +58,8 @@ def locate(
     list of Location
         The worst first, with p corrected over locations (Bonferroni) and domains (Holm).
     """
-    shape = data.mean.shape
-    residual, weight = residuals[0].reshape(shape), weights[0].reshape(shape)
+    data, shape = half.data, half.data.mean.shape
+    residual, weight = half.residuals[0].reshape(shape), half.weights[0].reshape(shape)
     predicted = data.mean - data.as_recorded(residual)  # recorded values would sort rays by their noise
     left = np.zeros(shape[1:]) if constants is None else constants
     pixels = weight.sum(axis=0)
@@ -88,13 +84,13 @@ def locate(
         _pixels(marginal(0, extra), pixels),
     ]
     if fitted is not None:
-        common = Half(residuals, weights, data).in_common(fitted)
+        common = half.in_common(fitted)
         if common.there.any():  # halves of the views share no ray
             found.append(_both_halves(common, steep(weight, _slope(predicted)).ravel()))
     pairs = [f"neighboring {name}" for name in AXES[::-1]]
-    found += noise_locations(residuals, weights, data, pairs, AXES, fitted, uncertain, step)
+    found += noise_locations(half, pairs, AXES, fitted, uncertain, step)
     if data.white is not None:
-        z = residuals[-1] * np.sqrt(weights[-1])
+        z = half.residuals[-1] * np.sqrt(half.weights[-1])
         found.append(extreme("white field", z, lambda i: f"shape {i + 1} (orders along columns, then rows)"))
     return corrected([*found, *more])
 

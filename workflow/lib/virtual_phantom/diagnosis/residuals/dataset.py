@@ -25,8 +25,6 @@ class ResidualMaps:
         Unit of differences, as in names of metrics.
     summed : int
         Axis of the data that maps are summed over.
-    down, across : str
-        Names of the map's axes.
     profiles : tuple of tuple of (str, str, int)
         Domain, label of the axis, and number of the first position.
     one_repeat : str
@@ -50,10 +48,6 @@ class PieceOfObject:
 
     Attributes
     ----------
-    words : str
-        Description, a verb phrase.
-    content : mapping
-        Entry in diagnosis.json.
     directions : ndarray, shape (mean data, 1)
         Path lengths in the piece, mm.
     """
@@ -95,14 +89,8 @@ class Prepared(ABC):
 
     Attributes
     ----------
-    display : ResidualMaps
-        Display of the kind of recording.
-    data, held_out : Observed
-        Fitted and held-out data.
     variance : ndarray
         Variance of one repeat, along the data's three axes.
-    held_out_text : str
-        Description of the held-out part.
     single : bool
         Whether the noise was estimated from a single repeat.
     photons : float

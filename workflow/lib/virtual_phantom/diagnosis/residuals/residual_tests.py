@@ -133,13 +133,11 @@ def standardized(sums, total, extra=0.0) -> np.ndarray:
 
 
 def noise_locations(
-    residuals,
-    weights,
-    data: Observed,
+    half: Half,
     pairs: list[str],
     axes: tuple[str, str, str],
-    fitted=None,
-    uncertain=None,
+    fitted: Half | None = None,
+    uncertain: Sequence[np.ndarray] | None = None,
     step: int = 1,
 ) -> list[Location]:
     """Test the noise: its variance by block, its level, and its correlations.
@@ -149,19 +147,18 @@ def noise_locations(
 
     Parameters
     ----------
-    residuals, weights : list of ndarray, shape (data,)
-        By part.
     pairs : list of str
         Names of the correlated neighbors.
     axes : tuple of 3 str
         Names of the data's axes.
     fitted : Half, optional
-        Fitted data, if the residuals are of others.
+        Fitted data, if `half` is of others.
     uncertain : sequence of ndarray, shape (directions, data), optional
         Changes by errors of the fit's numbers, by part (left_by_numbers); None: errors are those of the fitted data.
     step : int, optional
         See `blocks`.
     """
+    residuals, weights, data = half.residuals, half.weights, half.data
     if data.variance is None:
         return []
     if fitted is not None and fitted.data.variance is None:

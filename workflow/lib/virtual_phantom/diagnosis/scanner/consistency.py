@@ -35,8 +35,6 @@ class Difference:
 
     Attributes
     ----------
-    against : tuple of str
-        The others.
     chi_square : float
         Chi-square of the difference, with noise and model errors.
     numbers : int
@@ -110,19 +108,12 @@ def alone(
 
     Parameters
     ----------
-    together : JointFitter
-        Fitter of all recordings.
     chosen : JointFit
         Fit of the recordings that are not judged.
     scans : mapping of str to ModelErrorInfluence
         Result of pulled_of_recordings for all recordings.
     judged : collection of str, optional
         Test recordings, which others are not compared with.
-
-    Returns
-    -------
-    dict of str to Alone
-        By recording.
     """
     shared = np.flatnonzero(np.bincount(np.concatenate([influence.places for influence in scans.values()])) > 1)
     if not len(shared):

@@ -25,9 +25,7 @@ def declared_content(
     together: JointFitter, chosen: JointFit, errors: Mapping[str, Mapping]
 ) -> tuple[dict[str, dict], dict[str, dict]]:
     """Return declared values with the fitted ones: shared by all recordings, and by protocol if there are several."""
-    firsts: dict[str, str] = {}
-    for recording, protocol in together.protocols.items():
-        firsts.setdefault(protocol, recording)
+    firsts = {protocol: recordings[0] for protocol, recordings in _members(together.protocols).items()}
 
     def of(recording: str, owners: Sequence[str]) -> dict[str, dict]:
         known = statements(chosen.fits[recording], together.fitters[recording].model, errors.get(recording))
@@ -41,12 +39,8 @@ def declared_content(
 
 def effect_content(name: str, choice: JointChoice, protocols: Mapping[str, str], errors: Mapping[str, Mapping]) -> dict:
     """Return an effect with parameters and evidence; `errors` are standard errors with model errors, by recording."""
-    effect = load(name)
-    members: dict[str, list[str]] = {}
-    for recording, protocol in protocols.items():
-        members.setdefault(protocol, []).append(recording)
+    members = _members(protocols)
     several = len(members) > 1
-    parameters = _parameters(name, (OF_SCANNER,) if several else NOT_OF_SCAN, list(protocols), choice, errors)
     own = {
         protocol: _parameters(name, (OF_PROTOCOL,), recordings, choice, errors)
         for protocol, recordings in members.items()
@@ -54,11 +48,19 @@ def effect_content(name: str, choice: JointChoice, protocols: Mapping[str, str],
     }
     return {
         "name": name,
-        "physics": effect.physics,
-        "parameters": parameters,
+        "physics": load(name).physics,
+        "parameters": _parameters(name, (OF_SCANNER,) if several else NOT_OF_SCAN, list(protocols), choice, errors),
         "protocols": own if all(own.values()) else {},
         "evidence": {"left_out_gain": choice.gains[name], "p": choice.p[name]},
     }
+
+
+def _members(protocols: Mapping[str, str]) -> dict[str, list[str]]:
+    """Return the recordings of every protocol."""
+    found: dict[str, list[str]] = {}
+    for recording, protocol in protocols.items():
+        found.setdefault(protocol, []).append(recording)
+    return found
 
 
 def _parameters(
@@ -70,17 +72,15 @@ def _parameters(
     parameters = {}
     for key, value in parameters_owned_by(owners, name, fit.physics[name]).items():
         low, high = ranges[key].low, ranges[key].high
-        without = {recording: choice.left_out[recording] for recording in recordings}
-        parameters[key] = {
-            "value": value,
-            **intervals(value, fit.errors[name].get(key, 0.0), errors[recordings[0]][name].get(key, 0.0), low, high),
-            "unit": ranges[key].unit,
-            "without": {
-                recording: other.physics[name][key]
-                for recording, other in without.items()
-                if key in other.elsewhere.get(name, ())
-            },
+        noise, whole = (known[name].get(key, 0.0) for known in (fit.errors, errors[recordings[0]]))
+        others = {recording: choice.left_out[recording] for recording in recordings}
+        without = {
+            recording: other.physics[name][key]
+            for recording, other in others.items()
+            if key in other.elsewhere.get(name, ())
         }
+        found = intervals(value, noise, whole, low, high)
+        parameters[key] = {"value": value, **found, "unit": ranges[key].unit, "without": without}
     return parameters
 
 
@@ -93,8 +93,6 @@ def recording_content(prepared: Prepared, before: Fit, fit: Fit, log_score: Mapp
         Without the chosen effects, and with them.
     log_score : mapping of str to float
         Log score of the held-out data, "before" and "after".
-    compared : int
-        Number of recordings.
     """
     rms = rms_of(prepared, {"before": before, "after": fit}, held_out=True)
     fitted, held_out = prepared.halves(fit)
@@ -139,8 +137,6 @@ def removed(recordings: Mapping[str, Mapping], judged: bool) -> dict | None:
 
     Parameters
     ----------
-    recordings : mapping of str to mapping
-        As in scanner.json.
     judged : bool
         Whether to use the recordings that were not fitted; else the fitted ones.
     """

@@ -30,8 +30,6 @@ def protocols_of(prepared: Mapping[str, Prepared], stated: Mapping[str, Sequence
 
     Parameters
     ----------
-    prepared : mapping of str to Prepared
-        By recording.
     stated : mapping of str to sequence of str, optional
         {protocol: its recordings}. The other recordings are grouped by their stated tube voltage.
     """
@@ -65,10 +63,6 @@ def run_scanner_diagnosis(
 
     Parameters
     ----------
-    name : str
-        Name of the scanner.
-    prepared : mapping of str to Prepared
-        By recording.
     accuracy : mapping of str to float
         Relative model error by effect (`diagnosis.model_accuracy`).
     protocols : mapping of str to sequence of str, optional

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -47,8 +47,6 @@ class Choice:
         Nuisance parameters alone.
     alone : dict of str to float
         {candidate: gain in held-out log score by it alone}, to first order for candidates without a fit in `singles`.
-    singles : dict of str to Trial
-        Fits of single candidates.
     chosen : Trial
         Fit of the selected effects; without effects if none is needed.
     gains : dict of str to float
@@ -127,23 +125,21 @@ def choose(
     ----------
     baseline : Trial
         Nuisance parameters alone.
-    candidates : sequence of str
-        Effects.
-    processes : int, optional
+    processes, kept
         As for `trials`.
     accuracy : mapping of str to float, optional
         Relative error of the models, {effect: share of its own change of the data}, with `default` for other effects
         and `numerical` for the corrections for finite steps. What such errors may cause is no evidence for another
         effect, and none against an alternative. None: defaults of the configuration.
-    kept : FitCache, optional
-        As for `trials`.
-    how_far : DiagnosisProgress, optional
-        Progress of rankings and fits.
     alone : mapping of str to Screened, optional
         Matched filters of the candidates beside the nuisance parameters, if they are known.
     """
     accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
-    fits = CandidateFits(fitter, baseline, candidates, processes, accuracy, kept, how_far, alone)
+    # Fits from other starts stay out of the cache, which holds one fit for each set of effects.
+    refit = partial(trials, fitter, processes=processes, how_far=how_far)
+    screen = partial(screened, fitter, processes=processes, how_far=how_far)
+    fits = CandidateFits(fitter, baseline, tuple(candidates), accuracy, refit, partial(refit, kept=kept), screen)
+    fits.alone = fits.filters(baseline.fit, fits.others(())) if alone is None else alone
     return ForwardSelection(fits, accuracy).run()
 
 
@@ -161,8 +157,6 @@ class ForwardSelection:
 
     Attributes
     ----------
-    current : Trial
-        Fit of the effects selected so far.
     worth : dict of str to float
         {effect: gain in log score when it was accepted}.
     """
@@ -179,17 +173,10 @@ class ForwardSelection:
         self.add_effects()
         choice = self.exchange_effects()
         found = self._filters_beside(choice.chosen)
-        undecided = {
-            name: filtered.gain / 2
-            for name, filtered in found.items()
-            if stands_out(filtered, len(found), 2 * LEAST_GAIN)
-        }
-        return replace(
-            choice,
-            tolerance=self.tolerance(choice.chosen),
-            undecided=undecided,
-            numerical=self.accuracy.get("numerical", 0.0),
-        )
+        significant = [name for name, one in found.items() if stands_out(one, len(found), 2 * LEAST_GAIN)]
+        undecided = {name: found[name].gain / 2 for name in significant}
+        numerical = self.accuracy.get("numerical", 0.0)
+        return replace(choice, tolerance=self.tolerance(choice.chosen), undecided=undecided, numerical=numerical)
 
     def tolerance(self, trial: Trial) -> float:
         """Return the log score that errors of a fit's models and of finite steps may account for."""
@@ -352,45 +339,36 @@ class ForwardSelection:
         return self._filters
 
 
+@dataclass
 class CandidateFits:
-    """Fits and matched filters of candidates, alone and together; arguments are those of `choose`.
+    """Fits and matched filters of candidates, alone and together.
 
     Attributes
     ----------
-    alone : dict of str to Screened
+    refit, fit, screen : callable
+        `trials` without and with a cache, and `screened`, for the fitter.
+    alone : mapping of str to Screened
         Matched filters beside the nuisance parameters, for candidates that can act alone.
-    singles : dict of str to Trial
-        Fits of single candidates made so far.
     """
 
-    def __init__(
-        self,
-        fitter: Fitter,
-        baseline: Trial,
-        candidates: Sequence[str],
-        processes: int,
-        accuracy: Mapping[str, float],
-        kept: FitCache | None,
-        how_far: DiagnosisProgress | None,
-        alone: Mapping[str, Screened] | None,
-    ):
-        self.baseline, self.candidates = baseline, tuple(candidates)
-        # Fits from other starts stay out of the cache, which holds one fit for each set of effects.
-        self._refit = partial(trials, fitter, processes=processes, how_far=how_far)
-        self._fit = partial(self._refit, kept=kept)
-        self._fitter, self._accuracy = fitter, accuracy
-        self._screen = partial(screened, fitter, processes=processes, how_far=how_far)
-        self.alone = self.filters(baseline.fit, self.others(())) if alone is None else alone
-        self.singles: dict[str, Trial] = {}
+    fitter: Fitter
+    baseline: Trial
+    candidates: tuple[str, ...]
+    accuracy: Mapping[str, float]
+    refit: Callable[..., list[Trial]]
+    fit: Callable[..., list[Trial]]
+    screen: Callable[..., dict[str, Screened]]
+    alone: Mapping[str, Screened] = field(default_factory=dict)
+    singles: dict[str, Trial] = field(default_factory=dict)
 
     def others(self, effects: tuple[str, ...], but: str | None = None) -> list[str]:
         """Return the candidates that can act beside these effects and are not among them."""
-        there = self._fitter.model.whole(effects)
+        there = self.fitter.model.whole(effects)
         return [name for name in offered(self.candidates, there) if name not in (*effects, but)]
 
     def filters(self, fit: Fit, names: Sequence[str], **options) -> dict[str, Screened]:
         """Return the matched filters of effects beside a fit; options are those of `screening.screened`."""
-        return self._screen(fit, names, **({"accuracy": self._accuracy} | options)) if names else {}
+        return self.screen(fit, names, **({"accuracy": self.accuracy} | options)) if names else {}
 
     def unconfounded(self, fit: Fit, found: Mapping[str, Screened]) -> set[str]:
         """Return the effect that moves rays or the object whose gain nothing else explains, if there is one.
@@ -399,7 +377,7 @@ class CandidateFits:
         not counted, which look like several effects at once. `found` are the matched filters beside the fit.
         """
         moving = [filtered for name, filtered in found.items() if load(name).kinematic]
-        if sum(weight.size for weight in self._fitter.weights) > MOST_DATA or not any(
+        if sum(weight.size for weight in self.fitter.weights) > MOST_DATA or not any(
             stands_out(filtered.beside_model_error, len(found), 2 * LEAST_GAIN) for filtered in moving
         ):
             return set()
@@ -410,19 +388,19 @@ class CandidateFits:
     def single(self, names: Sequence[str]) -> dict[str, Trial]:
         """Fit candidates alone."""
         new = [name for name in names if name not in self.singles]
-        made = self._fit([((name,), self.baseline, self.baseline) for name in new])
+        made = self.fit([((name,), self.baseline, self.baseline) for name in new])
         self.singles |= zip(new, made, strict=True)
         return {name: self.singles[name] for name in names}
 
     def beside(self, current: Trial, names: Sequence[str]) -> dict[str, Trial]:
         """Fit candidates beside the effects of a fit."""
         tasks = [((*current.fit.effects, name), current, current) for name in names]
-        return dict(zip(names, self._fit(tasks), strict=True))
+        return dict(zip(names, self.fit(tasks), strict=True))
 
     def of(self, sets: Sequence[tuple[str, ...]], given: Trial) -> list[Trial]:
         """Fit sets of candidates; sets of several start from another fit."""
         several = [effects for effects in sets if len(effects) > 1]
-        made = dict(zip(several, self._fit([(effects, given) for effects in several]), strict=True))
+        made = dict(zip(several, self.fit([(effects, given) for effects in several]), strict=True))
         made |= {(name,): one for name, one in self.single([one[0] for one in sets if len(one) == 1]).items()}
         return [made[effects] if effects else self.baseline for effects in sets]
 
@@ -430,9 +408,9 @@ class CandidateFits:
         """Fit others in an effect's place, from settings equal to the effect's to first order, if they share LIKE."""
         if not others:
             return {}
-        found = exchanged(self._fitter, current.fit, effect, others, LIKE)
+        found = exchanged(self.fitter, current.fit, effect, others, LIKE)
         tasks = [(exchange.start.effects, replace(current, fit=exchange.start)) for exchange in found.values()]
-        return dict(zip(found, self._refit(tasks), strict=True))
+        return dict(zip(found, self.refit(tasks), strict=True))
 
     def gain_alone(self) -> dict[str, float]:
         """Return the held-out log score that every candidate gains alone, to first order where it was not fitted."""

@@ -62,8 +62,6 @@ def choose_jointly(
 
     Parameters
     ----------
-    together : JointFitter
-        Two recordings or more.
     accuracy : mapping of str to float, optional
         As `forward_selection.choose` takes it.
     objects : mapping of str to str, optional

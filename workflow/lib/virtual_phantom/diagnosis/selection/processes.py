@@ -19,10 +19,7 @@ _work: Callable | None = None  # inherited by forked processes: too large to be 
 
 
 def side_by_side(
-    work: Callable[..., Result],
-    tasks: Sequence[tuple],
-    processes: int = 1,
-    done: Callable[[], None] | None = None,
+    work: Callable[..., Result], tasks: Sequence[tuple], processes: int = 1, done: Callable[[], None] | None = None
 ) -> list[Result]:
     """Return work(*task) for all tasks in order, each with one thread for linear algebra; several in forked processes.
 

@@ -52,8 +52,6 @@ class DiagnosisProgress:
     ----------
     tell : callable, optional
         Called with this object at every step, by one thread at a time.
-    clock : callable, optional
-        Returns seconds.
     """
 
     def __init__(

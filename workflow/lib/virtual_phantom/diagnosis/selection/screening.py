@@ -127,8 +127,6 @@ def screened(
 
     Parameters
     ----------
-    processes : int, optional
-        Number of parallel processes, at most.
     accuracy : mapping of str to float, optional
         Relative errors of the models of declared physics, as `forward_selection.choose` takes it; None: not counted.
     fitted_too : bool, optional

@@ -52,12 +52,8 @@ def write_diagnosis(
 
     Parameters
     ----------
-    content : dict
-        Content of diagnosis.json.
     overlay : dict
         Content of physics.yaml, a configuration of the study.
-    page : str
-        The report.
     """
     folder = Path(output.maps)
     folder.mkdir(parents=True, exist_ok=True)

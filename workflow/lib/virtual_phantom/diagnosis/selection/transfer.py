@@ -17,7 +17,7 @@ from ..fitting.steps import NORMAL_95
 from ..fitting.trial import Trial, trial
 from ..uncertainty.model_error import Errors
 from ..verdict_text import recording_lines, with_verdict_text
-from .forward_selection import Choice
+from .forward_selection import Choice, less
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,6 @@ class Physics:
 
     Attributes
     ----------
-    recording : str
-        Its source.
     effects, errors : dict of str to dict of str to float
         {effect: {parameter: value}}, and standard errors with model errors.
     units : dict of str to dict of str to str
@@ -144,24 +142,18 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
                     f"{physics.recording}: {parameter.name} of its {name} is in {units[parameter.name]}, and this "
                     f"recording's in {parameter.unit}; take the physics from a recording of the same kind"
                 )
-    model = fitter.model
-    density = physics.scale if physics.scale is not None and same_material else model.density
-    held = fitter.of(copy.copy(model))  # of projections or of images
-    held.model.fixed = {
-        name: parameters_owned_by(NOT_OF_SCAN, name, values) for name, values in physics.effects.items()
-    }
-    held.model.density = density
+    held = fitter.of(copy.copy(fitter.model))  # of projections or of images
+    held.model.fixed = _not_of_scan(physics.effects)
+    if physics.scale is not None and same_material:
+        held.model.density = physics.scale
     chosen = trial(held, tuple(physics.effects), baseline)
     without = {}
     for name in physics.effects:
-        rest = tuple(other for other in physics.effects if other != name)
+        rest = less(tuple(physics.effects), name)
         without[name] = trial(held, rest, chosen) if rest else baseline
     gains = {name: chosen.score - rest.score for name, rest in without.items()}
     whole, noise = (
-        {
-            name: chosen.fit.errors[name] | parameters_owned_by(NOT_OF_SCAN, name, values)
-            for name, values in errors.items()
-        }
+        {name: chosen.fit.errors[name] | values for name, values in _not_of_scan(errors).items()}
         for errors in (physics.errors, physics.errors | physics.noise)
     )
     chosen = replace(chosen, fit=replace(chosen.fit, errors=noise))
@@ -170,6 +162,11 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
     numerical = defaults_of("diagnosis", "model_accuracy")["numerical"]
     p = dict.fromkeys(physics.effects)
     return Choice(baseline, {}, {}, chosen, gains, {}, p, without=fits, numerical=numerical, errors=errors)
+
+
+def _not_of_scan(physics: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+    """Return the parameters of effects that do not belong to one scan."""
+    return {name: parameters_owned_by(NOT_OF_SCAN, name, values) for name, values in physics.items()}
 
 
 def stated(content: dict, physics: Physics) -> dict:

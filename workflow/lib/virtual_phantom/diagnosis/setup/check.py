@@ -75,16 +75,9 @@ def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult 
         mistakes[finding.best.name] = finding.best.line
     if finding.kind in (AS_STATED, DESCRIPTION):
         mistakes |= _mistakes_of_data(recording, taken)
-    return SetupCheck(
-        DESCRIPTION if mistakes else finding.kind,
-        mistakes,
-        tuple(dict.fromkeys(mismatch.name for mismatch in finding.alike)),
-        finding.stated.share,
-        finding.share,
-        comparison,
-        finding,
-        {} if mistakes else finding.location,
-    )
+    kind, location = (DESCRIPTION, {}) if mistakes else (finding.kind, finding.location)
+    alike = tuple(dict.fromkeys(mismatch.name for mismatch in finding.alike))
+    return SetupCheck(kind, mistakes, alike, finding.stated.share, finding.share, comparison, finding, location)
 
 
 def _mistakes_of_data(recording: ProjectionsRecording, taken: Scans) -> dict[str, str]:

@@ -65,8 +65,7 @@ def descriptions(scan: Mapping, log: bool, largest: float) -> Iterator[Descripti
         Largest line integral.
     """
     yield Description(STATED, "", scan, oriented=True)
-    other = -scan["direction"]
-    yield Description("direction", f"scan.direction: {other}", {**scan, "direction": other}, oriented=True)
+    yield _corrected("direction", scan, {"direction": -scan["direction"]}, oriented=True)
     yield Description(
         "mirrored columns", "mirror /exchange/data along its columns", scan, lambda rays: rays[..., ::-1], oriented=True
     )
@@ -82,6 +81,12 @@ def descriptions(scan: Mapping, log: bool, largest: float) -> Iterator[Descripti
     yield from _offsets(scan)
     if log:
         yield from _line_integrals(scan, largest)
+
+
+def _corrected(name: str, scan: Mapping, entries: Mapping[str, float], note: str = "", **more: bool) -> Description:
+    """Return a description with other numbers in `scan`."""
+    line = ", ".join(f"scan.{key}: {value:g}" for key, value in entries.items())
+    return Description(name, line + note, {**scan, **entries}, **more)
 
 
 def _swapped(scan: Mapping) -> Iterator[Description]:
@@ -100,45 +105,27 @@ def _distances(scan: Mapping) -> Iterator[Description]:
     magnification = detector / isocentre
     for name, factor in (("pitch at the isocentre", magnification), ("pitch magnified twice", 1 / magnification)):
         pitches = {key: scan[key] * factor for key in ("column_pitch_mm", "row_pitch_mm")}
-        words = ", ".join(f"scan.{key}: {value:.6g}" for key, value in pitches.items())
-        yield Description(name, f"{words} (at the detector)", {**scan, **pitches})
-    swapped = detector - isocentre
-    yield Description(
-        "swapped distances",
-        f"scan.source_to_isocentre_mm: {swapped:.6g} (the stated value is the distance from isocenter to detector)",
-        {**scan, "source_to_isocentre_mm": swapped},
-    )
-    whole = detector + isocentre
-    yield Description(
-        "distance from the isocentre",
-        f"scan.source_to_detector_mm: {whole:.6g} (the stated value is the distance from isocenter to detector)",
-        {**scan, "source_to_detector_mm": whole},
-    )
+        yield _corrected(name, scan, pitches, " (at the detector)")
+    note = " (the stated value is the distance from isocenter to detector)"
+    yield _corrected("swapped distances", scan, {"source_to_isocentre_mm": detector - isocentre}, note)
+    yield _corrected("distance from the isocentre", scan, {"source_to_detector_mm": detector + isocentre}, note)
 
 
 def _views(scan: Mapping) -> Iterator[Description]:
     turn = scan["views_per_rotation"]
     if scan["views"] == turn:
-        yield Description(
-            "last view at the first",
-            f"scan.views_per_rotation: {turn - 1:g} (the last view has the angle of the first)",
-            {**scan, "views_per_rotation": turn - 1},
-        )
+        note = " (the last view has the angle of the first)"
+        yield _corrected("last view at the first", scan, {"views_per_rotation": turn - 1}, note)
     elif scan["views"] == turn + 1:
-        yield Description(
-            "last view before the first",
-            f"scan.views_per_rotation: {turn + 1:g} (the last view has another angle than the first)",
-            {**scan, "views_per_rotation": turn + 1},
-        )
+        note = " (the last view has another angle than the first)"
+        yield _corrected("last view before the first", scan, {"views_per_rotation": turn + 1}, note)
     for factor, words in ((2, "half a turn"), (0.5, "two turns")):
         if turn * factor >= 8:
-            line = f"scan.views_per_rotation: {turn * factor:g} (the views cover {words} instead of one turn)"
-            yield Description(f"{words} for one", line, {**scan, "views_per_rotation": turn * factor})
+            note = f" (the views cover {words} instead of one turn)"
+            yield _corrected(f"{words} for one", scan, {"views_per_rotation": turn * factor}, note)
     if scan["trajectory"] == "helical":
-        feed = -scan["table_feed_mm"]
-        turned = {"table_feed_mm": feed, "start_z_mm": -scan["start_z_mm"]}
-        words = f"scan.table_feed_mm: {feed:g}, scan.start_z_mm: {-scan['start_z_mm']:g}"
-        yield Description("direction of the table", words, {**scan, **turned})
+        turned = {key: -scan[key] for key in ("table_feed_mm", "start_z_mm")}
+        yield _corrected("direction of the table", scan, turned)
 
 
 def _surface(scan: Mapping) -> Iterator[Description]:
@@ -159,8 +146,7 @@ def _surface(scan: Mapping) -> Iterator[Description]:
 def _offsets(scan: Mapping) -> Iterator[Description]:
     for key, name in (("column_offset_px", "columns"), ("row_offset_px", "rows")):
         if offset := scan.get(key, 0.0):
-            line = f"scan.{key}: {-offset:g}"
-            yield Description(f"sign of the {name}' offset", line, {**scan, key: -offset}, shifts=True)
+            yield _corrected(f"sign of the {name}' offset", scan, {key: -offset}, shifts=True)
 
 
 def _line_integrals(scan: Mapping, largest: float) -> Iterator[Description]:

@@ -111,13 +111,6 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
 
     The object is fitted at its stated location within the tolerance of the alignment, then in the whole field of view.
     That search starts from the centroids of the views. A grid of locations is tried before another object is reported.
-
-    Parameters
-    ----------
-    scan : mapping
-        Section `scan` of recording.yaml.
-    largest : float
-        Largest line integral.
     """
     found = _found(comparison, scan, log, largest)
     if found.kind in (AS_STATED, DESCRIPTION) and min(found.best.share, found.share) <= MISTAKEN:

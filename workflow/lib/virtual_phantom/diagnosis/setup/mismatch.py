@@ -49,15 +49,18 @@ class Rays:
 
     Attributes
     ----------
-    geometry : OrbitGeometry
-        Geometry of these pixels.
     row_step, column_step : int
         Steps between the detector's rows and columns.
+    mean, variance, weight : ndarray, shape (views, rows, columns)
+        Mean line integral over repeats, its variance (0 if unknown), and weight.
     """
 
     geometry: OrbitGeometry
     row_step: int
     column_step: int
+    mean: np.ndarray
+    variance: np.ndarray
+    weight: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -72,10 +75,6 @@ class SetupMismatch:
         Weighted sums of squares: residual, its noise (0 if unknown), and line integrals about their mean.
     scale : float
         Ratio of recorded and simulated line integrals.
-    rays : int
-        Number of compared rays.
-    turned : bool
-        Whether the start angle was fitted.
     """
 
     description: Description
@@ -132,10 +131,6 @@ class Comparison:
 
     Parameters
     ----------
-    lines : ndarray, shape (repeats, views, rows, columns)
-        Line integrals.
-    usable : ndarray of bool, shape (views, rows, columns)
-        Rays that count.
     most : sequence of 3 int
         Largest number of compared views, rows and columns.
     reach : mapping of str to float
@@ -185,9 +180,9 @@ class Comparison:
 
     def attenuated(self, description: Description) -> float:
         """Return the ratio of the sums of recorded and simulated line integrals."""
-        mean, _, weight = self.data(description)
-        simulated = self._simulated(self.rays(description), self.location)
-        return float(mean[weight > 0].sum() / max(simulated[weight > 0].sum(), 1e-300))
+        rays = self.rays(description)
+        simulated, there = self._simulated(rays, self.location), rays.weight > 0
+        return float(rays.mean[there].sum() / max(simulated[there].sum(), 1e-300))
 
     def begun(self, description: Description, turn_deg: float = 0.0) -> dict[str, float]:
         """Return the start of a fit: the stated location, or the result of the search over the field of view."""
@@ -196,13 +191,12 @@ class Comparison:
             return start
         key = description.name, turn_deg
         if key not in self._kept:
-            if not turn_deg:
-                self._kept[key] = (
-                    self._on_grid(description, start) if self._by_grid else self._centred(description, start)
-                )
-            else:  # start at the location of the object without rotation
-                other = self.begun(description) | {"turn_deg": turn_deg}
-                self._kept[key] = other if self._by_grid else self._centred(description, other, steps=1)
+            steps = CENTROIDS
+            if turn_deg:  # start at the location of the object without rotation
+                start, steps = self.begun(description) | {"turn_deg": turn_deg}, 1
+            if not self._by_grid:
+                start = self._centred(description, start, steps)
+            self._kept[key] = self._on_grid(description, start) if self._by_grid and not turn_deg else start
         return self._kept[key]
 
     def _centred(
@@ -213,9 +207,8 @@ class Comparison:
         A column offset is fitted too, and kept if it is larger than effects can describe.
         """
         rays = self.rays(description)
-        mean, _, weight = self.data(description)
-        there = weight > 0
-        wanted = _centroids(mean, there)
+        there = rays.weight > 0
+        wanted = _centroids(rays.mean, there)
 
         def centroids(place: Mapping[str, float]) -> np.ndarray:
             return _centroids(self._simulated(rays, {**place, "columns_px": 0.0}), there)
@@ -249,19 +242,16 @@ class Comparison:
     def _on_grid(self, description: Description, start: Mapping[str, float]) -> dict[str, float]:
         """Return the location with the smallest residual on a grid over the field of view, refined about the best."""
         rays = self.rays(description)
-        mean, _, weight = self.data(description)
         radius, best = self._field_radius_mm(rays), self._centred(description, start)
-
-        def left(place: Mapping[str, float]) -> float:
-            return self._left(rays, mean, weight, place).squares
-
-        least, pitch = left(best), 2 * radius / GRID
+        least, pitch = self._left(rays, best).squares, 2 * radius / GRID
         offsets = pitch * (np.arange(GRID) - (GRID - 1) / 2)
         middle = (0.0, 0.0)
         for _ in range(1 + FINER):
             for x, y in product(offsets, offsets):
                 place = {**start, "z_mm": best.get("z_mm", 0.0), "x_mm": middle[0] + x, "y_mm": middle[1] + y}
-                if np.hypot(place["x_mm"], place["y_mm"]) < radius and (squares := left(place)) < least:
+                if np.hypot(place["x_mm"], place["y_mm"]) >= radius:
+                    continue
+                if (squares := self._left(rays, place).squares) < least:
                     best, least = place, squares
             middle, pitch = (best.get("x_mm", 0.0), best.get("y_mm", 0.0)), pitch / 2
             offsets = pitch * np.array([-1.0, 0.0, 1.0])
@@ -296,10 +286,10 @@ class Comparison:
                 f"{axis}_pitch_mm": getattr(whole, f"{axis}_pitch_mm") * step,
                 f"{axis}_offset_px": (_first(length, step) - (length - 1) / 2 + offset) / step + (count - 1) / 2,
             }
-        return Rays(replace(whole.every(views), **thinned), rows, columns)
+        return Rays(replace(whole.every(views), **thinned), rows, columns, *self._data(description))
 
-    def data(self, description: Description) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return mean over repeats, its variance (0 if unknown) and weights of the compared rays."""
+    def _data(self, description: Description) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return Rays.mean, variance and weight."""
         lines, usable = description.axes(self._lines), description.axes(self._usable)
         views, rows, columns = self._steps(usable.shape)
         chosen = (
@@ -336,14 +326,13 @@ class Comparison:
             For impossible lengths.
         """
         rays = self.rays(description)
-        mean, variance, weight = self.data(description)
-        root = np.sqrt(weight).ravel()
+        root = np.sqrt(rays.weight).ravel()
         begun = self.begun(description, turn_deg)
         names = tuple(dict.fromkeys((*PLACE, *also, *(name for name in begun if name not in PLACE))))
         start = np.array([{**START, **begun}.get(name, 0.0) for name in names])
         reach = {**REACH, **self._reach} | (dict.fromkeys(LOCATION, np.inf) if self._anywhere else {})
         reach = np.array([reach.get(name, np.inf) for name in names])
-        place, found = start, self._left(rays, mean, weight, dict(zip(names, start, strict=True)))
+        place, found = start, self._left(rays, dict(zip(names, start, strict=True)))
         for _ in range(STEPS):
             slopes = []
             for axis, name in enumerate(names):
@@ -357,42 +346,34 @@ class Comparison:
             change = np.zeros(len(names))
             change[seen] = solved / sizes[seen]
             tried = np.clip(place + change, start - reach, start + reach)
-            after = self._left(rays, mean, weight, dict(zip(names, tried, strict=True)))
+            after = self._left(rays, dict(zip(names, tried, strict=True)))
             for _ in range(HALVINGS):
                 if after.squares <= found.squares:
                     break
                 tried = (place + tried) / 2
-                after = self._left(rays, mean, weight, dict(zip(names, tried, strict=True)))
+                after = self._left(rays, dict(zip(names, tried, strict=True)))
             if after.squares >= found.squares:
                 break
             settled = found.squares - after.squares < SETTLED * found.squares
             place, found = tried, after
             if settled or (best is not None and found.squares * best.total > HOPELESS * best.squares * found.total):
                 break
-        return SetupMismatch(
-            description,
-            {name: float(value) for name, value in zip(names, place, strict=True)},
-            found.squares,
-            float((weight * variance).sum()),
-            found.total,
-            found.scale,
-            int((weight > 0).sum()),
-            turn_deg != 0,
-        )
+        fitted = {name: float(value) for name, value in zip(names, place, strict=True)}
+        noise, count = float((rays.weight * rays.variance).sum()), int((rays.weight > 0).sum())
+        squares = found.squares, noise, found.total
+        return SetupMismatch(description, fitted, *squares, found.scale, count, turn_deg != 0)
 
     def residual(self, found: SetupMismatch) -> np.ndarray:
         """Return residual line integrals of a description, as means over rows, shape (views, columns)."""
         rays = self.rays(found.description)
-        mean, _, weight = self.data(found.description)
-        left = self._left(rays, mean, weight, found.place).residual * weight
-        whole = weight.sum(axis=1)
+        left = self._left(rays, found.place).residual * rays.weight
+        whole = rays.weight.sum(axis=1)
         return left.sum(axis=1) / np.where(whole > 0, whole, np.inf)
 
     def at_turns(self, description: Description, turns_deg: Sequence[float]) -> np.ndarray:
         """Return the remaining share of the squares for each rotation of the object, without a fit."""
         rays = self.rays(description)
-        mean, _, weight = self.data(description)
-        left = [self._left(rays, mean, weight, self.begun(description, float(turn))) for turn in turns_deg]
+        left = [self._left(rays, self.begun(description, float(turn))) for turn in turns_deg]
         return np.array([residual.squares / residual.total for residual in left])
 
     def _steps(self, shape: Sequence[int]) -> tuple[int, ...]:
@@ -417,8 +398,8 @@ class Comparison:
             transmitted = transmitted + np.exp(-np.tensordot(self._mu, paths.astype(np.float64), 1))
         return -np.log(transmitted / (len(down) * len(across)))
 
-    def _left(self, rays: Rays, mean: np.ndarray, weight: np.ndarray, place: Mapping[str, float]) -> _Left:
-        simulated = self._simulated(rays, place)
+    def _left(self, rays: Rays, place: Mapping[str, float]) -> _Left:
+        mean, weight, simulated = rays.mean, rays.weight, self._simulated(rays, place)
         total = float((weight * (mean - np.average(mean, weights=weight)) ** 2).sum())
         centered = simulated - np.average(simulated, weights=weight)
         if not (weight * centered * mean).sum() > 0:  # negative correlation
@@ -452,8 +433,6 @@ def _centroids(lines: np.ndarray, there: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     lines : ndarray, shape (views, rows, columns)
-    there : ndarray of bool, shape (views, rows, columns)
-        Rays that count.
 
     Returns
     -------
@@ -466,10 +445,9 @@ def _centroids(lines: np.ndarray, there: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore", divide="ignore"):
         across = (values.sum(axis=1) * columns).sum(axis=1) / mass
         down = (values.sum(axis=2) * rows).sum(axis=1) / mass
-    alone = lines.shape[1] == 1
-    return np.where(
-        np.tile(mass, 2) > 0, np.concatenate([across, np.full_like(down, np.nan) if alone else down]), np.nan
-    )
+    if lines.shape[1] == 1:
+        down[:] = np.nan
+    return np.where(np.tile(mass, 2) > 0, np.concatenate([across, down]), np.nan)
 
 
 def _powers(simulated: np.ndarray) -> np.ndarray:

@@ -40,8 +40,6 @@ class Orientation:
 
     Attributes
     ----------
-    name, line : str
-        Name, and the change that corrects it.
     ordered : callable
         Reorders an array (z, y, x) like the phantom.
     square : bool
@@ -99,8 +97,6 @@ class Registered:
     ----------
     share : float
         Share of the variance inside the body beyond noise that the phantom does not explain; 1 without enough overlap.
-    overlap : float
-        Dice overlap of the bodies.
     off_mm : tuple of 3 float
         Offset of the images from the isocenter (z, y, x), mm.
     correlation : float
@@ -121,10 +117,6 @@ def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) 
 
     Parameters
     ----------
-    repeats : ndarray, shape (repeats, z, y, x)
-        HU.
-    phantom : ndarray, shape (z, y, x)
-        HU.
     of, grid : Grid
         Grids of the phantom and of the images, whose center is taken as the isocenter.
     """

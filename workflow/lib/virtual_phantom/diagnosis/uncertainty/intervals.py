@@ -31,8 +31,6 @@ def half_width(level: float, noise: float, whole: float) -> float:
 
     Parameters
     ----------
-    level : float
-        Probability.
     noise, whole : float
         Standard errors by noise, and with model errors (at least `noise`).
     """
@@ -58,8 +56,6 @@ def intervals(value: float, noise: float, whole: float, low: float = -np.inf, hi
     ----------
     noise, whole : float
         Standard errors, as in `half_width`.
-    low, high : float, optional
-        Plausible range.
 
     Returns
     -------

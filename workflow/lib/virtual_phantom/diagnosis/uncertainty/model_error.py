@@ -92,11 +92,7 @@ def pulled_of_recordings(
     places = joint_indices(problems, together.protocols)
     return {
         name: ModelErrorInfluence.of(
-            problem,
-            fit.fits[name],
-            {key: other.fits[name] for key, other in without.items()},
-            accuracy,
-            places[name],
+            problem, fit.fits[name], {key: other.fits[name] for key, other in without.items()}, accuracy, places[name]
         )
         for name, problem in problems.items()
     }
@@ -118,8 +114,6 @@ def distortions_of_physics(
         From `data_changes`, of the fit.
     accuracy : mapping of str to float
         As `forward_selection.choose` takes it.
-    names : sequence of str
-        Effects, declared or of the fit.
     """
     problem, here = Problem.at(fitter, fit), fitter.predicted(fit)
     parts, spread = fitter.data.residuals(here), shapes(here.mean)

@@ -33,8 +33,6 @@ def differing(found: Sequence[Change], least: float = LEAST_GAIN) -> Change | No
     ----------
     found : sequence of Change
         Result of unmodeled.changes.
-    least : float, optional
-        Least gain in log score.
     """
     piece = _piece(found)
     if piece is None or piece.p * len(found) > ALPHA or piece.gain < least:
@@ -49,13 +47,7 @@ def beyond_effects(piece: Change, alone: Mapping[str, Screened]) -> bool:
 
 
 def explains_all(piece: Change, prepared: Prepared, baseline: Trial) -> bool:
-    """Return whether the corrected object explains all of a large difference, so that no physics could explain more.
-
-    Parameters
-    ----------
-    baseline : Trial
-        Fit of the alignment alone.
-    """
+    """Return whether the corrected object explains all of a large difference, so that no physics could explain more."""
     before, noise = excess(prepared, baseline.fit), np.sqrt(_count(prepared) / 2)
     if before < FAR * noise or piece.gain < before / 2:  # the gain is of first order
         return False
@@ -80,15 +72,7 @@ def better_than(piece: Change, choice: Choice) -> bool:
 
 
 def no_physics(baseline: Trial, piece: Change, numerical: float) -> Choice:
-    """Return the choice of no effect, as a piece of the object explains more.
-
-    Parameters
-    ----------
-    baseline : Trial
-        Fit of the alignment alone.
-    numerical : float
-        See Choice.
-    """
+    """Return the choice of no effect, as a piece of the object explains more."""
     return Choice(baseline, {}, {}, baseline, {}, {}, {}, numerical=numerical, piece=piece)
 
 

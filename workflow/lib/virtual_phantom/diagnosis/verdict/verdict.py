@@ -100,6 +100,7 @@ def diagnose(
         "fit": metrics_of(prepared, choice, held_out=False),
         "held_out": metrics_of(prepared, choice, held_out=True),
     }
+    rms = metrics["held_out"][f"rms_{prepared.display.unit}"]
     doubted = doubts(choice, fitter.model, metrics["held_out"])
     known = statements(choice.chosen.fit, fitter.model, errors.physics)
     beside = {name: kinds(fit) for name, fit in choice.without.items()}
@@ -125,9 +126,7 @@ def diagnose(
         },
         **metrics,
         "excess_removed": removed,
-        "excess_rms_removed": excess_rms_removed(**metrics["held_out"][f"rms_{prepared.display.unit}"])
-        if effects
-        else None,
+        "excess_rms_removed": excess_rms_removed(**rms) if effects else None,
         "remainder_sd": remainder_sd(prepared, choice.chosen),
         "unexplained": [_location(place) for place in left],
         "doubts": doubted,
@@ -241,25 +240,18 @@ def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
 
 def _effect(name: str, choice: Choice, model: Model) -> dict:
     effect, fit, errors = load(name), choice.chosen.fit, _errors(choice).physics
-    parameters = {parameter.name: parameter for parameter in (*effect.parameters, *model.parameters(name))}
+    known = {parameter.name: parameter for parameter in (*effect.parameters, *model.parameters(name))}
+    parameters = {}
+    for key, value in fit.physics[name].items():
+        if known[key].stated:  # not fitted
+            continue
+        noise, whole = fit.errors[name].get(key, 0.0), errors[name].get(key, 0.0)
+        found = intervals(value, noise, whole, known[key].low, known[key].high)
+        parameters[key] = {"value": value, **found, "unit": known[key].unit}
     return {
         "name": name,
         "physics": effect.physics,
-        "parameters": {
-            key: {
-                "value": value,
-                **intervals(
-                    value,
-                    fit.errors[name].get(key, 0.0),
-                    errors[name].get(key, 0.0),
-                    parameters[key].low,
-                    parameters[key].high,
-                ),
-                "unit": parameters[key].unit,
-            }
-            for key, value in fit.physics[name].items()
-            if not parameters[key].stated  # a stated one is not fitted
-        },
+        "parameters": parameters,
         "evidence": {"held_out_gain": choice.gains[name], "p": choice.p[name]},
     }
 

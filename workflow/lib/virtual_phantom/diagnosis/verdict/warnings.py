@@ -45,8 +45,6 @@ def caveats(
 
     Parameters
     ----------
-    tube_kvp : float, optional
-        Nominal tube voltage, kV.
     left : sequence of Location, optional
         Locations of the remaining mismatch, the worst first.
     """

@@ -38,11 +38,6 @@ SYNONYMS = {
 def library_name(material: object) -> object:
     """Return the library's name of a material written with capitals, spaces or a synonym.
 
-    Parameters
-    ----------
-    material : object
-        Entry of a configuration.
-
     Returns
     -------
     object

@@ -154,8 +154,6 @@ class Segmentation:
         Material of voxels up to dense_from_hu, with a density in proportion to their attenuation.
     dense : str or None
         Material whose volume fraction increases above dense_from_hu, up to 1; None: all voxels are `soft`.
-    dense_from_hu : float
-        HU.
     """
 
     soft: str = "water"
@@ -172,11 +170,6 @@ class Segmentation:
 
         At the energy at which water has the attenuation mu_water_per_mm, sum of amounts times attenuation is exactly
         the attenuation of the HU. Line integrals at this energy are therefore those of the baseline.
-
-        Parameters
-        ----------
-        mu_water_per_mm : float
-            Linear attenuation of water, 1/mm.
 
         Returns
         -------

@@ -54,8 +54,6 @@ class Sensor:
         Name in SENSORS.
     reads : {"energy", "counts"}
         ENERGY: the signal is the deposited energy; COUNTS: the number of photons that deposit any energy.
-    thickness_mm : float
-        Expected thickness, mm.
     thickness_sd : float
         Standard deviation of the logarithm of the thickness.
 

@@ -36,8 +36,6 @@ class Anode:
 
     Attributes
     ----------
-    target : str
-        Element.
     angle_deg : float
         Angle of its surface to the plane through source and detector columns, degrees. It is negative if the +z end of
         the focal spot is farther from the isocenter than the -z end.
@@ -57,8 +55,6 @@ class Spectrum:
 
     Attributes
     ----------
-    energies_kev : ndarray, shape (energies,)
-        Photon energies, keV.
     signal : ndarray, shape (energies,) or (energies, rows, columns)
         Share of each energy in the mean signal, with a sum of 1 before additional filters. Rows and columns have length
         1 where a filter is constant.
@@ -137,11 +133,6 @@ def _tube(kvp: float, anode: Anode) -> tuple[np.ndarray, np.ndarray]:
 def tube_spectrum(kvp: float, anode: Anode = TUNGSTEN) -> tuple[np.ndarray, np.ndarray]:
     """Return the spectrum of an unfiltered tube, interpolated linearly between whole kilovolts.
 
-    Parameters
-    ----------
-    kvp : float
-        Tube voltage, kV.
-
     Returns
     -------
     energies : ndarray, shape (energies,)
@@ -182,14 +173,8 @@ def weighted_spectrum(
 
     Parameters
     ----------
-    kvp : float
-        Tube voltage, kV.
-    filtration_mm : float
-        Thickness of the filter, mm.
     sensor : Sensor, optional
         Its own thickness is ignored.
-    sensor_mm : float, optional
-        Thickness of the sensor, mm.
     filter_material : str, optional
         Name in materials.COMPOUNDS or ELEMENTS.
 

@@ -46,8 +46,6 @@ def polychromatic_signal(
         1/mm.
     shares : ndarray, shape (shares, energies) or (shares, energies, rows, columns)
         Shares of the energies in air (of the signal and of its variance), for all pixels or for each pixel.
-    threads : int, optional
-        Maximum number of threads.
 
     Returns
     -------

@@ -49,6 +49,9 @@ def of_views(
     return share * left * math.exp(-rest / time_constant_ms), math.exp(-view_interval_ms / time_constant_ms)
 
 
+IN_VIEWS = Reach(PER_VIEW, 0.2, 50.0, 0.7, 0.7)
+BEFORE = "b: afterglow before the first view, relative to that of its steady signal"
+
 EFFECT = Effect(
     name="afterglow",
     physics="Part of the scintillator light is emitted late and read with the following views.",
@@ -63,28 +66,8 @@ EFFECT = Effect(
         # From ceramics of body scanners (XCIST's example: 1 and 10 ms) to flat panels, whose ghosts last for minutes
         # (J. H. Siewerdsen and D. A. Jaffray, Med. Phys. 26, 1624, 1999). An afterglow much shorter than the view
         # interval vanishes, and one much longer is constant.
-        Parameter(
-            "time_constant_ms",
-            "ms",
-            "decay time T, to 1/e",
-            0.1,
-            1e5,
-            10.0,
-            10.0,
-            None,
-            LOGARITHM,
-            Reach(PER_VIEW, 0.2, 50.0, 0.7, 0.7),
-        ),
-        Parameter(
-            "before",
-            "1",
-            "b: afterglow before the first view, relative to that of its steady signal",
-            0.0,
-            1.0,
-            1.0,
-            1.0,
-            None,
-        ),
+        Parameter("time_constant_ms", "ms", "decay time T, to 1/e", 0.1, 1e5, 10.0, 10.0, None, LOGARITHM, IN_VIEWS),
+        Parameter("before", "1", BEFORE, 0.0, 1.0, 1.0, 1.0, None),
     ),
     apply=apply,
 )

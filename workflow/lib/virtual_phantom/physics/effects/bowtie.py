@@ -25,6 +25,8 @@ def _profile(fan: np.ndarray, exponent: float, width: float) -> np.ndarray:
     return np.expm1(-((fan / width) ** exponent)) / np.expm1(-(width**-exponent))
 
 
+THICKNESS = {"belongs_to": OF_PROTOCOL, "title": "thickness at 20 degrees"}  # scanners have several bowties
+
 EFFECT = Effect(
     name="bowtie",
     physics="A shaped filter attenuates the beam toward its edges and, with a spectrum, hardens it there.",
@@ -39,27 +41,11 @@ EFFECT = Effect(
     settled_by="measure the white field, or an air scan without the filter",
     parameters=(
         Parameter(
-            "at_20deg_mm",
-            "mm Al",
-            "thickness t at a fan angle of 20 degrees",
-            0.0,
-            100.0,
-            10.0,
-            30.0,
-            belongs_to=OF_PROTOCOL,  # scanners have several bowties
-            title="thickness at 20 degrees",
+            "at_20deg_mm", "mm Al", "thickness t at a fan angle of 20 degrees", 0.0, 100.0, 10.0, 30.0, **THICKNESS
         ),
         Parameter("exponent", "1", "n: exponent of the fan angle", 1.0, 6.0, 2.0, 2.0, None, stated=True),
         Parameter(
-            "levels_off_deg",
-            "degrees",
-            "w: angle of leveling off; 0: none",
-            0.0,
-            60.0,
-            0.0,
-            0.0,
-            None,
-            stated=True,
+            "levels_off_deg", "degrees", "w: angle of leveling off; 0: none", 0.0, 60.0, 0.0, 0.0, None, stated=True
         ),
     ),
     apply=apply,

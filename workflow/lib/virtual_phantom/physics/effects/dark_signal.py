@@ -13,6 +13,9 @@ def apply(state: State, values: dict[str, float]) -> None:
     state.dark, state.dark_air = level + drift * time, level
 
 
+LEVEL = {"reach": Reach(OF_AIR, -0.02, 0.1, 0.001, 0.005), "dark": DARK_LEVEL}
+DRIFT = {"reach": Reach(OF_AIR_PER_SCAN, -0.02, 0.02, 0.0005, 0.001), "belongs_to": OF_SCAN, "dark": DARK_DRIFT}
+
 EFFECT = Effect(
     name="dark_signal",
     physics="The detector reading without radiation differs from the subtracted one and drifts as the detector warms "
@@ -23,29 +26,8 @@ EFFECT = Effect(
     signature="line integrals are too low at low transmission, equally in all columns; a drift grows from view to view",
     settled_by="record dark frames before and after the scan",
     parameters=(
-        Parameter(
-            "level_units",
-            "readout units",
-            "residual dark signal d",
-            -math.inf,
-            math.inf,
-            0.0,
-            500.0,
-            reach=Reach(OF_AIR, -0.02, 0.1, 0.001, 0.005),
-            dark=DARK_LEVEL,
-        ),
-        Parameter(
-            "drift_units_per_s",
-            "readout units/s",
-            "drift rate r",
-            -math.inf,
-            math.inf,
-            0.0,
-            100.0,
-            reach=Reach(OF_AIR_PER_SCAN, -0.02, 0.02, 0.0005, 0.001),
-            belongs_to=OF_SCAN,
-            dark=DARK_DRIFT,
-        ),
+        Parameter("level_units", "readout units", "residual dark signal d", -math.inf, math.inf, 0.0, 500.0, **LEVEL),
+        Parameter("drift_units_per_s", "readout units/s", "drift rate r", -math.inf, math.inf, 0.0, 100.0, **DRIFT),
     ),
     apply=apply,
     removed_by=("dark",),

@@ -21,6 +21,8 @@ def apply(state: State, values: dict[str, float]) -> None:
     state.filters = (*state.filters, (MATERIALS[state.anode.target], (abs(depth_mm) * longer)[:, None]))
 
 
+DEPTH = "depth d in the target at which photons are produced; negative: anode on the side opposite to its angle"
+
 EFFECT = Effect(
     name="heel",
     physics="The anode absorbs part of its own beam: the fluence falls toward the anode side along the rows and, with "
@@ -31,17 +33,7 @@ EFFECT = Effect(
     signature="the white field and noise change monotonically along the rows; with a spectrum, line integrals fall "
     "toward the anode side",
     settled_by="measure the white field",
-    parameters=(
-        Parameter(
-            "depth_um",
-            "um",
-            "depth d in the target at which photons are produced; negative: anode on the side opposite to its angle",
-            -40.0,
-            40.0,
-            5.0,
-            5.0,
-        ),
-    ),
+    parameters=(Parameter("depth_um", "um", DEPTH, -40.0, 40.0, 5.0, 5.0),),
     apply=apply,
     removed_by=("flat",),
     needs=(DIVERGENT_BEAM,),

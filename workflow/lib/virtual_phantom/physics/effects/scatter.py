@@ -32,6 +32,8 @@ def _through(grid: tuple[float, float], geometry: ScanGeometry) -> tuple[float, 
     return tuple(away_mm / ratio if ratio else math.inf for ratio in grid)
 
 
+AMOUNT = "a: scattered share of the loss of the primary beam"
+
 EFFECT = Effect(
     name="scatter",
     physics="Photons scattered in the object reach the detector from other directions and add a smooth background.",
@@ -41,16 +43,8 @@ EFFECT = Effect(
     signature="line integrals are too low, most behind the thickest parts, and smooth over the detector",
     settled_by="repeat the scan with the beam collimated to a few rows: scatter falls with the beam height",
     parameters=(
-        Parameter(
-            "amount",
-            "1",
-            "a: scattered share of the loss of the primary beam",
-            0.0,
-            0.6,
-            0.03,
-            0.05,
-            belongs_to=OF_PROTOCOL,  # depends on collimation and energy
-        ),
+        # The amount depends on collimation and energy.
+        Parameter("amount", "1", AMOUNT, 0.0, 0.6, 0.03, 0.05, belongs_to=OF_PROTOCOL),
         Parameter(
             "width_mm", "mm", "width w of the kernel at the detector", 10.0, 200.0, 60.0, 60.0, None, kernel=True
         ),

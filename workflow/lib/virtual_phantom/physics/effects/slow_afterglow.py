@@ -10,6 +10,9 @@ def apply(state: State, values: dict[str, float]) -> None:
     state.slow_lag = lag_of(state, values)
 
 
+IN_VIEWS = Reach(PER_VIEW, 5.0, 500.0, 20.0, 20.0)
+BEFORE = "slow afterglow before the first view, relative to that of its steady signal"
+
 EFFECT = Effect(
     name="slow_afterglow",
     physics="A second part of the scintillator light decays much more slowly than the first.",
@@ -23,28 +26,8 @@ EFFECT = Effect(
         Parameter(
             "share", "1", "share k' of the scintillator light that is delayed for so long", 0.0, 0.5, 0.005, 0.01
         ),
-        Parameter(
-            "time_constant_ms",
-            "ms",
-            "decay time T', to 1/e",
-            1.0,
-            1e6,
-            100.0,
-            100.0,
-            None,
-            LOGARITHM,
-            Reach(PER_VIEW, 5.0, 500.0, 20.0, 20.0),
-        ),
-        Parameter(
-            "before",
-            "1",
-            "slow afterglow before the first view, relative to that of its steady signal",
-            0.0,
-            1.0,
-            1.0,
-            1.0,
-            None,
-        ),
+        Parameter("time_constant_ms", "ms", "decay time T', to 1/e", 1.0, 1e6, 100.0, 100.0, None, LOGARITHM, IN_VIEWS),
+        Parameter("before", "1", BEFORE, 0.0, 1.0, 1.0, 1.0, None),
     ),
     apply=apply,
     beside="afterglow",

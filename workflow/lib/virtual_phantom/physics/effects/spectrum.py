@@ -12,6 +12,9 @@ def apply(state: State, values: dict[str, float]) -> None:
     )
 
 
+VOLTAGE = {"belongs_to": OF_PROTOCOL, "nominal": TUBE_VOLTAGE, "title": "tube voltage"}
+SENSOR = {"nominal": SENSOR_THICKNESS, "title": "sensor thickness"}
+
 EFFECT = Effect(
     name="spectrum",
     physics="The beam has many energies, and low energies are absorbed first. Attenuation per mm therefore falls with "
@@ -25,34 +28,12 @@ EFFECT = Effect(
     signature="line integrals fall below proportionality with path length, equally everywhere, and more behind bone",
     settled_by="scan the object behind a plate of aluminum or copper: hardening shrinks, scatter grows",
     parameters=(
-        Parameter(
-            "kvp",
-            "kV",
-            "tube voltage",
-            30.0,
-            150.0,
-            110.0,
-            120.0,
-            None,
-            belongs_to=OF_PROTOCOL,
-            nominal=TUBE_VOLTAGE,
-            title="tube voltage",
-        ),
+        Parameter("kvp", "kV", "tube voltage", 30.0, 150.0, 110.0, 120.0, None, **VOLTAGE),
         Parameter(
             "filtration_mm", "mm Al", "filtration, as aluminum", 0.2, 40.0, 6.0, 6.0, None, belongs_to=OF_PROTOCOL
         ),
         Parameter(
-            "sensor_mm",
-            "mm",
-            "thickness of the detector sensor",
-            0.01,
-            100.0,
-            0.6,
-            0.6,
-            None,
-            LOGARITHM,
-            nominal=SENSOR_THICKNESS,
-            title="sensor thickness",
+            "sensor_mm", "mm", "thickness of the detector sensor", 0.01, 100.0, 0.6, 0.6, None, LOGARITHM, **SENSOR
         ),
     ),
     apply=apply,

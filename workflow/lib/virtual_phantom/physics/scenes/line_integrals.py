@@ -24,8 +24,6 @@ def clean_line_integrals(
     ----------
     phantom : Volume
         HU.
-    mu_water_per_mm : float
-        Linear attenuation of water, 1/mm.
     pose : Pose, optional
         Pose of the phantom. The scan moves in the opposite direction, so that nothing is interpolated.
 
@@ -68,11 +66,6 @@ def check_rois_seen(geometry: ScanGeometry, grid: Grid, masks: dict[str, np.ndar
     """Check that every voxel of every ROI is seen from every direction of half a turn.
 
     No algorithm can reconstruct other voxels exactly [1]_, and their errors would change every feature of the ROI.
-
-    Parameters
-    ----------
-    masks : dict of str to ndarray of bool, shape (z, y, x)
-        Mask of each ROI on `grid`.
 
     Raises
     ------

@@ -37,8 +37,6 @@ class ShapedRoi:
 
     Attributes
     ----------
-    shape : str
-        Name of the shape.
     margin_mm : float
         Erosion of the region, mm.
     """
@@ -59,8 +57,6 @@ class ShapedObject:
         Name of the file without extension.
     shapes : tuple of Shape
         Later shapes replace earlier ones where they overlap.
-    names : tuple of str or None
-        Names of the shapes.
     """
 
     name: str

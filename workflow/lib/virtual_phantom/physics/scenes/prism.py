@@ -31,13 +31,7 @@ class PrismScene(GridScene):
     ):
         super().__init__(shares[:, None], grid, materials, energy_kev)
 
-    def rays(
-        self,
-        geometry: ScanGeometry,
-        pose: Pose = IN_PLACE,
-        motion_mm: np.ndarray | None = None,
-        along_x: np.ndarray | None = None,
-    ) -> Rays:
+    def rays(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm=None, along_x=None) -> Rays:
         """As VoxelScene.rays, projected onto the plane of the slice: shifts along z have no effect."""
         geometry, shift = turned_back(geometry, pose, motion_mm)
         _, dy, dx = self.grid.spacing

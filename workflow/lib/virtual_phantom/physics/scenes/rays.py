@@ -179,17 +179,9 @@ class Voxels:
         slopes = np.zeros((*shape, COORDINATES, heights.size), np.float32) if with_slopes else None
 
         def run(first, last):
-            trace_rows(
-                *self._packed,
-                sums[first:last],
-                None if slopes is None else slopes[first:last],
-                first,
-                self._shape,
-                rays.bundles,
-                heights,
-                tile_width(shape[-1], self._shape),
-                empty_lines(self._shape),
-            )
+            part = sums[first:last], None if slopes is None else slopes[first:last]
+            room = tile_width(shape[-1], self._shape), empty_lines(self._shape)
+            trace_rows(*self._packed, *part, first, self._shape, rays.bundles, heights, *room)
 
         share_out(run, len(sums), threads)
         return sums, slopes, rows

@@ -214,11 +214,7 @@ def later_geometry(geometry: ScanGeometry, intervals: float) -> OrbitGeometry:
 
 
 def displace_source(
-    geometry: ScanGeometry,
-    column_mm: float,
-    row_mm: float,
-    away_mm: float = 0.0,
-    jump_mm: np.ndarray | None = None,
+    geometry: ScanGeometry, column_mm: float, row_mm: float, away_mm: float = 0.0, jump_mm: np.ndarray | None = None
 ) -> ScanGeometry:
     """Return the geometry with a displaced source; the detector stays.
 

@@ -31,8 +31,6 @@ class Scene:
     ----------
     materials : tuple of str or Mixture
         Names in materials.COMPOUNDS or ELEMENTS, or other materials.
-    energy_kev : float
-        Energy of the monochromatic beam, keV.
     """
 
     materials: tuple[Material, ...]
@@ -157,8 +155,6 @@ class VoxelScene(GridScene):
         ----------
         end : int
             -1: below the volume; 1: above it.
-        height_mm : float
-            Height of the continuation, mm.
 
         Returns
         -------
@@ -188,8 +184,6 @@ class DiscScene(Scene):
     ----------
     diameter_mm : float
         Diameter at size 1; the axis is the z axis.
-    material : str
-        Name in materials.COMPOUNDS or ELEMENTS.
     mu_per_mm : float, optional
         Attenuation of the monochromatic beam in the material, 1/mm, from which its energy follows; None: 60 keV.
 

@@ -96,18 +96,12 @@ def shapes_to_hu(shaped: ShapedObject, shares: np.ndarray, mu_water_per_mm: floa
 
 
 def voxelize(
-    shaped: ShapedObject,
-    grid: Grid,
-    oversampling: int,
-    mu_water_per_mm: float,
-    rois: Sequence[ShapedRoi] | None = None,
+    shaped: ShapedObject, grid: Grid, oversampling: int, mu_water_per_mm: float, rois: Sequence[ShapedRoi] | None = None
 ) -> Phantom:
     """Return the phantom of an object of shapes.
 
     Parameters
     ----------
-    grid : Grid
-        Grid of the reconstruction.
     oversampling : int
         Factor by which the grid of the phantom is finer.
     mu_water_per_mm : float
