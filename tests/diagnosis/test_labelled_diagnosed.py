@@ -6,11 +6,13 @@ from drawn_objects import CYLINDERS, ENERGY_KEV, GEOMETRY, MATERIALS, MU_WATER_P
 
 import virtual_phantom as vp
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.assumptions import object_text
 from virtual_phantom.diagnosis.comparison.regions import ScannedVolume
-from virtual_phantom.diagnosis.request import DiagnosisRequest, LabelledObject, Settings
+from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.scanned_object import scene_of
-from virtual_phantom.physics.beam.materials import attenuation_per_mm
+from virtual_phantom.diagnosis.settings import LabelledObject, RecordingSettings
+from virtual_phantom.physics.beam.materials import Segmentation, attenuation_per_mm
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.labeled import read_label_map
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
@@ -75,7 +77,9 @@ def test_it_is_said_what_was_modelled():
     settings = {"samples": 1, "view_step": 1, "alignment": {}}
     materials = {"1": "pmma", "2": {"compound": "C2F4", "density_g_per_cm3": 2.16}, "3": "nothing", "4": "pmma"}
     given = {"object": {"labels": "maps/rods.nii.gz", "materials": materials}}
-    asked = DiagnosisRequest("nowhere", Settings.of(settings | given), MU_WATER_PER_MM, {})
+    asked = DiagnosisRequest(
+        "nowhere", from_mapping(RecordingSettings, settings | given), MU_WATER_PER_MM, Segmentation()
+    )
     assert isinstance(asked.settings.object, LabelledObject)
     assert object_text(asked) == "the label map rods.nii.gz, of pmma and C2F4 (2.16 g/cm3)"
 
@@ -84,8 +88,8 @@ def test_the_beam_before_any_effect_is_the_one_of_shapes(tmp_path):
     """At the energy where water attenuates as stated: there alone the map of an object has its line integrals."""
     path = drawn(tmp_path / "labels.nii.gz", 0.2)
     given = {"object": {"labels": str(path), "materials": {str(key): of for key, of in MATERIALS.items()}}}
-    settings = Settings.of({"samples": 1, "view_step": 1, "alignment": {}} | given)
-    scene = scene_of(DiagnosisRequest("nowhere", settings, MU_WATER_PER_MM, {}))
+    settings = from_mapping(RecordingSettings, {"samples": 1, "view_step": 1, "alignment": {}} | given)
+    scene = scene_of(DiagnosisRequest("nowhere", settings, MU_WATER_PER_MM, Segmentation()))
     shapes = ShapesScene([cylinder(*one) for one in CYLINDERS], ENERGY_KEV)
     found, expected = (Chain(one, GEOMETRY).state({}).line_integrals() for one in (scene, shapes))
     assert np.abs(found - expected).mean() < 0.005 * expected.max()

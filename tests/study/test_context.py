@@ -13,6 +13,7 @@ from simulated_scans import SCAN
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
+from virtual_phantom.base.settings import to_mapping
 from virtual_phantom.io import volumes
 from virtual_phantom.report import study
 from virtual_phantom.study.context import or_exit, read_context
@@ -83,8 +84,8 @@ def test_memory_is_that_of_the_arrays():
     assert context.megabytes() == 600
     assert context.megabytes(volumes=50, volume_lanes=20) == 600 + int(1.3 * 50 * 20 * 10 * 100 * 200 * 4 / 1e6)
     assert context.megabytes(fine=9) == 600 + int(1.3 * 9 * 27 * 200_000 * 4 / 1e6)
-    scan = context.config["scan"]
-    pixels = 150 * scan["rows"] * scan["columns"]
+    scan = context.study.scan
+    pixels = 150 * scan.rows * scan.columns
     assert context.megabytes(projections=8, geometry="views150") == int(600 + 1.3 * 8 * pixels * 4 / 1e6)
 
 
@@ -155,18 +156,18 @@ def test_a_case_is_modelled_by_its_own_protocol():
     proof = context_of().proof
     case, last = proof.cases[0], proof.cases[-1]  # of projections, and of images
     model, held_out = proof.model(case), proof.held_out_model(case)
-    assert model["folder"] == f"results/proof/recordings/{case}" and model["protocol"] is None
-    assert held_out["folder"] == f"results/proof/held_out_protocol/{case}"
+    assert model.folder == f"results/proof/recordings/{case}" and model.protocol is None
+    assert held_out.folder == f"results/proof/held_out_protocol/{case}"
     settings = proof.settings
-    assert held_out["settings"]["nominal_photons"] == settings["held_out_protocol"]["photons"]
-    times = settings["images"]["views_times"]
-    assert proof.model(last)["protocol"]["projections"] == settings["scan"]["views"] * times
+    assert held_out.settings.nominal_photons == settings.held_out_protocol.photons
+    times = settings.images.views_times
+    assert proof.model(last).protocol.projections == settings.scan.views * times
     assert "images" in proof.scan_settings(last) and "images" not in proof.scan_settings(case)
-    assert set(proof.tried_on(last)) == set(settings["images"]["tried"])
+    assert set(proof.tried_on(last)) == set(settings.images.tried)
 
 
 def test_effects_that_are_tried_on_images_of_the_proof_are_told_by_their_key():
-    images = context_of().proof.settings["images"]
+    images = to_mapping(context_of().proof.settings.images)
     with pytest.raises(InputError, match="proof.images.tried: there is no effect 'glow'"):
         context_of(proof={"images": images | {"tried": [*images["tried"], "glow"]}})
 
@@ -197,7 +198,7 @@ def test_what_a_diagnosed_object_is_drawn_in_is_an_input_of_its_jobs(tmp_path, m
     )
     inputs = context.diagnosis.inputs("rods")
     assert inputs["labels"] == "rods.nii.gz" and not {"mask", "shapes", "phantom"} & set(inputs)
-    assert context.diagnosis.model("rods")["settings"]["object"]["materials"] == {"1": "pmma", "5": "aluminium"}
+    assert context.diagnosis.model("rods").settings.object.materials == {"1": "pmma", "5": "aluminium"}
     assert not context.diagnosis.regions("rods") and not context.diagnosis.same_material("rods")
     together = context.diagnosis.scanner_inputs("bench")
     assert together["masks"] == ["disc.nii.gz"] and together["label_maps"] == ["rods.nii.gz", "holes.nii.gz"]
@@ -222,15 +223,15 @@ def test_recordings_of_a_scanner_declare_the_same_of_it(tmp_path):
 
     found = bench(baseline=stated(0.1))
     assert "scatter" not in found.shared("bench") and "scatter" in found.candidates["one"]
-    known = {name: one["settings"]["baseline"] for name, one in found.models("bench").items()}
+    known = {name: one.settings.baseline for name, one in found.models("bench").items()}
     assert known == dict.fromkeys(("one", "two"), stated(0.1)) and "scatter" in found.in_fits("one")
     judged = bench(recordings=["one", "two", "three"], judged_on=["three"])
     assert [*judged.models("bench")] == ["one", "two", "three"]
     assert [*judged.models("bench", judged=False)] == ["one", "two"]
-    assert "baseline" not in found.settings["one"] or not found.settings["one"]["baseline"]
+    assert not found.settings["one"].baseline
     # Of its protocol, and so another one in each.
     apart = bench({"one": stated(0.1), "two": stated(0.2)})
-    assert apart.models("bench")["two"]["settings"]["baseline"]["scatter"]["amount"]["value"] == 0.2
+    assert apart.models("bench")["two"].settings.baseline["scatter"]["amount"]["value"] == 0.2
     spot = {"focal_spot": {"width_mm": {"value": 1, "sd": 0.1}, "length_mm": {"value": 1, "sd": 0.1}}}
     wider = {"focal_spot": {"width_mm": {"value": 2, "sd": 0.1}, "length_mm": {"value": 1, "sd": 0.1}}}
     for own, words in (
@@ -288,7 +289,7 @@ def test_making_the_context_loads_no_heavy_library():
 def captions_of(context, **config):
     """The captions of a study's figures, as it would be with another configuration."""
     figures = study.report_figures(context.pages.pictures(), context.pages.caption_files(), context.pages.figures())
-    return {one.path.stem: study.caption(one, context.config | config) for one in figures}
+    return {one.path.stem: study.caption(one, to_mapping(context.study) | config) for one in figures}
 
 
 def test_captions_say_what_is_of_the_printed_phantom_only_where_it_is_shown():

@@ -35,7 +35,7 @@ rule match_noise:
         mem_mb=1000,
         runtime=10,
     params:
-        meets=lambda wildcards: comparisons.noise_target(wildcards.noise),
+        meets=lambda wildcards: to_mapping(comparisons.noise_target(wildcards.noise)),
         code=code("match_noise.py"),
     script:
         "../scripts/match_noise.py"
@@ -79,14 +79,12 @@ rule compare:
     params:
         parameters=context.parameters,
         recording=lambda wildcards: comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: comparisons.setting(wildcards.comparison, "where"),
-        protocol=lambda wildcards: comparisons.setting(wildcards.comparison, "protocol"),
-        noise=lambda wildcards: comparisons.setting(wildcards.comparison, "noise"),
+        where=lambda wildcards: comparisons.settings[wildcards.comparison].where,
+        protocol=lambda wildcards: comparisons.settings[wildcards.comparison].protocol,
+        noise=lambda wildcards: comparisons.settings[wildcards.comparison].noise,
         seeds=lambda wildcards: comparisons.repeats(wildcards.comparison),
-        rois=lambda wildcards: comparisons.setting(wildcards.comparison, "rois"),
-        margin_sd=lambda wildcards: comparisons.setting(
-            wildcards.comparison, "margin_sd"
-        ),
+        rois=lambda wildcards: comparisons.settings[wildcards.comparison].rois,
+        margin_sd=lambda wildcards: comparisons.settings[wildcards.comparison].margin_sd,
         code=code("compare.py"),
     script:
         "../scripts/compare.py"
@@ -107,7 +105,7 @@ rule figure_comparison:
         runtime=10,
     params:
         title=lambda wildcards: comparisons.title(wildcards.comparison),
-        trial=bool(context.config["trial"]),
+        trial=bool(context.study.trial),
         code=code("figures/comparison.py"),
     script:
         "../scripts/figures/comparison.py"
@@ -133,8 +131,8 @@ rule change_properties:
     params:
         parameters=context.parameters,
         recording=lambda wildcards: comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: comparisons.setting(wildcards.comparison, "where"),
-        rois=lambda wildcards: comparisons.setting(wildcards.comparison, "rois"),
+        where=lambda wildcards: comparisons.settings[wildcards.comparison].where,
+        rois=lambda wildcards: comparisons.settings[wildcards.comparison].rois,
         voxel_mm=lambda wildcards: comparisons.voxel_mm(wildcards.comparison),
         code=code("change_properties.py", context.diagnosis.properties),
     script:
@@ -158,7 +156,7 @@ rule recording_scores:
         folder=lambda wildcards: context.recordings.folder(wildcards.recording),
         where=lambda wildcards: context.selections.score_conditions(wildcards.recording),
         repeats=context.selections.compared_images["seeds"],
-        statistics=context.config["statistics"],
+        statistics=to_mapping(context.study.statistics),
         code=code("recording_scores.py"),
     script:
         "../scripts/recording_scores.py"
@@ -192,7 +190,7 @@ use rule overlap as overlap_recording with:
         results("logs/overlap/{recording}.log"),
     params:
         **context.selections.compared_images,
-        statistics=context.config["statistics"],
+        statistics=to_mapping(context.study.statistics),
         recording=lambda wildcards: wildcards.recording,
         code=code("overlap.py"),
 

@@ -30,7 +30,7 @@ rule diagnose:
         * diagnosis.minutes(wildcards.recording, threads),
         gpu=lambda wildcards: diagnosis.gpus(wildcards.recording),
     params:
-        model=lambda wildcards: diagnosis.model(wildcards.recording),
+        model=lambda wildcards: to_mapping(diagnosis.model(wildcards.recording)),
         # Cached fits. They are not an output, since Snakemake would delete them before an interrupted job continues.
         cache_folder=lambda wildcards: diagnosis.fit_cache(wildcards.recording),
         effects=lambda wildcards: diagnosis.candidates[wildcards.recording],
@@ -60,18 +60,18 @@ rule diagnose_scanner:
     resources:
         mem_mb=lambda wildcards: sum(
             diagnosis.megabytes(name)
-            for name in diagnosis.scanners[wildcards.scanner]["recordings"]
+            for name in diagnosis.scanners[wildcards.scanner].recordings
         ),
         runtime=600,
     params:
-        models=lambda wildcards: diagnosis.models(wildcards.scanner),
+        models=lambda wildcards: to_mapping(diagnosis.models(wildcards.scanner)),
         effects=lambda wildcards: diagnosis.shared(wildcards.scanner),
         accuracy=diagnosis.accuracy,
-        protocols=lambda wildcards: diagnosis.scanners[wildcards.scanner]["protocols"],
-        judged_on=lambda wildcards: diagnosis.scanners[wildcards.scanner]["judged_on"],
+        protocols=lambda wildcards: diagnosis.scanners[wildcards.scanner].protocols,
+        judged_on=lambda wildcards: diagnosis.scanners[wildcards.scanner].judged_on,
         code=lambda wildcards: code(
             "diagnose_scanner.py",
-            diagnosis.in_fits(*diagnosis.scanners[wildcards.scanner]["recordings"]),
+            diagnosis.in_fits(*diagnosis.scanners[wildcards.scanner].recordings),
         ),
     script:
         "../scripts/diagnose_scanner.py"

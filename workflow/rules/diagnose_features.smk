@@ -24,11 +24,9 @@ rule diagnose_features:
     params:
         parameters=context.parameters,
         recording=lambda wildcards: comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: comparisons.setting(wildcards.comparison, "where"),
-        rois=lambda wildcards: comparisons.setting(wildcards.comparison, "rois"),
-        margin_sd=lambda wildcards: comparisons.setting(
-            wildcards.comparison, "margin_sd"
-        ),
+        where=lambda wildcards: comparisons.settings[wildcards.comparison].where,
+        rois=lambda wildcards: comparisons.settings[wildcards.comparison].rois,
+        margin_sd=lambda wildcards: comparisons.settings[wildcards.comparison].margin_sd,
         dimensions=lambda wildcards: comparisons.dimensions(wildcards.comparison),
         stored_offset_hu=lambda wildcards: comparisons.stored_offset_hu(
             wildcards.comparison

@@ -31,8 +31,8 @@ if scans.absent and scans.local_folder is None:
         params:
             listed=lambda wildcards: scans.series_text(wildcards.scan),
             scan=lambda wildcards: scans.by_name(wildcards.scan),
-            endpoint=context.config["downloads"]["endpoint"],
-            bucket=context.config["downloads"]["bucket"],
+            endpoint=context.study.downloads.endpoint,
+            bucket=context.study.downloads.bucket,
         message:
             "{params.listed}"
         script:
@@ -82,7 +82,7 @@ rule scan_features:
         runtime=60,
     params:
         scan=lambda wildcards: scans.by_name(wildcards.scan),
-        rois=scans.rois,
+        rois=to_mapping(scans.rois),
         regions=scans.regions,
         parameters=context.parameters,
         code=code("scan_features.py"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, find_objects
 from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..base.names import same_but_for_case
+from ..base.settings import CtRoi, to_mapping
 from ..io.schema import schema_of, validate
 
 FIT_VOXELS = 20_000  # sample size for the cluster centers
@@ -46,9 +48,9 @@ class RoiEntry:
 
 
 def read_roi_entries(
-    entries: list[dict], default_file: str | None, source: str = "phantom: ct"
+    entries: Sequence[Mapping | CtRoi], default_file: str | None, source: str = "phantom: ct"
 ) -> tuple[RoiEntry, ...]:
-    """Check and convert a list of entries as under phantom.ct.rois of the configuration.
+    """Check and convert entries of phantom.ct.rois, or entries with the same keys of a document.
 
     Parameters
     ----------
@@ -63,6 +65,7 @@ def read_roi_entries(
         If entries are invalid by the schema, names (also of parts) are equal or differ only in case, or an entry has
         no file.
     """
+    entries = [to_mapping(entry) for entry in entries]
     validate({"rois": entries}, {**schema_of("phantom", "ct"), "required": ["rois"]}, source)
     read = [RoiEntry(**{"file": default_file, **entry}) for entry in entries]
     for entry in read:

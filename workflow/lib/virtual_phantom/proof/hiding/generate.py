@@ -14,6 +14,7 @@ from ...io.files import write_text
 from ...io.hdf5 import new_file
 from ...io.volumes import Volume, write_nifti
 from ...recordings.document import FILE_NAME
+from ..settings import ProofScan
 from .changed_object import changed
 from .faults import faulty
 from .objects import Object
@@ -30,7 +31,7 @@ NOISE, PIXELS = range(2)  # branches of a scan's seed
 
 def scan_section(
     scanned_object: Object,
-    settings: Mapping,
+    settings: ProofScan,
     views: int,
     photons: float,
     rotation_ms: float,
@@ -41,8 +42,6 @@ def scan_section(
 
     Parameters
     ----------
-    settings : mapping
-        Section proof.scan of the configuration.
     photons, rotation_ms, kev : float
         As in Scan.
     hidden : mapping
@@ -50,7 +49,7 @@ def scan_section(
     """
     return Scan(
         views=views,
-        **scanned_object.detector(settings["columns"], settings["rows"]),
+        **scanned_object.detector(settings.columns, settings.rows),
         kev=kev,
         photons=photons,
         rotation_ms=rotation_ms,
