@@ -35,7 +35,9 @@ rule match_noise:
         mem_mb=1000,
         runtime=10,
     params:
-        meets=lambda wildcards: to_mapping(comparisons.noise_target(wildcards.noise)),
+        meets=lambda wildcards: to_mapping(
+            context.study.noise.levels[wildcards.noise].meets
+        ),
         code=code("match_noise.py"),
     script:
         "../scripts/match_noise.py"
@@ -78,7 +80,7 @@ rule compare:
         runtime=15,
     params:
         parameters=context.parameters,
-        recording=lambda wildcards: comparisons.recording(wildcards.comparison),
+        recording=lambda wildcards: comparisons.settings[wildcards.comparison].recording,
         where=lambda wildcards: comparisons.settings[wildcards.comparison].where,
         protocol=lambda wildcards: comparisons.settings[wildcards.comparison].protocol,
         noise=lambda wildcards: comparisons.settings[wildcards.comparison].noise,
@@ -130,7 +132,7 @@ rule change_properties:
         runtime=60,
     params:
         parameters=context.parameters,
-        recording=lambda wildcards: comparisons.recording(wildcards.comparison),
+        recording=lambda wildcards: comparisons.settings[wildcards.comparison].recording,
         where=lambda wildcards: comparisons.settings[wildcards.comparison].where,
         rois=lambda wildcards: comparisons.settings[wildcards.comparison].rois,
         voxel_mm=lambda wildcards: comparisons.voxel_mm(wildcards.comparison),

@@ -35,8 +35,8 @@ rule diagnose:
         cache_folder=lambda wildcards: diagnosis.fit_cache(wildcards.recording),
         effects=lambda wildcards: diagnosis.candidates[wildcards.recording],
         same_material=lambda wildcards: diagnosis.same_material(wildcards.recording),
-        accuracy=diagnosis.accuracy,
-        matters=diagnosis.matters,
+        accuracy=context.study.diagnosis.model_accuracy,
+        matters=context.study.diagnosis.matters,
         code=lambda wildcards: code(
             "diagnose.py", diagnosis.in_fits(wildcards.recording)
         ),
@@ -66,7 +66,7 @@ rule diagnose_scanner:
     params:
         models=lambda wildcards: to_mapping(diagnosis.models(wildcards.scanner)),
         effects=lambda wildcards: diagnosis.shared(wildcards.scanner),
-        accuracy=diagnosis.accuracy,
+        accuracy=context.study.diagnosis.model_accuracy,
         protocols=lambda wildcards: diagnosis.scanners[wildcards.scanner].protocols,
         judged_on=lambda wildcards: diagnosis.scanners[wildcards.scanner].judged_on,
         code=lambda wildcards: code(
@@ -77,7 +77,7 @@ rule diagnose_scanner:
         "../scripts/diagnose_scanner.py"
 
 
-if diagnosis.fail_on:
+if context.study.diagnosis.fail_on:
 
     rule diagnosis:
         """Diagnose all recordings and comparisons; exit code 1 if a verdict is in diagnosis.fail_on."""
@@ -87,7 +87,7 @@ if diagnosis.fail_on:
             results("logs/diagnosis/verdicts.log"),
         localrule: True
         params:
-            fail_on=diagnosis.fail_on,
+            fail_on=context.study.diagnosis.fail_on,
         script:
             "../scripts/verdicts.py"
 

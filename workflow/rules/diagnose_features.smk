@@ -23,7 +23,7 @@ rule diagnose_features:
         runtime=30,
     params:
         parameters=context.parameters,
-        recording=lambda wildcards: comparisons.recording(wildcards.comparison),
+        recording=lambda wildcards: comparisons.settings[wildcards.comparison].recording,
         where=lambda wildcards: comparisons.settings[wildcards.comparison].where,
         rois=lambda wildcards: comparisons.settings[wildcards.comparison].rois,
         margin_sd=lambda wildcards: comparisons.settings[wildcards.comparison].margin_sd,

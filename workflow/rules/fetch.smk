@@ -11,14 +11,14 @@ if workflow.is_main_process and (announced := scans.fetch_text()):
     print(announced, file=sys.stderr)
 
 # Only missing scans have a rule, so that Snakemake neither fetches nor deletes existing scans.
-if scans.absent and scans.local_folder is None:
+if scans.absent and context.study.downloads.scans is None:
 
     rule fetch_scan:
         """Fetch one public scan of the printed phantom: CT, regions and license."""
         output:
             (
                 directory(scans.scan_folder)
-                if scans.keep
+                if context.study.keep_scans
                 else temp(directory(scans.scan_folder))
             ),
         log:
@@ -50,7 +50,7 @@ elif scans.absent:
             mem_mb=1000,
             runtime=120,
         params:
-            folder=scans.local_folder,
+            folder=context.study.downloads.scans,
             scans=scans.absent,
         script:
             "../scripts/link_scans.py"
@@ -83,7 +83,7 @@ rule scan_features:
     params:
         scan=lambda wildcards: scans.by_name(wildcards.scan),
         rois=to_mapping(scans.rois),
-        regions=scans.regions,
+        regions=context.study.public_scans.regions,
         parameters=context.parameters,
         code=code("scan_features.py"),
     script:

@@ -14,7 +14,7 @@ rule mean_scan:
         runtime=60,
     params:
         scans=context.scans.scanned,
-        regions=context.scans.regions,
+        regions=context.study.public_scans.regions,
         grid=to_mapping(context.study.grid),
         code=code("mean_scan.py"),
     script:
@@ -38,7 +38,7 @@ rule without_own_blur:
     params:
         slice_mm=context.scans.slice_mm,
         grid=to_mapping(context.study.grid),
-        regions=context.scans.regions,
+        regions=context.study.public_scans.regions,
         code=code("without_own_blur.py"),
     script:
         "../scripts/without_own_blur.py"

@@ -84,7 +84,7 @@ rule proof_diagnosis:
         model=lambda wildcards: to_mapping(proof.model(wildcards.case)),
         effects=lambda wildcards: proof.tried_on(wildcards.case),
         same_material=True,
-        accuracy=context.diagnosis.accuracy,
+        accuracy=context.study.diagnosis.model_accuracy,
         # No relevance thresholds: the blind validation looks for each effect, however small in images.
         matters=None,
         code=lambda wildcards: code("diagnose.py", proof.tried_on(wildcards.case)),

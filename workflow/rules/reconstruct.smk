@@ -24,7 +24,7 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
             )[1],
             kernels=results(f"logs/kernels/{len(bundle)}.txt"),
             physics=lambda wildcards: context.diagnosis.found(
-                acquisitions.physics_source(wildcards.protocol)
+                context.study.protocols[wildcards.protocol].physics_from
             ),
         output:
             [
@@ -70,7 +70,9 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
                 acquisitions.acquisition(noise, seed) for noise, seed in bundle
             ],
             physics=lambda wildcards: acquisitions.image_physics(wildcards.protocol),
-            voxels=lambda wildcards: to_mapping(acquisitions.voxels(wildcards.protocol)),
+            voxels=lambda wildcards: to_mapping(
+                context.study.protocols[wildcards.protocol].voxels
+            ),
             engine=context.engine,
             mu_water_per_mm=context.study.mu_water_per_mm,
             zero_counts_as=context.study.noise.zero_counts_as,

@@ -161,11 +161,13 @@ rule pca:
         selection=lambda wildcards: selections.components(wildcards.pca),
         pca=lambda wildcards: selections.fit_settings(wildcards.pca),
         measured=to_mapping(context.study.measured),
-        recordings=lambda wildcards: selections.references(wildcards.pca),
-        by=lambda wildcards: selections.markers(wildcards.pca),
+        recordings=lambda wildcards: context.study.analyses.pca[
+            wildcards.pca
+        ].recordings,
+        by=lambda wildcards: context.study.analyses.pca[wildcards.pca].by,
         conditions=lambda wildcards: {
             name: context.recordings.conditions(name)
-            for name in selections.references(wildcards.pca)
+            for name in context.study.analyses.pca[wildcards.pca].recordings
         },
         code=code("pca.py"),
     script:

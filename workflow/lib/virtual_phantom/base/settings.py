@@ -72,9 +72,9 @@ class GridSettings:
 class FocalSpot:
     """A position of a flying focal spot relative to the focal center, mm."""
 
-    columns_mm: float = 0.0
-    radius_mm: float = 0.0
-    z_mm: float = 0.0
+    columns_mm: float
+    radius_mm: float
+    z_mm: float
 
 
 @dataclass(frozen=True)
@@ -101,13 +101,21 @@ class ScanSettings:
 
 
 @dataclass(frozen=True)
-class ShapeRoi:
-    """An entry of `phantom.object.rois`."""
+class ShapedRoi:
+    """An entry of `phantom.object.rois`: the visible part of one shape.
+
+    Attributes
+    ----------
+    shape : str
+        Name of the shape.
+    margin_mm : float
+        Erosion of the region, mm.
+    """
 
     name: str
     tissue_class: str
     shape: str
-    margin_mm: float
+    margin_mm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -116,27 +124,46 @@ class ShapesPhantom:
 
     kind: str
     parameters: dict[str, float | str] | None = None
-    rois: tuple[ShapeRoi, ...] | None = None
+    rois: tuple[ShapedRoi, ...] | None = None
 
 
 @dataclass(frozen=True)
-class CtRoi:
-    """An entry of `phantom.ct.rois`."""
+class RoiEntry:
+    """An entry of `phantom.ct.rois`.
+
+    Attributes
+    ----------
+    file : str or None
+        None: the common file of the section.
+    label : int, str or None
+        Region of the file: a number from 1, or a name.
+    margin_mm : float
+        Voxels closer than this to the surface of the region are excluded.
+    parts : int
+        Number of compact ROIs that the region is cut into, named name_1, name_2, ...
+    fill_gaps : bool
+        Interpolate empty slices between drawn ones.
+    """
 
     name: str
     tissue_class: str
-    margin_mm: float
-    parts: int
-    fill_gaps: bool
     file: str | None = None
     label: int | str | None = None
+    margin_mm: float = 0.0
+    parts: int = 1
+    fill_gaps: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the ROIs of the entry."""
+        return (self.name,) if self.parts == 1 else tuple(f"{self.name}_{i}" for i in range(1, self.parts + 1))
 
 
 @dataclass(frozen=True)
 class CtPhantom:
     """Section `phantom.ct`; lengths in the NIfTI world frame, mm."""
 
-    rois: tuple[CtRoi, ...]
+    rois: tuple[RoiEntry, ...]
     image: str | None = None
     labels: str | None = None
     centre_mm: tuple[float, ...] | None = None

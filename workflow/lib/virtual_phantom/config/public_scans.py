@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..base.errors import InputError
 from ..base.names import counted
-from ..base.settings import CtRoi, to_mapping
+from ..base.settings import RoiEntry, to_mapping
 from ..io.published import resources_folder
 from ..recordings.document import Document, planned_document, read_document
 from ..recordings.public_scans.features import EXTRACTED, FLAT, recording_content
@@ -88,17 +88,12 @@ class PublicScans:
             )
 
     @property
-    def regions(self) -> tuple[int | str, ...]:
-        """Segments of each scan to use, by name or number."""
-        return self.plan.study.public_scans.regions
-
-    @property
     def slice_mm(self) -> float | None:
         """Slice thickness of the scans whose mean is the phantom; None without such scans."""
         return self.scanned[0].slice_mm if self.scanned else None
 
     @property
-    def rois(self) -> tuple[CtRoi, ...]:
+    def rois(self) -> tuple[RoiEntry, ...]:
         """ROIs from regions of the scans, with labels that count the regions from 1; empty for a user's own CT."""
         ct = self.plan.study.phantom and self.plan.study.phantom.ct
         return ct.rois if ct and ct.rois and (self.scanned or ct.image is None) else ()
@@ -141,11 +136,6 @@ class PublicScans:
         """Scans that are not fetched yet."""
         return tuple(scan for scan in self.scans if not Path(self.scan_folder.format(scan=scan.name), SOURCE).exists())
 
-    @property
-    def local_folder(self) -> str | None:
-        """A user's folder that already contains the scans."""
-        return self.plan.study.downloads.scans
-
     def absent_folders(self) -> list[str]:
         """Return the folders of the scans that are not fetched yet."""
         return self.folders(self.absent)
@@ -158,7 +148,7 @@ class PublicScans:
         InputError
             If the configuration uses no public scans, or does not keep them.
         """
-        if not self.keep:
+        if not self.plan.study.keep_scans:
             raise InputError(
                 "config: keep_scans is false, so the study fetches each scan when it needs it and then deletes it; run "
                 "the study, or set keep_scans: true"
@@ -170,15 +160,10 @@ class PublicScans:
             )
         return self.folders(self.scans)
 
-    @property
-    def keep(self) -> bool:
-        """Whether scans are kept after use."""
-        return self.plan.study.keep_scans
-
     @cached_property
     def to_fetch(self) -> tuple[PublicScan, ...]:
         """Absent scans that will be fetched. Scans that are not kept are fetched only if a result needs them."""
-        if self.keep or self.local_folder:
+        if self.plan.study.keep_scans or self.plan.study.downloads.scans:
             return self.absent
         made = Files(self.plan.study.results)
         used = set() if Path(made("mean_scan")).exists() else set(self.scanned)
@@ -221,9 +206,10 @@ class PublicScans:
         """Return the amount of data to fetch in words; None if nothing is to be fetched."""
         if not self.to_fetch:
             return None
-        how = f"linked from {self.local_folder}" if self.local_folder else "fetched"
+        local = self.plan.study.downloads.scans
+        how = f"linked from {local}" if local else "fetched"
         lines = [f"{self._amount(self.to_fetch)} to be {how} to {resources_folder()}/{IN_RESOURCES}"]
-        if not self.keep and not self.local_folder:
+        if not self.plan.study.keep_scans and not local:
             lines[0] += "; each scan is deleted after use"
         elif len(self.absent) < len(self.scans):
             lines[0] += f"; {len(self.scans) - len(self.absent)} of {len(self.scans)} scans already exist"

@@ -15,7 +15,7 @@ from scipy.ndimage import find_objects
 from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..base.pose import IN_PLACE, Pose
-from ..base.settings import CtPhantom, from_mapping
+from ..base.settings import CtPhantom, RoiEntry, from_mapping
 from ..base.units import HU_AIR, HU_BODY
 from ..io.schema import fill_defaults, schema_of, validate
 from ..io.simpleitk import itk_image, itk_resample
@@ -27,7 +27,7 @@ from .grid_size import suggest_size
 from .masks import open_regions
 from .plausibility import CHECKS, SIZE, require_plausible
 from .repositioning import world_to_object
-from .rois import RoiEntry, cut, read_roi_entries, separate, shrink
+from .rois import cut, read_roi_entries, separate, shrink
 
 LARGEST_LOSS = 0.01  # fraction of an ROI that keep_mm or the grid may cut off, for rounding of a box to voxels
 SLAB_SLICES = 4  # slices that are resampled at a time, to limit memory

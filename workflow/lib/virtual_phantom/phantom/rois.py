@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import binary_dilation, distance_transform_edt, find_objects
@@ -11,44 +10,14 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, find_objects
 from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..base.names import same_but_for_case
-from ..base.settings import CtRoi, to_mapping
+from ..base.settings import RoiEntry, to_mapping
 from ..io.schema import schema_of, validate
 
 FIT_VOXELS = 20_000  # sample size for the cluster centers
 
 
-@dataclass(frozen=True)
-class RoiEntry:
-    """An entry under `rois`.
-
-    Attributes
-    ----------
-    label : int, str or None
-        Region of the file: a number from 1, or a name.
-    margin_mm : float
-        Voxels closer than this to the surface of the region are excluded.
-    parts : int
-        Number of compact ROIs that the region is cut into, named name_1, name_2, ...
-    fill_gaps : bool
-        Interpolate empty slices between drawn ones.
-    """
-
-    name: str
-    tissue_class: str
-    file: str
-    label: int | str | None = None
-    margin_mm: float = 0.0
-    parts: int = 1
-    fill_gaps: bool = False
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the ROIs of the entry."""
-        return (self.name,) if self.parts == 1 else tuple(f"{self.name}_{i}" for i in range(1, self.parts + 1))
-
-
 def read_roi_entries(
-    entries: Sequence[Mapping | CtRoi], default_file: str | None, source: str = "phantom: ct"
+    entries: Sequence[Mapping | RoiEntry], default_file: str | None, source: str = "phantom: ct"
 ) -> tuple[RoiEntry, ...]:
     """Check and convert entries of phantom.ct.rois, or entries with the same keys of a document.
 

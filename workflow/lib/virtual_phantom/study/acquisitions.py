@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from ..base.settings import FbpSettings, SirtSettings, VoxelSettings
+from ..base.settings import FbpSettings, SirtSettings
 from ..config.outputs import Files
 from ..config.plan import Plan
 from ..config.settings import Effects
@@ -89,7 +89,7 @@ class Acquisitions:
 
     def box_rois(self, protocol: str, bundle: Bundle) -> tuple[list[str], list[str]]:
         """Return tables and masks of the ROIs in boxes, one for each image; empty without boxes."""
-        if self.voxels(protocol) is None:
+        if self.plan.study.protocols[protocol].voxels is None:
             return [], []
         tables, masks = zip(*(self.rois(protocol, noise, seed) for noise, seed in bundle), strict=True)
         return list(tables), list(masks)
@@ -119,18 +119,10 @@ class Acquisitions:
         """Return the effects that act on the images of a protocol."""
         return self.plan.study.protocols[protocol].image_physics or {}
 
-    def physics_source(self, protocol: str) -> str | None:
-        """Return the recording or scanner whose diagnosed physics a protocol uses; None for stated physics."""
-        return self.plan.study.protocols[protocol].physics_from
-
     def settings(self, protocol: str) -> SirtSettings | FbpSettings:
         """Return the settings of a protocol's reconstruction."""
         reconstruction, kernel = self.plan.study.reconstruction, self.plan.study.protocols[protocol].kernel
         return reconstruction.sirt if self.algorithm(protocol) == "sirt" else replace(reconstruction.fbp, kernel=kernel)
-
-    def voxels(self, protocol: str) -> VoxelSettings | None:
-        """Return the scanner voxels of a protocol's images; None for the study's grid."""
-        return self.plan.study.protocols[protocol].voxels
 
     def rois(self, protocol: str, noise: str, seed: str) -> tuple[str, str]:
         """Return table and masks of the ROIs on the voxels of an image, at the phantom's position in that image."""

@@ -207,26 +207,6 @@ class Diagnosis:
         return models
 
     @property
-    def comparisons(self) -> tuple[str, ...]:
-        """Comparisons of features to diagnose."""
-        return self.plan.study.diagnosis.comparisons
-
-    @property
-    def accuracy(self) -> dict[str, float]:
-        """{effect: relative accuracy of its model}."""
-        return self.plan.study.diagnosis.model_accuracy
-
-    @property
-    def matters(self) -> dict[str, float] | None:
-        """Relevance thresholds of differences in images; None if every significant difference is relevant."""
-        return self.plan.study.diagnosis.matters
-
-    @property
-    def fail_on(self) -> tuple[str, ...]:
-        """Verdicts with which the target `diagnosis` fails."""
-        return self.plan.study.diagnosis.fail_on
-
-    @property
     def properties(self) -> tuple[str, ...]:
         """Effects that each change one property of images, for comparisons of features."""
         return ("photon_flux", *image_effects())
@@ -235,7 +215,9 @@ class Diagnosis:
         """Return the JSON files of all diagnoses."""
         documents = [self.files("diagnosis", recording=name) for name in self.settings]
         documents += [self.files("scanner_diagnosis", scanner=name) for name in self.scanners]
-        return documents + [self.files("feature_diagnosis", comparison=name) for name in self.comparisons]
+        return documents + [
+            self.files("feature_diagnosis", comparison=name) for name in self.plan.study.diagnosis.comparisons
+        ]
 
     def next_measurements(self) -> list[str]:
         """Return the rankings of further measurements: for recordings of projections, and for their scanners."""
@@ -249,7 +231,7 @@ class Diagnosis:
         """Return the report pages of all diagnoses."""
         pages = [self.files("diagnosis_report", recording=name) for name in self.settings]
         pages += [self.files("scanner_report", scanner=name) for name in self.scanners]
-        return pages + [self.files("feature_report", comparison=name) for name in self.comparisons]
+        return pages + [self.files("feature_report", comparison=name) for name in self.plan.study.diagnosis.comparisons]
 
     def inputs(self, name: str) -> dict:
         """Return the files of a recording and of the scanned object."""
@@ -392,7 +374,9 @@ class Diagnosis:
                 if forecast := extent.forecast(self.rates, processes):
                     entry |= {"seconds": list(forecast.wall), "cpu_seconds": list(forecast.cpu)}
             forecasts.append(entry)
-        return forecasts + [{"name": name, "seconds": None} for name in (*self.scanners, *self.comparisons)]
+        return forecasts + [
+            {"name": name, "seconds": None} for name in (*self.scanners, *self.plan.study.diagnosis.comparisons)
+        ]
 
     def minutes(self, name: str, processes: int) -> int:
         """Return the time limit of a diagnosis on a cluster, minutes.

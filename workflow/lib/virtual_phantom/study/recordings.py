@@ -10,7 +10,7 @@ from ..base.names import label
 from ..config.outputs import PICTURES, Files
 from ..config.plan import Plan
 from ..config.public_scans import PublicScans
-from ..config.settings import Comparison, NoiseTarget
+from ..config.settings import Comparison
 from ..io.published import reachable
 from ..recordings.document import Document
 from .acquisitions import Acquisitions
@@ -143,17 +143,13 @@ class Comparisons:
         """{name: settings in the configuration}."""
         return self.plan.study.analyses.comparison
 
-    def recording(self, name: str) -> str:
-        """Return the name of the compared recording."""
-        return self.settings[name].recording
-
     def repeats(self, name: str) -> int:
         """Return the number of repeats of the compared noise level."""
         return self.plan.repeats([self.settings[name].noise])
 
     def features(self, name: str) -> str:
         """Return the features of the recording."""
-        return self.files("recorded_features", recording=self.recording(name))
+        return self.files("recorded_features", recording=self.settings[name].recording)
 
     def images(self, name: str) -> list[str]:
         """Return the images of the study."""
@@ -168,7 +164,7 @@ class Comparisons:
 
     def voxel_mm(self, name: str) -> list[float] | None:
         """Return the voxel size of the recording, mm; None if recording.yaml does not give it."""
-        return self.recordings.voxel_mm(self.recording(name))
+        return self.recordings.voxel_mm(self.settings[name].recording)
 
     def dimensions(self, name: str) -> int:
         """Return the number of dimensions (2 or 3) in which the features of the recording were extracted."""
@@ -179,12 +175,8 @@ class Comparisons:
         return self._recorded(name).get("stored_offset_hu", 0)
 
     def _recorded(self, name: str) -> dict:
-        return self.recordings.content(self.recording(name)).get("features", {})
-
-    def noise_target(self, noise: str) -> NoiseTarget:
-        """Return the target of a matched noise level."""
-        return self.plan.study.noise.levels[noise].meets
+        return self.recordings.content(self.settings[name].recording).get("features", {})
 
     def noise_target_features(self, noise: str) -> str:
         """Return the features of the recording that a noise level is matched to."""
-        return self.files("recorded_features", recording=self.noise_target(noise).recording)
+        return self.files("recorded_features", recording=self.plan.study.noise.levels[noise].meets.recording)

@@ -139,17 +139,9 @@ class Selections:
         """Return the settings for fitting the components of a figure."""
         return {key: getattr(self._analyses.pca[name], key) for key in ("fit_on", "standardise")}
 
-    def markers(self, name: str) -> tuple[str, ...]:
-        """Return the condition columns that distinguish the measured markers by color; empty for one color."""
-        return self._analyses.pca[name].by
-
-    def references(self, name: str) -> tuple[str, ...]:
-        """Return the recordings that a figure of components shows."""
-        return self._analyses.pca[name].recordings
-
     def reference_tables(self, name: str) -> list[str]:
         """Return the tables of measured features that a figure of components shows."""
-        if names := self.references(name):
+        if names := self._analyses.pca[name].recordings:
             return [self.files("recorded_features", recording=recording) for recording in names]
         measured = self.plan.study.measured
         if not measured.overlay:

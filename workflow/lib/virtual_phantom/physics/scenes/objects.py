@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from ...base.data import SCHEMAS
 from ...base.errors import InputError, meant
 from ...base.names import same_but_for_case
-from ...base.settings import ShapesPhantom
+from ...base.settings import ShapedRoi, ShapesPhantom
 from ...io.schema import fill_defaults, read_schema, validate
 from ...io.yaml_files import read_yaml
 from ..beam.material_names import COMPOUNDS, ELEMENTS, library_name
@@ -30,24 +30,6 @@ OPERATIONS: dict[type, Callable] = {
     ast.Div: operator.truediv,
 }
 MAX_EXPRESSION = 200  # characters
-
-
-@dataclass(frozen=True)
-class ShapedRoi:
-    """A region: the visible part of one shape.
-
-    Attributes
-    ----------
-    shape : str
-        Name of the shape.
-    margin_mm : float
-        Erosion of the region, mm.
-    """
-
-    name: str
-    tissue_class: str
-    shape: str
-    margin_mm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -108,7 +90,7 @@ def read_phantom_object(settings: ShapesPhantom) -> tuple[ShapedObject, tuple[Sh
         As read_object; if there is no region, or a region has an unknown shape or a repeated name.
     """
     shaped = read_object(settings.kind, settings.parameters)
-    rois = tuple(ShapedRoi(**vars(roi)) for roi in settings.rois or ()) or shaped.rois
+    rois = settings.rois or shaped.rois
     if not rois:
         raise InputError(f"object {shaped.name}: has no region; name some under phantom.object.rois")
     names = [roi.name for roi in rois]

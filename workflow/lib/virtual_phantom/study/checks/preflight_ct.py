@@ -11,6 +11,7 @@ import numpy as np
 from ...base.console import note
 from ...base.errors import InputError, lines_of
 from ...base.geometry import Grid
+from ...base.settings import RoiEntry
 from ...base.units import HU_AIR
 from ...config.settings import Study
 from ...features.extraction import MINIMUM_VOXELS
@@ -18,7 +19,7 @@ from ...io.volumes import Volume
 from ...phantom.ct import check_fit, check_hu, draw_entry, kept_columns, make_rois, read_hu, trimmed
 from ...phantom.masks import open_regions, report_other_frame
 from ...phantom.plausibility import CHECKS, note_without_air
-from ...phantom.rois import RoiEntry, read_roi_entries
+from ...phantom.rois import read_roi_entries
 from .coverage import TISSUE_HU, reach_mm, removed_tissue
 from .preflight_scan import blind_spots, world_grid
 
