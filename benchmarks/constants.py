@@ -149,8 +149,8 @@ def said(
 def answers(folder: Path, truth: dict, config: dict, seed: int, of_fits: bool) -> dict[str, dict]:
     """{changed constant: verdict}."""
     model = simulator_scans.recorded(folder, truth, config, seed)
-    asked, tried = DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1), list(candidates(model["settings"]))
-    accuracy, made, remembered = config["diagnosis"]["model_accuracy"], prepare_recording(asked), Remembered()
+    asked, tried = DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1), list(candidates(model.settings))
+    accuracy, made, remembered = config.diagnosis.model_accuracy, prepare_recording(asked), Remembered()
     found = {}
     with remembered.of_everything():
         found[STATED] = said(asked, tried, accuracy, remembered, made)

@@ -40,8 +40,8 @@ PAIRED = {"iterative": "sirt_300", "fbp": "fbp_300"}  # reconstructions of the d
 def studies() -> dict[str, dict]:
     """{study: overlay of config/controls.yaml}; None stands for config/tiny.yaml."""
     found = {"default": {}, **{f"seed{seed}": {"seed": seed} for seed in SEEDS}}
-    level = common.configuration()["noise"]["levels"]["dose10"]
-    found["noise_x10"] = {"noise": {"levels": {"dose10": {"A": 10 * level["A"]}}}}
+    level = common.configuration().noise.levels["dose10"]
+    found["noise_x10"] = {"noise": {"levels": {"dose10": {"A": 10 * level.A}}}}
     found["texture"] = {"phantom": {"layout": f"{RESULTS}/layout.yaml"}}
     found["tiny"] = None
     return found
