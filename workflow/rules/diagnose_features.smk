@@ -17,7 +17,7 @@ rule diagnose_features:
     log:
         results("logs/diagnosis/{comparison}/diagnose.log"),
     wildcard_constraints:
-        comparison="|".join(context.diagnosis.comparisons) or "none",
+        comparison="|".join(context.study.diagnosis.comparisons) or "none",
     resources:
         mem_mb=1500,
         runtime=30,

@@ -18,7 +18,7 @@ from typing import Any
 def from_mapping(kind: Any, value: Any) -> Any:
     """Convert JSON-like data to a type: a dataclass, a tuple or dict of them, a union of them, or a plain value.
 
-    Of a union of dataclasses, the first whose required keys are all given is made. A missing key becomes None.
+    In a union, the first dataclass whose required keys are all given is chosen. A missing key becomes None.
     """
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if value is None:

@@ -70,7 +70,7 @@ def candidates(
     Parameters
     ----------
     settings : RecordingSettings
-        Of which `effects`, `nominal_photons`, `view_step` and `baseline` count.
+        Only `effects`, `nominal_photons`, `view_step` and `baseline` are used.
     kind : {"projections", "images"}, optional
     timed : bool, optional
         Whether the times of the views are known.

@@ -93,7 +93,7 @@ def reconstruct_in_boxes(
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
     boxes : sequence of tuple of 3 slice
     settings : FbpSettings
-        Of which the kernel counts.
+        Only the kernel is used.
     thickness_mm, mu_water_per_mm
         As boxes.fbp_in_boxes takes them.
 

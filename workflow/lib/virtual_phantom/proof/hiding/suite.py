@@ -99,7 +99,7 @@ def truths(settings: ProofSettings) -> dict[str, dict]:
     Parameters
     ----------
     settings : ProofSettings
-        Of which seed, effects, strengths, kinds and numbers of cases, `images` and the rows of `scan` count.
+        Only seed, effects, strengths, kinds and numbers of cases, `images` and the rows of `scan` are used.
 
     Returns
     -------
