@@ -17,6 +17,7 @@ import pandas as pd
 from benchmarks import common
 from virtual_phantom.base.geometry import grid_of
 from virtual_phantom.base.streams import Branch, branch
+from virtual_phantom.config.settings import Study
 from virtual_phantom.features import extraction
 from virtual_phantom.features.names import VARIANCE
 from virtual_phantom.features.parameters import read_parameters
@@ -36,20 +37,20 @@ GRAIN = "original_glcm_Correlation"
 LEVEL = "as_scanned"
 
 
-def acquisitions(config: dict, results: Path, repeats: int) -> pd.DataFrame:
+def acquisitions(config: Study, results: Path, repeats: int) -> pd.DataFrame:
     """SD, GLCM correlation and mean of the region, per acquisition and group."""
     (path,) = (results / "projections").glob("*/clean.h5")
     clean, geometry = read_line_integrals(path)
-    grid, parameters = grid_of(config["grid"]), read_parameters(None, "largest", config["features"]["stored_offset_hu"])
-    seed = branch(config["seed"], Branch.PHANTOM)
+    grid, parameters = grid_of(config.grid), read_parameters(None, "largest", config.features.stored_offset_hu)
+    seed = branch(config.seed, Branch.PHANTOM)
     groups = {}
-    for protocol in config["protocols"].values():
-        voxels = voxels_over(grid, protocol["voxels"]["spacing_mm"])
-        (roi,) = (roi for roi in synthetic.rois(layout.read_layout(), voxels, seed) if roi.name == ROI)
+    for protocol in config.protocols.values():
+        voxels = voxels_over(grid, protocol.voxels.spacing_mm)
+        (roi,) = (protocol for protocol in synthetic.rois(layout.read_layout(), voxels, seed) if protocol.name == ROI)
         largest = int(np.count_nonzero(roi.mask, axis=(1, 2)).argmax())
         section = np.zeros_like(roi.mask)
         section[largest] = roi.mask[largest]
-        groups[protocol["group"]] = protocol, voxels, section
+        groups[protocol.group] = protocol, voxels, section
     # Views whose beam reaches the section, with a margin for the fan.
     middle = np.mean([voxels.axes_mm()[0][section.any(axis=(1, 2))][0] for _, voxels, section in groups.values()])
     reach = geometry.rows * geometry.row_pitch_mm / geometry.magnification * (0.5 * (1 + 80 / 595) + 0.1) + 3
@@ -63,15 +64,15 @@ def acquisitions(config: dict, results: Path, repeats: int) -> pd.DataFrame:
             clean[part],
             geometry=path.parent.name,
             noise=LEVEL,
-            noise_level=config["noise"]["levels"][LEVEL]["A"],
+            noise_level=config.noise.levels[LEVEL].A,
             seed=repeat,
-            model=config["noise"]["model"],
-            study_seed=config["seed"],
+            model=config.noise.model,
+            study_seed=config.seed,
         )
-        lines = counts.line_integrals(config["noise"]["zero_counts_as"])[None].astype(np.float32)
+        lines = counts.line_integrals(config.noise.zero_counts_as)[None].astype(np.float32)
         filtered = {}
         for group, (protocol, voxels, section) in groups.items():
-            kernel = Kernel(**protocol["kernel"])
+            kernel = Kernel(**vars(protocol.kernel))
             if kernel not in filtered:
                 filtered = {kernel: ParallelProjections.of(lines, near, kernel)}  # one at a time: each takes a gigabyte
             (box,) = boxes_around([section], voxels)
@@ -80,8 +81,8 @@ def acquisitions(config: dict, results: Path, repeats: int) -> pd.DataFrame:
                 filtered[kernel],
                 voxels,
                 [(slice(height, height + 1), *box[1:])],
-                mu_water_per_mm=config["mu_water_per_mm"],
-                thickness_mm=protocol["voxels"]["thickness_mm"],
+                mu_water_per_mm=config.mu_water_per_mm,
+                thickness_mm=protocol.voxels.thickness_mm,
             )
             volume = Volume(np.rint(image).astype(np.int16), voxels)
             found = extraction.extract(volume, {ROI: section}, parameters=parameters).iloc[0]
@@ -101,14 +102,14 @@ def summary(table: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     return simulated, printed.loc[simulated.index]
 
 
-def text(simulated: pd.DataFrame, printed: pd.DataFrame, config: dict) -> str:
+def text(simulated: pd.DataFrame, printed: pd.DataFrame, config: Study) -> str:
     """Markdown table for the page."""
     lines = [
         "| group | slice, mm | kernel | SD measured, HU | simulated | over group 2, measured | predicted | off | "
         "GLCM correlation, measured | simulated |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    thickness = {protocol["group"]: protocol["voxels"]["thickness_mm"] for protocol in config["protocols"].values()}
+    thickness = {protocol.group: protocol.voxels.thickness_mm for protocol in config.protocols.values()}
     for group, kernel in NAMES.items():
         real, made = printed.loc[group], simulated.loc[group]
         ratios = [one["sd"] / table.loc[MET, "sd"] for one, table in ((real, printed), (made, simulated))]
@@ -122,11 +123,11 @@ def text(simulated: pd.DataFrame, printed: pd.DataFrame, config: dict) -> str:
 
 
 @style.styled(grid=True)
-def draw(simulated: pd.DataFrame, printed: pd.DataFrame, config: dict):
+def draw(simulated: pd.DataFrame, printed: pd.DataFrame, config: Study):
     """Plot simulated and measured SD and GLCM correlation per group."""
     figure = style.figure(style.DOUBLE_COLUMN_MM, 62)
     words = {"sd": "SD in the large cyst's section (HU)", "grain": "GLCM Correlation"}
-    thickness = {protocol["group"]: protocol["voxels"]["thickness_mm"] for protocol in config["protocols"].values()}
+    thickness = {protocol.group: protocol.voxels.thickness_mm for protocol in config.protocols.values()}
     names = [f"group {group}\n{thickness[group]:.1f} mm, {NAMES[group]}" for group in simulated.index]
     at = np.arange(len(names))
     for index, (axes, (what, word)) in enumerate(zip(figure.subplots(1, 2), words.items(), strict=True)):
@@ -151,6 +152,6 @@ def run(options):
     config = common.configuration("config/as_scanned.yaml")
     simulated, printed = summary(acquisitions(config, options.results, options.repeats))
     print(text(simulated, printed, config))
-    level = config["noise"]["levels"][LEVEL]["A"] * printed.loc[MET, "variance"] / simulated.loc[MET, "variance"]
+    level = config.noise.levels[LEVEL].A * printed.loc[MET, "variance"] / simulated.loc[MET, "variance"]
     print(f"\nGroup {MET} would have the measured variance in {ROI} at A = {level:.3g}")
     style.save(draw(simulated, printed, config), [options.image])

@@ -10,7 +10,7 @@ import pandas as pd
 
 from benchmarks import common
 from virtual_phantom.base.geometry import grid_of, scan_geometry
-from virtual_phantom.config.config import complete
+from virtual_phantom.config.config import read_study
 from virtual_phantom.features.extraction import MINIMUM_VOXELS, extract
 from virtual_phantom.features.names import FEATURES
 from virtual_phantom.phantom import layout, synthetic
@@ -42,30 +42,32 @@ class Study:
         config, tiny = common.read_config(), common.read_config("config/tiny.yaml")
         for key in ("grid", "scan"):
             config[key] = config[key] | tiny[key]
-        self.config, self.repeats = complete(config), repeats
-        self.grid = grid_of(self.config["grid"])
-        seed = np.random.SeedSequence(self.config["seed"], spawn_key=(0,))
-        described = layout.read_layout(self.config["phantom"]["layout"])
-        self.phantom = synthetic.build(described, self.grid, self.config["grid"]["oversampling"], seed)
+        self.settings, self.repeats = read_study(config), repeats
+        self.grid = grid_of(self.settings.grid)
+        seed = np.random.SeedSequence(self.settings.seed, spawn_key=(0,))
+        described = layout.read_layout(self.settings.phantom.layout)
+        self.phantom = synthetic.build(described, self.grid, self.settings.grid.oversampling, seed)
         self.masks = {roi.name: roi.mask for roi in self.phantom.rois if roi.mask.sum() >= MINIMUM_VOXELS}
         self.scene = VoxelScene.of(
-            self.phantom.fine, Segmentation(**self.config["materials"]), self.config["mu_water_per_mm"], 1
+            self.phantom.fine, Segmentation(**vars(self.settings.materials)), self.settings.mu_water_per_mm, 1
         )
 
     def made(self, physics=None, level=LEVEL, views=VIEWS, times=1.0):
         """Counts of the first repeat, images [repeat, z, y, x] and features [repeat, ROI, feature]."""
-        geometry = scan_geometry(self.config["scan"], views, self.grid)
-        values = {name: load(name).values(settings) for name, settings in (physics or {}).items()}
+        geometry = scan_geometry(self.settings.scan, views, self.grid)
+        values = {name: load(name).values(given) for name, given in (physics or {}).items()}
         state = Chain(self.scene, geometry, photons=1.0).state(values)
         clean = times * state.line_integrals()
-        labels = dict(geometry="", noise="", noise_level=level, model="physical", study_seed=self.config["seed"])
+        labels = dict(geometry="", noise="", noise_level=level, model="physical", study_seed=self.settings.seed)
         taken = [
             acquire(clean, seed=seed, draws="common", state=state if physics else None, **labels)
             for seed in range(self.repeats)
         ]
         lines = np.stack([one.line_integrals(0.5) for one in taken])
-        mu_water = self.config["mu_water_per_mm"]
-        images = reconstruct(lines, geometry, self.grid, "fbp", {}, engine="cpu", mu_water_per_mm=mu_water)
+        mu_water = self.settings.mu_water_per_mm
+        images = reconstruct(
+            lines, geometry, self.grid, "fbp", self.settings.reconstruction.fbp, engine="cpu", mu_water_per_mm=mu_water
+        )
         tables = [extract(image, self.masks)[list(FEATURES)].to_numpy(float) for image in images]
         return taken[0].data.astype(float), np.stack([image.array for image in images]).astype(float), np.stack(tables)
 

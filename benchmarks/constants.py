@@ -151,13 +151,9 @@ def answers(folder: Path, truth: dict, config: dict, seed: int, of_fits: bool) -
     model = simulator_scans.recorded(folder, truth, config, seed)
     diagnosis_request, tried = (
         DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1),
-        list(candidates(model["settings"])),
+        list(candidates(model.settings)),
     )
-    accuracy, made, remembered = (
-        config["diagnosis"]["model_accuracy"],
-        prepare_recording(diagnosis_request),
-        Remembered(),
-    )
+    accuracy, made, remembered = config.diagnosis.model_accuracy, prepare_recording(diagnosis_request), Remembered()
     found = {}
     with remembered.of_everything():
         found[STATED] = kind_and_effects(diagnosis_request, tried, accuracy, remembered, made)

@@ -40,8 +40,8 @@ PAIRED = {"iterative": "sirt_300", "fbp": "fbp_300"}  # reconstructions of the d
 def studies() -> dict[str, dict]:
     """{study: overlay of config/controls.yaml}; None stands for config/tiny.yaml."""
     found = {"default": {}, **{f"seed{seed}": {"seed": seed} for seed in SEEDS}}
-    level = common.configuration()["noise"]["levels"]["dose10"]
-    found["noise_x10"] = {"noise": {"levels": {"dose10": {"A": 10 * level["A"]}}}}
+    level = common.configuration().noise.levels["dose10"]
+    found["noise_x10"] = {"noise": {"levels": {"dose10": {"A": 10 * level.A}}}}
     found["texture"] = {"phantom": {"layout": f"{RESULTS}/layout.yaml"}}
     found["tiny"] = None
     return found
@@ -76,11 +76,11 @@ def white_noise(plan: Plan) -> pd.DataFrame:
     classes = dict(zip(rois["roi"], rois["tissue_class"], strict=True))
     means = measured.group_means().query("roi == 'cyst_1'").set_index("group")
     sd = np.sqrt(means["original_firstorder_Variance"])
-    seed = np.random.SeedSequence(plan.config["seed"], spawn_key=(WHITE_STREAM,))
+    seed = np.random.SeedSequence(plan.study.seed, spawn_key=(WHITE_STREAM,))
     count, rows = {"sirt": 0, "fbp": 0}, []
     for protocol in plan.groups():
-        settings = plan.config["protocols"][protocol]
-        algorithm = settings["algorithm"]
+        settings = plan.study.protocols[protocol]
+        algorithm = settings.algorithm
         group = 2 * count[algorithm] + (1 if algorithm == "sirt" else 2)
         count[algorithm] += 1
         for number, stream in enumerate(seed.spawn(plan.repeats(["dose10"]))):
@@ -89,7 +89,7 @@ def white_noise(plan: Plan) -> pd.DataFrame:
             acquisition = {
                 "protocol": protocol,
                 "algorithm": algorithm,
-                "projections": settings["projections"],
+                "projections": settings.projections,
                 "noise": "dose10",
                 "noise_level": np.nan,
                 "seed": number,

@@ -21,6 +21,7 @@ from benchmarks import THREAD_VARIABLES, common
 from benchmarks.fit_rates import RATES, write
 from virtual_phantom.api.simulated import draw_phantom
 from virtual_phantom.base.geometry import Grid
+from virtual_phantom.base.settings import MaterialSettings, from_mapping, to_mapping
 from virtual_phantom.base.streams import Branch
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.comparison.regions import ScannedVolume
@@ -30,8 +31,9 @@ from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.scanned_object import scene_of
 from virtual_phantom.diagnosis.selection.progress import FITTED, RANKED, DiagnosisProgress
+from virtual_phantom.diagnosis.settings import FitSettings, RecordingSettings
 from virtual_phantom.diagnosis.setup.check import check_setup
-from virtual_phantom.diagnosis.workload import is_shapes, samples_for
+from virtual_phantom.diagnosis.workload import samples_for
 from virtual_phantom.io.exchange import write_line_integrals
 from virtual_phantom.io.schema import defaults_of, fill_defaults, schema_of
 from virtual_phantom.io.volumes import Volume, shape_of, write_nifti
@@ -136,19 +138,14 @@ def written(case, folder):
         section["object"] = section["object"] | {"mask": str(inputs["mask"])}
     schema = schema_of("diagnosis", "recordings")["additionalProperties"] | {"$defs": schema_of()["$defs"]}
     fill_defaults(section, schema)
-    model = {
-        "folder": str(folder),
-        "settings": {key: value for key, value in section.items() if key != "effects"},
-        "mu_water_per_mm": defaults_of()["mu_water_per_mm"],
-        "materials": defaults_of("materials"),
-        "seed": defaults_of()["seed"],
-        "protocol": None,
-    }
+    settings, study = from_mapping(RecordingSettings, section).in_fits, defaults_of()
+    materials = MaterialSettings(**study["materials"])
+    model = FitSettings(str(folder), settings, study["mu_water_per_mm"], materials, study["seed"], protocol=None)
     inputs = {key: str(path) for key, path in inputs.items()}
     geometry, random = geometry_of(case), np.random.default_rng(np.random.SeedSequence(SEED))
     scene = scene_of(DiagnosisRequest.of(model, inputs.get("phantom"), 1))
-    shapes = is_shapes(section)
-    samples = samples_for(section["samples"], shapes, geometry.shape)
+    shapes = settings.of_shapes
+    samples = samples_for(settings.samples, shapes, geometry.shape)
     # Edges of shapes are sharp: few rays miss them.
     chain = Chain(scene, geometry, PHOTONS, samples=3 * samples if shapes else samples + 1)
     state = chain.state(checked(dict.fromkeys(case.lacks, {})))
@@ -159,10 +156,10 @@ def written(case, folder):
         write_line_integrals(folder / file, lines.astype(np.float32), geometry)
     content = {"name": case.name, "kind": "projections", "scan": scan_section(geometry), "repeats": files}
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
-    tried = list(case.effects) or candidates(section | {"effects": None})
-    (folder / "case.json").write_text(json.dumps({"model": model, "given": inputs, "effects": tried}))
+    tried = list(case.effects) or candidates(settings)
+    (folder / "case.json").write_text(json.dumps({"model": to_mapping(model), "given": inputs, "effects": tried}))
     voxels = shape_of(inputs["phantom"]) if "phantom" in inputs else ()
-    return extent(section, geometry.shape, len(tried), (voxels, material_count(model["materials"])))
+    return extent(settings, geometry.shape, len(tried), (voxels, material_count(materials)))
 
 
 def masked(across):
@@ -218,7 +215,7 @@ def diagnose_case(folder, processes):
     clock, scans = processor_seconds, counted_scans()
     case = json.loads((folder / "case.json").read_text())
     inputs, timed = case["given"], Timed(clock)
-    diagnosis_request = DiagnosisRequest.of(case["model"], inputs.get("phantom"), processes)
+    diagnosis_request = DiagnosisRequest.of(from_mapping(FitSettings, case["model"]), inputs.get("phantom"), processes)
     recording = load_recording(folder)
     marks = [clock()]
     assert check_setup(recording, diagnosis_request).kind == "as stated", folder

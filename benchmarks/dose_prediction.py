@@ -172,8 +172,8 @@ def with_noise(real: dict, regions: dict, stream: Stream, noise: dict[str, Noise
 def perturbed(regions: dict, stream: Stream, repeats: int) -> dict:
     """Features of the clean drawn phantom after random perturbations, after Zwanenburg et al. (2019).
 
-    Rotation by up to 4 degrees about z and a shift of up to half a voxel, with linear interpolation. The region's volume
-    changes by up to 20 %. The Gaussian noise has the SD that wavelets find in the image.
+    Rotation by up to 4 degrees about z and a shift of up to half a voxel, with linear interpolation. The volume of the
+    region changes by up to 20 %. The Gaussian noise has the SD that wavelets find in the image.
     """
     found = {}
     textures = [drawn_regions(named(stream, "texture", repeat), MARGIN) for repeat in range(repeats)]

@@ -9,7 +9,7 @@ import yaml
 
 from benchmarks import common
 from virtual_phantom.base.geometry import grid_of, scan_geometry
-from virtual_phantom.config.config import complete
+from virtual_phantom.config.config import read_study
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
@@ -24,15 +24,15 @@ def add_arguments(parser):
 
 
 def run(options):
-    config = complete(yaml.safe_load((common.ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
-    phantom, mu_water = read_nifti(options.phantom), config["mu_water_per_mm"]
-    few, geometry = (scan_geometry(config["scan"], views, grid_of(config["grid"])) for views in (2, options.views))
+    config = read_study(yaml.safe_load((common.ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
+    phantom, mu_water = read_nifti(options.phantom), config.mu_water_per_mm
+    few, geometry = (scan_geometry(config.scan, views, grid_of(config.grid)) for views in (2, options.views))
 
     def clean():
         clean_line_integrals(phantom, geometry, mu_water)
 
     def apply_image_effects(chosen):
-        scene = VoxelScene.of(phantom, Segmentation(**config["materials"]), mu_water, 1)
+        scene = VoxelScene.of(phantom, Segmentation(**vars(config.materials)), mu_water, 1)
         physics = {name: {parameter.name: parameter.typical for parameter in load(name).parameters} for name in chosen}
         Chain(scene, geometry, photons=1.0).state(physics).line_integrals()
 

@@ -14,7 +14,7 @@ import yaml
 
 from benchmarks import common
 from virtual_phantom.base.data import RESOURCES
-from virtual_phantom.config.config import complete
+from virtual_phantom.config.config import read_study
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.io.files import write_text
 from virtual_phantom.study.costs.diagnoses import STAGE
@@ -68,12 +68,12 @@ def add_arguments(parser):
 
 
 def run(options):
-    config = complete(yaml.safe_load(options.config.read_text(encoding="utf-8")) | {"keep_projections": True})
+    config = read_study(yaml.safe_load(options.config.read_text(encoding="utf-8")) | {"keep_projections": True})
     plan = Plan(config)
-    results = Path(config["results_dir"])
+    results = Path(config.results_dir)
     times = {output: one["endtime"] - one["starttime"] for output, one in records(options.folder).items()}
     timed, amounts, found = [], defaultdict(float), defaultdict(float)
-    for job in study_jobs(plan, "cpu", roi_count(config["phantom"])):
+    for job in study_jobs(plan, "cpu", roi_count(config.phantom)):
         files = [options.folder / results / output for output in job.outputs]
         if str(results / job.outputs[0]) in times and all(file.exists() for file in files):
             timed.append((job, times[str(results / job.outputs[0])]))
@@ -81,14 +81,14 @@ def run(options):
                 amounts[kind] += amount
                 found[kind] += sum(map(size, files))
     amounts["logs"], found["logs"] = len(timed), size(options.folder / results / "logs")
-    grid, scan = config["grid"], config["scan"]
+    grid, scan = config.grid, config.scan
     rates = {
         "measured": {
             "machine": options.machine,
             "jobs": len(timed),
-            "voxels": grid["shape"],
-            "detector_rows_columns": [scan["rows"], scan["columns"]],
-            "projections": sorted({protocol["projections"] for protocol in config["protocols"].values()}),
+            "voxels": list(grid.shape),
+            "detector_rows_columns": [scan.rows, scan.columns],
+            "projections": sorted({protocol.projections for protocol in config.protocols.values()}),
             "seconds": {stage: round(total["measured"], 1) for stage, total in by_stage(timed).items()},
             "bytes": dict(sorted(found.items())),
         },

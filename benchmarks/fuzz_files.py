@@ -32,8 +32,8 @@ from pydicom.tag import Tag
 from virtual_phantom.base.console import collected_notes
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
+from virtual_phantom.base.settings import RoiEntry
 from virtual_phantom.phantom.ct import draw_entry, read_hu
-from virtual_phantom.phantom.rois import RoiEntry
 
 GRID = Grid((12, 30, 34), (3.0, 2.0, 2.0), (5.0, -40.0, 300.0))
 LARGEST_HU = 1.0

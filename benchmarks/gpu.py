@@ -50,8 +50,8 @@ def plain_on_device(projector, lines, iterations):
 def compare(config, projections, threads):
     import cupy
 
-    grid = grid_of(config["grid"])
-    geometry = scan_geometry(config["scan"], projections, grid)
+    grid = grid_of(config.grid)
+    geometry = scan_geometry(config.scan, projections, grid)
     object_ = phantom(grid)
     gpu = AstraCudaProjector(geometry, grid)
     lines = gpu.unpack_projections(gpu.forward(gpu.pack_volume(object_[None])))
@@ -64,7 +64,7 @@ def compare(config, projections, threads):
 
     random = np.random.default_rng(np.random.SeedSequence(7))
     noise = random.normal(0, NOISE, lines.shape).astype(np.float32)
-    sirt_settings = config["reconstruction"]["sirt"] | {"backprojector": "voxel", "solver": "chebyshev"}
+    sirt_settings = vars(config.reconstruction.sirt) | {"backprojector": "voxel", "solver": "chebyshev"}
     sirt(gpu, lines, **(sirt_settings | {"iterations": 2, "terms": 2}))  # CuPy compiles
     began = time.perf_counter()
     image = sirt(gpu, lines + noise, **sirt_settings)[0]

@@ -40,7 +40,7 @@ def fitted(truth, config, seed):
     if (again := prepared.with_noise_of(fit)) is not prepared:
         prepared = again
         baseline, fit = both(prepared.fitter)
-    accuracy = config["diagnosis"]["model_accuracy"]
+    accuracy = config.diagnosis.model_accuracy
     errors = errors_with_models(prepared.fitter, fit, {name: baseline}, accuracy).physics[name]
     return {
         "chi_square": fit.parts[0] / float((prepared.fitter.weights[0] > 0).sum()),

@@ -103,7 +103,7 @@ def add_arguments(parser):
 
 def run(options):
     config = common.configuration()
-    accuracy = config["diagnosis"]["model_accuracy"]
+    accuracy = config.diagnosis.model_accuracy
     draws = common.read_jsonl(options.out)
     done, second = {draw["number"] for draw in draws}, list(OBJECTS)[-1]
     for number in range(options.draws):

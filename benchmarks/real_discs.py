@@ -8,11 +8,13 @@ from pathlib import Path
 
 from virtual_phantom.diagnosis.fitting.trial import Trial, trial
 from virtual_phantom.diagnosis.preparation import prepare_recording
-from virtual_phantom.diagnosis.request import DiagnosisRequest, Disc, MaskedObject, Settings
+from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.selection.forward_selection import Choice
 from virtual_phantom.diagnosis.selection.transfer import Physics, verified
+from virtual_phantom.diagnosis.settings import Disc, MaskedObject, RecordingSettings
 from virtual_phantom.diagnosis.verdict.verdict import excess_rms_removed, metrics_of
 from virtual_phantom.io.schema import defaults_of
+from virtual_phantom.physics.beam.materials import Segmentation
 
 ALIGNMENT = {"scale": 1.0, "size": 0.01, "offset": 0.02}  # as in config/htc2022.yaml
 SETS = (("spectrum", "dark_signal"), ("spectrum", "veiling_glare"), ("spectrum", "scatter"), ("scatter",))
@@ -23,10 +25,8 @@ def prepared(folder: Path, name: str, view_step: int):
     scanned = {"disc": Disc(70, "pmma")}
     if name != "solid_disc":
         scanned = {"object": MaskedObject(str(folder / name / "object.nii.gz"), "pmma")}
-    settings = Settings(1, view_step, ALIGNMENT, **scanned)
-    diagnosis_request = DiagnosisRequest(
-        folder / name, settings, defaults_of()["mu_water_per_mm"], defaults_of("materials")
-    )
+    settings = RecordingSettings(1, view_step, ALIGNMENT, **scanned)
+    diagnosis_request = DiagnosisRequest(folder / name, settings, defaults_of()["mu_water_per_mm"], Segmentation())
     return prepare_recording(diagnosis_request)[1]
 
 

@@ -109,8 +109,8 @@ def all_at_once(fitter, tried):
 def answers(truth, config, seed):
     """{method: (ranked effects, whether it reports unexplained data)}."""
     recording, prepared, model = simulator_scans.prepared(truth, config, seed)
-    tried = list(candidates(model["settings"]))
-    found = find_missing_physics(recording.name, prepared, tried, config["diagnosis"]["model_accuracy"])
+    tried = list(candidates(model.settings))
+    found = find_missing_physics(recording.name, prepared, tried, config.diagnosis.model_accuracy)
     document = found.content
     equals = [[effect["name"], *document["ambiguous_with"].get(effect["name"], [])] for effect in document["effects"]]
     fitter = without_halves(prepared)

@@ -14,7 +14,7 @@ import yaml
 
 from benchmarks import common
 from benchmarks.fit_rates import records
-from virtual_phantom.config.config import complete
+from virtual_phantom.config.config import read_study
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.figures import style
 from virtual_phantom.study.costs.jobs import study_jobs
@@ -47,11 +47,11 @@ class Span:
 
 def spans(folder, config):
     """Finished jobs, sorted by start."""
-    noted, results = records(folder), Path(config["results_dir"])
+    noted, results = records(folder), Path(config.results_dir)
     timed = benchmarked(folder / results / "logs")
     kinds = {stage: shown for shown, stages in SHOWN.items() for stage in stages}
     found, missing = [], []
-    for job in study_jobs(Plan(config), "cpu", roi_count(config["phantom"])):
+    for job in study_jobs(Plan(config), "cpu", roi_count(config.phantom)):
         record = noted.get(str(results / job.outputs[0]))
         if record is None:
             missing.append(job.outputs[0])
@@ -134,7 +134,7 @@ def add_arguments(parser):
 
 
 def run(options):
-    jobs = spans(options.folder, complete(yaml.safe_load(options.config.read_text(encoding="utf-8"))))
+    jobs = spans(options.folder, read_study(yaml.safe_load(options.config.read_text(encoding="utf-8"))))
     rows = table(jobs, options.cores)
     common.write_table(options.out / "stages.csv", rows)
     style.save(draw(jobs, rows), [options.out / "stages.png"])

@@ -14,8 +14,10 @@ from workflow_runs import BENEATH
 from virtual_phantom.base.console import collected_notes
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import grid_of, scan_geometry
-from virtual_phantom.config.config import check, complete
+from virtual_phantom.base.settings import from_mapping
+from virtual_phantom.config.config import check, complete, read_study
 from virtual_phantom.config.plan import Plan
+from virtual_phantom.config.settings import Study
 from virtual_phantom.statistics.measured import TISSUE_CLASSES
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -377,27 +379,27 @@ def test_null_removes_an_entry():
 def test_null_removes_a_key_of_a_protocol():
     config = changed("protocols.sirt_150.group", None)
     config["protocols"]["sirt_200"]["scan"] = None
-    config = complete(config)
-    assert config["protocols"]["sirt_150"] == {"algorithm": "sirt", "projections": 150}
-    assert "scan" not in config["protocols"]["sirt_200"]
-    assert "sirt_150" not in Plan(config).groups()
+    completed = complete(config)
+    assert completed["protocols"]["sirt_150"] == {"algorithm": "sirt", "projections": 150}
+    assert "scan" not in completed["protocols"]["sirt_200"]
+    assert "sirt_150" not in Plan(read_study(config)).groups()
 
 
 def test_named_scan_replaces_keys_of_the_default_scan():
     config = changed("scans.short", {"rows": 8, "trajectory": "circular"})
     config["protocols"]["sirt_150"]["scan"] = "short"
-    plan = Plan(complete(config))
+    plan = Plan(read_study(config))
     assert plan.geometry_of("sirt_150") == "short_views150"
     settings = plan.geometry_settings("short_views150")
-    assert (settings["scan"]["rows"], settings["scan"]["columns"], settings["projections"]) == (8, 160, 150)
-    geometry = scan_geometry(settings["scan"], 150, grid_of(plan.config["grid"]))
+    assert (settings.scan.rows, settings.scan.columns, settings.projections) == (8, 160, 150)
+    geometry = scan_geometry(settings.scan, 150, grid_of(plan.study.grid))
     assert geometry.feed_per_rotation_mm == 0 and geometry.rows == 8
-    assert plan.geometry_settings(plan.geometry_of("fbp_150"))["scan"]["rows"] == 48
+    assert plan.scan_of("fbp_150").rows == 48
 
 
 def test_plan_of_the_paper():
     """8 groups x 10 seeds at one noise level; SIRT and FBP share their geometry."""
-    plan = Plan(complete(DEFAULT))
+    plan = Plan(read_study(DEFAULT))
     assert plan.groups() == {
         f"{a}_{n}": g
         for g, (a, n) in enumerate([(a, n) for a in ("sirt", "fbp") for n in (150, 200, 250, 300)], start=1)
@@ -410,15 +412,15 @@ def test_plan_of_the_paper():
 
 def test_every_seed_is_in_one_batch():
     config = changed("seeds_per_job", 4)
-    plan = Plan(complete(config))
-    for noise in plan.config["noise"]["levels"]:
+    plan = Plan(read_study(config))
+    for noise in plan.study.noise.levels:
         batches = [batch for batch, levels in plan.seed_batches().items() if noise in levels]
         assert sorted(seed for batch in batches for seed in batch) == plan.seeds(noise)
         assert all(len(batch) <= 4 for batch in batches)
 
 
 def test_bundles_contain_every_acquisition_once_and_keep_levels_whole():
-    plan = Plan(complete(DEFAULT))
+    plan = Plan(read_study(DEFAULT))
     seen = [
         (protocol, noise, seed)
         for bundle, protocols in plan.bundles().items()
@@ -427,7 +429,7 @@ def test_bundles_contain_every_acquisition_once_and_keep_levels_whole():
     ]
     expected = [(protocol, noise, seed) for protocol, noise in plan.acquisitions() for seed in plan.seeds(noise)]
     assert sorted(seen) == sorted(expected)
-    assert all(len(bundle) <= plan.config["seeds_per_job"] for bundle in plan.bundles())
+    assert all(len(bundle) <= plan.study.seeds_per_job for bundle in plan.bundles())
     assert tuple([("dose10", seed) for seed in plan.seeds("dose10")]) in plan.bundles()
 
 
@@ -437,16 +439,16 @@ def test_level_matched_to_images_is_in_no_bundle_with_them():
     config["noise"]["levels"] = {"one": {"A": 1e-6, "repeats": 3}, "met": {"meets": MEETS, "repeats": 3}}
     config["noise"]["levels"] |= {"other": {"A": 2e-6, "repeats": 3}, "next": {"A": 3e-6, "repeats": 3}}
     config["analyses"] = {"noise_calibration": {"protocols": ["sirt_300"], "noise": ["one", "other"]}}
-    pca = {"protocols": ["sirt_300"], "noise": ["met", "next"], "recordings": []}
-    bundles = Plan(config | {"analyses": config["analyses"] | {"pca": {"sirt": pca}}}).bundles()
+    config["analyses"]["pca"] = {"sirt": {"protocols": ["sirt_300"], "noise": ["met", "next"]}}
+    bundles = Plan(from_mapping(Study, config)).bundles()
     assert [sorted({noise for noise, _ in bundle}) for bundle in bundles] == [["one"], ["met"], ["next", "other"]]
 
 
 def test_bundles_do_not_change_if_an_analysis_needs_more():
     """A further level for one protocol leaves every bundle that does not share its group unchanged."""
-    before = Plan(complete(DEFAULT)).bundles()
+    before = Plan(read_study(DEFAULT)).bundles()
     more = changed("analyses.pca.multicentre.noise", ["dose10", "dose10_plus6", "dose10_plus16", "quadruple"])
-    after = Plan(complete(more)).bundles()
+    after = Plan(read_study(more)).bundles()
     gone = {(bundle, protocol) for bundle in before for protocol in before[bundle]} - {
         (bundle, protocol) for bundle in after for protocol in after[bundle]
     }

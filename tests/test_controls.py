@@ -19,7 +19,7 @@ def plan(changes=None, *files):
     merged = common.read_config()
     for overlay in (*map(common.read_config, files), changes or {}):
         common.merge(merged, overlay)
-    return Plan(config.complete(merged))
+    return Plan(config.read_study(merged))
 
 
 def test_every_control_is_the_default_study_with_its_stated_change(tmp_path):
@@ -28,9 +28,9 @@ def test_every_control_is_the_default_study_with_its_stated_change(tmp_path):
     studies = controls.studies()
     for seed in controls.SEEDS:
         assert plan(studies[f"seed{seed}"], "config/controls.yaml").scored_settings() == default.scored_settings()
-    assert len(set(controls.SEEDS) - {default.config["seed"]}) == 5
+    assert len(set(controls.SEEDS) - {default.study.seed}) == 5
     noisy = plan(studies["noise_x10"], "config/controls.yaml")
-    levels = (one.config["noise"]["levels"]["dose10"]["A"] for one in (noisy, default))
+    levels = (one.study.noise.levels["dose10"].A for one in (noisy, default))
     assert next(levels) == pytest.approx(10 * next(levels))
     assert noisy.scored_settings() != default.scored_settings() != plan(None, "config/tiny.yaml").scored_settings()
     # Only groups of the stability analysis are simulated.
@@ -54,7 +54,7 @@ def test_stored_seeds_are_of_the_current_default_study():
     seeds = further_seeds.read_seed_scores()
     assert further_seeds.match_settings(seeds, plan().scored_settings())
     assert not further_seeds.match_settings(seeds, plan(None, "config/tiny.yaml").scored_settings())
-    assert seeds["seed"].nunique() == 5 and plan().config["seed"] not in set(seeds["seed"])
+    assert seeds["seed"].nunique() == 5 and plan().study.seed not in set(seeds["seed"])
     assert (seeds.groupby("seed").size() == 86).all()
 
 

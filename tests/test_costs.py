@@ -10,7 +10,7 @@ from test_config import DEFAULT, changed
 
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.config.config import complete
+from virtual_phantom.config.config import read_study
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.study.costs.jobs import Job, study_jobs
 from virtual_phantom.study.costs.rates import fit, read_rates, seconds, written_bytes
@@ -21,8 +21,8 @@ RATES = RESOURCES / "rates.yaml"
 
 
 def jobs_of(config, engine="cpu"):
-    plan = Plan(complete(config))
-    return study_jobs(plan, engine, roi_count(plan.config["phantom"]))
+    plan = Plan(read_study(config))
+    return study_jobs(plan, engine, roi_count(plan.study.phantom))
 
 
 def totals(jobs, stage):
@@ -53,7 +53,7 @@ def test_default_study_has_its_measured_cost():
 
 def test_default_study_writes_its_measured_size():
     rates = read_rates(RATES)
-    _, content = cost_summary(Plan(complete(DEFAULT)), "cpu", rates)
+    _, content = cost_summary(Plan(read_study(DEFAULT)), "cpu", rates)
     for kind, sizes in content["bytes"].items():
         # Logs were counted with those of the noisy projections.
         assert sizes["total"] == pytest.approx(rates["measured"]["bytes"][kind], rel=0.15), kind
@@ -85,7 +85,7 @@ def test_large_study_is_one():
     config = yaml.safe_load((ROOT / "config" / "large.yaml").read_text())
     levels = DEFAULT["noise"]["levels"]
     merged = {name: level | config["noise"]["levels"][name] for name, level in levels.items()}
-    _, content = cost_summary(Plan(complete(changed("noise.levels", merged))), "cpu", read_rates(RATES))
+    _, content = cost_summary(Plan(read_study(changed("noise.levels", merged))), "cpu", read_rates(RATES))
     assert content["acquisitions"] >= 1000
 
 
@@ -101,20 +101,20 @@ def test_unmeasured_stages_are_reported_and_not_estimated():
     config = changed("reconstruction", {"sirt": {"backprojector": "voxel"}})
     rates = read_rates(RATES)
     for engine, stage in (("cpu", "reconstruct_sirt_voxel"), ("astra_cuda", "reconstruct_sirt_astra_cuda")):
-        table, content = cost_summary(Plan(complete(config)), engine, rates)
+        table, content = cost_summary(Plan(read_study(config)), engine, rates)
         assert content["jobs_without_rate"] == {stage: 14}
         assert np.isnan(table.set_index("stage")["core_hours"][stage])
         assert f"{stage} (14)" in plan_text(table, content)
         assert content["core_hours"] == pytest.approx(np.nansum(table["core_hours"]))
     config["noise"]["model"] = "physical"
     config["physics"] = {"scatter": {}}
-    assert cost_summary(Plan(complete(config)), "cpu", rates)[1]["jobs_without_rate"]["project_physics"] == 5
+    assert cost_summary(Plan(read_study(config)), "cpu", rates)[1]["jobs_without_rate"]["project_physics"] == 5
 
 
 def test_temporary_images_count_as_written():
     rates = read_rates(RATES)
     stored, not_kept = (
-        cost_summary(Plan(complete(changed("keep_images", keep))), "cpu", rates)[1] for keep in (True, False)
+        cost_summary(Plan(read_study(changed("keep_images", keep))), "cpu", rates)[1] for keep in (True, False)
     )
     assert stored["bytes_written"] == not_kept["bytes_written"]
     assert stored["bytes_kept"] - not_kept["bytes_kept"] == stored["bytes"]["images"]["total"]
@@ -169,7 +169,7 @@ def test_regions_cut_into_parts_are_counted_separately():
     ct = {"image": "ct.nii.gz", "rois": [{"name": "a", "tissue_class": "b", "file": "m.nii.gz", "parts": 3}]}
     config = changed("phantom", {"source": "ct", "ct": ct | {"rois": ct["rois"] * 2}})
     config["measured"] = {"overlay": False}
-    assert roi_count(complete(config)["phantom"]) == 6
+    assert roi_count(read_study(config).phantom) == 6
 
 
 def test_file_of_rates_states_its_measurement():

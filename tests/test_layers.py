@@ -15,7 +15,17 @@ PACKAGES = (
 # Packages and modules directly inside a package, lowest first.
 INSIDE = {
     "diagnosis": (
-        *("request", "workload", "scanned_object", "noise", "fitting", "candidate_effects", "residuals", "uncertainty"),
+        *(
+            "settings",
+            "request",
+            "workload",
+            "scanned_object",
+            "noise",
+            "fitting",
+            "candidate_effects",
+            "residuals",
+            "uncertainty",
+        ),
         *("verdict_text", "projections", "selection", "comparison", "images", "verdict", "features", "preparation"),
         *("assumptions", "setup", "run", "scanner", "planning"),
     ),

@@ -9,7 +9,7 @@ from snakemake.utils import update_config
 from test_config import DEFAULT
 
 from virtual_phantom.base.data import RESOURCES
-from virtual_phantom.config.config import complete
+from virtual_phantom.config.config import read_study
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.study.costs.jobs import Job, Sizes, study_jobs
 from virtual_phantom.study.costs.limits import FLOOR_MINUTES, SAFETY, UNKNOWN_MINUTES, minutes
@@ -38,7 +38,7 @@ def plan_of(*overlays):
     config = copy.deepcopy(DEFAULT)
     for overlay in overlays:
         update_config(config, copy.deepcopy(overlay))
-    return Plan(complete(config))
+    return Plan(read_study(config))
 
 
 def sizes(*overlays, engine="cpu"):

@@ -17,7 +17,7 @@ import yaml
 
 from virtual_phantom.base.errors import InputError, InputErrors
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.config.config import complete
+from virtual_phantom.config.config import complete, read_study
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.config.public_scans import PublicScans
 from virtual_phantom.config.read_config import read_configs
@@ -68,7 +68,8 @@ def protocol(**settings):
 def phantom(image="ct.nii.gz", roi=None, oversampling=1):
     roi = {"label": 1} if roi is None else roi
     rois = [{"name": "lesion", "tissue_class": "tumour", **roi}]
-    return ct.load_phantom({"image": image, "labels": "labels.nii.gz", "rois": rois}, GRID, oversampling)
+    settings = ct.read_settings({"image": image, "labels": "labels.nii.gz", "rois": rois})
+    return ct.load_phantom(settings, GRID, oversampling)
 
 
 def written(array, name, affine=phantom_files.CT_GRID.affine):
@@ -371,7 +372,7 @@ MISTAKES = {
         "public_scans.phantom and public_scans.compared",
     ),
     "Scans that are not kept, fetched beforehand": (
-        lambda: PublicScans(Plan(complete(DEFAULT | {"keep_scans": False}))).fetched(),
+        lambda: PublicScans(Plan(read_study(DEFAULT | {"keep_scans": False}))).fetched(),
         "config: keep_scans",
     ),
     "A phantom of scans whose slices are not known": (

@@ -24,6 +24,7 @@ from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.simulation.reconstruct import reconstruct
 from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.simulation.acquire import simulate_counts
+from virtual_phantom.base.settings import FbpSettings
 
 MU_WATER_PER_MM = 0.0193
 scanner = {"source_to_isocentre_mm": 500.0, "source_to_detector_mm": 1000.0}
@@ -33,7 +34,8 @@ phantom = synthetic.build(layout.read_layout(), grid, 1, np.random.SeedSequence(
 scan = circular(views=90, **scanner, **detector)
 lines = clean_line_integrals(phantom.fine, scan, MU_WATER_PER_MM)
 noisy = simulate_counts(lines, 1e-6, "astra", np.random.SeedSequence(2)).line_integrals(0.5)
-image, = reconstruct(noisy[None], scan, grid, "fbp", {}, engine="cpu", mu_water_per_mm=MU_WATER_PER_MM)
+settings = FbpSettings("coverage")
+image, = reconstruct(noisy[None], scan, grid, "fbp", settings, engine="cpu", mu_water_per_mm=MU_WATER_PER_MM)
 features = extract(image, {roi.name: roi.mask for roi in phantom.rois})
 measured = features.set_index("roi")["original_firstorder_Mean"]
 for roi in phantom.rois:

@@ -7,7 +7,7 @@ import pytest
 from pages import blocks
 
 from virtual_phantom.base.data import RESOURCES
-from virtual_phantom.config.config import complete
+from virtual_phantom.config.config import read_study
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.config.read_config import read_configs
 from virtual_phantom.study.costs.rates import read_rates
@@ -57,7 +57,7 @@ def test_plan_of_a_large_study_is_quoted_correctly(monkeypatch):
     monkeypatch.chdir(ROOT)
     lines, settings = read_configs(["config/large.yaml"])
     assert not lines
-    printed = plan_text(*cost_summary(Plan(complete(settings)), "cpu", read_rates(RESOURCES / "rates.yaml")))
+    printed = plan_text(*cost_summary(Plan(read_study(settings)), "cpu", read_rates(RESOURCES / "rates.yaml")))
     page = (DOCS / "how-to" / "cluster.md").read_text()
     (text,) = [one["text"] for one in FENCED.finditer(page) if "1760" in one["text"]]
     assert quoted(text, printed), printed

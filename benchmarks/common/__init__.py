@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.config.config import complete
+from virtual_phantom.config.config import read_study
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -39,7 +39,7 @@ def configuration(*overlays):
     merged = read_config()
     for path in overlays:
         merge(merged, read_config(path))
-    return complete(merged)
+    return read_study(merged)
 
 
 def circular_scan(views, columns, rows, column_pitch_mm, row_pitch_mm=None, **further):

@@ -4,12 +4,14 @@ import os
 import tempfile
 from pathlib import Path
 
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.base.streams import Branch, branch, generator
 from virtual_phantom.config.dependencies import resource
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import run_diagnosis
+from virtual_phantom.diagnosis.settings import FitSettings, RecordingSettings
 from virtual_phantom.io.volumes import write_nifti
 from virtual_phantom.physics.effect import load
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
@@ -18,6 +20,7 @@ from virtual_phantom.proof.hiding.objects import OBJECTS
 from virtual_phantom.proof.hiding.phantoms import build
 from virtual_phantom.proof.hiding.suite import KNOWN, scan_seed, truths
 from virtual_phantom.proof.hiding.xcist import energy_of_water
+from virtual_phantom.proof.settings import ProofScan, ProofSettings
 
 SCAN = {"columns": 64, "rows": 4, "views": 36, "photons": 1e5, "rotation_time_ms": 1000.0, "repeats": 4}
 
@@ -42,11 +45,13 @@ def left_to_do(options, rows):
 
 def recorded(folder, truth, config, seed, baseline=None):
     """Write the recording and the object of a case; returns what a diagnosis request needs."""
-    one, mu = OBJECTS[truth["phantom"]], config["mu_water_per_mm"]
-    stream = branch(config["seed"], Branch.PROOF_PHANTOM)
+    one, mu = OBJECTS[truth["phantom"]], config.mu_water_per_mm
+    stream = branch(config.seed, Branch.PROOF_PHANTOM)
     phantom = build(one, resource(one.layout), SCAN["columns"], SCAN["rows"], stream)
     kev, views = energy_of_water(mu), SCAN["views"]
-    scan = scan_section(one, SCAN, views, SCAN["photons"], SCAN["rotation_time_ms"], kev, hidden_settings(truth))
+    scan = scan_section(
+        one, ProofScan(**SCAN), views, SCAN["photons"], SCAN["rotation_time_ms"], kev, hidden_settings(truth)
+    )
     write(
         folder,
         truth["case"],
@@ -54,10 +59,8 @@ def recorded(folder, truth, config, seed, baseline=None):
         acquire(scan, one, phantom.fine, mu, SCAN["repeats"], scan_seed(seed, truth["number"])),
     )
     write_nifti(phantom.image, folder / "image.nii.gz")
-    settings = {"samples": 2, "view_step": 1, "nominal_photons": SCAN["photons"], "alignment": {}}
-    settings["baseline"] = baseline or {}
-    model = {"folder": str(folder), "settings": settings, "mu_water_per_mm": mu, "materials": one.stated}
-    return model | {"seed": config["seed"], "protocol": None}
+    settings = RecordingSettings(2, 1, {}, nominal_photons=SCAN["photons"], baseline=baseline or {})
+    return FitSettings(str(folder), settings, mu, one.stated, config.seed, protocol=None)
 
 
 def proof_settings(drawn):
@@ -71,7 +74,7 @@ def proof_settings(drawn):
     } | drawn
     if not settings["effects"]:  # none alone
         settings |= {"effects": ["scatter"], "strengths": []}
-    return settings
+    return from_mapping(ProofSettings, settings)
 
 
 ORDER, TRUTH = range(2)  # branches of the seed
@@ -106,14 +109,14 @@ def prepared(truth, config, seed):
 
 
 def request(model):
-    return DiagnosisRequest.of(model, str(Path(model["folder"]) / "image.nii.gz"), 1)
+    return DiagnosisRequest.of(model, str(Path(model.folder) / "image.nii.gz"), 1)
 
 
 def diagnosed(truth, config, seed, left_out=(), baseline=None):
     """Content of the diagnosis of a case, without some candidate effects, and its CPU time."""
     with tempfile.TemporaryDirectory() as folder:
         model = recorded(Path(folder), truth, config, seed, baseline)
-        tried = [name for name in candidates(model["settings"]) if name not in left_out]
+        tried = [name for name in candidates(model.settings) if name not in left_out]
         began = sum(os.times()[:4])
-        found = run_diagnosis(request(model), tried, config["diagnosis"]["model_accuracy"], images=False)
+        found = run_diagnosis(request(model), tried, config.diagnosis.model_accuracy, images=False)
         return found.content, sum(os.times()[:4]) - began

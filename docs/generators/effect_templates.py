@@ -4,7 +4,7 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -125,17 +125,17 @@ def draw_correlations(correlation: np.ndarray, labels: Sequence[str]) -> Figure:
 def recording() -> Prepared:
     """Simulate repeats of the default scan without missing effects, with fewer views and larger pixels."""
     study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
-    study = config.complete(study)
-    grid = grid_of(study["grid"])
-    seed = np.random.SeedSequence(study["seed"], spawn_key=(PHANTOM_STREAM,))
-    shapes = layout.read_layout(study["phantom"]["layout"])
-    phantom = synthetic.build(shapes, grid, study["grid"]["oversampling"], seed)
-    scene = VoxelScene.of(phantom.fine, Segmentation(**study["materials"]), study["mu_water_per_mm"])
-    geometry = scan_geometry({**study["scan"], **DETECTOR}, VIEWS, grid)
-    photons = 1 / study["noise"]["levels"]["dose10"]["A"]
+    study = config.read_study(study)
+    grid = grid_of(study.grid)
+    seed = np.random.SeedSequence(study.seed, spawn_key=(PHANTOM_STREAM,))
+    shapes = layout.read_layout(study.phantom.layout)
+    phantom = synthetic.build(shapes, grid, study.grid.oversampling, seed)
+    scene = VoxelScene.of(phantom.fine, Segmentation(**vars(study.materials)), study.mu_water_per_mm)
+    geometry = scan_geometry(replace(study.scan, **DETECTOR), VIEWS, grid)
+    photons = 1 / study.noise.levels["dose10"].A
     chains = [Chain(scene, geometry, photons, SAMPLES + more) for more in (0, 1)]
     state = chains[0].state({})
-    random = np.random.default_rng(np.random.SeedSequence(study["seed"], spawn_key=(NOISE_STREAM,)))
+    random = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(NOISE_STREAM,)))
     white = state.measured_air[0] * photons
     dark = np.zeros_like(white)
     taken = scans([Projections(state.counts(random), white, dark) for _ in range(REPEATS)])

@@ -5,35 +5,41 @@ from types import SimpleNamespace
 import pytest
 
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.candidate_effects import candidates, check_accuracy, check_kinds, shown_by
+from virtual_phantom.diagnosis.settings import RecordingSettings
 from virtual_phantom.physics.effect import acts_on_images, names, offered
 
 
+def stated(**settings):
+    return from_mapping(RecordingSettings, settings)
+
+
 def test_photon_flux_is_a_candidate_only_with_declared_photons():
-    assert "photon_flux" in candidates({"nominal_photons": 1e5})
-    assert set(candidates({})) == set(candidates({"nominal_photons": 1e5})) - {"photon_flux"}
+    assert "photon_flux" in candidates(stated(nominal_photons=1e5))
+    assert set(candidates(stated())) == set(candidates(stated(nominal_photons=1e5))) - {"photon_flux"}
 
 
 def test_each_kind_of_data_has_its_candidates():
-    offered_names = {kind: set(candidates({"nominal_photons": 1e5}, kind)) for kind in ("projections", "images")}
+    offered_names = {kind: set(candidates(stated(nominal_photons=1e5), kind)) for kind in ("projections", "images")}
     of_images = {name for name in names() if acts_on_images(name)}
     assert set(names()) - offered_names["projections"] == of_images | {"water_correction", "current_along_z"}
     assert set(names()) - offered_names["images"] == {"gain_pattern", "water_correction", "current_along_z"}
 
 
 def test_vendor_corrections_are_candidates_for_corrected_data_only():
-    tried = candidates({}, corrected=["beam_hardening"])
+    tried = candidates(stated(), corrected=["beam_hardening"])
     assert "water_correction" in tried and "spectrum" not in tried
     with pytest.raises(InputError, match=r"water_correction .* state corrected: \[beam_hardening\] in recording.yaml"):
-        candidates({"effects": ["water_correction"]})
+        candidates(stated(effects=["water_correction"]))
 
 
 def test_tube_current_along_z_needs_a_source_that_moves_along_z():
     scan = {"trajectory": "helical", "rotation_time_ms": 500.0, "views_per_rotation": 100.0}
-    assert "current_along_z" in candidates({}, **shown_by({"kind": "projections", "scan": scan}))
-    assert "current_along_z" in candidates({}, **shown_by({"kind": "images"}))
+    assert "current_along_z" in candidates(stated(), **shown_by({"kind": "projections", "scan": scan}))
+    assert "current_along_z" in candidates(stated(), **shown_by({"kind": "images"}))
     circle = scan | {"trajectory": "circular"}
-    assert "current_along_z" not in candidates({}, **shown_by({"kind": "projections", "scan": circle}))
+    assert "current_along_z" not in candidates(stated(), **shown_by({"kind": "projections", "scan": circle}))
 
 
 def test_effects_without_effect_alone_are_candidates_with_the_effects_they_modify():
@@ -53,7 +59,7 @@ def test_effects_without_effect_alone_are_candidates_with_the_effects_they_modif
 )
 def test_impossible_candidates_are_rejected(effects, kind, message):
     with pytest.raises(InputError, match=message) as error:
-        candidates({"effects": effects}, kind)
+        candidates(stated(effects=effects), kind)
     assert "\n" not in str(error.value)
 
 
@@ -66,6 +72,6 @@ def test_model_accuracy_is_accepted_for_known_effects_only():
 def test_transferred_physics_must_come_from_the_same_kind_of_data():
     kinds = {"bench": "projections", "scanner": "images"}
     recordings = {name: SimpleNamespace(content={"kind": kind}) for name, kind in kinds.items()}
-    diagnosed = {"scanner": {"protocol": "fbp_300"}, "bench": {"physics_from": "scanner"}}
+    diagnosed = {"scanner": stated(protocol="fbp_300"), "bench": stated(physics_from="scanner")}
     with pytest.raises(InputError, match="bench.physics_from is 'scanner', which holds images, not projections"):
         check_kinds(diagnosed, recordings)

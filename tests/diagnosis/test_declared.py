@@ -1,11 +1,14 @@
 """Declared physics: part of every model, never reported as missing, and reported if inconsistent with the data."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from simulated_scans import body, chosen, scans_of
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.fitting.priors import declared
@@ -16,6 +19,7 @@ from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.diagnosis.selection.joint_selection import choose_jointly
 from virtual_phantom.diagnosis.selection.screening import screened
+from virtual_phantom.diagnosis.settings import RecordingSettings
 from virtual_phantom.diagnosis.uncertainty.model_error import distortions_of_physics
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.beam.materials import Segmentation
@@ -208,7 +212,7 @@ def test_impossible_declarations_are_rejected_in_one_line(section, words):
 
 
 def test_declared_effect_is_no_candidate():
-    settings = {"baseline": STATED}
-    assert "scatter" not in candidates(settings) and "scatter" in candidates({})
+    settings, none = (from_mapping(RecordingSettings, one) for one in ({"baseline": STATED}, {}))
+    assert "scatter" not in candidates(settings) and "scatter" in candidates(none)
     with pytest.raises(InputError, match="scatter is declared under baseline; remove it"):
-        candidates(settings | {"effects": ["scatter"]})
+        candidates(replace(settings, effects=("scatter",)))

@@ -11,12 +11,14 @@ from simulated_scans import body, chosen, noisy_lines, scans_of
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.settings import FbpSettings, from_mapping
 from virtual_phantom.config.dependencies import LIBRARY
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.comparison.regions import complete
 from virtual_phantom.diagnosis.images.prepared import prepare as prepare_images
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
+from virtual_phantom.diagnosis.settings import RecordingSettings
 from virtual_phantom.diagnosis.uncertainty.model_error import kernel_error
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.diagnosis.verdict.warnings import caveats, doubts
@@ -177,7 +179,7 @@ def added(tmp_path):
 
 def test_user_effect_on_projections_is_found(scene, added):
     assert added == ("cupping", "output_drift") and set(added) <= set(effect.names())
-    tried = candidates({"nominal_photons": PHOTONS})
+    tried = candidates(from_mapping(RecordingSettings, {"nominal_photons": PHOTONS}))
     assert "output_drift" in tried and "cupping" not in tried
     chain = Chain(scene, GEOMETRY, PHOTONS)
     state = chain.state({"output_drift": {"drift_per_s": 0.03}})
@@ -193,12 +195,12 @@ def test_user_effect_on_projections_is_found(scene, added):
 
 
 def test_user_effect_on_images_is_found(scene, added):
-    tried = candidates({"nominal_photons": PHOTONS}, "images")
+    tried = candidates(from_mapping(RecordingSettings, {"nominal_photons": PHOTONS}), "images")
     assert set(added) <= set(tried)
     grid, chain = Grid((6, 40, 40), (5.4, 6.4, 6.4)), Chain(scene, GEOMETRY, PHOTONS)
 
     def reconstruct(lines):
-        return in_hu(lines.astype(np.float32), GEOMETRY, grid, "fbp", {}, "cpu", MU)
+        return in_hu(lines.astype(np.float32), GEOMETRY, grid, "fbp", FbpSettings("coverage"), "cpu", MU)
 
     noisy = reconstruct(noisy_lines(chain.state({}), 4, np.random.default_rng(2)))
     images = np.stack([apply_image_effects(one, grid.spacing, {"cupping": {"depth_hu": 12.0}}) for one in noisy])
@@ -240,11 +242,12 @@ FAVORABLE = {"corrected": ["housing"], "helical": True}
     ],
 )
 def test_effect_is_a_candidate_where_its_needs_are_met(leaking, settings, scan, message):
-    stated = {"nominal_photons": None if "nominal" in message else PHOTONS} | settings
-    assert "leakage" in candidates({"nominal_photons": PHOTONS}, **FAVORABLE)
+    photons = {"nominal_photons": None if "nominal" in message else PHOTONS}
+    stated = from_mapping(RecordingSettings, photons | settings)
+    assert "leakage" in candidates(from_mapping(RecordingSettings, {"nominal_photons": PHOTONS}), **FAVORABLE)
     assert "leakage" not in candidates(stated, **FAVORABLE | scan)
     with pytest.raises(InputError, match=message):
-        candidates(stated | {"effects": ["leakage"]}, **FAVORABLE | scan)
+        candidates(replace(stated, effects=("leakage",)), **FAVORABLE | scan)
 
 
 def test_effect_declares_its_priors_and_its_owner(scene, leaking):

@@ -9,6 +9,7 @@ from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.settings import FbpSettings
 from virtual_phantom.diagnosis.comparison.regions import complete
 from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearization, LinearizationPoint
 from virtual_phantom.diagnosis.fitting.trial import trial
@@ -106,7 +107,7 @@ def scene():
 
 
 def reconstruct(lines):
-    return in_hu(np.asarray(lines, np.float32), GEOMETRY, GRID, "fbp", {}, "cpu", MU)
+    return in_hu(np.asarray(lines, np.float32), GEOMETRY, GRID, "fbp", FbpSettings("coverage"), "cpu", MU)
 
 
 def recorded(scene, physics, seed, repeats=REPEATS):

@@ -6,11 +6,13 @@ from drawn_objects import CYLINDERS, ENERGY_KEV, GEOMETRY, MATERIALS, MU_WATER_P
 
 import virtual_phantom as vp
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.assumptions import object_text
 from virtual_phantom.diagnosis.comparison.regions import ScannedVolume
-from virtual_phantom.diagnosis.request import DiagnosisRequest, LabelledObject, Settings
+from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.scanned_object import scene_of
-from virtual_phantom.physics.beam.materials import attenuation_per_mm
+from virtual_phantom.diagnosis.settings import LabelledObject, RecordingSettings
+from virtual_phantom.physics.beam.materials import Segmentation, attenuation_per_mm
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.labeled import read_label_map
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
@@ -74,18 +76,20 @@ def test_mismatch_in_all_rays_is_not_attributed_to_voxels(tmp_path):
 def test_modeled_object_is_described():
     settings = {"samples": 1, "view_step": 1, "alignment": {}}
     materials = {"1": "pmma", "2": {"compound": "C2F4", "density_g_per_cm3": 2.16}, "3": "nothing", "4": "pmma"}
-    object_settings = {"object": {"labels": "maps/rods.nii.gz", "materials": materials}}
-    diagnosis_request = DiagnosisRequest("nowhere", Settings.of(settings | object_settings), MU_WATER_PER_MM, {})
-    assert isinstance(diagnosis_request.settings.object, LabelledObject)
-    assert object_text(diagnosis_request) == "the label map rods.nii.gz, of pmma and C2F4 (2.16 g/cm3)"
+    given = {"object": {"labels": "maps/rods.nii.gz", "materials": materials}}
+    asked = DiagnosisRequest(
+        "nowhere", from_mapping(RecordingSettings, settings | given), MU_WATER_PER_MM, Segmentation()
+    )
+    assert isinstance(asked.settings.object, LabelledObject)
+    assert object_text(asked) == "the label map rods.nii.gz, of pmma and C2F4 (2.16 g/cm3)"
 
 
 def test_beam_without_effects_equals_that_of_shapes(tmp_path):
     """At the energy where water has the declared attenuation; only there has the map its line integrals."""
     path = drawn(tmp_path / "labels.nii.gz", 0.2)
-    object_settings = {"object": {"labels": str(path), "materials": {str(key): of for key, of in MATERIALS.items()}}}
-    settings = Settings.of({"samples": 1, "view_step": 1, "alignment": {}} | object_settings)
-    scene = scene_of(DiagnosisRequest("nowhere", settings, MU_WATER_PER_MM, {}))
+    given = {"object": {"labels": str(path), "materials": {str(key): of for key, of in MATERIALS.items()}}}
+    settings = from_mapping(RecordingSettings, {"samples": 1, "view_step": 1, "alignment": {}} | given)
+    scene = scene_of(DiagnosisRequest("nowhere", settings, MU_WATER_PER_MM, Segmentation()))
     shapes = ShapesScene([cylinder(*one) for one in CYLINDERS], ENERGY_KEV)
     found, expected = (Chain(one, GEOMETRY).state({}).line_integrals() for one in (scene, shapes))
     assert np.abs(found - expected).mean() < 0.005 * expected.max()

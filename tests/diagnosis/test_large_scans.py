@@ -6,8 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from virtual_phantom.base.geometry import circular
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis import workload
 from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.settings import RecordingSettings
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.scene import DiscScene
 
@@ -46,8 +48,10 @@ def test_shapes_have_more_rays_per_pixel_if_all_views_are_fitted():
     assert workload.rays_of(middle, 3) <= workload.MOST_FITTED < workload.rays_of(middle, 4)
     assert workload.samples_for(None, False, small) == 2  # voxels
     assert workload.samples_for(1, True, small) == 1 and workload.samples_for(6, False, large) == 6
-    assert workload.is_shapes({"disc": {}}) and workload.is_shapes({"object": {"kind": "pmma_disc"}})
-    assert not workload.is_shapes({}) and not workload.is_shapes({"object": {"mask": "m.nii"}})
+    scanned = {"disc": {"diameter_mm": 70, "material": "pmma"}}, {"object": {"kind": "pmma_disc"}}
+    others = {}, {"object": {"mask": "m.nii", "material": "pmma"}}
+    assert all(from_mapping(RecordingSettings, one).of_shapes for one in scanned)
+    assert not any(from_mapping(RecordingSettings, one).of_shapes for one in others)
 
 
 @pytest.mark.parametrize("repeats", [1, 4])

@@ -9,11 +9,14 @@ from simulated_scans import noisy_lines
 import virtual_phantom as vp
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular, parallel_beam
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.assumptions import object_text
 from virtual_phantom.diagnosis.comparison.regions import ScannedVolume
 from virtual_phantom.diagnosis.projections import discretization
-from virtual_phantom.diagnosis.request import DiagnosisRequest, Settings
+from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.scanned_object import scene_of
+from virtual_phantom.diagnosis.settings import RecordingSettings
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import checked
 from virtual_phantom.physics.scenes.objects import read_object
@@ -29,7 +32,7 @@ GEOMETRY = circular(
     row_pitch_mm=8.0,
 )
 SECTION = {"samples": 1, "view_step": 1, "alignment": {}, "object": {"kind": "acr464_module1"}}
-ASKED = DiagnosisRequest("nowhere", Settings.of(SECTION), 0.0193, {})
+ASKED = DiagnosisRequest("nowhere", from_mapping(RecordingSettings, SECTION), 0.0193, Segmentation())
 
 
 FINELY = 12  # rays per pixel and direction of the scan: three quarters of those for the model's errors

@@ -13,6 +13,7 @@ from simulated_scans import noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.config.config import complete
 from virtual_phantom.diagnosis.fitting.fit import Fit
 from virtual_phantom.diagnosis.fitting.trial import Trial, trial
@@ -21,6 +22,7 @@ from virtual_phantom.diagnosis.scanned_object import mask_scene
 from virtual_phantom.diagnosis.selection import forward_selection
 from virtual_phantom.diagnosis.selection.screening import Screened, best_few
 from virtual_phantom.diagnosis.selection.transfer import Physics, stated, verified, with_declared
+from virtual_phantom.diagnosis.settings import FitSettings
 from virtual_phantom.diagnosis.uncertainty.intervals import half_width
 from virtual_phantom.diagnosis.uncertainty.prediction_error import left_by_numbers
 from virtual_phantom.diagnosis.verdict.verdict import diagnose, excess_rms_removed
@@ -399,25 +401,26 @@ def test_transferred_physics_can_be_declared(tmp_path):
     stated = {"stated": 20.0, "sd": 5.0, "value": 24.0, "ci95": [20.08, 27.92], "unit": "ms", "pull": 1.0, "off": False}
     glow = {"time_constant_ms": stated, "share": stated | {"value": 0.03, "ci95": [0.0104, 0.0496], "unit": "1"}}
     (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, declared={"afterglow": glow})))
-    user_declaration = {"scatter": {"amount": {"value": 0.01, "sd": 0.001}}}
-    model = {"folder": "here", "settings": {"samples": 1, "baseline": user_declaration}}
-    settings = with_declared(model, tmp_path / "d.json")["settings"]
-    assert settings["samples"] == 1 and settings["baseline"]["scatter"] == user_declaration["scatter"]
-    assert set(settings["baseline"]) == set(TRUTH) | {"afterglow"}
-    assert settings["baseline"]["afterglow"]["time_constant_ms"] == pytest.approx({"value": 24.0, "sd": 2.0}, rel=1e-4)
+    own = {"scatter": {"amount": {"value": 0.01, "sd": 0.001}}}
+    model = from_mapping(FitSettings, {"folder": "here", "settings": {"samples": 1, "baseline": own}})
+    settings = with_declared(model, tmp_path / "d.json").settings
+    assert settings.samples == 1 and settings.baseline["scatter"] == own["scatter"]
+    assert set(settings.baseline) == set(TRUTH) | {"afterglow"}
+    assert settings.baseline["afterglow"]["time_constant_ms"] == pytest.approx({"value": 24.0, "sd": 2.0}, rel=1e-4)
     errors = Physics.read(tmp_path / "d.json").errors
     for name in set(TRUTH) - {"scatter"}:
         for key, value in TRUTH[name].items():
-            assert settings["baseline"][name][key] == pytest.approx({"value": value, "sd": errors[name][key]})
-    assert model["settings"]["baseline"] == user_declaration and with_declared(model, None) == model
+            assert settings.baseline[name][key] == pytest.approx({"value": value, "sd": errors[name][key]})
+    assert model.settings.baseline == own and with_declared(model, None) == model
 
 
+NOTHING_STATED = from_mapping(FitSettings, {"settings": {}})
 DRIFTS = {"dark_signal": {"level_units": 2e3, "drift_units_per_s": 3e3}}
 
 
 def test_transferred_effect_of_each_scan_sets_its_range(tmp_path):
     (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, DRIFTS)))
-    stated = with_declared({"settings": {}}, tmp_path / "d.json")["settings"]["baseline"]["dark_signal"]
+    stated = with_declared(NOTHING_STATED, tmp_path / "d.json").settings.baseline["dark_signal"]
     errors = Physics.read(tmp_path / "d.json").errors["dark_signal"]
     assert stated["level_units"] == pytest.approx({"value": 2e3, "sd": errors["level_units"]})
     assert stated["drift_units_per_s"] == pytest.approx({"value": 0.0, "sd": 3e3 + errors["drift_units_per_s"]})
@@ -448,4 +451,4 @@ def test_effect_of_each_scan_is_fitted_with_transferred_physics(tmp_path):
 def test_diagnosis_without_effects_declares_none(tmp_path):
     (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, {})))
     with pytest.raises(InputError, match="d.json: knows no effect of the scanner; take baseline_from out"):
-        with_declared({"settings": {}}, tmp_path / "d.json")
+        with_declared(NOTHING_STATED, tmp_path / "d.json")

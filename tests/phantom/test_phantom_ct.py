@@ -53,9 +53,13 @@ def nifti(tmp_path):
     }
 
 
+def load(settings, grid, oversampling):
+    return ct.load_phantom(ct.read_settings(settings), grid, oversampling)
+
+
 def refuse(settings, match, grid=GRID):
     with pytest.raises(InputError, match=match) as caught:
-        ct.load_phantom(settings, grid, 1)
+        load(settings, grid, 1)
     assert "\n" not in str(caught.value)
 
 
@@ -64,7 +68,7 @@ def refuse(settings, match, grid=GRID):
 
 def test_dicom_series_is_read_by_position_into_the_world_frame(slices, nifti, tmp_path):
     nifti["image"] = write_series(slices, tmp_path / "dicom")
-    phantom = ct.load_phantom(nifti, GRID, 1)
+    phantom = load(nifti, GRID, 1)
     assert phantom.image.grid.centre_mm == pytest.approx(CENTRE)
     np.testing.assert_allclose(phantom.image.array, object_hu(), atol=1e-2)
 
@@ -85,13 +89,13 @@ def test_every_region_format_gives_the_same_mask(kind, slices, nifti, tmp_path):
         "rtstruct": lambda: {"file": write_rtstruct(tmp_path / "rt.dcm"), "label": "bright"},
     }[kind]()
     nifti["rois"] = [roi(**entry)]
-    (loaded,) = ct.load_phantom(nifti, GRID, 1).rois
+    (loaded,) = load(nifti, GRID, 1).rois
     np.testing.assert_array_equal(loaded.mask, ball("bright"))
 
 
 def test_inner_contour_is_a_hole(slices, nifti, tmp_path):
     nifti["rois"] = [roi(file=write_rtstruct(tmp_path / "rt.dcm", hole=True), label="bright")]
-    (loaded,) = ct.load_phantom(nifti, GRID, 1).rois
+    (loaded,) = load(nifti, GRID, 1).rois
     filled = ball("bright")
     contours = filled.any(axis=(1, 2)).sum()
     assert filled.sum() - loaded.mask.sum() == 9 * contours
@@ -104,7 +108,7 @@ def test_inner_contour_is_a_hole(slices, nifti, tmp_path):
 )
 def test_other_grids_show_the_same_object(nifti, shape, spacing, oversampling):
     grid = Grid(shape, spacing)
-    phantom = ct.load_phantom(nifti, grid, oversampling)
+    phantom = load(nifti, grid, oversampling)
     assert phantom.fine.grid.matches(phantom.image.grid.refined(oversampling))
     z, y, x = grid.axes_mm()
     for loaded, (centre, radius, hu) in zip(phantom.rois, BALLS.values(), strict=True):
@@ -127,7 +131,7 @@ def test_detail_finer_than_the_grid_is_averaged_not_skipped(tmp_path, nifti):
     hu[hu > -500] = 0
     hu += np.where(np.arange(48) % 2, 90, -90) * (hu > -500)
     nifti["image"] = write_nifti_array(hu.astype(np.float32), tmp_path / "stripes.nii.gz")
-    image = ct.load_phantom(nifti, Grid((14, 40, 16), (3.0, 2.0, 6.0)), 1).image.array
+    image = load(nifti, Grid((14, 40, 16), (3.0, 2.0, 6.0)), 1).image.array
     assert np.abs(image[7, 18:22, 5:11]) == pytest.approx(30, abs=0.1)
 
 
@@ -135,14 +139,14 @@ def test_outside_of_the_ct_and_below_air_is_air(nifti, tmp_path):
     hu = object_hu()
     hu[:, :2] = -3024  # as some scanners store outside the field of view
     nifti["image"] = write_nifti_array(hu, tmp_path / "padded.nii.gz")
-    phantom = ct.load_phantom(nifti, Grid((18, 48, 56), (3.0, 2.0, 2.0)), 1)
+    phantom = load(nifti, Grid((18, 48, 56), (3.0, 2.0, 2.0)), 1)
     assert phantom.image.array.min() == -1000
     assert (phantom.image.array[[0, -1]] == -1000).all() and (phantom.image.array[:, :4] == -1000).all()
 
 
 def test_centre_moves_the_grid(nifti):
     moved = (CENTRE[0] + 2, CENTRE[1] - 2, CENTRE[2] + 3)
-    shifted = ct.load_phantom({**nifti, "centre_mm": moved}, Grid((14, 44, 52), (3.0, 2.0, 2.0)), 1)
+    shifted = load({**nifti, "centre_mm": moved}, Grid((14, 44, 52), (3.0, 2.0, 2.0)), 1)
     assert shifted.image.grid.centre_mm == moved
     np.testing.assert_allclose(shifted.image.array[:-1, 3:43, 1:49], object_hu()[1:], atol=1e-2)
 
@@ -154,8 +158,8 @@ def test_keep_mm_removes_a_table(nifti, tmp_path):
     slim = Grid((14, 34, 42), (3.0, 2.0, 2.0))
     needed = r"The grid spans 68 and 84 mm; set grid.shape to at least \[14, 40, 48\] \(z, y, x\)"
     refuse(nifti, rf"does not fit\. .* 80 mm along y and 96 mm along x\. {needed}", slim)
-    stored = ct.load_phantom({**nifti, "keep_mm": [[-60, 60], [CENTRE[1] - 36, CENTRE[1] + 36]]}, slim, 1)
-    np.testing.assert_allclose(stored.image.array, object_hu()[:, 3:-3, 3:-3], atol=1e-2)
+    kept = load({**nifti, "keep_mm": [[-60, 60], [CENTRE[1] - 36, CENTRE[1] + 36]]}, slim, 1)
+    np.testing.assert_allclose(kept.image.array, object_hu()[:, 3:-3, 3:-3], atol=1e-2)
 
 
 @pytest.mark.parametrize("margin", [2.0, 5.0])
@@ -178,7 +182,7 @@ def test_margin_leaves_the_end_of_the_scan_alone():
 
 def test_parts_are_compact_similar_separate_and_ordered(nifti):
     nifti["rois"] = [roi("dark", label=7), roi("bright", label=3, parts=3)]
-    rois = ct.load_phantom(nifti, GRID, 1).rois
+    rois = load(nifti, GRID, 1).rois
     assert [r.name for r in rois] == ["dark", "bright_1", "bright_2", "bright_3"]
     parts = [r.mask for r in rois[1:]]
     for i, part in enumerate(parts):
@@ -188,7 +192,7 @@ def test_parts_are_compact_similar_separate_and_ordered(nifti):
         assert not (binary_dilation(part, np.ones((3, 3, 3))) & others).any()
     x = [np.argwhere(p)[:, 2].mean() for p in parts]
     assert x == sorted(x, reverse=True)
-    again = ct.load_phantom(nifti, GRID, 1).rois
+    again = load(nifti, GRID, 1).rois
     assert all((a.mask == b.mask).all() for a, b in zip(rois, again, strict=True))
 
 
@@ -437,7 +441,7 @@ def test_roi_that_the_grid_cuts_is_rejected_with_the_share(nifti):
         centre = [*CENTRE[:2], CENTRE[2] + top - 21]
         message = rf"ROI bright: {share:.3g} % of it lies outside the grid; enlarge grid\.shape or grid\.spacing_mm"
         refuse({**nifti, "centre_mm": centre}, message)
-    ct.load_phantom({**nifti, "centre_mm": [*CENTRE[:2], CENTRE[2] - 6]}, GRID, 1)  # its last slice ends at 15 mm
+    load({**nifti, "centre_mm": [*CENTRE[:2], CENTRE[2] - 6]}, GRID, 1)  # its last slice ends at 15 mm
 
 
 def test_roi_that_keep_mm_cuts_is_rejected_with_the_share(nifti):
@@ -448,7 +452,7 @@ def test_roi_that_keep_mm_cuts_is_rejected_with_the_share(nifti):
     keep = [[-90, CENTRE[0] + 20], [-90, 90]]
     refuse({**nifti, "keep_mm": keep}, rf"ROI bright: {share:.3g} % of it lies outside phantom\.ct\.keep_mm")
     keep[0][1] = CENTRE[0] + 24
-    ct.load_phantom({**nifti, "keep_mm": keep}, GRID, 1)
+    load({**nifti, "keep_mm": keep}, GRID, 1)
 
 
 def test_part_is_rejected_although_the_whole_would_pass(nifti, tmp_path):
@@ -458,7 +462,7 @@ def test_part_is_rejected_although_the_whole_would_pass(nifti, tmp_path):
     bar[5, 18:21, 42] = 1
     nifti["rois"] = [roi(file=write_nifti_array(bar, tmp_path / "bar.nii.gz"))]
     nifti["keep_mm"] = [[-90, CENTRE[0] + CT_GRID.axes_mm()[2][41]], [-90, 90]]
-    ct.load_phantom(nifti, GRID, 1)
+    load(nifti, GRID, 1)
     nifti["rois"][0]["parts"] = 6
     refuse(nifti, r"ROI bright_1: [1-5][.0-9]* % of it lies outside phantom\.ct\.keep_mm")
 
@@ -467,7 +471,7 @@ def test_roi_that_ends_with_the_ct_is_not_cut_by_the_grid(nifti, tmp_path):
     column = np.zeros(CT_GRID.shape, np.uint8)
     column[:, 18:22, 20:24] = 1
     nifti["rois"] = [roi(file=write_nifti_array(column, tmp_path / "column.nii.gz"))]
-    (loaded,) = ct.load_phantom(nifti, GRID, 1).rois
+    (loaded,) = load(nifti, GRID, 1).rois
     assert loaded.mask.sum() == column.sum()
 
 
@@ -476,7 +480,7 @@ def test_labels_of_the_file_are_listed_with_their_numbers(nifti, tmp_path):
     file = write_nifti_array(labels, tmp_path / "labels.nii.gz")
     rois = [{"name": "b", "tissue_class": "x", "file": file, "label": 7, "parts": 2}]
     rois.append({"name": "d", "tissue_class": "y", "file": file, "label": 4})
-    made = ct.load_phantom({**nifti, "rois": rois}, GRID, 1)
+    made = load({**nifti, "rois": rois}, GRID, 1)
     write_phantom(made, tmp_path / "phantom")
     table = pd.read_csv(tmp_path / "phantom" / "rois.csv")
     assert list(table["roi"]) == ["b_1", "b_2", "d"] and list(table["label"]) == [1, 2, 3]
@@ -501,7 +505,7 @@ def test_clinical_abdomen_loads_as_configured(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     config = yaml.safe_load((ROOT / "config/abdomen.yaml").read_text())
     grid = Grid(config["grid"]["shape"], config["grid"]["spacing_mm"])
-    phantom = ct.load_phantom(config["phantom"]["ct"], grid, 1)
+    phantom = load(config["phantom"]["ct"], grid, 1)
     mean = {r.name: float(phantom.image.array[r.mask].mean()) for r in phantom.rois}
     voxels = {r.name: int(r.mask.sum()) for r in phantom.rois}
     assert len(mean) == 9 and min(voxels.values()) > 500

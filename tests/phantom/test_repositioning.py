@@ -14,6 +14,8 @@ from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import ct, synthetic
 from virtual_phantom.phantom.layout import read_layout
 from virtual_phantom.phantom.repositioning import moved_to_border, random_pose
+from virtual_phantom.physics.beam.materials import Segmentation
+from virtual_phantom.physics.beam.sensors import Sensor
 from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction.fbp import fbp
@@ -28,8 +30,7 @@ SCANS = {
     "circle": circular(views=120, **DETECTOR),
     "helix": helical(views=300, volume_height_mm=32, pitch=0.5, **DETECTOR),
 }
-MATERIALS = {"soft": "water", "dense": None, "dense_from_hu": 150}
-SENSOR = {"material": "caesium_iodide", "reads": "energy"}
+MATERIALS, SENSOR = Segmentation(dense=None), Sensor()
 
 
 def placed(pose):
@@ -108,7 +109,7 @@ def test_regions_of_a_ct_follow_the_pose(tmp_path):
         nibabel.save(nibabel.Nifti1Image(array.T, ct_grid.affine), names[-1])
     settings = {"image": names[0], "labels": names[1], "rois": [{"name": "ball", "tissue_class": "one", "label": 1}]}
     grid = Grid((24, 60, 60), (1.5, 1.4, 1.3), centre)
-    still, moved = (ct.rois(settings, grid, *pose)[0].mask for pose in ((), (POSE,)))
+    still, moved = (ct.rois(ct.read_settings(settings), grid, *pose)[0].mask for pose in ((), (POSE,)))
     assert centre_of_mass(still, grid) == pytest.approx(PLACE, abs=0.1)
     assert centre_of_mass(moved, grid) == pytest.approx(placed(POSE), abs=0.1)
 

@@ -12,6 +12,7 @@ from scanner import SCANNER
 from virtual_phantom import projectors
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, helical
+from virtual_phantom.base.settings import SirtSettings
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.projectors import astra_cuda
 from virtual_phantom.projectors.astra_cuda import AstraCudaProjector, cone_vectors, projection_geometry, volume_geometry
@@ -204,7 +205,7 @@ def test_realizations_are_transferred_one_by_one(device, monkeypatch):
 
     monkeypatch.setattr(images, "projector", made)
     scan = np.random.default_rng(5).random((3, GEOMETRY.views, GEOMETRY.rows, GEOMETRY.columns), np.float32)
-    settings = {**SIRT, "iterations": 4, "backprojector": "voxel"}
+    settings = SirtSettings(**SIRT | {"iterations": 4, "backprojector": "voxel"})
     actual, theirs = (
         images.in_hu(scan, GEOMETRY, GRID, "sirt", settings, engine, 0.02) for engine in ("cpu", "astra_cuda")
     )
@@ -247,7 +248,7 @@ def test_gpu_and_cpu_reconstructions_agree():
     cpu = CpuProjector(GEOMETRY, GRID)
     lines = cpu.unpack_projections(cpu.forward(cpu.pack_volume(0.02 * _ball()[None])))
     noise = np.random.default_rng(7).normal(0, 0.02, lines.shape).astype(np.float32)
-    settings = {**SIRT, "iterations": 500, "terms": 60, "backprojector": "voxel"}
+    settings = SirtSettings(**SIRT | {"iterations": 500, "terms": 60, "backprojector": "voxel"})
     quiet, actual, theirs = (
         images.in_hu(data, GEOMETRY, GRID, "sirt", settings, engine, 0.02)[0]
         for data, engine in ((lines, "cpu"), (lines + noise, "cpu"), (lines + noise, "astra_cuda"))

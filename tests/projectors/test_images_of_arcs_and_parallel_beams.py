@@ -9,7 +9,9 @@ import yaml
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical, parallel_beam, scan_geometry
-from virtual_phantom.config.config import complete, inspected
+from virtual_phantom.base.settings import ScanSettings, from_mapping
+from virtual_phantom.config.config import inspected, read_study
+from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.beam.materials import attenuation_per_mm
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV
@@ -135,11 +137,11 @@ def study(**changes):
 
 
 def test_study_of_a_parallel_beam_has_no_distances():
-    config = complete(study())
-    geometry = scan_geometry(config["scan"], 180, Grid((4, 32, 32), (2.0, 2.0, 2.0)))
+    geometry = scan_geometry(read_study(study()).scan, 180, Grid((4, 32, 32), (2.0, 2.0, 2.0)))
     assert geometry.parallel and geometry.magnification == pytest.approx(1)
     # The same for a section without completed defaults, as virtual_phantom.scan accepts it.
-    assert scan_geometry(study()["scan"] | {"turns": 1.0, **OFFSETS}, 180, Grid((4, 8, 8), (2.0,) * 3)).parallel
+    section = defaults_of("scan") | study()["scan"] | {"turns": 1.0, **OFFSETS}
+    assert scan_geometry(from_mapping(ScanSettings, section), 180, Grid((4, 8, 8), (2.0,) * 3)).parallel
 
 
 @pytest.mark.parametrize(

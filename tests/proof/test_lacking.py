@@ -5,6 +5,7 @@ import pytest
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.effect import load, names
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
@@ -15,6 +16,7 @@ from virtual_phantom.proof.hiding.objects import OBJECTS
 from virtual_phantom.proof.hiding.suite import truths
 from virtual_phantom.proof.hiding.unsteady import breathed, jittered, swung, turned
 from virtual_phantom.proof.hiding.xcist import Acquired, Scan
+from virtual_phantom.proof.settings import ProofSettings
 
 VIEWS, COLUMNS, KEV = 40, 30, 70.0
 
@@ -196,14 +198,18 @@ SUITE = {
 }
 
 
+def section(settings):
+    return from_mapping(ProofSettings, settings)
+
+
 def test_all_kinds_are_equally_frequent_and_their_correct_verdict_is_sealed():
-    drawn = [truth["effects"][0] for truth in truths(SUITE).values()]
+    drawn = [truth["effects"][0] for truth in truths(section(SUITE)).values()]
     counted = [one["name"] for one in drawn]
     assert {counted.count(name) for name in MISSING_EFFECTS} == {2}
     assert all(one["right"] == MISSING_EFFECTS[one["name"]].right and not one["known"] for one in drawn)
-    other = [truth["effects"][0]["name"] for truth in truths(SUITE | {"seed": 4, "unknown": 5}).values()]
+    other = [truth["effects"][0]["name"] for truth in truths(section(SUITE | {"seed": 4, "unknown": 5})).values()]
     assert len(set(other)) == 5
-    few = truths(SUITE | {"unknown_kinds": ["dim_views"], "unknown": 3})
+    few = truths(section(SUITE | {"unknown_kinds": ["dim_views"], "unknown": 3}))
     assert {truth["effects"][0]["name"] for truth in few.values()} == {"dim_views"}
     with pytest.raises(InputError, match="proof.unknown_kinds: there is no 'dimviews'; use some of periodic_motion"):
-        truths(SUITE | {"unknown_kinds": ["dimviews"]})
+        truths(section(SUITE | {"unknown_kinds": ["dimviews"]}))

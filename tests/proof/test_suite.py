@@ -10,7 +10,8 @@ import pytest
 import yaml
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.config.config import complete
+from virtual_phantom.base.settings import from_mapping
+from virtual_phantom.config.config import read_study
 from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE, MODELS, XCIST, never_hidden
@@ -29,6 +30,7 @@ from virtual_phantom.proof.hiding.suite import (
     views_of,
 )
 from virtual_phantom.proof.hiding.xcist import Acquired
+from virtual_phantom.proof.settings import ProofScan, ProofSettings
 from virtual_phantom.recordings.reading import load_recording
 
 SETTINGS = {
@@ -47,9 +49,13 @@ IMAGES = {"single": 2, "pair": 3}
 LIBRARY = Path(seal.__file__).resolve().parents[1]
 
 
+def section(settings):
+    return from_mapping(ProofSettings, settings)
+
+
 @pytest.fixture(scope="module")
 def suite():
-    return truths(SETTINGS)
+    return truths(section(SETTINGS))
 
 
 def test_every_effect_on_projections_can_be_hidden_at_every_strength(suite):
@@ -61,22 +67,25 @@ def test_every_effect_on_projections_can_be_hidden_at_every_strength(suite):
 
 
 def test_every_image_has_another_kernel_and_some_another_effect(suite):
-    images = {case: t for case, t in suite.items() if kind_of(case, SETTINGS) == "images"}
-    assert {t["kind"] for t in images.values()} == {"images"} and list(images) == cases(SETTINGS)[-5:]
+    images = {case: t for case, t in suite.items() if kind_of(case, section(SETTINGS)) == "images"}
+    assert {t["kind"] for t in images.values()} == {"images"} and list(images) == cases(section(SETTINGS))[-5:]
     assert Counter(t["category"] for t in images.values()) == IMAGES
     assert {t["effects"][0]["name"] for t in images.values()} == {KERNEL}
     assert {t["effects"][1]["name"] for t in images.values() if len(t["effects"]) > 1} == {
         *SETTINGS["images"]["effects"]
     }
-    assert views_of("images", SETTINGS) == (288, 240) and views_of("projections", SETTINGS) == (72, 60)
+    assert views_of("images", section(SETTINGS)) == (288, 240) and views_of("projections", section(SETTINGS)) == (
+        72,
+        60,
+    )
     # The projections of a seed do not depend on images.
     without = SETTINGS | {"images": SETTINGS["images"] | {"strengths": [], "effects": []}}
-    assert truths(without).items() <= suite.items()
+    assert truths(section(without)).items() <= suite.items()
 
 
 def test_suite_is_reproducible_from_its_seed(suite):
-    assert truths(SETTINGS) == suite
-    assert truths(SETTINGS | {"seed": 8}) != suite
+    assert truths(section(SETTINGS)) == suite
+    assert truths(section(SETTINGS | {"seed": 8})) != suite
     assert len({salt(7, number) for number in range(100)}) == 100
 
 
@@ -84,7 +93,7 @@ def test_order_of_cases_contains_no_information(suite):
     singles = [t["effects"][0]["name"] for t in suite.values() if t["category"] == "single" and t["kind"] != "images"]
     assert singles != sorted(singles, key=KNOWN.index)
     assert len({t["category"] for t in list(suite.values())[:20]}) > 1
-    assert list(suite) == cases(SETTINGS)
+    assert list(suite) == cases(section(SETTINGS))
     assert {phantom_of(case) for case in suite} == set(PHANTOMS) == set(OBJECTS)
 
 
@@ -112,16 +121,18 @@ def test_truths_can_be_sealed(suite):
 
 def test_unknown_effect_is_rejected():
     with pytest.raises(InputError, match=r"proof.effects: 'scater' cannot be hidden"):
-        cases(SETTINGS | {"effects": ["scater"]})
+        cases(section(SETTINGS | {"effects": ["scater"]}))
     for name in ("scater", KERNEL, "periodic_motion"):
         with pytest.raises(
             InputError, match=rf"proof.images.effects: '{name}' cannot be hidden together with a kernel"
         ):
-            cases(SETTINGS | {"images": {"strengths": [], "effects": [name], "tried": [KERNEL, name]}})
+            cases(section(SETTINGS | {"images": {"strengths": [], "effects": [name], "tried": [KERNEL, name]}}))
     with pytest.raises(InputError, match=r"proof.images.tried: lacks 'scatter'"):
-        check_tried(SETTINGS | {"images": SETTINGS["images"] | {"tried": [KERNEL, "hu_calibration", "motion"]}})
+        check_tried(
+            section(SETTINGS | {"images": SETTINGS["images"] | {"tried": [KERNEL, "hu_calibration", "motion"]}})
+        )
     with pytest.raises(InputError, match=r"proof.scan.rows: 4 rows cover too few slices"):
-        cases(SETTINGS | {"scan": {"views": 72, "rows": 4}})
+        cases(section(SETTINGS | {"scan": {"views": 72, "rows": 4}}))
 
 
 OF_ITS_OWN = ("readout", "generate", "faults", "unsteady", "changed_object")
@@ -146,7 +157,7 @@ def test_recordings_differ_in_readings_only(tmp_path):
     documents, sizes = [], []
     random = np.random.default_rng(1)
     for name, hidden in (("plain", {}), ("other", {"scatter_scale": 4.0, "kvp": 80, "aluminium_mm": 3})):
-        settings = {"columns": 40, "rows": 4}
+        settings = from_mapping(ProofScan, {"columns": 40, "rows": 4})
         scan = scan_section(OBJECTS["quality_assurance"], settings, 30, 1e5, 800.0, 70.0, hidden)
         readings = random.uniform(1, 2, (2, 30, 4, 40)).astype(np.float32)
         write(tmp_path / name, "case_01", scan, Acquired(readings, np.full((4, 40), 2, np.float32)))
@@ -165,8 +176,9 @@ def test_recordings_differ_in_readings_only(tmp_path):
 def test_images_contain_no_information_but_their_voxels(tmp_path):
     documents, headers = [], []
     one, random = OBJECTS["quality_assurance"], np.random.default_rng(1)
+    detector = from_mapping(ProofScan, {"columns": 60, "rows": 6})
     for name, hidden in (("plain", {}), ("other", {"kernel_pixels": 1.0, "hu_scale": 1.1, "hu_offset": 20.0})):
-        scan = scan_section(one, {"columns": 60, "rows": 6}, 24, 1e5, 800.0, 70.0, hidden)
+        scan = scan_section(one, detector, 24, 1e5, 800.0, 70.0, hidden)
         readings = random.uniform(1, 2, (2, 24, 6, 60)).astype(np.float32)
         readings[0, 0, 0, 0] = 0  # zero counts have no logarithm
         write_images(tmp_path / name, "case_01", one, scan, Acquired(readings, np.full((6, 60), 2, np.float32)), 0.0193)
@@ -181,7 +193,7 @@ def test_images_contain_no_information_but_their_voxels(tmp_path):
 def test_quick_set_has_fifteen_cases_of_every_kind():
     config = Path(__file__).resolve().parents[2] / "config"
     whole, quick = (yaml.safe_load((config / f"{name}.yaml").read_text()) for name in ("config", "quick_proof"))
-    hidden = truths(complete(whole | quick)["proof"])
+    hidden = truths(read_study(whole | quick).proof)
     assert len(hidden) == 15
     kinds = Counter(one["category"] for one in hidden.values())
     assert kinds == {"single": 10, "none": 2, "pair": 2, "unknown": 1}

@@ -19,7 +19,9 @@ from recording_folders import (
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.preparation import prepare_recording
-from virtual_phantom.diagnosis.request import DiagnosisRequest, Disc, Settings
+from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.settings import Disc, RecordingSettings
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.recordings.summary import summarize_recording
@@ -174,7 +176,7 @@ def test_summary_lists_what_is_missing(tmp_path):
 
 def test_stated_sensor_is_used_in_the_model(tmp_path):
     """Unstated values are typical, and the thickness is freer the less is stated."""
-    settings = Settings(samples=1, view_step=1, alignment={}, disc=Disc(20.0, "water"))
+    settings = RecordingSettings(samples=1, view_step=1, alignment={}, disc=Disc(20.0, "water"))
     folder, content = projections_folder(tmp_path / "r", log=True)
     random = np.random.default_rng(1)
     for name in "abc":
@@ -186,7 +188,7 @@ def test_stated_sensor_is_used_in_the_model(tmp_path):
         ({"material": "caesium_iodide", "thickness_mm": 0.4}, ("caesium_iodide", "energy", 0.4, 0.05)),
     ):
         write_yaml(folder, content | {"nominal": {"sensor": output} if output else {}})
-        _, prepared = prepare_recording(DiagnosisRequest(folder, settings, 0.0193, {}))
+        _, prepared = prepare_recording(DiagnosisRequest(folder, settings, 0.0193, Segmentation()))
         sensor = prepared.fitter.model.chain.sensor
         assert (sensor.material, sensor.reads, sensor.thickness_mm, sensor.thickness_sd) == right
     write_yaml(folder, content | {"nominal": {"sensor": {"thickness_mm": 0.4}}})

@@ -22,7 +22,9 @@ import pandas as pd
 from interrupt import ROOT, tables
 from processors import plain_processor
 
+from virtual_phantom.base.settings import FbpSettings, SirtSettings
 from virtual_phantom.io import exchange, volumes
+from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.reconstruction.images import in_hu
 from virtual_phantom.simulation.acquire import simulate_counts
 
@@ -31,7 +33,8 @@ tiny = run_path(str(ROOT / "tests" / "workflow" / "workflow_runs.py"))["tiny"]
 
 CIRCUMSTANCES = ("one core", "four cores, four threads", "another order", "nothing compiled")
 # Algorithms of the tiny study, for images without noise.
-ALGORITHMS = {"sirt": {"iterations": 100, "terms": 25}, "fbp": {}}
+SIRT = defaults_of("reconstruction", "sirt") | {"iterations": 100, "terms": 25}
+ALGORITHMS = {"sirt": SirtSettings(**SIRT), "fbp": FbpSettings("coverage")}
 MU_WATER_PER_MM, NOISE_LEVEL = 0.0193, 6e-6
 PROJECTIONS_WITHIN, IMAGES_WITHIN_HU = 1e-5, 0.5
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.settings import FbpSettings
 from virtual_phantom.base.units import HU_AIR
 from virtual_phantom.features.extraction import FEATURES, extract
 from virtual_phantom.io.volumes import Volume
@@ -60,7 +61,9 @@ def small_scan() -> dict[str, np.ndarray]:
     lines = clean_line_integrals(Volume(hu.astype(np.float32), grid), geometry, MU_WATER_PER_MM)
     taken = [simulate_counts(lines, NOISE_LEVEL, "astra", np.random.SeedSequence(seed)) for seed in range(REPEATS)]
     noisy = np.stack([one.line_integrals(0.5) for one in taken])
-    images = reconstruct(noisy, geometry, grid, "fbp", {}, engine="cpu", mu_water_per_mm=MU_WATER_PER_MM)
+    images = reconstruct(
+        noisy, geometry, grid, "fbp", FbpSettings("coverage"), engine="cpu", mu_water_per_mm=MU_WATER_PER_MM
+    )
     masks = {
         name: np.hypot(np.hypot(x - at, y), z) < radius for name, at, radius in (("left", -30, 18), ("right", 28, 16))
     }

@@ -10,7 +10,7 @@ from test_config import COMPARISON, DEFAULT
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import grid_of, scan_geometry
-from virtual_phantom.config.config import complete
+from virtual_phantom.config.config import complete, read_study
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.recordings.document import read_document
 from virtual_phantom.recordings.reading import load_recording
@@ -25,14 +25,14 @@ WIDE = DEFAULT | {
 
 
 def plan(config):
-    plan = Plan(complete(config))
-    grid_of(plan.config["grid"])
+    plan = Plan(read_study(config))
+    grid_of(plan.study.grid)
     labels = plan.geometries()
-    for path in (*labels, *plan.config["noise"]["levels"], *plan.config["protocols"], *plan.config["recordings"]):
+    for path in (*labels, *plan.study.noise.levels, *plan.study.protocols, *plan.study.recordings):
         assert path.replace("_", "").isalnum() and path.isascii() and len(path) <= 250, path
     for label in labels:
         settings = plan.geometry_settings(label)
-        scan_geometry(settings["scan"], settings["projections"], grid_of(plan.config["grid"]))
+        scan_geometry(settings.scan, settings.projections, grid_of(plan.study.grid))
     return plan.bundles(), plan.featured()
 
 

@@ -13,6 +13,7 @@ import pytest
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.settings import FbpSettings, SirtSettings
 from virtual_phantom.base.units import HU_AIR
 from virtual_phantom.features.extraction import FEATURES, RadiomicsWarning, extract
 from virtual_phantom.io.schema import defaults_of
@@ -25,7 +26,8 @@ from virtual_phantom.simulation.reconstruct import reconstruct
 ROOT = Path(__file__).resolve().parents[2]
 SEED = np.random.SeedSequence(5)
 MU = 0.0193
-SETTINGS = {"sirt": {**defaults_of("reconstruction", "sirt"), "iterations": 100, "terms": 25}, "fbp": {}}
+SIRT = defaults_of("reconstruction", "sirt") | {"iterations": 100, "terms": 25}
+SETTINGS = {"sirt": SirtSettings(**SIRT), "fbp": FbpSettings("coverage")}
 
 
 def disc(grid: Grid, radius_mm: float = 30.0, hu: float = 0.0) -> Volume:

@@ -82,7 +82,7 @@ def contents(folder: Path) -> bytes:
 def test_phantom_of_dicom_has_no_patient_data(regions, planted, no_mark_printed):
     rois = [{"name": name, "tissue_class": name, "label": name} for name in phantom_files.BALLS]
     settings = {"image": str(planted / "series"), "labels": str(planted / regions), "rois": rois}
-    made = ct.load_phantom(settings, Grid((10, 44, 52), (3.0, 2.0, 2.0)), 1)
+    made = ct.load_phantom(ct.read_settings(settings), Grid((10, 44, 52), (3.0, 2.0, 2.0)), 1)
     phantom.write_phantom(made, planted / "results" / "phantom")
     assert MARK.encode() not in contents(planted / "results")
 

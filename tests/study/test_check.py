@@ -4,6 +4,7 @@ import copy
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,11 @@ from snakemake.utils import update_config
 
 from virtual_phantom.base.errors import InputError, InputErrors, printed
 from virtual_phantom.base.geometry import Grid, scan_geometry
+from virtual_phantom.base.settings import ScanSettings, from_mapping
 from virtual_phantom.cli import main
 from virtual_phantom.config import read_config
 from virtual_phantom.config.config import complete
+from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.scenes.line_integrals import check_rois_seen
 from virtual_phantom.study.checks import preflight, preflight_ct
 from virtual_phantom.study.checks.coverage import columns_for, points_of, rows_for, worst_share
@@ -420,7 +423,7 @@ def test_folder_without_a_configuration_uses_the_default_study(desk, capsys):
 def looks(monkeypatch):
     """List of all checks of a CT."""
     made, look = [], preflight_ct.ct_problems
-    monkeypatch.setattr(preflight_ct, "ct_problems", lambda config: made.append(config["seed"]) or look(config))
+    monkeypatch.setattr(preflight_ct, "ct_problems", lambda study: made.append(study.seed) or look(study))
     return made
 
 
@@ -493,8 +496,7 @@ GRID = Grid((14, 34, 42), (3.0, 2.0, 2.0))
 
 
 def whole(**changes):
-    defaults = {"trajectory": "helical", "pitch": 1.0, "turns": None, "start_angle_deg": 0.0, "rotation_time_ms": 500}
-    return defaults | {"column_offset_px": 0.0, "row_offset_px": 0.0} | SCAN | changes
+    return from_mapping(ScanSettings, defaults_of("scan") | SCAN | changes)
 
 
 @pytest.mark.parametrize("reach", [20.0, 55.5, 120.0])
@@ -506,7 +508,9 @@ def test_suggested_columns_are_the_minimum(reach, offset, surface):
     """Compare with the field of view of the geometry."""
     scan = whole(column_offset_px=offset, **surface)
     columns = columns_for(reach, scan)
-    radius = {n: scan_geometry(scan | {"columns": n}, 90, GRID).field_of_view_radius_mm for n in (columns - 1, columns)}
+    radius = {
+        n: scan_geometry(replace(scan, columns=n), 90, GRID).field_of_view_radius_mm for n in (columns - 1, columns)
+    }
     assert radius[columns] >= reach > radius[columns - 1]
     assert columns_for(600.0, scan) is None
 
@@ -519,7 +523,7 @@ def test_suggested_rows_are_the_minimum(changes):
     mask[1:13, 10:20, 5:30] = True
     points = points_of(GRID, {"roi": mask})["roi"]
     rows = rows_for(scan, 150, GRID, points)
-    assert worst_share(scan | {"rows": rows - 1}, 150, GRID, points) < 1
-    check_rois_seen(scan_geometry(scan | {"rows": rows}, 150, GRID), GRID, {"roi": mask})
+    assert worst_share(replace(scan, rows=rows - 1), 150, GRID, points) < 1
+    check_rois_seen(scan_geometry(replace(scan, rows=rows), 150, GRID), GRID, {"roi": mask})
     with pytest.raises(InputError, match="ROI roi is not seen"):
-        check_rois_seen(scan_geometry(scan | {"rows": rows - 1}, 150, GRID), GRID, {"roi": mask})
+        check_rois_seen(scan_geometry(replace(scan, rows=rows - 1), 150, GRID), GRID, {"roi": mask})

@@ -13,6 +13,7 @@ from simulated_scans import SCAN
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
+from virtual_phantom.base.settings import to_mapping
 from virtual_phantom.io import volumes
 from virtual_phantom.report import study
 from virtual_phantom.study.context import or_exit, read_context
@@ -83,8 +84,8 @@ def test_memory_is_that_of_the_arrays():
     assert context.megabytes() == 600
     assert context.megabytes(volumes=50, volume_lanes=20) == 600 + int(1.3 * 50 * 20 * 10 * 100 * 200 * 4 / 1e6)
     assert context.megabytes(fine=9) == 600 + int(1.3 * 9 * 27 * 200_000 * 4 / 1e6)
-    scan = context.config["scan"]
-    pixels = 150 * scan["rows"] * scan["columns"]
+    scan = context.study.scan
+    pixels = 150 * scan.rows * scan.columns
     assert context.megabytes(projections=8, geometry="views150") == int(600 + 1.3 * 8 * pixels * 4 / 1e6)
 
 
@@ -164,18 +165,18 @@ def test_case_is_modeled_by_its_own_protocol():
     proof = context_of().proof
     case, last = proof.cases[0], proof.cases[-1]  # projections and images
     model, held_out = proof.model(case), proof.held_out_model(case)
-    assert model["folder"] == f"results/proof/recordings/{case}" and model["protocol"] is None
-    assert held_out["folder"] == f"results/proof/held_out_protocol/{case}"
+    assert model.folder == f"results/proof/recordings/{case}" and model.protocol is None
+    assert held_out.folder == f"results/proof/held_out_protocol/{case}"
     settings = proof.settings
-    assert held_out["settings"]["nominal_photons"] == settings["held_out_protocol"]["photons"]
-    times = settings["images"]["views_times"]
-    assert proof.model(last)["protocol"]["projections"] == settings["scan"]["views"] * times
+    assert held_out.settings.nominal_photons == settings.held_out_protocol.photons
+    times = settings.images.views_times
+    assert proof.model(last).protocol.projections == settings.scan.views * times
     assert "images" in proof.scan_settings(last) and "images" not in proof.scan_settings(case)
-    assert set(proof.tried_on(last)) == set(settings["images"]["tried"])
+    assert set(proof.tried_on(last)) == set(settings.images.tried)
 
 
 def test_image_effects_of_the_blind_test_depend_on_their_key():
-    images = context_of().proof.settings["images"]
+    images = to_mapping(context_of().proof.settings.images)
     with pytest.raises(InputError, match="proof.images.tried: there is no effect 'glow'"):
         context_of(proof={"images": images | {"tried": [*images["tried"], "glow"]}})
 
@@ -206,7 +207,7 @@ def test_files_of_a_diagnosed_object_are_inputs_of_its_jobs(tmp_path, monkeypatc
     )
     inputs = context.diagnosis.inputs("rods")
     assert inputs["labels"] == "rods.nii.gz" and not {"mask", "shapes", "phantom"} & set(inputs)
-    assert context.diagnosis.model("rods")["settings"]["object"]["materials"] == {"1": "pmma", "5": "aluminium"}
+    assert context.diagnosis.model("rods").settings.object.materials == {"1": "pmma", "5": "aluminium"}
     assert not context.diagnosis.regions("rods") and not context.diagnosis.same_material("rods")
     together = context.diagnosis.scanner_inputs("bench")
     assert together["masks"] == ["disc.nii.gz"] and together["label_maps"] == ["rods.nii.gz", "holes.nii.gz"]
@@ -233,15 +234,15 @@ def test_recordings_of_a_scanner_declare_the_same_physics(tmp_path):
 
     found = bench(baseline=stated(0.1))
     assert "scatter" not in found.shared("bench") and "scatter" in found.candidates["one"]
-    known = {name: one["settings"]["baseline"] for name, one in found.models("bench").items()}
+    known = {name: one.settings.baseline for name, one in found.models("bench").items()}
     assert known == dict.fromkeys(("one", "two"), stated(0.1)) and "scatter" in found.in_fits("one")
     judged = bench(recordings=["one", "two", "three"], judged_on=["three"])
     assert [*judged.models("bench")] == ["one", "two", "three"]
     assert [*judged.models("bench", judged=False)] == ["one", "two"]
-    assert "baseline" not in found.settings["one"] or not found.settings["one"]["baseline"]
+    assert not found.settings["one"].baseline
     # Protocol parameters may differ.
-    different = bench({"one": stated(0.1), "two": stated(0.2)})
-    assert different.models("bench")["two"]["settings"]["baseline"]["scatter"]["amount"]["value"] == 0.2
+    apart = bench({"one": stated(0.1), "two": stated(0.2)})
+    assert apart.models("bench")["two"].settings.baseline["scatter"]["amount"]["value"] == 0.2
     spot = {"focal_spot": {"width_mm": {"value": 1, "sd": 0.1}, "length_mm": {"value": 1, "sd": 0.1}}}
     wider = {"focal_spot": {"width_mm": {"value": 2, "sd": 0.1}, "length_mm": {"value": 1, "sd": 0.1}}}
     for baselines, words in (
@@ -301,7 +302,7 @@ def test_context_loads_no_heavy_library():
 def captions_of(context, **config):
     """Captions of a study's figures with another configuration."""
     figures = study.report_figures(context.pages.pictures(), context.pages.caption_files(), context.pages.figures())
-    return {figure.path.stem: study.caption(figure, context.config | config) for figure in figures}
+    return {one.path.stem: study.caption(one, to_mapping(context.study) | config) for one in figures}
 
 
 def test_captions_mention_the_printed_phantom_only_where_it_is_shown():

@@ -11,6 +11,8 @@ from test_context import context_of, recorded
 
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.settings import from_mapping
+from virtual_phantom.diagnosis.settings import RecordingSettings
 from virtual_phantom.diagnosis.workload import MOST_FITTED
 from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.physics.effect import load
@@ -43,7 +45,7 @@ PHANTOM = ([96, 256, 240], 2)  # voxels along z, y and x, and materials
 
 
 def counted(shape=(180, 16, 128), effects=27, **settings):
-    return extent(SETTINGS | settings, shape, effects, PHANTOM)
+    return extent(from_mapping(RecordingSettings, SETTINGS | settings), shape, effects, PHANTOM)
 
 
 def diagnosed(folder, **recordings):
@@ -92,7 +94,8 @@ def test_every_point_of_a_declared_source_has_its_own_rays(physics, rows):
     for name, values in physics.items():
         load(name).apply(state, values)
     assert points_of_source(physics) == len(list(sources(state)))
-    assert counted((720, rows, 32), baseline=physics).rays == points_of_source(physics) * counted((720, rows, 32)).rays
+    rays = counted((720, rows, 32), baseline=dict.fromkeys(physics, {})).rays
+    assert rays == points_of_source(physics) * counted((720, rows, 32)).rays
 
 
 def test_planes_are_those_that_a_ray_crosses(tmp_path):
@@ -170,7 +173,8 @@ def test_diagnoses_of_simulated_recordings_took_the_forecast_time():
         if settings != case.scanned:
             phantom = ([1, case.across, case.across], 1)
         shape = (case.views, case.rows, case.columns)
-        one = extent(SETTINGS | settings | {"samples": None}, shape, len(case.effects) or 27, phantom)
+        described = from_mapping(RecordingSettings, SETTINGS | settings | {"samples": None})
+        one = extent(described, shape, len(case.effects) or 27, phantom)
         low, high = one.forecast(RATES).cpu
         inside += low <= seconds[case.name] <= high
         off.append(max(low / seconds[case.name], seconds[case.name] / high))

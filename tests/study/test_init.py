@@ -71,7 +71,7 @@ def test_regions_of_every_form_become_rois(image, labels, desk, capsys):
     printed = capsys.readouterr().out
     assert preflight.problems(settings) == []
     phantom = ct.load_phantom(
-        settings["phantom"]["ct"], Grid(settings["grid"]["shape"], settings["grid"]["spacing_mm"]), 1
+        ct.read_settings(settings["phantom"]["ct"]), Grid(settings["grid"]["shape"], settings["grid"]["spacing_mm"]), 1
     )
     assert {roi.name for roi in phantom.rois} == {"bright", "dark"}
     for roi in phantom.rois:

@@ -6,8 +6,10 @@ import signal
 import pytest
 
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.config import dependencies
 from virtual_phantom.diagnosis.selection import trials as side_by_side
+from virtual_phantom.diagnosis.settings import FitSettings
 from virtual_phantom.study import fit_cache_key as module
 from virtual_phantom.study.fit_cache_key import fit_cache
 
@@ -22,7 +24,9 @@ def recording(tmp_path):
 
 
 def made_of(folder, model=MODEL):
-    return fit_cache(folder / "fits", model, [folder / "recording.yaml", folder / "repeat_1.h5"]).made_of
+    return fit_cache(
+        folder / "fits", from_mapping(FitSettings, model), [folder / "recording.yaml", folder / "repeat_1.h5"]
+    ).made_of
 
 
 @pytest.mark.parametrize("name", ["recording.yaml", "repeat_1.h5"])

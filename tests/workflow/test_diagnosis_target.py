@@ -12,7 +12,7 @@ import pytest
 import yaml
 from workflow_runs import ROOT, planned, tiny
 
-from virtual_phantom.config.config import complete
+from virtual_phantom.config.config import read_study
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.recordings.importers.study import import_study
 from virtual_phantom.report.words import DOMAINS, NUISANCES
@@ -38,7 +38,7 @@ def bench(tmp_path_factory):
     whole = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
     whole["noise"]["model"] = "physical"
     whole = {**whole, "physics": CONCEALED, "protocols": whole["protocols"] | STUDY["protocols"]}
-    label = Plan(complete(whole)).geometry_of("bench")
+    label = Plan(read_study(whole)).geometry_of("bench")
     made = folder / "made"
     targets = [f"{made}/projections/{label}/bench/seed{seed:02d}.h5" for seed in range(4)]
     process = tiny(made, *targets, overlay=hidden, config_folder=folder / "concealed")

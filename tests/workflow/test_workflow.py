@@ -17,6 +17,7 @@ from browser import outside_resources
 from published_files import with_its_ct
 from workflow_runs import BENEATH, ROOT, planned, snakemake, tiny
 
+from virtual_phantom.base.settings import SirtSettings
 from virtual_phantom.io import exchange, volumes
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.phantom.dicom_series import read_series
@@ -226,7 +227,7 @@ def test_stored_projections_are_those_of_the_images(study, tmp_path):
         geometry,
         image.grid,
         "sirt",
-        {**defaults_of("reconstruction", "sirt"), "iterations": 100, "terms": 25},
+        SirtSettings(**defaults_of("reconstruction", "sirt") | {"iterations": 100, "terms": 25}),
         engine="cpu",
         mu_water_per_mm=0.0193,
     )

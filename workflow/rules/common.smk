@@ -7,6 +7,7 @@ from pathlib import Path
 
 from virtual_phantom.base.console import check_names, collected_notes, printed_notes
 from virtual_phantom.base.errors import InputError, printed
+from virtual_phantom.base.settings import to_mapping
 from virtual_phantom.config.dependencies import code_version, resource
 from virtual_phantom.study.context import read_context
 

@@ -35,7 +35,9 @@ rule match_noise:
         mem_mb=1000,
         runtime=10,
     params:
-        meets=lambda wildcards: comparisons.noise_target(wildcards.noise),
+        meets=lambda wildcards: to_mapping(
+            context.study.noise.levels[wildcards.noise].meets
+        ),
         code=code("match_noise.py"),
     script:
         "../scripts/match_noise.py"
@@ -78,15 +80,13 @@ rule compare:
         runtime=15,
     params:
         parameters=context.parameters,
-        recording=lambda wildcards: comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: comparisons.setting(wildcards.comparison, "where"),
-        protocol=lambda wildcards: comparisons.setting(wildcards.comparison, "protocol"),
-        noise=lambda wildcards: comparisons.setting(wildcards.comparison, "noise"),
+        recording=lambda wildcards: comparisons.settings[wildcards.comparison].recording,
+        where=lambda wildcards: comparisons.settings[wildcards.comparison].where,
+        protocol=lambda wildcards: comparisons.settings[wildcards.comparison].protocol,
+        noise=lambda wildcards: comparisons.settings[wildcards.comparison].noise,
         seeds=lambda wildcards: comparisons.repeats(wildcards.comparison),
-        rois=lambda wildcards: comparisons.setting(wildcards.comparison, "rois"),
-        margin_sd=lambda wildcards: comparisons.setting(
-            wildcards.comparison, "margin_sd"
-        ),
+        rois=lambda wildcards: comparisons.settings[wildcards.comparison].rois,
+        margin_sd=lambda wildcards: comparisons.settings[wildcards.comparison].margin_sd,
         code=code("compare.py"),
     script:
         "../scripts/compare.py"
@@ -107,7 +107,7 @@ rule figure_comparison:
         runtime=10,
     params:
         title=lambda wildcards: comparisons.title(wildcards.comparison),
-        trial=bool(context.config["trial"]),
+        trial=bool(context.study.trial),
         code=code("figures/comparison.py"),
     script:
         "../scripts/figures/comparison.py"
@@ -132,9 +132,9 @@ rule change_properties:
         runtime=60,
     params:
         parameters=context.parameters,
-        recording=lambda wildcards: comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: comparisons.setting(wildcards.comparison, "where"),
-        rois=lambda wildcards: comparisons.setting(wildcards.comparison, "rois"),
+        recording=lambda wildcards: comparisons.settings[wildcards.comparison].recording,
+        where=lambda wildcards: comparisons.settings[wildcards.comparison].where,
+        rois=lambda wildcards: comparisons.settings[wildcards.comparison].rois,
         voxel_mm=lambda wildcards: comparisons.voxel_mm(wildcards.comparison),
         code=code("change_properties.py", context.diagnosis.properties),
     script:
@@ -158,7 +158,7 @@ rule recording_scores:
         folder=lambda wildcards: context.recordings.folder(wildcards.recording),
         where=lambda wildcards: context.selections.score_conditions(wildcards.recording),
         repeats=context.selections.compared_images["seeds"],
-        statistics=context.config["statistics"],
+        statistics=to_mapping(context.study.statistics),
         code=code("recording_scores.py"),
     script:
         "../scripts/recording_scores.py"
@@ -192,7 +192,7 @@ use rule overlap as overlap_recording with:
         results("logs/overlap/{recording}.log"),
     params:
         **context.selections.compared_images,
-        statistics=context.config["statistics"],
+        statistics=to_mapping(context.study.statistics),
         recording=lambda wildcards: wildcards.recording,
         code=code("overlap.py"),
 

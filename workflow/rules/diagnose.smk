@@ -30,13 +30,13 @@ rule diagnose:
         * diagnosis.minutes(wildcards.recording, threads),
         gpu=lambda wildcards: diagnosis.gpus(wildcards.recording),
     params:
-        model=lambda wildcards: diagnosis.model(wildcards.recording),
+        model=lambda wildcards: to_mapping(diagnosis.model(wildcards.recording)),
         # Cached fits. They are not an output, since Snakemake would delete them before an interrupted job continues.
         cache_folder=lambda wildcards: diagnosis.fit_cache(wildcards.recording),
         effects=lambda wildcards: diagnosis.candidates[wildcards.recording],
         same_material=lambda wildcards: diagnosis.same_material(wildcards.recording),
-        accuracy=diagnosis.accuracy,
-        matters=diagnosis.matters,
+        accuracy=context.study.diagnosis.model_accuracy,
+        matters=context.study.diagnosis.matters,
         code=lambda wildcards: code(
             "diagnose.py", diagnosis.in_fits(wildcards.recording)
         ),
@@ -60,24 +60,24 @@ rule diagnose_scanner:
     resources:
         mem_mb=lambda wildcards: sum(
             diagnosis.megabytes(name)
-            for name in diagnosis.scanners[wildcards.scanner]["recordings"]
+            for name in diagnosis.scanners[wildcards.scanner].recordings
         ),
         runtime=600,
     params:
-        models=lambda wildcards: diagnosis.models(wildcards.scanner),
+        models=lambda wildcards: to_mapping(diagnosis.models(wildcards.scanner)),
         effects=lambda wildcards: diagnosis.shared(wildcards.scanner),
-        accuracy=diagnosis.accuracy,
-        protocols=lambda wildcards: diagnosis.scanners[wildcards.scanner]["protocols"],
-        judged_on=lambda wildcards: diagnosis.scanners[wildcards.scanner]["judged_on"],
+        accuracy=context.study.diagnosis.model_accuracy,
+        protocols=lambda wildcards: diagnosis.scanners[wildcards.scanner].protocols,
+        judged_on=lambda wildcards: diagnosis.scanners[wildcards.scanner].judged_on,
         code=lambda wildcards: code(
             "diagnose_scanner.py",
-            diagnosis.in_fits(*diagnosis.scanners[wildcards.scanner]["recordings"]),
+            diagnosis.in_fits(*diagnosis.scanners[wildcards.scanner].recordings),
         ),
     script:
         "../scripts/diagnose_scanner.py"
 
 
-if diagnosis.fail_on:
+if context.study.diagnosis.fail_on:
 
     rule diagnosis:
         """Diagnose all recordings and comparisons; exit code 1 if a verdict is in diagnosis.fail_on."""
@@ -87,7 +87,7 @@ if diagnosis.fail_on:
             results("logs/diagnosis/verdicts.log"),
         localrule: True
         params:
-            fail_on=diagnosis.fail_on,
+            fail_on=context.study.diagnosis.fail_on,
         script:
             "../scripts/verdicts.py"
 

@@ -17,18 +17,16 @@ rule diagnose_features:
     log:
         results("logs/diagnosis/{comparison}/diagnose.log"),
     wildcard_constraints:
-        comparison="|".join(context.diagnosis.comparisons) or "none",
+        comparison="|".join(context.study.diagnosis.comparisons) or "none",
     resources:
         mem_mb=1500,
         runtime=30,
     params:
         parameters=context.parameters,
-        recording=lambda wildcards: comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: comparisons.setting(wildcards.comparison, "where"),
-        rois=lambda wildcards: comparisons.setting(wildcards.comparison, "rois"),
-        margin_sd=lambda wildcards: comparisons.setting(
-            wildcards.comparison, "margin_sd"
-        ),
+        recording=lambda wildcards: comparisons.settings[wildcards.comparison].recording,
+        where=lambda wildcards: comparisons.settings[wildcards.comparison].where,
+        rois=lambda wildcards: comparisons.settings[wildcards.comparison].rois,
+        margin_sd=lambda wildcards: comparisons.settings[wildcards.comparison].margin_sd,
         dimensions=lambda wildcards: comparisons.dimensions(wildcards.comparison),
         stored_offset_hu=lambda wildcards: comparisons.stored_offset_hu(
             wildcards.comparison

@@ -41,10 +41,12 @@ for batch, levels in context.plan.seed_batches().items():
         params:
             parameters=context.parameters,
             protocol=lambda wildcards: wildcards.protocol,
-            settings=lambda wildcards: {
-                key: context.config["protocols"][wildcards.protocol][key]
-                for key in ("algorithm", "projections")
-            },
+            algorithm=lambda wildcards: context.study.protocols[
+                wildcards.protocol
+            ].algorithm,
+            projections=lambda wildcards: context.study.protocols[
+                wildcards.protocol
+            ].projections,
             acquisitions=lambda wildcards, batch=batch: [
                 context.acquisitions.acquisition(wildcards.noise, seed)
                 for seed in batch

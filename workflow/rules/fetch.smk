@@ -11,14 +11,14 @@ if workflow.is_main_process and (announced := scans.fetch_text()):
     print(announced, file=sys.stderr)
 
 # Only missing scans have a rule, so that Snakemake neither fetches nor deletes existing scans.
-if scans.absent and scans.local_folder is None:
+if scans.absent and context.study.downloads.scans is None:
 
     rule fetch_scan:
         """Fetch one public scan of the printed phantom: CT, regions and license."""
         output:
             (
                 directory(scans.scan_folder)
-                if scans.keep
+                if context.study.keep_scans
                 else temp(directory(scans.scan_folder))
             ),
         log:
@@ -31,8 +31,8 @@ if scans.absent and scans.local_folder is None:
         params:
             listed=lambda wildcards: scans.series_text(wildcards.scan),
             scan=lambda wildcards: scans.by_name(wildcards.scan),
-            endpoint=context.config["downloads"]["endpoint"],
-            bucket=context.config["downloads"]["bucket"],
+            endpoint=context.study.downloads.endpoint,
+            bucket=context.study.downloads.bucket,
         message:
             "{params.listed}"
         script:
@@ -50,7 +50,7 @@ elif scans.absent:
             mem_mb=1000,
             runtime=120,
         params:
-            folder=scans.local_folder,
+            folder=context.study.downloads.scans,
             scans=scans.absent,
         script:
             "../scripts/link_scans.py"
@@ -82,8 +82,8 @@ rule scan_features:
         runtime=60,
     params:
         scan=lambda wildcards: scans.by_name(wildcards.scan),
-        rois=scans.rois,
-        regions=scans.regions,
+        rois=to_mapping(scans.rois),
+        regions=context.study.public_scans.regions,
         parameters=context.parameters,
         code=code("scan_features.py"),
     script:

@@ -65,7 +65,7 @@ rule figure_noise_calibration:
     params:
         study_levels=selections.study_levels(),
         measured=lambda wildcards: selections.measured_noise,
-        trial=bool(context.config["trial"]),
+        trial=bool(context.study.trial),
         code=code("figures/noise_calibration.py"),
     script:
         "../scripts/figures/noise_calibration.py"
@@ -88,13 +88,13 @@ rule figure_stability_discrimination:
         mem_mb=2000,
         runtime=10,
     params:
-        threshold=context.config["statistics"]["threshold"],
-        with_measured=context.config["measured"]["overlay"],
+        threshold=context.study.statistics.threshold,
+        with_measured=context.study.measured.overlay,
         recording=selections.own_reference,
         seeds=selections.compared_images["seeds"],
         settings=context.plan.scored_settings(),
         noise=selections.compared_noise(),
-        trial=bool(context.config["trial"]),
+        trial=bool(context.study.trial),
         code=code("figures/stability_discrimination.py"),
     script:
         "../scripts/figures/stability_discrimination.py"
@@ -114,9 +114,9 @@ rule figure_physics_change:
         mem_mb=2000,
         runtime=10,
     params:
-        threshold=context.config["statistics"]["threshold"],
+        threshold=context.study.statistics.threshold,
         noise=selections.compared_noise(),
-        trial=bool(context.config["trial"]),
+        trial=bool(context.study.trial),
         code=code("figures/physics_change.py"),
     script:
         "../scripts/figures/physics_change.py"
@@ -136,7 +136,7 @@ rule figure_overlap:
         mem_mb=2000,
         runtime=10,
     params:
-        trial=bool(context.config["trial"]),
+        trial=bool(context.study.trial),
         code=code("figures/overlap.py"),
     script:
         "../scripts/figures/overlap.py"
@@ -161,7 +161,7 @@ for name in selections.shown_components:
             runtime=10,
         params:
             title=context.title(f"figure_pca_{name}"),
-            trial=bool(context.config["trial"]),
+            trial=bool(context.study.trial),
             code=code("figures/pca.py"),
         script:
             "../scripts/figures/pca.py"

@@ -19,7 +19,7 @@ rule next_of_recording:
     params:
         what=lambda wildcards: wildcards.recording,
         models=lambda wildcards: {
-            wildcards.recording: diagnosis.model(wildcards.recording)
+            wildcards.recording: to_mapping(diagnosis.model(wildcards.recording))
         },
         effects=lambda wildcards: diagnosis.candidates[wildcards.recording],
         code=lambda wildcards: code(
@@ -42,17 +42,19 @@ use rule next_of_recording as next_of_scanner with:
     resources:
         mem_mb=lambda wildcards: sum(
             diagnosis.megabytes(name)
-            for name in diagnosis.scanners[wildcards.scanner]["recordings"]
+            for name in diagnosis.scanners[wildcards.scanner].recordings
         ),
         runtime=300,
     params:
         what=lambda wildcards: wildcards.scanner,
-        models=lambda wildcards: diagnosis.models(wildcards.scanner, judged=False),
+        models=lambda wildcards: to_mapping(
+            diagnosis.models(wildcards.scanner, judged=False)
+        ),
         effects=lambda wildcards: diagnosis.shared(wildcards.scanner),
-        protocols=lambda wildcards: diagnosis.scanners[wildcards.scanner]["protocols"],
+        protocols=lambda wildcards: diagnosis.scanners[wildcards.scanner].protocols,
         code=lambda wildcards: code(
             "next_measurement.py",
-            diagnosis.in_fits(*diagnosis.scanners[wildcards.scanner]["recordings"]),
+            diagnosis.in_fits(*diagnosis.scanners[wildcards.scanner].recordings),
         ),
 
 

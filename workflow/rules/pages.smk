@@ -54,7 +54,7 @@ rule study_report:
         tables=pages.table_titles(),
         diagnoses=pages.diagnoses(),
         links=pages.links(),
-        config=context.config,
+        config=to_mapping(context.study),
         code=code("report_page.py"),
     script:
         "../scripts/report_page.py"
@@ -87,7 +87,7 @@ rule index_page:
         diagnoses=context.diagnosis.reports(),
         commands=pages.commands(),
         other_pages=pages.other_pages,
-        config=context.config,
+        config=to_mapping(context.study),
         code=code("index_page.py"),
     script:
         "../scripts/index_page.py"
@@ -96,7 +96,7 @@ rule index_page:
 onsuccess:
     # Not a job: a job would run before the files that the page links to, or make each study produce them.
     try:
-        if page := renew(pages, context.config):
+        if page := renew(pages, to_mapping(context.study)):
             print(f"Start with {page}", file=sys.stderr)
     except InputError as error:
         print(printed(error), file=sys.stderr)

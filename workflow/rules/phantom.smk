@@ -14,8 +14,8 @@ rule mean_scan:
         runtime=60,
     params:
         scans=context.scans.scanned,
-        regions=context.scans.regions,
-        grid=context.config["grid"],
+        regions=context.study.public_scans.regions,
+        grid=to_mapping(context.study.grid),
         code=code("mean_scan.py"),
     script:
         "../scripts/mean_scan.py"
@@ -37,8 +37,8 @@ rule without_own_blur:
         runtime=60,
     params:
         slice_mm=context.scans.slice_mm,
-        grid=context.config["grid"],
-        regions=context.scans.regions,
+        grid=to_mapping(context.study.grid),
+        regions=context.study.public_scans.regions,
         code=code("without_own_blur.py"),
     script:
         "../scripts/without_own_blur.py"
@@ -62,10 +62,10 @@ rule phantom:
         runtime=lambda wildcards, attempt: attempt
         * context.minutes("phantom", context.sizes.phantom()),
     params:
-        phantom=context.config["phantom"],
-        grid=context.config["grid"],
-        seed=context.config["seed"],
-        mu_water_per_mm=context.config["mu_water_per_mm"],
+        phantom=to_mapping(context.study.phantom),
+        grid=to_mapping(context.study.grid),
+        seed=context.study.seed,
+        mu_water_per_mm=context.study.mu_water_per_mm,
         code=code("phantom.py"),
     script:
         "../scripts/phantom.py"
@@ -108,8 +108,8 @@ rule rois_on_voxels:
         mem_mb=context.megabytes(volumes=8, fine=4),
         runtime=30,
     params:
-        phantom=context.config["phantom"],
-        seed=context.config["seed"],
+        phantom=to_mapping(context.study.phantom),
+        seed=context.study.seed,
         pose=None,
         spacing_mm=lambda wildcards: context.plan.voxel_spacing(wildcards.voxels),
         code=code("rois_on_voxels.py"),
@@ -136,8 +136,8 @@ rule rois_moved:
         mem_mb=context.megabytes(volumes=8, fine=4),
         runtime=30,
     params:
-        phantom=context.config["phantom"],
-        seed=context.config["seed"],
+        phantom=to_mapping(context.study.phantom),
+        seed=context.study.seed,
         pose=lambda wildcards: context.acquisitions.pose(wildcards.seed),
         spacing_mm=lambda wildcards: context.plan.voxel_spacing(wildcards.voxels),
         code=code("rois_on_voxels.py"),

@@ -12,7 +12,7 @@ rule plan_files:
         results("logs/plan.log"),
     localrule: True
     params:
-        config=context.config,
+        study=to_mapping(context.study),
         engine=context.engine,
         # For the cores of this run.
         diagnoses=lambda wildcards: context.diagnosis.forecasts(

@@ -17,8 +17,8 @@ rule proof_phantom:
         mem_mb=2000,
         runtime=30,
     params:
-        scan=proof.settings["scan"],
-        seed=context.config["seed"],
+        scan=to_mapping(proof.settings.scan),
+        seed=context.study.seed,
         code=code("proof_phantom.py"),
     script:
         "../scripts/proof_phantom.py"
@@ -57,7 +57,7 @@ rule proof_scan:
         runtime=60,
     params:
         settings=lambda wildcards: proof.scan_settings(wildcards.case),
-        mu_water_per_mm=context.config["mu_water_per_mm"],
+        mu_water_per_mm=context.study.mu_water_per_mm,
         code=code("conceal.py", hooks=True),
     script:
         "../scripts/conceal.py"
@@ -81,10 +81,10 @@ rule proof_diagnosis:
         mem_mb=2500,
         runtime=60,
     params:
-        model=lambda wildcards: proof.model(wildcards.case),
+        model=lambda wildcards: to_mapping(proof.model(wildcards.case)),
         effects=lambda wildcards: proof.tried_on(wildcards.case),
         same_material=True,
-        accuracy=context.diagnosis.accuracy,
+        accuracy=context.study.diagnosis.model_accuracy,
         # No relevance thresholds: the blind validation looks for each effect, however small in images.
         matters=None,
         code=lambda wildcards: code("diagnose.py", proof.tried_on(wildcards.case)),
@@ -108,7 +108,7 @@ rule proof_elsewhere:
         mem_mb=2500,
         runtime=30,
     params:
-        model=lambda wildcards: proof.held_out_model(wildcards.case),
+        model=lambda wildcards: to_mapping(proof.held_out_model(wildcards.case)),
         code=lambda wildcards: code(
             "agreement_elsewhere.py", proof.tried_on(wildcards.case)
         ),
@@ -158,7 +158,7 @@ rule proof_score:
         mem_mb=2000,
         runtime=20,
     params:
-        suite=proof.settings,
+        suite=to_mapping(proof.settings),
         code=code("score_proof.py"),
     script:
         "../scripts/score_proof.py"

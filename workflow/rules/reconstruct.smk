@@ -24,13 +24,13 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
             )[1],
             kernels=results(f"logs/kernels/{len(bundle)}.txt"),
             physics=lambda wildcards: context.diagnosis.found(
-                acquisitions.physics_source(wildcards.protocol)
+                context.study.protocols[wildcards.protocol].physics_from
             ),
         output:
             [
                 (
                     results(f"images/{{protocol}}/{noise}/seed{seed}.nii.gz")
-                    if context.config["keep_images"]
+                    if context.study.keep_images
                     else temp(
                         results(f"images/{{protocol}}/{noise}/seed{seed}.nii.gz")
                     )
@@ -45,7 +45,7 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
             protocol="|".join(protocols),
         group:
             acquisitions.group(bundle)
-        threads: context.config["threads"]
+        threads: context.study.threads
         resources:
             mem_mb=lambda wildcards, bundle=bundle: context.megabytes(
                 volumes=6,
@@ -62,16 +62,20 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
         params:
             **acquisitions.noise,
             algorithm=lambda wildcards: acquisitions.algorithm(wildcards.protocol),
-            settings=lambda wildcards: acquisitions.settings(wildcards.protocol),
+            settings=lambda wildcards: to_mapping(
+                acquisitions.settings(wildcards.protocol)
+            ),
             geometry=lambda wildcards: context.plan.geometry_of(wildcards.protocol),
             acquisitions=[
                 acquisitions.acquisition(noise, seed) for noise, seed in bundle
             ],
             physics=lambda wildcards: acquisitions.image_physics(wildcards.protocol),
-            voxels=lambda wildcards: acquisitions.voxels(wildcards.protocol),
+            voxels=lambda wildcards: to_mapping(
+                context.study.protocols[wildcards.protocol].voxels
+            ),
             engine=context.engine,
-            mu_water_per_mm=context.config["mu_water_per_mm"],
-            zero_counts_as=context.config["noise"]["zero_counts_as"],
+            mu_water_per_mm=context.study.mu_water_per_mm,
+            zero_counts_as=context.study.noise.zero_counts_as,
             code=lambda wildcards: code(
                 "reconstruct.py",
                 acquisitions.image_physics(wildcards.protocol),

@@ -18,7 +18,7 @@ rule recording_summary:
     params:
         parameters=context.parameters,
         folder=lambda wildcards: recordings.folder(wildcards.recording),
-        voxel_mm=context.config["grid"]["spacing_mm"],
+        voxel_mm=context.study.grid.spacing_mm,
         code=code("recording_summary.py"),
     script:
         "../scripts/recording_summary.py"
@@ -82,7 +82,7 @@ rule align_recording:
         runtime=120,
     params:
         folder=lambda wildcards: recordings.folder(wildcards.recording),
-        phantom=context.config["phantom"],
+        phantom=to_mapping(context.study.phantom),
         code=code("align_recording.py"),
     script:
         "../scripts/align_recording.py"

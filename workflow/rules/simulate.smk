@@ -26,7 +26,7 @@ rule project:
         masks=rules.phantom.output.rois,
         kernels=results("logs/kernels/1.txt"),
         physics=lambda wildcards: context.diagnosis.found(
-            context.plan.geometry_settings(wildcards.geometry).get("physics_from")
+            context.plan.geometry_settings(wildcards.geometry).physics_from
         ),
     output:
         results("projections/{geometry}/clean.h5"),
@@ -36,7 +36,7 @@ rule project:
         results("logs/project/{geometry}.benchmark.tsv")
     group:
         "preparation"
-    threads: context.config["threads"]
+    threads: context.study.threads
     resources:
         mem_mb=lambda wildcards: context.megabytes(
             # Each material has a volume, packed and unpacked.
@@ -47,10 +47,12 @@ rule project:
         runtime=lambda wildcards, attempt: attempt
         * context.minutes(*context.sizes.projection(wildcards.geometry)),
     params:
-        geometry=lambda wildcards: context.plan.geometry_settings(wildcards.geometry),
-        mu_water_per_mm=context.config["mu_water_per_mm"],
-        materials=context.config["materials"],
-        sensor=context.config["sensor"],
+        geometry=lambda wildcards: to_mapping(
+            context.plan.geometry_settings(wildcards.geometry)
+        ),
+        mu_water_per_mm=context.study.mu_water_per_mm,
+        materials=to_mapping(context.study.materials),
+        sensor=to_mapping(context.study.sensor),
         pose=None,
         code=lambda wildcards: code(
             "project.py", context.diagnosis.effects_of(wildcards.geometry)
@@ -68,7 +70,7 @@ rule project_moved:
         masks=results("phantom/moved/seed{seed}/grid/rois"),
         kernels=results("logs/kernels/1.txt"),
         physics=lambda wildcards: context.diagnosis.found(
-            context.plan.geometry_settings(wildcards.geometry).get("physics_from")
+            context.plan.geometry_settings(wildcards.geometry).physics_from
         ),
     output:
         results("projections/{geometry}/clean_seed{seed}.h5"),
@@ -78,7 +80,7 @@ rule project_moved:
         results("logs/project/{geometry}_seed{seed}.benchmark.tsv")
     group:
         "preparation"
-    threads: context.config["threads"]
+    threads: context.study.threads
     resources:
         mem_mb=lambda wildcards: context.megabytes(
             # Each material has a volume, packed and unpacked.
@@ -89,10 +91,12 @@ rule project_moved:
         runtime=lambda wildcards, attempt: attempt
         * context.minutes(*context.sizes.projection(wildcards.geometry)),
     params:
-        geometry=lambda wildcards: context.plan.geometry_settings(wildcards.geometry),
-        mu_water_per_mm=context.config["mu_water_per_mm"],
-        materials=context.config["materials"],
-        sensor=context.config["sensor"],
+        geometry=lambda wildcards: to_mapping(
+            context.plan.geometry_settings(wildcards.geometry)
+        ),
+        mu_water_per_mm=context.study.mu_water_per_mm,
+        materials=to_mapping(context.study.materials),
+        sensor=to_mapping(context.study.sensor),
         pose=lambda wildcards: context.acquisitions.pose(wildcards.seed),
         code=lambda wildcards: code(
             "project.py", context.diagnosis.effects_of(wildcards.geometry)

@@ -16,7 +16,7 @@ rule stability:
         runtime=15,
     params:
         **selections.compared_images,
-        statistics=context.config["statistics"],
+        statistics=to_mapping(context.study.statistics),
         code=code("stability.py"),
     script:
         "../scripts/stability.py"
@@ -37,7 +37,7 @@ rule trust:
         runtime=30,
     params:
         **selections.compared_images,
-        statistics=context.config["statistics"],
+        statistics=to_mapping(context.study.statistics),
         cut_offs=selections.cut_offs,
         sharing=selections.sharing(),
         code=code("trust.py"),
@@ -63,7 +63,7 @@ rule physics_change:
         groups=context.plan.groups_without_physics(),
         noise=selections.compared_images["noise"],
         seeds=selections.compared_images["seeds"],
-        statistics=context.config["statistics"],
+        statistics=to_mapping(context.study.statistics),
         cut_offs=selections.cut_offs,
         sharing=selections.sharing(context.plan.groups_without_physics()),
         code=code("physics_change.py"),
@@ -111,7 +111,7 @@ rule top_features:
         runtime=10,
     params:
         seeds=selections.compared_images["seeds"],
-        with_measured=context.config["measured"]["overlay"],
+        with_measured=context.study.measured.overlay,
         code=code("top_features.py"),
     script:
         "../scripts/top_features.py"
@@ -133,7 +133,7 @@ rule overlap:
         runtime=15,
     params:
         **selections.compared_images,
-        statistics=context.config["statistics"],
+        statistics=to_mapping(context.study.statistics),
         recording=None,
         code=code("overlap.py"),
     script:
@@ -160,12 +160,14 @@ rule pca:
         parameters=context.parameters,
         selection=lambda wildcards: selections.components(wildcards.pca),
         pca=lambda wildcards: selections.fit_settings(wildcards.pca),
-        measured=context.config["measured"],
-        recordings=lambda wildcards: selections.references(wildcards.pca),
-        by=lambda wildcards: selections.markers(wildcards.pca),
+        measured=to_mapping(context.study.measured),
+        recordings=lambda wildcards: context.study.analyses.pca[
+            wildcards.pca
+        ].recordings,
+        by=lambda wildcards: context.study.analyses.pca[wildcards.pca].by,
         conditions=lambda wildcards: {
             name: context.recordings.conditions(name)
-            for name in selections.references(wildcards.pca)
+            for name in context.study.analyses.pca[wildcards.pca].recordings
         },
         code=code("pca.py"),
     script:

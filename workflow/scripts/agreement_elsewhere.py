@@ -1,8 +1,8 @@
 """Compare a diagnosed model with a scan by another protocol, for which only the alignment is fitted."""
 
 import json
-from collections.abc import Mapping
 
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.base.streams import Branch
 from virtual_phantom.diagnosis.comparison.regions import ScannedVolume
 from virtual_phantom.diagnosis.fitting.trial import trial
@@ -10,6 +10,7 @@ from virtual_phantom.diagnosis.preparation import compare_images, prepare_record
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.diagnosis.selection.transfer import Physics, verified
+from virtual_phantom.diagnosis.settings import FitSettings
 from virtual_phantom.io.files import write_text
 from virtual_phantom.study.job import job
 
@@ -21,7 +22,7 @@ def main(
     rois_file: str,
     physics_file: str,
     output: str,
-    model: Mapping,
+    model: FitSettings,
     threads: int,
 ) -> None:
     request = DiagnosisRequest.of(model, phantom_file, threads)
@@ -45,6 +46,6 @@ if "snakemake" in globals():
             rois_file=snakemake.input.rois,
             physics_file=snakemake.input.physics,
             output=snakemake.output[0],
-            model=snakemake.params.model,
+            model=from_mapping(FitSettings, snakemake.params.model),
             threads=snakemake.threads,
         )

@@ -1,11 +1,11 @@
 """Find the phantom in one recording of images; write the fit, the mean image and the ROIs on the recording's grid."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.settings import PhantomSettings, from_mapping
 from virtual_phantom.io import files, volumes
 from virtual_phantom.phantom import read_rois, write_rois
 from virtual_phantom.recordings import alignment, registration
@@ -18,7 +18,7 @@ def main(
     phantom_image: str,
     phantom_rois: str,
     folder: str,
-    study: Mapping,
+    study: PhantomSettings,
     name: str,
     image_file: str,
     table_file: str,
@@ -27,7 +27,7 @@ def main(
     recording = load_recording(folder)
     if recording.kind != "images":
         raise InputError(f"recording {name}: holds {recording.kind}; only images can be aligned")
-    alignment.check_same_phantom(recording, study["source"], study.get("ct", {}).get("image"))
+    alignment.check_same_phantom(recording, study.source, study.ct and study.ct.image)
     phantom = volumes.read_nifti(phantom_image)
     rois = read_rois(phantom_rois, phantom.grid)
 
@@ -36,7 +36,7 @@ def main(
     carried = own or alignment.transfer_rois(found, rois, phantom.grid, image, name)
     content = {
         "recording": name,
-        "phantom": study["source"],
+        "phantom": study.source,
         **asdict(found),
         "undetermined": found.undetermined,
         "covered_rois": {roi.name: alignment.covered_share(found, roi.mask, phantom.grid, image) for roi in rois},
@@ -57,7 +57,7 @@ if "snakemake" in globals():
             phantom_image=snakemake.input.phantom,
             phantom_rois=snakemake.input.rois,
             folder=snakemake.params.folder,
-            study=snakemake.params.phantom,
+            study=from_mapping(PhantomSettings, snakemake.params.phantom),
             name=snakemake.wildcards.recording,
             image_file=snakemake.output.image,
             table_file=snakemake.output.table,

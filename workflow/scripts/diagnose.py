@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import run_diagnosis
 from virtual_phantom.diagnosis.selection.store import DiagnosisFiles
 from virtual_phantom.diagnosis.selection.transfer import Physics, with_declared
+from virtual_phantom.diagnosis.settings import FitSettings
 from virtual_phantom.diagnosis.setup.check import NOT_CHECKED, write_setup
 from virtual_phantom.diagnosis.verdict_text import console_text
 from virtual_phantom.report.diagnosis import write_results
@@ -29,7 +31,7 @@ def main(
     name: str | None,
     log_file: str,
     cache_folder: str | None,
-    stated_model: Mapping,
+    stated_model: FitSettings,
     effect_names: Sequence[str],
     same_material: bool,
     accuracy: Mapping[str, float],
@@ -77,7 +79,7 @@ if "snakemake" in globals():
             name=snakemake.wildcards.get("recording"),
             log_file=snakemake.log[0],
             cache_folder=snakemake.params.get("cache_folder"),
-            stated_model=snakemake.params.model,
+            stated_model=from_mapping(FitSettings, snakemake.params.model),
             effect_names=snakemake.params.effects,
             same_material=snakemake.params.same_material,
             accuracy=snakemake.params.accuracy,

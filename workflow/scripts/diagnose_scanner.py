@@ -3,9 +3,11 @@
 from collections.abc import Mapping, Sequence
 
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.scanner.scanner import run_scanner_diagnosis, scanned_in
+from virtual_phantom.diagnosis.settings import FitSettings
 from virtual_phantom.diagnosis.setup.check import read_setup
 from virtual_phantom.diagnosis.verdict_text import SETUP_VERDICTS, console_text
 from virtual_phantom.report.scanner import ScannerFiles, write_scanner_results
@@ -18,7 +20,7 @@ def main(
     setup_files: Sequence[str],
     output: ScannerFiles,
     scanner: str,
-    models: Mapping[str, Mapping],
+    models: Mapping[str, FitSettings],
     effects: Sequence[str],
     accuracy: Mapping[str, float],
     protocols: Mapping,
@@ -33,7 +35,7 @@ def main(
     for name, model in models.items():
         request = DiagnosisRequest.of(model, phantom_file, threads).located(setups[name]["location"])
         _, prepared[name] = prepare_recording(request)
-    objects = {name: scanned_in(model["settings"]) for name, model in models.items()}
+    objects = {name: scanned_in(model.settings) for name, model in models.items()}
     found = run_scanner_diagnosis(scanner, prepared, effects, accuracy, protocols, objects, judged_on)
     write_scanner_results(found, prepared, output)
     log.info("%s", console_text(found.content))
@@ -47,7 +49,7 @@ if "snakemake" in globals():
             setup_files=snakemake.input.setups,
             output=snakemake.output,
             scanner=snakemake.wildcards.scanner,
-            models=snakemake.params.models,
+            models=from_mapping(dict[str, FitSettings], snakemake.params.models),
             effects=snakemake.params.effects,
             accuracy=snakemake.params.accuracy,
             protocols=snakemake.params.protocols,

@@ -18,7 +18,8 @@ def main(
     roi_files: Sequence[str],
     outputs: Sequence[str],
     protocol: str,
-    settings: Mapping,
+    algorithm: str,
+    projections: int,
     acquisition_settings: Sequence[Mapping],
     extraction_settings: Mapping,
 ) -> None:
@@ -36,8 +37,8 @@ def main(
             raise InputError(f"{path}: is on another grid ({image.grid}) than the ROIs ({grid})")
         acquisition = {
             "protocol": protocol,
-            "algorithm": settings["algorithm"],
-            "projections": settings["projections"],
+            "algorithm": algorithm,
+            "projections": projections,
             **acquired,
         }
         found = extraction.extract(image, masks, name=str(path), parameters=parameters)
@@ -54,7 +55,8 @@ if "snakemake" in globals():
             roi_files=snakemake.input.rois,
             outputs=snakemake.output,
             protocol=snakemake.params.protocol,
-            settings=snakemake.params.settings,
+            algorithm=snakemake.params.algorithm,
+            projections=snakemake.params.projections,
             acquisition_settings=snakemake.params.acquisitions,
             extraction_settings=snakemake.params.parameters,
         )

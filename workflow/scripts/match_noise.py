@@ -1,9 +1,10 @@
 """The noise level at which a protocol shows the variance that ROIs have in a recording."""
 
-from collections.abc import Mapping
 from dataclasses import asdict
 
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.settings import from_mapping, to_mapping
+from virtual_phantom.config.settings import NoiseTarget
 from virtual_phantom.features.names import VARIANCE
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reference import select_rows
@@ -18,17 +19,17 @@ def main(
     calibration: str,
     output: str,
     noise_name: str,
-    meets: Mapping,
+    target: NoiseTarget,
 ) -> None:
-    source = f"recording {meets['recording']}"
-    recorded = select_rows(files.read_csv(recorded_features), meets["where"], source)
+    source = f"recording {target.recording}"
+    recorded = select_rows(files.read_csv(recorded_features), target.where, source)
     if VARIANCE not in recorded:
         raise InputError(
             f"{source}: has no {VARIANCE}, which a noise level is matched by; extract it, or give the level an A"
         )
     measured = recorded.pivot(index="image", columns="roi", values=VARIANCE)
-    found = noise.match_noise_level(files.read_csv(calibration), meets["protocol"], meets["rois"], measured)
-    matched_noise.write_level({**asdict(found), **meets}, output)
+    found = noise.match_noise_level(files.read_csv(calibration), target.protocol, target.rois, measured)
+    matched_noise.write_level({**asdict(found), **to_mapping(target)}, output)
     log.info("%s: %s", noise_name, found)
     if found.extrapolated:
         log.warning("A lies outside the levels of the noise calibration; add a level beyond it")
@@ -41,5 +42,5 @@ if "snakemake" in globals():
             calibration=snakemake.input.calibration,
             output=snakemake.output[0],
             noise_name=snakemake.wildcards.noise,
-            meets=snakemake.params.meets,
+            target=from_mapping(NoiseTarget, snakemake.params.meets),
         )

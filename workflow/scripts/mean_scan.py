@@ -1,11 +1,12 @@
 """The mean of public scans of one object, and their regions as a label map."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from virtual_phantom.base.geometry import grid_of
+from virtual_phantom.base.settings import GridSettings, from_mapping
 from virtual_phantom.io import files
 from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.phantom.mean_scan import ScanFiles, average_scans
@@ -24,7 +25,7 @@ def main(
     spectra_file: str,
     public_scans: Sequence[PublicScan],
     region_names: Sequence[str],
-    grid: Mapping,
+    grid: GridSettings,
 ) -> None:
     scans = []
     for scan, folder in zip(public_scans, map(Path, folders), strict=True):
@@ -52,5 +53,5 @@ if "snakemake" in globals():
             spectra_file=snakemake.output.spectra,
             public_scans=snakemake.params.scans,
             region_names=snakemake.params.regions,
-            grid=snakemake.params.grid,
+            grid=from_mapping(GridSettings, snakemake.params.grid),
         )

@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from virtual_phantom.base.settings import from_mapping, to_mapping
 from virtual_phantom.diagnosis.planning.ranking import effect_similarity, found_in, possible, rank, refit, refit_jointly
 from virtual_phantom.diagnosis.planning.tables import (
     best_measurement_text,
@@ -16,6 +17,7 @@ from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.scanner.scanner import protocols_of
 from virtual_phantom.diagnosis.selection.forward_selection import AS_GOOD
 from virtual_phantom.diagnosis.selection.transfer import with_declared
+from virtual_phantom.diagnosis.settings import FitSettings
 from virtual_phantom.diagnosis.setup.check import NOT_CHECKED, read_setup
 from virtual_phantom.figures.next_measurement import draw_ranking
 from virtual_phantom.figures.style import save
@@ -31,7 +33,7 @@ def main(
     setup_files: Sequence[str] | None,
     output: str,
     name: str,
-    models: Mapping[str, Mapping],
+    models: Mapping[str, FitSettings],
     effect_names: Sequence[str],
     protocol_names: Mapping | None,
     threads: int,
@@ -48,7 +50,7 @@ def main(
             name: prepare_recording(DiagnosisRequest.of(model, phantom_file, threads).located(setup["location"]))
             for (name, model), setup in zip(models.items(), setups, strict=True)
         }
-        known = {effect for model in models.values() for effect in model["settings"].get("baseline", {})}
+        known = {effect for model in models.values() for effect in model.settings.baseline}
         effects = [name for name in effect_names if name not in known]
         prepared = {recording: dataset for recording, (_, dataset) in made.items()}
         baselines = {recording: dataset.fitter.fit(()) for recording, dataset in prepared.items()}
@@ -60,7 +62,7 @@ def main(
             protocols = protocols_of(prepared, protocol_names)
             chosen, ambiguities = refit_jointly(prepared, named, effects, alike, protocols)
         first = next(iter(prepared))
-        settings = models[first]["settings"]
+        settings = to_mapping(models[first].settings)
         found = rank(prepared, chosen, ambiguities, possible(prepared, settings), protocols)
         rows = ranking_table(found)
         write_text(rows.to_csv(index=False), folder / "ranking.csv")
@@ -83,7 +85,7 @@ if "snakemake" in globals():
             setup_files=snakemake.input.get("setups"),
             output=snakemake.output[0],
             name=snakemake.params.what,
-            models=snakemake.params.models,
+            models=from_mapping(dict[str, FitSettings], snakemake.params.models),
             effect_names=snakemake.params.effects,
             protocol_names=snakemake.params.get("protocols"),
             threads=snakemake.threads,

@@ -3,6 +3,9 @@
 import json
 from collections.abc import Mapping, Sequence
 
+from virtual_phantom.base.settings import from_mapping
+from virtual_phantom.config.plan import Plan
+from virtual_phantom.config.settings import Study
 from virtual_phantom.io import files
 from virtual_phantom.study.job import job, log
 
@@ -13,16 +16,14 @@ def main(
     table_file: str,
     totals_file: str,
     text_file: str,
-    config: Mapping,
+    study: Study,
     engine: str,
     diagnoses: Sequence[Mapping],
 ) -> None:
-    from virtual_phantom.config.plan import Plan
     from virtual_phantom.study.costs.rates import read_rates
     from virtual_phantom.study.costs.table import cost_summary, diagnoses_text, plan_text
 
-    plan = Plan(dict(config))
-    table, content = cost_summary(plan, engine, read_rates(rates_file))
+    table, content = cost_summary(Plan(study), engine, read_rates(rates_file))
     content["diagnoses"] = list(diagnoses)
     files.write_csv(table, table_file)
     files.write_text(json.dumps(content, indent=2) + "\n", totals_file)
@@ -37,7 +38,7 @@ if "snakemake" in globals():
             table_file=snakemake.output.table,
             totals_file=snakemake.output.totals,
             text_file=snakemake.output.text,
-            config=snakemake.params.config,
+            study=from_mapping(Study, snakemake.params.study),
             engine=snakemake.params.engine,
             diagnoses=snakemake.params.diagnoses,
         )

@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
+from virtual_phantom.base.settings import from_mapping
+from virtual_phantom.config.plan import GeometrySettings
 from virtual_phantom.study.job import job, log
 
 
@@ -12,10 +14,10 @@ def main(
     rois_file: str,
     physics_files: Sequence[str],
     output: str,
-    geometry_settings: Mapping,
+    geometry_settings: GeometrySettings,
     mu_water_per_mm: float,
     materials: Mapping,
-    sensor: Mapping | str | None,
+    sensor: Mapping,
     pose_settings: Mapping | None,
     threads: int,
 ) -> None:
@@ -25,13 +27,15 @@ def main(
     from virtual_phantom.io.volumes import read_nifti
     from virtual_phantom.phantom import read_masks
     from virtual_phantom.phantom.repositioning import random_pose
+    from virtual_phantom.physics.beam.materials import Segmentation
+    from virtual_phantom.physics.beam.sensors import Sensor
     from virtual_phantom.physics.scenes.line_integrals import check_rois_seen
     from virtual_phantom.physics.stored_state import to_store
     from virtual_phantom.simulation.project import project_phantom, read_diagnosed_physics
 
     phantom = read_nifti(phantom_file)
     grid = read_nifti(image_file).grid  # the phantom's own: it alone knows where in the world that lies
-    geometry = scan_geometry(geometry_settings["scan"], geometry_settings["projections"], grid)
+    geometry = scan_geometry(geometry_settings.scan, geometry_settings.projections, grid)
     log.info(
         "%d views, %.3f turns, feed %.1f mm per turn",
         geometry.views,
@@ -40,7 +44,7 @@ def main(
     )
     _, masks = read_masks(rois_file, grid)
     check_rois_seen(geometry, grid, masks)
-    physics = geometry_settings["physics"]
+    physics = geometry_settings.physics
     if physics_files:
         physics, _ = read_diagnosed_physics(*physics_files)
     pose = random_pose(**pose_settings) if pose_settings else IN_PLACE
@@ -50,8 +54,8 @@ def main(
         geometry,
         physics,
         mu_water_per_mm=mu_water_per_mm,
-        materials=materials,
-        sensor=sensor,
+        materials=Segmentation(**materials),
+        sensor=Sensor(**sensor),
         threads=threads,
         pose=pose,
     )
@@ -67,7 +71,7 @@ if "snakemake" in globals():
             rois_file=snakemake.input.rois,
             physics_files=snakemake.input.physics,
             output=snakemake.output[0],
-            geometry_settings=snakemake.params.geometry,
+            geometry_settings=from_mapping(GeometrySettings, snakemake.params.geometry),
             mu_water_per_mm=snakemake.params.mu_water_per_mm,
             materials=snakemake.params.materials,
             sensor=snakemake.params.sensor,

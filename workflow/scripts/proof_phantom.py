@@ -1,12 +1,13 @@
 """Build a phantom of the proof: what is scanned (fine), and what the diagnosis is told of it."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.base.streams import Branch, branch
 from virtual_phantom.phantom import write_phantom
 from virtual_phantom.proof.hiding.objects import OBJECTS
 from virtual_phantom.proof.hiding.phantoms import build
+from virtual_phantom.proof.settings import ProofScan
 from virtual_phantom.study.job import job, log
 
 
@@ -15,12 +16,12 @@ def main(
     layout: str,
     output: str,
     name: str,
-    scan: Mapping,
+    scan: ProofScan,
     study_seed: int,
 ) -> None:
     phantom_object = OBJECTS[name]
     seed = branch(study_seed, Branch.PROOF_PHANTOM)
-    phantom = build(phantom_object, layout, scan["columns"], scan["rows"], seed)
+    phantom = build(phantom_object, layout, scan.columns, scan.rows, seed)
     write_phantom(phantom, Path(output).parent)
     log.info("scanned on %s, known on %s", phantom.fine.grid, phantom.image.grid)
 
@@ -31,6 +32,6 @@ if "snakemake" in globals():
             layout=snakemake.input.layout,
             output=snakemake.output.image,
             name=snakemake.wildcards.phantom,
-            scan=snakemake.params.scan,
+            scan=from_mapping(ProofScan, snakemake.params.scan),
             study_seed=snakemake.params.seed,
         )

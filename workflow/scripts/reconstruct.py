@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from virtual_phantom.base.settings import FbpSettings, SirtSettings, VoxelSettings, from_mapping
 from virtual_phantom.study.job import job, log
 
 
@@ -15,11 +16,11 @@ def main(
     outputs: Sequence[str],
     protocol: str,
     algorithm: str,
-    settings: Mapping,
+    settings: SirtSettings | FbpSettings,
     geometry_name: str,
     acquisitions: Sequence[Mapping],
     image_physics: Mapping,
-    voxels: Mapping | None,
+    voxels: VoxelSettings | None,
     engine: str,
     model: str,
     draws: str,
@@ -85,7 +86,7 @@ def main(
             threads=threads,
         )
     else:
-        grid = voxels_over(grid, voxels["spacing_mm"])
+        grid = voxels_over(grid, voxels.spacing_mm)
         places = list(roi_files)
         volumes = [None] * len(places)
         for place in dict.fromkeys(places):
@@ -97,7 +98,7 @@ def main(
                 grid,
                 boxes_around(masks.values(), grid),
                 settings,
-                thickness_mm=voxels["thickness_mm"],
+                thickness_mm=voxels.thickness_mm,
                 mu_water_per_mm=mu_water_per_mm,
                 threads=threads,
             )
@@ -118,11 +119,11 @@ if "snakemake" in globals():
             outputs=snakemake.output,
             protocol=snakemake.wildcards.protocol,
             algorithm=snakemake.params.algorithm,
-            settings=snakemake.params.settings,
+            settings=from_mapping(SirtSettings | FbpSettings, snakemake.params.settings),
             geometry_name=snakemake.params.geometry,
             acquisitions=snakemake.params.acquisitions,
             image_physics=snakemake.params.physics,
-            voxels=snakemake.params.voxels,
+            voxels=from_mapping(VoxelSettings, snakemake.params.voxels),
             engine=snakemake.params.engine,
             model=snakemake.params.model,
             draws=snakemake.params.draws,

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.pose import IN_PLACE
+from virtual_phantom.base.settings import PhantomSettings, from_mapping
 from virtual_phantom.base.streams import Branch, branch
 from virtual_phantom.base.units import HU_AIR
 from virtual_phantom.io.simpleitk import itk_image, itk_resample
@@ -20,7 +21,7 @@ def main(
     fine_file: str,
     image_file: str,
     output: str,
-    settings: Mapping,
+    settings: PhantomSettings,
     study_seed: int,
     pose_settings: Mapping | None,
     spacing_mm: Sequence[float] | None,
@@ -30,10 +31,10 @@ def main(
         grid = voxels_over(grid, spacing_mm)
 
     def drawn(pose):
-        if settings["source"] == "synthetic":
+        if settings.source == "synthetic":
             seed = branch(study_seed, Branch.PHANTOM)
-            return synthetic.rois(layout.read_layout(settings["layout"]), grid, seed, pose)
-        return ct.rois(settings["ct"], grid, pose)
+            return synthetic.rois(layout.read_layout(settings.layout), grid, seed, pose)
+        return ct.rois(settings.ct, grid, pose)
 
     pose = random_pose(**pose_settings) if pose_settings else IN_PLACE
     rois = drawn(pose)
@@ -54,7 +55,7 @@ if "snakemake" in globals():
             fine_file=snakemake.input.fine,
             image_file=snakemake.input.image,
             output=snakemake.output.table,
-            settings=snakemake.params.phantom,
+            settings=from_mapping(PhantomSettings, snakemake.params.phantom),
             study_seed=snakemake.params.seed,
             pose_settings=snakemake.params.pose,
             spacing_mm=snakemake.params.spacing_mm,

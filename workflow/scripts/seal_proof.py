@@ -1,15 +1,17 @@
 """Draw the hidden effects of each case, seal the truths and publish the seals."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.suite import salt, truths
+from virtual_phantom.proof.settings import ProofSettings
 from virtual_phantom.study.job import job, log
 
 
-def main(*, sealed_files: Sequence[str], seals_file: str, settings: Mapping) -> None:
-    documents = [seal.sealed(truth, salt(settings["seed"], truth["number"])) for truth in truths(settings).values()]
+def main(*, sealed_files: Sequence[str], seals_file: str, settings: ProofSettings) -> None:
+    documents = [seal.sealed(truth, salt(settings.seed, truth["number"])) for truth in truths(settings).values()]
     for document, path in zip(documents, sealed_files, strict=True):
         seal.write(document, Path(path))
     seal.write(seal.publish(documents), seals_file)
@@ -21,5 +23,5 @@ if "snakemake" in globals():
         main(
             sealed_files=snakemake.output.sealed,
             seals_file=snakemake.output.seals,
-            settings=snakemake.params.settings,
+            settings=from_mapping(ProofSettings, snakemake.params.settings),
         )

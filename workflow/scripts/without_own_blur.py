@@ -1,9 +1,10 @@
 """The mean of scans before its own scanner blurred it, and what that changes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import pandas as pd
 
+from virtual_phantom.base.settings import GridSettings, from_mapping
 from virtual_phantom.io import files
 from virtual_phantom.io.volumes import read_nifti, write_nifti
 from virtual_phantom.phantom.deconvolution import (
@@ -26,7 +27,7 @@ def main(
     sharp_file: str,
     table_file: str,
     slice_mm: float,
-    grid: Mapping,
+    grid: GridSettings,
     region_names: Sequence[str],
 ) -> None:
     mean = read_nifti(image_file)
@@ -34,7 +35,7 @@ def main(
     half = edge_mtf_half(mean)
     in_plane, along = SD_OF_HALF / half, SD_OF_FWHM * slice_mm
     spectra = PowerSpectra.from_table(files.read_csv(spectra_file, numbers=["noise"]))
-    fine = [step / grid["oversampling"] for step in grid["spacing_mm"]]
+    fine = [step / grid.oversampling for step in grid.spacing_mm]
     blur = add_voxel_blur((along, in_plane, in_plane), mean.grid.spacing, fine)
     sharp = keep_air(deconvolve(mean, blur, spectra), mean)
     write_nifti(sharp, sharp_file)
@@ -58,6 +59,6 @@ if "snakemake" in globals():
             sharp_file=snakemake.output.image,
             table_file=snakemake.output.table,
             slice_mm=snakemake.params.slice_mm,
-            grid=snakemake.params.grid,
+            grid=from_mapping(GridSettings, snakemake.params.grid),
             region_names=snakemake.params.regions,
         )

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ..base.data import RESOURCES
 from ..base.errors import InputError
+from ..base.settings import from_mapping
 from ..diagnosis.candidate_effects import candidates, shown_by
-from ..diagnosis.request import DiagnosisRequest, Settings
+from ..diagnosis.request import DiagnosisRequest
 from ..diagnosis.run import run_diagnosis
+from ..diagnosis.settings import RecordingSettings
 from ..diagnosis.verdict.verdict import Diagnosis
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..physics.beam.material_names import library_name
+from ..physics.beam.materials import Segmentation
 from ..recordings.document import read_document
 from ..statistics.proof_record import read_proof_record
 from .arguments import mapping, pair, path, positive, public, sequence, text, whole
@@ -97,19 +101,19 @@ def diagnose(
     schema = SECTION | {"$defs": schema_of()["$defs"]}
     validate(section, schema, "diagnose")
     fill_defaults(section, schema)
-    study = defaults_of()
+    recorded, study = from_mapping(RecordingSettings, section), defaults_of()
     request = DiagnosisRequest(
         recording,
-        Settings.of(section),
+        recorded,
         study["mu_water_per_mm"],
-        defaults_of("materials"),
+        Segmentation(**defaults_of("materials")),
         phantom,
         study["seed"],
         threads=processes,
     )
     return run_diagnosis(
         request,
-        candidates(section | {"effects": effects}, **shown_by(document.content)),
+        candidates(replace(recorded, effects=effects), **shown_by(document.content)),
         defaults_of("diagnosis", "model_accuracy"),
         shape_rois=False,
         thresholds=defaults_of("diagnosis", "matters") | dict(thresholds),

@@ -13,12 +13,15 @@ import pandas as pd
 from ..base.errors import InputError, meant
 from ..base.geometry import Grid, ScanGeometry, scan_geometry
 from ..base.home import expand_home
+from ..base.settings import FbpSettings, ScanSettings, SirtSettings, from_mapping
 from ..base.streams import Branch, branch
 from ..features import extraction
 from ..io.default_study import default_study
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..io.volumes import Volume
 from ..phantom import Phantom, ct, layout, synthetic
+from ..physics.beam.materials import Segmentation
+from ..physics.beam.sensors import Sensor
 from ..physics.effect import acts_on_images, checked
 from ..physics.scenes.line_integrals import check_rois_seen
 from ..projectors import astra_projects, choose_engine
@@ -138,7 +141,7 @@ def read_phantom(
     if labels is not None:
         settings["labels"] = path(labels, "labels")
     finer = whole(oversampling, "oversampling", 1, FINEST)
-    return ct.load_phantom(expand_home(settings), _grid(shape, spacing_mm), finer)
+    return ct.load_phantom(ct.read_settings(expand_home(settings)), _grid(shape, spacing_mm), finer)
 
 
 def _grid(shape: object, spacing_mm: object) -> Grid:
@@ -209,7 +212,7 @@ def scan(
     section = STUDY["scan"] | _plain(scanner)
     validate(section, schema_of("scan"), "scan")
     fill_defaults(section, schema_of("scan"))
-    geometry = scan_geometry(section, projections, phantom.image.grid)
+    geometry = scan_geometry(from_mapping(ScanSettings, section), projections, phantom.image.grid)
     check_rois_seen(geometry, phantom.image.grid, {roi.name: roi.mask for roi in phantom.rois})
     before = {name: values for name, values in effects.items() if not acts_on_images(name)}
     mu_water_per_mm = defaults_of()["mu_water_per_mm"]
@@ -218,8 +221,8 @@ def scan(
         geometry,
         before,
         mu_water_per_mm=mu_water_per_mm,
-        materials=defaults_of("materials"),
-        sensor=defaults_of("sensor"),
+        materials=Segmentation(**defaults_of("materials")),
+        sensor=Sensor(**defaults_of("sensor")),
         threads=threads,
     )
     noise = defaults_of("noise")
@@ -279,7 +282,7 @@ def reconstruct(
         scan.geometry,
         scan.grid,
         algorithm,
-        known[algorithm] | settings,
+        from_mapping({"sirt": SirtSettings, "fbp": FbpSettings}[algorithm], known[algorithm] | settings),
         engine=choose_engine(
             engine,
             (known["sirt"] | settings).get("backprojector"),

@@ -23,6 +23,7 @@ from functools import cached_property
 import numpy as np
 
 from .errors import InputError
+from .settings import GridSettings, ScanSettings, to_mapping
 from .vectors import CYLINDRICAL, FLAT, ScanGeometry
 
 # Distances of a parallel beam from source to isocenter and from there to the detector, behind any object. Rays are
@@ -412,19 +413,20 @@ def with_beam(scan: Mapping) -> dict:
     return dict(scan) | (parallel_beam() if scan.get("beam") == PARALLEL else {})
 
 
-def grid_of(settings: dict) -> Grid:
+def grid_of(settings: GridSettings) -> Grid:
     """Return the grid of the configuration's `grid` section, centered at 0, on which the phantom is made.
 
     A CT phantom has its own position in the world, so later steps use the grid of the phantom's image.
     """
-    return Grid(tuple(settings["shape"]), tuple(settings["spacing_mm"]))
+    return Grid(settings.shape, settings.spacing_mm)
 
 
-def scan_geometry(scan: dict, projections: int, grid: Grid) -> OrbitGeometry:
-    """Return the geometry of a complete `scan` section of the configuration; a helix must cover `grid` along z."""
-    scan = with_beam(scan)
+def scan_geometry(scan: ScanSettings, projections: int, grid: Grid) -> OrbitGeometry:
+    """Return the geometry of a scan of a study, with its number of projections; a helix must cover `grid` along z."""
+    if scan.beam == PARALLEL:
+        scan = replace(scan, **parallel_beam())
     detector = {
-        key: scan[key]
+        key: getattr(scan, key)
         for key in (
             "source_to_isocentre_mm",
             "source_to_detector_mm",
@@ -436,20 +438,20 @@ def scan_geometry(scan: dict, projections: int, grid: Grid) -> OrbitGeometry:
             "row_offset_px",
         )
     }
-    detector |= surface_of(scan)
-    start = math.radians(scan["start_angle_deg"])
-    if scan["trajectory"] == "circular":
-        geometry = circular(views=projections, turns=scan["turns"] or 1.0, start_angle_rad=start, **detector)
+    detector |= surface_of(to_mapping(scan))
+    start = math.radians(scan.start_angle_deg)
+    if scan.trajectory == "circular":
+        geometry = circular(views=projections, turns=scan.turns or 1.0, start_angle_rad=start, **detector)
     else:
         geometry = helical(
             views=projections,
             volume_height_mm=grid.extent_mm[0],
-            pitch=scan["pitch"],
-            turns=scan["turns"],
+            pitch=scan.pitch,
+            turns=scan.turns,
             start_angle_rad=start,
             **detector,
         )
-    return replace(geometry, view_interval_ms=scan["rotation_time_ms"] / geometry.views_per_rotation)
+    return replace(geometry, view_interval_ms=scan.rotation_time_ms / geometry.views_per_rotation)
 
 
 def surface_of(scan: dict) -> dict:

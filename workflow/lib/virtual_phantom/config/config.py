@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from ..base.console import note
 from ..base.errors import InputError, InputErrors
-from ..base.geometry import PARALLEL, with_beam
+from ..base.geometry import PARALLEL, parallel_beam
 from ..base.home import expand_home
-from ..base.vectors import FLAT
+from ..base.settings import from_mapping
 from ..io.published import FOLDER, OLD_FOLDER, resources_folder
 from ..io.schema import SCHEMA, check_nesting, fill_defaults, mistakes, read_schema
 from ..physics.beam.material_names import library_name
@@ -20,6 +21,7 @@ from .outputs import Files
 from .plan import without_physics
 from .public_scans import made_folders
 from .read_config import REMOVABLE
+from .settings import Study
 
 # Sections whose keys are names chosen by the user.
 NAMED = (("protocols",), ("noise", "levels"), ("scans",), ("diagnosis", "recordings"))
@@ -44,10 +46,15 @@ def check(settings: Mapping) -> None:
     _checked(settings)
 
 
-def flat_detectors(config: Mapping) -> bool:
-    """Whether all scans have flat detectors and divergent beams, as the GPU engine requires."""
-    scans = (config.get("scan", {}), *config.get("scans", {}).values())
-    return all(scan.get("detector", FLAT) == FLAT and scan.get("beam") != PARALLEL for scan in scans)
+def read_study(settings: Mapping) -> Study:
+    """Return the complete configuration as dataclasses.
+
+    `check` describes the settings, which are not changed, and the errors.
+    """
+    study = from_mapping(Study, complete(settings))
+    if study.analyses.stability and study.analyses.stability.without_physics:
+        study = replace(study, protocols=study.protocols | without_physics(study.protocols))
+    return study
 
 
 def complete(settings: Mapping) -> dict:
@@ -64,8 +71,6 @@ def complete(settings: Mapping) -> dict:
         effects = checked(physics)
         protocols[name]["physics"] = {key: value for key, value in effects.items() if not acts_on_images(key)}
         protocols[name]["image_physics"] = {key: value for key, value in effects.items() if acts_on_images(key)}
-    if config["analyses"].get("stability", {}).get("without_physics"):
-        config["protocols"] = protocols | without_physics(protocols)
     return config
 
 
@@ -168,16 +173,21 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
     _take_public_scans(rest)
     rest["scans"] = {}
     if "scan" in rest:
-        rest["scans"] = {name: with_beam({**rest["scan"], **changes}) for name, changes in scans.items()}
-        rest["scan"] = with_beam(rest["scan"])
+        rest["scans"] = {name: _with_beam(rest["scan"] | changes) for name, changes in scans.items()}
+        rest["scan"] = _with_beam(rest["scan"])
     lines = [mistake.line for mistake in found] + list(Rules(rest, Names.of(settings)).lines())
     return list(dict.fromkeys(lines)), rest
 
 
+def _with_beam(scan: dict) -> dict:
+    """Return a complete scan section; with `beam: parallel` its own distances are ignored."""
+    return scan | (parallel_beam() if scan["beam"] == PARALLEL else {})
+
+
 def _take_public_scans(config: dict) -> None:
     """Fill in the files that are made from public scans: the image and labels of a CT, and folders of recordings."""
-    made = Files(config["results_dir"].rstrip("/"))
-    folders = made_folders(config)
+    results = config["results_dir"].rstrip("/")
+    made, folders = Files(results), made_folders(results)
     config["recordings"] = {name: folders.get(folder, folder) for name, folder in config["recordings"].items()}
     scans, ct = config["public_scans"], config.get("phantom", {}).get("ct")
     if ct is None or not {"phantom", "compared"} & set(scans) or "image" in ct:

@@ -1,6 +1,7 @@
 """Rules between keys of a configuration: references to existing names, required numbers, consistent sections.
 
 Each rule is a generator of error lines. Invalid sections have been removed before, so rules skip missing sections.
+They read mappings, not the dataclasses of settings.py, as they run before a configuration is complete.
 """
 
 from __future__ import annotations

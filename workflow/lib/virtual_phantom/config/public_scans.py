@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 from ..base.errors import InputError
 from ..base.names import counted
+from ..base.settings import RoiEntry, to_mapping
 from ..io.published import resources_folder
 from ..recordings.document import Document, planned_document, read_document
 from ..recordings.public_scans.features import EXTRACTED, FLAT, recording_content
@@ -16,15 +17,16 @@ from ..recordings.public_scans.table import MB, SOURCE, PublicScan, select_scans
 from .dependencies import resource
 from .outputs import Files
 from .plan import Plan
+from .settings import ScanSelection
 
 COMPARED = "public_scans.compared"  # value of `recordings` instead of a folder
 NAMES = {COMPARED + way: f"compared_features{way}" for way in EXTRACTED}  # {such a value: the output made for it}
 IN_RESOURCES = "printed_phantom"  # folder of all scans, which studies share
 
 
-def made_folders(config: Mapping) -> dict[str, str]:
-    """Return {value of `recordings` instead of a folder: folder that a rule makes}."""
-    made = Files(config["results_dir"].rstrip("/"))
+def made_folders(results: str) -> dict[str, str]:
+    """Return {value of `recordings` instead of a folder: folder that a rule makes}, in a folder of results."""
+    made = Files(results)
     return {name: str(Path(made(output)).parent) for name, output in NAMES.items()}
 
 
@@ -53,17 +55,16 @@ class PublicScans:
     @cached_property
     def scanned(self) -> tuple[PublicScan, ...]:
         """Scans whose mean is the phantom."""
-        return self._chosen("phantom")
+        return self._chosen("phantom", self.plan.study.public_scans.phantom)
 
     @cached_property
     def compared(self) -> tuple[PublicScan, ...]:
         """Scans that the simulation is compared with."""
-        scans = self._chosen("compared")
-        return small_subset(scans) if self.plan.config["subset"] == "small" else scans
+        scans = self._chosen("compared", self.plan.study.public_scans.compared)
+        return small_subset(scans) if self.plan.study.subset == "small" else scans
 
-    def _chosen(self, use: str) -> tuple[PublicScan, ...]:
-        selection = self.plan.config["public_scans"].get(use)
-        return () if selection is None else select_scans(selection, f"public_scans.{use}")
+    def _chosen(self, use: str, selection: ScanSelection | None) -> tuple[PublicScan, ...]:
+        return () if selection is None else select_scans(to_mapping(selection), f"public_scans.{use}")
 
     def check(self) -> None:
         """Check the selected scans.
@@ -74,7 +75,7 @@ class PublicScans:
             For a selection that matches no scan, and for an acquisition that would be compared with itself.
         """
         unknown = [scan for scan in self.scanned if scan.slice_mm is None]
-        if unknown and self.plan.config["public_scans"]["own_blur"] == "removed":
+        if unknown and self.plan.study.public_scans.own_blur == "removed":
             raise InputError(
                 f"config: public_scans.phantom has scan {unknown[0].name} with unknown slice thickness, so the blur of "
                 "its scanner is unknown; set public_scans.own_blur: kept or use ct_phantom4radiomics"
@@ -87,20 +88,15 @@ class PublicScans:
             )
 
     @property
-    def regions(self) -> list:
-        """Segments of each scan to use, by name or number."""
-        return self.plan.config["public_scans"]["regions"]
-
-    @property
     def slice_mm(self) -> float | None:
         """Slice thickness of the scans whose mean is the phantom; None without such scans."""
         return self.scanned[0].slice_mm if self.scanned else None
 
     @property
-    def rois(self) -> list[dict]:
+    def rois(self) -> tuple[RoiEntry, ...]:
         """ROIs from regions of the scans, with labels that count the regions from 1; empty for a user's own CT."""
-        ct = self.plan.config["phantom"].get("ct", {})
-        return ct["rois"] if "rois" in ct and (self.scanned or "image" not in ct) else []
+        ct = self.plan.study.phantom and self.plan.study.phantom.ct
+        return ct.rois if ct and ct.rois and (self.scanned or ct.image is None) else ()
 
     def document(self, folder: str) -> Document:
         """Read recording.yaml in a folder, or return the document of the compared scans for a folder made from these.
@@ -110,7 +106,7 @@ class PublicScans:
         InputError
             See recordings.document.read_document; and if no scans are compared.
         """
-        made = made_folders(self.plan.config)
+        made = made_folders(self.plan.study.results)
         if folder not in made.values():
             return read_document(folder)
         if not self.compared:
@@ -140,11 +136,6 @@ class PublicScans:
         """Scans that are not fetched yet."""
         return tuple(scan for scan in self.scans if not Path(self.scan_folder.format(scan=scan.name), SOURCE).exists())
 
-    @property
-    def local_folder(self) -> str | None:
-        """A user's folder that already contains the scans."""
-        return self.plan.config["downloads"]["scans"]
-
     def absent_folders(self) -> list[str]:
         """Return the folders of the scans that are not fetched yet."""
         return self.folders(self.absent)
@@ -157,7 +148,7 @@ class PublicScans:
         InputError
             If the configuration uses no public scans, or does not keep them.
         """
-        if not self.keep:
+        if not self.plan.study.keep_scans:
             raise InputError(
                 "config: keep_scans is false, so the study fetches each scan when it needs it and then deletes it; run "
                 "the study, or set keep_scans: true"
@@ -169,17 +160,12 @@ class PublicScans:
             )
         return self.folders(self.scans)
 
-    @property
-    def keep(self) -> bool:
-        """Whether scans are kept after use."""
-        return self.plan.config["keep_scans"]
-
     @cached_property
     def to_fetch(self) -> tuple[PublicScan, ...]:
         """Absent scans that will be fetched. Scans that are not kept are fetched only if a result needs them."""
-        if self.keep or self.local_folder:
+        if self.plan.study.keep_scans or self.plan.study.downloads.scans:
             return self.absent
-        made = Files(self.plan.config["results_dir"].rstrip("/"))
+        made = Files(self.plan.study.results)
         used = set() if Path(made("mean_scan")).exists() else set(self.scanned)
         used |= {scan for scan in self.compared if not Path(made("scan_features", scan=scan.name)).exists()}
         return tuple(scan for scan in self.absent if scan in used)
@@ -188,7 +174,7 @@ class PublicScans:
 
     def feature_tables(self, output: str) -> list[str]:
         """Return the features of every compared scan; `output` is "scan_features" or "scan_features_2d"."""
-        made = Files(self.plan.config["results_dir"].rstrip("/"))
+        made = Files(self.plan.study.results)
         return [made(output, scan=scan.name) for scan in self.compared]
 
     def recordings(self) -> list[str]:
@@ -199,10 +185,10 @@ class PublicScans:
         InputError
             If no scans are compared, or their segments are not assigned to ROIs.
         """
-        folders = made_folders(self.plan.config)
+        folders = made_folders(self.plan.study.results)
         for folder in folders.values():
             self.document(folder)
-        made = Files(self.plan.config["results_dir"].rstrip("/"))
+        made = Files(self.plan.study.results)
         return [made(name) for name in NAMES.values()]
 
     # Texts
@@ -220,9 +206,10 @@ class PublicScans:
         """Return the amount of data to fetch in words; None if nothing is to be fetched."""
         if not self.to_fetch:
             return None
-        how = f"linked from {self.local_folder}" if self.local_folder else "fetched"
+        local = self.plan.study.downloads.scans
+        how = f"linked from {local}" if local else "fetched"
         lines = [f"{self._amount(self.to_fetch)} to be {how} to {resources_folder()}/{IN_RESOURCES}"]
-        if not self.keep and not self.local_folder:
+        if not self.plan.study.keep_scans and not local:
             lines[0] += "; each scan is deleted after use"
         elif len(self.absent) < len(self.scans):
             lines[0] += f"; {len(self.scans) - len(self.absent)} of {len(self.scans)} scans already exist"

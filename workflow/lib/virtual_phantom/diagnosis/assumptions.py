@@ -13,9 +13,10 @@ from ..physics.scenes.labeled import label_materials
 from ..physics.scenes.shapes import NOTHING
 from ..recordings.recording import Recording
 from .preparation import nominal_settings
-from .request import DiagnosisRequest, LabelledObject, ShapesObject
+from .request import DiagnosisRequest
 from .residuals.dataset import Prepared
 from .scanned_object import shaped_object
+from .settings import LabelledObject, ShapesObject
 
 
 def model_assumptions(

@@ -22,6 +22,7 @@ from ..physics.effect import (
 )
 from ..recordings.scan import has_view_times
 from .fitting.priors import declared
+from .settings import RecordingSettings
 
 # {kind of a recording: (test for effects that it does not show, reason)}
 HIDDEN = {
@@ -46,7 +47,7 @@ def shown_by(content: Mapping) -> dict:
 
 
 def candidates(
-    settings: dict,
+    settings: RecordingSettings,
     kind: str = "projections",
     timed: bool = True,
     corrected: Collection[str] = (),
@@ -57,8 +58,8 @@ def candidates(
 
     Parameters
     ----------
-    settings : dict
-        Settings of the diagnosis: `effects`, `nominal_photons`, `view_step` and `baseline`.
+    settings : RecordingSettings
+        Only `effects`, `nominal_photons`, `view_step` and `baseline` are used.
     kind : {"projections", "images"}, optional
     timed : bool, optional
         Whether the times of the views are known.
@@ -70,13 +71,13 @@ def candidates(
     """
     hides, why = HIDDEN[kind]
     unmet = {
-        NOMINAL_PHOTONS: settings.get("nominal_photons") is None,
-        SUCCESSIVE_VIEWS: (settings.get("view_step") or 1) % 2 == 0,
+        NOMINAL_PHOTONS: settings.nominal_photons is None,
+        SUCCESSIVE_VIEWS: (settings.view_step or 1) % 2 == 0,
         HELIX: not helical,
         DIVERGENT_BEAM: parallel,
     }
     hidden = {name: why for name in names() if hides(name)}
-    hidden |= dict.fromkeys(settings.get("baseline", {}), "is declared under baseline")
+    hidden |= dict.fromkeys(settings.baseline, "is declared under baseline")
     for name in names():
         effect = load(name)
         for correction in set(effect.removed_by) & set(corrected):
@@ -92,14 +93,14 @@ def candidates(
             hidden[name] = (
                 "goes by the scan's times; state scan.rotation_time_ms or scan.view_interval_ms in recording.yaml"
             )
-    chosen = settings.get("effects") or [name for name in names() if name not in hidden]
+    chosen = settings.effects or [name for name in names() if name not in hidden]
     for name in chosen:
         require(name, "diagnosis.effects")
         if name in hidden:
             raise InputError(
                 f"diagnosis.effects: {name} {hidden[name]}{'; remove it' if ';' not in hidden[name] else ''}"
             )
-    return chosen
+    return list(chosen)
 
 
 def check_accuracy(accuracy: Mapping[str, float]) -> None:
@@ -118,7 +119,7 @@ def check_accuracy(accuracy: Mapping[str, float]) -> None:
             )
 
 
-def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
+def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping) -> None:
     """Check that settings under `diagnosis.recordings` fit the kinds of the recordings.
 
     Raises
@@ -131,19 +132,19 @@ def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
         where, kind = f"diagnosis.recordings.{name}", recordings[name].content["kind"]
         if kind == "features":
             raise InputError(f"{where}: holds features; name comparisons with it under diagnosis.comparisons")
-        if kind == "images" and "protocol" not in settings:
+        if kind == "images" and settings.protocol is None:
             raise InputError(f"{where}: holds images; name the protocol that simulates them as `protocol`")
-        if kind == "projections" and "protocol" in settings:
+        if kind == "projections" and settings.protocol is not None:
             raise InputError(f"{where}.protocol: projections have their own geometry; remove this key")
-        other = settings.get("physics_from")
+        other = settings.physics_from
         if other is not None and (of := recordings[other].content["kind"]) != kind:
             raise InputError(
                 f"{where}.physics_from is '{other}', which holds {of}, not {kind}; name one of the same kind"
             )
-        if kind == "images" and {"disc", "object"} & set(settings):
+        if kind == "images" and not settings.of_phantom:
             raise InputError(f"{where}: images are simulated of the study's phantom; take disc or object out")
-        if kind == "images" and settings.get("location"):
+        if kind == "images" and settings.location:
             raise InputError(f"{where}.location: images have their location in the files; shift their affine instead")
-        if settings.get("baseline", {}) and other is not None:
+        if settings.baseline and other is not None:
             raise InputError(f"{where}: physics_from takes all physics from {other}; take it or baseline out")
-        declared(settings.get("baseline", {}), f"{where}.baseline")
+        declared(settings.baseline, f"{where}.baseline")

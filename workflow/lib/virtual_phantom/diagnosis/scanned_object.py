@@ -18,7 +18,8 @@ from ..physics.scenes.objects import ShapedObject, read_object
 from ..physics.scenes.prism import PrismScene
 from ..physics.scenes.scene import DISC_ENERGY_KEV, DiscScene, VoxelScene
 from ..physics.scenes.shapes import ShapesScene
-from .request import DiagnosisRequest, LabelledObject, MaskedObject, ShapesObject
+from .request import DiagnosisRequest
+from .settings import LabelledObject, MaskedObject, ShapesObject
 
 PARTIAL_TOLERANCE = 1e-3  # of volume fractions beyond 0 and 1, from resampling
 
@@ -41,7 +42,7 @@ def scene_of(request: DiagnosisRequest) -> DiscScene | PrismScene | ShapesScene 
     if other is not None:
         return mask_scene(other.mask, other.material, request.threads)
     volume = volumes.read_nifti(request.phantom)
-    return VoxelScene.of(volume, Segmentation(**request.materials), request.mu_water_per_mm, request.threads)
+    return VoxelScene.of(volume, request.materials, request.mu_water_per_mm, request.threads)
 
 
 def shaped_object(given: ShapesObject) -> ShapedObject:
@@ -68,7 +69,7 @@ def whole_voxels(request: DiagnosisRequest, scene: object) -> str | None:
     return f"as caused by the voxels of {Path(drawn).name} ({size} mm); {better}"
 
 
-def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, threads: int = 1) -> VoxelScene:
+def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: Segmentation, threads: int = 1) -> VoxelScene:
     """Return the study's phantom with voxels of twice the size, which shows the effect of voxels on line integrals.
 
     Each voxel is the mean of eight. A side with an odd number of voxels gets one more plane of air, and the grid keeps
@@ -81,7 +82,7 @@ def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, t
     padded = np.pad(volume.array, [(0, more) for more in odd], constant_values=HU_AIR)
     spacing = tuple(2 * step for step in volume.grid.spacing)
     coarse = Volume(block_mean(padded, 2), Grid(tuple(n // 2 for n in padded.shape), spacing))
-    scene = VoxelScene.of(coarse, Segmentation(**materials), mu_water_per_mm, threads)
+    scene = VoxelScene.of(coarse, materials, mu_water_per_mm, threads)
     return scene.moved(np.array([more * step / 2 for more, step in zip(odd, volume.grid.spacing, strict=True)])[::-1])
 
 

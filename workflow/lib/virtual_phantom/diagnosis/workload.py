@@ -6,7 +6,6 @@ A module with few imports, as every start of the workflow needs it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 # Rays of one fit, with all rays of a pixel counted, unless `view_step` is set. Two processes need 5 GB.
 MOST_FITTED = 2.5e6
@@ -26,11 +25,6 @@ def rays_of(shape: tuple[int, int, int], samples: int) -> int:
     """
     views, rows, columns = shape
     return views * rows * columns * samples ** (2 if rows > 1 else 1)
-
-
-def is_shapes(section: Mapping) -> bool:
-    """Return whether a recording's section of the configuration names a disc or an object of shapes."""
-    return "disc" in section or "kind" in section.get("object", {})
 
 
 def samples_for(stated: int | None, shapes: bool, shape: tuple[int, int, int]) -> int:

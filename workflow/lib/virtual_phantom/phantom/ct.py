@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from scipy.ndimage import find_objects
 from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..base.pose import IN_PLACE, Pose
+from ..base.settings import CtPhantom, RoiEntry, from_mapping
 from ..base.units import HU_AIR, HU_BODY
-from ..io.schema import schema_of, validate
+from ..io.schema import fill_defaults, schema_of, validate
 from ..io.simpleitk import itk_image, itk_resample
 from ..io.volumes import IMAGE_SUFFIXES, Volume, length_unit, read_image, suffix_of
 from . import HALF_COVERED, Phantom, Roi, block_mean
@@ -25,13 +27,21 @@ from .grid_size import suggest_size
 from .masks import open_regions
 from .plausibility import CHECKS, SIZE, require_plausible
 from .repositioning import world_to_object
-from .rois import RoiEntry, cut, read_roi_entries, separate, shrink
+from .rois import cut, read_roi_entries, separate, shrink
 
 LARGEST_LOSS = 0.01  # fraction of an ROI that keep_mm or the grid may cut off, for rounding of a box to voxels
 SLAB_SLICES = 4  # slices that are resampled at a time, to limit memory
 
 
-def load_phantom(settings: dict, grid: Grid, oversampling: int) -> Phantom:
+def read_settings(section: Mapping) -> CtPhantom:
+    """Check a section phantom.ct and return it with defaults; InputError for what its schema refuses."""
+    schema, section = schema_of("phantom", "ct"), copy.deepcopy(dict(section))
+    validate(section, schema, "phantom: ct")
+    fill_defaults(section, schema)
+    return from_mapping(CtPhantom, section)
+
+
+def load_phantom(settings: CtPhantom, grid: Grid, oversampling: int) -> Phantom:
     """Load a CT and its ROIs.
 
     The CT is interpolated linearly at points at least as dense as its voxels, then averaged to the refined grid and to
@@ -40,15 +50,6 @@ def load_phantom(settings: dict, grid: Grid, oversampling: int) -> Phantom:
 
     Parameters
     ----------
-    settings : dict
-        phantom.ct of the configuration, validated by its schema:
-
-        * image: NIfTI, NRRD or MetaImage file, or folder with one DICOM CT series, in HU; required
-        * rois: list of entries, see rois.RoiEntry
-        * labels: file of the regions, for entries without a file
-        * centre_mm: NIfTI world position (x, y, z) of the isocenter; by default the center of the CT
-        * keep_mm: [[x, x], [y, y]] in NIfTI world mm; voxels outside become air (a table, arms)
-        * not_checked: members of plausibility.CHECKS that are skipped
     grid : Grid
         Shape and spacing; the center is set to centre_mm.
     oversampling : int
@@ -60,17 +61,16 @@ def load_phantom(settings: dict, grid: Grid, oversampling: int) -> Phantom:
         If the image, a region or a setting is unusable, or the body does not fit the grid in-plane. Also if an ROI is
         empty on the grid, or loses more than LARGEST_LOSS of its volume to keep_mm or the border of the grid.
     """
-    validate(settings, schema_of("phantom", "ct"), "phantom: ct")
-    entries = read_roi_entries(settings["rois"], settings.get("labels"))
-    if "image" not in settings:
+    entries = read_roi_entries(settings.rois, settings.labels)
+    if settings.image is None:
         raise InputError("phantom: ct: image is missing; name a NIfTI file, or the folder of a DICOM series")
-    image = read_hu(Path(settings["image"]), settings.get("not_checked", ()))
+    image = read_hu(Path(settings.image), settings.not_checked or ())
     image = Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
     kept = np.ones(image.grid.shape[1:], bool)
-    if "keep_mm" in settings:
-        kept = kept_columns(settings["keep_mm"], image.grid)
-        image = trimmed(image, settings["keep_mm"])
-    grid = replace(grid, centre_mm=settings.get("centre_mm", image.grid.centre_mm))
+    if settings.keep_mm:
+        kept = kept_columns(settings.keep_mm, image.grid)
+        image = trimmed(image, settings.keep_mm)
+    grid = replace(grid, centre_mm=settings.centre_mm or image.grid.centre_mm)
     check_fit(image, grid)
     fine = resample(image, grid.refined(oversampling), outside=HU_AIR)
     opened: dict = {}
@@ -78,13 +78,13 @@ def load_phantom(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     return Phantom(Volume(fine, grid.refined(oversampling)), Volume(block_mean(fine, oversampling), grid), rois)
 
 
-def rois(settings: dict, grid: Grid, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
+def rois(settings: CtPhantom, grid: Grid, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
     """Make the ROIs of the settings of `load_phantom` on a grid in world coordinates, with the phantom at a pose."""
-    image, opened = read_hu(Path(settings["image"]), CHECKS).grid, {}  # `load_phantom` checks the values
+    image, opened = read_hu(Path(settings.image), CHECKS).grid, {}  # `load_phantom` checks the values
     kept = np.ones(image.shape[1:], bool)
-    if "keep_mm" in settings:
-        kept = kept_columns(settings["keep_mm"], image)
-    entries = read_roi_entries(settings["rois"], settings.get("labels"))
+    if settings.keep_mm:
+        kept = kept_columns(settings.keep_mm, image)
+    entries = read_roi_entries(settings.rois, settings.labels)
     return tuple(roi for entry in entries for roi in make_rois(entry, image, grid, kept, opened, pose))
 
 
@@ -139,17 +139,17 @@ def _world_axes(grid: Grid) -> tuple[np.ndarray, ...]:
     return tuple(axis + centre for axis, centre in zip(grid.axes_mm(), grid.centre_mm[::-1], strict=True))
 
 
-def trimmed(image: Volume, keep_mm: list) -> Volume:
+def trimmed(image: Volume, keep_mm: Sequence[Sequence[float]]) -> Volume:
     """Set an image to air outside the box keep_mm, with the same checks as `kept_columns`."""
     return Volume(np.where(kept_columns(keep_mm, image.grid), image.array, np.float32(HU_AIR)), image.grid)
 
 
-def kept_columns(keep_mm: list, grid: Grid) -> np.ndarray:
+def kept_columns(keep_mm: Sequence[Sequence[float]], grid: Grid) -> np.ndarray:
     """Return which columns of the CT grid, bool [y, x], have their center in keep_mm.
 
     Parameters
     ----------
-    keep_mm : list
+    keep_mm : sequence of 2 sequence of 2 float
         Box [[x, x], [y, y]] in NIfTI world mm.
 
     Raises
@@ -162,7 +162,7 @@ def kept_columns(keep_mm: list, grid: Grid) -> np.ndarray:
     inside = ((y >= y_low) & (y <= y_high))[:, None] & ((x >= x_low) & (x <= x_high))
     if not inside.any():
         raise InputError(
-            f"phantom: ct: keep_mm {keep_mm!r} leaves nothing of the CT; it spans "
+            f"phantom: ct: keep_mm {[list(pair) for pair in keep_mm]} leaves nothing of the CT; it spans "
             f"x {x[0]:g} to {x[-1]:g} and y {y[0]:g} to {y[-1]:g} mm"
         )
     return inside

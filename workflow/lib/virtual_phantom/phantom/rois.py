@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.ndimage import binary_dilation, distance_transform_edt, find_objects
@@ -10,45 +10,16 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, find_objects
 from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..base.names import same_but_for_case
+from ..base.settings import RoiEntry, to_mapping
 from ..io.schema import schema_of, validate
 
 FIT_VOXELS = 20_000  # sample size for the cluster centers
 
 
-@dataclass(frozen=True)
-class RoiEntry:
-    """An entry under `rois`.
-
-    Attributes
-    ----------
-    label : int, str or None
-        Region of the file: a number from 1, or a name.
-    margin_mm : float
-        Voxels closer than this to the surface of the region are excluded.
-    parts : int
-        Number of compact ROIs that the region is cut into, named name_1, name_2, ...
-    fill_gaps : bool
-        Interpolate empty slices between drawn ones.
-    """
-
-    name: str
-    tissue_class: str
-    file: str
-    label: int | str | None = None
-    margin_mm: float = 0.0
-    parts: int = 1
-    fill_gaps: bool = False
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the ROIs of the entry."""
-        return (self.name,) if self.parts == 1 else tuple(f"{self.name}_{i}" for i in range(1, self.parts + 1))
-
-
 def read_roi_entries(
-    entries: list[dict], default_file: str | None, source: str = "phantom: ct"
+    entries: Sequence[Mapping | RoiEntry], default_file: str | None, source: str = "phantom: ct"
 ) -> tuple[RoiEntry, ...]:
-    """Check and convert a list of entries as under phantom.ct.rois of the configuration.
+    """Check and convert entries of phantom.ct.rois, or entries with the same keys of a document.
 
     Parameters
     ----------
@@ -63,6 +34,7 @@ def read_roi_entries(
         If entries are invalid by the schema, names (also of parts) are equal or differ only in case, or an entry has
         no file.
     """
+    entries = [to_mapping(entry) for entry in entries]
     validate({"rois": entries}, {**schema_of("phantom", "ct"), "required": ["rois"]}, source)
     read = [RoiEntry(**{"file": default_file, **entry}) for entry in entries]
     for entry in read:

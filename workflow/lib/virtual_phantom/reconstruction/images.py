@@ -8,6 +8,7 @@ import numpy as np
 
 from ..base.errors import InputError
 from ..base.geometry import Grid, ScanGeometry, circular
+from ..base.settings import FbpSettings, SirtSettings
 from ..base.units import attenuation_to_hu
 from ..projectors import projector
 from . import fbp, sirt
@@ -19,7 +20,7 @@ def in_hu(
     geometry: ScanGeometry,
     grid: Grid,
     algorithm: str,
-    settings: dict,
+    settings: SirtSettings | FbpSettings,
     engine: str,
     mu_water_per_mm: float,
     threads: int = 1,
@@ -30,8 +31,6 @@ def in_hu(
     ----------
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
     algorithm : {"sirt", "fbp"}
-    settings : dict
-        Keywords of sirt.sirt or fbp.fbp; `kernel` as in `read_kernel`.
     engine : {"cpu", "astra_cuda"}
         Engine of SIRT; FBP always uses the CPU engine.
     mu_water_per_mm : float
@@ -51,20 +50,20 @@ def in_hu(
         # Lanes fill vector registers of the CPU. A GPU does not need them and has less memory.
         at_once = count if engine == "cpu" else 1
         made = projector(engine, geometry, grid, at_once, threads)
-        images = [sirt.sirt(made, line_integrals[i : i + at_once], **settings) for i in range(0, count, at_once)]
+        images = [sirt.sirt(made, line_integrals[i : i + at_once], **vars(settings)) for i in range(0, count, at_once)]
         attenuation = images[0] if len(images) == 1 else np.concatenate(images)
     elif algorithm == "fbp":
         # FBP is a single pass, and ASTRA's back-projection has another scale, so it uses the CPU engine.
-        settings = {**settings, "kernel": read_kernel(settings)}
-        attenuation = fbp.fbp(projector("cpu", geometry, grid, count, threads), line_integrals, **settings)
+        filters = {"normalise": settings.normalise, "kernel": read_kernel(settings)}
+        attenuation = fbp.fbp(projector("cpu", geometry, grid, count, threads), line_integrals, **filters)
     else:
         raise InputError(f"algorithm '{algorithm}' is unknown; use sirt or fbp")
     return attenuation_to_hu(attenuation, mu_water_per_mm)
 
 
-def read_kernel(settings: dict) -> Kernel | None:
-    """Return the Kernel of FBP settings, whose fields are under `kernel`; None for the ramp filter alone."""
-    return None if settings.get("kernel") is None else Kernel(**settings["kernel"])
+def read_kernel(settings: FbpSettings) -> Kernel | None:
+    """Return the kernel of filtered back-projection; None for the ramp filter alone."""
+    return None if settings.kernel is None else Kernel(**vars(settings.kernel))
 
 
 def compile_kernels(lanes: Sequence[int]) -> None:

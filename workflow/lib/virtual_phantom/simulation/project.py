@@ -29,8 +29,8 @@ def project_phantom(
     physics: Mapping[str, Mapping[str, float]],
     *,
     mu_water_per_mm: float,
-    materials: Mapping,
-    sensor: Mapping,
+    materials: Segmentation,
+    sensor: Sensor,
     threads: int = 1,
     pose: Pose = IN_PLACE,
 ) -> tuple[np.ndarray, State | None]:
@@ -44,10 +44,8 @@ def project_phantom(
         {effect of the acquisition: {parameter: value}}, complete; empty: the baseline.
     mu_water_per_mm : float
         Attenuation of water for the monochromatic beam, 1/mm.
-    materials : mapping
-        Decomposition of HU: keywords of physics.beam.materials.Segmentation.
-    sensor : mapping
-        Keywords of physics.beam.sensors.Sensor.
+    materials : Segmentation
+        Decomposition of HU.
     pose : Pose, optional
         Pose of the phantom.
 
@@ -65,8 +63,8 @@ def project_phantom(
     if not physics:
         return clean_line_integrals(phantom, geometry, mu_water_per_mm, threads, pose), None
     check_scannable(phantom, geometry, pose)
-    scene = VoxelScene.of(phantom, Segmentation(**materials), mu_water_per_mm, threads)
-    state = Chain(scene, geometry, photons=1.0, sensor=Sensor(**sensor)).state(physics, pose)
+    scene = VoxelScene.of(phantom, materials, mu_water_per_mm, threads)
+    state = Chain(scene, geometry, photons=1.0, sensor=sensor).state(physics, pose)
     # The dark signal is relative to the number of photons, which is not known before the noise level.
     return replace(state, dark=None, dark_air=0.0).line_integrals(), state
 

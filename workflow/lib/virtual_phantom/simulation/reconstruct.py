@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..base.geometry import Grid, ScanGeometry
+from ..base.settings import FbpSettings, SirtSettings
 from ..base.units import whole_hu
 from ..io.volumes import Volume
 from ..physics.effect import image_effects, load
@@ -43,7 +44,7 @@ def reconstruct(
     geometry: ScanGeometry,
     grid: Grid,
     algorithm: str,
-    settings: dict,
+    settings: SirtSettings | FbpSettings,
     *,
     engine: str,
     mu_water_per_mm: float,
@@ -79,7 +80,7 @@ def reconstruct_in_boxes(
     geometry: ScanGeometry,
     grid: Grid,
     boxes: Sequence[Box],
-    settings: dict,
+    settings: FbpSettings,
     *,
     thickness_mm: float,
     mu_water_per_mm: float,
@@ -91,8 +92,8 @@ def reconstruct_in_boxes(
     ----------
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
     boxes : sequence of tuple of 3 slice
-    settings : dict
-        As reconstruction.images.read_kernel takes them.
+    settings : FbpSettings
+        Only the kernel is used.
     thickness_mm, mu_water_per_mm
         As boxes.fbp_in_boxes takes them.
 

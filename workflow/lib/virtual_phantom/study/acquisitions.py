@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
+from ..base.settings import FbpSettings, SirtSettings
 from ..config.outputs import Files
 from ..config.plan import Plan
+from ..config.settings import Effects
 
 GRID = "grid"  # wildcard value for the voxels of the study, instead of a label of scanner voxels
 Bundle = tuple[tuple[str, str], ...]  # (noise level, seed) of all images that one job makes
@@ -23,12 +25,12 @@ class Acquisitions:
     @property
     def noise(self) -> dict:
         """Noise settings of all acquisitions."""
-        noise = self.plan.config["noise"]
-        return {"model": noise["model"], "draws": noise["draws"], "study_seed": self.plan.config["seed"]}
+        study = self.plan.study
+        return {"model": study.noise.model, "draws": study.noise.draws, "study_seed": study.seed}
 
     def acquisition(self, noise: str, seed: str) -> dict:
         """Return the settings of one acquisition of a geometry. The noise level is None if a job determines it."""
-        return {"noise": noise, "noise_level": self.plan.config["noise"]["levels"][noise].get("A"), "seed": int(seed)}
+        return {"noise": noise, "noise_level": self.plan.study.noise.levels[noise].A, "seed": int(seed)}
 
     def images(self, protocol: str, noise: str) -> list[str]:
         """Return the images of all seeds with the phantom at its nominal position."""
@@ -42,26 +44,25 @@ class Acquisitions:
 
     def pose(self, seed: str) -> dict:
         """Return the arguments of phantom.repositioning.random_pose for a re-positioned repeat."""
-        config = self.plan.config
-        motion = {key: config["repeats"][key] for key in ("shift_mm", "turn_deg")}
-        return {"study_seed": config["seed"], "seed": int(seed), **motion}
+        study = self.plan.study
+        motion = {"shift_mm": study.repeats.shift_mm, "turn_deg": study.repeats.turn_deg}
+        return {"study_seed": study.seed, "seed": int(seed), **motion}
 
     def positions(self) -> list[dict]:
         """Return all repeats of all noise levels, and whether the phantom is re-positioned."""
-        levels = self.plan.config["noise"]["levels"]
         return [
             {"noise": noise, "seed": int(seed), "repositioned": seed in self.plan.moved(noise), "pose": self.pose(seed)}
-            for noise in levels
+            for noise in self.plan.study.noise.levels
             for seed in self.plan.seeds(noise)
         ]
 
     def position_table(self) -> list[str]:
         """Return the table of positions, if the phantom is re-positioned."""
-        return [self.files("positions")] if self.plan.config["repeats"]["repositioned"] else []
+        return [self.files("positions")] if self.plan.study.repeats.repositioned else []
 
     def projections(self) -> list[str]:
         """Return the projections that keep_projections adds to the study."""
-        if not self.plan.config["keep_projections"]:
+        if not self.plan.study.keep_projections:
             return []
         scanned = [(self.plan.geometry_of(protocol), noise) for protocol, noise in self.plan.acquisitions()]
         return [
@@ -80,7 +81,7 @@ class Acquisitions:
 
     def matched(self) -> list[str]:
         """Return the noise levels that are matched to a recording."""
-        return [name for name, level in self.plan.config["noise"]["levels"].items() if "meets" in level]
+        return [name for name, level in self.plan.study.noise.levels.items() if level.meets]
 
     def level_files(self, levels: Iterable[str]) -> list[str]:
         """Return the files of the matched noise levels among these levels."""
@@ -88,7 +89,7 @@ class Acquisitions:
 
     def box_rois(self, protocol: str, bundle: Bundle) -> tuple[list[str], list[str]]:
         """Return tables and masks of the ROIs in boxes, one for each image; empty without boxes."""
-        if self.voxels(protocol) is None:
+        if self.plan.study.protocols[protocol].voxels is None:
             return [], []
         tables, masks = zip(*(self.rois(protocol, noise, seed) for noise, seed in bundle), strict=True)
         return list(tables), list(masks)
@@ -114,23 +115,14 @@ class Acquisitions:
             for noise, seed in bundle
         }
 
-    def image_physics(self, protocol: str) -> dict:
+    def image_physics(self, protocol: str) -> Effects:
         """Return the effects that act on the images of a protocol."""
-        return self.plan.config["protocols"][protocol].get("image_physics", {})
+        return self.plan.study.protocols[protocol].image_physics or {}
 
-    def physics_source(self, protocol: str) -> str | None:
-        """Return the recording or scanner whose diagnosed physics a protocol uses; None for stated physics."""
-        return self.plan.config["protocols"][protocol].get("physics_from")
-
-    def settings(self, protocol: str) -> dict:
+    def settings(self, protocol: str) -> SirtSettings | FbpSettings:
         """Return the settings of a protocol's reconstruction."""
-        settings = self.plan.config["reconstruction"][self.algorithm(protocol)]
-        kernel = self.plan.config["protocols"][protocol].get("kernel")
-        return settings if kernel is None else {**settings, "kernel": kernel}
-
-    def voxels(self, protocol: str) -> dict | None:
-        """Return the scanner voxels of a protocol's images; None for the study's grid."""
-        return self.plan.config["protocols"][protocol].get("voxels")
+        reconstruction, kernel = self.plan.study.reconstruction, self.plan.study.protocols[protocol].kernel
+        return reconstruction.sirt if self.algorithm(protocol) == "sirt" else replace(reconstruction.fbp, kernel=kernel)
 
     def rois(self, protocol: str, noise: str, seed: str) -> tuple[str, str]:
         """Return table and masks of the ROIs on the voxels of an image, at the phantom's position in that image."""
@@ -144,7 +136,7 @@ class Acquisitions:
 
     def algorithm(self, protocol: str) -> str:
         """Return the algorithm of a protocol's reconstruction."""
-        return self.plan.config["protocols"][protocol]["algorithm"]
+        return self.plan.study.protocols[protocol].algorithm
 
     def gpus(self, protocol: str, engine: str) -> int:
         """Return the number of GPUs that a protocol's reconstruction needs."""

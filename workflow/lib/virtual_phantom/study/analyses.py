@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ..config.outputs import BY_NAME, Output
 from ..config.plan import Plan
+from ..config.settings import Stability
 
 
 @dataclass(frozen=True)
@@ -39,26 +40,25 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
     Jobs that read recordings have the stage "recordings", because the configuration does not contain their size.
     """
     yield _job("figure_rois")
-    if plan.config["repeats"]["repositioned"]:
+    if plan.study.repeats.repositioned:
         yield _job("positions")
-    analyses = plan.config["analyses"]
+    analyses = plan.study.analyses
     if featured := plan.featured():
         yield _job("features", images=sum(len(plan.seeds(noise)) for _, noise in featured))
-    if "optimal" in analyses:
+    if analyses.optimal:
         yield _job("figure_scans")
-    if "noise_calibration" in analyses:
-        calibration = analyses["noise_calibration"]
-        images = len(calibration["protocols"]) * sum(len(plan.still(noise)) for noise in calibration["noise"])
+    if calibration := analyses.noise_calibration:
+        images = len(calibration.protocols) * sum(len(plan.still(noise)) for noise in calibration.noise)
         yield _job("noise_calibration", images=images)
         yield _job("figure_noise_calibration")
-    if "stability" in analyses:
-        yield from _stability(plan)
-    for name in analyses.get("pca", {}):
+    if analyses.stability:
+        yield from _stability(analyses.stability, plan.study.measured.overlay)
+    for name in analyses.pca:
         yield _job("pca", "separability", pca=name)
         yield _job(f"figure_pca_{name}")
     with_recordings = list(_recording_jobs(plan))
     yield from with_recordings
-    if featured or "noise_calibration" in analyses or with_recordings:
+    if featured or analyses.noise_calibration or with_recordings:
         yield _job("parquet", table="features")
     yield _job("index")
 
@@ -83,19 +83,19 @@ def _job(*names: str, images: int = 0, **known: str) -> AnalysisJob:
     return AnalysisJob(tuple(BY_NAME[name] for name in names), known, images)
 
 
-def _stability(plan: Plan) -> Iterator[AnalysisJob]:
+def _stability(stability: Stability, overlay: bool) -> Iterator[AnalysisJob]:
     yield _job("stability")
     yield _job("stability_measures", "stable_features")
     yield _job("trust")
     yield _job("top_features")
     yield _job("figure_stability_discrimination")
-    if plan.config["measured"]["overlay"]:
+    if overlay:
         yield _job("overlap")
         yield _job("figure_overlap")
-    if plan.config["analyses"]["stability"]["without_physics"]:
+    if stability.without_physics:
         yield _job("physics_change")
         yield _job("figure_physics_change")
-    for name in plan.config["analyses"]["stability"]["recordings"]:
+    for name in stability.recordings:
         yield _job("scores", recording=name)
         yield _job("stability_beside", recording=name)
         yield _job("overlap_recording", recording=name)
@@ -104,18 +104,16 @@ def _stability(plan: Plan) -> Iterator[AnalysisJob]:
 
 def _recording_jobs(plan: Plan) -> Iterator[AnalysisJob]:
     """Yield all jobs that need the features of a recording."""
-    config = plan.config
-    analyses = config["analyses"]
-    matched = {name: level["meets"] for name, level in config["noise"]["levels"].items() if "meets" in level}
-    compared = analyses.get("comparison", {})
-    recordings = {settings["recording"] for settings in (*matched.values(), *compared.values())}
-    recordings |= {name for selection in analyses.get("pca", {}).values() for name in selection["recordings"]}
+    analyses = plan.study.analyses
+    matched = {name: level.meets for name, level in plan.study.noise.levels.items() if level.meets}
+    recordings = {settings.recording for settings in (*matched.values(), *analyses.comparison.values())}
+    recordings |= {name for selection in analyses.pca.values() for name in selection.recordings}
     for name in sorted(recordings):
         yield _job("recorded_features", recording=name)
     for name in matched:
         yield _job("matched_level", noise=name)
     if matched:
         yield _job("matched_noise")
-    for name in compared:
+    for name in analyses.comparison:
         yield _job("comparison", "comparison_features", "comparison_families", comparison=name)
         yield _job("figure_comparison", comparison=name)

@@ -11,12 +11,13 @@ from typing import ParamSpec, TypeVar
 
 from ..base.data import RESOURCES, SCHEMAS
 from ..base.errors import InputError, InputErrors, printed
-from ..config.config import complete, flat_detectors
+from ..config.config import read_study
 from ..config.dependencies import shipped
 from ..config.outputs import BY_NAME, Files, by_path
 from ..config.plan import Plan
 from ..config.public_scans import PublicScans
 from ..config.read_config import doubtful_entries, note_idle_nulls
+from ..config.settings import Study
 from ..io.files import check_unchanged
 from ..projectors import choose_engine
 from . import analyses
@@ -65,9 +66,9 @@ class Context:
     pages: Pages
 
     @property
-    def config(self) -> dict:
+    def study(self) -> Study:
         """The complete configuration."""
-        return self.plan.config
+        return self.plan.study
 
     # Files
 
@@ -83,13 +84,17 @@ class Context:
     @property
     def parameters(self) -> dict:
         """Settings of feature extraction: arguments of features.parameters.read_parameters."""
-        features = self.config["features"]
-        return {"path": features["parameters"], **{key: features[key] for key in ("section", "stored_offset_hu")}}
+        features = self.study.features
+        return {
+            "path": features.parameters,
+            "section": features.section,
+            "stored_offset_hu": features.stored_offset_hu,
+        }
 
     @property
     def parameter_files(self) -> list[str]:
         """The parameter file of pyradiomics as inputs of rules, if the configuration has one."""
-        return [path for path in [self.config["features"]["parameters"]] if path]
+        return list(filter(None, [self.study.features.parameters]))
 
     def title(self, name: str) -> str | None:
         """Return the title of an output in the report."""
@@ -231,12 +236,13 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
         if lines := doubtful + problems(config, keep=True):
             raise InputErrors(lines)
         note_idle_nulls(files)
-    plan = Plan(complete(config))
+    study = read_study(config)
+    plan = Plan(study)
     # Without `here`, do not look for devices: a cluster node of a job may have none.
-    backprojector = plan.config["reconstruction"]["sirt"]["backprojector"]
-    engine = choose_engine(plan.config["engine"], backprojector, look=here, flat=flat_detectors(plan.config))
+    backprojector = study.reconstruction.sirt.backprojector
+    engine = choose_engine(study.engine, backprojector, look=here, flat=study.flat_detectors)
     rates = read_rates(RESOURCES / "rates.yaml")
-    outputs = Files(plan.config["results_dir"].rstrip("/"))
+    outputs = Files(study.results)
     sources = PhantomSources(plan)
     acquisitions = Acquisitions(plan, outputs)
     selections = Selections(plan, outputs, acquisitions)

@@ -64,8 +64,8 @@ class Pages:
         if "comparison" in known:
             title = self.comparisons.title(known["comparison"])
         params = {
-            "threshold": self.plan.config["statistics"]["threshold"],
-            "with_measured": self.plan.config["measured"]["overlay"],
+            "threshold": self.plan.study.statistics.threshold,
+            "with_measured": self.plan.study.measured.overlay,
             "recording": self.selections.own_reference,
             "measured": self.selections.measured_noise,
             "title": title,
@@ -123,12 +123,12 @@ class Pages:
             return snakemake(*targets, *settings, snakefile=self.captions.parent / "Snakefile")
 
         commands = {}
-        trial = self.plan.config["trial"]
+        trial = self.plan.study.trial
         if isinstance(trial, str):
             commands["A study of normal size, for real results"] = trial
         elif trial:
             commands["The default study, for real results"] = command(settings=["--cores", "2"])
-        if self.plan.config["recordings"]:
+        if self.plan.study.recordings:
             commands["Summary of your recordings"] = command("recordings")
         if self.diagnosis.reports():
             commands["Diagnosis: physics that the simulation lacks"] = command("diagnosis")
@@ -153,7 +153,7 @@ class Pages:
 
     def viewer_subtitle(self) -> str:
         """Return the subtitle of the viewer."""
-        return f"Noise level {self.plan.config['analyses']['optimal']['noise']}. Single scans have seed 00."
+        return f"Noise level {self.plan.study.analyses.optimal.noise}. Single scans have seed 00."
 
     @cached_property
     def exported(self) -> list[tuple[str, str, str]]:
@@ -169,16 +169,16 @@ class Pages:
             for protocol, noise in self.plan.acquisitions()
             for seed in self.plan.seeds(noise)
         }
-        wanted = self.plan.config["dicom"]["images"]
+        wanted = self.plan.study.dicom.images
         for image in wanted:
             if image not in acquired:
                 raise InputError(
                     f"config: dicom.images names {image}, which the study does not make; name an image of the folder "
                     f"images, such as {min(acquired, default='none')}"
                 )
-        optimal = self.plan.config["analyses"].get("optimal")
+        optimal = self.plan.study.analyses.optimal
         if not wanted and optimal:
-            return [(optimal[algorithm], optimal["noise"], "00") for algorithm in ("fbp", "sirt")]
+            return [(optimal.fbp, optimal.noise, "00"), (optimal.sirt, optimal.noise, "00")]
         return [acquired[image] for image in wanted]
 
     def exported_files(self) -> list[str]:
@@ -199,13 +199,12 @@ class Pages:
 
     def series(self, protocol: str, noise: str, seed: str) -> dict:
         """Return names and acquisition settings of an exported series."""
-        settings = self.plan.config["protocols"][protocol]
-        scan = self.plan.geometry_settings(self.plan.geometry_of(protocol))["scan"]
+        settings, scan = self.plan.study.protocols[protocol], self.plan.scan_of(protocol)
         return {
             "protocol": protocol,
             "label": f"{protocol} {noise} seed {seed} (simulated)",
-            "description": f"{settings['algorithm'].upper()} of {settings['projections']} projections, "
+            "description": f"{settings.algorithm.upper()} of {settings.projections} projections, "
             f"noise level {noise}, seed {seed}.",
-            "source_to_isocentre_mm": scan["source_to_isocentre_mm"],
-            "source_to_detector_mm": scan["source_to_detector_mm"],
+            "source_to_isocentre_mm": scan.source_to_isocentre_mm,
+            "source_to_detector_mm": scan.source_to_detector_mm,
         }

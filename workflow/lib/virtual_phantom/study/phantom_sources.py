@@ -29,8 +29,8 @@ class PhantomSources:
     @property
     def layout(self) -> list[str]:
         """Layout of the synthetic phantom; empty for another source."""
-        settings = self.plan.config["phantom"]
-        return [settings["layout"] or resource("phantom.yaml")] if settings["source"] == "synthetic" else []
+        phantom = self.plan.study.phantom
+        return [phantom.layout or resource("phantom.yaml")] if phantom.source == "synthetic" else []
 
     def layout_here(self) -> list[str]:
         """Return `layout` if the file exists."""
@@ -39,19 +39,18 @@ class PhantomSources:
     @property
     def paths(self) -> list[str]:
         """Files and folders that the configuration names."""
-        settings = self.plan.config["phantom"]
-        if settings["source"] == "synthetic":
+        phantom = self.plan.study.phantom
+        if phantom.source == "synthetic":
             return self.layout
-        if settings["source"] == "object":
-            return [shipped(object_path(settings["object"]["kind"]))]
-        ct = settings["ct"]
-        regions = [ct.get("labels"), *(roi.get("file") for roi in ct["rois"])]
-        return [ct["image"], *dict.fromkeys(filter(None, regions))]
+        if phantom.source == "object":
+            return [shipped(object_path(phantom.object.kind))]
+        regions = [phantom.ct.labels, *(roi.file for roi in phantom.ct.rois)]
+        return [phantom.ct.image, *dict.fromkeys(filter(None, regions))]
 
     @property
     def made(self) -> list[str]:
         """Paths of `paths` that a rule makes from public scans."""
-        files = Files(self.plan.config["results_dir"].rstrip("/"))
+        files = Files(self.plan.study.results)
         return [path for path in self.paths if path in map(files, ("mean_scan", "sharp_scan", "mean_regions"))]
 
     @cached_property
@@ -72,7 +71,7 @@ class PhantomSources:
         InputError
             Without a network.
         """
-        folder, here = self.plan.config["downloads"]["abdomen_ct"], f"{resources_folder()}/abdomen_ct"
+        folder, here = self.plan.study.downloads.abdomen_ct, f"{resources_folder()}/abdomen_ct"
         advice = (
             f"on a computer with a network, download the files listed in {self.table}: put those of "
             f"{folder}/example_ct_dicom into {here}/dicom, and save example_seg_dicom.nii.gz from there as "

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..base.errors import InputError
+from ..base.settings import to_mapping
 from ..config.dependencies import resource
 from ..config.outputs import Files
 from ..config.plan import Plan
 from ..diagnosis.candidate_effects import candidates
+from ..diagnosis.settings import FitSettings, RecordingSettings
 from ..proof.hiding.objects import OBJECTS
 from ..proof.hiding.suite import (
     PHANTOMS,
@@ -21,6 +23,7 @@ from ..proof.hiding.suite import (
     phantom_of,
     views_of,
 )
+from ..proof.settings import ProofProtocol, ProofSettings
 
 
 @dataclass(frozen=True)
@@ -49,26 +52,26 @@ class Proof:
         InputError
             If the settings do not give a set of cases.
         """
-        settings = plan.config["proof"]
+        settings = plan.study.proof
         named = tuple(cases(settings))
         check_tried(settings)
-        check_recordings(settings["recordings"], plan.config["diagnosis"]["recordings"])
-        stated = {"nominal_photons": settings["scan"]["photons"]}
+        check_recordings(settings.recordings, plan.study.diagnosis.recordings)
+        stated = _diagnosed(settings.scan)
         try:
-            of_images = candidates(stated | {"effects": settings["images"]["tried"]}, "images")
+            of_images = candidates(replace(stated, effects=settings.images.tried), "images")
         except InputError as error:
             raise InputError(str(error).replace("diagnosis.effects", "proof.images.tried")) from None
         return cls(plan, files, named, {"projections": candidates(stated), "images": of_images})
 
     @property
-    def settings(self) -> dict:
+    def settings(self) -> ProofSettings:
         """Section `proof` of the configuration."""
-        return self.plan.config["proof"]
+        return self.plan.study.proof
 
     @property
     def hiding(self) -> dict:
         """Settings that determine the hidden effects."""
-        settings = self.settings
+        settings = to_mapping(self.settings)
         return {
             **_parts(settings, "seed", "effects", "strengths", "none", "pairs", "unknown", "unknown_kinds"),
             "images": _parts(settings["images"], "strengths", "effects"),
@@ -77,8 +80,9 @@ class Proof:
 
     def scan_settings(self, case: str) -> dict:
         """Return the settings of the recordings of a case, apart from its hidden effects."""
-        shared = _parts(self.settings, "seed", "scan", "held_out_protocol")
-        of_images = {"images": _parts(self.settings["images"], "views_times")}
+        settings = to_mapping(self.settings)
+        shared = _parts(settings, "seed", "scan", "held_out_protocol")
+        of_images = {"images": _parts(settings["images"], "views_times")}
         return shared | (of_images if self._kind(case) == "images" else {})
 
     def all(self, name: str) -> list[str]:
@@ -92,7 +96,7 @@ class Proof:
 
     def real(self, name: str) -> list[str]:
         """Return the paths of an output of the diagnoses of all real recordings in the report."""
-        return [self.files(name, recording=recording) for recording in self.settings["recordings"]]
+        return [self.files(name, recording=recording) for recording in self.settings.recordings]
 
     @property
     def phantoms(self) -> tuple[str, ...]:
@@ -122,33 +126,37 @@ class Proof:
         """Return the candidate effects of a case."""
         return self.tried[self._kind(case)]
 
-    def model(self, case: str) -> dict:
-        """Return the model of the recording of a case (Diagnosis.model)."""
+    def model(self, case: str) -> FitSettings:
+        """Return the settings that the fits of a case depend on."""
         return self._model(self.files("proof_recording", case=case), case, "scan")
 
-    def held_out_model(self, case: str) -> dict:
-        """Return the model of the scan of a case with the held-out protocol."""
+    def held_out_model(self, case: str) -> FitSettings:
+        """Return the same for the scan of a case with the held-out protocol."""
         return self._model(self.files("proof_held_out", case=case), case, "held_out_protocol")
 
-    def _model(self, folder: str, case: str, protocol: str) -> dict:
-        config, settings, kind = self.plan.config, self.settings, self._kind(case)
-        phantom, scan = OBJECTS[phantom_of(case)], settings["scan"]
-        views = dict(zip(PROTOCOLS, views_of(kind, settings), strict=True))[protocol]
-        rotation = settings[protocol]["rotation_time_ms"]
-        simulated = {"samples": 2, "view_step": 1, "nominal_photons": settings[protocol]["photons"], "alignment": {}}
-        return {
-            "folder": folder,
-            "settings": simulated,
-            "mu_water_per_mm": config["mu_water_per_mm"],
-            "materials": phantom.stated,
-            "seed": config["seed"],
-            "protocol": (
-                phantom.protocol(scan["columns"], scan["rows"], views, rotation, "cpu") if kind == "images" else None
-            ),
-        }
+    def _model(self, folder: str, case: str, protocol: str) -> FitSettings:
+        study, settings, kind = self.plan.study, self.settings, self._kind(case)
+        phantom, taken, simulated = OBJECTS[phantom_of(case)], getattr(settings, protocol), None
+        if kind == "images":
+            views = dict(zip(PROTOCOLS, views_of(kind, settings), strict=True))[protocol]
+            detector = settings.scan.columns, settings.scan.rows
+            simulated = phantom.protocol(*detector, views, taken.rotation_time_ms, "cpu")
+        return FitSettings(
+            folder=folder,
+            settings=_diagnosed(taken),
+            mu_water_per_mm=study.mu_water_per_mm,
+            materials=phantom.stated,
+            seed=study.seed,
+            protocol=simulated,
+        )
 
     def _kind(self, case: str) -> str:
         return kind_of(case, self.settings)
+
+
+def _diagnosed(taken: ProofProtocol) -> RecordingSettings:
+    """Return the settings of the diagnosis of a scan."""
+    return RecordingSettings(samples=2, view_step=1, alignment={}, nominal_photons=taken.photons)
 
 
 def _parts(section: Mapping, *keys: str) -> dict:

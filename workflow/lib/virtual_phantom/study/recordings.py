@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from ..base.commands import typed
 from ..base.names import label
 from ..config.outputs import PICTURES, Files
 from ..config.plan import Plan
 from ..config.public_scans import PublicScans
+from ..config.settings import Comparison
 from ..io.published import reachable
 from ..recordings.document import Document
 from .acquisitions import Acquisitions
@@ -40,7 +40,7 @@ class Recordings:
             For a recording.yaml that is missing or invalid.
         """
         scans = PublicScans(plan)
-        documents = {name: scans.document(folder) for name, folder in plan.config["recordings"].items()}
+        documents = {name: scans.document(folder) for name, folder in plan.study.recordings.items()}
         return cls(plan, files, documents)
 
     @property
@@ -96,7 +96,7 @@ class Recordings:
         advice = "download it on a computer with a network and run " + typed(
             "virtual-phantom-import", "htc2022", file, self.files("sinogram", disc=disc)
         )
-        return reachable(f"{self.plan.config['downloads']['htc2022']}/{file}", advice)
+        return reachable(f"{self.plan.study.downloads.htc2022}/{file}", advice)
 
     def inputs(self, name: str) -> dict:
         """Return the files of a recording, and for images the ROIs transferred from the phantom."""
@@ -139,40 +139,32 @@ class Comparisons:
     recordings: Recordings
 
     @property
-    def settings(self) -> dict[str, dict]:
+    def settings(self) -> dict[str, Comparison]:
         """{name: settings in the configuration}."""
-        return self.plan.config["analyses"].get("comparison", {})
-
-    def setting(self, name: str, key: str) -> Any:
-        """Return a setting of a comparison; None if it is not given."""
-        return self.settings[name].get(key)
-
-    def recording(self, name: str) -> str:
-        """Return the name of the compared recording."""
-        return self.settings[name]["recording"]
+        return self.plan.study.analyses.comparison
 
     def repeats(self, name: str) -> int:
         """Return the number of repeats of the compared noise level."""
-        return self.plan.repeats([self.settings[name]["noise"]])
+        return self.plan.repeats([self.settings[name].noise])
 
     def features(self, name: str) -> str:
         """Return the features of the recording."""
-        return self.files("recorded_features", recording=self.recording(name))
+        return self.files("recorded_features", recording=self.settings[name].recording)
 
     def images(self, name: str) -> list[str]:
         """Return the images of the study."""
-        return self.acquisitions.images(self.settings[name]["protocol"], self.settings[name]["noise"])
+        return self.acquisitions.images(self.settings[name].protocol, self.settings[name].noise)
 
     def title(self, name: str) -> str:
         """Return the title of a comparison: protocol, noise level and recording."""
         settings = self.settings[name]
-        conditions = ", ".join(f"{label(key)} {value}" for key, value in settings["where"].items())
-        recorded = label(settings["recording"]) + (f" ({conditions})" if conditions else "")
-        return f"{label(settings['protocol'])}, noise {label(settings['noise'])}, against {recorded}"
+        conditions = ", ".join(f"{label(key)} {value}" for key, value in settings.where.items())
+        recorded = label(settings.recording) + (f" ({conditions})" if conditions else "")
+        return f"{label(settings.protocol)}, noise {label(settings.noise)}, against {recorded}"
 
     def voxel_mm(self, name: str) -> list[float] | None:
         """Return the voxel size of the recording, mm; None if recording.yaml does not give it."""
-        return self.recordings.voxel_mm(self.recording(name))
+        return self.recordings.voxel_mm(self.settings[name].recording)
 
     def dimensions(self, name: str) -> int:
         """Return the number of dimensions (2 or 3) in which the features of the recording were extracted."""
@@ -183,12 +175,8 @@ class Comparisons:
         return self._recorded(name).get("stored_offset_hu", 0)
 
     def _recorded(self, name: str) -> dict:
-        return self.recordings.content(self.recording(name)).get("features", {})
-
-    def noise_target(self, noise: str) -> dict:
-        """Return the target of a matched noise level."""
-        return self.plan.config["noise"]["levels"][noise]["meets"]
+        return self.recordings.content(self.settings[name].recording).get("features", {})
 
     def noise_target_features(self, noise: str) -> str:
         """Return the features of the recording that a noise level is matched to."""
-        return self.files("recorded_features", recording=self.noise_target(noise)["recording"])
+        return self.files("recorded_features", recording=self.plan.study.noise.levels[noise].meets.recording)

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from ..base.settings import to_mapping
 from ..config.dependencies import resource
 from ..config.outputs import PCA, Files
 from ..config.plan import Plan
 from ..config.public_scans import COMPARED, made_folders
+from ..config.settings import Analyses, Conditions, Optimal, Stability
 from ..statistics.dose_series import dose_variance
 from .acquisitions import Acquisitions
 from .phantom_sources import present
@@ -24,26 +26,27 @@ class Selections:
     acquisitions: Acquisitions
 
     @property
-    def _analyses(self) -> dict:
-        return self.plan.config["analyses"]
+    def _analyses(self) -> Analyses:
+        return self.plan.study.analyses
 
     @property
     def compared_images(self) -> dict:
         """Images whose features the stability analysis compares between groups of protocols."""
-        noise = self._analyses.get("stability", {}).get("noise")
+        noise = self._analyses.stability and self._analyses.stability.noise
         return {"groups": self.plan.groups(), "noise": noise, "seeds": self.plan.repeats([noise]) if noise else 0}
 
-    def score_conditions(self, recording: str) -> dict:
+    def score_conditions(self, recording: str) -> Conditions:
         """Return the values of condition columns that select the images for the scores of a recording."""
-        return self._analyses.get("stability", {}).get("where", {}).get(recording, {})
+        return self._analyses.stability.where.get(recording, {}) if self._analyses.stability else {}
 
     @property
     def own_reference(self) -> str | None:
         """The recording of public scans of the same object as the phantom, which replaces the measured phantom."""
-        config = self.plan.config
-        made = made_folders(config)[COMPARED] if "phantom" in config["public_scans"] else None
-        named = self._analyses.get("stability", {}).get("recordings", [])
-        return next((name for name in named if config["recordings"][name] == made), None)
+        study, stability = self.plan.study, self._analyses.stability
+        if study.public_scans.phantom is None or stability is None:
+            return None
+        made = made_folders(study.results)[COMPARED]
+        return next((name for name in stability.recordings if study.recordings[name] == made), None)
 
     def measured_scores(self) -> str:
         """Return the measured scores to compare with: those of `own_reference`, or the published ones."""
@@ -70,17 +73,17 @@ class Selections:
     @property
     def cut_offs(self) -> dict | None:
         """Thresholds of the measures above which a feature is stable."""
-        return self._analyses.get("stability", {}).get("cut_offs")
+        return to_mapping(self._analyses.stability and self._analyses.stability.cut_offs)
 
     @property
-    def calibrated(self) -> list[str]:
+    def calibrated(self) -> tuple[str, ...]:
         """Protocols of the noise calibration."""
-        return self._analyses.get("noise_calibration", {"protocols": []})["protocols"]
+        return self._analyses.noise_calibration.protocols if self._analyses.noise_calibration else ()
 
     @cached_property
     def calibration(self) -> list[tuple[str, str, str]]:
         """(protocol, noise level, seed) of all images of the noise calibration."""
-        levels = self._analyses.get("noise_calibration", {"noise": []})["noise"]
+        levels = self._analyses.noise_calibration.noise if self._analyses.noise_calibration else ()
         return [
             (protocol, noise, seed)
             for protocol in self.calibrated
@@ -109,15 +112,14 @@ class Selections:
 
     def compared_noise(self) -> dict[str, float | None]:
         """Return {noise level: A} of the stability analysis; A is None if a job determines it."""
-        return self._levels(self._analyses.get("stability", {}).get("noise"))
+        return self._levels(self._analyses.stability)
 
     def scan_noise(self) -> dict[str, float | None]:
         """Return {noise level: A} of the figure of scans; A is None if a job determines it."""
-        return self._levels(self._analyses.get("optimal", {}).get("noise"))
+        return self._levels(self._analyses.optimal)
 
-    def _levels(self, noise: str | None) -> dict[str, float | None]:
-        levels = self.plan.config["noise"]["levels"]
-        return {noise: levels[noise].get("A")} if noise in levels else {}
+    def _levels(self, analysis: Stability | Optimal | None) -> dict[str, float | None]:
+        return {analysis.noise: self.plan.study.noise.levels[analysis.noise].A} if analysis else {}
 
     def study_levels(self) -> dict[str, float]:
         """Return {noise level: A} of the stability analysis if the configuration gives A."""
@@ -130,46 +132,36 @@ class Selections:
 
     def components(self, name: str) -> dict:
         """Return the images whose principal components a figure shows."""
-        chosen = self._analyses["pca"][name]
-        return {"protocols": chosen["protocols"], "noise": chosen["noise"], "seeds": self.plan.repeats(chosen["noise"])}
+        chosen = self._analyses.pca[name]
+        return {"protocols": chosen.protocols, "noise": chosen.noise, "seeds": self.plan.repeats(chosen.noise)}
 
     def fit_settings(self, name: str) -> dict:
         """Return the settings for fitting the components of a figure."""
-        return {key: self._analyses["pca"][name][key] for key in ("fit_on", "standardise")}
-
-    def markers(self, name: str) -> list[str]:
-        """Return the condition columns that distinguish the measured markers by color; empty for one color."""
-        return self._analyses["pca"][name]["by"]
-
-    def references(self, name: str) -> list[str]:
-        """Return the recordings that a figure of components shows."""
-        return self._analyses["pca"][name]["recordings"]
+        return {key: getattr(self._analyses.pca[name], key) for key in ("fit_on", "standardise")}
 
     def reference_tables(self, name: str) -> list[str]:
         """Return the tables of measured features that a figure of components shows."""
-        if names := self.references(name):
+        if names := self._analyses.pca[name].recordings:
             return [self.files("recorded_features", recording=recording) for recording in names]
-        measured = self.plan.config["measured"]
-        if not measured["overlay"]:
+        measured = self.plan.study.measured
+        if not measured.overlay:
             return []
-        if measured["table"] is not None:
-            return present([measured["table"]])
+        if measured.table is not None:
+            return present([measured.table])
         return [resource("ct_phantom4radiomics_groups.csv")]
 
     def optimal_images(self) -> dict[str, list[str]]:
         """Return {algorithm: images of all repeats} of the figure of scans; {} without that figure."""
-        if "optimal" not in self._analyses:
+        optimal = self._analyses.optimal
+        if optimal is None:
             return {}
-        optimal = self._analyses["optimal"]
-        return {
-            algorithm: self.acquisitions.images(optimal[algorithm], optimal["noise"]) for algorithm in ("fbp", "sirt")
-        }
+        return {name: self.acquisitions.images(getattr(optimal, name), optimal.noise) for name in ("fbp", "sirt")}
 
     def scan_titles(self) -> dict[str, str]:
         """Return {algorithm: title} of the figure of scans."""
-        protocols, optimal = self.plan.config["protocols"], self._analyses.get("optimal", {})
+        protocols, optimal = self.plan.study.protocols, self._analyses.optimal
         return {
-            algorithm: f"{algorithm.upper()}, {protocols[optimal[algorithm]]['projections']} projections"
+            algorithm: f"{algorithm.upper()}, {protocols[getattr(optimal, algorithm)].projections} projections"
             for algorithm in ("fbp", "sirt")
             if optimal
         }
@@ -177,7 +169,7 @@ class Selections:
     @cached_property
     def measured_noise(self) -> list[dict]:
         """Measured variances of the algorithms in the noise calibration."""
-        if not self.plan.config["measured"]["overlay"]:
+        if not self.plan.study.measured.overlay:
             return []
         reconstructions = {"sirt": "iterative", "fbp": "fbp"}
         return [

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from ..diagnosis.request import DiagnosisRequest
 from ..diagnosis.selection.fit_cache import FitCache
 from ..diagnosis.selection.progress import DiagnosisProgress
+from ..diagnosis.settings import FitSettings
 from ..recordings.recording import Recording
 from .costs.forecast import forecast_line
 from .fit_cache_key import fit_cache
@@ -18,7 +20,7 @@ LOGGER = logging.getLogger("virtual_phantom")  # of the job
 
 
 def start_of_fits(
-    name: str, model: Mapping, kept: str | Path, files: Iterable[str | Path], log: str | Path, effects: int
+    name: str, model: FitSettings, kept: str | Path, files: Iterable[str | Path], log: str | Path, effects: int
 ) -> Callable[[DiagnosisRequest, Recording], tuple[FitCache, DiagnosisProgress]]:
     """Return what `run_diagnosis` calls before it fits.
 
@@ -26,8 +28,8 @@ def start_of_fits(
     ----------
     name : str
         Name of the recording in the configuration.
-    model : mapping
-        Model of the job (study.diagnosis_jobs.Diagnosis.model).
+    model : FitSettings
+        Settings of the job (study.diagnosis_jobs.Diagnosis.model).
     kept : str or Path
         Folder of the cached fits.
     files : iterable of str or Path
@@ -37,7 +39,7 @@ def start_of_fits(
     """
 
     def start(request: DiagnosisRequest, recording: Recording) -> tuple[FitCache, DiagnosisProgress]:
-        placed = {**model, "settings": {**model["settings"], "location": dict(request.settings.location)}}
+        placed = replace(model, settings=replace(model.settings, location=dict(request.settings.location)))
         cache = fit_cache(kept, placed, files)
         if request.protocol is None:
             shape = recording.geometry.shape

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +12,9 @@ import numpy as np
 from ...base.data import RESOURCES
 from ...base.errors import InputError, meant
 from ...base.geometry import Grid
+from ...base.settings import ScanSettings, from_mapping
 from ...base.units import HU_AIR
-from ...config.config import complete
+from ...config.config import read_study
 from ...config.plan import Plan
 from ...features.extraction import MINIMUM_VOXELS
 from ...io.default_study import sizes
@@ -169,7 +170,7 @@ def propose(
     if size == "quick":
         config = {"trial": instead or True} | config
     config["scan"]["rows"] = _rows(config, grid, found)
-    plan = Plan(complete(config))
+    plan = Plan(read_study(config))
     _, cost = cost_summary(plan, "cpu", read_rates(RESOURCES / "rates.yaml"))
     return Proposal(
         image=ct,
@@ -232,13 +233,13 @@ def _on_grid(
 
 def _rows(config: dict, grid: Grid, masks: Mapping[str, np.ndarray]) -> int:
     """Return the detector rows that see every ROI from all directions in every protocol, plus a few spare rows."""
-    scan = {**defaults_of("scan"), **config["scan"]}
+    scan = from_mapping(ScanSettings, defaults_of("scan") | config["scan"])
     points = np.concatenate(list(points_of(grid, masks).values()))
-    rows = scan["rows"]
+    rows = scan.rows
     for projections in sorted({protocol["projections"] for protocol in config["protocols"].values()}):
-        if worst_share({**scan, "rows": rows}, projections, grid, points) == 1:
+        if worst_share(replace(scan, rows=rows), projections, grid, points) == 1:
             continue
-        least = rows_for({**scan, "rows": rows}, projections, grid, points)
+        least = rows_for(replace(scan, rows=rows), projections, grid, points)
         if least is None:
             raise InputError(
                 f"CT: no number of detector rows sees all regions, which span {grid.extent_mm[0]:.0f} mm along z, in "

@@ -23,8 +23,9 @@ from ...physics.scenes.voxelized import reach_mm, roi_mask, shape_shares, shapes
 from ...recordings.recording import Recording
 from ...statistics.image_quality import LEAST_ROI_VOXELS
 from ...statistics.resolution import signed_distance_mm
-from ..request import DiagnosisRequest, LabelledObject, ShapesObject
+from ..request import DiagnosisRequest
 from ..scanned_object import labelled_object, read_mask, shaped_object
+from ..settings import LabelledObject, ShapesObject
 from .agreement import INNER_VOXELS, Regions
 
 MOST_VOXELS, MOST_SLICES = 128, 8  # of reconstructed images; a choice that limits the run time

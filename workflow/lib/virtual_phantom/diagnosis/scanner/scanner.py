@@ -6,10 +6,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from ...base.settings import to_mapping
 from ..fitting.fit import Fit
 from ..fitting.joint_fit import JointFit, JointFitter
 from ..residuals.dataset import Prepared
 from ..selection.joint_selection import JointChoice, choose_jointly
+from ..settings import RecordingSettings
 from ..uncertainty.model_error import errors_of_pulled, pulled_of_recordings
 from ..verdict.verdict import VERDICTS
 from ..verdict_text import scanner_lines, with_verdict_text
@@ -45,9 +47,9 @@ def protocols_of(prepared: Mapping[str, Prepared], stated: Mapping[str, Sequence
     return found if len(set(found.values())) > 1 else dict.fromkeys(found, "")
 
 
-def scanned_in(settings: Mapping) -> str:
+def scanned_in(settings: RecordingSettings) -> str:
     """Return the scanned object of a recording as a string that is equal for equal objects."""
-    return json.dumps([settings.get("disc"), settings.get("object")], sort_keys=True)
+    return json.dumps(to_mapping((settings.disc, settings.object)), sort_keys=True)
 
 
 def run_scanner_diagnosis(

@@ -15,6 +15,7 @@ from ..fitting.fit import Fitter
 from ..fitting.joint_fit import NOT_OF_SCAN, parameters_owned_by
 from ..fitting.steps import NORMAL_95
 from ..fitting.trial import Trial, trial
+from ..settings import FitSettings
 from ..uncertainty.model_error import Errors
 from ..verdict_text import recording_lines, with_verdict_text
 from .forward_selection import Choice, less
@@ -73,7 +74,7 @@ class Physics:
         return cls(recording, effects, errors, units, density, tuple(sorted(set(found) - set(taken))), noise)
 
 
-def with_declared(model: Mapping, path: str | Path | None) -> dict:
+def with_declared(model: FitSettings, path: str | Path | None) -> FitSettings:
     """Return a recording's model with physics of another recording's diagnosis as declarations.
 
     Its settings' baseline gets value and sd of all effects found or declared there, but for effects that it states
@@ -81,8 +82,6 @@ def with_declared(model: Mapping, path: str | Path | None) -> dict:
 
     Parameters
     ----------
-    model : mapping
-        As study.diagnosis_jobs.Diagnosis.model gives it.
     path : str, Path or None
         A diagnosis.json; None: the model as it is.
 
@@ -92,7 +91,7 @@ def with_declared(model: Mapping, path: str | Path | None) -> dict:
         As `Physics.read`, and if that diagnosis has no effect.
     """
     if path is None:
-        return dict(model)
+        return model
     found = Physics.read(path, needed=False)
     known = {
         name: {key: {"value": value, "sd": found.errors[name][key]} for key, value in values.items()}
@@ -106,8 +105,7 @@ def with_declared(model: Mapping, path: str | Path | None) -> dict:
                 values[key] = {"value": neutral, "sd": abs(values[key]["value"] - neutral) + values[key]["sd"]}
     if not known:
         raise InputError(f"{path}: knows no effect of the scanner; take baseline_from out")
-    settings = model["settings"]
-    return {**model, "settings": {**settings, "baseline": {**known, **settings.get("baseline", {})}}}
+    return replace(model, settings=replace(model.settings, baseline=known | model.settings.baseline))
 
 
 def _error(parameter: dict, interval: str = "ci95") -> float:

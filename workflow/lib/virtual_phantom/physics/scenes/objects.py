@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from ...base.data import SCHEMAS
 from ...base.errors import InputError, meant
 from ...base.names import same_but_for_case
+from ...base.settings import ShapedRoi, ShapesPhantom
 from ...io.schema import fill_defaults, read_schema, validate
 from ...io.yaml_files import read_yaml
 from ..beam.material_names import COMPOUNDS, ELEMENTS, library_name
@@ -29,22 +30,6 @@ OPERATIONS: dict[type, Callable] = {
     ast.Div: operator.truediv,
 }
 MAX_EXPRESSION = 200  # characters
-
-
-@dataclass(frozen=True)
-class ShapedRoi:
-    """A region: the visible part of one shape.
-
-    Attributes
-    ----------
-    margin_mm : float
-        Erosion of the region, mm.
-    """
-
-    name: str
-    tissue_class: str
-    shape: str
-    margin_mm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -94,21 +79,16 @@ def read_object(kind: str, parameters: Mapping[str, float | str] | None = None) 
         raise InputError(f"{source}: {error}") from None
 
 
-def read_phantom_object(settings: Mapping) -> tuple[ShapedObject, tuple[ShapedRoi, ...]]:
+def read_phantom_object(settings: ShapesPhantom) -> tuple[ShapedObject, tuple[ShapedRoi, ...]]:
     """Read the object of a study and its regions.
-
-    Parameters
-    ----------
-    settings : mapping
-        phantom.object of the configuration.
 
     Raises
     ------
     InputError
         As read_object; if there is no region, or a region has an unknown shape or a repeated name.
     """
-    shaped = read_object(settings["kind"], settings.get("parameters"))
-    rois = tuple(ShapedRoi(**entry) for entry in settings.get("rois", ())) or shaped.rois
+    shaped = read_object(settings.kind, settings.parameters)
+    rois = settings.rois or shaped.rois
     if not rois:
         raise InputError(f"object {shaped.name}: has no region; name some under phantom.object.rois")
     names = [roi.name for roi in rois]
@@ -123,7 +103,7 @@ def read_phantom_object(settings: Mapping) -> tuple[ShapedObject, tuple[ShapedRo
     return shaped, rois
 
 
-def read_phantom_rois(settings: Mapping) -> tuple[ShapedRoi, ...]:
+def read_phantom_rois(settings: ShapesPhantom) -> tuple[ShapedRoi, ...]:
     """Return only the regions, as read_phantom_object."""
     return read_phantom_object(settings)[1]
 

@@ -8,12 +8,13 @@ import numpy as np
 
 from ...base.errors import InputError
 from ...base.geometry import Grid
+from ...base.settings import ShapedRoi
 from ...base.units import HU_AIR, attenuation_to_hu
 from ...io.volumes import Volume
 from ...phantom import HALF_COVERED, Phantom, Roi, block_mean
 from ...phantom.rois import shrink
 from ..beam.materials import attenuation_per_mm, energy_of
-from .objects import ShapedObject, ShapedRoi
+from .objects import ShapedObject
 from .shapes import NOTHING, Shape
 
 # Points in a voxel at an edge: a lattice (N. M. Korobov) in which no two points have the same coordinate. Shares behind

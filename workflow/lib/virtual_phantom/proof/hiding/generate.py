@@ -14,6 +14,7 @@ from ...io.files import write_text
 from ...io.hdf5 import new_file
 from ...io.volumes import Volume, write_nifti
 from ...recordings.document import FILE_NAME
+from ..settings import ProofScan
 from .changed_object import changed
 from .faults import faulty
 from .objects import Object
@@ -29,7 +30,7 @@ RECONSTRUCTED = {"kernel_pixels": 0.0, "hu_scale": 1.0, "hu_offset": 0.0}  # set
 
 def scan_section(
     scanned_object: Object,
-    settings: Mapping,
+    settings: ProofScan,
     views: int,
     photons: float,
     rotation_ms: float,
@@ -39,7 +40,7 @@ def scan_section(
     """Return the scan for XCIST, from the section proof.scan of the configuration and the hidden settings."""
     return Scan(
         views=views,
-        **scanned_object.detector(settings["columns"], settings["rows"]),
+        **scanned_object.detector(settings.columns, settings.rows),
         kev=kev,
         photons=photons,
         rotation_ms=rotation_ms,

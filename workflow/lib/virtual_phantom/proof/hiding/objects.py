@@ -7,6 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ...base.settings import FbpSettings, GridSettings, MaterialSettings, ScanSettings, from_mapping
+from ...diagnosis.settings import ImageProtocol
+from ...io.schema import defaults_of
+
 SOURCE_TO_ISOCENTRE_MM, SOURCE_TO_DETECTOR_MM = 541.0, 949.0
 READOUT_KEV = 60.0  # converts a dark signal from photons to readout units: the simulator reads energy, in keV
 MARGIN = 1.06  # width of the beam over the width of the phantom
@@ -42,10 +46,9 @@ class Object:
     told: tuple[str, str]
 
     @property
-    def stated(self) -> dict:
-        """Division of HU into materials, as the section `materials` of the configuration."""
-        soft, dense = self.told
-        return {"soft": soft, "dense": dense, "dense_from_hu": self.dense_from_hu}
+    def stated(self) -> MaterialSettings:
+        """Division of HU into materials."""
+        return MaterialSettings(*self.told, self.dense_from_hu)
 
     def pixel_mm(self, columns: int) -> float:
         """Return the width of a detector pixel at the isocenter for a beam that covers the phantom."""
@@ -63,12 +66,12 @@ class Object:
             "row_pitch_mm": pitch,
         }
 
-    def image_grid(self, columns: int) -> dict:
-        """Return the section `grid` of images: voxels as wide as a detector pixel at the isocenter."""
-        return {"shape": [SLICES, columns, columns], "spacing_mm": [self.pixel_mm(columns)] * 3}
+    def image_grid(self, columns: int) -> GridSettings:
+        """Return the grid of images: voxels as wide as a detector pixel at the isocenter."""
+        return GridSettings((SLICES, columns, columns), (self.pixel_mm(columns),) * 3, oversampling=1)
 
-    def protocol(self, columns: int, rows: int, views: int, rotation_ms: float, engine: str) -> dict:
-        """Return the settings that the diagnosis of images knows (diagnosis.images.setting.Protocol).
+    def protocol(self, columns: int, rows: int, views: int, rotation_ms: float, engine: str) -> ImageProtocol:
+        """Return the settings that the diagnosis of images knows.
 
         They describe the scan and a filtered back-projection. The hidden reconstruction is another one.
 
@@ -79,16 +82,10 @@ class Object:
         engine : str
             Engine of the reconstruction.
         """
-        circle = {"trajectory": "circular", "turns": 1.0, "pitch": 1.0, "start_angle_deg": 0.0}
-        circle["rotation_time_ms"] = rotation_ms
-        return {
-            "scan": circle | self.detector(columns, rows) | {"column_offset_px": 0.0, "row_offset_px": 0.0},
-            "grid": self.image_grid(columns),
-            "projections": views,
-            "algorithm": "fbp",
-            "settings": {"normalise": "coverage"},
-            "engine": engine,
-        }
+        circle = {"trajectory": "circular", "turns": 1.0, "rotation_time_ms": rotation_ms}
+        scan = from_mapping(ScanSettings, defaults_of("scan") | circle | self.detector(columns, rows))
+        grid, settings = self.image_grid(columns), FbpSettings(normalise="coverage")
+        return ImageProtocol(scan, grid, projections=views, algorithm="fbp", settings=settings, engine=engine)
 
 
 BONE = "ICRU_skeleton_cortical_bone_adult"

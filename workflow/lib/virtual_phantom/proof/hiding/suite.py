@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from ...base.errors import InputError
 from ...base.streams import Stream, branch, generator
+from ..settings import ProofSettings
 from .catalogue import CATALOGUE, IMAGE, STRENGTHS
 from .missing_effects import MISSING_EFFECTS
 from .objects import OBJECTS
@@ -22,13 +23,13 @@ KNOWN = tuple(name for name, effect in CATALOGUE.items() if effect.known and not
 UNKNOWN = tuple(MISSING_EFFECTS)
 
 
-def cases(settings: Mapping) -> list[str]:
+def cases(settings: ProofSettings) -> list[str]:
     """List the names of all cases. A name does not reveal the hidden effects."""
     count = len(_plan(settings)) + len(_plan_of_images(settings))
     return [f"case_{number:02d}" for number in range(1, 1 + count)]
 
 
-def kind_of(case: str, settings: Mapping) -> str:
+def kind_of(case: str, settings: ProofSettings) -> str:
     """Return the kind of the recording, which is no secret: images follow after all projections."""
     return "projections" if _number(case) <= len(_plan(settings)) else "images"
 
@@ -38,13 +39,13 @@ def phantom_of(case: str) -> str:
     return PHANTOMS[_number(case) % len(PHANTOMS)]
 
 
-def views_of(kind: str, settings: Mapping) -> tuple[int, int]:
+def views_of(kind: str, settings: ProofSettings) -> tuple[int, int]:
     """Return the number of views for each of PROTOCOLS.
 
     Images have more views: with few views, streaks dominate, which differ between reconstructions.
     """
-    times = settings["images"]["views_times"] if kind == "images" else 1
-    return tuple(settings[protocol]["views"] * times for protocol in PROTOCOLS)
+    times = settings.images.views_times if kind == "images" else 1
+    return tuple(getattr(settings, protocol).views * times for protocol in PROTOCOLS)
 
 
 def _number(case: str) -> int:
@@ -67,7 +68,7 @@ def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
             raise InputError(f"proof.recordings: '{name}' is not under diagnosis.recordings ({known}); add it there")
 
 
-def check_tried(settings: Mapping) -> None:
+def check_tried(settings: ProofSettings) -> None:
     """Check that the effects hidden in images are candidates there.
 
     Raises
@@ -75,21 +76,21 @@ def check_tried(settings: Mapping) -> None:
     InputError
         If an effect is no candidate.
     """
-    images = settings["images"]
-    hidden = [KERNEL, *images["effects"]] if images["strengths"] or images["effects"] else []
+    images = settings.images
+    hidden = [KERNEL, *images.effects] if images.strengths or images.effects else []
     for name in hidden:
-        if name not in images["tried"]:
+        if name not in images.tried:
             raise InputError(f"proof.images.tried: lacks '{name}', which the cases hide; add it")
 
 
-def truths(settings: Mapping) -> dict[str, dict]:
+def truths(settings: ProofSettings) -> dict[str, dict]:
     """Return {case: truth}, as for seal.sealed, from the section `proof` of the configuration."""
     plan = []
     for purpose, part in ((0, _plan(settings)), (2, _plan_of_images(settings))):
-        order = generator(branch(settings["seed"], purpose)).permutation(len(part))
+        order = generator(branch(settings.seed, purpose)).permutation(len(part))
         plan += [part[index] for index in order]
     return {
-        case: _truth(case, kind_of(case, settings), *plan[number], settings["seed"], number)
+        case: _truth(case, kind_of(case, settings), *plan[number], settings.seed, number)
         for number, case in enumerate(cases(settings))
     }
 
@@ -105,7 +106,7 @@ def scan_seed(seed: int, number: int) -> Stream:
     return branch(seed, 1, number, SCAN)
 
 
-def _plan(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
+def _plan(settings: ProofSettings) -> list[tuple[str, str | None, str | None]]:
     """Category, strength and effect of each case of projections; the effects of pairs are drawn later.
 
     Raises
@@ -113,17 +114,17 @@ def _plan(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
     InputError
         For effects that cannot be hidden.
     """
-    effects = settings.get("effects") or list(KNOWN)
+    effects = settings.effects or list(KNOWN)
     for name in effects:
         if name not in KNOWN:
             raise InputError(f"proof.effects: '{name}' cannot be hidden; use some of {', '.join(KNOWN)}")
-    plan = [("single", strength, name) for name in effects for strength in settings["strengths"]]
-    plan += [("none", None, None)] * settings["none"]
-    plan += [("pair", None, None)] * settings["pairs"]
+    plan = [("single", strength, name) for name in effects for strength in settings.strengths]
+    plan += [("none", None, None)] * settings.none
+    plan += [("pair", None, None)] * settings.pairs
     return plan + [("unknown", None, name) for name in _unknown(settings)]
 
 
-def _unknown(settings: Mapping) -> list[str]:
+def _unknown(settings: ProofSettings) -> list[str]:
     """Return the unknown effect of each case: all equally often, in an order drawn from the seed.
 
     Raises
@@ -131,15 +132,15 @@ def _unknown(settings: Mapping) -> list[str]:
     InputError
         For an effect that does not exist.
     """
-    kinds = settings.get("unknown_kinds") or list(UNKNOWN)
+    kinds = settings.unknown_kinds or list(UNKNOWN)
     for name in kinds:
         if name not in UNKNOWN:
             raise InputError(f"proof.unknown_kinds: there is no '{name}'; use some of {', '.join(UNKNOWN)}")
-    order = generator(branch(settings["seed"], 3)).permutation(len(kinds))
-    return [kinds[order[number % len(kinds)]] for number in range(settings["unknown"])]
+    order = generator(branch(settings.seed, 3)).permutation(len(kinds))
+    return [kinds[order[number % len(kinds)]] for number in range(settings.unknown)]
 
 
-def _plan_of_images(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
+def _plan_of_images(settings: ProofSettings) -> list[tuple[str, str | None, str | None]]:
     """As _plan, for images.
 
     The simulated reconstruction has another kernel than the library's. Each case therefore hides a kernel, and a pair
@@ -150,20 +151,20 @@ def _plan_of_images(settings: Mapping) -> list[tuple[str, str | None, str | None
     InputError
         For too few rows and for effects that cannot be hidden.
     """
-    wanted = settings["images"]
-    if (wanted["strengths"] or wanted["effects"]) and settings["scan"]["rows"] < LEAST_ROWS:
+    wanted = settings.images
+    if (wanted.strengths or wanted.effects) and settings.scan.rows < LEAST_ROWS:
         raise InputError(
-            f"proof.scan.rows: {settings['scan']['rows']} rows cover too few slices in all views for proof.images; "
+            f"proof.scan.rows: {settings.scan.rows} rows cover too few slices in all views for proof.images; "
             f"give {LEAST_ROWS}, or set proof.images to {{strengths: [], effects: []}}"
         )
-    for name in wanted["effects"]:
+    for name in wanted.effects:
         if name == KERNEL or name not in CATALOGUE or not CATALOGUE[name].known:
             names = ", ".join(other for other in CATALOGUE if other != KERNEL and CATALOGUE[other].known)
             raise InputError(
                 f"proof.images.effects: '{name}' cannot be hidden together with a kernel; use some of {names}"
             )
-    plan = [("single", strength, KERNEL) for strength in wanted["strengths"]]
-    return plan + [("pair", None, name) for name in wanted["effects"]]
+    plan = [("single", strength, KERNEL) for strength in wanted.strengths]
+    return plan + [("pair", None, name) for name in wanted.effects]
 
 
 def _truth(case, kind, category, strength, effect, seed, number) -> dict:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -13,6 +13,7 @@ from skimage.measure import block_reduce
 from ...base.errors import InputError
 from ...base.geometry import Grid, scan_geometry
 from ...base.parallel_rays import ParallelRays
+from ...base.settings import ScanSettings
 from ...base.units import HU_BODY
 from ...base.vectors import FLAT
 from ...io.volumes import Volume
@@ -121,30 +122,30 @@ def removed_tissue(image: Volume, grid: Grid, kept: np.ndarray) -> RemovedTissue
     )
 
 
-def columns_for(reach: float, scan: Mapping) -> int | None:
+def columns_for(reach: float, scan: ScanSettings) -> int | None:
     """Return the smallest number of detector columns whose field of view contains a circle with radius `reach`, mm.
 
     It is None if the source lies inside the circle or the detector would need too many columns.
     """
-    if reach >= scan["source_to_isocentre_mm"]:
+    if reach >= scan.source_to_isocentre_mm:
         return None
-    half = _half_mm(math.asin(reach / scan["source_to_isocentre_mm"]), scan)
-    columns = math.ceil(2 * (half / scan["column_pitch_mm"] + abs(scan["column_offset_px"])))
+    half = _half_mm(math.asin(reach / scan.source_to_isocentre_mm), scan)
+    columns = math.ceil(2 * (half / scan.column_pitch_mm + abs(scan.column_offset_px)))
     return columns if columns <= MOST_PIXELS else None
 
 
-def _half_mm(fan_rad: float, scan: Mapping) -> float:
+def _half_mm(fan_rad: float, scan: ScanSettings) -> float:
     """Return where a ray with a fan angle meets the detector, mm from its center, including a flying focal spot."""
-    distance = scan["source_to_detector_mm"]
-    spots = (abs(spot.get("columns_mm", 0.0)) for spot in scan.get("flying_focal_spot") or [])
-    shift = (distance / scan["source_to_isocentre_mm"] - 1) * max(spots, default=0.0)
-    if scan.get("detector", FLAT) == FLAT:
+    distance = scan.source_to_detector_mm
+    spots = (abs(spot.columns_mm) for spot in scan.flying_focal_spot or ())
+    shift = (distance / scan.source_to_isocentre_mm - 1) * max(spots, default=0.0)
+    if scan.detector == FLAT:
         return math.tan(fan_rad) * distance + shift
-    radius = scan.get("arc_radius_mm") or distance
+    radius = scan.arc_radius_mm or distance
     return (fan_rad + math.asin((distance - radius) * math.sin(fan_rad) / radius)) * radius + shift
 
 
-def worst_share(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarray) -> float:
+def worst_share(scan: ScanSettings, projections: int, grid: Grid, points_mm: np.ndarray) -> float:
     """Return the fraction of the directions of half a turn from which a scan sees the worst of some points.
 
     The points have the shape (points, 3), (x, y, z) from the isocenter.
@@ -154,10 +155,10 @@ def worst_share(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarr
     InputError
         For a scan that covers less than half a turn.
     """
-    return share_seen(ParallelRays(scan_geometry(dict(scan), projections, grid)), points_mm)
+    return share_seen(ParallelRays(scan_geometry(scan, projections, grid)), points_mm)
 
 
-def rows_for(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarray) -> int | None:
+def rows_for(scan: ScanSettings, projections: int, grid: Grid, points_mm: np.ndarray) -> int | None:
     """Return the number of rows, above that of the scan, that sees points from every direction of half a turn.
 
     It is None if no number of rows suffices. Fewer rows may suffice too, because a helix then has more turns. Points
@@ -166,14 +167,14 @@ def rows_for(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarray)
 
     def enough(rows: int) -> bool:
         try:
-            return worst_share({**scan, "rows": rows}, projections, grid, points_mm) == 1
+            return worst_share(replace(scan, rows=rows), projections, grid, points_mm) == 1
         except InputError:
             return False
 
     # Seen from the far side of the orbit, twice the height of the grid.
-    tall = 2 * grid.extent_mm[0] * scan["source_to_detector_mm"] / (scan["source_to_isocentre_mm"] / 2)
-    most = min(MOST_PIXELS, max(2 * scan["rows"], math.ceil(2 * tall / scan["row_pitch_mm"])))
-    low, high = scan["rows"], scan["rows"] + 1
+    tall = 2 * grid.extent_mm[0] * scan.source_to_detector_mm / (scan.source_to_isocentre_mm / 2)
+    most = min(MOST_PIXELS, max(2 * scan.rows, math.ceil(2 * tall / scan.row_pitch_mm)))
+    low, high = scan.rows, scan.rows + 1
     while not enough(high):
         if high == most:
             return None

@@ -9,12 +9,15 @@ from functools import partial
 from pathlib import Path
 
 from ...base.errors import InputError, lines_of
+from ...base.settings import from_mapping, to_mapping
 from ...base.streams import Branch, branch
-from ...config.config import flat_detectors, inspected
+from ...config.config import inspected
 from ...config.outputs import Files
 from ...config.plan import Plan
 from ...config.public_scans import PublicScans, made_folders
+from ...config.settings import Study
 from ...diagnosis.candidate_effects import candidates, check_accuracy, check_kinds, shown_by
+from ...diagnosis.settings import LabelledObject, MaskedObject, ShapesObject
 from ...projectors import choose_engine
 from ...recordings.document import Document, read_document
 from ..phantom_sources import PhantomSources
@@ -40,12 +43,13 @@ def problems(settings: Mapping, scans: bool = False, keep: bool = False) -> list
     """
     lines, config = inspected(settings)
     if config:
+        study = from_mapping(Study, config)
         phantom = partial(_phantom, keep=keep, rois=_number_of_rois(settings))
         recordings = partial(_recordings, keep=keep)
         for check in (_results, _engine, _layout, _shapes, phantom, _scans, _parameters, _measured, recordings, _proof):
-            lines += check(config)
+            lines += check(study)
         if scans:
-            lines += _scanned(config)
+            lines += _scanned(study)
     return list(dict.fromkeys(lines))
 
 
@@ -58,8 +62,8 @@ def _messages(function, *arguments) -> list[str]:
     return []
 
 
-def _results(config: dict) -> Iterator[str]:
-    folder = Path(config["results_dir"])
+def _results(study: Study) -> Iterator[str]:
+    folder = Path(study.results_dir)
     existing = next((path for path in (folder, *folder.absolute().parents) if path.exists()), folder)
     if not existing.is_dir():
         yield f"results_dir: {existing} is a file; name a folder"
@@ -67,78 +71,82 @@ def _results(config: dict) -> Iterator[str]:
         yield f"results_dir: {existing} is not writable; change its permissions or name another folder"
 
 
-def _engine(config: dict) -> Iterator[str]:
-    backprojector = config["reconstruction"]["sirt"]["backprojector"]
-    yield from _messages(choose_engine, config["engine"], backprojector, True, flat_detectors(config))
+def _engine(study: Study) -> Iterator[str]:
+    backprojector = study.reconstruction.sirt.backprojector
+    yield from _messages(choose_engine, study.engine, backprojector, True, study.flat_detectors)
 
 
-def _layout(config: dict) -> Iterator[str]:
+def _layout(study: Study) -> Iterator[str]:
     """Check a user's layout of the synthetic phantom."""
-    phantom = config.get("phantom", {})
-    if phantom.get("source") == "synthetic" and phantom["layout"] is not None:
+    if _source(study) == "synthetic" and study.phantom.layout is not None:
         from ...phantom.layout import read_layout  # slow import
 
-        yield from _messages(read_layout, phantom["layout"])
+        yield from _messages(read_layout, study.phantom.layout)
 
 
-def _shapes(config: dict) -> Iterator[str]:
+def _shapes(study: Study) -> Iterator[str]:
     """Check a phantom of shapes."""
-    phantom = config.get("phantom", {})
-    if phantom.get("source") == "object" and "object" in phantom:
+    if _source(study) == "object" and study.phantom.object:
         from ...physics.scenes.objects import read_phantom_rois  # slow import (numba)
 
-        yield from (f"phantom.object: {line}" for line in _messages(read_phantom_rois, phantom["object"]))
+        yield from (f"phantom.object: {line}" for line in _messages(read_phantom_rois, study.phantom.object))
 
 
-def _seen_shapes(config: dict) -> Iterator[str]:
+def _seen_shapes(study: Study) -> Iterator[str]:
     """Check that scans cover a phantom of shapes."""
-    if "grid" not in config or "object" not in config["phantom"] or list(_shapes(config)):
+    if not study.grid or not study.phantom.object or list(_shapes(study)):
         return
     from ...physics.scenes.objects import read_phantom_object
     from ...physics.scenes.voxelized import reach_mm, voxelize_rois  # slow import
     from .preflight_scan import blind_spots, world_grid
 
-    grid, (shaped, rois) = world_grid(config), read_phantom_object(config["phantom"]["object"])
+    grid, (shaped, rois) = world_grid(study), read_phantom_object(study.phantom.object)
     try:
         masks = {roi.name: roi.mask for roi in voxelize_rois(shaped, grid, rois)}
     except InputError as error:
         yield str(error)
         return
-    yield from blind_spots(config, grid, reach_mm(shaped), masks, math.hypot(*grid.spacing[1:]) / 2)
+    yield from blind_spots(study, grid, reach_mm(shaped), masks, math.hypot(*grid.spacing[1:]) / 2)
 
 
-def _scanned(config: dict) -> Iterator[str]:
+def _scanned(study: Study) -> Iterator[str]:
     """Check the files of recordings, and that scans cover the synthetic phantom or an available published CT."""
-    yield from _recorded(config)
-    phantom = config.get("phantom", {})
-    if phantom.get("source") == "ct" and _has_ct(phantom):
-        sources = PhantomSources(Plan(config))
+    yield from _recorded(study)
+    source = _source(study)
+    if source == "ct" and _has_ct(study):
+        sources = PhantomSources(Plan(study))
         if sources.published and not sources.absent and not _messages(sources.check):
             from .preflight_ct import ct_problems
 
-            yield from ct_problems(config)
-    if phantom.get("source") == "object":
-        yield from _seen_shapes(config)
-    if phantom.get("source") != "synthetic" or "grid" not in config or list(_layout(config)):
+            yield from ct_problems(study)
+    if source == "object":
+        yield from _seen_shapes(study)
+    if source != "synthetic" or not study.grid or list(_layout(study)):
         return
     from ...phantom.layout import read_layout
     from ...phantom.synthetic import find_outline  # slow import
     from .preflight_scan import blind_spots, world_grid
 
-    grid = world_grid(config)
+    grid = world_grid(study)
     try:
-        reach, rois = find_outline(read_layout(phantom["layout"]), grid, branch(config["seed"], Branch.PHANTOM))
+        reach, rois = find_outline(read_layout(study.phantom.layout), grid, branch(study.seed, Branch.PHANTOM))
     except InputError as error:
         yield str(error)
         return
     # `reach` is the edge of the shapes; the centers of voxels lie closer to the axis.
     slack = math.hypot(*grid.spacing[1:]) / 2
-    yield from blind_spots(config, grid, reach, {roi.name: roi.mask for roi in rois}, slack)
+    yield from blind_spots(study, grid, reach, {roi.name: roi.mask for roi in rois}, slack)
 
 
-def _has_ct(phantom: dict) -> bool:
+def _source(study: Study) -> str | None:
+    """Return the source of the phantom; None if the section has an error."""
+    return study.phantom and study.phantom.source
+
+
+def _has_ct(study: Study) -> bool:
     """Whether the configuration has a valid CT and valid ROIs."""
-    return {"image", "rois"} <= phantom.get("ct", {}).keys()
+    ct = study.phantom.ct
+    return ct is not None and ct.image is not None and ct.rois is not None
 
 
 def _number_of_rois(settings: Mapping) -> int:
@@ -148,84 +156,82 @@ def _number_of_rois(settings: Mapping) -> int:
     return len(settings) if isinstance(settings, list) else 0
 
 
-def _phantom(config: dict, keep: bool, rois: int) -> Iterator[str]:
+def _phantom(study: Study, keep: bool, rois: int) -> Iterator[str]:
     """Check a CT and its ROIs; `rois` is the number of entries before invalid ones were removed."""
-    phantom = config.get("phantom", {})
-    if phantom.get("source") != "ct" or not _has_ct(phantom):
+    if _source(study) != "ct" or not _has_ct(study):
         return
-    classes = {roi["tissue_class"] for roi in phantom["ct"]["rois"]}
-    if len(classes) == 1 and len(phantom["ct"]["rois"]) == rois and "stability" in config["analyses"]:
+    classes = {roi.tissue_class for roi in study.phantom.ct.rois}
+    if len(classes) == 1 and len(study.phantom.ct.rois) == rois and study.analyses.stability:
         yield (
             f"config: phantom.ct.rois all have tissue_class {min(classes)}; analyses.stability compares at least two "
             "classes, so add ROIs of another class or set analyses.stability: null"
         )
-    sources = PhantomSources(Plan(config))
+    sources = PhantomSources(Plan(study))
     if damaged := _messages(sources.check):
         yield from damaged
     elif not sources.published and not sources.made:  # published files have a SHA-256; made files do not exist yet
-        yield from cached_check(config, sources.paths, lambda: _ct(config), keep)
+        yield from cached_check(to_mapping(study), sources.paths, lambda: _ct(study), keep)
 
 
-def _ct(config: dict) -> Iterator[str]:
+def _ct(study: Study) -> Iterator[str]:
     from .preflight_ct import ct_problems  # slow import
 
-    yield from ct_problems(config)
+    yield from ct_problems(study)
 
 
-def _parameters(config: dict) -> Iterator[str]:
+def _parameters(study: Study) -> Iterator[str]:
     """Check the parameter file of features."""
-    if file := config.get("features", {}).get("parameters"):
+    if file := study.features and study.features.parameters:
         from ...features.parameters import read_parameters  # slow import (pyradiomics)
 
         yield from _messages(read_parameters, file)
 
 
-def _scans(config: dict) -> Iterator[str]:
+def _scans(study: Study) -> Iterator[str]:
     """Check the selected public scans."""
-    yield from _messages(PublicScans(Plan(config)).check)
+    yield from _messages(PublicScans(Plan(study)).check)
 
 
-def _measured(config: dict) -> Iterator[str]:
-    table = config["measured"]["table"]
+def _measured(study: Study) -> Iterator[str]:
+    table = study.measured.table
     if table is not None and not Path(table).is_file():
         yield f"measured.table: {table}: no such file; give the path of the table, or null for the group means"
 
 
-def _recordings(config: dict, keep: bool) -> Iterator[str]:
+def _recordings(study: Study, keep: bool) -> Iterator[str]:
     """Check the documents of recordings and the settings of their diagnosis."""
     documents: dict[str, Document] = {}
-    scans = PublicScans(Plan(config))
-    for name, folder in config["recordings"].items():
+    scans = PublicScans(Plan(study))
+    for name, folder in study.recordings.items():
         try:
             documents[name] = scans.document(folder)
         except InputError as error:
             yield from lines_of(error)
-    yield from roi_problems(config, documents)
-    diagnosed = config["diagnosis"]["recordings"]
-    yield from _messages(check_accuracy, config["diagnosis"]["model_accuracy"])
-    for name, entry in diagnosed.items():
+    yield from roi_problems(study, documents)
+    yield from _messages(check_accuracy, study.diagnosis.model_accuracy)
+    for name, entry in study.diagnosis.recordings.items():
         where = f"diagnosis.recordings.{name}"
-        yield from _object(entry.get("object", {}), f"{where}.object", keep)
-        if name not in documents or entry.get("physics_from", name) not in documents:
+        yield from _object(entry.object, f"{where}.object", keep)
+        if not {name, entry.physics_from or name} <= documents.keys():
             continue
         if lines := _messages(check_kinds, {name: entry}, documents):
             yield from lines
-        elif "physics_from" not in entry:
+        elif entry.physics_from is None:
             lines = _messages(partial(candidates, **shown_by(documents[name].content)), entry)
             yield from (f"{where}: {line}" for line in lines)
 
 
-def _recorded(config: dict) -> Iterator[str]:
+def _recorded(study: Study) -> Iterator[str]:
     """Check the data files of recordings."""
-    made = made_folders(config).values()
-    folders = [folder for folder in config["recordings"].values() if folder not in made]
+    made = made_folders(study.results).values()
+    folders = [folder for folder in study.recordings.values() if folder not in made]
     if not folders:
         return
     from ...features.names import FEATURES
     from ...features.parameters import read_parameters  # slow import (pyradiomics)
     from ...recordings.reading import load_recording
 
-    file, features = config.get("features", {}).get("parameters"), FEATURES
+    file, features = study.features and study.features.parameters, FEATURES
     if file and not _messages(read_parameters, file):
         features = read_parameters(file).features
     for folder in dict.fromkeys(folders):
@@ -244,26 +250,25 @@ def _recorded(config: dict) -> Iterator[str]:
         yield from cached_check({"recording": folder, "features": list(features)}, files, check)
 
 
-def _object(settings: Mapping, where: str, keep: bool) -> Iterator[str]:
-    """Check the description of a scanned object."""
-    mask = settings.get("mask")
-    if mask is not None and not Path(mask).is_file():
-        yield f"{where}.mask: {mask}: no such file; give the path of a NIfTI image"
-    if {"labels", "materials"} <= set(settings):
-        lines = cached_check(settings, [settings["labels"]], lambda: _labels(settings), keep)
+def _object(scanned: MaskedObject | LabelledObject | ShapesObject | None, where: str, keep: bool) -> Iterator[str]:
+    """Check the files of a scanned object."""
+    if isinstance(scanned, MaskedObject) and not Path(scanned.mask).is_file():
+        yield f"{where}.mask: {scanned.mask}: no such file; give the path of a NIfTI image"
+    if isinstance(scanned, LabelledObject):
+        lines = cached_check(to_mapping(scanned), [scanned.labels], lambda: _labels(scanned), keep)
         yield from (f"{where}: {line}" for line in lines)
-    if "kind" in settings:
+    if isinstance(scanned, ShapesObject):
         from ...physics.scenes.objects import read_object  # slow import (numba)
 
-        lines = _messages(read_object, settings["kind"], settings.get("parameters"))
+        lines = _messages(read_object, scanned.kind, scanned.parameters)
         yield from (f"{where}: {line}" for line in lines)
 
 
-def _labels(settings: Mapping) -> list[str]:
+def _labels(scanned: LabelledObject) -> list[str]:
     from ...physics.scenes.labeled import read_label_map  # slow import (numba)
 
-    return _messages(read_label_map, settings["labels"], settings["materials"])
+    return _messages(read_label_map, scanned.labels, scanned.materials)
 
 
-def _proof(config: dict) -> Iterator[str]:
-    yield from _messages(Proof.read, Plan(config), Files(config["results_dir"]))
+def _proof(study: Study) -> Iterator[str]:
+    yield from _messages(Proof.read, Plan(study), Files(study.results))

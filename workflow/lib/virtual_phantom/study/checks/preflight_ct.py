@@ -11,13 +11,15 @@ import numpy as np
 from ...base.console import note
 from ...base.errors import InputError, lines_of
 from ...base.geometry import Grid
+from ...base.settings import RoiEntry
 from ...base.units import HU_AIR
+from ...config.settings import Study
 from ...features.extraction import MINIMUM_VOXELS
 from ...io.volumes import Volume
 from ...phantom.ct import check_fit, check_hu, draw_entry, kept_columns, make_rois, read_hu, trimmed
 from ...phantom.masks import open_regions, report_other_frame
 from ...phantom.plausibility import CHECKS, note_without_air
-from ...phantom.rois import RoiEntry, read_roi_entries
+from ...phantom.rois import read_roi_entries
 from .coverage import TISSUE_HU, reach_mm, removed_tissue
 from .preflight_scan import blind_spots, world_grid
 
@@ -27,21 +29,21 @@ KEEP_MM = "keep_mm"  # under phantom.ct.not_checked
 MOST_CUT = 0.02
 
 
-def ct_problems(config: Mapping) -> Iterator[str]:
+def ct_problems(study: Study) -> Iterator[str]:
     """Yield one line for each error.
 
     Parameters
     ----------
-    config : mapping
-        Configuration with defaults and phantom.ct. Checks that need other sections are skipped if these are missing.
+    study : Study
+        With phantom.ct. Checks that need other sections are skipped if these are None.
     """
-    settings = config["phantom"]["ct"]
+    settings = study.phantom.ct
     entries: tuple[RoiEntry, ...] = ()
     try:
-        entries = read_roi_entries(settings["rois"], settings.get("labels"))
+        entries = read_roi_entries(settings.rois, settings.labels)
     except InputError as error:
         yield str(error)
-    path, not_checked = Path(settings["image"]), settings.get("not_checked", ())
+    path, not_checked = Path(settings.image), settings.not_checked or ()
     try:
         image = read_hu(path, CHECKS)
     except InputError as error:
@@ -52,7 +54,7 @@ def ct_problems(config: Mapping) -> Iterator[str]:
                 yield f"phantom.ct: {file}: no such file; give the path of the ROIs ({forms})"
         return
     for file in dict.fromkeys(entry.file for entry in entries):
-        report_other_frame(file, settings["image"])
+        report_other_frame(file, settings.image)
     in_hu = True
     try:
         check_hu(image, path, not_checked)
@@ -62,15 +64,15 @@ def ct_problems(config: Mapping) -> Iterator[str]:
         yield from (f"phantom.ct.image: {line}" for line in lines_of(error))
     whole = image = Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
     kept = np.ones(image.grid.shape[1:], bool)
-    if "keep_mm" in settings:
+    if settings.keep_mm:
         try:
-            kept = kept_columns(settings["keep_mm"], image.grid)
-            image = trimmed(image, settings["keep_mm"])
+            kept = kept_columns(settings.keep_mm, image.grid)
+            image = trimmed(image, settings.keep_mm)
         except InputError as error:
             yield str(error)
     grid = None
-    if "grid" in config and in_hu:
-        grid = world_grid(config, settings.get("centre_mm", image.grid.centre_mm))
+    if study.grid and in_hu:
+        grid = world_grid(study, settings.centre_mm or image.grid.centre_mm)
         try:
             check_fit(image, grid)
         except InputError as error:
@@ -84,7 +86,7 @@ def ct_problems(config: Mapping) -> Iterator[str]:
             yield from _cut(whole, grid, kept, masks, not_checked)
         # The scanned phantom has finer voxels, whose centers may lie closer to the axis.
         slack = (math.hypot(*image.grid.spacing[1:]) + math.hypot(*grid.spacing[1:])) / 2
-        yield from blind_spots(config, grid, reach_mm(image, grid), masks, slack)
+        yield from blind_spots(study, grid, reach_mm(image, grid), masks, slack)
 
 
 def _cut(

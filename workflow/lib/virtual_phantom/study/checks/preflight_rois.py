@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from ...base.errors import InputError
+from ...base.settings import PhantomSettings
+from ...config.settings import Comparison, Study
 from ...recordings.document import Document
 
 
-def roi_problems(config: Mapping, documents: Mapping[str, Document]) -> Iterator[str]:
+def roi_problems(study: Study, documents: Mapping[str, Document]) -> Iterator[str]:
     """Yield errors that would otherwise stop a comparison after the simulation.
 
     These are ROIs with different tissue classes, recordings without any ROI of the phantom, and comparisons with an ROI
@@ -16,14 +18,12 @@ def roi_problems(config: Mapping, documents: Mapping[str, Document]) -> Iterator
 
     Parameters
     ----------
-    config : mapping
-        Complete configuration.
     documents : mapping of str to Document
         Documents of the recordings that could be read, by name.
     """
-    comparisons = config["analyses"].get("comparison", {})
-    compared = {comparison["recording"] for comparison in comparisons.values()}
-    of_study = _classes_of_phantom(config["phantom"]) if compared & documents.keys() else {}
+    comparisons = study.analyses.comparison
+    compared = {comparison.recording for comparison in comparisons.values()}
+    of_study = _classes_of_phantom(study.phantom) if compared & documents.keys() else {}
     for name in sorted(compared & documents.keys()):
         path, entries = documents[name].path, documents[name].content.get("rois", [])
         recorded = {roi: entry["tissue_class"] for entry in entries for roi in _names(entry)}
@@ -43,15 +43,17 @@ def roi_problems(config: Mapping, documents: Mapping[str, Document]) -> Iterator
                     f"the same tissue, write tissue_class: {of_study[roi]}, otherwise rename the ROI"
                 )
         if common:
-            with_recording = {key: entry for key, entry in comparisons.items() if entry["recording"] == name}
+            with_recording = {key: entry for key, entry in comparisons.items() if entry.recording == name}
             yield from _not_on_both_sides(with_recording, list(of_study), list(recorded))
 
 
-def _not_on_both_sides(comparisons: Mapping, of_study: Sequence[str], recorded: Sequence[str]) -> Iterator[str]:
+def _not_on_both_sides(
+    comparisons: Mapping[str, Comparison], of_study: Sequence[str], recorded: Sequence[str]
+) -> Iterator[str]:
     """Yield a line for each comparison with one recording in which one side lacks an ROI."""
     common = [roi for roi in of_study if roi in recorded]
     for key, comparison in comparisons.items():
-        chosen = comparison.get("rois")
+        chosen = comparison.rois
         lacks = {
             "the recording": [roi for roi in chosen or of_study if roi not in recorded],
             "the study": [roi for roi in chosen or recorded if roi not in of_study],
@@ -63,23 +65,22 @@ def _not_on_both_sides(comparisons: Mapping, of_study: Sequence[str], recorded: 
             )
 
 
-def _classes_of_phantom(phantom: Mapping) -> dict[str, str]:
+def _classes_of_phantom(phantom: PhantomSettings) -> dict[str, str]:
     """Return {ROI: tissue class}; empty if the section has an error, which another check reports."""
     try:
-        if phantom["source"] == "ct":
+        if phantom.source == "ct":
             from ...phantom.rois import read_roi_entries  # slow import (pandas)
 
-            ct = phantom["ct"]
-            entries = read_roi_entries(ct["rois"], ct.get("labels"))
+            entries = read_roi_entries(phantom.ct.rois, phantom.ct.labels)
             return {name: entry.tissue_class for entry in entries for name in entry.names}
-        if phantom["source"] == "object":
+        if phantom.source == "object":
             from ...physics.scenes.objects import read_phantom_rois  # slow import (numba)
 
-            return {roi.name: roi.tissue_class for roi in read_phantom_rois(phantom["object"])}
+            return {roi.name: roi.tissue_class for roi in read_phantom_rois(phantom.object)}
         from ...phantom.layout import read_layout  # slow import
 
-        return {str(roi["name"]): str(roi["tissue_class"]) for roi in read_layout(phantom["layout"])["rois"]}
-    except (InputError, KeyError, TypeError):
+        return {str(roi["name"]): str(roi["tissue_class"]) for roi in read_layout(phantom.layout)["rois"]}
+    except (InputError, AttributeError, KeyError, TypeError):
         return {}
 
 

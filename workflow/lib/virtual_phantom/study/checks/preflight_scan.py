@@ -10,23 +10,25 @@ import numpy as np
 
 from ...base.errors import InputError
 from ...base.geometry import Grid, grid_of, scan_geometry
+from ...base.settings import ScanSettings
+from ...config.settings import Study
 from .coverage import columns_for, points_of, rows_for, worst_share
 
 
-def world_grid(config: Mapping, centre_mm=(0.0, 0.0, 0.0)) -> Grid:
+def world_grid(study: Study, centre_mm=(0.0, 0.0, 0.0)) -> Grid:
     """Return the grid of the study in NIfTI world coordinates."""
-    return replace(grid_of(config["grid"]), centre_mm=tuple(centre_mm))
+    return replace(grid_of(study.grid), centre_mm=tuple(centre_mm))
 
 
 def blind_spots(
-    config: Mapping, grid: Grid, reach_mm: float, masks: Mapping[str, np.ndarray], slack_mm: float = 0.0
+    study: Study, grid: Grid, reach_mm: float, masks: Mapping[str, np.ndarray], slack_mm: float = 0.0
 ) -> Iterator[str]:
     """Yield a line for each scan that does not cover the body or an ROI.
 
     Parameters
     ----------
-    config : mapping
-        Configuration with defaults; sections may be missing.
+    study : Study
+        Sections may be None.
     reach_mm : float
         Largest distance of the body from the axis of rotation.
     masks : mapping of str to ndarray of bool
@@ -35,31 +37,29 @@ def blind_spots(
         Tolerance of `reach_mm`, because it is measured on other voxels than the scanned ones.
     """
     points = points_of(grid, masks)
-    for where, scan, views in _scans(config):
+    for where, scan, views in _scans(study):
         radius = scan_geometry(scan, max(views), grid).field_of_view_radius_mm
-        wide = dict(scan)
+        wide = scan
         if reach_mm - slack_mm > radius:
             columns = columns_for(reach_mm, scan)
             yield _too_narrow(where, scan, reach_mm, radius, columns)
             if columns is None:
                 continue
-            wide["columns"] = max(columns, scan["columns"])
+            wide = replace(scan, columns=max(columns, scan.columns))
         yield from _unseen(where, wide, views, grid, points)
 
 
-def _scans(config: Mapping) -> Iterator[tuple[str, dict, list[int]]]:
+def _scans(study: Study) -> Iterator[tuple[str, ScanSettings, list[int]]]:
     """Yield (key, scan, numbers of projections) for each scan that a protocol uses."""
-    protocols = config.get("protocols", {}).values()
-    scans = {None: ("scan", config.get("scan"))} | {
-        name: (f"scans.{name}", scan) for name, scan in config.get("scans", {}).items()
-    }
+    protocols = (study.protocols or {}).values()
+    scans = {None: ("scan", study.scan)} | {name: (f"scans.{name}", scan) for name, scan in study.scans.items()}
     for name, (where, scan) in scans.items():
-        views = sorted({protocol["projections"] for protocol in protocols if protocol.get("scan") == name})
-        if scan is not None and views and scan["source_to_detector_mm"] > scan["source_to_isocentre_mm"]:
+        views = sorted({protocol.projections for protocol in protocols if protocol.scan == name})
+        if scan is not None and views and scan.source_to_detector_mm > scan.source_to_isocentre_mm:
             yield where, scan, views
 
 
-def _too_narrow(where: str, scan: Mapping, reach_mm: float, radius_mm: float, columns: int | None) -> str:
+def _too_narrow(where: str, scan: ScanSettings, reach_mm: float, radius_mm: float, columns: int | None) -> str:
     missing = reach_mm - radius_mm
     message = (
         f"{where}: the phantom reaches {reach_mm:.0f} mm from the isocenter, the field of view only {radius_mm:.0f} "
@@ -67,14 +67,16 @@ def _too_narrow(where: str, scan: Mapping, reach_mm: float, radius_mm: float, co
     )
     if columns is None:
         return f"{message}; move the center of the phantom, or increase {where}.source_to_isocentre_mm"
-    pitch = math.ceil(10 * scan["column_pitch_mm"] * columns / scan["columns"]) / 10
+    pitch = math.ceil(10 * scan.column_pitch_mm * columns / scan.columns) / 10
     return (
-        f"{message}; set {where}.columns to at least {columns} (now {scan['columns']}), or {where}.column_pitch_mm to "
+        f"{message}; set {where}.columns to at least {columns} (now {scan.columns}), or {where}.column_pitch_mm to "
         f"at least {pitch:g}, or move the center of the phantom"
     )
 
 
-def _unseen(where: str, scan: Mapping, views: list[int], grid: Grid, points: Mapping[str, np.ndarray]) -> Iterator[str]:
+def _unseen(
+    where: str, scan: ScanSettings, views: list[int], grid: Grid, points: Mapping[str, np.ndarray]
+) -> Iterator[str]:
     """Yield a line that names all ROIs that some protocol does not see from every direction."""
     if not points:
         return
@@ -102,9 +104,9 @@ def _unseen(where: str, scan: Mapping, views: list[int], grid: Grid, points: Map
     if None in rows:
         advice = "use a smaller pitch, more turns, or more projections"
     else:
-        missing = max(rows) - scan["rows"]
+        missing = max(rows) - scan.rows
         advice = (
-            f"{missing} rows are missing: set {where}.rows to at least {max(rows)} (now {scan['rows']}), or use a "
+            f"{missing} rows are missing: set {where}.rows to at least {max(rows)} (now {scan.rows}), or use a "
             "smaller pitch or more turns"
         )
     yield (

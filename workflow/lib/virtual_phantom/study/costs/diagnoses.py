@@ -26,7 +26,9 @@ from dataclasses import dataclass
 import yaml
 
 from ...base.errors import refusing
-from ...diagnosis.workload import fitted, is_shapes, rays_of
+from ...base.settings import MaterialSettings
+from ...diagnosis.settings import LabelledObject, RecordingSettings, ShapesObject
+from ...diagnosis.workload import fitted, rays_of
 from ...physics.scenes.object_files import object_path
 from ...physics.scenes.sampling import MIN_POINTS
 
@@ -108,13 +110,13 @@ class Extent:
         return Forecast((cpu[0], cpu[1]), (wall[0], wall[1]))
 
 
-def extent(settings: Mapping, shape: tuple[int, int, int], effects: int, phantom: tuple[Sequence[int], int]) -> Extent:
+def extent(
+    settings: RecordingSettings, shape: tuple[int, int, int], effects: int, phantom: tuple[Sequence[int], int]
+) -> Extent:
     """Return the size of the diagnosis of a recording of projections.
 
     Parameters
     ----------
-    settings : mapping
-        Settings of the recording: samples, view_step, check_setup, disc, object, baseline.
     shape : tuple of 3 int
         Views, rows and columns of the scan.
     effects : int
@@ -128,10 +130,10 @@ def extent(settings: Mapping, shape: tuple[int, int, int], effects: int, phantom
         If the file of the scanned object cannot be read.
     """
     views, rows, columns = shape
-    samples, step = fitted(settings.get("samples"), settings.get("view_step"), is_shapes(settings), shape)
+    samples, step = fitted(settings.samples, settings.view_step, settings.of_shapes, shape)
     fitted_shape = math.ceil(views / step), rows, columns
-    rays = rays_of(fitted_shape, samples) * points_of_source(settings.get("baseline", {}))
-    return Extent(math.prod(fitted_shape), rays, _planes(settings, phantom), effects, settings["check_setup"])
+    rays = rays_of(fitted_shape, samples) * points_of_source(settings.baseline)
+    return Extent(math.prod(fitted_shape), rays, _planes(settings, phantom), effects, settings.check_setup)
 
 
 def points_of_source(declared: Collection[str]) -> int:
@@ -141,23 +143,24 @@ def points_of_source(declared: Collection[str]) -> int:
     return (focal + off_focal) * (MIN_POINTS if "view_blur" in declared else 1)
 
 
-def material_count(section: Mapping) -> int:
-    """Return the number of materials of the study's phantom, from the section `materials`."""
-    return 1 if section["dense"] is None else 2
+def material_count(materials: MaterialSettings) -> int:
+    """Return the number of materials of the study's phantom."""
+    return 1 if materials.dense is None else 2
 
 
-def _planes(settings: Mapping, phantom: tuple[Sequence[int], int]) -> int:
-    if "disc" in settings:
+def _planes(settings: RecordingSettings, phantom: tuple[Sequence[int], int]) -> int:
+    if settings.disc is not None:
         return 0
-    scanned = settings.get("object", {})
-    if "kind" in scanned:
-        return _shape_count(scanned["kind"])
+    scanned = settings.object
+    if isinstance(scanned, ShapesObject):
+        return _shape_count(scanned.kind)
     voxels, materials = phantom
-    if scanned:
+    if scanned is not None:
         from ...io.volumes import shape_of  # slow import
 
-        voxels = shape_of(scanned.get("mask") or scanned["labels"])
-        materials = len(scanned["materials"]) if "labels" in scanned else 1
+        of_labels = isinstance(scanned, LabelledObject)
+        voxels = shape_of(scanned.labels if of_labels else scanned.mask)
+        materials = len(scanned.materials) if of_labels else 1
     return max(voxels[1:]) * materials
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from ...base.data import RESOURCES
 from ...base.errors import InputError
+from ...diagnosis.settings import FitSettings
 from ...io.volumes import shape_of
 from ..progress.load import slowdown
 from ..progress.status import duration_range
@@ -15,7 +15,7 @@ from .rates import read_rates
 
 
 def forecast_line(
-    name: str, model: Mapping, shape: tuple[int, int, int], effects: int, processes: int, phantom: str | Path | None
+    name: str, model: FitSettings, shape: tuple[int, int, int], effects: int, processes: int, phantom: str | Path | None
 ) -> str | None:
     """Return a line with the expected time of a diagnosis; None if it is unknown or no effect is fitted.
 
@@ -23,8 +23,6 @@ def forecast_line(
     ----------
     name : str
         Name of the recording.
-    model : mapping
-        Settings of the model, see study.diagnosis_jobs.
     shape : tuple of 3 int
         Views, rows and columns of the scan.
     effects : int
@@ -38,7 +36,7 @@ def forecast_line(
         return None
     try:
         voxels = () if phantom is None else shape_of(phantom)
-        size = extent(model["settings"], shape, effects, (voxels, material_count(model["materials"])))
+        size = extent(model.settings, shape, effects, (voxels, material_count(model.materials)))
         forecast = size.forecast(read_rates(RESOURCES / "rates.yaml"), processes)
     except InputError:
         return None

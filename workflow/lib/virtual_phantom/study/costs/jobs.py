@@ -93,15 +93,15 @@ class Sizes:
 
     def __init__(self, plan: Plan, engine: str):
         self.plan, self.engine = plan, engine
-        grid = plan.config["grid"]
-        self.voxels = math.prod(grid["shape"])
-        self.fine = self.voxels * grid["oversampling"] ** 3
-        self.across = max(grid["shape"][1:])
+        grid = plan.study.grid
+        self.voxels = math.prod(grid.shape)
+        self.fine = self.voxels * grid.oversampling**3
+        self.across = max(grid.shape[1:])
 
     def rays(self, geometry: str) -> int:
         """Return the rays of one scan of a geometry: views x rows x columns."""
         settings = self.plan.geometry_settings(geometry)
-        return settings["scan"]["rows"] * settings["scan"]["columns"] * settings["projections"]
+        return settings.scan.rows * settings.scan.columns * settings.projections
 
     def phantom(self) -> dict[str, float]:
         """Return the work of making the phantom."""
@@ -110,7 +110,7 @@ class Sizes:
     def projection(self, geometry: str) -> tuple[str, dict[str, float]]:
         """Return stage and work of the noise-free projections of a geometry."""
         stage = "project_physics" if self.plan.has_physics(geometry) else "project"
-        steps = self.rays(geometry) * self.across * self.plan.config["grid"]["oversampling"]
+        steps = self.rays(geometry) * self.across * self.plan.study.grid.oversampling
         return stage, {"job": 1, "fine_voxel": self.fine, "ray_step": steps}
 
     def noise(self, geometry: str) -> dict[str, float]:
@@ -119,13 +119,13 @@ class Sizes:
 
     def reconstruction(self, protocol: str, lanes: int) -> tuple[str, dict[str, float]]:
         """Return stage and work of the images of a protocol for a number of realizations."""
-        settings = self.plan.config["protocols"][protocol]
+        settings = self.plan.study.protocols[protocol]
         image_voxels = lanes * self.voxels
-        if settings["algorithm"] == "fbp":
-            work = {"image_voxel": image_voxels, "image_voxel_view": image_voxels * settings["projections"]}
+        if settings.algorithm == "fbp":
+            work = {"image_voxel": image_voxels, "image_voxel_view": image_voxels * settings.projections}
             return "reconstruct_fbp", {"job": 1, **work}
-        sirt = self.plan.config["reconstruction"]["sirt"]
-        terms = sirt["iterations"] if sirt["solver"] == "plain" else min(sirt["terms"], sirt["iterations"])
+        sirt = self.plan.study.reconstruction.sirt
+        terms = sirt.iterations if sirt.solver == "plain" else min(sirt.terms, sirt.iterations)
         steps = (terms + 1) * self.rays(self.plan.geometry_of(protocol)) * self.across
         work = {
             "job": 1,
@@ -136,11 +136,11 @@ class Sizes:
         # Another back-projector or engine has its own rates.
         if self.engine != "cpu":
             return f"reconstruct_sirt_{self.engine}", work
-        return "reconstruct_sirt" + ("" if sirt["backprojector"] == "adjoint" else "_voxel"), work
+        return "reconstruct_sirt" + ("" if sirt.backprojector == "adjoint" else "_voxel"), work
 
     def intervals(self, rois: int) -> dict[str, float]:
         """Return the work of the intervals of the stability analysis, for the 86 features."""
-        noise = self.plan.config["analyses"]["stability"]["noise"]
+        noise = self.plan.study.analyses.stability.noise
         pairs = math.comb(len(set(self.plan.groups().values())), 2)
         return {"job": 1, "comparison": len(FEATURES) * rois * pairs * self.plan.repeats([noise])}
 
@@ -192,7 +192,7 @@ def _projections(sizes: Sizes) -> Iterator[Job]:
         stage, work = sizes.projection(geometry)
         moved = BY_NAME["moved_clean"]
         yield _job(moved, moved.paths(geometry=geometry, seed=seed), work, sizes.rays(geometry), stage)
-    if not plan.config["keep_projections"]:
+    if not plan.study.keep_projections:
         return
     for geometry, noise in sorted({(plan.geometry_of(protocol), noise) for protocol, noise in wanted}):
         for seed in plan.seeds(noise):

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from ...base.settings import PhantomSettings
 from ...config.plan import Plan
 from ...phantom.layout import read_layout
 from ..progress.status import duration_range
@@ -18,21 +19,21 @@ from .rates import seconds, written_bytes
 COLUMNS = ["rule", "stage", "jobs", "core_hours", "longest_job_minutes", "bytes"]
 
 
-def roi_count(phantom: dict) -> int:
-    """Return the number of ROIs, from the section `phantom`.
+def roi_count(phantom: PhantomSettings) -> int:
+    """Return the number of ROIs.
 
     Raises
     ------
     InputError
         For an invalid layout.
     """
-    if phantom["source"] == "synthetic":
-        return len(read_layout(phantom["layout"])["rois"])
-    if phantom["source"] == "object":
+    if phantom.source == "synthetic":
+        return len(read_layout(phantom.layout)["rois"])
+    if phantom.source == "object":
         from ...physics.scenes.objects import read_phantom_rois  # slow import (numba)
 
-        return len(read_phantom_rois(phantom["object"]))
-    return sum(roi["parts"] for roi in phantom["ct"]["rois"])
+        return len(read_phantom_rois(phantom.object))
+    return sum(roi.parts for roi in phantom.ct.rois)
 
 
 def by_rule(jobs: list[Job], rates: dict) -> pd.DataFrame:
@@ -70,7 +71,7 @@ def cost_summary(plan: Plan, engine: str, rates: dict) -> tuple[pd.DataFrame, di
         rates). core_hours does not include jobs_without_rate, {stage: jobs}. bytes is {kind: {total, per_acquisition,
         kept}} for kinds with a rate.
     """
-    jobs = study_jobs(plan, engine, roi_count(plan.config["phantom"]))
+    jobs = study_jobs(plan, engine, roi_count(plan.study.phantom))
     table = by_rule(jobs, rates)
     acquisitions = sum(len(plan.seeds(noise)) for _, noise in plan.acquisitions())
     amounts = Counter()
@@ -79,7 +80,7 @@ def cost_summary(plan: Plan, engine: str, rates: dict) -> tuple[pd.DataFrame, di
     amounts["logs"] = len(jobs)
     sizes = {kind: rates["bytes"][kind] * amount for kind, amount in amounts.items() if kind in rates["bytes"]}
     unknown = table[table["core_hours"].isna()].groupby("stage")["jobs"].sum()
-    temporary = () if plan.config["keep_images"] else ("images",)
+    temporary = () if plan.study.keep_images else ("images",)
     content = {
         "acquisitions": acquisitions,
         "jobs": len(jobs),

@@ -1,0 +1,276 @@
+"""A complete configuration as dataclasses; `config.read_study` makes it from what the JSON schema has checked.
+
+Effects and their parameters, and conditions of recordings, are data of the user and stay mappings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..base.geometry import PARALLEL
+from ..base.settings import (
+    FbpSettings,
+    GridSettings,
+    KernelSettings,
+    MaterialSettings,
+    PhantomSettings,
+    ScanSettings,
+    SensorSettings,
+    SirtSettings,
+    VoxelSettings,
+)
+from ..base.vectors import FLAT
+from ..diagnosis.settings import DiagnosisSettings
+from ..proof.settings import ProofSettings
+
+Effects = dict[str, dict[str, float]]  # {effect: {parameter: value}}
+Conditions = dict[str, float | str]  # {condition column of a recording: required value}
+
+
+@dataclass(frozen=True)
+class FeatureSettings:
+    """Section `features`: parameter file of pyradiomics, section of each region, and offset of the stored values."""
+
+    parameters: str | None
+    section: str
+    stored_offset_hu: float
+
+
+@dataclass(frozen=True)
+class NoiseTarget:
+    """Section `noise.levels.*.meets`: the ROI variance of a recording."""
+
+    recording: str
+    where: Conditions
+    rois: tuple[str, ...]
+    protocol: str
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """Section `noise.levels.*`: A = 1/I0, or the target to which a job matches it."""
+
+    repeats: int
+    A: float | None = None
+    meets: NoiseTarget | None = None
+
+
+@dataclass(frozen=True)
+class NoiseSettings:
+    """Section `noise`."""
+
+    model: str
+    draws: str
+    zero_counts_as: float
+    levels: dict[str, NoiseLevel]
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """Section `repeats`: number and largest displacement of re-positioned repeats."""
+
+    repositioned: int
+    shift_mm: float
+    turn_deg: float
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """Section `protocols.*`, with the complete effects of scans and of images, or the diagnosis they are taken from."""
+
+    algorithm: str
+    projections: int
+    group: int | None = None
+    scan: str | None = None
+    kernel: KernelSettings | None = None
+    voxels: VoxelSettings | None = None
+    physics: Effects | None = None
+    image_physics: Effects | None = None
+    physics_from: str | None = None
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """Section `reconstruction`."""
+
+    sirt: SirtSettings
+    fbp: FbpSettings
+
+
+@dataclass(frozen=True)
+class StatisticsSettings:
+    """Section `statistics`: arguments of statistics.wilcoxon.scores."""
+
+    test: str
+    compare: str
+    threshold: float
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Section `measured`."""
+
+    overlay: bool
+    table: str | None
+
+
+@dataclass(frozen=True)
+class Dicom:
+    """Section `dicom`."""
+
+    images: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ScanSelection:
+    """Section `public_scans.phantom` or `public_scans.compared`."""
+
+    collection: str
+    groups: tuple[int | str, ...] | None = None
+    acquisitions: tuple[int, ...] | None = None
+    dose_mgy: tuple[float, ...] | None = None
+    reconstruction: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True)
+class PublicScanSettings:
+    """Section `public_scans`."""
+
+    own_blur: str
+    regions: tuple[int | str, ...]
+    phantom: ScanSelection | None = None
+    compared: ScanSelection | None = None
+
+
+@dataclass(frozen=True)
+class Downloads:
+    """Section `downloads`."""
+
+    htc2022: str
+    abdomen_ct: str
+    scans: str | None
+    endpoint: str
+    bucket: str
+
+
+@dataclass(frozen=True)
+class CutOffs:
+    """Section `analyses.stability.cut_offs`."""
+
+    w_stability_percent: float
+    icc: float
+    ccc: float
+    cv: float
+    qcd: float
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Section `analyses.stability`."""
+
+    noise: str
+    recordings: tuple[str, ...]
+    where: dict[str, Conditions]
+    without_physics: bool
+    cut_offs: CutOffs
+
+
+@dataclass(frozen=True)
+class Optimal:
+    """Section `analyses.optimal`: protocols and noise level of the figure of scans."""
+
+    sirt: str
+    fbp: str
+    noise: str
+
+
+@dataclass(frozen=True)
+class NoiseCalibration:
+    """Section `analyses.noise_calibration`."""
+
+    protocols: tuple[str, ...]
+    noise: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Components:
+    """Section `analyses.pca.*`."""
+
+    protocols: tuple[str, ...]
+    noise: tuple[str, ...]
+    fit_on: str
+    recordings: tuple[str, ...]
+    by: tuple[str, ...]
+    standardise: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Section `analyses.comparison.*`."""
+
+    recording: str
+    where: Conditions
+    protocol: str
+    noise: str
+    margin_sd: float
+    rois: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Analyses:
+    """Section `analyses`."""
+
+    stability: Stability | None = None
+    optimal: Optimal | None = None
+    noise_calibration: NoiseCalibration | None = None
+    pca: dict[str, Components] = field(default_factory=dict)
+    comparison: dict[str, Comparison] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A complete configuration."""
+
+    seed: int
+    results_dir: str
+    trial: bool | str
+    engine: str
+    threads: int
+    seeds_per_job: int
+    keep_projections: bool
+    keep_images: bool
+    features: FeatureSettings
+    phantom: PhantomSettings
+    grid: GridSettings
+    mu_water_per_mm: float
+    scan: ScanSettings
+    scans: dict[str, ScanSettings]
+    noise: NoiseSettings
+    repeats: Repeats
+    protocols: dict[str, Protocol]
+    reconstruction: Reconstruction
+    statistics: StatisticsSettings
+    measured: Measured
+    recordings: dict[str, str]
+    physics: dict
+    materials: MaterialSettings
+    sensor: SensorSettings
+    dicom: Dicom
+    diagnosis: DiagnosisSettings
+    proof: ProofSettings
+    public_scans: PublicScanSettings
+    subset: str
+    keep_scans: bool
+    downloads: Downloads
+    analyses: Analyses
+
+    @property
+    def flat_detectors(self) -> bool:
+        """Whether all scans have flat detectors and divergent beams, as the GPU engine requires."""
+        scans = [scan for scan in (self.scan, *self.scans.values()) if scan is not None]
+        return all(scan.detector == FLAT and scan.beam != PARALLEL for scan in scans)
+
+    @property
+    def results(self) -> str:
+        """The folder of all results, without a last slash."""
+        return self.results_dir.rstrip("/")

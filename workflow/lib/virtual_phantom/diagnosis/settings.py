@@ -1,0 +1,219 @@
+"""Section `diagnosis` of the configuration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from ..base.geometry import OrbitGeometry, grid_of, scan_geometry
+from ..base.settings import FbpSettings, GridSettings, MaterialSettings, ScanSettings, SirtSettings
+
+Baseline = dict[str, dict[str, dict[str, float]]]  # {effect: {parameter: {value, sd}}}
+
+
+@dataclass(frozen=True)
+class Disc:
+    """A homogeneous cylinder along z."""
+
+    diameter_mm: float
+    material: str
+
+
+@dataclass(frozen=True)
+class MaskedObject:
+    """A homogeneous object given as a mask.
+
+    Attributes
+    ----------
+    mask : str
+        Path of an image (scanned_object.mask_scene).
+    """
+
+    mask: str
+    material: str
+
+
+@dataclass(frozen=True)
+class LabelledObject:
+    """An object given as a label map.
+
+    Attributes
+    ----------
+    labels : str
+        Path of an image of integers.
+    materials : mapping of str to str or mapping
+        Material by label (physics.scenes.labeled.materials_of).
+    """
+
+    labels: str
+    materials: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class ShapesObject:
+    """An object of shapes.
+
+    Attributes
+    ----------
+    kind : str
+        Name of a shipped object, or path of a file (physics.scenes.objects.read_object).
+    """
+
+    kind: str
+    parameters: dict[str, float | str] | None = None
+
+
+@dataclass(frozen=True)
+class RecordingSettings:
+    """Section diagnosis.recordings.<name>.
+
+    Attributes
+    ----------
+    samples : int or None
+        Rays per detector pixel and direction; None: see workload.samples_for.
+    view_step : int or None
+        Every such view is used; None: see workload.step_for.
+    alignment : mapping of str to float
+        {nuisance parameter: standard deviation that replaces the default}.
+    nominal_photons : float or None
+        Stated noise-equivalent photons per pixel in air.
+    disc, object
+        The scanned object; with neither, the study's phantom was scanned.
+    protocol : str or None
+        Name of the protocol that simulates a recording of images.
+    location : mapping of str to float
+        Object location by axis (fitting.nuisance.LOCATION), mm from the isocenter; 0 if not stated.
+    check_setup : bool
+        Whether the set-up of the scan is checked first.
+    object_may_differ : bool or float
+        See run.find_missing_physics.
+    baseline : mapping
+        Declared physics, {effect: {parameter: {value, sd}}} (fitting.priors).
+    effects : tuple of str or None
+        Effects to try; None: all.
+    physics_from, baseline_from : str or None
+        Other diagnosed recording: all its physics is used unchanged, or its findings are declared here.
+    """
+
+    samples: int | None
+    view_step: int | None
+    alignment: dict[str, float]
+    nominal_photons: float | None = None
+    disc: Disc | None = None
+    object: MaskedObject | LabelledObject | ShapesObject | None = None
+    protocol: str | None = None
+    location: dict[str, float] = field(default_factory=dict)
+    check_setup: bool = False
+    object_may_differ: bool | float = False
+    baseline: Baseline = field(default_factory=dict)
+    effects: tuple[str, ...] | None = None
+    physics_from: str | None = None
+    baseline_from: str | None = None
+
+    @property
+    def of_phantom(self) -> bool:
+        """Whether the study's phantom was scanned."""
+        return self.disc is None and self.object is None
+
+    @property
+    def of_shapes(self) -> bool:
+        """Whether a disc or an object of shapes was scanned."""
+        return self.disc is not None or isinstance(self.object, ShapesObject)
+
+    @property
+    def in_fits(self) -> RecordingSettings:
+        """The settings that fits depend on. A change of the others, such as the list of effects, keeps cached fits."""
+        return replace(self, effects=None, physics_from=None, baseline_from=None)
+
+
+@dataclass(frozen=True)
+class ScannerSettings:
+    """Section diagnosis.scanners.<name>.
+
+    Attributes
+    ----------
+    judged_on : tuple of str
+        Recordings that are only used for validation.
+    protocols : dict of str to tuple of str
+        {protocol: recordings}.
+    baseline : dict
+        As in RecordingSettings, for all recordings.
+    """
+
+    recordings: tuple[str, ...]
+    judged_on: tuple[str, ...]
+    protocols: dict[str, tuple[str, ...]]
+    baseline: Baseline
+    effects: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True)
+class DiagnosisSettings:
+    """Section `diagnosis`.
+
+    Attributes
+    ----------
+    matters : dict of str to float, or None
+        {quantity: relevance threshold}.
+    model_accuracy : dict of str to float
+        {effect: relative accuracy of its model}.
+    """
+
+    comparisons: tuple[str, ...]
+    matters: dict[str, float] | None
+    fail_on: tuple[str, ...]
+    model_accuracy: dict[str, float]
+    recordings: dict[str, RecordingSettings]
+    scanners: dict[str, ScannerSettings]
+
+
+@dataclass(frozen=True)
+class ImageProtocol:
+    """The protocol of a study that simulates a recording of images.
+
+    Attributes
+    ----------
+    projections : int
+        Number of views.
+    algorithm : {"sirt", "fbp"}
+    """
+
+    scan: ScanSettings
+    grid: GridSettings
+    projections: int
+    algorithm: str
+    settings: SirtSettings | FbpSettings
+    engine: str
+
+    @property
+    def geometry(self) -> OrbitGeometry:
+        """Geometry of the scan."""
+        return scan_geometry(self.scan, self.projections, grid_of(self.grid))
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """Settings that all fits of a recording depend on.
+
+    Attributes
+    ----------
+    folder : str
+        Folder of the recording.
+    settings : RecordingSettings
+        Only what fits depend on (`RecordingSettings.in_fits`).
+    mu_water_per_mm : float
+        Attenuation of water for the monochromatic beam, 1/mm.
+    materials : MaterialSettings
+        Conversion of HU to materials.
+    seed : int
+        Seed of the study, for simulated noise.
+    protocol : ImageProtocol or None
+        None for projections.
+    """
+
+    folder: str
+    settings: RecordingSettings
+    mu_water_per_mm: float
+    materials: MaterialSettings
+    seed: int
+    protocol: ImageProtocol | None
