@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..base.geometry import PARALLEL
 from ..base.names import counted, enumerated, label
+from ..base.settings import to_mapping
 from ..base.vectors import FLAT
 from ..physics.beam.materials import attenuation_per_mm
 from ..physics.scenes.labeled import label_materials
@@ -65,15 +66,15 @@ def object_text(request: DiagnosisRequest) -> str:
         return f"the homogeneous object of {Path(other.mask).name}, of {label(other.material)}"
     materials = request.materials
     return (
-        f"the study's phantom: {label(materials['soft'])} scaled by the HU of each voxel, with "
-        f"{label(materials['dense'])} from {materials['dense_from_hu']:g} HU"
+        f"the study's phantom: {label(materials.soft)} scaled by the HU of each voxel, with "
+        f"{label(materials.dense)} from {materials.dense_from_hu:g} HU"
     )
 
 
 def scan_text(request: DiagnosisRequest, recording: Recording) -> str:
     """Return the scan geometry, and the reconstruction of images, in words."""
     if request.protocol is not None:
-        scan, views = request.protocol.scan, request.protocol.projections
+        scan, views = to_mapping(request.protocol.scan), request.protocol.projections
         reconstruction = f", {request.protocol.algorithm.upper()}"
     else:
         scan, views, reconstruction = recording.scan, recording.scan["views"], ""
