@@ -18,7 +18,7 @@ from virtual_phantom.io.schema import SCHEMA, read_schema
 
 ROOT = Path(__file__).resolve().parents[1]
 # Keys that the library adds, and deprecated keys that it replaces.
-ADDED = {Protocol: {"image_physics", "physics_from"}, FbpSettings: {"kernel"}}
+ADDED = {Protocol: {"image_physics", "physics_from"}, FbpSettings: {"kernel", "noise_kernel"}}
 REPLACED = {Comparison: {"attribute"}}
 
 
