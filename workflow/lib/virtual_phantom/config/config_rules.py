@@ -207,8 +207,10 @@ class Rules:
 
     def _levels(self) -> Iterator[str]:
         for name, level in self.levels.items():
-            if ("A" in level) == ("meets" in level):
-                yield f"config: noise.levels.{name}: give either A or meets"
+            if len({"A", "photons", "meets"} & set(level)) != 1:
+                yield f"config: noise.levels.{name}: give either photons, A or meets"
+            elif "photons" in level:
+                yield f"config: noise.levels.{name}.photons needs noise.model: physical; give A instead"
 
     def _repositioned(self) -> Iterator[str]:
         """Re-positioning needs a motion, and analyses that compare voxels need enough repeats without it."""
