@@ -24,6 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 LIBRARY = ROOT / "workflow" / "lib" / "virtual_phantom"
 DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
 
+NOISE_KERNEL = {"mtf50_per_cm": 2.0, "mtf10_per_cm": 4.4, "variance": 0.5}
 MEETS = {"recording": "scanner", "rois": ["cyst_1"], "protocol": "sirt_300"}
 COMPARISON = {"recording": "scanner", "protocol": "sirt_300", "noise": "dose10"}
 
@@ -203,8 +204,17 @@ def test_similar_names_of_different_files_are_accepted():
         ),
         ("analyses.pca.sirt.protocols", ["sirt_15"], "names 'sirt_15', which does not exist; did you mean 'sirt_150'"),
         ("noise.levels.dose10.repeats", 1, "dose10.repeats is 1; analyses.stability needs at least 2"),
-        ("noise.levels.extra", {"repeats": 3}, "noise.levels.extra: give either A or meets"),
-        ("noise.levels.extra", {"repeats": 3, "A": 1e-5, "meets": MEETS}, "give either A or meets"),
+        ("noise.levels.extra", {"repeats": 3}, "noise.levels.extra: give either photons, A or meets"),
+        ("noise.levels.extra", {"repeats": 3, "A": 1e-5, "meets": MEETS}, "give either photons, A or meets"),
+        ("noise.levels.extra", {"repeats": 3, "A": 1e-5, "photons": 1e5}, "give either photons, A or meets"),
+        ("noise.levels.extra", {"repeats": 3, "photons": 1e5}, "extra.photons needs noise.model: physical; give A"),
+        ("protocols.fbp_150.noise_kernel", NOISE_KERNEL, "fbp_150.noise_kernel needs kernel; add it or remove"),
+        ("protocols.sirt_150.noise_kernel", NOISE_KERNEL, "sirt_150.noise_kernel is for algorithm fbp"),
+        (
+            "protocols.fbp_150.noise_kernel",
+            NOISE_KERNEL | {"mtf10_per_cm": 1.5},
+            "noise_kernel: mtf50_per_cm is 2, mtf10_per_cm is 1.5; the first must be less than the second",
+        ),
         ("noise.levels.extra", {"repeats": 3, "meets": MEETS}, "meets.recording names 'scanner', which does not exist"),
         ("analyses.comparison", {"x": COMPARISON}, "analyses.comparison.x.recording names 'scanner'"),
         ("analyses.comparison", {"x": COMPARISON | {"where": {"dose": [1]}}}, "comparison.x.where.dose: [1] is not of"),
@@ -265,6 +275,12 @@ def labelled(materials):
     return changed("diagnosis.recordings", {"x": {"object": {"labels": "a.nii.gz", "materials": materials}}}) | {
         "recordings": {"x": "x"}
     }
+
+
+def test_photons_are_the_inverse_of_a():
+    config = changed("noise.levels.extra", {"photons": 2.5e4, "repeats": 3})
+    config["noise"]["model"] = "physical"
+    assert read_study(config).noise.levels["extra"].A == pytest.approx(4e-5)
 
 
 def test_labels_are_integers_or_equivalent_text():

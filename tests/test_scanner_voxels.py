@@ -10,7 +10,7 @@ from virtual_phantom.base.geometry import Grid, circular, helical
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction import boxes, slices
 from virtual_phantom.reconstruction.fbp import fbp
-from virtual_phantom.reconstruction.kernel import Kernel
+from virtual_phantom.reconstruction.kernel import Kernel, NoiseKernel
 
 SMOOTH, SHARP = Kernel(2.5, 4.2), Kernel(4.0, 7.0)
 FAN = circular(views=400, columns=240, rows=1, column_pitch_mm=1.4, row_pitch_mm=2.0, **SCANNER)  # 0.7 mm at the center
@@ -92,6 +92,34 @@ def test_boxes_are_parts_of_the_whole_volume(scan, kernel):
         assert np.abs(images[:, *box] - whole[:, *box]).max() < 1e-6 * np.ptp(whole)
         left[box] = False
     assert np.all(images[:, left] == -1000)
+
+
+def test_noise_kernel_changes_the_noise_and_its_variance_only(scan):
+    """`scan` as noise on line integrals of a ball; the proxy is FBP of the ball plus noise with its own kernel."""
+    clean = np.zeros(scan.shape[1:], np.float32)
+    clean[:, :, 20:40] = 0.5
+    noise = np.random.default_rng(3).normal(0, 0.01, scan.shape).astype(np.float32)
+    box = (slice(3, 8), slice(8, 32), slice(8, 32))
+
+    def images(lines, **settings):
+        made = boxes.fbp_in_boxes(lines, HELIX, WHOLE, [box], mu_water_per_mm=MU, kernel=SMOOTH, **settings)
+        return made[:, *box]
+
+    half = NoiseKernel(Kernel(SMOOTH.mtf50_per_cm * 0.7, SMOOTH.mtf10_per_cm * 0.7), 0.5)
+    without = images(clean + 0 * noise)
+    assert images(clean + 0 * noise, noise_kernel=half, clean=clean) == pytest.approx(without, abs=0.01)
+    noisy = images(clean + noise)
+    same = images(clean + noise, noise_kernel=NoiseKernel(SMOOTH, 1.0), clean=clean)
+    assert same == pytest.approx(noisy, abs=1e-4 * float(np.ptp(noisy)))
+    proxy = images(clean + noise, noise_kernel=half, clean=clean)
+    assert (proxy - without).var() / (noisy - without).var() == pytest.approx(0.5, rel=0.15)
+    neighbors = lambda image: np.mean(image[..., 1:] * image[..., :-1]) / np.mean(image**2)  # noqa: E731
+    assert neighbors(proxy - without) > neighbors(noisy - without) + 0.05
+
+
+def test_noise_kernel_needs_a_positive_variance():
+    with pytest.raises(InputError, match="noise_kernel: its variance is 0"):
+        NoiseKernel(SMOOTH, 0.0)
 
 
 def test_thick_slices_are_means_of_thin_ones(scan):

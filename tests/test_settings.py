@@ -12,14 +12,14 @@ from workflow_runs import BENEATH
 
 from virtual_phantom.base.settings import FbpSettings, from_mapping, to_mapping
 from virtual_phantom.config.config import complete
-from virtual_phantom.config.settings import Analyses, Comparison, Protocol, Study
+from virtual_phantom.config.settings import Analyses, Comparison, NoiseLevel, Protocol, Study
 from virtual_phantom.diagnosis.settings import LabelledObject, MaskedObject, RecordingSettings, ShapesObject
 from virtual_phantom.io.schema import SCHEMA, read_schema
 
 ROOT = Path(__file__).resolve().parents[1]
-# Keys that the library adds, and deprecated keys that it replaces.
-ADDED = {Protocol: {"image_physics", "physics_from"}, FbpSettings: {"kernel"}}
-REPLACED = {Comparison: {"attribute"}}
+# Keys that the library adds, and keys that it replaces by others.
+ADDED = {Protocol: {"image_physics", "physics_from"}, FbpSettings: {"kernel", "noise_kernel"}}
+REPLACED = {Comparison: {"attribute"}, NoiseLevel: {"photons"}}
 
 
 def dataclasses_of(hint):

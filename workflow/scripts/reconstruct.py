@@ -52,11 +52,13 @@ def main(
             f"{physics_files[0]}: {min(physics)} acts on whole images, and those of protocol "
             f"{protocol} are made in boxes; take its voxels out"
         )
-    noisy, read = None, None
+    noisy, read, noise_free = None, None, {}
     for lane, (acquisition, path) in enumerate(zip(resolve(acquisitions, levels), paths, strict=True)):
         if path != read:
             clean, geometry = read_line_integrals(path)
             state, read = read_state(path), path
+            if getattr(settings, "noise_kernel", None) is not None:
+                noise_free[path] = clean
         if noisy is None:
             noisy = np.empty((len(paths), *clean.shape), dtype=np.float32)
         counts = acquire(
@@ -90,7 +92,7 @@ def main(
         places = list(roi_files)
         volumes = [None] * len(places)
         for place in dict.fromkeys(places):
-            lanes = [lane for lane, roi_file in enumerate(places) if roi_file == place]
+            lanes = [lane for lane, roi_file in enumerate(places) if roi_file == place]  # one position, one clean scan
             _, masks = read_masks(place, grid)
             made = reconstruct_in_boxes(
                 noisy[lanes],
@@ -98,6 +100,7 @@ def main(
                 grid,
                 boxes_around(masks.values(), grid),
                 settings,
+                clean=noise_free.get(paths[lanes[0]]),
                 thickness_mm=voxels.thickness_mm,
                 mu_water_per_mm=mu_water_per_mm,
                 threads=threads,

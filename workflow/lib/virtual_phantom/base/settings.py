@@ -207,6 +207,15 @@ class KernelSettings:
 
 
 @dataclass(frozen=True)
+class NoiseKernelSettings:
+    """Section `protocols.*.noise_kernel`: arguments of reconstruction.kernel.NoiseKernel."""
+
+    mtf50_per_cm: float
+    mtf10_per_cm: float
+    variance: float
+
+
+@dataclass(frozen=True)
 class VoxelSettings:
     """Section `protocols.*.voxels`; the voxel size is (z, y, x)."""
 
@@ -226,7 +235,8 @@ class SirtSettings:
 
 @dataclass(frozen=True)
 class FbpSettings:
-    """Section `reconstruction.fbp`, with the kernel of a protocol."""
+    """Section `reconstruction.fbp`, with the kernels of a protocol."""
 
     normalise: str
     kernel: KernelSettings | None = None
+    noise_kernel: NoiseKernelSettings | None = None

@@ -171,6 +171,10 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
     scans = rest.pop("scans", {})
     fill_defaults(rest, schema)
     _take_public_scans(rest)
+    noise = rest.get("noise", {})
+    for level in noise.get("levels", {}).values():
+        if "photons" in level and "A" not in level and noise.get("model") == "physical":
+            level["A"] = 1 / level.pop("photons")
     rest["scans"] = {}
     if "scan" in rest:
         rest["scans"] = {name: _with_beam(rest["scan"] | changes) for name, changes in scans.items()}

@@ -207,8 +207,10 @@ class Rules:
 
     def _levels(self) -> Iterator[str]:
         for name, level in self.levels.items():
-            if ("A" in level) == ("meets" in level):
-                yield f"config: noise.levels.{name}: give either A or meets"
+            if len({"A", "photons", "meets"} & set(level)) != 1:
+                yield f"config: noise.levels.{name}: give either photons, A or meets"
+            elif "photons" in level:
+                yield f"config: noise.levels.{name}.photons needs noise.model: physical; give A instead"
 
     def _repositioned(self) -> Iterator[str]:
         """Re-positioning needs a motion, and analyses that compare voxels need enough repeats without it."""
@@ -251,18 +253,21 @@ class Rules:
         """Kernels and scanner voxels need filtered back-projection, and such images serve for features only."""
         normalise = self.config["reconstruction"]["fbp"]["normalise"]
         for name, protocol in self.protocols.items():
-            for key in ("kernel", "voxels"):
+            for key in ("kernel", "noise_kernel", "voxels"):
                 where = f"config: protocols.{name}.{key}"
                 if key in protocol and protocol["algorithm"] != "fbp":
                     yield f"{where} is for algorithm fbp, and this protocol's is {protocol['algorithm']}; remove it"
                 elif key in protocol and normalise != "coverage":
                     yield f"{where} needs reconstruction.fbp.normalise: coverage"
-            kernel = protocol.get("kernel")
-            if kernel and kernel["mtf50_per_cm"] >= kernel["mtf10_per_cm"]:
-                yield (
-                    f"config: protocols.{name}.kernel: mtf50_per_cm is {kernel['mtf50_per_cm']:g}, mtf10_per_cm is "
-                    f"{kernel['mtf10_per_cm']:g}; the first must be less than the second"
-                )
+            for key in ("kernel", "noise_kernel"):
+                kernel = protocol.get(key)
+                if kernel and kernel["mtf50_per_cm"] >= kernel["mtf10_per_cm"]:
+                    yield (
+                        f"config: protocols.{name}.{key}: mtf50_per_cm is {kernel['mtf50_per_cm']:g}, mtf10_per_cm is "
+                        f"{kernel['mtf10_per_cm']:g}; the first must be less than the second"
+                    )
+            if "noise_kernel" in protocol and (lacking := {"kernel", "voxels"} - set(protocol)):
+                yield f"config: protocols.{name}.noise_kernel needs {min(lacking)}; add it or remove noise_kernel"
             stated = protocol.get("physics", self.config["physics"]) if "voxels" in protocol else {}
             if of_images := stated and set(stated) & set(image_effects()):
                 yield (

@@ -13,6 +13,7 @@ from ..base.settings import (
     GridSettings,
     KernelSettings,
     MaterialSettings,
+    NoiseKernelSettings,
     PhantomSettings,
     ScanSettings,
     SensorSettings,
@@ -83,6 +84,7 @@ class Protocol:
     group: int | None = None
     scan: str | None = None
     kernel: KernelSettings | None = None
+    noise_kernel: NoiseKernelSettings | None = None
     voxels: VoxelSettings | None = None
     physics: Effects | None = None
     image_physics: Effects | None = None

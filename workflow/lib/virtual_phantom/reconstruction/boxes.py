@@ -15,7 +15,7 @@ from ..base.geometry import Grid, ScanGeometry
 from ..base.units import HU_AIR, attenuation_to_hu
 from ..projectors.cpu import CpuProjector
 from .fbp import ParallelProjections
-from .kernel import Kernel
+from .kernel import Kernel, NoiseKernel
 from .slices import thin_slices
 
 MARGIN_MM = 3.0  # margin for figures; features of the region do not need it
@@ -53,6 +53,8 @@ def fbp_in_boxes(
     mu_water_per_mm: float,
     thickness_mm: float | None = None,
     kernel: Kernel | None = None,
+    noise_kernel: NoiseKernel | None = None,
+    clean: np.ndarray | None = None,
     threads: int = 1,
 ) -> np.ndarray:
     """Return images of every acquisition in HU, not rounded; voxels outside of the boxes are air.
@@ -66,6 +68,10 @@ def fbp_in_boxes(
         See `back_in_boxes`.
     kernel : Kernel, optional
         None: the ramp filter without apodization.
+    noise_kernel : NoiseKernel, optional
+        Kernel of the noise, which is the difference from `clean`. It needs `kernel`.
+    clean : ndarray, shape (views, rows, columns), optional
+        Noise-free line integrals of all acquisitions.
 
     Returns
     -------
@@ -76,7 +82,12 @@ def fbp_in_boxes(
     InputError
         For the scans that fbp.fbp refuses.
     """
-    rays = ParallelProjections.of(line_integrals, geometry, kernel)
+    if noise_kernel is None:
+        rays = ParallelProjections.of(line_integrals, geometry, kernel)
+    else:
+        rays = ParallelProjections.of(line_integrals - clean, geometry, noise_kernel.kernel)
+        rays.packed *= np.float32(noise_kernel.gain(kernel))
+        rays.packed += ParallelProjections.of(clean[None], geometry, kernel).packed
     return back_in_boxes(rays, grid, boxes, mu_water_per_mm=mu_water_per_mm, thickness_mm=thickness_mm, threads=threads)
 
 

@@ -12,7 +12,7 @@ from ..base.settings import FbpSettings, SirtSettings
 from ..base.units import attenuation_to_hu
 from ..projectors import projector
 from . import fbp, sirt
-from .kernel import Kernel
+from .kernel import Kernel, NoiseKernel
 
 
 def in_hu(
@@ -59,6 +59,14 @@ def in_hu(
     else:
         raise InputError(f"algorithm '{algorithm}' is unknown; use sirt or fbp")
     return attenuation_to_hu(attenuation, mu_water_per_mm)
+
+
+def read_noise_kernel(settings: FbpSettings) -> NoiseKernel | None:
+    """Return the kernel of the noise alone; None if it is that of the object."""
+    if settings.noise_kernel is None:
+        return None
+    known = settings.noise_kernel
+    return NoiseKernel(Kernel(known.mtf50_per_cm, known.mtf10_per_cm), known.variance)
 
 
 def read_kernel(settings: FbpSettings) -> Kernel | None:

@@ -14,7 +14,7 @@ from ..io.volumes import Volume
 from ..physics.effect import image_effects, load
 from ..physics.image_state import ImageState
 from ..reconstruction.boxes import Box, fbp_in_boxes
-from ..reconstruction.images import in_hu, read_kernel
+from ..reconstruction.images import in_hu, read_kernel, read_noise_kernel
 
 
 def apply_image_effects(
@@ -84,6 +84,7 @@ def reconstruct_in_boxes(
     *,
     thickness_mm: float,
     mu_water_per_mm: float,
+    clean: np.ndarray | None = None,
     threads: int = 1,
 ) -> list[Volume]:
     """Reconstruct one image per acquisition by filtered back-projection, with air outside of the boxes.
@@ -93,8 +94,8 @@ def reconstruct_in_boxes(
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
     boxes : sequence of tuple of 3 slice
     settings : FbpSettings
-        Only the kernel is used.
-    thickness_mm, mu_water_per_mm
+        Only the kernels are used.
+    thickness_mm, mu_water_per_mm, clean
         As boxes.fbp_in_boxes takes them.
 
     Returns
@@ -115,6 +116,8 @@ def reconstruct_in_boxes(
         mu_water_per_mm=mu_water_per_mm,
         thickness_mm=thickness_mm,
         kernel=read_kernel(settings),
+        noise_kernel=read_noise_kernel(settings),
+        clean=clean,
         threads=threads,
     )
     return [Volume(_to_int16(image), grid) for image in hu]

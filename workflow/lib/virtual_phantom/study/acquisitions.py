@@ -121,8 +121,10 @@ class Acquisitions:
 
     def settings(self, protocol: str) -> SirtSettings | FbpSettings:
         """Return the settings of a protocol's reconstruction."""
-        reconstruction, kernel = self.plan.study.reconstruction, self.plan.study.protocols[protocol].kernel
-        return reconstruction.sirt if self.algorithm(protocol) == "sirt" else replace(reconstruction.fbp, kernel=kernel)
+        reconstruction, settings = self.plan.study.reconstruction, self.plan.study.protocols[protocol]
+        if settings.algorithm == "sirt":
+            return reconstruction.sirt
+        return replace(reconstruction.fbp, kernel=settings.kernel, noise_kernel=settings.noise_kernel)
 
     def rois(self, protocol: str, noise: str, seed: str) -> tuple[str, str]:
         """Return table and masks of the ROIs on the voxels of an image, at the phantom's position in that image."""
