@@ -12,7 +12,7 @@ from ..base.names import counted
 from ..base.settings import RoiEntry, to_mapping
 from ..io.published import resources_folder
 from ..recordings.document import Document, planned_document, read_document
-from ..recordings.public_scans.features import EXTRACTED, FLAT, recording_content
+from ..recordings.public_scans.features import EXTRACTION_MODES, FLAT, recording_content
 from ..recordings.public_scans.table import MB, SOURCE, PublicScan, select_scans, small_subset
 from .dependencies import resource
 from .outputs import Files
@@ -20,7 +20,8 @@ from .plan import Plan
 from .settings import ScanSelection
 
 COMPARED = "public_scans.compared"  # value of `recordings` instead of a folder
-NAMES = {COMPARED + way: f"compared_features{way}" for way in EXTRACTED}  # {such a value: the output made for it}
+# {such a value: output that is made for it}
+NAMES = {COMPARED + mode: f"compared_features{mode}" for mode in EXTRACTION_MODES}
 IN_RESOURCES = "printed_phantom"  # folder of all scans, which studies share
 
 

@@ -10,7 +10,7 @@ from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...base.streams import Branch, branch
 from ...physics.state import AIR
-from ...reconstruction.images import in_hu
+from ...reconstruction.images import reconstruct_hu
 from ...recordings.images import ImagesRecording
 from ..comparison.agreement import Features
 from ..comparison.regions import ScannedVolume, complete, phantom_regions
@@ -50,7 +50,7 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
     made, shown = (grid, slice(None)) if protocol.algorithm == "fbp" else (whole, slices)
 
     def reconstruct(lines: np.ndarray) -> np.ndarray:
-        return in_hu(
+        return reconstruct_hu(
             lines.astype(np.float32),
             protocol.geometry,
             made,
