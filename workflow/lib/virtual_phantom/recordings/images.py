@@ -36,8 +36,8 @@ class ImagesRecording(Recording):
         Raises
         ------
         InputError
-            If a file or label is missing, a file is on another grid, or an ROI is empty on the grid or loses too much
-            of its volume to its margin or to the border of the grid.
+            If a file or label is missing, or a file is on another grid. Also if an ROI is empty on the grid, or loses
+            too much of its volume to its margin or to the border of the grid.
         """
         return _rois(self.document, self.grid)
 

@@ -11,7 +11,7 @@ from ..hiding.catalogue import STRENGTHS
 NOTHING = "nothing"  # row: nothing hidden; column: a match
 NOTHING_FITS = "no effect fits"  # column: a difference without a named effect
 NOT_IN_LIBRARY = "{} (not in library)"
-# stand-in: the hidden effect was reported as an alternative to the effect named first.
+# `stand-in`: the hidden effect was reported as an alternative to the effect named first.
 OUTCOMES = ("right", "stand-in", "wrong")  # keys in score.json
 MEANING = (
     "The matrix shows cases that hide one effect of the library, one effect that the library lacks, or nothing. Cases "
