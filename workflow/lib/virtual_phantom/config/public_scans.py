@@ -1,4 +1,4 @@
-"""Public scans of the printed phantom that a study uses: selection, folders, and scans that are still to be fetched."""
+"""Select the public scans of the printed phantom that a study uses, and list the scans that must be downloaded."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class PublicScans:
 
     @cached_property
     def scanned(self) -> tuple[PublicScan, ...]:
-        """Scans whose mean is the phantom."""
+        """Scans whose mean image is the phantom of the study."""
         return self._chosen("phantom", self.plan.study.public_scans.phantom)
 
     @cached_property
@@ -90,7 +90,7 @@ class PublicScans:
 
     @property
     def slice_mm(self) -> float | None:
-        """Slice thickness of the scans whose mean is the phantom; None without such scans."""
+        """Slice thickness of the scans whose mean image is the phantom; None without such scans."""
         return self.scanned[0].slice_mm if self.scanned else None
 
     @property
@@ -174,7 +174,7 @@ class PublicScans:
     # Results
 
     def feature_tables(self, output: str) -> list[str]:
-        """Return the features of every compared scan; `output` is "scan_features" or "scan_features_2d"."""
+        """Return the feature tables of all compared scans; `output` is "scan_features" or "scan_features_2d"."""
         made = Files(self.plan.study.results)
         return [made(output, scan=scan.name) for scan in self.compared]
 
@@ -195,7 +195,7 @@ class PublicScans:
     # Texts
 
     def series_text(self, name: str) -> str:
-        """Return the series of one scan in words, for a dry run."""
+        """Describe the series of one scan, for a dry run."""
         scan = self.by_name(name)
         texts = " and ".join(
             f"{series.modality} {series.uid} ({counted(series.files, 'file')}, {series.megabytes:.0f} MB)"
@@ -204,7 +204,7 @@ class PublicScans:
         return f"Scan {scan.name}, {' '.join(scan.description.split())}: {texts}"
 
     def fetch_text(self) -> str | None:
-        """Return the amount of data to fetch in words; None if nothing is to be fetched."""
+        """Describe the amount of data to download; None if there is none."""
         if not self.to_fetch:
             return None
         local = self.plan.study.downloads.scans

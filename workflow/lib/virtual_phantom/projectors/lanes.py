@@ -67,8 +67,8 @@ def gather_bilinear(typingctx, out, at, source, first, second, w00, w01, w10, w1
     """Compute out[at] += w00 source[first] + w01 source[first + 1] + w10 source[second] + w11 source[second + 1].
 
     All arrays are flat float32. `first` and `second` are the offsets of lane 0 of a voxel in two neighboring lines of
-    the image. `at` is the offset of lane 0 in `out`. The term "+ 1" means the next voxel of the line, that is, an offset
-    larger by the number of lanes. Only the length of `lane_tuple` is used.
+    the image. `at` is the offset of lane 0 in `out`. The term "+ 1" means the next voxel of the line, that is, an
+    offset larger by the number of lanes. Only the length of `lane_tuple` is used.
     """
     signature = types.void(out, types.intp, source, types.intp, types.intp, *[types.float32] * 4, lane_tuple)
 

@@ -1,4 +1,4 @@
-"""Preparation of a recording of images: the protocol that simulates it, and the voxels that count."""
+"""Prepare a recording of images for fits: the protocol that simulates it, and the voxels that are compared."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def agreement_of_images(
 ) -> dict:
     """Return the agreement of the held-out repeats with simulated images of each model, as `agreement_of_repeats`.
 
-    The simulated images are those of the fit, at most REALIZATIONS, so that `purpose` has no effect.
+    The simulated images of the fit are used, at most REALIZATIONS, so `purpose` has no effect.
     """
     repeats = prepared.held_out.repeats
     model, count = prepared.fitter.model, min(len(repeats), REALIZATIONS)
