@@ -95,7 +95,7 @@ class State:
         None: interpolated from the views of the scan.
     slow_lag : tuple of 3 float
         Second afterglow, as `lag`, that decays over so many views that its own noise averages out.
-    grid : tuple of 2 float
+    anti_scatter_ratio : tuple of 2 float
         Grid ratio (height of the septa divided by their distance) across columns and across rows; 0: no grid. A grid
         absorbs radiation that is scattered by larger angles.
     response : tuple of 2 float
@@ -133,7 +133,7 @@ class State:
     lag: tuple[float, float, float] = (0.0, 0.0, 1.0)
     earlier: np.ndarray | None = None
     slow_lag: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    grid: tuple[float, float] = (0.0, 0.0)
+    anti_scatter_ratio: tuple[float, float] = (0.0, 0.0)
     response: tuple[float, float] = LINEAR
     gain: np.ndarray | None = None
     correction: tuple[float, float] = UNCORRECTED
