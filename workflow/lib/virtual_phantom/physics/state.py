@@ -102,7 +102,8 @@ class State:
         (exponent, loss): a signal of N photons, after crosstalk, afterglow and electronic noise, is read as
         N^exponent / (1 + loss N), in the scan and in the air scan.
     gain : ndarray or None
-        Change of the gain of each pixel since the air scan, a factor broadcastable to (rows, columns).
+        Change of the gain of each pixel since the air scan, a factor broadcastable to (views, rows, columns). It
+        multiplies the signal, quantum noise and electronic noise, but not `dark`.
     correction : tuple of 2 float
         (a, b): the vendor's beam hardening correction stores p + a p^2 + b p^3 for a line integral p.
     dark, dark_air : ndarray or None, float
