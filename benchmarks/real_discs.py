@@ -10,7 +10,7 @@ from virtual_phantom.diagnosis.fitting.trial import Trial, trial
 from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.selection.forward_selection import Choice
-from virtual_phantom.diagnosis.selection.transfer import Physics, verified
+from virtual_phantom.diagnosis.selection.transfer import Physics, fit_with_fixed_physics
 from virtual_phantom.diagnosis.settings import Disc, MaskedObject, RecordingSettings
 from virtual_phantom.diagnosis.verdict.verdict import excess_rms_removed, metrics_of
 from virtual_phantom.io.schema import defaults_of
@@ -55,7 +55,7 @@ def run(options):
         physics = Physics("solid_disc", fit.physics, fit.errors, units, density, ())
         row = [left(discs["solid_disc"], baselines["solid_disc"], found["solid_disc"])]
         for name in ("ta", "tb"):
-            chosen = verified(discs[name].fitter, baselines[name], physics, same_material=True).chosen
+            chosen = fit_with_fixed_physics(discs[name].fitter, baselines[name], physics, same_material=True).chosen
             row.append(left(discs[name], baselines[name], chosen))
         row.append(left(discs["ta"], baselines["ta"], found["ta"]))
         print(f"| {', '.join(effects).replace('_', ' ')} | {' | '.join(row)} |", flush=True)

@@ -42,7 +42,7 @@ PHYSICS = (
 )
 KINDS = (
     *("none", "direction", "start angle", "mirrored columns", "mirrored rows", "swapped rows and columns"),
-    *("pitch at the isocentre", "swapped distances", "distance from the isocentre", "last view at the first"),
+    *("pitch at the isocenter", "swapped distances", "distance from the isocenter", "last view at the first"),
     *("sign of the columns' offset", "transmissions", "decadic logarithm"),
 )
 
@@ -106,11 +106,11 @@ def mistaken(kind, scan, lines, random):
     described = {
         "direction": {"direction": -scan["direction"]},
         "swapped rows and columns": {"rows": scan["columns"], "columns": scan["rows"]},
-        "pitch at the isocentre": {
+        "pitch at the isocenter": {
             key: scan[key] * isocentre / detector for key in ("column_pitch_mm", "row_pitch_mm")
         },
         "swapped distances": {"source_to_isocentre_mm": detector - isocentre},
-        "distance from the isocentre": {"source_to_detector_mm": detector - isocentre},
+        "distance from the isocenter": {"source_to_detector_mm": detector - isocentre},
         "last view at the first": {"views_per_rotation": scan["views"]},
         "sign of the columns' offset": {"column_offset_px": -scan["column_offset_px"]},
     }
@@ -127,7 +127,7 @@ def mistaken(kind, scan, lines, random):
 # Text of the error message that names the error.
 REFUSED = {
     "swapped rows and columns": "check whether rows and columns are swapped",
-    "distance from the isocentre": "if it is the distance from isocentre to detector",
+    "distance from the isocenter": "if it is the distance from isocenter to detector",
 }
 NAMED, ALIKE, MISSED = "named", "alike", "missed"
 

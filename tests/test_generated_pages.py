@@ -4,13 +4,13 @@ import re
 
 import pytest
 import yaml
-from generators import PAGES, configuration, licenses, thresholds
+from generators import PAGES, configuration, effects, licenses, thresholds
 from site_pages import ROOT
 
 import virtual_phantom
 from virtual_phantom.base.data import SCHEMAS
 from virtual_phantom.config.outputs import OUTPUTS
-from virtual_phantom.physics.effect import load, names
+from virtual_phantom.physics.effect import PER_SCAN, Parameter, Reach, load, names
 
 
 def rows(page: str) -> list[list[str]]:
@@ -73,6 +73,12 @@ def test_effects_page_has_every_effect_with_equation_and_source():
         effect = load(name)
         assert f"**Equation**: {effect.equation}" in text and f"**Source**: {effect.source}" in text, name
         assert all(f"* `{parameter.name}`: {parameter.meaning}" in text for parameter in effect.parameters), name
+
+
+@pytest.mark.parametrize(("unit", "shown"), [("mm/s", "-5 to 5 mm over the scan"), ("1/s", "-5 to 5 over the scan")])
+def test_range_of_a_rate_is_the_change_over_the_scan(unit, shown):
+    rate = Parameter("rate", unit, "rate", -20.0, 20.0, 0.0, 1.0, reach=Reach(PER_SCAN, -5.0, 5.0, 0.0, 0.5))
+    assert effects.parameter_line(rate).endswith(f"(-20 to 20; off at 0); in a fit {shown}")
 
 
 def test_files_page_has_every_output():

@@ -38,7 +38,7 @@ def words(text):
 
 def quoted(text, printed):
     """Whether all parts of a quotation, between [...] or ..., occur in this order in the output."""
-    parts = [re.escape(words(part)) for part in re.split(r"\[\.\.\.\]|^\.\.\.$", text, flags=re.MULTILINE)]
+    parts = [re.escape(words(part)) for part in re.split(r"\[\.\.\.\]|\.\.\.", text)]
     return re.search(".*?".join(parts), words(printed)) is not None
 
 
@@ -84,5 +84,7 @@ def test_every_quoted_output_is_compared_or_has_a_reason(path):
 
 def test_parts_of_quotations_occur_in_order():
     assert quoted("one two [...] five", "one  two three four five six")
+    assert quoted("one ... three\n...\nsix", "one two three four five six")
     assert not quoted("five [...] one two", "one two three four five six")
+    assert not quoted("one ... two ... nine", "one two three four five six")
     assert not quoted("one three", "one two three")

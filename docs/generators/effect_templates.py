@@ -229,7 +229,7 @@ if __name__ == "__main__":
     prepared = recording()
     fit = prepared.fitter.fit(())
     alone = offered((name for name in names() if not acts_on_images(name)), ())
-    found = separability.described(prepared.fitter, fit, alone)
+    found = separability.templates_of_effects(prepared.fitter, fit, alone)
     save(draw_templates(panels(prepared, found)), [IMAGES / "effect_templates.png"])
     order = separability.grouped(separability.correlations(found))
     ordered = [found[place] for place in order]

@@ -53,7 +53,7 @@ default), a plausible range, a value at which the effect is off, and the range o
 """
 WORDS = {
     PER_VIEW: "times the time from view to view",
-    PER_SCAN: "mm over the scan",
+    PER_SCAN: "over the scan",
     OF_AIR: "times the reading in air",
     OF_AIR_PER_SCAN: "times the reading in air over the scan",
     PER_AIR_PHOTON: "over the photons of a pixel in air",
@@ -70,19 +70,23 @@ def section(name: str) -> str:
     """Return the section of an effect."""
     effect = load(name)
     lines = [f"## {heading(name)}", "", f"`{name}`, {label(effect.stage)}. {effect.physics}", ""]
-    lines += [f"* {_parameter(parameter)}" for parameter in effect.parameters]
+    lines += [f"* {parameter_line(parameter)}" for parameter in effect.parameters]
     lines += [f"* **Equation**: {effect.equation}", f"* **Source**: {effect.source}"]
     lines += [f"* **Distinguished by**: {effect.signature}", f"* **Confirmed by**: {effect.settled_by}"]
     return "\n".join(lines)
 
 
-def _parameter(parameter: Parameter) -> str:
+def parameter_line(parameter: Parameter) -> str:
+    """Return name, meaning, typical value and ranges of a parameter."""
     unit = "" if parameter.unit in ("1", "number") else f" {parameter.unit}"
     off = "" if parameter.neutral is None else f"; off at {parameter.neutral:g}"
     plausible = _range(parameter.low, parameter.high)
     line = f"`{parameter.name}`: {parameter.meaning}, **{parameter.typical:g}{unit}** ({plausible}{off})"
     if parameter.reach is not None:
-        line += f"; in a fit {_range(parameter.reach.low, parameter.reach.high)} {WORDS[parameter.reach.of]}"
+        reach = _range(parameter.reach.low, parameter.reach.high)
+        if parameter.reach.of == PER_SCAN and (change := parameter.unit.removesuffix("/s")) != "1":
+            reach += f" {change}"  # a rate in mm/s is a change in mm
+        line += f"; in a fit {reach} {WORDS[parameter.reach.of]}"
     return line
 
 

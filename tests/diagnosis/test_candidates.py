@@ -6,7 +6,7 @@ import pytest
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.settings import from_mapping
-from virtual_phantom.diagnosis.candidate_effects import candidates, check_accuracy, check_kinds, shown_by
+from virtual_phantom.diagnosis.candidate_effects import candidate_conditions, candidates, check_accuracy, check_kinds
 from virtual_phantom.diagnosis.settings import RecordingSettings
 from virtual_phantom.physics.effect import acts_on_images, names, offered
 
@@ -36,10 +36,12 @@ def test_vendor_corrections_are_candidates_for_corrected_data_only():
 
 def test_tube_current_along_z_needs_a_source_that_moves_along_z():
     scan = {"trajectory": "helical", "rotation_time_ms": 500.0, "views_per_rotation": 100.0}
-    assert "current_along_z" in candidates(stated(), **shown_by({"kind": "projections", "scan": scan}))
-    assert "current_along_z" in candidates(stated(), **shown_by({"kind": "images"}))
+    assert "current_along_z" in candidates(stated(), **candidate_conditions({"kind": "projections", "scan": scan}))
+    assert "current_along_z" in candidates(stated(), **candidate_conditions({"kind": "images"}))
     circle = scan | {"trajectory": "circular"}
-    assert "current_along_z" not in candidates(stated(), **shown_by({"kind": "projections", "scan": circle}))
+    assert "current_along_z" not in candidates(
+        stated(), **candidate_conditions({"kind": "projections", "scan": circle})
+    )
 
 
 def test_effects_without_effect_alone_are_candidates_with_the_effects_they_modify():

@@ -26,7 +26,7 @@ from virtual_phantom.physics import effect, effects
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.scene import VoxelScene
-from virtual_phantom.reconstruction.images import in_hu
+from virtual_phantom.reconstruction.images import reconstruct_hu
 from virtual_phantom.simulation.reconstruct import apply_image_effects
 
 DRIFT = '''"""Tube output that drifts during the scan."""
@@ -200,7 +200,7 @@ def test_user_effect_on_images_is_found(scene, added):
     grid, chain = Grid((6, 40, 40), (5.4, 6.4, 6.4)), Chain(scene, GEOMETRY, PHOTONS)
 
     def reconstruct(lines):
-        return in_hu(lines.astype(np.float32), GEOMETRY, grid, "fbp", FbpSettings("coverage"), "cpu", MU)
+        return reconstruct_hu(lines.astype(np.float32), GEOMETRY, grid, "fbp", FbpSettings("coverage"), "cpu", MU)
 
     noisy = reconstruct(noisy_lines(chain.state({}), 4, np.random.default_rng(2)))
     images = np.stack([apply_image_effects(one, grid.spacing, {"cupping": {"depth_hu": 12.0}}) for one in noisy])

@@ -12,7 +12,7 @@ from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections.model import ScansModel
 from virtual_phantom.diagnosis.projections.observed import observe, scans
 from virtual_phantom.diagnosis.scanned_object import mask_scene
-from virtual_phantom.diagnosis.selection.transfer import Physics, verified
+from virtual_phantom.diagnosis.selection.transfer import Physics, fit_with_fixed_physics
 from virtual_phantom.diagnosis.verdict.verdict import excess_rms_removed
 from virtual_phantom.physics.beam.spectra import Anode
 from virtual_phantom.physics.chain import Chain
@@ -58,7 +58,9 @@ def test_physics_of_the_solid_disc_predicts_a_disc_with_holes(tmp_path):
     errors = {effect: dict.fromkeys(values, 0.0) for effect, values in FOUND.items()}
     units = {effect: {} for effect in FOUND}
     baseline = trial(fitter, ())
-    choice = verified(fitter, baseline, Physics("solid_disc", FOUND, errors, units, DENSITY, ()), same_material=True)
+    choice = fit_with_fixed_physics(
+        fitter, baseline, Physics("solid_disc", FOUND, errors, units, DENSITY, ()), same_material=True
+    )
     used = fitter.held_weights[0] > 0
     before, after = (
         float(np.sqrt((fitter.residuals(one.fit)[0][used] ** 2).mean())) for one in (baseline, choice.chosen)

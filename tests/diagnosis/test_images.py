@@ -24,7 +24,7 @@ from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load
 from virtual_phantom.physics.scenes.scene import VoxelScene
-from virtual_phantom.reconstruction.images import in_hu
+from virtual_phantom.reconstruction.images import reconstruct_hu
 from virtual_phantom.simulation.reconstruct import apply_image_effects
 
 MU, PHOTONS, REPEATS = 0.0193, 1e5, 4
@@ -107,7 +107,7 @@ def scene():
 
 
 def reconstruct(lines):
-    return in_hu(np.asarray(lines, np.float32), GEOMETRY, GRID, "fbp", FbpSettings("coverage"), "cpu", MU)
+    return reconstruct_hu(np.asarray(lines, np.float32), GEOMETRY, GRID, "fbp", FbpSettings("coverage"), "cpu", MU)
 
 
 def recorded(scene, physics, seed, repeats=REPEATS):

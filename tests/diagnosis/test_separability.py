@@ -13,11 +13,11 @@ from virtual_phantom.diagnosis.fitting.templates import changes, projected
 from virtual_phantom.diagnosis.planning.separability import (
     Template,
     correlations,
-    described,
     grouped,
     shares,
     split,
     taken_up_in_range,
+    templates_of_effects,
 )
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
@@ -56,11 +56,11 @@ def disc():
 def test_noise_has_no_share_in_the_mean_and_flux_has_its_closed_form(disc):
     fitter, fit = disc
     quiet = ("electronic_noise", "current_modulation", "photon_flux", "heel", "bowtie")
-    for one in described(fitter, fit, quiet):
+    for one in templates_of_effects(fitter, fit, quiet):
         found = shares(fitter, one.whole)
         assert found["mean"] < 1e-3 and sum(found.values()) == pytest.approx(1)
         assert (found["white field"] > 0.01) == (one.effect in ("heel", "bowtie"))
-    (flux,) = described(fitter, fit, ["photon_flux"])
+    (flux,) = templates_of_effects(fitter, fit, ["photon_flux"])
     # With 0.7 of the m photons: the variance of the logarithm is 1/m + 3/(2 m^2), in every block.
     data = fitter.data
     inverse = fitter.model.predict({}, fit.nuisance, data).state.variance()
@@ -72,7 +72,7 @@ def test_noise_has_no_share_in_the_mean_and_flux_has_its_closed_form(disc):
 
 def test_flux_is_measured_through_its_declaration_only(disc):
     fitter, fit = disc
-    (flux,) = described(fitter, fit, ["photon_flux"])
+    (flux,) = templates_of_effects(fitter, fit, ["photon_flux"])
     # One parameter with a prior of 2 %, plus the information in the variances of the blocks.
     data, known = fitter.weights[1].sum(), 1 / 0.02**2
     assert flux.taken_up == pytest.approx(data / (data + known), rel=1e-3)
@@ -82,7 +82,7 @@ def test_flux_is_measured_through_its_declaration_only(disc):
 
 
 def test_centered_disc_does_not_distinguish_detector_offset_from_axis_offset(disc):
-    found = described(*disc, ("detector_offset", "centre_of_rotation", "scatter", "optical_crosstalk"))
+    found = templates_of_effects(*disc, ("detector_offset", "centre_of_rotation", "scatter", "optical_crosstalk"))
     correlation = correlations(found)
     np.testing.assert_allclose(np.diag(correlation), 1)
     np.testing.assert_allclose(correlation, correlation.T)
@@ -93,7 +93,7 @@ def test_centered_disc_does_not_distinguish_detector_offset_from_axis_offset(dis
 
 def test_crosstalk_of_light_and_of_x_rays_differ_in_noise(disc):
     fitter, fit = disc
-    xray, light = (described(fitter, fit, [name])[0] for name in ("xray_crosstalk", "optical_crosstalk"))
+    xray, light = (templates_of_effects(fitter, fit, [name])[0] for name in ("xray_crosstalk", "optical_crosstalk"))
     means = [split(fitter, one.whole)["mean"] for one in (xray, light)]
     assert means[0] @ means[1] > 0.999 * np.linalg.norm(means[0]) * np.linalg.norm(means[1])
     assert shares(fitter, xray.whole)["noise correlation"] == 0
@@ -110,7 +110,7 @@ def test_crosstalk_of_light_and_of_x_rays_differ_in_noise(disc):
 def test_free_density_scale_absorbs_more_scatter_than_a_fixed_one():
     found = []
     for fitter, fit in (ready(scale=0.001, offset=0.001), ready(scale=1.0, offset=1.0)):
-        (scatter,) = described(fitter, fit, ["scatter"])
+        (scatter,) = templates_of_effects(fitter, fit, ["scatter"])
         found.append(taken_up_in_range(fitter, fit, scatter.whole[None])[0])
         assert found[-1] <= scatter.taken_up + 1e-9
     held_out, free = found
@@ -130,7 +130,7 @@ def test_change_outside_the_prior_range_is_not_absorbed(disc):
 
 def test_gain_pattern_is_that_of_its_realization(disc):
     fitter, fit = disc
-    (one,) = described(fitter, fit, ["gain_pattern"])
+    (one,) = templates_of_effects(fitter, fit, ["gain_pattern"])
     mean = split(fitter, one.whole)["mean"].reshape(fitter.data.mean.shape) / np.sqrt(
         fitter.weights[0].reshape(fitter.data.mean.shape)
     )

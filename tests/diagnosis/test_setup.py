@@ -80,9 +80,9 @@ MISTAKES = {
     "start angle": ({"start_angle_deg": 110.0}, None, "scan.start_angle_deg: 20"),
     "mirrored columns": ({}, lambda data: data[..., ::-1], "along its columns"),
     "mirrored rows": ({}, lambda data: data[..., ::-1, :], "along its rows"),
-    "pitch at the isocentre": (PITCHES, None, "scan.column_pitch_mm: 11, scan.row_pitch_mm: 14 (at the detector)"),
+    "pitch at the isocenter": (PITCHES, None, "scan.column_pitch_mm: 11, scan.row_pitch_mm: 14 (at the detector)"),
     "swapped distances": ({"source_to_isocentre_mm": 600.0}, None, "scan.source_to_isocentre_mm: 500"),
-    "distance from the isocentre": ({"source_to_detector_mm": 600.0}, None, "scan.source_to_detector_mm: 1100"),
+    "distance from the isocenter": ({"source_to_detector_mm": 600.0}, None, "scan.source_to_detector_mm: 1100"),
     "sign of the columns' offset": ({"column_offset_px": -1.5}, None, "scan.column_offset_px: 1.5"),
     "transmissions": ({}, lambda data: np.exp(-data), "store -ln(data)"),
     "decadic logarithm": ({}, lambda data: data / np.log(10), "ln 10"),
@@ -108,7 +108,7 @@ def test_discrete_mistake_is_preferred_to_a_fitted_geometry():
 def test_impossible_geometry_is_rejected_with_the_likely_mistake():
     with pytest.raises(InputError, match="check whether rows and columns are swapped"):
         scan_geometry({**SCAN, "columns": SCAN["rows"], "rows": SCAN["columns"]}, "scan")
-    with pytest.raises(InputError, match="if it is the distance from isocentre to detector, use 980"):
+    with pytest.raises(InputError, match="if it is the distance from isocenter to detector, use 980"):
         scan_geometry({**SCAN, "source_to_detector_mm": 480.0}, "scan")
     with pytest.raises(InputError, match=r"expected 60 to 2000 mm\); check that all lengths are in mm"):
         scan_geometry({**SCAN, "column_pitch_mm": 0.1}, "scan")

@@ -21,7 +21,12 @@ from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.scanned_object import mask_scene
 from virtual_phantom.diagnosis.selection import forward_selection
 from virtual_phantom.diagnosis.selection.screening import Screened, best_few
-from virtual_phantom.diagnosis.selection.transfer import Physics, stated, verified, with_declared
+from virtual_phantom.diagnosis.selection.transfer import (
+    Physics,
+    fit_with_fixed_physics,
+    with_declared,
+    with_physics_source,
+)
 from virtual_phantom.diagnosis.settings import FitSettings
 from virtual_phantom.diagnosis.uncertainty.intervals import half_width
 from virtual_phantom.diagnosis.uncertainty.prediction_error import left_by_numbers
@@ -104,11 +109,11 @@ def test_physics_of_another_recording_removes_the_excess(other):
     (folder / "diagnosis.json").write_text(json.dumps(found_on("disc", DENSITY)))
     physics = Physics.read(folder / "diagnosis.json")
     baseline = trial(prepared_data.fitter, ())
-    choice = verified(prepared_data.fitter, baseline, physics, same_material=True)
+    choice = fit_with_fixed_physics(prepared_data.fitter, baseline, physics, same_material=True)
     assert choice.chosen.fit.physics == TRUTH and choice.chosen.fit.free == 0
     assert choice.chosen.fit.nuisance["scale"] == pytest.approx(DENSITY, abs=0.003)
     assert all(gain > 100 for gain in choice.gains.values())
-    content = stated(diagnose("notch", prepared_data, choice).content, physics)
+    content = with_physics_source(diagnose("notch", prepared_data, choice).content, physics)
     json.dumps(content, allow_nan=False)
     assert content["excess_removed"] > 0.9 and content["excess_rms_removed"] > 0.8
     assert "Source of the physics: transferred from disc" in content["sentence"]
@@ -125,7 +130,7 @@ def test_noise_and_model_errors_are_stated_separately(other):
         for one in effect["parameters"].values():
             one["ci95_noise"] = [0.999 * one["value"], 1.001 * one["value"]]
     (folder / "apart.json").write_text(json.dumps(content))
-    choice = verified(
+    choice = fit_with_fixed_physics(
         prepared_data.fitter, trial(prepared_data.fitter, ()), Physics.read(folder / "apart.json"), same_material=True
     )
     for effect in diagnose("notch", prepared_data, choice).content["effects"]:
@@ -155,8 +160,12 @@ def test_wrong_density_removes_less(other):
     prepared_data, _, folder = other
     baseline = trial(prepared_data.fitter, ())
     (folder / "light.json").write_text(json.dumps(found_on("disc", 0.95)))
-    wrong = verified(prepared_data.fitter, baseline, Physics.read(folder / "light.json"), same_material=True)
-    right = verified(prepared_data.fitter, baseline, Physics.read(folder / "light.json"), same_material=False)
+    wrong = fit_with_fixed_physics(
+        prepared_data.fitter, baseline, Physics.read(folder / "light.json"), same_material=True
+    )
+    right = fit_with_fixed_physics(
+        prepared_data.fitter, baseline, Physics.read(folder / "light.json"), same_material=False
+    )
     assert wrong.chosen.score < right.chosen.score - 1000
 
 
@@ -435,7 +444,7 @@ def test_effect_of_each_scan_is_fitted_with_transferred_physics(tmp_path):
     (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, DRIFTS)))
     physics = Physics.read(tmp_path / "d.json")
     units = {parameter.name: parameter.unit for parameter in prepared_data.fitter.model.parameters("dark_signal")}
-    choice = verified(
+    choice = fit_with_fixed_physics(
         prepared_data.fitter, trial(prepared_data.fitter, ()), replace(physics, units={"dark_signal": units}), True
     )
     found, errors = (one["dark_signal"] for one in (choice.chosen.fit.physics, choice.chosen.fit.errors))

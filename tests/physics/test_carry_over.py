@@ -214,7 +214,8 @@ def test_fit_finds_equal_parameters_at_another_speed_dose_and_collimation(name, 
         assert abs(fit.physics[name][key] - value) < 3.5 * error and error < 0.5 * abs(value), (key, fit.physics[name])
 
 
-TIMED_OR_READ = {"motion", "source_drift", "dark_signal", "afterglow", "slow_afterglow", "detector_saturation"}
+# Effects that depend on time or on readings: their parameters have a range relative to one scan.
+TIMED_OR_READ = {name for name in names() if any(one.reach is not None for one in load(name).parameters)}
 HELD_TO = {  # effects that depend on the height of the beam
     "scatter": "its amount falls with the height of the beam",
     "veiling_glare": "the dark beside the beam spreads into it as its light does",

@@ -442,6 +442,13 @@ def test_fluence_and_gain(chain):
     assert chain.state({"photon_flux": {"factor": 0.5}}).photons == 1e5
 
 
+def test_gain_pattern_multiplies_the_gain_of_another_effect(chain):
+    pattern = {"gain_pattern": {"rms": 0.01, "detector": 4.0}}
+    drift = np.linspace(0.9, 1.1, GEOMETRY.views)[:, None, None]
+    both = chain.state(pattern, gain=drift).line_integrals() - chain.state(pattern).line_integrals()
+    np.testing.assert_allclose(both, np.broadcast_to(-np.log(drift), both.shape), atol=1e-12)
+
+
 def test_geometry_errors_move_the_shadow_of_a_disc():
     """Positions of a thin disc's shadow: u = D t/(R - depth towards the source)."""
     geometry = circular(

@@ -207,7 +207,7 @@ def test_realizations_are_transferred_one_by_one(device, monkeypatch):
     scan = np.random.default_rng(5).random((3, GEOMETRY.views, GEOMETRY.rows, GEOMETRY.columns), np.float32)
     settings = SirtSettings(**SIRT | {"iterations": 4, "backprojector": "voxel"})
     actual, theirs = (
-        images.in_hu(scan, GEOMETRY, GRID, "sirt", settings, engine, 0.02) for engine in ("cpu", "astra_cuda")
+        images.reconstruct_hu(scan, GEOMETRY, GRID, "sirt", settings, engine, 0.02) for engine in ("cpu", "astra_cuda")
     )
     assert request == [("cpu", 3), ("astra_cuda", 1)]
     assert np.sqrt(np.mean((actual - theirs) ** 2)) < 1e-3 * actual.std()
@@ -250,7 +250,7 @@ def test_gpu_and_cpu_reconstructions_agree():
     noise = np.random.default_rng(7).normal(0, 0.02, lines.shape).astype(np.float32)
     settings = SirtSettings(**SIRT | {"iterations": 500, "terms": 60, "backprojector": "voxel"})
     quiet, actual, theirs = (
-        images.in_hu(data, GEOMETRY, GRID, "sirt", settings, engine, 0.02)[0]
+        images.reconstruct_hu(data, GEOMETRY, GRID, "sirt", settings, engine, 0.02)[0]
         for data, engine in ((lines, "cpu"), (lines + noise, "cpu"), (lines + noise, "astra_cuda"))
     )
     assert np.sqrt(np.mean((actual - theirs) ** 2)) < 0.03 * (actual - quiet).std()

@@ -43,7 +43,7 @@ def test_generator_of_recordings_loads_no_physics_of_the_library():
 
 
 def test_diagnosis_loads_no_module_of_the_blind_validation():
-    scripts = [*SCRIPTS.glob("diagnose*.py"), SCRIPTS / "agreement_elsewhere.py"]
+    scripts = [*SCRIPTS.glob("diagnose*.py"), SCRIPTS / "agreement_other_protocol.py"]
     found = loaded(*scripts, named=[*modules("diagnosis"), *modules("physics/effects")])
     assert {"diagnosis.verdict.verdict", "physics.chain", "physics.effects.scatter"} <= found
     assert of_the_proof(found) == set()

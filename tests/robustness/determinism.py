@@ -25,7 +25,7 @@ from processors import plain_processor
 from virtual_phantom.base.settings import FbpSettings, SirtSettings
 from virtual_phantom.io import exchange, volumes
 from virtual_phantom.io.schema import defaults_of
-from virtual_phantom.reconstruction.images import in_hu
+from virtual_phantom.reconstruction.images import reconstruct_hu
 from virtual_phantom.simulation.acquire import simulate_counts
 
 # Helper of tests in another folder, which is not on the import path of a program that is run from here.
@@ -72,7 +72,7 @@ def noise_free(clean: Path, image: Path, out: Path) -> None:
     lines, geometry = exchange.read_line_integrals(clean)
     grid = volumes.read_nifti(image).grid
     images = {
-        name: in_hu(lines[None], geometry, grid, name, settings, "cpu", MU_WATER_PER_MM)
+        name: reconstruct_hu(lines[None], geometry, grid, name, settings, "cpu", MU_WATER_PER_MM)
         for name, settings in ALGORITHMS.items()
     }
     counts = simulate_counts(lines, NOISE_LEVEL, "astra", np.random.SeedSequence(0)).data

@@ -18,9 +18,9 @@ rule plan_files:
         diagnoses=lambda wildcards: context.diagnosis.forecasts(
             workflow.resource_settings.cores
         ),
-        code=code("plan.py"),
+        code=code("cost_estimate.py"),
     script:
-        "../scripts/plan.py"
+        "../scripts/cost_estimate.py"
 
 
 rule plan:

@@ -110,10 +110,10 @@ rule proof_elsewhere:
     params:
         model=lambda wildcards: to_mapping(proof.held_out_model(wildcards.case)),
         code=lambda wildcards: code(
-            "agreement_elsewhere.py", proof.tried_on(wildcards.case)
+            "agreement_other_protocol.py", proof.tried_on(wildcards.case)
         ),
     script:
-        "../scripts/agreement_elsewhere.py"
+        "../scripts/agreement_other_protocol.py"
 
 
 rule proof_verdicts:

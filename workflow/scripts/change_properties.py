@@ -1,4 +1,4 @@
-"""Features of the simulated images with one property changed at a time, for the diagnosis of features."""
+"""Extract features of the simulated images with one image property changed at a time, for the feature diagnosis."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,7 +8,7 @@ from virtual_phantom import phantom
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.features.changes import property_tables
 from virtual_phantom.diagnosis.features.properties import folds
-from virtual_phantom.features.names import MEAN
+from virtual_phantom.features import names as feature_names
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files, volumes
 from virtual_phantom.recordings.reference import select_rows
@@ -30,9 +30,9 @@ def main(
 ) -> None:
     recorded = select_rows(files.read_csv(recorded_features), conditions, f"recording {recording}")
     parameters = read_parameters(**extraction)
-    if MEAN not in parameters.features:
+    if feature_names.MEAN not in parameters.features:
         raise InputError(
-            f"{parameters.source}: does not ask for {MEAN}, which the diagnosis of features needs; add "
+            f"{parameters.source}: does not ask for {feature_names.MEAN}, which the diagnosis of features needs; add "
             "firstorder to featureClass and Original to imageType"
         )
     images, grid = volumes.read_repeats(images_files)
@@ -41,13 +41,13 @@ def main(
     classes = rois.set_index("roi")["tissue_class"]
     fold_of = folds({roi: classes[roi] for roi in chosen})
     tables = []
-    regions = {roi: masks[roi] for roi in chosen}
-    made = property_tables(images, grid, regions, fold_of, recorded, voxel_mm, parameters)
-    for table in made:
+    chosen_masks = {roi: masks[roi] for roi in chosen}
+    tables_of_properties = property_tables(images, grid, chosen_masks, fold_of, recorded, voxel_mm, parameters)
+    for table in tables_of_properties:
         tables.append(table)
         log.info("%s %g", table["property"].iloc[0], table["strength"].iloc[0])
-    whole = pd.concat(tables, ignore_index=True)
-    files.write_csv(whole.assign(tissue_class=whole["roi"].map(classes)), output)
+    all_rows = pd.concat(tables, ignore_index=True)
+    files.write_csv(all_rows.assign(tissue_class=all_rows["roi"].map(classes)), output)
 
 
 if "snakemake" in globals():

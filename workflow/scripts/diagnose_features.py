@@ -1,4 +1,7 @@
-"""Diagnose features by image properties: diagnosis.json, physics.yaml, maps and the report."""
+"""Find the image property that best explains why simulated and recorded features differ.
+
+The script writes diagnosis.json, physics.yaml, maps and the report.
+"""
 
 from collections.abc import Mapping, Sequence
 
@@ -6,16 +9,16 @@ from virtual_phantom.diagnosis.features.read import read_responses
 from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
 from virtual_phantom.diagnosis.selection.store import DiagnosisFiles, write_diagnosis
 from virtual_phantom.diagnosis.verdict_text import console_text
-from virtual_phantom.features.names import MEAN
+from virtual_phantom.features import names as feature_names
 from virtual_phantom.report.diagnosis_of_features import feature_diagnosis_page
 from virtual_phantom.study.job import job, log
 
 
 def main(
     *,
-    properties: str,
-    recorded: str,
-    image: str,
+    changed_features_file: str,
+    recorded_features_file: str,
+    image_file: str,
     output: DiagnosisFiles,
     name: str,
     recording: str,
@@ -24,20 +27,20 @@ def main(
     margin_sd: float,
     dimensions: int,
     stored_offset_hu: float,
-    extraction: Mapping,
+    parameter_file: str | None,
 ) -> None:
     data, not_compared = read_responses(
-        properties,
-        recorded,
-        image,
+        changed_features_file,
+        recorded_features_file,
+        image_file,
         recording=recording,
         conditions=conditions,
         dimensions=dimensions,
         stored_offset_hu=stored_offset_hu,
-        parameters=extraction["path"],
+        parameter_file=parameter_file,
         rois=rois,
     )
-    found = diagnose_features(name, data, not_compared, MEAN, margin_sd)
+    found = diagnose_features(name, data, not_compared, feature_names.MEAN, margin_sd)
     write_diagnosis(
         output, found.content, overlay(data, found.content), feature_diagnosis_page(found), found.before.maps
     )
@@ -48,9 +51,9 @@ def main(
 if "snakemake" in globals():
     with job(snakemake):
         main(
-            properties=snakemake.input.properties,
-            recorded=snakemake.input.recorded,
-            image=snakemake.input.image,
+            changed_features_file=snakemake.input.properties,
+            recorded_features_file=snakemake.input.recorded,
+            image_file=snakemake.input.image,
             output=snakemake.output,
             name=snakemake.wildcards.comparison,
             recording=snakemake.params.recording,
@@ -59,5 +62,5 @@ if "snakemake" in globals():
             margin_sd=snakemake.params.margin_sd,
             dimensions=snakemake.params.dimensions,
             stored_offset_hu=snakemake.params.stored_offset_hu,
-            extraction=snakemake.params.parameters,
+            parameter_file=snakemake.params.parameters["path"],
         )

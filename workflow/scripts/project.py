@@ -1,4 +1,4 @@
-"""Noise-free line integrals of the finely sampled phantom in one geometry."""
+"""Simulate noise-free line integrals of the finely sampled phantom in one scan geometry."""
 
 from collections.abc import Mapping, Sequence
 
@@ -34,7 +34,7 @@ def main(
     from virtual_phantom.simulation.project import project_phantom, read_diagnosed_physics
 
     phantom = read_nifti(phantom_file)
-    grid = read_nifti(image_file).grid  # the phantom's own: it alone knows where in the world that lies
+    grid = read_nifti(image_file).grid  # only this file has the world position of the phantom
     geometry = scan_geometry(geometry_settings.scan, geometry_settings.projections, grid)
     log.info(
         "%d views, %.3f turns, feed %.1f mm per turn",

@@ -1,4 +1,7 @@
-"""Bind every diagnosis by its hash, before any seal is opened."""
+"""Store a hash of every diagnosis of the blind validation before the hidden effects are revealed.
+
+The hash shows later that no diagnosis was changed after the hidden effects were known.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which features can be trusted: stability with its interval, what it rests on, and a sentence for each."""
+"""Write the table trust.csv: stability of each feature with its interval, the compared groups, and a sentence."""
 
 from collections.abc import Mapping
 

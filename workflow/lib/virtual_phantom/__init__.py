@@ -23,7 +23,7 @@ _FUNCTIONS = {
     "scan": "simulated",
     "reconstruct": "simulated",
     "extract": "simulated",
-    "diagnose": "recorded",
+    "diagnose": "diagnosis",
 }
 
 

@@ -48,7 +48,7 @@ def public(function: Callable[P, T]) -> Callable[P, T]:
     return checked
 
 
-def whole(value: object, name: str, least: int, most: int = MOST) -> int:
+def check_whole(value: object, name: str, least: int, most: int = MOST) -> int:
     """Check that a value is a whole number from `least` to `most`; NumPy integers are accepted."""
     try:
         number = operator.index(value)
@@ -61,7 +61,7 @@ def whole(value: object, name: str, least: int, most: int = MOST) -> int:
     return number
 
 
-def positive(value: object, name: str) -> float:
+def check_positive(value: object, name: str) -> float:
     """Check that a value is a finite number above 0."""
     try:
         number = math.nan if isinstance(value, bool | np.bool_ | str | bytes) else float(value)
@@ -72,7 +72,7 @@ def positive(value: object, name: str) -> float:
     return number
 
 
-def three(values: object, name: str, each: Callable[[object, str], T]) -> tuple[T, T, T]:
+def check_three(values: object, name: str, each: Callable[[object, str], T]) -> tuple[T, T, T]:
     """Check that there are three values (z, y, x), and check each."""
     values = values.tolist() if isinstance(values, np.ndarray) else values
     if not isinstance(values, Sequence) or isinstance(values, str | bytes) or len(values) != 3:
@@ -80,35 +80,35 @@ def three(values: object, name: str, each: Callable[[object, str], T]) -> tuple[
     return tuple(each(value, f"{name}[{index}]") for index, value in enumerate(values))
 
 
-def pair(value: object, name: str, what: str) -> tuple:
+def check_pair(value: object, name: str, what: str) -> tuple:
     """Check that there are two values."""
     if not isinstance(value, Sequence) or isinstance(value, str | bytes) or len(value) != 2:
         raise InputError(f"{name}: {_shown(value)} is not a pair; give {what}")
     return tuple(value)
 
 
-def path(value: object, name: str) -> str:
+def check_path(value: object, name: str) -> str:
     """Check that a value is a path and return it as text; ``~`` is the home folder."""
     if not isinstance(value, str | os.PathLike) or not os.fspath(value) or "\0" in str(value):
         raise InputError(f"{name}: {_shown(value)} is not a path; give the path of a file or folder as text")
     return expand_home(str(Path(value)), name)
 
 
-def text(value: object, name: str) -> str:
+def check_text(value: object, name: str) -> str:
     """Check that a value is text."""
     if not isinstance(value, str):
         raise InputError(f"{name}: {_shown(value)} is not text; give a name as text")
     return value
 
 
-def mapping(value: object, name: str, what: str) -> Mapping:
+def check_mapping(value: object, name: str, what: str) -> Mapping:
     """Check that a value is a mapping."""
     if not isinstance(value, Mapping):
         raise InputError(f"{name}: {_shown(value)} is not a mapping; give {what}")
     return value
 
 
-def sequence(value: object, name: str, what: str) -> list:
+def check_sequence(value: object, name: str, what: str) -> list:
     """Check that there are several values and return them as a list."""
     value = value.tolist() if isinstance(value, np.ndarray) else value
     if isinstance(value, str | bytes | Mapping) or not hasattr(value, "__iter__"):
@@ -116,7 +116,7 @@ def sequence(value: object, name: str, what: str) -> list:
     return list(value)
 
 
-def made_by(value: object, kind: type[T], name: str, maker: str) -> T:
+def check_made_by(value: object, kind: type[T], name: str, maker: str) -> T:
     """Check that a value is of the type that another function returns."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: is of type {type(value).__name__}; give what {maker} returns")

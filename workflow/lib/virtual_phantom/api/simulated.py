@@ -28,7 +28,18 @@ from ..projectors import astra_projects, choose_engine
 from ..simulation import reconstruct as images_of
 from ..simulation.acquire import acquire
 from ..simulation.project import project_phantom
-from .arguments import made_by, mapping, pair, path, positive, public, sequence, text, three, whole
+from .arguments import (
+    check_made_by,
+    check_mapping,
+    check_pair,
+    check_path,
+    check_positive,
+    check_sequence,
+    check_text,
+    check_three,
+    check_whole,
+    public,
+)
 
 STUDY = default_study()
 SHAPE, SPACING_MM = (tuple(STUDY["grid"][key]) for key in ("shape", "spacing_mm"))
@@ -100,8 +111,9 @@ def draw_phantom(
         For an invalid layout, or one that does not fit the grid.
     """
     grid = _grid(shape, spacing_mm)
-    oversampling, seed = whole(oversampling, "oversampling", 1, FINEST), whole(seed, "seed", 0, LARGEST_SEED)
-    drawn = layout.read_layout(None if layout_file is None else path(layout_file, "layout_file"))
+    oversampling = check_whole(oversampling, "oversampling", 1, FINEST)
+    seed = check_whole(seed, "seed", 0, LARGEST_SEED)
+    drawn = layout.read_layout(None if layout_file is None else check_path(layout_file, "layout_file"))
     return synthetic.build(drawn, grid, oversampling, branch(seed, Branch.PHANTOM))
 
 
@@ -136,17 +148,17 @@ def read_phantom(
     InputError
         For an unusable image, region or setting (phantom.ct.load_phantom).
     """
-    regions = sequence(rois, "rois", "mappings with name and tissue_class")
-    settings = {"image": path(image, "image"), "rois": [_plain(region) for region in regions], **_plain(places)}
+    regions = check_sequence(rois, "rois", "mappings with name and tissue_class")
+    settings = {"image": check_path(image, "image"), "rois": [_plain(region) for region in regions], **_plain(places)}
     if labels is not None:
-        settings["labels"] = path(labels, "labels")
-    finer = whole(oversampling, "oversampling", 1, FINEST)
+        settings["labels"] = check_path(labels, "labels")
+    finer = check_whole(oversampling, "oversampling", 1, FINEST)
     return ct.load_phantom(ct.read_settings(expand_home(settings)), _grid(shape, spacing_mm), finer)
 
 
 def _grid(shape: object, spacing_mm: object) -> Grid:
-    count = functools.partial(whole, least=1)
-    return Grid(three(shape, "shape", count), three(spacing_mm, "spacing_mm", positive))
+    count = functools.partial(check_whole, least=1)
+    return Grid(check_three(shape, "shape", count), check_three(spacing_mm, "spacing_mm", check_positive))
 
 
 def _plain(value: object) -> object:
@@ -201,13 +213,14 @@ def scan(
         For invalid keys and values, unknown effects, a phantom that the scan truncates, and regions that it does not
         cover completely.
     """
-    made_by(phantom, Phantom, "phantom", "draw_phantom or read_phantom")
-    projections, repeats = whole(projections, "projections", 1), whole(repeats, "repeats", 1)
-    noise_level, threads = positive(noise_level, "noise_level"), whole(threads, "threads", 1)
-    seed = whole(seed, "seed", 0, LARGEST_SEED)
-    physics = _plain(mapping({} if physics is None else physics, "physics", "{effect: {parameter: value}}"))
+    check_made_by(phantom, Phantom, "phantom", "draw_phantom or read_phantom")
+    projections, repeats = check_whole(projections, "projections", 1), check_whole(repeats, "repeats", 1)
+    noise_level, threads = check_positive(noise_level, "noise_level"), check_whole(threads, "threads", 1)
+    seed = check_whole(seed, "seed", 0, LARGEST_SEED)
+    physics = _plain(check_mapping({} if physics is None else physics, "physics", "{effect: {parameter: value}}"))
     if stream is not None:
-        stream = tuple(text(label, "stream") for label in pair(stream, "stream", "labels of geometry and noise level"))
+        labels = check_pair(stream, "stream", "labels of geometry and noise level")
+        stream = tuple(check_text(label, "stream") for label in labels)
     effects = checked(physics)
     section = STUDY["scan"] | _plain(scanner)
     validate(section, schema_of("scan"), "scan")
@@ -271,12 +284,12 @@ def reconstruct(
         For an unknown algorithm or invalid settings.
     """
     known = defaults_of("reconstruction")
-    if text(algorithm, "algorithm") not in known:
+    if check_text(algorithm, "algorithm") not in known:
         raise InputError(f"algorithm '{algorithm}' is unknown; {meant(algorithm, known)}")
     settings = _plain(settings)
     validate(settings, schema_of("reconstruction", algorithm), algorithm)
-    made_by(scan, Scan, "scan", "vp.scan")
-    threads, engine = whole(threads, "threads", 1), text(engine, "engine")
+    check_made_by(scan, Scan, "scan", "vp.scan")
+    threads, engine = check_whole(threads, "threads", 1), check_text(engine, "engine")
     return images_of.reconstruct(
         scan.line_integrals,
         scan.geometry,
@@ -314,9 +327,12 @@ def extract(images: Volume | Sequence[Volume], phantom: Phantom) -> pd.DataFrame
     InputError
         For an image on another grid, and a region without two gray levels.
     """
-    made_by(phantom, Phantom, "phantom", "draw_phantom or read_phantom")
-    given = [images] if isinstance(images, Volume) else sequence(images, "images", "images, as vp.reconstruct returns")
-    images = [made_by(image, Volume, f"images[{number}]", "vp.reconstruct") for number, image in enumerate(given)]
+    check_made_by(phantom, Phantom, "phantom", "draw_phantom or read_phantom")
+    if isinstance(images, Volume):
+        images = [images]
+    images = check_sequence(images, "images", "images, as vp.reconstruct returns")
+    for number, image in enumerate(images):
+        check_made_by(image, Volume, f"images[{number}]", "vp.reconstruct")
     if not images:
         raise InputError("images: is empty; give at least one image")
     masks = {roi.name: roi.mask for roi in phantom.rois}

@@ -15,11 +15,15 @@ WRITTEN = {
     "rms": "RMS",
     "mgy": "mGy",
     "kvp": "kVp",
+    "centre": "center",
+    "isocentre": "isocenter",
+    "grey": "gray",
+    "neighbours": "neighbors",
 }
 
 
 def label(name: object) -> str:
-    """Return a name for display: underscores become spaces, and words of WRITTEN get their usual form."""
+    """Return a name for display: underscores become spaces, and words of WRITTEN get their usual American form."""
     words = str(name).replace("_", " ").split()
     return " ".join(WRITTEN.get(word, word) for word in words)
 

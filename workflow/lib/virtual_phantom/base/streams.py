@@ -23,7 +23,7 @@ class Branch(IntEnum):
     GAIN_PATTERN = 2  # of seed 0, because a detector's pattern does not depend on the study
     AGREEMENT = 3  # images for the agreement table of a diagnosis
     SIMULATED_IMAGES = 4  # images that a diagnosis simulates
-    AGREEMENT_ELSEWHERE = 5  # like AGREEMENT, with another protocol
+    AGREEMENT_OTHER_PROTOCOL = 5  # images for the agreement table of a scan by another protocol
     PROOF_PHANTOM = 6
     REPOSITIONING = 7
 

@@ -1,4 +1,4 @@
-"""Hounsfield units and linear attenuation.
+"""Convert between Hounsfield units (HU) and linear attenuation.
 
 HU = 1000 (mu - mu_water) / mu_water, so that water is 0 and vacuum (taken for air) is -1000
 (Hounsfield, Br. J. Radiol. 46, 1016, 1973).
@@ -37,8 +37,8 @@ def whole_hu(hu: np.ndarray, not_finite: str) -> tuple[np.ndarray, int]:
     -------
     whole : ndarray of int16
     beyond : int
-        Number of clipped voxels. The caller decides what it means: metal may exceed the range in a reconstruction,
-        which only warns; exports refuse it; report pages show the bound.
+        Number of clipped voxels. A reconstruction with metal may have some and only warns; exports refuse them; report
+        pages show the limit.
 
     Raises
     ------

@@ -98,7 +98,7 @@ def _section(config: object, *path: str) -> dict:
 
 
 def _name_labels(config: dict) -> None:
-    """Convert labels of label maps, which YAML reads as whole numbers, to text like all other keys."""
+    """Convert labels of label maps to text like all other keys; YAML reads them as whole numbers."""
     for recording in _section(config, "diagnosis", "recordings").values():
         if materials := _section(recording, "object", "materials"):
             recording["object"]["materials"] = {str(k) if type(k) is int else k: name for k, name in materials.items()}
@@ -128,7 +128,7 @@ def _replace_attribute(config: dict) -> None:
 
 
 def _find_resources(config: dict) -> None:
-    """Read paths of the CT below `resources`, or below its former name `downloads`, in the folder that is there."""
+    """Find files of the CT below `resources`, or below its former name `downloads`, whichever folder exists."""
     if (folder := resources_folder()) == OLD_FOLDER:
         note(f"{OLD_FOLDER}: this folder is named {FOLDER} now; rename it, as the next release does not look into it")
     ct = _section(config, "phantom", "ct")
@@ -145,7 +145,7 @@ def _find_resources(config: dict) -> None:
 
 
 def inspected(settings: Mapping) -> tuple[list[str], dict]:
-    """Return all errors of a configuration, and its valid part.
+    """Return all errors of a configuration and its valid part.
 
     `check` describes the settings, which are not changed.
 

@@ -1,4 +1,4 @@
-"""Rules between keys of a configuration: references to existing names, required numbers, consistent sections.
+"""Check rules between keys of a configuration: references to existing names, required numbers, consistent sections.
 
 Each rule is a generator of error lines. Invalid sections have been removed before, so rules skip missing sections.
 They read mappings, not the dataclasses of settings.py, as they run before a configuration is complete.
@@ -168,7 +168,7 @@ class Rules:
     # Rules
 
     def _case(self) -> Iterator[str]:
-        """Names that are part of file names must differ in more than case."""
+        """Check that names in file names differ in more than case."""
         names = self.names
         for section in (
             names.protocols,
@@ -183,7 +183,7 @@ class Rules:
                 yield f"config: {section.path}: {alike[0]} and {alike[1]} differ only in case; rename one of them"
 
     def _files(self) -> Iterator[str]:
-        """Recordings, scanners and comparisons must write different files, and not into folders of each other."""
+        """Check that recordings, scanners and comparisons write different files, and not into folders of each other."""
         names, compared = self.names, self.config["diagnosis"]["comparisons"]
         written: list[tuple[str, Entries, str]] = []
         for output in OUTPUTS:
@@ -213,7 +213,7 @@ class Rules:
                 yield f"config: noise.levels.{name}.photons needs noise.model: physical; give A instead"
 
     def _repositioned(self) -> Iterator[str]:
-        """Re-positioning needs a motion, and analyses that compare voxels need enough repeats without it."""
+        """Check that re-positioning has a motion, and that analyses of voxels have enough repeats without it."""
         moved = self.config["repeats"]
         if not moved["repositioned"]:
             return
@@ -250,7 +250,7 @@ class Rules:
                 )
 
     def _voxels(self) -> Iterator[str]:
-        """Kernels and scanner voxels need filtered back-projection, and such images serve for features only."""
+        """Check that kernels and scanner voxels are used with filtered back-projection, and for features only."""
         normalise = self.config["reconstruction"]["fbp"]["normalise"]
         for name, protocol in self.protocols.items():
             for key in ("kernel", "noise_kernel", "voxels"):
@@ -367,7 +367,7 @@ class Rules:
                     yield str(error)
 
     def _parallel(self) -> Iterator[str]:
-        """Effects of the focal spot need a divergent beam."""
+        """Check that effects of the focal spot are used with a divergent beam only."""
         for name, protocol in self.protocols.items():
             scan = self.config["scans"].get(protocol["scan"]) if protocol.get("scan") else self.config.get("scan")
             if (scan or {}).get("beam") == PARALLEL:
@@ -464,7 +464,7 @@ class Rules:
                 yield f"{where} has both effects and physics_from; the effects come from '{other}', so remove effects"
 
     def _object(self, settings: dict, where: str) -> Iterator[str]:
-        """An object is a mask with its material, a label map with its materials, or an object of shapes by its kind."""
+        """Check that an object is a mask with its material, a label map with its materials, or an object of shapes."""
         masked, labeled, shaped = (
             set(keys) & set(settings)
             for keys in (("mask", "material"), ("labels", "materials"), ("kind", "parameters"))
@@ -479,7 +479,7 @@ class Rules:
             yield f"{where} needs kind (an object of shapes), mask and material, or labels and materials"
 
     def _changed_images(self) -> Iterator[tuple[str, dict]]:
-        """Names and settings of the comparisons under diagnosis, which change the simulated images voxel by voxel."""
+        """Check names and settings of comparisons under diagnosis, which change simulated images voxel by voxel."""
         for name, comparison in self.analyses.get("comparison", {}).items():
             if name in self.config["diagnosis"]["comparisons"]:
                 yield name, comparison
@@ -548,7 +548,7 @@ class Rules:
                 yield f"config: {name}.arc_radius_mm is for a cylindrical detector; set {name}.detector: cylindrical"
 
     def _measured(self) -> Iterator[str]:
-        """Measured data need the ROIs of the printed phantom, and components that are fitted on them need the data."""
+        """Check that measured data come with the printed phantom, and that components have the data that they need."""
         phantom = self.config.get("phantom", {})
         if not self.config["measured"]["overlay"]:
             for figure, selection in self.analyses.get("pca", {}).items():

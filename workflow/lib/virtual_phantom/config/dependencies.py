@@ -62,7 +62,7 @@ def code_version(script: str | Path, effects: Iterable[str] = (), hooks: bool = 
     more = [effect_file(name) for name in effects]
     if hooks:
         more += HOOKS.glob("*.py")
-    return version_of(script, *more)
+    return code_hash(script, *more)
 
 
 def effect_file(name: str) -> Path:
@@ -70,7 +70,7 @@ def effect_file(name: str) -> Path:
     return EFFECTS / f"{name}.py"
 
 
-def version_of(*modules: str | Path) -> str:
+def code_hash(*modules: str | Path) -> str:
     """Return a hash of modules and of all that they import from the library, of 16 hexadecimal digits."""
     known = len(_cache())
     files = sorted({file for module in modules for file in files_behind(module)})

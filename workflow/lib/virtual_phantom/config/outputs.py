@@ -1,8 +1,12 @@
 """All files that the workflow makes, for targets, the plan, the report and the reference page.
 
-The table is `outputs.csv` of the package's resources; a row has the attributes of `Output`. Rules state the same paths,
-so that their files show what they make; tests/workflow/test_outputs.py compares both. Logs and benchmarks are not in
-the table: they lie in `logs` and are named after their jobs.
+The table is `outputs.csv` of the package's resources; a row has the attributes of `Output`, and empty cells are None.
+Rules state the same paths, so that their files show what they make; tests/workflow/test_outputs.py compares both. Logs
+and benchmarks are not in the table: they lie in `logs` and are named after their jobs.
+
+A row adds the file to the page of output files (docs/generators/output_files.py) and gives its job a cost in a plan.
+With a section, Snakemake's report shows the file; its rule then needs `reported(path)`, and its caption must exist. The
+study's report shows the figures and tables of `study.analyses`, with tables in the order of the rows.
 """
 
 from __future__ import annotations
@@ -34,17 +38,19 @@ class Output:
     description : str
         Content of the file.
     title : str or None
-        Title in a report; None: the name of the file.
+        Title in reports; None: the name of the file. Tables without a title are the last in the study's report.
     section : str or None
         Section of Snakemake's report, and of the study's report for a figure; None: not shown.
     caption : str or None
         Caption file in workflow/report, without suffix; None: the name of the described file.
     suffixes : tuple of str
-        Suffixes of an output with several files.
+        Suffixes of an output with several files, separated by spaces in the table: ".png .pdf" for a figure.
     stage : str or None
-        Name of the rates of the rule's jobs; the configuration may add to it (costs.jobs.Sizes). None: not planned.
+        Name of the rates of the rule's jobs, under `seconds` in resources/rates.yaml ("tables" for most tables). The
+        configuration may add to it (costs.jobs.Sizes). None: not planned.
     counted : str or None
-        Kind of file whose rate gives the bytes that a job writes; None: not counted.
+        Kind of file whose rate, under `bytes` in resources/rates.yaml, gives the bytes that a job writes; None: not
+        counted.
     """
 
     name: str

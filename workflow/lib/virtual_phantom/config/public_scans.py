@@ -1,4 +1,4 @@
-"""Public scans of the printed phantom that a study uses: selection, folders, and scans that are still to be fetched."""
+"""Select the public scans of the printed phantom that a study uses, and list the scans that must be downloaded."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..base.names import counted
 from ..base.settings import RoiEntry, to_mapping
 from ..io.published import resources_folder
 from ..recordings.document import Document, planned_document, read_document
-from ..recordings.public_scans.features import EXTRACTED, FLAT, recording_content
+from ..recordings.public_scans.features import EXTRACTION_MODES, FLAT, recording_content
 from ..recordings.public_scans.table import MB, SOURCE, PublicScan, select_scans, small_subset
 from .dependencies import resource
 from .outputs import Files
@@ -20,7 +20,8 @@ from .plan import Plan
 from .settings import ScanSelection
 
 COMPARED = "public_scans.compared"  # value of `recordings` instead of a folder
-NAMES = {COMPARED + way: f"compared_features{way}" for way in EXTRACTED}  # {such a value: the output made for it}
+# {such a value: output that is made for it}
+NAMES = {COMPARED + mode: f"compared_features{mode}" for mode in EXTRACTION_MODES}
 IN_RESOURCES = "printed_phantom"  # folder of all scans, which studies share
 
 
@@ -54,7 +55,7 @@ class PublicScans:
 
     @cached_property
     def scanned(self) -> tuple[PublicScan, ...]:
-        """Scans whose mean is the phantom."""
+        """Scans whose mean image is the phantom of the study."""
         return self._chosen("phantom", self.plan.study.public_scans.phantom)
 
     @cached_property
@@ -89,7 +90,7 @@ class PublicScans:
 
     @property
     def slice_mm(self) -> float | None:
-        """Slice thickness of the scans whose mean is the phantom; None without such scans."""
+        """Slice thickness of the scans whose mean image is the phantom; None without such scans."""
         return self.scanned[0].slice_mm if self.scanned else None
 
     @property
@@ -173,7 +174,7 @@ class PublicScans:
     # Results
 
     def feature_tables(self, output: str) -> list[str]:
-        """Return the features of every compared scan; `output` is "scan_features" or "scan_features_2d"."""
+        """Return the feature tables of all compared scans; `output` is "scan_features" or "scan_features_2d"."""
         made = Files(self.plan.study.results)
         return [made(output, scan=scan.name) for scan in self.compared]
 
@@ -194,7 +195,7 @@ class PublicScans:
     # Texts
 
     def series_text(self, name: str) -> str:
-        """Return the series of one scan in words, for a dry run."""
+        """Describe the series of one scan, for a dry run."""
         scan = self.by_name(name)
         texts = " and ".join(
             f"{series.modality} {series.uid} ({counted(series.files, 'file')}, {series.megabytes:.0f} MB)"
@@ -203,7 +204,7 @@ class PublicScans:
         return f"Scan {scan.name}, {' '.join(scan.description.split())}: {texts}"
 
     def fetch_text(self) -> str | None:
-        """Return the amount of data to fetch in words; None if nothing is to be fetched."""
+        """Describe the amount of data to download; None if there is none."""
         if not self.to_fetch:
             return None
         local = self.plan.study.downloads.scans

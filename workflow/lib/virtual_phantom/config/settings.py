@@ -1,6 +1,6 @@
-"""A complete configuration as dataclasses; `config.read_study` makes it from what the JSON schema has checked.
+"""Dataclasses of a complete configuration, which `config.read_study` makes after the check with the JSON schema.
 
-Effects and their parameters, and conditions of recordings, are data of the user and stay mappings.
+Effects with their parameters and conditions of recordings have names that the user chooses, so they stay mappings.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Effects that a recording is tried against, and checks of what the configuration asks of diagnoses."""
+"""Select the effects that a diagnosis tries on a recording, and check the settings of diagnoses against recordings."""
 
 # Imports stay light: every start of the workflow reads this module, and `preparation` takes seconds to load.
 
@@ -31,8 +31,8 @@ HIDDEN = {
 }
 
 
-def shown_by(content: Mapping) -> dict:
-    """Return the arguments of `candidates` that a recording.yaml states."""
+def candidate_conditions(content: Mapping) -> dict:
+    """Return the conditions of a scan that decide which effects are tried, as arguments of `candidates`."""
     kind = content["kind"]
     # A protocol of the study simulates images, and its scan may be a helix.
     helical = kind == "images" or content.get("scan", {}).get("trajectory") == "helical"
@@ -54,7 +54,7 @@ def candidates(
     helical: bool = False,
     parallel: bool = False,
 ) -> list[str]:
-    """Return the effects that a recording is tried against.
+    """Return the effects that a diagnosis tries on a recording.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ from .selection.fit_cache import FitCache
 from .selection.forward_selection import Choice, choose
 from .selection.progress import ALIGNED, COMPARED, JUDGED, DiagnosisProgress
 from .selection.screening import screened
-from .selection.transfer import Physics, stated, verified
+from .selection.transfer import Physics, fit_with_fixed_physics, with_physics_source
 from .selection.trials import trials
 from .setup.check import check_setup, setup_diagnosis
 from .uncertainty.model_error import errors_with_models
@@ -193,11 +193,11 @@ def apply_known_physics(
 
     def apply(given: Prepared, cache: FitCache | None) -> Choice:
         (baseline,) = trials(given.fitter, [((),)], kept=cache)
-        return verified(given.fitter, baseline, physics, same_material)
+        return fit_with_fixed_physics(given.fitter, baseline, physics, same_material)
 
     prepared, choice = _with_settled_noise(prepared, apply, cache)
     found = diagnose(name, prepared, choice)
-    return replace(found, content=stated(found.content, physics))
+    return replace(found, content=with_physics_source(found.content, physics))
 
 
 def _with_settled_noise(

@@ -1,8 +1,9 @@
 """Extract radiomics features with pyradiomics: the 86 of the study, or those of a parameter file.
 
 Default settings are those of Flouris et al. [1]_, section "Radiomics feature extraction": original image, bin width
-25, no resampling, no normalization, no resegmentation. Distance 1, symmetrical co-occurrence, dependence cut-off 0,
-voxel array shift 0. Definitions: [2]_, [3]_.
+25, no resampling, no normalization, no resegmentation. The distance is 1, the
+co-occurrence matrix is symmetrical, and dependence cut-off and voxel array shift are 0. References [2]_ and [3]_ define
+the features.
 
 References
 ----------
@@ -57,7 +58,7 @@ def extract(
 ) -> pd.DataFrame:
     """Extract the features of every ROI of an image.
 
-    Warns (RadiomicsWarning) about ROIs with fewer than MINIMUM_VOXELS voxels or MINIMUM_GREY_LEVELS occupied bins.
+    Issues a RadiomicsWarning about ROIs with fewer than MINIMUM_VOXELS voxels or MINIMUM_GREY_LEVELS occupied bins.
 
     Parameters
     ----------

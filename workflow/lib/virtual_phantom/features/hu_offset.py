@@ -13,9 +13,10 @@ STORED_OFFSET_HU = 1024  # offset of the published tables, whose scans store HU 
 def convert_to_hu(table: pd.DataFrame, offset_hu: float = STORED_OFFSET_HU) -> pd.DataFrame:
     """Convert first-order features of HU + offset_hu to HU.
 
-    Means and quantiles shift. Measures of spread do not change. With the mean in HU, RootMeanSquared is
-    sqrt(variance + mean^2), and Energy and TotalEnergy scale with its square. Entropy, Uniformity and textures cannot
-    be converted: 1024 is not a multiple of the bin width 25, so bin edges differ by one unit.
+    Means and quantiles shift. Measures of spread do not change. RootMeanSquared becomes sqrt(variance + mean^2), with
+    the mean in HU. Energy and TotalEnergy are multiplied by (new RootMeanSquared / old RootMeanSquared)^2. Entropy,
+    Uniformity and texture features cannot be converted: 1024 is not a multiple of the bin width 25, so bin edges differ
+    by one unit.
 
     Parameters
     ----------
@@ -30,26 +31,26 @@ def convert_to_hu(table: pd.DataFrame, offset_hu: float = STORED_OFFSET_HU) -> p
     if offset_hu == 0:
         return table
     table = table.copy()
-    name = "original_firstorder_{}".format
-    for feature in map(name, ("10Percentile", "90Percentile", "Maximum", "Mean", "Median", "Minimum")):
+    full_name = "original_firstorder_{}".format
+    for feature in map(full_name, ("10Percentile", "90Percentile", "Maximum", "Mean", "Median", "Minimum")):
         if feature in table:
             table[feature] -= offset_hu
-    square_root, energy, total = map(name, ("RootMeanSquared", "Energy", "TotalEnergy"))
-    # Energies need the stored root mean square, which gives their scale.
-    needed = {square_root: ("Mean", "Variance"), energy: ("Mean", "Variance", "RootMeanSquared")}
+    rms, energy, total = map(full_name, ("RootMeanSquared", "Energy", "TotalEnergy"))
+    # The factor of Energy and TotalEnergy contains the old RootMeanSquared, so the table must have it.
+    needed = {rms: ("Mean", "Variance"), energy: ("Mean", "Variance", "RootMeanSquared")}
     needed[total] = needed[energy]
     for feature, others in needed.items():
-        if feature in table and (missing := [other for other in map(name, others) if other not in table]):
+        if feature in table and (missing := [other for other in map(full_name, others) if other not in table]):
             raise InputError(
                 f"features: {feature} is of stored values (HU + {offset_hu:g}) and cannot be converted to HU without "
                 f"{missing[0]}; remove the column"
             )
-    if square_root not in table:
+    if rms not in table:
         return table
-    square = table[name("Variance")] + table[name("Mean")] ** 2
-    change = square / table[square_root] ** 2
+    square = table[full_name("Variance")] + table[full_name("Mean")] ** 2
+    change = square / table[rms] ** 2
     for feature in (energy, total):
         if feature in table:
             table[feature] *= change
-    table[square_root] = np.sqrt(square)
+    table[rms] = np.sqrt(square)
     return table

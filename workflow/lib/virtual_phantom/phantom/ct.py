@@ -29,12 +29,12 @@ from .plausibility import CHECKS, SIZE, require_plausible
 from .repositioning import world_to_object
 from .rois import cut, read_roi_entries, separate, shrink
 
-LARGEST_LOSS = 0.01  # fraction of an ROI that keep_mm or the grid may cut off, for rounding of a box to voxels
+LARGEST_LOSS = 0.01  # fraction of an ROI that keep_mm or the grid may cut off, because a box is rounded to voxels
 SLAB_SLICES = 4  # slices that are resampled at a time, to limit memory
 
 
 def read_settings(section: Mapping) -> CtPhantom:
-    """Check a section phantom.ct and return it with defaults; InputError for what its schema refuses."""
+    """Check a section phantom.ct with its schema and return it with defaults."""
     schema, section = schema_of("phantom", "ct"), copy.deepcopy(dict(section))
     validate(section, schema, "phantom: ct")
     fill_defaults(section, schema)

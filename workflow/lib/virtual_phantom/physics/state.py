@@ -95,14 +95,15 @@ class State:
         None: interpolated from the views of the scan.
     slow_lag : tuple of 3 float
         Second afterglow, as `lag`, that decays over so many views that its own noise averages out.
-    grid : tuple of 2 float
+    anti_scatter_ratio : tuple of 2 float
         Grid ratio (height of the septa divided by their distance) across columns and across rows; 0: no grid. A grid
         absorbs radiation that is scattered by larger angles.
     response : tuple of 2 float
         (exponent, loss): a signal of N photons, after crosstalk, afterglow and electronic noise, is read as
         N^exponent / (1 + loss N), in the scan and in the air scan.
     gain : ndarray or None
-        Change of the gain of each pixel since the air scan, a factor broadcastable to (rows, columns).
+        Change of the gain of each pixel since the air scan, a factor broadcastable to (views, rows, columns). It
+        multiplies the signal, quantum noise and electronic noise, but not `dark`.
     correction : tuple of 2 float
         (a, b): the vendor's beam hardening correction stores p + a p^2 + b p^3 for a line integral p.
     dark, dark_air : ndarray or None, float
@@ -133,7 +134,7 @@ class State:
     lag: tuple[float, float, float] = (0.0, 0.0, 1.0)
     earlier: np.ndarray | None = None
     slow_lag: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    grid: tuple[float, float] = (0.0, 0.0)
+    anti_scatter_ratio: tuple[float, float] = (0.0, 0.0)
     response: tuple[float, float] = LINEAR
     gain: np.ndarray | None = None
     correction: tuple[float, float] = UNCORRECTED

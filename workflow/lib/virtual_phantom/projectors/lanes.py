@@ -1,10 +1,10 @@
-"""LLVM intrinsics for numba kernels: bilinear interpolation of many realizations at once.
+"""Bilinear interpolation of many noise realizations at once, as LLVM intrinsics for the Numba functions of projectors.
 
-Realizations are the innermost, contiguous axis of every array of a kernel. Their number is the length of a tuple, a
-constant for numba, so that LLVM keeps all lanes in vector registers. LLVM cannot prove that input and output do not
-overlap, which slows down plain loops. A SIRT job of the default study (10 lanes, 150 views) took 16.4 s of CPU time
-with plain loops under `fastmath` and 3.9 s with these intrinsics. These are medians of 5 runs on an AMD EPYC with
-AVX-512. Plain loops also changed the last bits of images.
+A lane is one noise realization. Lanes are the last, contiguous axis of every array. The number of lanes is passed as
+the length of a tuple, which Numba treats as a compile-time constant, so that LLVM can keep all lanes in vector
+registers. LLVM cannot prove that input and output do not overlap, which slows down plain loops. A SIRT job of the
+default study (10 lanes, 150 views) took 16.4 s of CPU time with plain loops under `fastmath` and 3.9 s with these
+intrinsics. These are medians of 5 runs on an AMD EPYC with AVX-512. Plain loops also changed the last bits of images.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from numba.core import types
 from numba.extending import intrinsic
 
 CACHE_LINE_BYTES = 64
-# Options of every kernel. Reference counting is off (_nrt): its atomic operations cost more than sixteen
-# interpolations, and no kernel allocates an array.
+# Options of every compiled function. Reference counting is off (_nrt): its atomic operations cost more than sixteen
+# interpolations, and no such function allocates an array.
 OPTIONS = dict(fastmath=True, nogil=True, error_model="numpy", _nrt=False)
 
 
@@ -29,7 +29,7 @@ def aligned_zeros(shape: tuple[int, ...]) -> np.ndarray:
 
 
 class _Lanes:
-    """Emitter of loads, stores and multiply-adds of `count` consecutive float32 values."""
+    """Generates the LLVM code that loads, stores and multiply-adds `count` consecutive float32 values."""
 
     def __init__(self, context, builder, count):
         self.context, self.builder, self.count = context, builder, count
@@ -63,16 +63,18 @@ class _Lanes:
 
 
 @intrinsic
-def gather_bilinear(typingctx, out, at, source, first, second, w00, w01, w10, w11, lanes):
+def gather_bilinear(typingctx, out, at, source, first, second, w00, w01, w10, w11, lane_tuple):
     """Compute out[at] += w00 source[first] + w01 source[first + 1] + w10 source[second] + w11 source[second + 1].
 
-    All arrays are flat float32. `at`, `first` and `second` are offsets of lane 0; "+ 1" is the next set of lanes.
+    All arrays are flat float32. `first` and `second` are the offsets of lane 0 of a voxel in two neighboring lines of
+    the image. `at` is the offset of lane 0 in `out`. The term "+ 1" means the next voxel of the line, that is, an
+    offset larger by the number of lanes. Only the length of `lane_tuple` is used.
     """
-    signature = types.void(out, types.intp, source, types.intp, types.intp, *[types.float32] * 4, lanes)
+    signature = types.void(out, types.intp, source, types.intp, types.intp, *[types.float32] * 4, lane_tuple)
 
     def generate(context, builder, signature, arguments):
         out, at, source, first, second, w00, w01, w10, w11, _ = arguments
-        vector = _Lanes(context, builder, len(lanes))
+        vector = _Lanes(context, builder, len(lane_tuple))
         target = vector.pointer(signature.args[0], out, at)
         total = vector.load(target)
         for offset, weight in ((first, w00), (vector.after(first), w01), (second, w10), (vector.after(second), w11)):
@@ -84,13 +86,16 @@ def gather_bilinear(typingctx, out, at, source, first, second, w00, w01, w10, w1
 
 
 @intrinsic
-def scatter_bilinear(typingctx, out, first, second, source, at, w00, w01, w10, w11, lanes):
-    """Apply the transpose of gather_bilinear: out[first] += w00 source[at], and so on for the other three."""
-    signature = types.void(out, types.intp, types.intp, source, types.intp, *[types.float32] * 4, lanes)
+def scatter_bilinear(typingctx, out, first, second, source, at, w00, w01, w10, w11, lane_tuple):
+    """Apply the transpose of gather_bilinear: out[first] += w00 source[at], and so on for the other three.
+
+    Scatter as opposed to gather: one value is added to four locations.
+    """
+    signature = types.void(out, types.intp, types.intp, source, types.intp, *[types.float32] * 4, lane_tuple)
 
     def generate(context, builder, signature, arguments):
         out, first, second, source, at, w00, w01, w10, w11, _ = arguments
-        vector = _Lanes(context, builder, len(lanes))
+        vector = _Lanes(context, builder, len(lane_tuple))
         value = vector.load(vector.pointer(signature.args[3], source, at))
         for offset, weight in ((first, w00), (vector.after(first), w01), (second, w10), (vector.after(second), w11)):
             target = vector.pointer(signature.args[0], out, offset)

@@ -1,4 +1,4 @@
-"""From line integrals to images in HU."""
+"""Reconstruct images in HU from line integrals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from . import fbp, sirt
 from .kernel import Kernel, NoiseKernel
 
 
-def in_hu(
+def reconstruct_hu(
     line_integrals: np.ndarray,
     geometry: ScanGeometry,
     grid: Grid,
@@ -47,21 +47,24 @@ def in_hu(
     """
     count = len(line_integrals)
     if algorithm == "sirt":
-        # Lanes fill vector registers of the CPU. A GPU does not need them and has less memory.
+        # On the CPU, all realizations are reconstructed together, one per lane of the vector registers, for speed. On a
+        # GPU this has no advantage and needs memory, so they are reconstructed one by one.
         at_once = count if engine == "cpu" else 1
-        made = projector(engine, geometry, grid, at_once, threads)
-        images = [sirt.sirt(made, line_integrals[i : i + at_once], **vars(settings)) for i in range(0, count, at_once)]
+        operator = projector(engine, geometry, grid, at_once, threads)
+        images = [
+            sirt.sirt(operator, line_integrals[i : i + at_once], **vars(settings)) for i in range(0, count, at_once)
+        ]
         attenuation = images[0] if len(images) == 1 else np.concatenate(images)
     elif algorithm == "fbp":
-        # FBP is a single pass, and ASTRA's back-projection has another scale, so it uses the CPU engine.
-        filters = {"normalise": settings.normalise, "kernel": read_kernel(settings)}
+        # FBP always uses the CPU engine: it is one back-projection, and ASTRA scales its back-projection differently.
+        filters = {"normalise": settings.normalise, "kernel": kernel_of(settings)}
         attenuation = fbp.fbp(projector("cpu", geometry, grid, count, threads), line_integrals, **filters)
     else:
         raise InputError(f"algorithm '{algorithm}' is unknown; use sirt or fbp")
     return attenuation_to_hu(attenuation, mu_water_per_mm)
 
 
-def read_noise_kernel(settings: FbpSettings) -> NoiseKernel | None:
+def noise_kernel_of(settings: FbpSettings) -> NoiseKernel | None:
     """Return the kernel of the noise alone; None if it is that of the object."""
     if settings.noise_kernel is None:
         return None
@@ -69,13 +72,13 @@ def read_noise_kernel(settings: FbpSettings) -> NoiseKernel | None:
     return NoiseKernel(Kernel(known.mtf50_per_cm, known.mtf10_per_cm), known.variance)
 
 
-def read_kernel(settings: FbpSettings) -> Kernel | None:
-    """Return the kernel of filtered back-projection; None for the ramp filter alone."""
+def kernel_of(settings: FbpSettings) -> Kernel | None:
+    """Return the reconstruction kernel of filtered back-projection; None for the ramp filter alone."""
     return None if settings.kernel is None else Kernel(**vars(settings.kernel))
 
 
-def compile_kernels(lanes: Sequence[int]) -> None:
-    """Compile all kernels for these numbers of realizations; later processes read them from the cache."""
+def compile_functions(lane_counts: Sequence[int]) -> None:
+    """Compile all Numba functions for these numbers of realizations; later processes load them from the cache."""
     geometry = circular(
         views=4,
         source_to_isocentre_mm=500.0,
@@ -86,7 +89,7 @@ def compile_kernels(lanes: Sequence[int]) -> None:
         row_pitch_mm=1.0,
     )
     grid = Grid((2, 2, 2), (1.0, 1.0, 1.0))
-    for count in lanes:
+    for count in lane_counts:
         scan = np.ones((count, 4, 2, 4), dtype=np.float32)
         for backprojector in ("adjoint", "voxel"):
             settings = {"iterations": 1, "solver": "chebyshev", "terms": 1, "backprojector": backprojector}

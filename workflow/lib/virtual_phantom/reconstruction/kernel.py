@@ -1,4 +1,4 @@
-"""Reconstruction kernels: a ramp filter apodized for a given modulation transfer function (MTF)."""
+"""Reconstruction kernels of filtered back-projection, defined by their modulation transfer function (MTF)."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from .provenance import check_nominal, check_shared, checksums, dicom_facts
 from .recording import Provenance, Recording, Repeats
 from .scan import check_lengths, missing_for_geometry, scan_geometry
 
-MENTIONED_SHARE = 0.01  # of the voxels; smaller shares are not reported
+LEAST_REPORTED_PADDING = 0.01  # share of voxels below air (padding) from which it is reported
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,8 @@ class ImagesRecording(Recording):
         Raises
         ------
         InputError
-            For a missing file or label, a file on another grid, and empty or lost ROIs.
+            If a file or label is missing, or a file is on another grid. Also if an ROI is empty on the grid, or loses
+            too much of its volume to its margin or to the border of the grid.
         """
         return _rois(self.document, self.grid)
 
@@ -60,10 +61,10 @@ def load_images(document: Document) -> ImagesRecording:
             lines += lines_of(error)
             continue
         if grid is None:
-            grid, first = image.grid, path
-        elif mismatch := grid_mismatch(image.grid, grid, path, first.name):
+            grid, first_image = image.grid, path
+        elif mismatch := grid_mismatch(image.grid, grid, path, first_image.name):
             lines.append(mismatch)
-        if (below := float((image.array < BELOW_AIR_HU).mean())) > MENTIONED_SHARE:
+        if (below := float((image.array < BELOW_AIR_HU).mean())) > LEAST_REPORTED_PADDING:
             share = f"{100 * below:.0f} % of the voxels are below {BELOW_AIR_HU:g} HU"
             notes.append(f"{document.relative(path)}: {share}: padding outside the scan circle")
         if not has_air(image.array):
@@ -73,10 +74,10 @@ def load_images(document: Document) -> ImagesRecording:
     if lines:
         raise InputErrors(lines)
     for path, series_facts in facts.items():
-        first = next(iter(facts))
-        check_shared(series_facts, facts[first], path, first)
+        first_dicom = next(iter(facts))
+        check_shared(series_facts, facts[first_dicom], path, first_dicom)
         check_nominal(series_facts, document.content["nominal"], document.path)
-    _rois(document, grid)
+    _rois(document, grid)  # checks the ROIs now; ImagesRecording.rois draws them again when needed
     provenance = Provenance(document.content["origin"], checksums(document), next(iter(facts.values()), {}))
     repeats, held_out = Repeats(document.repeats, read_one), Repeats(document.held_out, read_one)
     return ImagesRecording(document, provenance, _geometry(document), tuple(notes), repeats, held_out, grid)

@@ -19,7 +19,7 @@ from ..io.volumes import Volume
 from ..phantom import HALF_COVERED
 from ..phantom.ct import resample
 from ..phantom.plausibility import BELOW_AIR_HU
-from .images import MENTIONED_SHARE
+from .images import LEAST_REPORTED_PADDING
 
 SOFT_HU = (-200.0, 300.0)  # fat to contrast-filled vessels: the tissue that the alignment is judged by
 DENSEST_HU = 1000.0  # metal and its streaks would dominate soft tissue
@@ -95,7 +95,7 @@ def valid_voxels(image: Volume) -> np.ndarray:
     """
     lowest = image.array.min()
     padding = image.array == lowest
-    if lowest >= BELOW_AIR_HU or padding.mean() < MENTIONED_SHARE:
+    if lowest >= BELOW_AIR_HU or padding.mean() < LEAST_REPORTED_PADDING:
         return np.ones(image.array.shape, bool)
     return ~padding
 

@@ -81,7 +81,7 @@ class Recording:
 
     @property
     def isocentre_mm(self) -> tuple[float, float, float] | None:
-        """World point of the phantom at the isocentre, mm (x, y, z); None for the center of its volume."""
+        """World point of the phantom at the isocenter, mm (x, y, z); None for the center of its volume."""
         point = self.document.content.get("isocentre_mm")
         return tuple(map(float, point)) if point is not None else None
 

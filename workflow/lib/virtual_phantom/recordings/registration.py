@@ -2,7 +2,7 @@
 
 The transform maps phantom world mm to recording world mm: masks are transferred to the image, which is not resampled.
 The search is deterministic. At the coarsest resolution, masked normalized cross-correlation over all shifts [1]_ and
-some rotations about z gives starting points. The isocentre and the centers of mass give two more. SimpleITK refines the
+some rotations about z gives starting points. The isocenter and the centers of mass give two more. SimpleITK refines the
 best of them through three levels of resolution.
 
 References
@@ -293,7 +293,7 @@ class Search:
         return replace(level, region=mask)
 
     def starts(self, level: Level, isocentre_mm) -> list[sitk.Euler3DTransform]:
-        """Return the starting points: from isocentre, centers of mass, and cross-correlation after each rotation."""
+        """Return the starting points: isocenter, centers of mass, and cross-correlation after each rotation."""
         center = np.array(self.center)
         isocentre = np.array(isocentre_mm if isocentre_mm is not None else self.phantom.grid.centre_mm, float)
         mass = np.array(mass_center(self.image.array > HU_BODY, self.image.grid))

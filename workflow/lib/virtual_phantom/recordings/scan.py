@@ -147,7 +147,7 @@ def check_lengths(scan: dict, source: str) -> None:
     if detector <= isocentre:
         raise InputError(
             f"{source}: scan.source_to_detector_mm {detector:g} is not larger than source_to_isocentre_mm "
-            f"{isocentre:g}; if it is the distance from isocentre to detector, use {detector + isocentre:g}; {advice}"
+            f"{isocentre:g}; if it is the distance from isocenter to detector, use {detector + isocentre:g}; {advice}"
         )
     if not {"columns", "column_pitch_mm"} <= scan.keys():
         return

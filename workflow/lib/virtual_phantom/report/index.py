@@ -1,4 +1,4 @@
-"""First page of a study (index.html): results, warnings, figures, tables and next steps.
+"""Render the first page of a study (index.html): results, warnings, figures, tables and next steps.
 
 The page is in the folder of the results and links to their files.
 """
@@ -134,14 +134,14 @@ def study_warnings(features: pd.DataFrame, trust: pd.DataFrame | None) -> list[s
 
 
 def verdict(report: Path, folder: Path) -> dict:
-    """Recording, verdict, sentence and color of a diagnosis, and the address of its report."""
+    """Return recording, verdict, sentence and color of a diagnosis, and the address of its report."""
     content = read_document(report.parent / "diagnosis.json", DIAGNOSIS)
     shown = {key: content[key] for key in ("recording", "verdict", "sentence")}
     return shown | {"color": COLORS.get(content["verdict"], OTHER_COLOR), "path": relative(report, folder)}
 
 
 def first_rows(frame: pd.DataFrame) -> pd.DataFrame:
-    """First rows of a table, sorted by stability if it has one row per feature."""
+    """Return the first rows of a table, sorted by stability if it has one row per feature."""
     by = next((name for name in MOST_STABLE if name in frame), None)
     if by and "feature" in frame and frame["feature"].is_unique:
         frame = frame.sort_values(by, ascending=False, kind="stable")
@@ -149,5 +149,5 @@ def first_rows(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def relative(path: Path, folder: Path) -> str:
-    """Address of a file relative to the folder of the page."""
+    """Return the address of a file relative to the folder of the page."""
     return path.relative_to(folder).as_posix()

@@ -1,4 +1,4 @@
-"""Page of the blind validation: one HTML file with its figures."""
+"""Render the page of the blind validation: one HTML file with its figures."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def tally(share: Mapping) -> str:
 
 
 def reached(target: Mapping) -> tuple[str, str]:
-    """Return CSS class and word for a target."""
+    """Return the CSS class and the word (reached or not) for a target."""
     return {True: ("reached", "reached"), False: ("missed", "missed"), None: ("open", "not measured")}[
         target["reached"]
     ]

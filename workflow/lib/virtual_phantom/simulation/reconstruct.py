@@ -14,7 +14,7 @@ from ..io.volumes import Volume
 from ..physics.effect import image_effects, load
 from ..physics.image_state import ImageState
 from ..reconstruction.boxes import Box, fbp_in_boxes
-from ..reconstruction.images import in_hu, read_kernel, read_noise_kernel
+from ..reconstruction.images import kernel_of, noise_kernel_of, reconstruct_hu
 
 
 def apply_image_effects(
@@ -57,7 +57,7 @@ def reconstruct(
     ----------
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
     algorithm, settings, engine, mu_water_per_mm
-        As reconstruction.images.in_hu takes them.
+        As reconstruction.images.reconstruct_hu takes them.
     physics : dict, optional
         Effects of stage "image", {effect: {parameter: value}}.
 
@@ -71,7 +71,7 @@ def reconstruct(
     InputError
         For an unknown algorithm or a scan that it cannot use.
     """
-    hu = in_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads)
+    hu = reconstruct_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads)
     return [Volume(_to_int16(apply_image_effects(image, grid.spacing, physics or {})), grid) for image in hu]
 
 
@@ -115,8 +115,8 @@ def reconstruct_in_boxes(
         boxes,
         mu_water_per_mm=mu_water_per_mm,
         thickness_mm=thickness_mm,
-        kernel=read_kernel(settings),
-        noise_kernel=read_noise_kernel(settings),
+        kernel=kernel_of(settings),
+        noise_kernel=noise_kernel_of(settings),
         clean=clean,
         threads=threads,
     )

@@ -19,7 +19,7 @@ MINIMUM_ROIS = 3  # two ROIs are in the right order with probability one half
 RANK_RIGHT = 0.7
 
 
-MOST = 0.8  # of the ROIs: one of six may disagree
+MOST = 0.8  # share of ROIs within the margin: one of six may be outside
 
 
 def ranks(table: pd.DataFrame) -> pd.DataFrame:

@@ -11,7 +11,7 @@ from ..base.errors import InputError
 from ..config.dependencies import shipped
 from ..config.outputs import Files
 from ..config.plan import Plan
-from ..diagnosis.candidate_effects import candidates, check_accuracy, check_kinds, shown_by
+from ..diagnosis.candidate_effects import candidate_conditions, candidates, check_accuracy, check_kinds
 from ..diagnosis.fitting.priors import declared
 from ..diagnosis.settings import (
     Baseline,
@@ -78,7 +78,7 @@ class Diagnosis:
         check_accuracy(settings.model_accuracy)
         effects = {}
         for name, recording in settings.recordings.items():
-            shown = shown_by(recordings.content(name))
+            shown = candidate_conditions(recordings.content(name))
             if recording.protocol:
                 shown["helical"] = plan.scan_of(recording.protocol).trajectory == "helical"
             effects[name] = [] if recording.physics_from else candidates(recording, **shown)

@@ -10,18 +10,19 @@ from importlib.metadata import version
 from pathlib import Path
 
 from ..base.settings import to_mapping
-from ..config.dependencies import LIBRARY, effect_file, version_of
+from ..config.dependencies import LIBRARY, code_hash, effect_file
 from ..diagnosis.selection.fit_cache import FitCache
 from ..diagnosis.settings import FitSettings
 from ..io.files import files_of, sha256
 
 DIAGNOSIS = LIBRARY / "diagnosis"
-PACKAGES = ("numpy", "scipy", "numba", "xraylib", "spekpy")  # their numbers affect every fit
-FITTING = (DIAGNOSIS / "preparation.py", DIAGNOSIS / "selection" / "trials.py")  # their code affects every fit
+PACKAGES = ("numpy", "scipy", "numba", "xraylib", "spekpy")  # their versions affect every fit
+# These modules and all modules that they import affect every fit.
+FITTING = (DIAGNOSIS / "preparation.py", DIAGNOSIS / "selection" / "trials.py")
 
 
 def fit_cache(folder: str | Path, model: FitSettings, files: Iterable[str | Path]) -> FitCache:
-    """Return the cached fits of one recording.
+    """Return the cache for the fits of one recording, under the key of everything that they depend on.
 
     Parameters
     ----------
@@ -32,13 +33,13 @@ def fit_cache(folder: str | Path, model: FitSettings, files: Iterable[str | Path
     files : iterable of str or Path
         Files and folders of files of the recording and of the scanned object.
     """
-    declared = [_effect(name) for name in sorted(model.settings.baseline)]
+    declared = [_effect_code_hash(name) for name in sorted(model.settings.baseline)]
     contents = [sha256(file) for path in files for file in files_of(path)]
-    parts = [to_mapping(model), contents, version_of(*FITTING), declared]
+    parts = [to_mapping(model), contents, code_hash(*FITTING), declared]
     parts.append([platform.python_version(), *map(version, PACKAGES)])
     text = json.dumps(parts, sort_keys=True)
-    return FitCache(folder, hashlib.sha256(text.encode()).hexdigest(), _effect)
+    return FitCache(folder, hashlib.sha256(text.encode()).hexdigest(), _effect_code_hash)
 
 
-def _effect(name: str) -> str:
-    return version_of(effect_file(name))
+def _effect_code_hash(name: str) -> str:
+    return code_hash(effect_file(name))

@@ -1,4 +1,4 @@
-"""Text of the proposed configuration: YAML with a comment for each value."""
+"""Write the configuration that `virtual-phantom init` proposes as YAML, with a comment for each value."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ...study.progress.status import duration_range
 from .propose import Proposal
 from .rois import outline_warning
 
-WIDTH = 110  # of a comment line
+WIDTH = 110  # characters of a comment line
 RATES_WITHIN = 2.0  # factor within which estimates from measured rates were right (docs/how-to/cluster.md)
 
 

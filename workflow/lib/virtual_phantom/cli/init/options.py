@@ -1,4 +1,4 @@
-"""Lists on the command line: `5,spleen`, with quotes as in CSV for names with commas."""
+"""Parse lists in options of `virtual-phantom init`, such as `5,spleen`. Names with commas are quoted as in CSV."""
 
 from __future__ import annotations
 

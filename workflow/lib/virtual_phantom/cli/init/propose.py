@@ -1,4 +1,4 @@
-"""Proposal of a first configuration for a CT and its regions: scanned box, ROIs, grid, detector and cost."""
+"""Propose a first configuration for a CT and its regions: scanned box, ROIs, grid, detector and cost."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def propose(
     rois : sequence of str, optional
         Labels or names of the regions to use; by default the largest suitable ones.
     size : {"normal", "quick"}, optional
-        quick: a trial run with coarse voxels, few protocols and repeats.
+        quick: a trial run with coarse voxels, few protocols and few repeats.
     instead : str, optional
         Command that starts a normal study of the same CT. The pages of a quick study show it.
     not_checked : sequence of str, optional

@@ -1,4 +1,7 @@
-"""Features of simulated images in which one property at a time is changed."""
+"""Extract features of simulated images in which one image property at a time is changed.
+
+The feature diagnosis interpolates between these strengths to find the property that explains feature differences.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +24,10 @@ from ...phantom.ct import resample
 from ...simulation.reconstruct import apply_image_effects
 from .properties import BASELINE, EVERY_FOLD, FOLDS, calibration
 
-SIGMAS_VOXELS = (0.4, 0.7, 1.0)  # of simulated blurs; smaller ones hardly mix neighboring voxels
-FLUX_FACTORS = (0.25, 0.5, 2.0, 4.0)  # of the simulated photons; features are interpolated in between
+SIGMAS_VOXELS = (0.4, 0.7, 1.0)  # SDs of simulated blurs; smaller blurs hardly mix neighboring voxels
+FLUX_FACTORS = (0.25, 0.5, 2.0, 4.0)  # relative numbers of simulated photons; features are interpolated in between
 TEXTURE_SIGMAS_VOXELS = (*SIGMAS_VOXELS, 1.4, 2.0)  # the noise of a scanner may be this coarse
-THICKNESSES_SLICES = (1.5, 2.0, 3.0)  # simulated; features are interpolated in between
+THICKNESSES_SLICES = (1.5, 2.0, 3.0)  # simulated slice thicknesses; features are interpolated in between
 
 
 def property_tables(

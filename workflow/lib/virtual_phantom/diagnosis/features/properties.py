@@ -30,15 +30,15 @@ class Property:
     Attributes
     ----------
     name : str
-        Name of the effect, if it is one.
+        Name; the name of the effect if the property is an effect.
     settled_by : str
         Further measurement that tests this property alone.
     parameter : tuple of (str, str), or None
         Name and unit of the strength; None for a property without a strength.
     neutral : callable
-        (grid) to the strength without change.
+        Function of the grid that returns the strength without change.
     axis : tuple of 2 callable
-        (function, inverse): features are interpolated linearly in the function of the strength.
+        (function, inverse). Features are interpolated linearly in function(strength).
     """
 
     name: str

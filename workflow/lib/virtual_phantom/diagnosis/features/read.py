@@ -21,7 +21,7 @@ def read_responses(
     conditions: Mapping,
     dimensions: int,
     stored_offset_hu: float,
-    parameters: str | None,
+    parameter_file: str | None,
     rois: Sequence[str] | None,
 ) -> tuple[Responses, dict[str, str]]:
     """Read the responses of features to image properties for one comparison.
@@ -38,7 +38,7 @@ def read_responses(
         {column: value} of the compared rows of the recording.
     dimensions, stored_offset_hu
         See comparability.comparable.
-    parameters : str or None
+    parameter_file : str or None
         Parameter file of pyradiomics of the study.
     rois : sequence of str or None
         Compared ROIs; None: all common ROIs.
@@ -55,5 +55,5 @@ def read_responses(
     """
     rows = select_rows(read_csv(recorded), dict(conditions), f"recording {recording}")
     table = read_csv(properties)
-    features, not_compared = compared(table, rows, dimensions, stored_offset_hu, read_extraction(parameters))
+    features, not_compared = compared(table, rows, dimensions, stored_offset_hu, read_extraction(parameter_file))
     return responses(table, rows, features, read_nifti(image).grid, rois), not_compared

@@ -1,4 +1,4 @@
-"""Tests of feature differences beyond the spread of repeats: means and SDs by family and ROI, and order of ROIs."""
+"""Test feature differences that exceed the spread of repeats: means and SDs by family and ROI, and order of ROIs."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ..residuals.residual_tests import ALPHA
 from .responses import Responses
 
 DOMAINS = ("mean", "SD", "order of regions")
-SMALLEST = 1e-300  # p-value, so that z is finite
+SMALLEST = 1e-300  # smallest p-value, so that z is finite
 
 
 @dataclass(frozen=True)
 class FeatureLocation:
-    """Test of a feature family in one ROI, or of its order in two ROIs.
+    """Result of the test of a feature family in one ROI, or of the order of two ROIs.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class FeatureLocations:
 
 
 def frame(data: Responses, repeats: list[np.ndarray]) -> pd.DataFrame:
-    """Return a table with columns roi and tissue_class, from arrays (repeats, features) of every ROI."""
+    """Return the features as a table with columns roi and tissue_class."""
     parts = [
         pd.DataFrame(values, columns=data.features).assign(roi=roi, tissue_class=data.classes[roi])
         for roi, values in zip(data.rois, repeats, strict=True)
@@ -132,7 +132,7 @@ def compare_features(data: Responses, simulated: np.ndarray) -> FeatureLocations
 
 
 def _order(simulated: np.ndarray, recorded: list[np.ndarray], pairs) -> tuple[np.ndarray, np.ndarray]:
-    """Return p-values of a swapped order of ROIs, and signs of the recorded differences, shape (features, pairs)."""
+    """Return the p-values of swapped ROIs and the signs of the recorded differences, shape (features, pairs)."""
     p, sign = [], []
     for a, b in pairs:
         sides = (simulated[:, a], simulated[:, b]), (recorded[a], recorded[b])

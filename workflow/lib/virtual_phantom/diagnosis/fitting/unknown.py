@@ -1,4 +1,4 @@
-"""Numbers of effects that fits vary."""
+"""Parameters of effects as variables of a fit, which may be a power or the logarithm of the parameter."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .steps import NORMAL_95, ROUNDING
 
 @dataclass(frozen=True)
 class Unknown:
-    """Number of an effect that fits vary: a power of a parameter, or its logarithm.
+    """Variable of a fit for one parameter of an effect: a power of the parameter, or its logarithm.
 
     Attributes
     ----------
@@ -22,11 +22,11 @@ class Unknown:
     low, high : float
         Plausible range.
     starts : tuple of float
-        Starts of fits.
+        Starting points of fits.
     neutral : float or None
-        Number at which the effect does nothing, if there is one.
+        Value of the variable at which the effect does nothing, if there is one.
     expected, sd : float
-        Gaussian prior; without further knowledge as wide as the range, against runaways.
+        Gaussian prior. Without further knowledge it is as wide as the range, so that fits do not diverge.
     power : int
         As in Parameter.
     """
@@ -42,15 +42,18 @@ class Unknown:
     power: int = 1
 
     def of(self, value: float) -> float:
-        """Return the number of a parameter's value."""
+        """Return the variable for a value of the parameter."""
         return math.log(value) if self.power == LOGARITHM else value**self.power
 
     def value(self, number: float) -> float:
-        """Return the parameter's value of a number."""
+        """Return the value of the parameter for a value of the variable."""
         return math.exp(number) if self.power == LOGARITHM else number ** (1 / self.power)
 
     def value_error(self, number: float, error: float) -> float:
-        """Return the standard error of the value: its 95 % interval reaches at least as far as the number's."""
+        """Return the standard error of the parameter.
+
+        Its 95 % interval reaches at least as far as that interval of the variable.
+        """
         if self.power == 1 or not np.isfinite(error):
             return error
         if self.power == LOGARITHM:
@@ -61,7 +64,10 @@ class Unknown:
         return max(abs(end - self.value(number)) for end in ends) / NORMAL_95
 
     def number_error(self, value: float, error: float) -> float:
-        """Return the standard error of the number: the inverse of `value_error`, the least where ends were cut."""
+        """Return the standard error of the variable.
+
+        This is the inverse of `value_error`, or its smallest solution if an end of the interval was cut.
+        """
         if self.power == 1 or not np.isfinite(error):
             return error
         reach = NORMAL_95 * error
@@ -70,7 +76,7 @@ class Unknown:
 
     @property
     def parameter(self) -> Parameter:
-        """The parameter whose number it is."""
+        """The parameter that the variable represents."""
         return next(parameter for parameter in load(self.effect).parameters if parameter.name == self.name)
 
     @property
@@ -79,7 +85,7 @@ class Unknown:
         return load(self.effect).moves(self.parameter)
 
     def owner(self, recording: str, protocol: str) -> str:
-        """Return its owner, the recording or the protocol; empty: the scanner, or the only protocol."""
+        """Return the recording or protocol that has its own value; empty if it is common to the scanner."""
         belongs_to = self.parameter.belongs_to
         if belongs_to == OF_SCAN:
             return recording

@@ -1,4 +1,4 @@
-"""Preparation of a recording of images: the protocol that simulates it, and the voxels that count."""
+"""Prepare a recording of images for fits: the protocol that simulates it, and the voxels that are compared."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...base.streams import Branch, branch
 from ...physics.state import AIR
-from ...reconstruction.images import in_hu
+from ...reconstruction.images import reconstruct_hu
 from ...recordings.images import ImagesRecording
 from ..comparison.agreement import Features
 from ..comparison.regions import ScannedVolume, complete, phantom_regions
@@ -50,7 +50,7 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
     made, shown = (grid, slice(None)) if protocol.algorithm == "fbp" else (whole, slices)
 
     def reconstruct(lines: np.ndarray) -> np.ndarray:
-        return in_hu(
+        return reconstruct_hu(
             lines.astype(np.float32),
             protocol.geometry,
             made,
@@ -117,7 +117,7 @@ def agreement_of_images(
 ) -> dict:
     """Return the agreement of the held-out repeats with simulated images of each model, as `agreement_of_repeats`.
 
-    The simulated images are those of the fit, at most REALIZATIONS, so that `purpose` has no effect.
+    The simulated images of the fit are used, at most REALIZATIONS, so `purpose` has no effect.
     """
     repeats = prepared.held_out.repeats
     model, count = prepared.fitter.model, min(len(repeats), REALIZATIONS)

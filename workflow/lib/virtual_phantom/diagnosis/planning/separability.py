@@ -1,4 +1,8 @@
-"""Separability of effects in a recording: where they show, the part that alignment absorbs, and their similarity."""
+"""Predict how well a recording distinguishes effects.
+
+For each effect: which data change, the part of the change that nuisance parameters absorb, and the similarity of the
+remaining part with other effects.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +29,9 @@ class Template:
     parameter : str or None
         None if the effect has no parameter with a neutral value.
     whole : ndarray, shape (data,)
-        Whitened, so that its length is in standard deviations.
+        The whole change, whitened, so that its length is in standard deviations.
     left : ndarray, shape (data + parameters,)
-        The part that the fit does not absorb to first order. Below the data, one entry per prior.
+        The part that the fit does not absorb to first order. After the data, there is one entry per prior.
     """
 
     effect: str
@@ -42,12 +46,12 @@ class Template:
         return 1 - float(self.left @ self.left) / square if square else float("nan")
 
 
-def described(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list[Template]:
+def templates_of_effects(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list[Template]:
     """Return the templates of effects at a fit; a gain pattern has the template of one random realization."""
     basis, found = np.linalg.qr(changes(Problem.at(fitter, fit)))[0], []
     for name in names:
         if load(name).pattern:
-            labels, rows = [None], _drawn(fitter, fit, name)[None]
+            labels, rows = [None], _gain_pattern_template(fitter, fit, name)[None]
         else:
             labels = [parameter.name for parameter in varied(fitter.model.parameters(name))] or [None]
             rows = templates(fitter, fit, name)
@@ -56,7 +60,7 @@ def described(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list[Template]:
     return found
 
 
-def _drawn(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
+def _gain_pattern_template(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
     """Return the template of a gain pattern of typical strength, from the chain, as predictions have no pattern."""
     effect, data = load(name), fitter.data
     photons = float(np.exp(fit.nuisance["log_photons"]))
@@ -70,7 +74,7 @@ def _drawn(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
 
 
 def split(fitter: Fitter, row: np.ndarray) -> dict[str, np.ndarray]:
-    """Split a whitened row by the parts of the data, without entries below the data."""
+    """Split a whitened row by the parts of the data, without the entries for priors."""
     names = fitter.data.parts
     ends = np.cumsum([weight.size for weight in fitter.weights])
     return {name: row[end - w.size : end] for name, end, w in zip(names, ends, fitter.weights, strict=True)}
@@ -86,7 +90,7 @@ def shares(fitter: Fitter, row: np.ndarray) -> dict[str, float]:
 def taken_up_in_range(fitter: Fitter, fit: Fit, rows: np.ndarray) -> np.ndarray:
     """Return the share of rows' squared lengths that a fit absorbs within its plausible ranges, shape (rows,).
 
-    Bounded least squares, which unlike a first-order projection depends on the strength of the effect.
+    This is a bounded least-squares fit. Unlike a first-order projection, it depends on the strength of the effect.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""Validation of physics from one recording on another, where only numbers of one scan are fitted."""
+"""Test the physics found in one recording on another recording of the same scanner.
+
+Only the nuisance parameters and the parameters that each scan has of its own are fitted to the other recording.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,7 @@ class Physics:
     not_taken : tuple of str
         Effects of one scan: patterns of its pixels, which diagnosis.json does not hold.
     noise : dict of str to dict of str to float
-        As `errors`, for noise alone; missing parameters have those.
+        Standard errors for noise alone, where they differ from `errors`.
     """
 
     recording: str
@@ -48,13 +51,13 @@ class Physics:
     noise: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @classmethod
-    def read(cls, path: str | Path, needed: bool = True) -> Physics:
+    def read(cls, path: str | Path, allow_empty: bool = False) -> Physics:
         """Read a diagnosis.json.
 
         Raises
         ------
         InputError
-            If it is missing or broken, or, if `needed`, found no physics.
+            If it is missing or broken, or found no effect, unless `allow_empty`.
         """
         kinds = (OSError, ValueError, KeyError, TypeError)
         with refusing(f"{path}: is no diagnosis", *kinds, advice="make it again"):
@@ -69,7 +72,7 @@ class Physics:
             noise = {n: {k: _error(v, "ci95_noise") for k, v in values.items()} for n, values in taken.items()}
             units = {n: {k: v["unit"] for k, v in values.items()} for n, values in taken.items()}
             density = (scale["value"], _error(scale)) if absolute_attenuation(effects) else None
-        if needed and not effects:
+        if not (allow_empty or effects):
             raise InputError(f"{path}: found no effect to validate on another recording; drop physics_from")
         return cls(recording, effects, errors, units, density, tuple(sorted(set(found) - set(taken))), noise)
 
@@ -77,8 +80,9 @@ class Physics:
 def with_declared(model: FitSettings, path: str | Path | None) -> FitSettings:
     """Return a recording's model with physics of another recording's diagnosis as declarations.
 
-    Its settings' baseline gets value and sd of all effects found or declared there, but for effects that it states
-    itself. Parameters of one scan become neutral, within their value there.
+    The baseline of its settings gets value and SD of all effects that the other diagnosis found or declared, except for
+    effects that the settings declare themselves. Parameters of one scan get their neutral value, with an SD that
+    includes their value in the other scan.
 
     Parameters
     ----------
@@ -92,13 +96,16 @@ def with_declared(model: FitSettings, path: str | Path | None) -> FitSettings:
     """
     if path is None:
         return model
-    found = Physics.read(path, needed=False)
+    found = Physics.read(path, allow_empty=True)
     known = {
         name: {key: {"value": value, "sd": found.errors[name][key]} for key, value in values.items()}
         for name, values in found.effects.items()
     }
     for name, values in read_document(path, DIAGNOSIS).get("declared", {}).items():
-        known[name] = {key: {"value": stated["value"], "sd": _error(stated)} for key, stated in values.items()}
+        known[name] = {
+            key: {"value": with_physics_source["value"], "sd": _error(with_physics_source)}
+            for key, with_physics_source in values.items()
+        }
     for name, values in known.items():
         for key, neutral in of_one_scan(name).items():
             if key in values:
@@ -114,11 +121,11 @@ def _error(parameter: dict, interval: str = "ci95") -> float:
     return max(high - parameter["value"], parameter["value"] - low) / NORMAL_95
 
 
-def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: bool) -> Choice:
-    """Fit nuisance parameters and parameters of one scan beside physics from elsewhere.
+def fit_with_fixed_physics(fitter: Fitter, baseline: Trial, physics: Physics, same_material: bool) -> Choice:
+    """Fit nuisance parameters and parameters of one scan, with the physics of another recording fixed.
 
-    An effect's gain is the held-out log score lost without it, the others kept and the nuisance parameters refitted. It
-    has no p-value (None), as nothing of it was fitted here.
+    The gain of an effect is the loss of held-out log score without it, with the other effects kept and the nuisance
+    parameters refitted. Its p-value is None, because the effect is not fitted to this recording.
 
     Parameters
     ----------
@@ -140,15 +147,15 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
                     f"{physics.recording}: {parameter.name} of its {name} is in {units[parameter.name]}, and this "
                     f"recording's in {parameter.unit}; take the physics from a recording of the same kind"
                 )
-    held = fitter.of(copy.copy(fitter.model))  # of projections or of images
-    held.model.fixed = _not_of_scan(physics.effects)
+    fixed = fitter.of(copy.copy(fitter.model))  # of projections or of images
+    fixed.model.fixed = _not_of_scan(physics.effects)
     if physics.scale is not None and same_material:
-        held.model.density = physics.scale
-    chosen = trial(held, tuple(physics.effects), baseline)
+        fixed.model.density = physics.scale
+    chosen = trial(fixed, tuple(physics.effects), baseline)
     without = {}
     for name in physics.effects:
         rest = less(tuple(physics.effects), name)
-        without[name] = trial(held, rest, chosen) if rest else baseline
+        without[name] = trial(fixed, rest, chosen) if rest else baseline
     gains = {name: chosen.score - rest.score for name, rest in without.items()}
     whole, noise = (
         {name: chosen.fit.errors[name] | values for name, values in _not_of_scan(errors).items()}
@@ -167,7 +174,7 @@ def _not_of_scan(physics: Mapping[str, Mapping[str, float]]) -> dict[str, dict[s
     return {name: parameters_owned_by(NOT_OF_SCAN, name, values) for name, values in physics.items()}
 
 
-def stated(content: dict, physics: Physics) -> dict:
+def with_physics_source(content: dict, physics: Physics) -> dict:
     """Return the content of diagnosis.json with the source of the physics."""
     content = content | {
         "effects": [effect | {"taken_from": physics.recording} for effect in content["effects"]],

@@ -1,4 +1,7 @@
-"""Mistakes in the description of a scan, each with its correction and the line to change."""
+"""List possible mistakes in the scan section of recording.yaml, each with its correction and the line to change.
+
+The check of the scan set-up tests which correction explains the recorded data better.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from ..projections.observed import LEAST_TRANSMISSION
 
 STATED = "as stated"
 LN_10 = math.log(10)
-# Line integrals with larger values are no transmissions, even with noise in air.
+# Data with larger values are line integrals, not transmissions: these are 1 in air, apart from noise.
 LARGEST_TRANSMISSION = 1.5
 
 
@@ -27,7 +30,7 @@ class Description:
     name : str
         Name of the mistake; STATED for none.
     line : str
-        What to change, for users.
+        Text that tells the user what to change.
     scan : mapping
         Section `scan` with the change.
     axes : callable
@@ -37,9 +40,9 @@ class Description:
     oriented : bool
         Whether start angles are searched too, as mistakes of direction or axes often come with another start angle.
     shifts : bool
-        Whether it only shifts the detector, as effects do too.
+        Whether the mistake only shifts the detector, which an effect can also explain.
     scaled : float or None
-        Factor of the line integrals, if nothing else differs.
+        Factor of the line integrals, if the correction changes nothing else.
     """
 
     name: str
@@ -60,7 +63,7 @@ def descriptions(scan: Mapping, log: bool, largest: float) -> Iterator[Descripti
     scan : mapping
         The scan section of recording.yaml.
     log : bool
-        Whether line integrals were recorded, not counts with their fields.
+        Whether the recording has line integrals; otherwise it has counts with dark and flat fields.
     largest : float
         Largest line integral.
     """
@@ -84,7 +87,7 @@ def descriptions(scan: Mapping, log: bool, largest: float) -> Iterator[Descripti
 
 
 def _corrected(name: str, scan: Mapping, entries: Mapping[str, float], note: str = "", **more: bool) -> Description:
-    """Return a description with other numbers in `scan`."""
+    """Return a description with changed values in `scan`."""
     line = ", ".join(f"scan.{key}: {value:g}" for key, value in entries.items())
     return Description(name, line + note, {**scan, **entries}, **more)
 
@@ -103,12 +106,12 @@ def _swapped(scan: Mapping) -> Iterator[Description]:
 def _distances(scan: Mapping) -> Iterator[Description]:
     isocentre, detector = scan["source_to_isocentre_mm"], scan["source_to_detector_mm"]
     magnification = detector / isocentre
-    for name, factor in (("pitch at the isocentre", magnification), ("pitch magnified twice", 1 / magnification)):
+    for name, factor in (("pitch at the isocenter", magnification), ("pitch magnified twice", 1 / magnification)):
         pitches = {key: scan[key] * factor for key in ("column_pitch_mm", "row_pitch_mm")}
         yield _corrected(name, scan, pitches, " (at the detector)")
     note = " (the stated value is the distance from isocenter to detector)"
     yield _corrected("swapped distances", scan, {"source_to_isocentre_mm": detector - isocentre}, note)
-    yield _corrected("distance from the isocentre", scan, {"source_to_detector_mm": detector + isocentre}, note)
+    yield _corrected("distance from the isocenter", scan, {"source_to_detector_mm": detector + isocentre}, note)
 
 
 def _views(scan: Mapping) -> Iterator[Description]:

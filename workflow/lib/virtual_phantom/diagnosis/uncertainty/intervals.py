@@ -20,11 +20,11 @@ from ..fitting.steps import NORMAL_95, interval
 # Degrees of freedom of model errors: by [1], their size is uncertain by about half of it. Chosen with seeds 74 and 75
 # of benchmarks/intervals.py.
 DEGREES = 2
-NODES, LARGEST = 1000, 6.0  # of the integral over that size, which agrees with closed forms to 1e-5
+NODES, LARGEST = 1000, 6.0  # of the integral over the size of model errors, which agrees with closed forms to 1e-5
 
 
 def half_width(level: float, noise: float, whole: float) -> float:
-    """Return half the width of the interval that contains a number's error with a given probability.
+    """Return half the width of the interval that contains the error of a parameter with a given probability.
 
     The error is n + m: n is normal; m is Student's t with the 95 % quantile of a normal distribution with the standard
     error `(whole**2 - noise**2)**0.5`. A 95 % interval is as wide as that of a normal distribution of `whole`, to 3 %.
@@ -50,7 +50,7 @@ def half_width(level: float, noise: float, whole: float) -> float:
 
 
 def intervals(value: float, noise: float, whole: float, low: float = -np.inf, high: float = np.inf) -> dict:
-    """Return intervals of a fitted number, clipped to its plausible range.
+    """Return confidence intervals of a fitted parameter, clipped to its plausible range.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def intervals(value: float, noise: float, whole: float, low: float = -np.inf, hi
     Returns
     -------
     dict
-        {"ci50", "ci95": with model errors, "ci95_noise": of noise alone}, each [low, high].
+        Keys `ci50` and `ci95` (with model errors) and `ci95_noise` (noise alone), each with [low, high].
     """
     return {
         "ci50": interval(value, half_width(0.5, noise, whole) / NORMAL_95, low, high),

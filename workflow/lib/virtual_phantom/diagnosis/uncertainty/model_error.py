@@ -1,10 +1,10 @@
-"""Standard errors of a fit's numbers with model errors.
+"""Compute standard errors of fitted parameters that include errors of the models of effects.
 
-A wrong model shifts numbers that seem well known [1]_. Here an effect's model may be wrong by a share of what it
-explains (`model_accuracy`): uniformly, or rising along an axis of the data or with the attenuation. A kernel or a
-source may have another form than assumed. Corrections for finite steps may be uneven: along axes, with the
-attenuation, and with the direction from which a grid and an object are seen. The selection of effects uses the same
-shares.
+An inexact model biases parameters whose statistical errors are small [1]_. The model of an effect may be wrong by a
+fraction of the change that it explains (`model_accuracy`). This error may be uniform, or rise along an axis of the data
+or with the attenuation. A blur kernel or a focal spot may have another form than assumed. Corrections for
+discretization may vary along axes, with the attenuation, and with the direction of view. The selection of effects uses
+the same fractions.
 
 References
 ----------
@@ -27,7 +27,8 @@ from ..fitting.steps import Known, standard_errors
 from ..fitting.templates import data_changes, whitened
 
 Distortions = Iterator[tuple[tuple[str, int | str], np.ndarray]]  # (model, shape), and (data,)
-NUMERICAL = "numerical"  # key of model_accuracy: unevenness of corrections, over the change by a twice finer step
+# Key of model_accuracy: variation of discretization corrections, relative to the change by half the step size.
+NUMERICAL = "numerical"
 # Relative width of the part of a kernel that has another form than assumed (Parameter.kernel_error).
 NARROWER = 0.5
 HARMONICS = (2, 4)  # periods per turn: an object looks equal from opposite sides, a square grid from four
@@ -35,17 +36,17 @@ HARMONICS = (2, 4)  # periods per turn: an object looks equal from opposite side
 
 @dataclass(frozen=True)
 class Errors:
-    """Standard errors of a fit's numbers with model errors, as Fit.errors and Fit.nuisance_errors."""
+    """Standard errors of fitted parameters with model errors, in the form of Fit.errors and Fit.nuisance_errors."""
 
     physics: dict[str, dict[str, float]]
     nuisance: dict[str, float]
 
 
 def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]) -> Errors:
-    """Return standard errors of a fit's numbers with model errors.
+    """Return standard errors of fitted parameters with model errors.
 
-    A distortion d of the whitened data shifts the numbers by A^-1 J'd. Here J are the changes of the data per number
-    and A = J'J + K their information with priors. Distortions are independent of each other and of noise.
+    A model error d of the whitened data shifts the parameters by A^-1 J'd. Here J is the Jacobian of the data, and
+    A = J'J + K the information matrix with priors. Model errors are independent of each other and of noise.
 
     Parameters
     ----------
@@ -71,13 +72,13 @@ def errors_of_pulled(
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Return standard errors of effects' parameters in a joint fit, with model errors, by recording.
 
-    As errors_with_models. A distortion by one model and shape acts on all recordings at once: they have the same model,
-    so that more of them do not reduce its error. Finite steps err in each recording independently.
+    As errors_with_models. Recordings share the models of effects, so that more recordings do not reduce their errors.
+    Errors of discretization are independent for each recording.
 
     Parameters
     ----------
     fits : mapping of str to Fit, optional
-        Fits whose errors are returned, with the slopes of those in `scans`; None: the fits in `scans`.
+        Fits whose errors are returned, with the Jacobians of the fits in `scans`; None: the fits in `scans`.
     """
     numbers = _numbers(list(scans.values()))
     fits = fits or {name: scan.fit for name, scan in scans.items()}

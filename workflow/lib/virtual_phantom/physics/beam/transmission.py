@@ -1,4 +1,4 @@
-"""Signal of a polychromatic beam behind given path lengths.
+"""Compute the signal of a polychromatic beam from path lengths through materials.
 
 Fits with a spectrum spend nearly all their time in exponentials, one per ray and energy. They are computed in single
 precision, like path lengths, for blocks of rays that fit into the L1 cache. The loops are simple so that compilers
@@ -21,7 +21,7 @@ BLOCK = 512  # rays; a few kilobytes per array
 MANY = 40  # blocks from which threads gain more than the 0.2 ms that they take to start
 # Degree of the Chebyshev interpolation of 2^x in [-1/2, 1/2]; its error of 2e-8 is a quarter of the float32 resolution.
 DEGREE = 6
-MIN_POWER, MAX_POWER = -126, 127  # of normal float32 numbers; smaller powers are set to the minimum
+MIN_POWER, MAX_POWER = -126, 127  # exponents of normal float32 numbers; smaller exponents are set to the minimum
 
 
 def _coefficients() -> np.ndarray:

@@ -6,7 +6,7 @@ from ..state import State
 
 def apply(state: State, values: dict[str, float]) -> None:
     """Set the grid."""
-    state.grid = (values["ratio"], values["ratio_along_rows"])
+    state.anti_scatter_ratio = (values["ratio"], values["ratio_along_rows"])
 
 
 EFFECT = Effect(

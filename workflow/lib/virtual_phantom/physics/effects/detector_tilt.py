@@ -19,8 +19,8 @@ EFFECT = Effect(
     source="K. Yang et al., Med. Phys. 33, 1695 (2006); M. Ferrucci et al., Meas. Sci. Technol. 26, 092003 (2015)",
     stage="geometry",
     signature="the shadow is narrower in rows near the source and wider in the others, in all views",
-    settled_by="scan a ball at two heights over a full turn: the ratio of its track widths differs from that of the "
-    "magnifications",
+    settled_by="scan a ball at two heights over a full turn: the ratio of its track widths differs from the "
+    "ratio of the magnifications",
     parameters=(
         Parameter("angle_deg", "degrees", "rotation t of the row direction to the source", -5.0, 5.0, 0.0, 1.0),
     ),

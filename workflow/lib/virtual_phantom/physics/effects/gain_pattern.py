@@ -8,9 +8,10 @@ from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    """Set the gain of every pixel."""
+    """Multiply the gain of every pixel."""
     rows = np.arange(state.geometry.rows) * 2 - state.geometry.rows + 1  # position from the center, in half rows
-    state.gain = np.exp(values["rms"] * np.stack([_row(int(values["detector"]), row, state) for row in rows]))
+    gain = np.exp(values["rms"] * np.stack([_row(int(values["detector"]), row, state) for row in rows]))
+    state.gain = gain if state.gain is None else state.gain * gain
 
 
 def _row(detector: int, row: int, state: State) -> np.ndarray:

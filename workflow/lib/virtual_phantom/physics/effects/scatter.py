@@ -13,26 +13,33 @@ from ..state import State
 def apply(state: State, values: dict[str, float]) -> None:
     """Add scattered photons to signal and noise."""
     transmission = state.signal / state.air
-    # Loss of the primary beam, largest at a transmission of 1/e.
-    source = -transmission * np.log(np.clip(transmission, 1e-12, 1)) * state.air
-    reach_mm = _through(state.grid, state.geometry)
-    if state.noise is state.signal:  # all photons count equally
+    # Source of scatter: the primary signal times its line integral, -T ln T, largest at a transmission T of 1/e.
+    scatter_source = -transmission * np.log(np.clip(transmission, 1e-12, 1)) * state.air
+    reach_mm = _grid_reach_mm(state.anti_scatter_ratio, state.geometry)
+    # If all photons have the same weight, the quantum variance equals the signal, and both are the same array.
+    if state.noise is state.signal:
         state.signal = state.noise = state.signal + values["amount"] * spread(
-            source, state.geometry, values["width_mm"], reach_mm
+            scatter_source, state.geometry, values["width_mm"], reach_mm
         )
         return
-    noise = np.divide(source * state.noise, state.signal, out=np.zeros_like(source), where=state.signal > 0)
-    more = values["amount"] * spread(np.stack([source, noise]), state.geometry, values["width_mm"], reach_mm)
-    state.signal, state.noise = state.signal + more[0], state.noise + more[1]
+    noise_source = np.divide(
+        scatter_source * state.noise, state.signal, out=np.zeros_like(scatter_source), where=state.signal > 0
+    )
+    sources = np.stack([scatter_source, noise_source])
+    scatter_signal, scatter_noise = values["amount"] * spread(sources, state.geometry, values["width_mm"], reach_mm)
+    state.signal, state.noise = state.signal + scatter_signal, state.noise + scatter_noise
 
 
-def _through(grid: tuple[float, float], geometry: ScanGeometry) -> tuple[float, float]:
-    """Return the reach behind a grid of scatter from the object center, along columns and rows, mm."""
-    away_mm = geometry.source_to_detector_mm - geometry.source_to_isocentre_mm
-    return tuple(away_mm / ratio if ratio else math.inf for ratio in grid)
+def _grid_reach_mm(anti_scatter_ratio: tuple[float, float], geometry: ScanGeometry) -> tuple[float, float]:
+    """Return the distance on the detector beyond which an anti-scatter grid stops scatter from the isocenter.
+
+    Along columns and rows, mm; infinite without a grid.
+    """
+    isocentre_to_detector_mm = geometry.source_to_detector_mm - geometry.source_to_isocentre_mm
+    return tuple(isocentre_to_detector_mm / ratio if ratio else math.inf for ratio in anti_scatter_ratio)
 
 
-AMOUNT = "a: scattered share of the loss of the primary beam"
+AMOUNT = "a: scattered signal as a share of the primary signal times its line integral"
 
 EFFECT = Effect(
     name="scatter",

@@ -9,7 +9,7 @@ from ..image_state import ImageState
 
 
 def apply(state: ImageState, values: dict[str, float]) -> None:
-    """Average over slices."""
+    """Average over the thickness of a slice."""
     half = values["thickness_mm"] / state.spacing_mm[0] / 2  # in slices
     reach = int(np.ceil(half + 0.5))
     offsets = np.arange(-reach, reach + 1)
@@ -21,7 +21,7 @@ def apply(state: ImageState, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="slice_thickness",
-    physics="Slices are thicker than their spacing, so neighboring slices are mixed in.",
+    physics="Slices are thicker than their spacing, so each slice contains a part of its neighbors.",
     equation="image'(z) = mean of image over z - t/2 to z + t/2",
     source="IEC 61223-3-5:2019 (slice thickness); W. A. Kalender, Computed Tomography, 3rd ed., Publicis (2011)",
     stage="image",

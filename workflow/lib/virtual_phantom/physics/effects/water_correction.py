@@ -5,14 +5,14 @@ from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    """Set the polynomial."""
+    """Set the polynomial of the manufacturer's correction."""
     state.correction = (values["quadratic"], values["cubic"])
 
 
 EFFECT = Effect(
     name="water_correction",
-    physics="Line integrals are passed through a polynomial before storage that linearizes water. The hardening of "
-    "bone and metal remains, and that of water if the polynomial does not fit.",
+    physics="Line integrals are passed through a polynomial before storage that linearizes water. Beam "
+    "hardening by bone and metal remains, and also by water if the polynomial does not match the beam.",
     equation="p' = p + a p^2 + b p^3, linear from p = 10 on; noise is multiplied by the slope",
     source="G. T. Herman, Phys. Med. Biol. 24, 81 (1979); residual artifacts: P. M. Joseph and R. D. Spital, J. "
     "Comput. Assist. Tomogr. 2, 100 (1978)",

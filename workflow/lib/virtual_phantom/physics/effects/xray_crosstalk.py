@@ -6,16 +6,16 @@ from ..state import State, with_crosstalk
 
 def apply(state: State, values: dict[str, float]) -> None:
     """Share signal and noise among neighboring pixels, also in the air scan."""
-    neighbours = (values["column"], values["row"])
-    alike = state.noise is state.signal
-    state.signal, state.air = with_crosstalk(state.signal, neighbours), with_crosstalk(state.air, neighbours)
-    state.noise = state.signal if alike else with_crosstalk(state.noise, neighbours)
+    neighbor_shares = (values["column"], values["row"])
+    equal_weights = state.noise is state.signal
+    state.signal, state.air = with_crosstalk(state.signal, neighbor_shares), with_crosstalk(state.air, neighbor_shares)
+    state.noise = state.signal if equal_weights else with_crosstalk(state.noise, neighbor_shares)
 
 
 EFFECT = Effect(
     name="xray_crosstalk",
     physics="Photons deposit energy in neighboring pixels (fluorescence, Compton scatter in the scintillator).",
-    equation="S' = (c, 1 - 2c, c) * S along columns and rows, with each photon still counted once",
+    equation="S' = (c, 1 - 2c, c) * S along columns and rows; noise of pixels stays independent",
     source="M. Wu et al., XCIST, Phys. Med. Biol. 67, 194002 (2022)",
     stage="crosstalk",
     signature="residuals of both signs at edges, one or two pixels wide; noise stays white",

@@ -1,4 +1,7 @@
-"""Agreement of images on a protocol that was not fitted, with published values of another simulator."""
+"""Agreement of simulated and recorded images for a protocol that was not fitted.
+
+The table also shows the published agreement of another simulator (DukeSim) with a real scanner.
+"""
 
 from __future__ import annotations
 
@@ -54,13 +57,13 @@ def medians(cases: Sequence[Case], metric: str) -> dict:
     entries = [case.other[metric] for case in cases if case.other and metric in case.other]
     return {
         "n": len(entries),
-        "before": median(_size(entry["before"]) for entry in entries),
-        "after": median(_size(entry["after"]) for entry in entries),
+        "before": median(_difference(entry["before"]) for entry in entries),
+        "after": median(_difference(entry["after"]) for entry in entries),
         "floor": median(entry["floor"] for entry in entries),
     }
 
 
-def _size(column: dict) -> float:
+def _difference(column: dict) -> float:
     """Return |relative difference|, or the value of a metric that is itself a share."""
     relative = column["relative_difference"]
     return column["value"] if relative is None else abs(relative)

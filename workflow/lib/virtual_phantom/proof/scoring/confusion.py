@@ -11,12 +11,14 @@ from ..hiding.catalogue import STRENGTHS
 NOTHING = "nothing"  # row: nothing hidden; column: a match
 NOTHING_FITS = "no effect fits"  # column: a difference without a named effect
 NOT_IN_LIBRARY = "{} (not in library)"
-OUTCOMES = ("right", "stand-in", "wrong")  # keys in score.json; `stand-in`: a reported alternative
+# `stand-in`: the hidden effect was reported as an alternative to the effect named first.
+OUTCOMES = ("right", "stand-in", "wrong")  # keys in score.json
 MEANING = (
-    "Cases with one hidden effect of the library, one that the library lacks, or nothing. Cases with two are not in "
-    "the matrix. Right: the hidden effect was named first; a match if nothing is hidden; unexplained differences if "
-    "the library lacks the effect. Alternative: the hidden effect is reported to explain the data as well as the "
-    "effect named first."
+    "The matrix shows cases that hide one effect of the library, one effect that the library lacks, or nothing. Cases "
+    "that hide two effects are not in the matrix. Right means that the hidden effect was named first. If nothing is "
+    "hidden, it means that the verdict is a match. If the library lacks the effect, it means that the difference was "
+    "reported as unexplained. Alternative means that the hidden effect was reported to explain the data as well as "
+    "the effect named first."
 )
 
 
@@ -26,8 +28,8 @@ def row_of(case: Case) -> str:
         return NOTHING
     if case.category == "single":
         return case.hidden[0]
-    missing = [effect["name"] for effect in case.truth["effects"] if not effect["known"]]
-    return NOT_IN_LIBRARY.format(" + ".join(missing))
+    not_in_library = [effect["name"] for effect in case.truth["effects"] if not effect["known"]]
+    return NOT_IN_LIBRARY.format(" + ".join(not_in_library))
 
 
 def column_of(case: Case) -> str:
@@ -50,18 +52,18 @@ def matrix(cases: Sequence[Case]) -> dict:
     dict
         Meaning, number of pairs_left_out, and
 
-        * rows, columns: effects of the library in the same order, then nothing; then rows of effects that the library
-          lacks, and the column of differences without a named effect
+        * rows: hidden effects of the library, NOTHING, and effects that the library lacks
+        * columns: hidden or named effects of the library, NOTHING, and NOTHING_FITS
         * counts: [row][column]
         * cells: nonzero cells with row, column, strength (or None), count and outcomes
     """
     shown = [case for case in cases if case.category != "pair"]
     placed = [(row_of(case), column_of(case), case) for case in shown]
     in_library = {row for row, _, case in placed if case.category == "single"}
-    missing = sorted({row for row, _, case in placed if case.category == "unknown"})
+    not_in_library = sorted({row for row, _, case in placed if case.category == "unknown"})
     named = {case.first for case in shown if case.first}
     columns = [*sorted(in_library | named), NOTHING, NOTHING_FITS]
-    rows = [*sorted(in_library), NOTHING, *missing]
+    rows = [*sorted(in_library), NOTHING, *not_in_library]
     groups = Counter((row, column, case.strength, outcome(case)) for row, column, case in placed)
     cells = []
     for row in rows:

@@ -1,4 +1,7 @@
-"""How well the unexplained difference separates cases with missing physics from cases that the library explains."""
+"""Test how well the unexplained difference separates cases with missing physics from cases that the library explains.
+
+The result is a curve like a receiver operating characteristic (ROC), and the area under it.
+"""
 
 from __future__ import annotations
 
@@ -8,26 +11,28 @@ from ..hiding.case import Case
 from .intervals import share
 
 MEANING = (
-    "Unexplained difference (remainder_sd), compared with each bound. Lacking: share of the cases above the bound that "
-    "have a fault that the library lacks, if no equivalent was named. Had: share of the other cases above the bound, "
-    "if precisely the hidden effects were named. Area: probability that a case of the first group has the larger "
-    "unexplained difference, with ties counted as half."
+    "The unexplained difference (remainder_sd) is compared with each bound. Lacking: cases with an effect that the "
+    "library lacks, for which no equivalent effect was named. Had: cases for which exactly the hidden effects were "
+    "named. Both give the share of these cases at or above the bound. Area: probability that a case of the first group "
+    "has the larger unexplained difference, with ties counted as half."
 )
 
 
 def summary(cases: Sequence[Case]) -> dict:
-    """Return the share of cases reported as unexplained, by fault, and the curve of unexplained differences.
+    """Return the share of cases reported as unexplained, by hidden effect, and the curve of unexplained differences.
 
     Returns
     -------
     dict
-        by_kind, {fault: share}; lacking and had, numbers of cases; curve, [{bound, lacking, had}] with decreasing
-        bounds; area, None if a group is empty.
+        * by_kind: {effect that the library lacks: share of its cases that are reported as unexplained}
+        * lacking, had: numbers of cases
+        * curve: [{bound, lacking, had}] with decreasing bounds
+        * area: None if a group is empty
     """
     unknown = [case for case in cases if case.category == "unknown"]
     kinds = sorted({name for case in unknown for name in case.hidden})
-    missing = _left(case for case in unknown if not case.equivalent_named)
-    explained = _left(case for case in cases if case.in_library and set(case.named) == set(case.hidden))
+    missing = _unexplained(case for case in unknown if not case.equivalent_named)
+    explained = _unexplained(case for case in cases if case.in_library and set(case.named) == set(case.hidden))
     bounds = sorted({*missing, *explained}, reverse=True) if missing and explained else []
     return {
         "meaning": MEANING,
@@ -43,8 +48,8 @@ def summary(cases: Sequence[Case]) -> dict:
     }
 
 
-def _left(cases: Iterable[Case]) -> list[float]:
-    """Unexplained differences of cases, except for cases whose two halves share no ray."""
+def _unexplained(cases: Iterable[Case]) -> list[float]:
+    """Return the unexplained differences of cases, except for cases whose two halves share no ray."""
     remainders = (case.diagnosis["remainder_sd"] for case in cases)
     return [value for value in remainders if value is not None]
 

@@ -1,4 +1,4 @@
-"""Targets of the blind validation, and whether they are reached."""
+"""Compare the score of the blind validation with its targets."""
 
 from __future__ import annotations
 

@@ -379,7 +379,7 @@ def _scan(source: Path, common: dict, positions: dict, spots, rows: int, columns
         "views_per_rotation": views_per_rotation,
         "start_angle_deg": math.degrees(float(angles[0] % (2 * math.pi))),
         "direction": 1 if step > 0 else -1,
-        # The isocentre is placed in the middle of the scan: the table position has no meaning here.
+        # The isocenter is placed in the middle of the scan: the table position has no meaning here.
         **({"table_feed_mm": feed, "start_z_mm": float(-slope * (count - 1) / 2)} if helical else {}),
     }
     if time := common[(0x0018, 0x1150)]:

@@ -1,8 +1,8 @@
-"""Import of published tables of radiomics features, with this project's names of ROIs and features.
+"""Import published tables of radiomics features as recordings, with the names of ROIs and features of Virtual Phantom.
 
-Two layouts are known, both of the phantom that the paper simulates (sources and assumptions: statistics/measured.py):
+Two layouts are supported. Both tables are of the printed phantom (sources and assumptions: statistics/measured.py):
 
-* the tandem study CT-Phantom4Radiomics, which has a column scan_id,
+* the study CT-Phantom4Radiomics, which has a column scan_id,
 * a dose series of CT4Harmonization-Multicentric on one scanner, which has a column recon_code.
 """
 

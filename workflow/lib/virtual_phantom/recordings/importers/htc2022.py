@@ -1,7 +1,8 @@
-"""Import of sinograms of the Helsinki Tomography Challenge 2022 (MATLAB v5 .mat) as a recording of projections.
+"""Import sinograms of the Helsinki Tomography Challenge 2022 (MATLAB v5 .mat) as a recording of projections.
 
-Data: Zenodo 6984868 (later versions: 8041800). According to its description, sinograms are corrected for background and
-flat field, compensated for a misaligned center of rotation, and logarithmic. There is one detector row: a fan beam.
+The data are on Zenodo (6984868; later versions: 8041800). According to the description there, sinograms are corrected
+for background and flat field, compensated for a misaligned center of rotation, and logarithmic. The detector has one
+row, so the beam is a fan beam.
 
 Orientation: in the first view the source is at -y, and it rotates from -y towards +x. Images then match the data set's
 segmentations, with row 0 at the top (+y) and column 0 at the left (-x). The detector columns must be reversed. The
@@ -9,7 +10,7 @@ divergence of the fan excludes the alternative (source on the other side, column
 the source cast wider shadows.
 
 Reconstructions and segmentations of the data set have 512 x 512 pixels. A pixel is the detector pitch divided by the
-magnification, and the isocentre is in the middle.
+magnification, and the isocenter is in the middle.
 """
 
 from __future__ import annotations
@@ -97,7 +98,7 @@ def _field(mat_file: Path, struct, name: str):
 
 
 def _numbers(mat_file: Path, struct, name: str, *dimensions: int) -> np.ndarray:
-    """Return the numbers of a field, an array with one of these numbers of dimensions (default: a single number)."""
+    """Return the values of a field and check its number of dimensions (default: a single value)."""
     value = _field(mat_file, struct, name)
     try:
         array = np.asarray(value, float)
@@ -165,9 +166,9 @@ def _nominal(mat_file: Path, parameters) -> dict:
 def read_object(mat_file: str | Path, scan: dict) -> Volume:
     """Return the share of every pixel that the object fills.
 
-    The segmentation is a threshold. After smoothing with a Gaussian, the contour at 1/2 follows the edge of the object
-    to a fraction of a pixel. The slope there, 1/(sqrt(2 pi) sigma) per pixel, is increased to 1 per pixel, the slope of
-    an edge averaged over a pixel. The area of the threshold is preserved.
+    The segmentation is a thresholded image. After smoothing with a Gaussian, the contour at 1/2 follows the edge of the
+    object to a fraction of a pixel. The slope there, 1/(sqrt(2 pi) sigma) per pixel, is increased to 1 per pixel,
+    the slope of an edge averaged over a pixel. The area of the segmentation is preserved.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Features of public scans as recordings: content of recording.yaml, and rows of the table.
+"""Extract the features of public scans and describe them in a recording.yaml, so that they can be used as a recording.
 
 Features are extracted in two modes: in three dimensions and HU, like the study's images; and as in the published table
 (CT-Phantom4Radiomics: largest section of each region, stored values).
@@ -19,32 +19,32 @@ if TYPE_CHECKING:  # slow imports, and the workflow reads this module in every j
     from ...features.parameters import Parameters
 
 NAME, FILE = "printed_phantom", "features.csv"
-FLAT = "_2d"  # suffix of folders and recordings of the second mode
+FLAT = "_2d"  # suffix of the second mode
 STORED_OFFSET_HU = 1024  # added to HU in the scanners' stored values
-EXTRACTED = {
+EXTRACTION_MODES = {  # {suffix of folders and recordings: notes in recording.yaml}
     "": "Extracted from the scans' own voxels, in the regions that were drawn on each of them.",
     FLAT: "Extracted from the largest section of each region that was drawn on a scan, pixels of 1 mm, stored values.",
 }
 CONDITIONS = ["group", "dose_mgy", "reconstruction"]  # columns that distinguish scans that are not repeats
 
 
-def recording_content(scans: Sequence[PublicScan], way: str = "") -> dict:
+def recording_content(scans: Sequence[PublicScan], mode: str = "") -> dict:
     """Return the content of recording.yaml, without defaults.
 
     Parameters
     ----------
     scans : sequence of PublicScan
         At least one.
-    way : {"", FLAT}, optional
+    mode : {"", FLAT}, optional
         Extraction mode.
     """
     collections = [COLLECTIONS[name] for name in dict.fromkeys(scan.collection for scan in scans)]
     return {
-        "name": NAME + way,
+        "name": NAME + mode,
         "kind": "features",
-        "nominal": {"notes": EXTRACTED[way]},
+        "nominal": {"notes": EXTRACTION_MODES[mode]},
         "features": {"conditions": CONDITIONS}
-        | ({"stored_offset_hu": STORED_OFFSET_HU, "dimensions": 2} if way == FLAT else {}),
+        | ({"stored_offset_hu": STORED_OFFSET_HU, "dimensions": 2} if mode == FLAT else {}),
         "origin": {
             "citation": "; ".join(f"{part.title}, The Cancer Imaging Archive, doi {part.doi}" for part in collections),
             "licence": " and ".join(dict.fromkeys(part.licence for part in collections)),
@@ -56,7 +56,7 @@ def recording_content(scans: Sequence[PublicScan], way: str = "") -> dict:
 def scan_features(
     scan: PublicScan, folder: Path, rois: Sequence[dict], regions: Sequence[int | str], parameters: Parameters
 ) -> dict[str, pd.DataFrame]:
-    """Return the features of one scan by extraction mode (keys of EXTRACTED), one row per ROI.
+    """Return the features of one scan by extraction mode (keys of EXTRACTION_MODES), one row per ROI.
 
     Parameters
     ----------
@@ -103,4 +103,4 @@ def scan_features(
     }
     known = {"image": f"scan{scan.name}", "group": scan.group, "dose_mgy": scan.dose_mgy}
     known |= {"reconstruction": scan.reconstruction, "collection": scan.collection, "acquisition": scan.acquisition}
-    return {way: table.assign(tissue_class=table["roi"].map(classes), **known) for way, table in tables.items()}
+    return {mode: table.assign(tissue_class=table["roi"].map(classes), **known) for mode, table in tables.items()}

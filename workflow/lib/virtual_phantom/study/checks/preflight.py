@@ -16,7 +16,7 @@ from ...config.outputs import Files
 from ...config.plan import Plan
 from ...config.public_scans import PublicScans, made_folders
 from ...config.settings import Study
-from ...diagnosis.candidate_effects import candidates, check_accuracy, check_kinds, shown_by
+from ...diagnosis.candidate_effects import candidate_conditions, candidates, check_accuracy, check_kinds
 from ...diagnosis.settings import LabelledObject, MaskedObject, ShapesObject
 from ...projectors import choose_engine
 from ...recordings.document import Document, read_document
@@ -217,7 +217,7 @@ def _recordings(study: Study, keep: bool) -> Iterator[str]:
         if lines := _messages(check_kinds, {name: entry}, documents):
             yield from lines
         elif entry.physics_from is None:
-            lines = _messages(partial(candidates, **shown_by(documents[name].content)), entry)
+            lines = _messages(partial(candidates, **candidate_conditions(documents[name].content)), entry)
             yield from (f"{where}: {line}" for line in lines)
 
 

@@ -1,7 +1,8 @@
-"""Texts of Snakemake 9 and Python that can only be recognized by their words, because no event or field marks them.
+"""Messages of Snakemake 9 and Python that the progress console hides or replaces.
 
-With other texts, unneeded lines are shown, but no failure is lost. tests/workflow/test_snakemake.py compares them with
-the installed Snakemake.
+Snakemake does not mark them by an event, so they are recognized by their text. If another version changes a text,
+unneeded lines appear, but no error message is lost. tests/workflow/test_snakemake.py compares the texts with the
+installed Snakemake.
 """
 
 import re
@@ -22,17 +23,19 @@ HIDDEN_AT_STARTUP = (
     "Using shell: ",
     "Group jobs: inactive (local execution)",
 )
-# Messages of a dry run that `startup.DryRunHandler` replaces, and the last message of a dry run.
+# Messages of a dry run that `startup.DryRunHandler` replaces.
 DRY_RUN = (
     "Reasons:",
     "Some jobs were triggered by provenance",
     "Rules with provenance",
     "Would remove temporary output ",
 )
+# Beginning of the last message of a dry run.
 DRY_RUN_ENDS = "This was a dry-run"
 # A run ended before all jobs were done.
 INCOMPLETE = "At least one job did not complete"
-# A job ended without an error but without its files. Snakemake reports the exception and no failure of the job.
+# A job ended without an error but without its files. Snakemake then reports an exception for missing output files, but
+# not that the job failed.
 FILES_MISSING = re.compile(r"Job (\d+)\s+completed successfully, but some output files are missing")
 # How a script ended: the name of a signal or the exit status.
 ENDED_BY = re.compile(r"died with <Signals\.(SIG\w+): \d+>|returned non-zero exit status (\d+)")

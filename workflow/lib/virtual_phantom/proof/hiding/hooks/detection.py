@@ -1,4 +1,4 @@
-"""Readings of a view for all repeats from one projection: XCIST's detection, run once per repeat."""
+"""Detector callback for XCIST that reads out all repeats of a view from one projection."""
 
 import numpy as np
 from gecatsim.pyfiles.Detection_EI import Detection_EI

@@ -12,7 +12,7 @@ from virtual_phantom.study.job import job, log
 
 def main(
     *,
-    rates_file: str,
+    cost_rates_file: str,  # core seconds and bytes per unit of work
     table_file: str,
     totals_file: str,
     text_file: str,
@@ -23,7 +23,7 @@ def main(
     from virtual_phantom.study.costs.rates import read_rates
     from virtual_phantom.study.costs.table import cost_summary, diagnoses_text, plan_text
 
-    table, content = cost_summary(Plan(study), engine, read_rates(rates_file))
+    table, content = cost_summary(Plan(study), engine, read_rates(cost_rates_file))
     content["diagnoses"] = list(diagnoses)
     files.write_csv(table, table_file)
     files.write_text(json.dumps(content, indent=2) + "\n", totals_file)
@@ -34,7 +34,7 @@ def main(
 if "snakemake" in globals():
     with job(snakemake):
         main(
-            rates_file=snakemake.input.rates,
+            cost_rates_file=snakemake.input.rates,
             table_file=snakemake.output.table,
             totals_file=snakemake.output.totals,
             text_file=snakemake.output.text,

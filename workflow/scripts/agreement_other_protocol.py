@@ -1,4 +1,7 @@
-"""Compare a diagnosed model with a scan by another protocol, for which only the alignment is fitted."""
+"""Test the physics found by a diagnosis on a second scan of the same object by another protocol.
+
+Only the alignment is fitted to the second scan.
+"""
 
 import json
 
@@ -9,7 +12,7 @@ from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.preparation import compare_images, prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.selection.forward_selection import choose
-from virtual_phantom.diagnosis.selection.transfer import Physics, verified
+from virtual_phantom.diagnosis.selection.transfer import Physics, fit_with_fixed_physics
 from virtual_phantom.diagnosis.settings import FitSettings
 from virtual_phantom.io.files import write_text
 from virtual_phantom.study.job import job
@@ -27,14 +30,14 @@ def main(
 ) -> None:
     request = DiagnosisRequest.of(model, phantom_file, threads)
     recording, prepared = prepare_recording(request)
-    physics = Physics.read(physics_file, needed=False)
+    physics = Physics.read(physics_file, allow_empty=True)
     baseline = trial(prepared.fitter, ())
     if physics.effects:
-        choice = verified(prepared.fitter, baseline, physics, same_material=True)
-    else:
+        choice = fit_with_fixed_physics(prepared.fitter, baseline, physics, same_material=True)
+    else:  # no effect was found: the baseline alone
         choice = choose(prepared.fitter, baseline, ())
     scanned = ScannedVolume.of(request, recording, (image_file, rois_file))
-    table = compare_images(recording, prepared, choice, request, Branch.AGREEMENT_ELSEWHERE, scanned=scanned)
+    table = compare_images(recording, prepared, choice, request, Branch.AGREEMENT_OTHER_PROTOCOL, scanned=scanned)
     write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", output)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..base.data import RESOURCES
 from ..base.errors import InputError
 from ..base.settings import from_mapping
-from ..diagnosis.candidate_effects import candidates, shown_by
+from ..diagnosis.candidate_effects import candidate_conditions, candidates
 from ..diagnosis.request import DiagnosisRequest
 from ..diagnosis.run import run_diagnosis
 from ..diagnosis.settings import RecordingSettings
@@ -19,9 +19,18 @@ from ..physics.beam.material_names import library_name
 from ..physics.beam.materials import Segmentation
 from ..recordings.document import read_document
 from ..statistics.proof_record import read_proof_record
-from .arguments import mapping, pair, path, positive, public, sequence, text, whole
+from .arguments import (
+    check_mapping,
+    check_pair,
+    check_path,
+    check_positive,
+    check_sequence,
+    check_text,
+    check_whole,
+    public,
+)
 
-SECTION = schema_of("diagnosis", "recordings")["additionalProperties"]  # of one recording
+SECTION = schema_of("diagnosis", "recordings")["additionalProperties"]  # settings of one recording
 
 
 @public
@@ -38,7 +47,7 @@ def diagnose(
     matters: Mapping[str, float] | None = None,
     **settings,
 ) -> Diagnosis:
-    """Find the physics that is missing from the plain simulation of a recording of projections.
+    """Compare a recording of projections with its simulation, and find the physics that the simulation lacks.
 
     Exactly one of `disc`, `mask`, `labels`, `shapes` and `phantom` describes the scanned object.
 
@@ -59,7 +68,7 @@ def diagnose(
     phantom : str or Path, optional
         NIfTI image in HU.
     effects : sequence of str, optional
-        Candidate effects. Default: all that projections show.
+        Effects to try. Default: all effects that can be seen in projections.
     processes : int, optional
         Number of processes.
     matters : mapping of str to float, optional
@@ -71,24 +80,24 @@ def diagnose(
     Returns
     -------
     Diagnosis
-        Its `content` is that of diagnosis.json: `verdict`, `verdict_lines`, `effects`, `excess_removed` and more. If
-        the scan set-up or the object is wrong, the verdict says so and no effect is fitted.
+        Its `content` is the content of diagnosis.json: `verdict`, `verdict_lines`, `effects`, `excess_removed` and
+        more. If the scan set-up or the object is wrong, the verdict says so and no effect is fitted.
 
     Raises
     ------
     InputError
-        For a recording that cannot be read or holds no projections, for an effect that it does not show, for an
-        unknown setting, and unless exactly one object is given.
+        If the recording cannot be read or has no projections, or if an effect cannot be seen in it. Also if a setting
+        is unknown, or if not exactly one object is given.
     """
     given = [scanned for scanned in (disc, mask, labels, shapes, phantom) if scanned is not None]
     if len(given) != 1:
         raise InputError(
             f"diagnose: {len(given)} of disc, mask, labels, shapes and phantom are given; give the one scanned"
         )
-    recording, processes = path(recording, "recording"), whole(processes, "processes", 1)
-    phantom = None if phantom is None else path(phantom, "phantom")
+    recording, processes = check_path(recording, "recording"), check_whole(processes, "processes", 1)
+    phantom = None if phantom is None else check_path(phantom, "phantom")
     if effects is not None:
-        effects = [text(name, "effects") for name in sequence(effects, "effects", "names of effects")]
+        effects = [check_text(name, "effects") for name in check_sequence(effects, "effects", "names of effects")]
     section = settings | _scanned_section(disc, mask, labels, shapes)
     document = read_document(recording)
     if (kind := document.content["kind"]) != "projections":
@@ -96,7 +105,7 @@ def diagnose(
             f"{document.path}: holds {kind}, which are compared with a study: name the recording in the study's "
             "configuration (docs/how-to/diagnosis.md) and run snakemake diagnosis"
         )
-    thresholds = mapping({} if matters is None else matters, "matters", "{quantity: threshold}")
+    thresholds = check_mapping({} if matters is None else matters, "matters", "{quantity: threshold}")
     validate(dict(thresholds), schema_of("diagnosis", "matters"), "matters")
     schema = SECTION | {"$defs": schema_of()["$defs"]}
     validate(section, schema, "diagnose")
@@ -113,7 +122,7 @@ def diagnose(
     )
     return run_diagnosis(
         request,
-        candidates(replace(recorded, effects=effects), **shown_by(document.content)),
+        candidates(replace(recorded, effects=effects), **candidate_conditions(document.content)),
         defaults_of("diagnosis", "model_accuracy"),
         shape_rois=False,
         thresholds=defaults_of("diagnosis", "matters") | dict(thresholds),
@@ -124,21 +133,26 @@ def diagnose(
 def _scanned_section(disc, mask, labels, shapes) -> dict:
     """Return the arguments that describe the object as a section of the configuration."""
     if disc is not None:
-        diameter, material = pair(disc, "disc", "diameter in mm and material")
+        diameter, material = check_pair(disc, "disc", "diameter in mm and material")
         return {
-            "disc": {"diameter_mm": positive(diameter, "disc[0]"), "material": library_name(text(material, "disc[1]"))}
+            "disc": {
+                "diameter_mm": check_positive(diameter, "disc[0]"),
+                "material": library_name(check_text(material, "disc[1]")),
+            }
         }
     if mask is not None:
-        file, material = pair(mask, "mask", "a NIfTI file and a material")
-        return {"object": {"mask": path(file, "mask[0]"), "material": library_name(text(material, "mask[1]"))}}
+        file, material = check_pair(mask, "mask", "a NIfTI file and a material")
+        return {
+            "object": {"mask": check_path(file, "mask[0]"), "material": library_name(check_text(material, "mask[1]"))}
+        }
     if labels is not None:
-        file, materials = pair(labels, "labels", "a NIfTI file and the material of each label")
-        materials = mapping(materials, "labels[1]", "{label: material}")
+        file, materials = check_pair(labels, "labels", "a NIfTI file and the material of each label")
+        materials = check_mapping(materials, "labels[1]", "{label: material}")
         by_label = {str(label): material for label, material in materials.items()}
-        return {"object": {"labels": path(file, "labels[0]"), "materials": by_label}}
+        return {"object": {"labels": check_path(file, "labels[0]"), "materials": by_label}}
     if shapes is not None:
         what = "a name or file, or a pair of it and its parameters"
-        kind, parameters = (shapes, {}) if isinstance(shapes, str | Path) else pair(shapes, "shapes", what)
-        parameters = mapping(parameters, "shapes[1]", "{parameter: value}")
-        return {"object": {"kind": path(kind, "shapes"), "parameters": dict(parameters)}}
+        kind, parameters = (shapes, {}) if isinstance(shapes, str | Path) else check_pair(shapes, "shapes", what)
+        parameters = check_mapping(parameters, "shapes[1]", "{parameter: value}")
+        return {"object": {"kind": check_path(kind, "shapes"), "parameters": dict(parameters)}}
     return {}
