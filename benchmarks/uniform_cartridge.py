@@ -41,9 +41,9 @@ FAMILIES = ("firstorder", "glcm", "gldm", "glrlm", "glszm", "ngtdm")
 SETTINGS = {"binWidth": 25, "voxelArrayShift": SHIFT}
 THICKNESSES = (2.5, 1.25, 3.75, 5.0)  # mm, of GE scanners, most frequent of [1]_ first
 SIDE_MM = 20.0  # of a sub-region
-# The four constants that all scanners share, and a common MTF as a control, from DEVELOPMENT. Of ten variants (ratio
-# 1.4 to 2.2, constant 0.1 to 1 per cm, slice SD 0.4 to 0.7, amplitude 0 to 0.2), those with amplitude 0.1 predicted
-# 97.4 to 98.9 % of the features; amplitude 0 predicted 97.1 % and 0.2 predicted 93.0 %, as the kurtosis was wrong.
+# The four constants that all scanners share, and a common MTF as a control, from DEVELOPMENT. Ten variants were tried:
+# ratio 1.4 to 2.2, constant 0.1 to 1 per cm, slice SD 0.4 to 0.7, amplitude 0 to 0.2. With amplitude 0.1, they
+# predicted 97.4 to 98.9 % of the features, with 0 97.1 %, and with 0.2 93.0 %, as the kurtosis was wrong.
 MTF_RATIO = 1.7  # frequency of 10 % over that of 50 %
 LOW_FREQUENCY_PER_CM = 0.3
 SLICE_SD = 0.5  # over the slice thickness
