@@ -13,7 +13,7 @@ from workflow_runs import ROOT
 from virtual_phantom.config.outputs import OUTPUTS, PCA, PICTURES
 
 FILES = [ROOT / "workflow" / "Snakefile", *sorted((ROOT / "workflow" / "rules").glob("*.smk"))]
-SHARED = {"context", "results", "reported", "code", "resource"}
+SHARED = {"context", "results", "reported", "code", "resource", "to_mapping"}
 
 
 def compiled(path):

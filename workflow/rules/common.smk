@@ -1,4 +1,4 @@
-"""Names that all rules share: `context`, `results`, `reported`, `code` and `resource`; and the wildcards."""
+"""Names that all rules share: `context`, `results`, `reported`, `code`, `resource`, `to_mapping`; and the wildcards."""
 
 import json
 import os
