@@ -59,7 +59,10 @@ def test_script_passes_every_argument_of_its_main(path):
         def __call__(self, *arguments):
             return self
 
-    call = eval(f"dict({end}", {**imported(path).__dict__, "snakemake": Anything(), "dict": dict})
+    names = {**imported(path).__dict__, "snakemake": Anything(), "dict": dict}
+    if "from_mapping" in names:
+        names["from_mapping"] = lambda kind, value: value  # it would iterate over Anything without end
+    call = eval(f"dict({end}", names)
     assert call.keys() == keywords.keys()
 
 
