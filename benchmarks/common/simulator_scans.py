@@ -4,6 +4,7 @@ import os
 import tempfile
 from pathlib import Path
 
+from virtual_phantom.base.proof_settings import ProofScan, ProofSettings
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.base.streams import Branch, branch, generator
 from virtual_phantom.config.dependencies import resource
@@ -20,7 +21,6 @@ from virtual_phantom.proof.hiding.objects import OBJECTS
 from virtual_phantom.proof.hiding.phantoms import build
 from virtual_phantom.proof.hiding.suite import KNOWN, scan_seed, truths
 from virtual_phantom.proof.hiding.xcist import energy_of_water
-from virtual_phantom.proof.settings import ProofScan, ProofSettings
 
 SCAN = {"columns": 64, "rows": 4, "views": 36, "photons": 1e5, "rotation_time_ms": 1000.0, "repeats": 4}
 

@@ -7,7 +7,7 @@ SCRIPTS = ROOT / "workflow/scripts"
 # Modules without radiation physics: files, grids, phantom layouts, and the list of the library's effects.
 MAY_BE_LOADED = {
     *("base", "base.console", "base.data", "base.errors", "base.geometry", "base.home", "base.pose", "base.streams"),
-    *("base.units", "base.vectors", "base.names", "io.yaml_files"),
+    *("base.units", "base.vectors", "base.names", "base.settings", "base.proof_settings", "io.yaml_files"),
     *("features", "features.names"),
     *("io", "io.files", "io.hdf5", "io.schema", "io.volumes", "study", "study.config", "study.job"),
     *("study.progress", "study.progress.job_status"),

@@ -5,6 +5,7 @@ import pytest
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.proof_settings import ProofSettings
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.effect import load, names
@@ -16,7 +17,6 @@ from virtual_phantom.proof.hiding.objects import OBJECTS
 from virtual_phantom.proof.hiding.suite import truths
 from virtual_phantom.proof.hiding.unsteady import breathed, jittered, swung, turned
 from virtual_phantom.proof.hiding.xcist import Acquired, Scan
-from virtual_phantom.proof.settings import ProofSettings
 
 VIEWS, COLUMNS, KEV = 40, 30, 70.0
 

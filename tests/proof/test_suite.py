@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.proof_settings import ProofScan, ProofSettings
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.config.config import read_study
 from virtual_phantom.physics.effect import acts_on_images, load, names
@@ -30,7 +31,6 @@ from virtual_phantom.proof.hiding.suite import (
     views_of,
 )
 from virtual_phantom.proof.hiding.xcist import Acquired
-from virtual_phantom.proof.settings import ProofScan, ProofSettings
 from virtual_phantom.recordings.reading import load_recording
 
 SETTINGS = {

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from virtual_phantom.base.proof_settings import ProofSettings
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.proof.hiding import seal
@@ -9,7 +10,6 @@ from virtual_phantom.proof.hiding.generate import acquire, hidden_settings, scan
 from virtual_phantom.proof.hiding.objects import OBJECTS
 from virtual_phantom.proof.hiding.suite import PROTOCOLS, scan_seed, views_of
 from virtual_phantom.proof.hiding.xcist import energy_of_water
-from virtual_phantom.proof.settings import ProofSettings
 from virtual_phantom.study.job import job
 
 

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
+from virtual_phantom.base.proof_settings import ProofScan
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.base.streams import Branch, branch
 from virtual_phantom.phantom import write_phantom
 from virtual_phantom.proof.hiding.objects import OBJECTS
 from virtual_phantom.proof.hiding.phantoms import build
-from virtual_phantom.proof.settings import ProofScan
 from virtual_phantom.study.job import job, log
 
 

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from virtual_phantom.base.proof_settings import ProofSettings
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.suite import salt, truths
-from virtual_phantom.proof.settings import ProofSettings
 from virtual_phantom.study.job import job, log
 
 

@@ -23,7 +23,7 @@ from functools import cached_property
 import numpy as np
 
 from .errors import InputError
-from .settings import GridSettings, ScanSettings, to_mapping
+from .settings import FbpSettings, GridSettings, ScanSettings, SirtSettings, to_mapping
 from .vectors import CYLINDRICAL, FLAT, ScanGeometry
 
 # Distances of a parallel beam from source to isocenter and from there to the detector, behind any object. Rays are
@@ -470,3 +470,27 @@ def stated_surface(geometry: OrbitGeometry) -> dict:
     if geometry.flies:
         stated["flying_focal_spot"] = [dict(zip(SPOT_KEYS, spot, strict=True)) for spot in geometry.spots_mm.tolist()]
     return stated
+
+
+@dataclass(frozen=True)
+class ImageProtocol:
+    """The protocol of a study that simulates a recording of images.
+
+    Attributes
+    ----------
+    projections : int
+        Number of views.
+    algorithm : {"sirt", "fbp"}
+    """
+
+    scan: ScanSettings
+    grid: GridSettings
+    projections: int
+    algorithm: str
+    settings: SirtSettings | FbpSettings
+    engine: str
+
+    @property
+    def geometry(self) -> OrbitGeometry:
+        """Geometry of the scan."""
+        return scan_geometry(self.scan, self.projections, grid_of(self.grid))

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ..base.geometry import PARALLEL
+from ..base.proof_settings import ProofSettings
 from ..base.settings import (
     FbpSettings,
     GridSettings,
@@ -22,7 +23,6 @@ from ..base.settings import (
 )
 from ..base.vectors import FLAT
 from ..diagnosis.settings import DiagnosisSettings
-from ..proof.settings import ProofSettings
 
 Effects = dict[str, dict[str, float]]  # {effect: {parameter: value}}
 Conditions = dict[str, float | str]  # {condition column of a recording: required value}

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..base.geometry import ImageProtocol
 from ..base.settings import to_mapping
 from ..physics.beam.materials import Segmentation
 from ..physics.beam.sensors import Sensor
 from ..physics.beam.spectra import Anode
-from .settings import FitSettings, ImageProtocol, RecordingSettings
+from .settings import FitSettings, RecordingSettings
 
 LOCATION_DIGITS = 1  # decimals of an object location that is found, mm
 

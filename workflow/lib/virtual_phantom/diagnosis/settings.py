@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ..base.geometry import OrbitGeometry, grid_of, scan_geometry
-from ..base.settings import FbpSettings, GridSettings, MaterialSettings, ScanSettings, SirtSettings
+from ..base.geometry import ImageProtocol
+from ..base.settings import MaterialSettings
 
 Baseline = dict[str, dict[str, dict[str, float]]]  # {effect: {parameter: {value, sd}}}
 
@@ -165,30 +165,6 @@ class DiagnosisSettings:
     model_accuracy: dict[str, float]
     recordings: dict[str, RecordingSettings]
     scanners: dict[str, ScannerSettings]
-
-
-@dataclass(frozen=True)
-class ImageProtocol:
-    """The protocol of a study that simulates a recording of images.
-
-    Attributes
-    ----------
-    projections : int
-        Number of views.
-    algorithm : {"sirt", "fbp"}
-    """
-
-    scan: ScanSettings
-    grid: GridSettings
-    projections: int
-    algorithm: str
-    settings: SirtSettings | FbpSettings
-    engine: str
-
-    @property
-    def geometry(self) -> OrbitGeometry:
-        """Geometry of the scan."""
-        return scan_geometry(self.scan, self.projections, grid_of(self.grid))
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from ..base.errors import InputError
+from ..base.geometry import ImageProtocol
 from ..config.dependencies import shipped
 from ..config.outputs import Files
 from ..config.plan import Plan
@@ -16,7 +17,6 @@ from ..diagnosis.fitting.priors import declared
 from ..diagnosis.settings import (
     Baseline,
     FitSettings,
-    ImageProtocol,
     LabelledObject,
     MaskedObject,
     RecordingSettings,

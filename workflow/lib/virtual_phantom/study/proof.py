@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from ..base.errors import InputError
+from ..base.proof_settings import ProofProtocol, ProofSettings
 from ..base.settings import to_mapping
 from ..config.dependencies import resource
 from ..config.outputs import Files
@@ -23,7 +24,6 @@ from ..proof.hiding.suite import (
     phantom_of,
     views_of,
 )
-from ..proof.settings import ProofProtocol, ProofSettings
 
 
 @dataclass(frozen=True)

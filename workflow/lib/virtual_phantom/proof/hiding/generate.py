@@ -9,12 +9,12 @@ import numpy as np
 import yaml
 
 from ...base.geometry import grid_of
+from ...base.proof_settings import ProofScan
 from ...base.streams import Stream, generator
 from ...io.files import write_text
 from ...io.hdf5 import new_file
 from ...io.volumes import Volume, write_nifti
 from ...recordings.document import FILE_NAME
-from ..settings import ProofScan
 from .changed_object import changed
 from .faults import faulty
 from .objects import Object

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ...base.geometry import ImageProtocol
 from ...base.settings import FbpSettings, GridSettings, MaterialSettings, ScanSettings, from_mapping
-from ...diagnosis.settings import ImageProtocol
 from ...io.schema import defaults_of
 
 SOURCE_TO_ISOCENTRE_MM, SOURCE_TO_DETECTOR_MM = 541.0, 949.0

@@ -8,8 +8,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from ...base.errors import InputError
+from ...base.proof_settings import ProofSettings
 from ...base.streams import Stream, branch, generator
-from ..settings import ProofSettings
 from .catalogue import CATALOGUE, IMAGE, STRENGTHS
 from .missing_effects import MISSING_EFFECTS
 from .objects import OBJECTS
