@@ -14,7 +14,7 @@ from virtual_phantom.projectors.processors import ANY, AVX2, AVX512, KINDS, avai
 
 HERE = Path(__file__).resolve().parent
 # Tests of a single realization against independent truths, its transpose, many realizations and guard pages.
-TRUTHS = "ellipsoid or test_adjoint or one_lane or beyond_arrays or astra"
+TRUTHS = "ellipsoid or test_adjoint or single_lane or beyond_arrays or astra"
 
 
 @pytest.fixture(scope="module", params=KINDS)
@@ -55,7 +55,8 @@ def test_scenes_have_equal_path_lengths_on_all_kinds(variables):
     if variables.get("NUMBA_CPU_NAME") is None:
         pytest.skip("this processor's own kind: test_scene.py itself")
     output = run(
-        ["-m", "pytest", "-x", "-p", "no:xdist", HERE.parent / "physics" / "test_scene.py", "-k", "paths"], variables
+        ["-m", "pytest", "-x", "-p", "no:xdist", HERE.parent / "physics" / "test_scene.py", "-k", "path_lengths"],
+        variables,
     )
     assert int(re.search(r"(\d+) passed", output)[1]) >= 6
 
