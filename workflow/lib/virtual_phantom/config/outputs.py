@@ -1,7 +1,7 @@
 """All files that the workflow makes, for targets, the plan, the report and the reference page.
 
 The table is `outputs.csv` of the package's resources; a row has the attributes of `Output`, and empty cells are None.
-Rules state the same paths, so that their files show what they make; tests/workflow/test_outputs.py compares both. Logs
+The rules repeat the paths, so that readers of a rule file see them; tests/workflow/test_outputs.py compares both. Logs
 and benchmarks are not in the table: they lie in `logs` and are named after their jobs.
 
 A row adds the file to the page of output files (docs/generators/output_files.py) and gives its job a cost in a plan.
@@ -42,15 +42,14 @@ class Output:
     section : str or None
         Section of Snakemake's report, and of the study's report for a figure; None: not shown.
     caption : str or None
-        Caption file in workflow/report, without suffix; None: the name of the described file.
+        Caption file in workflow/report, without suffix; None: named after the output file.
     suffixes : tuple of str
         Suffixes of an output with several files, separated by spaces in the table: ".png .pdf" for a figure.
     stage : str or None
-        Name of the rates of the rule's jobs, under `seconds` in resources/rates.yaml ("tables" for most tables). The
-        configuration may add to it (costs.jobs.Sizes). None: not planned.
+        Key under `seconds` in resources/rates.yaml with the run time of the rule's jobs ("tables" for most tables). A
+        suffix may follow, depending on the configuration (study.costs.jobs.Sizes). None: not part of the plan.
     counted : str or None
-        Kind of file whose rate, under `bytes` in resources/rates.yaml, gives the bytes that a job writes; None: not
-        counted.
+        Key under `bytes` in resources/rates.yaml with the size of the files that a job writes; None: not counted.
     """
 
     name: str

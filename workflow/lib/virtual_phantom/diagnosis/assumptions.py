@@ -28,7 +28,7 @@ def model_assumptions(
     tube = "voltage not stated" if nominal.tube_kvp is None else f"{nominal.tube_kvp:g} kV stated"
     sensor, kev = nominal.sensor, prepared.fitter.model.chain.scene.energy_kev
     (water,) = attenuation_per_mm("water", [kev])
-    known = ", ".join(f"{name} {value:g}" for name, value in settings.alignment.items())
+    stated_priors = ", ".join(f"{name} {value:g}" for name, value in settings.alignment.items())
     photons = "from the noise" if settings.nominal_photons is None else f"{settings.nominal_photons:g} stated"
     return {
         "object": object_text(request),
@@ -40,7 +40,7 @@ def model_assumptions(
         "data": f"{counted(len(recording.repeats), 'repeat')}, {_views(prepared.step)}; held out: "
         f"{prepared.held_out_text}",
         "rays per pixel and direction": f"{prepared.fitter.model.chain.samples}",
-        "alignment, standard deviations stated": known or "none: the defaults",
+        "alignment, standard deviations stated": stated_priors or "none: the defaults",
         "physics declared": ", ".join(map(label, settings.baseline)) or "none",
         "effects tried": ", ".join(map(label, effects)) or "none: physics taken from another recording",
     }

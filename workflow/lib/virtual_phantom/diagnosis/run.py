@@ -1,7 +1,7 @@
 """Diagnosis of one recording: for the workflow, Python, the blind validation and benchmarks.
 
-`run_diagnosis` is the whole way from the files of a recording to the verdict. `find_missing_physics` and
-`apply_known_physics` are its central step, for a recording that is prepared already.
+`run_diagnosis` does all steps from the files of a recording to the verdict. `find_missing_physics` and
+`apply_known_physics` are alternatives for its central step, and take a prepared recording.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from .verdict.unmodeled import ChangesOfFits
 from .verdict.verdict import Diagnosis, diagnose
 from .verdict_text import SETUP_VERDICTS, recording_lines, with_verdict_text
 
-# Called once the set-up is checked: gives the fits of an earlier run and the progress of this one.
+# Called after the set-up check; returns the cached fits of an earlier run and the progress of this one.
 StartOfFits = Callable[[DiagnosisRequest, Recording], tuple[FitCache | None, DiagnosisProgress]]
 
 
@@ -79,7 +79,7 @@ def run_diagnosis(
     same_material : bool, optional
         Whether the object of `physics` is of the same material.
     study_rois : tuple of str, optional
-        The study's image and its table of ROIs, for a scan of the study's phantom.
+        Paths of the study's phantom image and of its table of ROIs, for a scan of this phantom.
     shape_rois : bool, optional
         Whether an object of shapes is compared in its ROIs.
     thresholds : mapping of str to float, optional
@@ -158,11 +158,13 @@ def find_missing_physics(
         progress.reached(ALIGNED)
         piece = differing(changes(given, baseline.fit, numerical)) if len(pieces) < MOST_PIECES else None
         if piece is not None and pieces and not may_be_corrected(piece):
-            piece = None  # effects are selected beside the pieces that are corrected
+            piece = None  # too wide to be corrected: select effects with the pieces corrected so far
         alone = None
         if piece is not None:
-            first = offered(effects, given.fitter.model.whole(()))
-            alone = screened(given.fitter, baseline.fit, first, processes, progress, accuracy) if first else {}
+            applicable = offered(effects, given.fitter.model.whole(()))
+            alone = (
+                screened(given.fitter, baseline.fit, applicable, processes, progress, accuracy) if applicable else {}
+            )
             if beyond_effects(piece, alone) or explains_all(piece, given, baseline):
                 return no_physics(baseline, piece, numerical)
         choice = choose(given.fitter, baseline, effects, processes, accuracy, cache, progress, alone)
@@ -170,7 +172,7 @@ def find_missing_physics(
         return no_physics(baseline, piece, numerical) if better else choice
 
     while True:
-        # Cached fits know of no corrected piece.
+        # Cached fits were made without corrected pieces, so they are of no use after the first correction.
         prepared, choice = _with_settled_noise(prepared, select, None if pieces else cache)
         piece = None
         if widest_mm and len(pieces) < MOST_PIECES:
@@ -203,9 +205,10 @@ def apply_known_physics(
 def _with_settled_noise(
     prepared: Prepared, select: Callable[[Prepared, FitCache | None], Choice], cache: FitCache | None
 ) -> tuple[Prepared, Choice]:
-    """Return a choice, made again if it tells how the noise is correlated and the recording itself does not.
+    """Return a choice, repeated with noise correlations from the chosen effects if the recording does not show them.
 
-    All models are then refitted with the new likelihood, so that they compare. The cache serves the first choice only.
+    All models are then refitted, so that they are compared by the same likelihood. The cache is for the first choice
+    only.
     """
     choice = select(prepared, cache)
     again = prepared.with_noise_of(choice.chosen.fit)

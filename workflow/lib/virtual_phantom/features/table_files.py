@@ -28,7 +28,7 @@ from .names import NAMES as STUDIED
 from .settings import COLUMNS
 
 SEPARATORS = (",", ";", "\t", "|")
-# Columns of batches of pyradiomics and of Virtual Phantom, recognized in any case.
+# Key columns of tables from pyradiomics (batch mode) and from Virtual Phantom, recognized in upper or lower case.
 KEYS = ("image", "roi", "tissue_class", "Image", "Mask", "Label")
 DIAGNOSTICS = "diagnostics_"
 BYTE_ORDER_MARKS = (  # UTF-32 first, as its mark starts with the mark of UTF-16
@@ -48,7 +48,7 @@ OTHER_FORMATS = (
 )
 MISSING = frozenset(("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none"))
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[+-]?inf", re.ASCII)
-# Columns other than features may hold names such as 007 or 1e3, which are not read as numbers.
+# Numbers in columns other than features. Entries such as 007 or 1e3 do not match, because they may be names.
 PLAIN = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-][0-9]+)?", re.ASCII)
 GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:,[0-9]{3})+", re.ASCII)  # 7,678 or 1,061,670: may be thousands separators
 FEATURE_PATTERN = re.compile(rf"(?:(.*)_)?({'|'.join(EVERY_FAMILY)})_([A-Za-z0-9]+)", re.IGNORECASE)
@@ -82,8 +82,9 @@ def read_table(
     Returns
     -------
     DataFrame
-        Indexed by line number in the file. Features are numbers, under the names of pyradiomics. Other columns are
-        numbers if all of their entries match PLAIN.
+        Indexed by line number in the file. Features are numbers, under the names of pyradiomics. Any other
+        column has numbers if its entries match PLAIN, bools if its entries are True or False, and otherwise text. Empty
+        entries are ignored for this choice, and become missing values.
 
     Raises
     ------
@@ -98,7 +99,7 @@ def read_table(
     if (form := _other_form(header, rows)) is not None:
         raise InputError(f"{path}: {form}; write one row per image and ROI, and one column per feature")
     header, rows = _whole_rows(header, rows, path)
-    names = _named(header, keep, path)
+    names = _renamed_columns(header, keep, path)
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"{path}: the column {twice[0]!r} occurs twice; remove one")
     columns = {name: [fields[column].strip() for _, fields in rows] for column, name in enumerate(names) if name}
@@ -182,7 +183,10 @@ def _table(text: str, path: Path) -> tuple[list[str], list[Record]]:
 
 
 def _header_line(lines: Sequence[str]) -> str:
-    """Return the first line that is not a comment, or a comment with as many columns as the next line (NumPy)."""
+    """Return the first line that is not a comment.
+
+    A comment with as many columns as the next line is also a header, as numpy.savetxt writes it.
+    """
     for line, following in zip(lines, [*lines[1:], ""], strict=True):
         separator = _separator(line)
         number = len(_split(line, separator))
@@ -267,7 +271,7 @@ def _whole_rows(header: list[str], rows: list[Record], path: Path) -> tuple[list
     return header, whole
 
 
-def _named(header: Sequence[str], keep: frozenset[str], path: Path) -> list[str]:
+def _renamed_columns(header: Sequence[str], keep: frozenset[str], path: Path) -> list[str]:
     """Rename columns to the names that pyradiomics and Virtual Phantom write."""
     names, renamed = list(header), []
     for column, name in enumerate(header):
@@ -278,17 +282,20 @@ def _named(header: Sequence[str], keep: frozenset[str], path: Path) -> list[str]
     if renamed:
         name, other = renamed[0]
         note(f"{path}: {counted(len(renamed), 'column')} read under the names of pyradiomics ({name} as {other})")
-    plain_names = {_plain(name) for name in names}
+    normalized_names = {_normalized(name) for name in names}
     for key in KEYS:
-        if key == ("image" if "mask" in plain_names else "Image"):  # a batch of pyradiomics has Image and Mask
+        # With a column Mask, the table is from pyradiomics and the key is Image; without, the key is image.
+        if key == ("image" if "mask" in normalized_names else "Image"):
             continue
-        alike = [column for column, name in enumerate(names) if _plain(name) == _plain(key) and name not in keep]
+        alike = [
+            column for column, name in enumerate(names) if _normalized(name) == _normalized(key) and name not in keep
+        ]
         if len(alike) == 1 and names[alike[0]] not in KEYS:
             names[alike[0]] = key
     return names
 
 
-def _plain(name: str) -> str:
+def _normalized(name: str) -> str:
     return re.sub(r"[\s_-]+", "_", name).lower()
 
 
@@ -297,9 +304,9 @@ def _feature_name(name: str) -> str | None:
     match = FEATURE_PATTERN.fullmatch(re.sub(r"[\s.]+", "_", name)) or FEATURE_PATTERN.fullmatch(name)
     if match is None or match[3].lower() not in FEATURE_NAMES:
         return None
-    kind = (match[1] or "original").replace("_", "-")
-    kind = kind.lower() if kind.lower() == "original" else kind
-    return f"{kind}_{CLASSES[match[2].lower()]}_{FEATURE_NAMES[match[3].lower()]}"
+    image_type = (match[1] or "original").replace("_", "-")
+    image_type = image_type.lower() if image_type.lower() == "original" else image_type
+    return f"{image_type}_{CLASSES[match[2].lower()]}_{FEATURE_NAMES[match[3].lower()]}"
 
 
 def _decimal_comma(features: dict[str, list[str]], lines: Sequence[int], path: Path) -> bool:

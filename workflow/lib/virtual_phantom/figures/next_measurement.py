@@ -22,9 +22,9 @@ def draw_ranking(table: pd.DataFrame, enough: float) -> Figure:
     Parameters
     ----------
     table : pandas.DataFrame
-        Table of diagnosis.next_written.table.
+        Table of `diagnosis.planning.tables.ranking_table`; the row "now" is for the present data alone.
     enough : float
-        Expected difference in log score from which two effects are distinguished.
+        Two effects are distinguished if their expected log scores differ by at least this.
     """
     ranked = table[table["name"] != "now"]
     labels = [text if len(text) <= LONGEST else text[: LONGEST - 1] + "…" for text in ranked["recording"]]

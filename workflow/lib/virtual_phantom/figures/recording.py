@@ -26,19 +26,19 @@ def draw_projections(line_integrals: np.ndarray, geometry: OrbitGeometry, title:
     line_integrals : ndarray, shape (views, rows, columns)
         Values that are not finite are replaced by 0.
     title : str
-        Begin of the title of the sinogram.
+        Start of the sinogram's title.
     """
-    known = np.where(np.isfinite(line_integrals), line_integrals, 0).astype(np.float32)
+    filled = np.where(np.isfinite(line_integrals), line_integrals, 0).astype(np.float32)
     figure = style.figure(style.DOUBLE_COLUMN_MM, 82)
     left, right = figure.subplots(1, 2)
     degrees = np.rad2deg(geometry.angles_rad)
     columns = geometry.column_positions_mm()
     extent = (columns[0], columns[-1], degrees[-1], degrees[0])
-    shown = left.imshow(known[:, geometry.rows // 2], extent=extent, aspect="auto", cmap="gray")
+    shown = left.imshow(filled[:, geometry.rows // 2], extent=extent, aspect="auto", cmap="gray")
     left.set(xlabel="detector column (mm)", ylabel="view angle (degrees)", title=f"{title}: sinogram, middle row")
     figure.colorbar(shown, ax=left, label="line integral", location="bottom")
     try:
-        image, half = _slice(known, geometry)
+        image, half = _slice(filled, geometry)
     except InputError as error:
         right.set_axis_off()
         right.text(0.5, 0.5, f"no slice:\n{error}", ha="center", va="center", wrap=True, transform=right.transAxes)

@@ -1,11 +1,11 @@
-"""Variance of image noise against dose, and between positions of an object.
+"""Noise variance as a function of dose, and of the local noise level in an object.
 
 Quantum noise alone is proportional to 1 / dose. Scanners filter noisier data more strongly, so that the variance rises
-less toward low doses. Measured variances of a uniform region at three or more doses give the logarithm of the variance
-as a quadratic function of log(1 / dose).
+less toward low doses. The logarithm of the variance is modeled as a function of log(1 / dose), fitted to the measured
+variances of a uniform region. The function is quadratic for three or more doses, and linear for two.
 
-The filter acts on the noise of the data. Where unfiltered noise is `factor` times that of the uniform region, the
-variance is therefore what the uniform region would have at dose / factor.
+The filter acts on the noise of the data. Where the variance of unfiltered noise is `factor` times its value in the
+uniform region, the variance after filtering is the uniform region's variance at dose / factor.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class DoseLaw:
         return np.polyfit(-np.log(doses), np.log(variances), min(2, len(doses) - 1))
 
     def variance(self, dose_mgy: float, factor: float = 1.0) -> float:
-        """Return the noise variance, HU^2, where unfiltered noise is `factor` times that of the uniform region."""
+        """Return the noise variance, HU^2, where the unfiltered variance is `factor` times the uniform region's."""
         return float(np.exp(np.polyval(self.coefficients, np.log(factor / dose_mgy))))
 
     def exponents(self) -> dict[tuple[float, float], float]:

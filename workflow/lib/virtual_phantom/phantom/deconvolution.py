@@ -1,4 +1,4 @@
-"""Deconvolve the blur of the scanner from the mean of scans that is used as a phantom.
+"""Remove the scanner's blur from a mean of scans, before it is used as a phantom.
 
 A simulated scan of a scan is blurred twice. The first blur is removed by a Wiener filter [1]_. Its noise spectrum is
 measured in the differences of scans, and its signal spectrum in their mean.
@@ -29,7 +29,7 @@ LEAST_SIGNAL = 0.1  # least fraction of the power of the mean that is signal; fr
 LARGEST_GAIN = 4.0  # largest gain: the Gaussian model of the blur is not valid at high frequencies
 MIRRORED = 8  # slices of mirror padding, as the Fourier transform is periodic
 SD_OF_HALF = math.sqrt(math.log(2) / 2) / math.pi  # SD in mm of a Gaussian whose MTF is 0.5 at 1 per mm
-# Fraction of the interpolation between voxels that blurs along (z, y, x), mean over all rays.
+# Share of the variance of the projector's interpolation blur along (z, y, x), mean over all ray directions.
 ACROSS = (1.0, 0.5 + 1 / math.pi, 0.5 + 1 / math.pi)
 SD_OF_FWHM = 1 / math.sqrt(8 * math.log(2))
 
@@ -79,7 +79,7 @@ def measure_spectra(mean: np.ndarray, noise: np.ndarray, spacing: Sequence[float
     Parameters
     ----------
     mean, noise : ndarray, shape (z, y, x)
-        HU; `noise` has the spectrum of the noise in `mean`, without the object.
+        HU; `noise` is a difference of scans, scaled to the power spectrum of the noise in `mean`.
     spacing : sequence of 3 float
         mm (z, y, x).
     """
@@ -134,31 +134,31 @@ def deconvolve(image: Volume, blur_mm: Sequence[float], measured: PowerSpectra) 
     transformed = fft.rfftn(padded, workers=1)
     z, y, x = _frequencies(padded.shape, spacing)
     in_plane = np.hypot(y, x)[0] / measured.most_per_mm[0] * BINS - 0.5
-    signal = measured.signal()
+    wiener_filter = measured.signal()
     for plane, frequency in zip(transformed, z.ravel(), strict=True):  # one plane at a time, to limit memory
         along = abs(frequency) / measured.most_per_mm[1] * ALONG - 0.5
-        share = _interpolated(signal, in_plane, along)
+        filter_value = _interpolated(wiener_filter, in_plane, along)
         squares = (blur_mm[0] * frequency) ** 2 + ((blur_mm[1] * y) ** 2 + (blur_mm[2] * x) ** 2)[0]
-        plane *= share * np.minimum(np.exp(2 * np.pi**2 * squares), LARGEST_GAIN)
+        plane *= filter_value * np.minimum(np.exp(2 * np.pi**2 * squares), LARGEST_GAIN)
     transformed[0, 0, 0] = padded.sum(dtype=np.float64)
     restored = fft.irfftn(transformed, padded.shape, workers=1)[MIRRORED:-MIRRORED]
     return Volume(np.ascontiguousarray(restored, dtype=np.float32), image.grid)
 
 
 def add_voxel_blur(
-    blur_mm: Sequence[float], coarse: Sequence[float], fine: Sequence[float], aligned: bool = False
+    blur_mm: Sequence[float], image_mm: Sequence[float], phantom_mm: Sequence[float], aligned: bool = False
 ) -> tuple[float, float, float]:
-    """Add the blur by voxels, from the image to line integrals of a phantom, to the SDs (z, y, x) of a Gaussian, mm.
+    """Return the SDs (z, y, x) of a Gaussian blur, mm, with the blur by interpolation and averaging of voxels added.
 
-    Variances add. `ct.load_phantom` interpolates between voxels of the image (triangle: 1/6 of the squared voxel size).
-    It averages points in larger voxels of the phantom (box: up to 1/12). The projector interpolates between voxels of
-    the phantom, along z and across the ray [2]_. In-plane, this is weighted by the squared cosine of the angle to the
-    nearer axis: 1/2 + 1/pi on average.
+    Variances add, from the image to the line integrals of the phantom. `ct.load_phantom` interpolates between voxels of
+    the image (triangle: 1/6 of the squared voxel size). It averages points in larger voxels of the phantom (box: up
+    to 1/12). The projector interpolates between voxels of the phantom, along z and across the ray [2]_. In-plane, this
+    is weighted by the squared cosine of the angle to the nearer axis: 1/2 + 1/pi on average.
 
     Parameters
     ----------
-    coarse, fine : sequence of 3 float
-        Voxel size of the image and of the phantom, mm.
+    image_mm, phantom_mm : sequence of 3 float
+        Voxel size (z, y, x) of the image and of the phantom, mm.
     aligned : bool, optional
         The phantom has the voxels of the image, so there is no interpolation between them.
 
@@ -167,11 +167,11 @@ def add_voxel_blur(
     .. [2] P. M. Joseph, IEEE Trans. Med. Imaging 1, 192, 1982.
     """
     found = []
-    for sd, step, larger, across in zip(blur_mm, coarse, fine, ACROSS, strict=True):
-        variance = sd**2 + across * larger**2 / 6
+    for sd, image_voxel, phantom_voxel, share in zip(blur_mm, image_mm, phantom_mm, ACROSS, strict=True):
+        variance = sd**2 + share * phantom_voxel**2 / 6
         if not aligned:
-            points = max(math.ceil(larger / step - 1e-6), 1)  # as in ct.resample
-            variance += step**2 / 6 + larger**2 / 12 * (1 - 1 / points**2)
+            points = max(math.ceil(phantom_voxel / image_voxel - 1e-6), 1)  # as in ct.resample
+            variance += image_voxel**2 / 6 + phantom_voxel**2 / 12 * (1 - 1 / points**2)
         found.append(math.sqrt(variance))
     return tuple(found)
 

@@ -1,7 +1,8 @@
 """Estimate a small rigid displacement of an object between two images.
 
 The difference of the images is fitted by the gradient times a shift and a rotation, in least squares (Lucas and Kanade,
-IJCAI 1981, 674). The gradient of the mean image is used, so that noise does not bias the estimate towards zero.
+IJCAI 1981, 674). Noise in the gradient biases the estimate toward zero. The gradient of the mean image reduces this
+bias.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ class Displacement:
 def displacement(image: Volume, reference: Volume, within: np.ndarray | None = None) -> Displacement | None:
     """Estimate the displacement of an image relative to a reference on the same grid, both in HU.
 
-    Exact for shifts of a fraction of the width of a smoothed edge. Larger shifts are detected, but their length is not
-    exact.
+    The estimate is accurate for shifts well below the width of a smoothed edge. Larger shifts are detected, but the
+    estimated length is not accurate.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ def displacement(image: Volume, reference: Volume, within: np.ndarray | None = N
     """
     if not image.grid.matches(reference.grid):
         raise ValueError(f"image on {image.grid}, reference on {reference.grid}")
-    sigma = [SMOOTHED_MM / wide for wide in image.grid.spacing]
+    sigma = [SMOOTHED_MM / size_mm for size_mm in image.grid.spacing]
     fixed = gaussian_filter(reference.array.astype(np.float32), sigma, mode="nearest")
     moving = gaussian_filter(image.array.astype(np.float32), sigma, mode="nearest")
     gradient = np.gradient((fixed + moving) / 2, *image.grid.spacing)
@@ -69,7 +70,7 @@ def displacement(image: Volume, reference: Volume, within: np.ndarray | None = N
         return None
     gz, gy, gx = (part[steep].astype(np.float64) for part in gradient)
     z, y, x = (axis[index] for axis, index in zip(image.grid.axes_mm(), steep, strict=True))
-    # A point p moves by t + r x p with its gray value: fixed - moving = gradient . (t + r x p).
+    # The gray value of a point p moves to p + t + r x p, so to first order fixed - moving = gradient . (t + r x p).
     columns = np.stack([gx, gy, gz, y * gz - z * gy, z * gx - x * gz, x * gy - y * gx], axis=1)
     fitted, *_ = np.linalg.lstsq(columns, (fixed - moving)[steep].astype(np.float64), rcond=None)
     shift, turn = fitted[:3], fitted[3:]

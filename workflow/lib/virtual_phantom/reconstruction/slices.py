@@ -6,25 +6,27 @@ import math
 
 import numpy as np
 
-THIN_MM = 0.5  # largest distance of thin slices: less than the 0.6 mm rows of body scanners
+THIN_MM = 0.5  # largest spacing of thin slices, below the row width of body scanners at the isocenter (0.6 mm)
 
 
 def overlaps(offsets: np.ndarray, half: float) -> np.ndarray:
-    """Return the fraction of each unit cell, centered at `offsets`, that is within `half` of 0."""
+    """Return the fraction of each cell of width 1 that lies between -half and half; cell centers are `offsets`."""
     return np.clip(np.minimum(offsets + 0.5, half) - np.maximum(offsets - 0.5, -half), 0, 1)
 
 
 def thin_slices(count: int, spacing_mm: float, thickness_mm: float) -> tuple[np.ndarray, int, float]:
-    """Return thin slices around a stack of `count` slices, and the weights that average them to a box-shaped profile.
+    """Return the weights that average thin slices to `count` thick ones, and the number and spacing of thin slices.
+
+    A thick slice has a box-shaped profile. The thin slices extend beyond the stack if slices overlap.
 
     Returns
     -------
     weights : ndarray of float32, shape (count, thin)
         Each row sums to 1.
     thin : int
-        Number of thin slices; their stack has the same center.
+        Number of thin slices. Their stack has the same center as the stack of thick slices.
     thin_mm : float
-        Distance between thin slices.
+        Spacing of the thin slices.
     """
     parts = max(1, math.ceil(spacing_mm / THIN_MM - 1e-9))
     thin_mm = spacing_mm / parts

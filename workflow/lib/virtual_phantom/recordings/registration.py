@@ -2,8 +2,8 @@
 
 The transform maps phantom world mm to recording world mm: masks are transferred to the image, which is not resampled.
 The search is deterministic. At the coarsest resolution, masked normalized cross-correlation over all shifts [1]_ and
-some rotations about z gives starting points. The isocenter and the centers of mass give two more. SimpleITK refines the
-best of them through three levels of resolution.
+some rotations about z gives starting points. The isocenter and the centers of mass give two more. SimpleITK refines all
+of them at the coarsest level, the best KEPT_STARTS at the middle level, and the best one at the finest level.
 
 References
 ----------
@@ -43,8 +43,8 @@ COARSE_VOXELS = 40  # across the body's width in the coarsest level; each furthe
 ROTATIONS_DEG = (-14.0, -7.0, 0.0, 7.0, 14.0)  # about z; the optimizer covers half a step and small tilts about x, y
 KEPT_STARTS = 2  # best starting points that are refined further
 MIN_COARSE_SLICES = 8  # height of a thin phantom in voxels of the coarsest level
-CONTACT_VOXELS = 1  # of the finest level: matter closer to the body's surface may be the body itself, not yet aligned
-FAR_MM = 10.0  # from the body's surface: at this stage of the search the body is aligned better than this
+CONTACT_VOXELS = 1  # of the finest level; dense voxels this close may be the body itself, not exactly aligned yet
+FAR_MM = 10.0  # matter that reaches farther from the body is a table or arms: the alignment error is smaller by now
 TABLE_VOXELS = 4  # margin excluded around a table; with 1 voxel, rotations were up to 0.15 degrees off, with 4, 0.06
 SIDES = ("left and right", "front and back", "top and bottom")
 # Lowest correlations in experiments with shifts of up to 60 mm, rotations of up to 12 degrees, other voxel sizes, and
@@ -54,10 +54,12 @@ SIDES = ("left and right", "front and back", "top and bottom")
 #   Wrong: printed phantom mirrored 0.92 (0.60), end to end 0.96 (0.83). Abdomen mirrored 0.78 (0.50), end to end 0.85
 #     (0.83), front to back 0.67 (0.52), other slices 0.77 (0.69). One phantom aligned with the other 0.62 (0.52).
 LEAST_CORRELATION, LEAST_CORRELATION_INSIDE = 0.85, 0.9
-# Ratio of unexplained variance (1 - correlation inside the body), flipped over unflipped. Observed: 3 to 10 for abdomen
-# and printed phantom, 1 for a symmetric object, 0.02 to 0.1 for a recording with flipped axes.
+# Ratio of 1 - r, flipped over unflipped, where r is the correlation inside the body. Observed: 3 to 10 for abdomen and
+# printed phantom, 1 for a symmetric object, 0.02 to 0.1 for a recording with flipped axes.
 FLIPPED_RATIO = 0.5
-UNDETERMINED = 5e-4  # loss of correlation after a shift by the rim's width; 0.005 along the printed phantom's axis
+# The position along an axis is undetermined if a shift by the rim's width lowers the correlation by less than this. The
+# loss along the printed phantom's axis is 0.005.
+UNDETERMINED = 5e-4
 
 
 def body_of(phantom: Volume) -> np.ndarray:
@@ -193,8 +195,9 @@ class Search:
     """Registration of a phantom with one image.
 
     Voxels of the phantom's body and of a rim around it are compared. The rim is half a coarse voxel wide (1/80 of the
-    body's width). The first and last slices are excluded by as much. The last refinement also excludes everything
-    outside the body that only the recording contains, such as a table or arms.
+    body's width). At each end of the stack, slices within a coarse voxel are excluded, at most a quarter of the height.
+    The refinement at the finest level also excludes everything outside the body that only the recording contains, such
+    as a table or arms.
 
     Parameters
     ----------
@@ -261,15 +264,18 @@ class Search:
             Phantom world point (x, y, z) at the center of the recording's volume, as one of the starting points. None:
             the center of the phantom's volume.
         """
-        coarse, middle = self.coarsest, self.middle
-        starts = self.starts(coarse, isocentre_mm)
-        fits = [refine(coarse, start, 0.5) for start in starts]
-        fits.sort(key=lambda fit: -coarse.score(fit))
-        fits = [refine(middle, fit) for fit in fits[:KEPT_STARTS]]
-        return max(fits, key=middle.score)
+        coarsest_level, middle_level = self.coarsest, self.middle
+        starts = self.starts(coarsest_level, isocentre_mm)
+        fits = [refine(coarsest_level, start, 0.5) for start in starts]
+        fits.sort(key=lambda fit: -coarsest_level.score(fit))
+        fits = [refine(middle_level, fit) for fit in fits[:KEPT_STARTS]]
+        return max(fits, key=middle_level.score)
 
     def refine_to_finest(self, start: sitk.Euler3DTransform) -> sitk.Euler3DTransform:
-        """Refine a transform that is accurate to a voxel. The first of two passes locates the table more precisely."""
+        """Refine a transform that is accurate to a voxel.
+
+        The first of two passes improves the alignment, so that the second can exclude the table more precisely.
+        """
         first_pass = refine(self.exclude_table(self.finest, start), start)
         return refine(self.exclude_table(self.finest, first_pass), first_pass, last=True)
 
@@ -395,7 +401,7 @@ class Search:
         return found
 
     def checked(self, transform: sitk.Euler3DTransform) -> Alignment:
-        """Return the quality of a transform's fit if it is good enough.
+        """Measure the quality of a transform's fit, and check that it is good enough.
 
         Raises
         ------

@@ -28,7 +28,7 @@ PACKAGES = (  # packages that results depend on
     *("snakemake", "numpy", "scipy", "numba", "pandas", "pyradiomics", "SimpleITK", "nibabel", "scikit-learn"),
     *("scikit-image", "xraylib", "spekpy", "matplotlib", "seaborn"),
 )
-MOST_ROWS = 1000  # longer tables are linked only
+MOST_ROWS = 1000  # longer tables are linked but not shown
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class ReportFigure:
 def report_figures(
     pictures: Sequence[str | Path], captions: Sequence[str | Path], params: Sequence[Mapping]
 ) -> list[ReportFigure]:
-    """Combine PNG files, templates of captions, and the other fields of ReportFigure."""
+    """Return report figures; each mapping in `params` has the section, title, params and wildcards of one figure."""
     return [
         ReportFigure(Path(picture), caption=Path(caption), **fields)
         for picture, caption, fields in zip(pictures, captions, params, strict=True)

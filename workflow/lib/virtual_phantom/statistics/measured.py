@@ -35,7 +35,8 @@ TISSUE_CLASSES = {
     "hemangioma": "hemangioma",
     "metastasis": "metastasis",
 }
-# Names of the ROIs in the paper and in the dose series, which names them by size. They are matched by mean HU.
+# {name in the data set: name here}. The dose series names ROIs by size, so they were matched to those of
+# the paper by mean HU.
 STUDY_ROIS = {
     "n1": "normal_1",
     "n2": "normal_2",
@@ -78,10 +79,12 @@ def group_means() -> pd.DataFrame:
 def load_scores() -> pd.DataFrame:
     """Stability and discriminative power measured in CT-Phantom4Radiomics.
 
-    Scores of `statistics.wilcoxon.scores` at threshold 1, per ROI, over 8 groups (168 comparisons for stability, 104
-    for discrimination) from stored values and all 29 or 30 acquisitions, including re-positioned ones. Do not compare
-    them with scores from fewer repeats, because |W| grows with the square root of their number: use
-    `load_score_draws`.
+    The scores are those of `statistics.wilcoxon.scores` at threshold 1, per ROI, over 8 groups: 168 comparisons for
+    stability, 104 for discrimination. Features are of stored values (HU + 1024). All 29 or 30 acquisitions are used,
+    including re-positioned ones.
+
+    |W| grows with the square root of the number of repeats, so do not compare these scores with scores from fewer
+    repeats. Use `load_score_draws` for that.
 
     Returns
     -------
@@ -97,7 +100,7 @@ def load_score_draws(repeats: int, acquisitions: str = "fixed") -> pd.DataFrame:
     Parameters
     ----------
     repeats : int
-        Acquisitions of each group, at least 2. Larger numbers than the available ones are reduced to these.
+        Acquisitions of each group, at least 2. Values above the largest number with draws are replaced by it.
     acquisitions : {"fixed", "all"}, optional
         "fixed": from the 19 that all groups have without re-positioning; "all": from all 29.
 
@@ -177,9 +180,13 @@ def load_full_table(path: str | Path) -> pd.DataFrame:
 def true_acquisition(group: np.ndarray, number: np.ndarray) -> np.ndarray:
     """Acquisition (1 to 30) that a scan of CT-Phantom4Radiomics reconstructs.
 
-    All groups reconstruct the same acquisitions, but groups 1 and 2 start with the second, and group 3 numbers some of
-    them backwards. This was found from the ROI means, which agree between groups, and checked with the positions of the
-    masks, which change with each re-positioning (tests/test_measured.py).
+    All groups reconstruct the same acquisitions, but number them differently:
+
+    * groups 1 and 2 start with acquisition 2,
+    * in group 3, numbers 11 to 15 are acquisitions 21 to 25, and numbers 16 to 25 are acquisitions 20 to 11.
+
+    This was found from the ROI means, which agree between groups, and checked with the positions of the masks,
+    which change with each re-positioning (tests/test_measured.py).
 
     Parameters
     ----------

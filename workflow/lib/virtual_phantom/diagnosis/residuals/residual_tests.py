@@ -13,8 +13,8 @@ from ..fitting.fit import Fit
 from ..fitting.nuisance import PLACE
 from ..noise.condensed import FEWEST, Blocks, Observed
 
-EDGES = "edges"  # domain of the steepest data
-KINDS = "kinds of change"  # domain without locations (verdict.unmodeled)
+EDGES = "edges"  # domain of the data with the steepest slopes
+KINDS = "kinds of change"  # domain of kinds of change, without locations (verdict.unmodeled)
 ALPHA = 0.01  # family-wise level, over all domains and their locations
 EDGE_SHARE = 0.1  # share of the rays or voxels, with the steepest slopes, that count as edges
 BINS = 10  # of rays or voxels sorted by a value
@@ -22,7 +22,7 @@ BINS = 10  # of rays or voxels sorted by a value
 
 @dataclass(frozen=True)
 class Location:
-    """Worst location of a domain.
+    """Test of a domain, with its worst location.
 
     Attributes
     ----------
@@ -31,9 +31,10 @@ class Location:
     where : str
         The location, in words.
     z : float
-        Standardized difference, positive where the recording is larger.
+        Standardized difference at the location, positive where the recording is larger. In domains of sums of squares
+        or products (verdict.NO_SIGNED_MAP), z does not show which is larger.
     p : float
-        p-value over all locations of the domain.
+        p-value over all locations of the domain; `corrected` extends it to all domains.
     map : ndarray
         z of every location, for figures; along three axes for blocks.
     """
@@ -46,7 +47,7 @@ class Location:
 
     @property
     def significant(self) -> bool:
-        """Whether p, corrected over all domains (Holm), is significant."""
+        """Whether p is below ALPHA; valid over all domains after `corrected` (Holm)."""
         return self.p < ALPHA
 
 
@@ -57,7 +58,7 @@ class Half:
     Attributes
     ----------
     residuals, weights : list of ndarray, shape (data,)
-        By part.
+        By part: mean of the repeats, and for several repeats the noise variance and the noise correlations.
     """
 
     residuals: list[np.ndarray]
@@ -65,7 +66,7 @@ class Half:
     data: Observed
 
     def in_common(self, other: Half) -> HalfProducts:
-        """Return the products of the mean's residuals with those of another half."""
+        """Return the products of the residuals of both halves, for the mean of the repeats."""
         weight = np.sqrt(self.weights[0] * other.weights[0])
         return HalfProducts(
             weight > 0,
@@ -84,7 +85,7 @@ class HalfProducts:
     there : ndarray of bool, shape (data,)
         Data that count in both halves.
     products : ndarray, shape (data,)
-        Their mean is the square of the common difference, in standard deviations.
+        Their mean estimates d^2, where d is the difference common to both halves, in standard deviations.
     numerical : list of ndarray, shape (data,)
         Expected products by each numerical error of the model.
     scatter : ndarray, shape (data,), or float
@@ -97,8 +98,9 @@ class HalfProducts:
     scatter: np.ndarray | float = 0.0
 
     def z(self, where: np.ndarray | None = None) -> float:
-        """Return the sum beyond numerical errors over its standard deviation without a difference, at least 0.
+        """Return (sum of products - sum expected from numerical errors) / SD, at least 0.
 
+        The SD is the value without a common difference d. z tests d^2, so it does not show the sign of d.
         A numerical error c D with c ~ N(0, 1) gives c^2 times its expected sum; c^2 has a variance of 2.
 
         Parameters
@@ -114,7 +116,9 @@ class HalfProducts:
 
 
 def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
-    """Return the largest deviation of nuisance parameters from their priors: residuals do not show it.
+    """Test nuisance parameters against their priors.
+
+    A wrong value in the description of the scan shifts a parameter and leaves no residual.
 
     The pose of the object and numerical errors, of uncertain size, are omitted. The list is empty if there are no
     priors.
@@ -142,8 +146,8 @@ def noise_locations(
 ) -> list[Location]:
     """Test the noise: its variance by block, its level, and its correlations.
 
-    Level and correlations are few numbers, known from the fitted data no better than from the held-out data: both
-    errors count. The list is empty if there is a single repeat.
+    Noise level and correlations of held-out data are compared with those of the fitted data. Both have errors of
+    similar size, so the tests include both. The list is empty if there is a single repeat.
 
     Parameters
     ----------
@@ -152,9 +156,10 @@ def noise_locations(
     axes : tuple of 3 str
         Names of the data's axes.
     fitted : Half, optional
-        Fitted data, if `half` is of others.
+        The fitted data, if `half` is held-out data.
     uncertain : sequence of ndarray, shape (directions, data), optional
-        Changes by errors of the fit's numbers, by part (left_by_numbers); None: errors are those of the fitted data.
+        By part, changes of the data by one standard error of the fitted parameters (`left_by_numbers`). None: the
+        errors of the fitted data are used.
     step : int, optional
         See `blocks`.
     """
@@ -220,7 +225,7 @@ class ExtraVariance:
     distortions : sequence of ndarray, shape (views, rows, columns)
         Errors common to all rays of a sum, one standard deviation.
     scatter : ndarray, shape (views, rows, columns), or float
-        Relative variance of the unbiased weights: their mean square over the square of their mean, less 1.
+        Relative variance of the estimated, unbiased weights w: <w^2> / <w>^2 - 1.
     """
 
     weight: np.ndarray
@@ -234,7 +239,8 @@ class ExtraVariance:
     def of_block(self, total) -> np.ndarray | float:
         """Return the extra variance for rays of one block.
 
-        Their common weight has an error that changes the distribution, not the variance.
+        All rays of a block share one estimated weight. Its error does not add variance, but the sum follows Student's t
+        distribution (`normal_scores`).
         """
         return sum((total(self.weight * distortion) ** 2 for distortion in self.distortions), 0.0)
 
@@ -244,7 +250,7 @@ def _two_sided(z: float, places: int) -> float:
     return float(bonferroni(2 * stats.norm.sf(abs(z)), places))
 
 
-def _likely(z: np.ndarray) -> float:
+def _p_value(z: np.ndarray) -> float:
     """Return the p-value of the worst location or of the sum of squares, whichever is smaller, times two."""
     tested = z[z != 0]
     if not tested.size:
@@ -254,9 +260,9 @@ def _likely(z: np.ndarray) -> float:
 
 
 def extreme(domain: str, z: np.ndarray, words) -> Location:
-    """Return a domain by its worst location; `words` describes the location of an index."""
+    """Test a domain for its worst location; `words` describes the location of an index."""
     worst = int(np.argmax(np.abs(z)))
-    return Location(domain, words(worst), float(z[worst]), _likely(z), z)
+    return Location(domain, words(worst), float(z[worst]), _p_value(z), z)
 
 
 def normal_scores(z: np.ndarray, weighed: np.ndarray | float) -> np.ndarray:
@@ -292,7 +298,7 @@ def blocks(
     step: int = 1,
     division: Blocks | None = None,
 ) -> Location:
-    """Return a domain of blocks of the data.
+    """Test blocks of the data.
 
     Parameters
     ----------
@@ -313,43 +319,46 @@ def blocks(
         f"{name} {every * (n * i // parts)} to {every * (n * (i + 1) // parts - 1)}"
         for name, n, i, parts, every in zip(axes, data.mean.shape, position, shape, (step, 1, 1), strict=True)
     ]
-    likely = _likely(normal_scores(z, weighed))
-    return Location(domain, ", ".join(ranges), float(z[worst]), likely, z.reshape(shape))
+    p = _p_value(normal_scores(z, weighed))
+    return Location(domain, ", ".join(ranges), float(z[worst]), p, z.reshape(shape))
 
 
 def by_value(
     domain: str, words: str, residual, weight, values, inside, extra_variance: ExtraVariance | None = None
 ) -> Location:
-    """Return a domain of tenths of the data `inside`, in the order of a value; `words` takes a tenth's bounds."""
+    """Sort the data `inside` by a value, divide them into BINS bins and test each.
+
+    `words` is a text with two fields for the bounds of a bin.
+    """
     edges = np.quantile(values[inside], np.linspace(0, 1, BINS + 1)) if inside.any() else np.zeros(BINS + 1)
     index = np.where(inside, np.clip(np.searchsorted(edges, values) - 1, 0, BINS - 1), BINS)
 
-    def by_tenth(values):
+    def by_bin(values):
         return np.bincount(index.ravel(), values.ravel(), BINS + 1)[:BINS]
 
-    extra = 0.0 if extra_variance is None else extra_variance(by_tenth)
-    z = standardized(by_tenth(residual * weight), by_tenth(weight), extra)
+    extra = 0.0 if extra_variance is None else extra_variance(by_bin)
+    z = standardized(by_bin(residual * weight), by_bin(weight), extra)
     return extreme(domain, z, lambda i: words.format(edges[i], edges[i + 1]))
 
 
 def steep(weight, slope) -> np.ndarray:
-    """Return the data with the steepest slopes, of those that count."""
+    """Return a mask of the data with the steepest slopes, among those with weight."""
     return (weight > 0) & (slope >= np.quantile(slope[weight > 0], 1 - EDGE_SHARE))
 
 
 def steepest(
     what: str, residual, weight, slope, numbers: Sequence[np.ndarray] = (), of_weights: float = 0.0
 ) -> Location:
-    """Test the excess of chi-square where a slope is steepest.
+    """Test the excess of chi-square where a slope is steepest, one-sided.
 
     Parameters
     ----------
     what : str
         Rays or voxels, for messages.
     numbers : sequence of ndarray, optional
-        Changes by errors of the fit's numbers.
+        Changes of the data by one standard error of the fitted parameters.
     of_weights : float, optional
-        Variance by errors of the weights.
+        Variance of chi-square by errors of the weights.
     """
     chosen = steep(weight, slope)
     count = int(chosen.sum())

@@ -37,13 +37,13 @@ def import_features(csv_file: str | Path, folder: str | Path, phantom: str | Non
     Raises
     ------
     InputError
-        If the table is missing, has neither layout, or does not fit its layout (measured.load_full_table,
-        measured.load_full_dose_series).
+        If the table is missing, is in neither layout, or has errors (see `measured.load_full_table` and
+        `measured.load_full_dose_series`).
     """
     csv_file = Path(csv_file)
     columns = set(read_table(csv_file).columns)
     if "scan_id" in columns:
-        table, content = _study(csv_file)
+        table, content = _group_series(csv_file)
     elif "recon_code" in columns:
         table, content = _dose_series(csv_file)
     else:
@@ -56,7 +56,7 @@ def import_features(csv_file: str | Path, folder: str | Path, phantom: str | Non
     return write_folder(folder, "features", phantom, content, lambda target: write_csv(table, target / "features.csv"))
 
 
-def _study(csv_file: Path) -> tuple[pd.DataFrame, dict]:
+def _group_series(csv_file: Path) -> tuple[pd.DataFrame, dict]:
     table = measured.load_full_table(csv_file)
     image = "scan" + table["scan"].astype(str)
     absent = [feature for feature in FEATURES if feature not in measured.STUDY_FEATURES]
