@@ -30,6 +30,7 @@ from radiomics.featureextractor import RadiomicsFeatureExtractor
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.streams import Stream, below, generator, named, root
 from virtual_phantom.image_model.noise import NoiseModel
+from virtual_phantom.io.files import read_csv
 
 SEED = 519
 DEVELOPMENT, TEST = (1, 3, 6), (2, 4, 5, 7)  # column Batch
@@ -89,7 +90,7 @@ def box(voxels: int, voxel_mm3: float) -> Box:
 
 def read(path: Path, scanners: Sequence[int] = (*DEVELOPMENT, *TEST)) -> pd.DataFrame:
     """Acrylic rows of these scanners by (scanner, sub-region): the features and the column `box`."""
-    table = pd.read_csv(path)
+    table = read_csv(path)
     table = table[table["ROI"].str.startswith("acrylic_") & table["Batch"].isin(scanners)]
     table = table.assign(region=table["ROI"].str.removeprefix("acrylic_").astype(int))
     table = table.set_index(["Batch", "region"]).sort_index()

@@ -25,7 +25,7 @@ from virtual_phantom.physics.scenes.scene import VoxelScene
 
 MU, PHOTONS = 0.0193, 1e5
 FINELY = 6  # rays per pixel and direction of the scan
-MATERIALS = {"soft": "water", "dense": "bone", "dense_from_hu": 150.0}
+MATERIALS = Segmentation("water", "bone", 150.0)
 GEOMETRY = circular(
     views=60,
     source_to_isocentre_mm=570.0,
@@ -53,7 +53,7 @@ def known(tmp_path_factory):
 
 
 def scene_of(volume):
-    return VoxelScene.of(volume, Segmentation(**MATERIALS), MU)
+    return VoxelScene.of(volume, MATERIALS, MU)
 
 
 def prepared_from(known, state, illumination=SOLID_ANGLE, coarse=True):

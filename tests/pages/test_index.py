@@ -17,6 +17,7 @@ from PIL import Image
 from recording_folders import projections_folder
 from test_study import Balanced
 
+from virtual_phantom.base.settings import to_mapping
 from virtual_phantom.report import answer, index, study
 from virtual_phantom.statistics.stability_measures import CUT_OFFS
 from virtual_phantom.study.context import read_context
@@ -337,21 +338,21 @@ def test_page_is_rebuilt_after_changes_of_its_content_only(results, tmp_path, mo
     for file in (*known.pages.pictures(), *known.pages.tables()):
         Path(file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(results / ("figures/rois.png" if file.endswith(".png") else "features.csv"), file)
-    assert renew(known.pages, known.config) is None  # nothing but the study yet
+    assert renew(known.pages, to_mapping(known.study)) is None  # nothing but the study yet
     shutil.copytree(results / "diagnosis" / "disc", folder / "diagnosis" / "disc")
-    assert renew(known.pages, known.config) == page
+    assert renew(known.pages, to_mapping(known.study)) == page
     assert "Scatter &lt;explains&gt; it." in page.read_text() and 'report.html">Figures' not in page.read_text()
-    assert renew(known.pages, known.config) is None
+    assert renew(known.pages, to_mapping(known.study)) is None
     for name in ("report", "viewer"):
         (folder / f"{name}.html").write_text("<!doctype html>")
         later = page.stat().st_mtime + 1
         os.utime(folder / f"{name}.html", (later, later))
-        assert renew(known.pages, known.config) == page
+        assert renew(known.pages, to_mapping(known.study)) == page
         os.utime(page, (later, later))
     for name, title in (("report", "All figures and sortable tables"), ("viewer", "Viewer of slices")):
         assert f'<a href="{name}.html">{title}' in page.read_text()
-    assert renew(known.pages, known.config) is None
+    assert renew(known.pages, to_mapping(known.study)) is None
     # A study that has not been run has no content.
     page.unlink()
     Path(known.pages.pictures()[0]).unlink()
-    assert renew(known.pages, known.config) is None
+    assert renew(known.pages, to_mapping(known.study)) is None
