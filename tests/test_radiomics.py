@@ -247,7 +247,8 @@ def test_warns_with_numbers_of_small_and_of_constant_regions():
 
 def test_pyradiomics_log_becomes_a_warning_and_its_logger_is_unchanged(monkeypatch, capfd):
     logger = logging.getLogger("radiomics")
-    before = logger.handlers[:], logger.propagate
+    monkeypatch.setattr(logger, "level", logging.ERROR)  # as a caller may set it
+    before = logger.handlers[:], logger.propagate, logger.level
     real = extraction.DEFAULT.extractor
 
     class NoisyExtractor:
@@ -261,7 +262,7 @@ def test_pyradiomics_log_becomes_a_warning_and_its_logger_is_unchanged(monkeypat
     with pytest.warns(RadiomicsWarning, match="image, ROI roi: pyradiomics: something is odd") as caught:
         extraction.extract(volume(noise), {"roi": np.ones(noise.shape, bool)})
     assert len(caught) == 1
-    assert (logger.handlers, logger.propagate) == before
+    assert (logger.handlers, logger.propagate, logger.level) == before
     assert capfd.readouterr().err == ""
 
 

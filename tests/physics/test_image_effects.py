@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 from generators import effects as effects_page
 
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.candidate_effects import candidates
+from virtual_phantom.diagnosis.settings import RecordingSettings
 from virtual_phantom.physics import effect, effects
 from virtual_phantom.simulation.reconstruct import apply_image_effects
 
@@ -46,6 +48,7 @@ def test_effect_on_images_is_added_by_one_file(tmp_path, monkeypatch):
     after = apply_image_effects(image, (1.0, 1.0, 1.0), {"cut_after": {"ceiling_hu": 50.0}} | added)
     np.testing.assert_array_equal([before.ravel(), after.ravel()], [[30, 70, 80], [30, 50, 50]])
     assert set(effect.image_effects()) == known | {"cut_before", "cut_after"}
-    assert {"cut_before", "cut_after"} <= set(candidates({"nominal_photons": 1e5}, "images"))
-    assert not {"cut_before", "cut_after"} & set(candidates({"nominal_photons": 1e5}))
+    settings = from_mapping(RecordingSettings, {"nominal_photons": 1e5})
+    assert {"cut_before", "cut_after"} <= set(candidates(settings, "images"))
+    assert not {"cut_before", "cut_after"} & set(candidates(settings))
     assert "## Cut before" in effects_page.page()

@@ -15,8 +15,10 @@ from pydicom.tag import Tag
 from test_recordings_importers import import_refused
 
 from virtual_phantom.base.geometry import helical
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.cli import main as study_command
 from virtual_phantom.diagnosis.candidate_effects import candidates
+from virtual_phantom.diagnosis.settings import RecordingSettings
 from virtual_phantom.io import dicom_ct_pd as pd
 from virtual_phantom.io.exchange import write_line_integrals
 from virtual_phantom.recordings.importers import command
@@ -191,7 +193,7 @@ def test_corrections_photons_and_labels_are_read_and_patient_data_are_not(scan, 
     recording = load_recording(folder)
     assert recording.document.content["corrected"] == ["beam_hardening", "dark", "scatter"]
     assert recording.nominal["photons"] == pytest.approx(2e5) and recording.nominal["tube_kvp"] == 120
-    tried = candidates({}, corrected=recording.document.content["corrected"])
+    tried = candidates(from_mapping(RecordingSettings, {}), corrected=recording.document.content["corrected"])
     assert not {"spectrum", "scatter", "dark_signal"} & set(tried) and "gain_pattern" in tried
 
 

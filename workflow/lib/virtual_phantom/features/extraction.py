@@ -207,12 +207,14 @@ def _pyradiomics_messages(where: str) -> Iterator[None]:
     handler = logging.Handler(logging.WARNING)
     handler.emit = records.append
     logger = logging.getLogger("radiomics")
-    handlers, propagate = logger.handlers[:], logger.propagate
+    handlers, propagate, level = logger.handlers[:], logger.propagate, logger.level
     logger.handlers, logger.propagate = [handler], False
+    logger.setLevel(logging.WARNING)  # the caller may have silenced pyradiomics
     try:
         yield
     finally:
         logger.handlers, logger.propagate = handlers, propagate
+        logger.setLevel(level)
     for record in records:
         warnings.warn(
             f"{where}: pyradiomics: {record.getMessage().strip().splitlines()[-1]}",
