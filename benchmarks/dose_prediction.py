@@ -27,7 +27,7 @@ from virtual_phantom.image_model.dose import DoseLaw
 from virtual_phantom.image_model.fitting import Measured, fit_noise, fit_region
 from virtual_phantom.image_model.noise import NoiseModel
 from virtual_phantom.image_model.region import Blur, RegionModel
-from virtual_phantom.image_model.scanner import ImageScanner, features_of, stream_pairs
+from virtual_phantom.image_model.scanner import ImageScanner, features_of
 from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.phantom.texture import Component, Texture
 from virtual_phantom.statistics import measured, roi_profiles
@@ -125,11 +125,13 @@ def predict(scanner, models, regions, real, stream, realizations: int = 12) -> d
     """Mean features by (region, reconstruction, dose); the mean HU is that at the fitted dose."""
     found = {}
     for roi, model in models.items():
-        pairs = list(stream_pairs(named(stream, roi), range(PREDICTED, PREDICTED + realizations)))
+        noises = range(PREDICTED, PREDICTED + realizations)
         for name in RECONSTRUCTIONS:
             mean = real[roi, name, FITTED].mean[MEAN]
             for dose in DOSES:
-                found[roi, name, dose] = scanner.features(model, regions[roi], mean, name, dose, pairs).mean()
+                found[roi, name, dose] = scanner.features(
+                    model, regions[roi], mean, name, dose, named(stream, roi), noises
+                ).mean()
     return found
 
 
@@ -240,12 +242,12 @@ def forecast(scanner, models, regions, real, stream, doses=(6, 14), realizations
     region_names = {roi: name for name, roi in measured.DOSE_ROIS.items()}
     rows = []
     for roi, model in models.items():
-        pairs = list(stream_pairs(named(stream, roi), range(PREDICTED, PREDICTED + realizations)))
+        noises = range(PREDICTED, PREDICTED + realizations)
         for name in RECONSTRUCTIONS:
             tables = {}
             for dose in (3, FITTED, *doses):
                 mean = real[roi, name, FITTED].mean[MEAN]
-                tables[dose] = scanner.features(model, regions[roi], mean, name, dose, pairs)
+                tables[dose] = scanner.features(model, regions[roi], mean, name, dose, named(stream, roi), noises)
             sds = {dose: table.std() for dose, table in tables.items()}
             scale = (real[roi, name, FITTED].sd / sds[FITTED]).median()
             residual = {dose: real[roi, name, dose].mean - tables[dose].mean() for dose in (3, FITTED)}

@@ -12,7 +12,7 @@ from virtual_phantom.image_model.dose import DoseLaw
 from virtual_phantom.image_model.fitting import Measured, fit_noise
 from virtual_phantom.image_model.noise import NoiseModel
 from virtual_phantom.image_model.region import Blur, RegionModel
-from virtual_phantom.image_model.scanner import FBP, ImageScanner, features_of, stream_pairs
+from virtual_phantom.image_model.scanner import FBP, ImageScanner, features_of
 from virtual_phantom.phantom.texture import Component
 
 SPACING = (1.0, 0.7, 0.7)  # mm
@@ -92,8 +92,7 @@ def test_images_of_a_dose_have_the_mean_and_the_variance_of_the_law():
     mask = ball(14)
     scanner = ImageScanner(SPACING, BLUR, {FBP: NOISE}, {FBP: DoseLaw({1.0: 900.0, 10.0: 90.0})})
     region = RegionModel(1.2, Component(0, 1.0), Component(6, 9.0))
-    pairs = stream_pairs(root(5), range(12))
-    images = np.stack([scanner.image(region, mask, 40.0, FBP, 3.0, *pair)[mask] for pair in pairs])
+    images = np.stack([image[mask] for image in scanner.images(region, mask, 40.0, FBP, 3.0, root(5), range(12))])
     assert images.mean(axis=1) == pytest.approx(40, abs=1e-3)
     assert images.var(axis=1).mean() == pytest.approx(300 * 1.2 + 36, rel=0.04)
 
@@ -103,14 +102,14 @@ def test_fitted_noise_predicts_features_of_other_noise_like_the_true_model():
     mask, pattern = ball(9), Component(0.5, 10.0)
     scanner = ImageScanner(SPACING, BLUR, {FBP: NOISE}, {FBP: DoseLaw({1.0: 400.0, 2.0: 400.0})})
     region = RegionModel(1.0, Component(0, 1.0), pattern)
-    table = scanner.features(region, mask, 0.0, FBP, 1.0, stream_pairs(root(6), range(12)))
+    table = scanner.features(region, mask, 0.0, FBP, 1.0, root(6), range(12))
     known = Measured(table.mean(), table.std())
     start = NoiseModel(1.7, 4.0, 0.15, 1.2, 0.05)
     fitted, _ = fit_noise(known, mask, SPACING, root(7), pattern=pattern, start=start, realizations=2, evaluations=70)
 
     def misfit(noise):
         other = ImageScanner(SPACING, BLUR, {FBP: noise}, {FBP: DoseLaw({1.0: 400.0, 2.0: 400.0})})
-        return known.misfit(other.features(region, mask, 0.0, FBP, 1.0, stream_pairs(root(9), range(4))))
+        return known.misfit(other.features(region, mask, 0.0, FBP, 1.0, root(9), range(4)))
 
     excess = {noise: misfit(noise) - misfit(NOISE) for noise in (start, fitted)}
     assert excess[start] > 1

@@ -8,6 +8,7 @@ evaluation uses the same random numbers, which makes the function of the paramet
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -15,15 +16,13 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import minimize
 
-from ..base.streams import Stream
+from ..base.streams import Stream, below
 from ..features.names import MEAN, VARIANCE
 from ..phantom.texture import Component
-from .dose import DoseLaw
-from .noise import NoiseModel
-from .region import Blur, RegionModel
-from .scanner import FBP, ImageScanner, stream_pairs
+from .noise import NoiseModel, noisy_images
+from .region import RegionModel, gaussian_texture
+from .scanner import ImageScanner, features_of
 
-NO_TEXTURE = Component(0.0, 1.0)
 SMOOTH_KERNEL = NoiseModel(2.6, 4.8, 0.15, 0.75, 0.1)  # body kernel, slice of 2 mm
 SKEWNESS_LIMIT = 4.5  # of a texture; Component allows 5
 
@@ -87,11 +86,10 @@ def fit_noise(
         left = variance - free.sd_hu**2
         if left <= 0:
             return np.inf
-        law = DoseLaw({1.0: left, 2.0: left})
-        scanner = ImageScanner(spacing, Blur(1, 2, 0), {FBP: noise}, {FBP: law})
-        region = RegionModel(1.0, NO_TEXTURE, free)
-        pairs = stream_pairs(stream, range(realizations))
-        return measured.misfit(scanner.features(region, mask, measured.mean[MEAN], FBP, 1.0, pairs))
+        texture = gaussian_texture(free, mask, spacing, below(stream, 0, 1))
+        noises = below(stream, 1), range(realizations)
+        images = noisy_images(texture, noise, math.sqrt(left), measured.mean[MEAN], mask, spacing, *noises)
+        return measured.misfit(features_of(images, mask, spacing))
 
     first = [start.mtf50_per_cm, start.mtf10_per_cm / start.mtf50_per_cm - 1, start.low_frequency_per_cm]
     first += [start.slice_sd_mm, start.log_amplitude_sd]
@@ -131,29 +129,14 @@ def fit_region(
         region = model(x)
         if not (0.3 < region.fine.correlation_mm < 30 and 1 < region.coarse.correlation_mm < 40):
             return np.inf
-        return float(
-            np.mean(
-                [
-                    known.misfit(
-                        scanner.features(
-                            region, mask, known.mean[MEAN], name, dose_mgy, stream_pairs(stream, range(realizations))
-                        )
-                    )
-                    for name, known in measured.items()
-                ]
-            )
-        )
+        misfits = []
+        for name, known in measured.items():
+            noises = range(realizations)
+            table = scanner.features(region, mask, known.mean[MEAN], name, dose_mgy, stream, noises)
+            misfits.append(known.misfit(table))
+        return float(np.mean(misfits))
 
     fine, coarse = start.fine, start.coarse
-    first = np.log(
-        [
-            start.noise_factor,
-            fine.sd_hu,
-            fine.correlation_mm,
-            coarse.sd_hu,
-            coarse.correlation_mm,
-            start.contrast,
-        ]
-    )
+    first = [start.noise_factor, fine.sd_hu, fine.correlation_mm, coarse.sd_hu, coarse.correlation_mm, start.contrast]
     steps = np.array([0.15, 0.2, 0.2, 0.3, 0.3, 0.05, 0.4])
-    return model(_search(cost, np.append(first, fine.skewness), steps, evaluations))
+    return model(_search(cost, np.append(np.log(first), fine.skewness), steps, evaluations))

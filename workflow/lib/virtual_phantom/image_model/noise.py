@@ -18,6 +18,7 @@ References
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -43,6 +44,11 @@ def frequencies(shape: tuple[int, ...], spacing: tuple[float, ...]) -> tuple[np.
     z, y = (fft.fftfreq(n, step) for n, step in zip(shape[:2], spacing[:2], strict=True))
     x = fft.rfftfreq(shape[2], spacing[2])
     return np.abs(z)[:, None, None].astype(np.float32), np.hypot(y[:, None], x).astype(np.float32)[None]
+
+
+def slice_transfer(fz: np.ndarray, slice_sd_mm: float) -> np.ndarray:
+    """Return the transfer function of a Gaussian slice profile at frequencies along z, per mm."""
+    return np.exp(-2 * (np.pi * fz * slice_sd_mm) ** 2)
 
 
 @lru_cache(maxsize=64)
@@ -86,7 +92,7 @@ class NoiseModel:
         """Return the square root of the noise power over the frequencies of a volume, up to a factor."""
         fz, f = frequencies(shape, spacing)
         in_plane = np.sqrt(f + self.low_frequency_per_cm / 10) * Kernel(self.mtf50_per_cm, self.mtf10_per_cm).mtf(f)
-        return (in_plane * np.exp(-2 * (np.pi * fz * self.slice_sd_mm) ** 2)).astype(np.float32)
+        return (in_plane * slice_transfer(fz, self.slice_sd_mm)).astype(np.float32)
 
     def sample(self, shape: tuple[int, ...], spacing: tuple[float, ...], stream: Stream) -> np.ndarray:
         """Return a field of mean 0 and an expected variance of 1, float32 [z, y, x], spacing in mm."""
@@ -110,3 +116,19 @@ def gaussian_field(
     fz, f = frequencies(box, spacing)
     amplitude = np.exp(-((np.pi * correlation_mm) ** 2) * (fz**2 + f**2))
     return filtered(box, stream, amplitude)
+
+
+def noisy_images(
+    texture: np.ndarray,
+    noise: NoiseModel,
+    sd_hu: float,
+    mean_hu: float,
+    mask: np.ndarray,
+    spacing: tuple[float, ...],
+    stream: Stream,
+    realizations: Iterable[int],
+) -> Iterator[np.ndarray]:
+    """Yield a texture with each realization of noise, HU, float32 [z, y, x], with a given mean inside the mask."""
+    for number in realizations:
+        image = noise.sample(mask.shape, spacing, below(stream, number)) * np.float32(sd_hu) + texture
+        yield image + np.float32(mean_hu - image[mask].mean())

@@ -10,7 +10,7 @@ from scipy import fft
 from ..base.streams import Stream, below
 from ..phantom.texture import Component, skewed
 from ..reconstruction.kernel import Kernel
-from .noise import frequencies, gaussian_field, periodic_shape
+from .noise import frequencies, gaussian_field, periodic_shape, slice_transfer
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,7 @@ class Blur:
     def apply(self, field: np.ndarray, spacing: tuple[float, ...]) -> np.ndarray:
         """Return a periodic field [z, y, x] after the blur."""
         fz, f = frequencies(field.shape, spacing)
-        transfer = Kernel(self.mtf50_per_cm, self.mtf10_per_cm).mtf(f) * np.exp(
-            -2 * (np.pi * fz * self.slice_sd_mm) ** 2
-        )
+        transfer = Kernel(self.mtf50_per_cm, self.mtf10_per_cm).mtf(f) * slice_transfer(fz, self.slice_sd_mm)
         return fft.irfftn(fft.rfftn(field) * transfer.astype(np.float32), s=field.shape)
 
 
@@ -60,18 +58,23 @@ class RegionModel:
 
     def texture(self, mask: np.ndarray, spacing: tuple[float, ...], blur: Blur, stream: Stream) -> np.ndarray:
         """Return the texture of filtered back-projection, HU: mean 0 and the given SDs inside the mask [z, y, x]."""
-        box = periodic_shape(mask.shape, spacing)
-        inside = tuple(slice(0, n) for n in mask.shape)
-        coarse = gaussian_field(box, spacing, below(stream, 1), self.coarse.correlation_mm)[inside]
-        texture = _scaled(coarse, mask, self.coarse.sd_hu)
+        texture = gaussian_texture(self.coarse, mask, spacing, below(stream, 1))
         if not self.fine.sd_hu:
             return texture
+        box = periodic_shape(mask.shape, spacing)
         gaussian = gaussian_field(box, spacing, below(stream, 0), self.fine.correlation_mm)
-        fine = blur.apply(skewed(gaussian, self.fine.skewness), spacing)[inside]
+        fine = blur.apply(skewed(gaussian, self.fine.skewness), spacing)
         return texture + _scaled(fine, mask, self.fine.sd_hu)
 
 
+def gaussian_texture(component: Component, mask: np.ndarray, spacing: tuple[float, ...], stream: Stream) -> np.ndarray:
+    """Return a component without skewness and blur, HU: mean 0 and the given SD inside the mask [z, y, x]."""
+    field = gaussian_field(periodic_shape(mask.shape, spacing), spacing, stream, component.correlation_mm)
+    return _scaled(field, mask, component.sd_hu)
+
+
 def _scaled(field: np.ndarray, mask: np.ndarray, sd: float) -> np.ndarray:
-    """Return the field with mean 0 and this SD inside the mask."""
+    """Return the part of a periodic field that the mask covers, with mean 0 and this SD inside the mask."""
+    field = field[tuple(slice(0, n) for n in mask.shape)]
     inside = field[mask]
     return (field - inside.mean()) * np.float32(sd / inside.std())

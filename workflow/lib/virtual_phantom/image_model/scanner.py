@@ -15,7 +15,7 @@ from ..features.extraction import extract
 from ..features.names import FEATURES
 from ..io.volumes import Volume
 from .dose import DoseLaw
-from .noise import NoiseModel
+from .noise import NoiseModel, noisy_images
 from .region import Blur, RegionModel
 
 FBP = "fbp"
@@ -42,35 +42,41 @@ class ImageScanner:
     noise: Mapping[str, NoiseModel]
     dose_law: Mapping[str, DoseLaw]
 
-    def image(
+    def images(
         self,
         region: RegionModel,
         mask: np.ndarray,
         mean_hu: float,
         reconstruction: str,
         dose_mgy: float,
-        texture_stream: Stream,
-        noise_stream: Stream,
-    ) -> np.ndarray:
-        """Return an image of a region, HU, float32 [z, y, x], with a given mean inside the mask."""
-        sd = math.sqrt(self.dose_law[reconstruction].variance(dose_mgy, region.noise_factor))
-        noise = self.noise[reconstruction].sample(mask.shape, self.spacing, noise_stream)
-        texture = region.texture(mask, self.spacing, self.blur, texture_stream)
-        image = noise * np.float32(sd) + texture * np.float32(1 if reconstruction == FBP else region.contrast)
-        return image + np.float32(mean_hu - image[mask].mean())
+        stream: Stream,
+        realizations: Iterable[int],
+    ) -> Iterator[np.ndarray]:
+        """Return images of a region, one for each number of a noise realization.
 
-    def features(
-        self,
-        region: RegionModel,
-        mask: np.ndarray,
-        mean_hu: float,
-        reconstruction: str,
-        dose_mgy: float,
-        streams: Iterable[tuple[Stream, Stream]],
-    ) -> pd.DataFrame:
-        """Return the features (columns) of one image per pair of streams (of texture, of noise)."""
-        images = (self.image(region, mask, mean_hu, reconstruction, dose_mgy, *pair) for pair in streams)
-        return features_of(images, mask, self.spacing)
+        Parameters
+        ----------
+        mask : ndarray of bool, shape (z, y, x)
+            Voxels of the region.
+        mean_hu : float
+            Mean inside the mask.
+        stream : Stream
+            Random numbers of the texture, which all images share, and of the noise.
+
+        Returns
+        -------
+        iterator of ndarray of float32, shape (z, y, x)
+            HU.
+        """
+        sd = math.sqrt(self.dose_law[reconstruction].variance(dose_mgy, region.noise_factor))
+        contrast = np.float32(1 if reconstruction == FBP else region.contrast)
+        texture = region.texture(mask, self.spacing, self.blur, below(stream, 0)) * contrast
+        noise = self.noise[reconstruction]
+        return noisy_images(texture, noise, sd, mean_hu, mask, self.spacing, below(stream, 1), realizations)
+
+    def features(self, region: RegionModel, mask: np.ndarray, *settings) -> pd.DataFrame:
+        """Return the features (columns) of each of `images`, whose arguments these are."""
+        return features_of(self.images(region, mask, *settings), mask, self.spacing)
 
 
 def features_of(images: Iterable[np.ndarray], mask: np.ndarray, spacing: tuple[float, ...]) -> pd.DataFrame:
@@ -78,9 +84,3 @@ def features_of(images: Iterable[np.ndarray], mask: np.ndarray, spacing: tuple[f
     grid = Grid(mask.shape, spacing)
     tables = [extract(Volume(image, grid), {"roi": mask}) for image in images]
     return pd.concat(tables, ignore_index=True)[list(FEATURES)]
-
-
-def stream_pairs(stream: Stream, noises: Iterable[int]) -> Iterator[tuple[Stream, Stream]]:
-    """Yield the stream of the texture, which stays the same, and that of a noise realization, by its number."""
-    for noise in noises:
-        yield below(stream, 0), below(stream, 1, noise)
