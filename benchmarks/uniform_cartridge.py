@@ -29,12 +29,12 @@ from radiomics.featureextractor import RadiomicsFeatureExtractor
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.streams import Stream, below, generator, named, root
+from virtual_phantom.features.names import MEAN, VARIANCE
 from virtual_phantom.image_model.noise import NoiseModel
 from virtual_phantom.io.files import read_csv
 
 SEED = 519
 DEVELOPMENT, TEST = (1, 3, 6), (2, 4, 5, 7)  # column Batch
-MEAN, VARIANCE = "original_firstorder_Mean", "original_firstorder_Variance"
 CORRELATION = "original_glcm_Correlation"
 ROUNDING = 1 / 12  # HU^2, variance that rounding to HU adds
 SHIFT = 1024  # of values for Energy, TotalEnergy and RootMeanSquared; bins are those of HU

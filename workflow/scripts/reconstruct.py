@@ -57,7 +57,7 @@ def main(
         if path != read:
             clean, geometry = read_line_integrals(path)
             state, read = read_state(path), path
-            if getattr(settings, "noise_kernel", None) is not None:
+            if voxels is not None and settings.noise_kernel is not None:
                 noise_free[path] = clean
         if noisy is None:
             noisy = np.empty((len(paths), *clean.shape), dtype=np.float32)

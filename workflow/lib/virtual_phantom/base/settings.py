@@ -207,11 +207,9 @@ class KernelSettings:
 
 
 @dataclass(frozen=True)
-class NoiseKernelSettings:
-    """Section `protocols.*.noise_kernel`: arguments of reconstruction.kernel.NoiseKernel."""
+class NoiseKernelSettings(KernelSettings):
+    """Section `protocols.*.noise_kernel`: a kernel and the noise variance that it gives."""
 
-    mtf50_per_cm: float
-    mtf10_per_cm: float
     variance: float
 
 
