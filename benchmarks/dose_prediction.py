@@ -20,6 +20,7 @@ from scipy import ndimage
 from skimage.restoration import estimate_sigma
 
 from virtual_phantom.base.data import RESOURCES
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.streams import Stream, generator, named, root
 from virtual_phantom.features.names import FEATURES, MEAN, VARIANCE
@@ -269,12 +270,16 @@ def forecast(scanner, models, regions, real, stream, doses=(6, 14), realizations
 
 
 def add_arguments(parser):
-    parser.add_argument("--seed", type=int, default=SEED, help=f"of textures and noise (default {SEED})")
+    parser.add_argument("--seed", type=int, default=SEED, help=f"of textures and noise, with --fit (default {SEED})")
     parser.add_argument("--fit", type=Path, help="fit the parameters again and write them to this JSON file")
     parser.add_argument("--forecast", type=Path, help="write the features at 6 and 14 mGy to this CSV file")
 
 
 def run(options):
+    if options.seed != SEED and not options.fit:
+        raise InputError(
+            f"--seed {options.seed}: the kept parameters belong to textures of seed {SEED}; add --fit FILE"
+        )
     real, regions, stream = series(), masks(), root(options.seed)
     if options.fit:
         noise, models, pattern = fit(real, regions, stream)

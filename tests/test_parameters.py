@@ -1,4 +1,4 @@
-"""Parameter files of pyradiomics: values equal those of its own command, and mistakes are one line."""
+"""Parameter files of pyradiomics: values equal those of pyradiomics' command, and mistakes are one line."""
 
 import json
 import logging

@@ -144,7 +144,7 @@ def _run(command, environment, check=True):
 
 @contextlib.contextmanager
 def _daemon(command, output, environment):
-    """Run a program in the foreground of its own session and end it with the context."""
+    """Run a program in the foreground of a new session and end it with the context."""
     with open(output, "w", encoding="utf-8") as file:
         process = subprocess.Popen(command, env=environment, stdout=file, stderr=file, start_new_session=True)
         try:

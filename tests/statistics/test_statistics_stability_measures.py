@@ -48,7 +48,7 @@ def test_each_measure_has_its_cutoff():
     ]
     assert verdicts[MEAN].tolist() == ["yes"] * 6
     assert verdicts[SKEWNESS].tolist() == ["yes", "no", "no", "no", "undefined", "undefined"]
-    # Very small spread, none of it between ROIs: stable in size, and useless by its reliability.
+    # Very small spread, and no spread between ROIs: stable in size, and useless by its reliability.
     assert verdicts[ENTROPY].tolist() == ["no", "no", "no", "no", "yes", "yes"]
     with_interval = measured["ci95_low"].notna()
     assert set(measured.loc[with_interval, "measure"]) == {"icc_2_1", "icc_3_1"}

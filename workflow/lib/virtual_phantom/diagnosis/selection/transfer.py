@@ -1,6 +1,6 @@
 """Test the physics found in one recording on another recording of the same scanner.
 
-Only the nuisance parameters and the parameters that each scan has of its own are fitted to the other recording.
+Only the nuisance parameters and the parameters that belong to a single scan are fitted to the other recording.
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ class Case:
 
     @property
     def all_or_alternatives_named(self) -> bool:
-        """Whether each hidden effect belongs to a named effect of its own, as itself or as an alternative."""
+        """Whether each hidden effect belongs to a separate named effect, as itself or as an alternative."""
         groups = [self.with_alternatives(name) for name in self.named]
         return any(
             all(effect in group for effect, group in zip(self.hidden, chosen, strict=True))
