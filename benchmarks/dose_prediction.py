@@ -210,6 +210,19 @@ def interpolated(real: dict, model: dict | None = None) -> dict[tuple[str, str, 
     return found
 
 
+def halves(table: pd.DataFrame, stream: Stream, draws: int = 20) -> pd.DataFrame:
+    """Percent of features whose means over two halves of the repeats differ by less than one SD, by dose."""
+    random, rows = generator(stream), []
+    keys = ["dose_mgy", "reconstruction", "roi"]
+    for key, repeats in table[table["roi"] != UNIFORM].groupby(keys)[list(FEATURES)]:
+        for _ in range(draws):
+            order = random.permutation(len(repeats))
+            means = [repeats.iloc[part].mean() for part in np.array_split(order, 2)]
+            share = ((means[0] - means[1]).abs() < repeats.std()).mean()
+            rows.append(dict(zip(keys, key, strict=True)) | {"percent": 100 * share})
+    return pd.DataFrame(rows).groupby(keys[:2])["percent"].mean().unstack().round(1)
+
+
 def shares(predicted: dict, real: dict) -> pd.DataFrame:
     """Percent of features within one repeat SD, a row per prediction (region, reconstruction, dose)."""
     rows = [
@@ -272,6 +285,7 @@ def forecast(scanner, models, regions, real, stream, doses=(6, 14), realizations
 def add_arguments(parser):
     parser.add_argument("--seed", type=int, default=SEED, help=f"of textures and noise, with --fit (default {SEED})")
     parser.add_argument("--fit", type=Path, help="fit the parameters again and write them to this JSON file")
+    parser.add_argument("--table", type=Path, help="features_3d.csv of the dose series: compare halves of its repeats")
     parser.add_argument("--forecast", type=Path, help="write the features at 6 and 14 mGy to this CSV file")
 
 
@@ -311,6 +325,9 @@ def run(options):
         "image perturbation of the drawn phantom": perturbed(regions, named(stream, "perturbed"), REPEATS),
     }
     print(order_table(orders, real, named(stream, "bootstrap")).to_string())
+    if options.table:
+        table = measured.load_full_dose_series(options.table)
+        print("\nhalf of the repeats against the other half\n", halves(table, named(stream, "halves")))
     if options.forecast:
         table = forecast(scanner, models, regions, real, stream)
         table.to_csv(options.forecast, index=False, lineterminator="\n", float_format="%.6g")
