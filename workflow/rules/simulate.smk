@@ -54,6 +54,7 @@ rule project:
         materials=to_mapping(context.study.materials),
         sensor=to_mapping(context.study.sensor),
         pose=None,
+        start_angle_deg=0.0,
         code=lambda wildcards: code(
             "project.py", context.diagnosis.effects_of(wildcards.geometry)
         ),
@@ -61,23 +62,29 @@ rule project:
         "../scripts/project.py"
 
 
-rule project_moved:
-    """Noise-free line integrals of a re-positioned scan, shared by noise levels and algorithms."""
+rule project_repeat:
+    """Noise-free line integrals of a re-positioned repeat or a start angle, shared by noise levels and algorithms."""
     input:
         phantom=rules.phantom.output.fine,
         image=rules.phantom.output.image,
-        rois=results("phantom/moved/seed{seed}/grid/rois.csv"),
-        masks=results("phantom/moved/seed{seed}/grid/rois"),
+        rois=lambda wildcards: context.acquisitions.rois_on_grid(
+            wildcards.position, wildcards.seed
+        )[0],
+        masks=lambda wildcards: context.acquisitions.rois_on_grid(
+            wildcards.position, wildcards.seed
+        )[1],
         kernels=results("logs/kernels/1.txt"),
         physics=lambda wildcards: context.diagnosis.found(
             context.plan.geometry_settings(wildcards.geometry).physics_from
         ),
     output:
-        results("projections/{geometry}/clean_seed{seed}.h5"),
+        results("projections/{geometry}/clean_{position}{seed}.h5"),
     log:
-        results("logs/project/{geometry}_seed{seed}.log"),
+        results("logs/project/{geometry}_{position}{seed}.log"),
     benchmark:
-        results("logs/project/{geometry}_seed{seed}.benchmark.tsv")
+        results("logs/project/{geometry}_{position}{seed}.benchmark.tsv")
+    wildcard_constraints:
+        position=f"{MOVED}|{STILL}",
     group:
         "preparation"
     threads: context.study.threads
@@ -97,7 +104,14 @@ rule project_moved:
         mu_water_per_mm=context.study.mu_water_per_mm,
         materials=to_mapping(context.study.materials),
         sensor=to_mapping(context.study.sensor),
-        pose=lambda wildcards: context.acquisitions.pose(wildcards.seed),
+        pose=lambda wildcards: (
+            context.acquisitions.pose(wildcards.seed)
+            if wildcards.position == MOVED
+            else None
+        ),
+        start_angle_deg=lambda wildcards: context.acquisitions.start_angle_deg(
+            wildcards.seed
+        ),
         code=lambda wildcards: code(
             "project.py", context.diagnosis.effects_of(wildcards.geometry)
         ),

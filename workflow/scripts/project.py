@@ -1,5 +1,6 @@
 """Simulate noise-free line integrals of the finely sampled phantom in one scan geometry."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 from virtual_phantom.base.settings import from_mapping
@@ -19,6 +20,7 @@ def main(
     materials: Mapping,
     sensor: Mapping,
     pose_settings: Mapping | None,
+    start_angle_deg: float,
     threads: int,
 ) -> None:
     from virtual_phantom.base.geometry import scan_geometry
@@ -36,9 +38,12 @@ def main(
     phantom = read_nifti(phantom_file)
     grid = read_nifti(image_file).grid  # only this file has the world position of the phantom
     geometry = scan_geometry(geometry_settings.scan, geometry_settings.projections, grid)
+    if start_angle_deg:
+        geometry = geometry.turned(math.radians(start_angle_deg))
     log.info(
-        "%d views, %.3f turns, feed %.1f mm per turn",
+        "%d views from %.1f degrees, %.3f turns, feed %.1f mm per turn",
         geometry.views,
+        start_angle_deg,
         geometry.views / geometry.views_per_rotation,
         geometry.feed_per_rotation_mm,
     )
@@ -76,5 +81,6 @@ if "snakemake" in globals():
             materials=snakemake.params.materials,
             sensor=snakemake.params.sensor,
             pose_settings=snakemake.params.pose,
+            start_angle_deg=snakemake.params.start_angle_deg,
             threads=snakemake.threads,
         )

@@ -52,13 +52,14 @@ def main(
             f"{physics_files[0]}: {min(physics)} acts on whole images, and those of protocol "
             f"{protocol} are made in boxes; take its voxels out"
         )
-    noisy, read, noise_free = None, None, {}
+    noisy, read, noise_free, geometries = None, None, {}, []
     for lane, (acquisition, path) in enumerate(zip(resolve(acquisitions, levels), paths, strict=True)):
         if path != read:
             clean, geometry = read_line_integrals(path)
             state, read = read_state(path), path
-            if voxels is not None and settings.noise_kernel is not None:
+            if algorithm == "fbp" and settings.noise_kernel is not None:
                 noise_free[path] = clean
+        geometries.append(geometry)
         if noisy is None:
             noisy = np.empty((len(paths), *clean.shape), dtype=np.float32)
         counts = acquire(
@@ -75,28 +76,34 @@ def main(
             "%s: fewest counts %d, pixels without any %d", acquisition, counts.data.min(), (counts.data == 0).sum()
         )
     del clean, counts
-    if voxels is None:
-        volumes = reconstruct(
-            noisy,
-            geometry,
-            grid,
-            algorithm,
-            settings,
-            engine=engine,
-            mu_water_per_mm=mu_water_per_mm,
-            physics=physics,
-            threads=threads,
-        )
-    else:
+    if voxels is not None:
         grid = voxels_over(grid, voxels.spacing_mm)
-        places = list(roi_files)
-        volumes = [None] * len(places)
-        for place in dict.fromkeys(places):
-            lanes = [lane for lane, roi_file in enumerate(places) if roi_file == place]  # one position, one clean scan
-            _, masks = read_masks(place, grid)
-            made = reconstruct_in_boxes(
-                noisy[lanes],
-                geometry,
+    # Lanes of one reconstruction share the start angle, and the position or the noise-free scan if it is needed.
+    alike = [
+        (float(scan.angles_rad[0]), *roi_files[lane : lane + 1], noise_free and paths[lane])
+        for lane, scan in enumerate(geometries)
+    ]
+    for kind in dict.fromkeys(alike):
+        lanes = [lane for lane, other in enumerate(alike) if other == kind]
+        line_integrals = noisy if len(lanes) == len(alike) else noisy[lanes]
+        if voxels is None:
+            volumes = reconstruct(
+                line_integrals,
+                geometries[lanes[0]],
+                grid,
+                algorithm,
+                settings,
+                engine=engine,
+                mu_water_per_mm=mu_water_per_mm,
+                physics=physics,
+                clean=noise_free.get(paths[lanes[0]]),
+                threads=threads,
+            )
+        else:
+            _, masks = read_masks(roi_files[lanes[0]], grid)
+            volumes = reconstruct_in_boxes(
+                line_integrals,
+                geometries[lanes[0]],
                 grid,
                 boxes_around(masks.values(), grid),
                 settings,
@@ -105,10 +112,8 @@ def main(
                 mu_water_per_mm=mu_water_per_mm,
                 threads=threads,
             )
-            for lane, volume in zip(lanes, made, strict=True):
-                volumes[lane] = volume
-    for volume, path in zip(volumes, outputs, strict=True):
-        write_nifti(volume, path)
+        for lane, volume in zip(lanes, volumes, strict=True):
+            write_nifti(volume, outputs[lane])
 
 
 if "snakemake" in globals():

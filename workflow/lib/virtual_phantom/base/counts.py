@@ -38,4 +38,7 @@ class Counts:
         if not 0 < zero_counts_as <= 1:
             raise InputError(f"noise.zero_counts_as {zero_counts_as}: must be over 0 and at most 1 photon")
         photons = np.maximum(self.data, np.float32(zero_counts_as), dtype=np.float32)
-        return (-self.scale * np.log(photons / np.asarray(self.white, np.float32))).astype(np.float32)
+        photons /= np.asarray(self.white, np.float32)  # in place, because a scan has hundreds of megabytes
+        np.log(photons, out=photons)
+        photons *= np.float32(-self.scale)
+        return photons

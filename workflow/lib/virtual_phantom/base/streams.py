@@ -26,6 +26,7 @@ class Branch(IntEnum):
     AGREEMENT_OTHER_PROTOCOL = 5  # images for the agreement table of a scan by another protocol
     PROOF_PHANTOM = 6
     REPOSITIONING = 7
+    START_ANGLE = 8
 
 
 def generator(stream: Stream | int) -> np.random.Generator:

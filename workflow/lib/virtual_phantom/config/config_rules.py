@@ -153,9 +153,11 @@ class Rules:
             )
 
     def _of_algorithm(self, name: str, algorithm: str, where: str) -> Iterator[str]:
+        """Check that a protocol has an algorithm; FBP with a noise kernel counts as iterative (sirt) too."""
         yield from self._known(name, self.names.protocols, where)
-        actual = self.protocols.get(name, {}).get("algorithm", algorithm)
-        if actual != algorithm:
+        protocol = self.protocols.get(name, {})
+        actual = protocol.get("algorithm", algorithm)
+        if actual != algorithm and not (algorithm == "sirt" and "noise_kernel" in protocol):
             yield (
                 f"config: {where} names '{name}', whose algorithm is {actual}; name a protocol of algorithm {algorithm}"
             )
@@ -266,8 +268,8 @@ class Rules:
                         f"config: protocols.{name}.{key}: mtf50_per_cm is {kernel['mtf50_per_cm']:g}, mtf10_per_cm is "
                         f"{kernel['mtf10_per_cm']:g}; the first must be less than the second"
                     )
-            if "noise_kernel" in protocol and (lacking := {"kernel", "voxels"} - set(protocol)):
-                yield f"config: protocols.{name}.noise_kernel needs {min(lacking)}; add it or remove noise_kernel"
+            if "noise_kernel" in protocol and "kernel" not in protocol:
+                yield f"config: protocols.{name}.noise_kernel needs kernel; add it or remove noise_kernel"
             stated = protocol.get("physics", self.config["physics"]) if "voxels" in protocol else {}
             if of_images := stated and set(stated) & set(image_effects()):
                 yield (
@@ -277,7 +279,8 @@ class Rules:
         boxed = {name for name, protocol in self.protocols.items() if "voxels" in protocol}
         if boxed and self.config.get("phantom", {}).get("source") == "object":
             yield f"config: protocols.{min(boxed)}.voxels is for phantom.source synthetic or ct; remove it"
-        users = {"analyses.optimal.fbp": self.analyses.get("optimal", {}).get("fbp")}
+        optimal = self.analyses.get("optimal", {})
+        users = {f"analyses.optimal.{key}": optimal.get(key) for key in ("fbp", "sirt")}
         for name, comparison in self._changed_images():
             users[f"diagnosis.comparisons ({name})"] = comparison["protocol"]
         for name, settings in self.config["diagnosis"]["recordings"].items():

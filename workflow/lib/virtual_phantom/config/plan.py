@@ -14,6 +14,7 @@ from .settings import Analyses, Effects, Protocol, Study
 # Keys of a scan that are newer than the saved scores. With these values they are not part of the hash of the settings.
 NEWER_KEYS = {"beam": "divergent", "detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None}
 
+MOVED, STILL = "seed", "angle"  # in file names: re-positioned repeats, and others with their own start angle
 NO_PHYSICS = {"physics": None, "image_physics": None, "physics_from": None}
 WITHOUT_PHYSICS = "_without_physics"  # suffix of protocols that are copies without effects
 
@@ -113,10 +114,31 @@ class Plan:
         """Return the seed labels of a noise level with the phantom at its nominal position."""
         return self.seeds(noise)[: len(self.seeds(noise)) - len(self.moved(noise))]
 
-    def moved_scans(self) -> list[tuple[str, str]]:
-        """Return (geometry, seed) of every re-positioned repeat that an analysis needs, sorted."""
+    def position(self, noise: str, seed: str) -> str:
+        """Return MOVED or STILL for a repeat with own noise-free projections, "" for one with the shared ones."""
+        if seed in self.moved(noise):
+            return MOVED
+        return STILL if self.study.repeats.start_angle == "random" else ""
+
+    def own_scans(self) -> list[tuple[str, str, str]]:
+        """Return (geometry, position, seed) of all own noise-free projections that an analysis needs, sorted."""
+        scans = {
+            (self.geometry_of(protocol), self.position(noise, seed), seed)
+            for protocol, noise in self.acquisitions()
+            for seed in self.seeds(noise)
+        }
+        return sorted(scan for scan in scans if scan[1])
+
+    def shared_scans(self) -> list[str]:
+        """Return the geometries with noise-free projections that several repeats share, sorted."""
         wanted = self.acquisitions()
-        return sorted({(self.geometry_of(protocol), seed) for protocol, noise in wanted for seed in self.moved(noise)})
+        return sorted(
+            {
+                self.geometry_of(protocol)
+                for protocol, noise in wanted
+                if any(not self.position(noise, seed) for seed in self.seeds(noise))
+            }
+        )
 
     def seed_batches(self) -> dict[tuple[str, ...], list[str]]:
         """Return {batch of seeds of one job: noise levels that have it}."""
@@ -190,7 +212,7 @@ class Plan:
             }
             for name in self.groups()
         }
-        if self.study.repeats.repositioned:
+        if self.study.repeats.repositioned or self.study.repeats.start_angle == "random":
             settings["repeats"] = study["repeats"]
         return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:16]
 

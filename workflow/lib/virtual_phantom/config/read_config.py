@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from ..base.console import note
@@ -12,7 +13,8 @@ from ..base.errors import InputError, meant, refusing
 from ..io.default_study import default_study
 from ..io.yaml_files import parse_yaml
 
-DEFAULT = "config/config.yaml"  # the Snakefile's default configuration
+DEFAULT = "config/config.yaml"  # the default study
+PAPER_GROUPS = "config/paper_groups.yaml"
 # Sections whose entries can be removed by null.
 REMOVABLE = (
     ("protocols",),
@@ -37,8 +39,9 @@ def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
     Parameters
     ----------
     paths : sequence of str or Path
-        Later files change keys of earlier files. The first file changes the default study: config/config.yaml in the
-        current folder or in the clone, or the copy in the installed package.
+        Later files change keys of earlier files. The first file changes the study of the last key `base`, by default
+        config/config.yaml, in the current folder or in the clone. The installed package has a copy of
+        config/paper_groups.yaml.
 
     Returns
     -------
@@ -48,10 +51,13 @@ def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
         None if a file cannot be read.
     """
     lines: list[str] = []
-    default = _default()
-    settings: dict = {} if default else shipped_default()
+    base = base_of(paths)
+    found = _find(base)
+    if found is None and base != PAPER_GROUPS:
+        return [f"{base}: not in this folder or in a clone; run in a clone, or set base: {PAPER_GROUPS}"], None
+    settings: dict = {} if found else shipped_paper_groups()
     readable = True
-    for path in [*([default] if default else []), *paths]:
+    for path in [*([found] if found else []), *paths]:
         try:
             content, doubtful = parse_yaml(path, ADVICE, template=_rendered)
         except InputError as error:
@@ -67,13 +73,22 @@ def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
 
 def note_idle_nulls(paths: Sequence[str | Path]) -> None:
     """Print a note for each null that removes nothing, in configurations that Snakemake has read."""
-    default = _default()
-    read_configs([path for path in paths if default is None or not Path(path).samefile(default)])
+    found = _find(base_of(paths))
+    read_configs([path for path in paths if found is None or not Path(path).samefile(found)])
 
 
-def _default() -> Path | None:
-    """Return the configuration of the default study in the current folder or in the clone, if any."""
-    return next((path for path in (Path(DEFAULT), (clone() or Path()) / DEFAULT) if path.exists()), None)
+def base_of(paths: Sequence[str | Path]) -> str:
+    """Return the last key `base` of configuration files, by default the default study."""
+    base = DEFAULT
+    for path in paths:
+        with suppress(InputError):  # reported by read_configs
+            base = parse_yaml(path, ADVICE, template=_rendered)[0].get("base", base)
+    return base
+
+
+def _find(base: str) -> Path | None:
+    """Return the path of a base in the current folder or in the clone, if any."""
+    return next((path for path in (Path(base), (clone() or Path()) / base) if path.exists()), None)
 
 
 def _idle_nulls(settings: Mapping, content: Mapping) -> Iterator[str]:
@@ -102,12 +117,19 @@ def doubtful_entries(path: str | Path) -> list[str]:
         return []
 
 
-def shipped_default() -> dict:
-    """Return the default study from the library's resources, as in config/config.yaml, for use without a clone."""
+def shipped_paper_groups() -> dict:
+    """Return config/paper_groups.yaml from the library's resources, for use without a clone."""
     study = default_study()
     noise = {"model": "astra", "levels": study["levels"]}
     sections = {key: study[key] for key in ("grid", "scan", "protocols", "analyses")}
-    return {"phantom": {"source": "synthetic"}, **sections, "noise": noise}
+    results = "results-paper-groups"
+    return {
+        "base": PAPER_GROUPS,
+        "phantom": {"source": "synthetic"},
+        **sections,
+        "noise": noise,
+        "results_dir": results,
+    }
 
 
 def _rendered(text: str) -> dict:

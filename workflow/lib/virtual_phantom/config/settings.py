@@ -68,11 +68,12 @@ class NoiseSettings:
 
 @dataclass(frozen=True)
 class Repeats:
-    """Section `repeats`: number and largest displacement of re-positioned repeats."""
+    """Section `repeats`: number and largest displacement of re-positioned repeats, and the angle of the first view."""
 
     repositioned: int
     shift_mm: float
     turn_deg: float
+    start_angle: str
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,11 @@ class Protocol:
     physics: Effects | None = None
     image_physics: Effects | None = None
     physics_from: str | None = None
+
+    @property
+    def reconstruction(self) -> str:
+        """Name of the reconstruction in titles."""
+        return "Iterative (noise kernel)" if self.noise_kernel else self.algorithm.upper()
 
 
 @dataclass(frozen=True)
@@ -233,6 +239,7 @@ class Analyses:
 class Study:
     """A complete configuration."""
 
+    base: str
     seed: int
     results_dir: str
     trial: bool | str

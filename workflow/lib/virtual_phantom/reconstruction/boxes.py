@@ -14,7 +14,7 @@ from scipy import ndimage
 from ..base.geometry import Grid, ScanGeometry
 from ..base.units import HU_AIR, attenuation_to_hu
 from ..projectors.cpu import CpuProjector
-from .fbp import ParallelProjections
+from .fbp import ParallelProjections, with_noise_kernel
 from .kernel import Kernel, NoiseKernel
 from .slices import thin_slices
 
@@ -85,9 +85,7 @@ def fbp_in_boxes(
     if noise_kernel is None:
         rays = ParallelProjections.of(line_integrals, geometry, kernel)
     else:
-        rays = ParallelProjections.of(line_integrals - clean, geometry, noise_kernel.kernel)
-        rays.packed *= np.float32(noise_kernel.gain(kernel))
-        rays.packed += ParallelProjections.of(clean[None], geometry, kernel).packed
+        rays = with_noise_kernel(line_integrals, clean, geometry, kernel, noise_kernel)
     return back_in_boxes(rays, grid, boxes, mu_water_per_mm=mu_water_per_mm, thickness_mm=thickness_mm, threads=threads)
 
 

@@ -13,7 +13,7 @@ from ..base.geometry import ScanGeometry, orbit_of
 from ..base.parallel_rays import ParallelRays
 from ..base.vectors import FLAT
 from ..projectors.cpu import parallel_stack
-from .kernel import Kernel
+from .kernel import Kernel, NoiseKernel
 
 # Central fraction of the detector rows with full weight where views of one direction overlap.
 FULL_ROWS = 0.6
@@ -113,6 +113,23 @@ class ParallelProjections:
         inside = np.hypot(y[:, None], x[None, :]) <= self.rays.geometry.field_of_view_radius_mm
         volume[1:-1, 1:-1] *= (np.pi * inside).astype(np.float32)[..., None, None]
         return projector.unpack_volume(volume)
+
+
+def with_noise_kernel(
+    line_integrals: np.ndarray, clean: np.ndarray, geometry: ScanGeometry, kernel: Kernel, noise_kernel: NoiseKernel
+) -> ParallelProjections:
+    """Rebin and filter the object with one kernel and the noise with another one.
+
+    Parameters
+    ----------
+    line_integrals : ndarray, shape (lanes, views, rows, columns)
+    clean : ndarray, shape (views, rows, columns)
+        Noise-free line integrals of all lanes.
+    """
+    rays = ParallelProjections.of(line_integrals - clean, geometry, noise_kernel.kernel)
+    rays.packed *= np.float32(noise_kernel.gain(kernel))
+    rays.packed += ParallelProjections.of(clean[None], geometry, kernel).packed
+    return rays
 
 
 def ramp_filter(rows: np.ndarray, pitch_mm: float, kernel: Kernel | None = None) -> np.ndarray:

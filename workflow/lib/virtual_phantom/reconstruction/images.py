@@ -24,6 +24,7 @@ def reconstruct_hu(
     engine: str,
     mu_water_per_mm: float,
     threads: int = 1,
+    clean: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return images of every acquisition in HU, not rounded.
 
@@ -35,6 +36,8 @@ def reconstruct_hu(
         Engine of SIRT; FBP always uses the CPU engine.
     mu_water_per_mm : float
         Linear attenuation of water, 1/mm.
+    clean : ndarray, shape (views, rows, columns), optional
+        Noise-free line integrals of all acquisitions, for a noise kernel.
 
     Returns
     -------
@@ -57,8 +60,11 @@ def reconstruct_hu(
         attenuation = images[0] if len(images) == 1 else np.concatenate(images)
     elif algorithm == "fbp":
         # FBP always uses the CPU engine: it is one back-projection, and ASTRA scales its back-projection differently.
-        filters = {"normalise": settings.normalise, "kernel": kernel_of(settings)}
-        attenuation = fbp.fbp(projector("cpu", geometry, grid, count, threads), line_integrals, **filters)
+        operator, kernel = projector("cpu", geometry, grid, count, threads), kernel_of(settings)
+        if noise_kernel := noise_kernel_of(settings):
+            attenuation = fbp.with_noise_kernel(line_integrals, clean, geometry, kernel, noise_kernel).back(operator)
+        else:
+            attenuation = fbp.fbp(operator, line_integrals, normalise=settings.normalise, kernel=kernel)
     else:
         raise InputError(f"algorithm '{algorithm}' is unknown; use sirt or fbp")
     return attenuation_to_hu(attenuation, mu_water_per_mm)

@@ -49,6 +49,7 @@ def reconstruct(
     engine: str,
     mu_water_per_mm: float,
     physics: dict | None = None,
+    clean: np.ndarray | None = None,
     threads: int = 1,
 ) -> list[Volume]:
     """Reconstruct one image per acquisition.
@@ -56,7 +57,7 @@ def reconstruct(
     Parameters
     ----------
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
-    algorithm, settings, engine, mu_water_per_mm
+    algorithm, settings, engine, mu_water_per_mm, clean
         As reconstruction.images.reconstruct_hu takes them.
     physics : dict, optional
         Effects of stage "image", {effect: {parameter: value}}.
@@ -71,7 +72,7 @@ def reconstruct(
     InputError
         For an unknown algorithm or a scan that it cannot use.
     """
-    hu = reconstruct_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads)
+    hu = reconstruct_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads, clean)
     return [Volume(_to_int16(apply_image_effects(image, grid.spacing, physics or {})), grid) for image in hu]
 
 

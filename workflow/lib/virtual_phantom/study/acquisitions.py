@@ -8,8 +8,9 @@ from functools import cached_property
 
 from ..base.settings import FbpSettings, SirtSettings
 from ..config.outputs import Files
-from ..config.plan import Plan
+from ..config.plan import MOVED, Plan
 from ..config.settings import Effects
+from ..phantom.repositioning import random_start_angle_deg
 
 GRID = "grid"  # wildcard value for the voxels of the study, instead of a label of scanner voxels
 Bundle = tuple[tuple[str, str], ...]  # (noise level, seed) of all images that one job makes
@@ -38,8 +39,8 @@ class Acquisitions:
 
     def clean(self, geometry: str, noise: str, seed: str) -> str:
         """Return the noise-free line integrals of a scan."""
-        if seed in self.plan.moved(noise):
-            return self.files("moved_clean", geometry=geometry, seed=seed)
+        if position := self.plan.position(noise, seed):
+            return self.files("own_clean", geometry=geometry, position=position, seed=seed)
         return self.files("clean", geometry=geometry)
 
     def pose(self, seed: str) -> dict:
@@ -47,6 +48,18 @@ class Acquisitions:
         study = self.plan.study
         motion = {"shift_mm": study.repeats.shift_mm, "turn_deg": study.repeats.turn_deg}
         return {"study_seed": study.seed, "seed": int(seed), **motion}
+
+    def start_angle_deg(self, seed: str) -> float:
+        """Return the angle of the first view of a repeat, degrees; 0 if all repeats start there."""
+        study = self.plan.study
+        return random_start_angle_deg(study.seed, int(seed)) if study.repeats.start_angle == "random" else 0.0
+
+    def rois_on_grid(self, position: str, seed: str) -> tuple[str, str]:
+        """Return table and masks of the ROIs on the study's grid, for a repeat with its own projections."""
+        if position == MOVED:
+            known = {"seed": seed, "voxels": GRID}
+            return self.files("moved_table", **known), self.files("moved_rois", **known)
+        return self.files("phantom_table"), self.files("phantom_rois")
 
     def positions(self) -> list[dict]:
         """Return all repeats of all noise levels, and whether the phantom is re-positioned."""

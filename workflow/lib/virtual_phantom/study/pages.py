@@ -14,12 +14,12 @@ from ..base.names import label
 from ..config.dependencies import shipped
 from ..config.outputs import BY_NAME, OUTPUTS, Files, Output, filled
 from ..config.plan import Plan
+from ..config.read_config import DEFAULT, PAPER_GROUPS
 from . import analyses
 from .diagnosis_jobs import Diagnosis
 from .recordings import Comparisons
 from .selections import Selections
 
-DEFAULT = "config/config.yaml"  # part of every configuration
 WHOLE, SLICES = "All figures and sortable tables in one file", "Viewer of slices"  # titles of pages
 
 
@@ -115,7 +115,10 @@ class Pages:
     def commands(self) -> dict[str, str]:
         """Return {purpose: command} for the next steps, the most useful first."""
         # Jobs get absolute paths. A page shows relative paths, which are easier to type.
-        relative = [Path(os.path.relpath(path)) for path in self.configured_by if not path.endswith(DEFAULT)]
+        given = [path for path in self.configured_by if not path.endswith(DEFAULT)]
+        if given and given[-1].endswith(PAPER_GROUPS):  # Snakemake adds the base last
+            given.pop()
+        relative = [Path(os.path.relpath(path)) for path in given]
         overlays = [str(Path(path).absolute() if ".." in path.parts else path) for path in relative]
         settings = ["--cores", "2", *(["--configfile", *overlays] if overlays else [])]
 

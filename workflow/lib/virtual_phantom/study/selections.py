@@ -161,7 +161,8 @@ class Selections:
         """Return {algorithm: title} of the figure of scans."""
         protocols, optimal = self.plan.study.protocols, self._analyses.optimal
         return {
-            algorithm: f"{algorithm.upper()}, {protocols[getattr(optimal, algorithm)].projections} projections"
+            algorithm: f"{protocols[getattr(optimal, algorithm)].reconstruction}, "
+            f"{protocols[getattr(optimal, algorithm)].projections} projections"
             for algorithm in ("fbp", "sirt")
             if optimal
         }

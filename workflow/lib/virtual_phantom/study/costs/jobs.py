@@ -21,7 +21,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from ...config.outputs import BY_NAME, Output
-from ...config.plan import Plan
+from ...config.plan import MOVED, Plan
 from ...features.names import FEATURES
 from .. import analyses
 from ..acquisitions import GRID
@@ -163,7 +163,7 @@ def _rois(sizes: Sizes) -> Iterator[Job]:
         files = tuple(path for name in ("voxel_table", "voxel_rois") for path in BY_NAME[name].paths(voxels=label))
         yield _job(BY_NAME["voxel_table"], files, sizes.phantom())
     # The coverage of the scan is checked with the ROIs on the study's grid.
-    moved = {(seed, GRID) for _, seed in plan.moved_scans()}
+    moved = {(seed, GRID) for _, position, seed in plan.own_scans() if position == MOVED}
     moved |= {
         (seed, label)
         for protocol, noise in plan.acquisitions()
@@ -185,13 +185,14 @@ def _kernels(sizes: Sizes) -> Iterator[Job]:
 def _projections(sizes: Sizes) -> Iterator[Job]:
     plan, clean, noisy = sizes.plan, BY_NAME["clean"], BY_NAME["acquisition"]
     wanted = plan.acquisitions()
-    for geometry in sorted({plan.geometry_of(protocol) for protocol, noise in wanted if plan.still(noise)}):
+    for geometry in plan.shared_scans():
         stage, work = sizes.projection(geometry)
         yield _job(clean, clean.paths(geometry=geometry), work, sizes.rays(geometry), stage)
-    for geometry, seed in plan.moved_scans():
+    for geometry, position, seed in plan.own_scans():
         stage, work = sizes.projection(geometry)
-        moved = BY_NAME["moved_clean"]
-        yield _job(moved, moved.paths(geometry=geometry, seed=seed), work, sizes.rays(geometry), stage)
+        own = BY_NAME["own_clean"]
+        files = own.paths(geometry=geometry, position=position, seed=seed)
+        yield _job(own, files, work, sizes.rays(geometry), stage)
     if not plan.study.keep_projections:
         return
     for geometry, noise in sorted({(plan.geometry_of(protocol), noise) for protocol, noise in wanted}):
