@@ -24,7 +24,7 @@ def add_arguments(parser):
 
 
 def run(options):
-    config = read_study(yaml.safe_load((common.ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
+    config = read_study(yaml.safe_load((common.ROOT / "config" / "paper_groups.yaml").read_text(encoding="utf-8")))
     phantom, mu_water = read_nifti(options.phantom), config.mu_water_per_mm
     few, geometry = (scan_geometry(config.scan, views, grid_of(config.grid)) for views in (2, options.views))
 

@@ -62,7 +62,7 @@ def write(rates):
 
 
 def add_arguments(parser):
-    parser.add_argument("--config", type=Path, default=common.ROOT / "config" / "config.yaml")
+    parser.add_argument("--config", type=Path, default=common.ROOT / "config" / "paper_groups.yaml")
     parser.add_argument("--folder", type=Path, default=common.ROOT, help="working directory of the study")
     parser.add_argument("--machine", required=True, help="description of the machine for rates.yaml")
 

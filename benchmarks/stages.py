@@ -127,7 +127,7 @@ def draw(jobs, rows):
 
 
 def add_arguments(parser):
-    parser.add_argument("--config", type=Path, default=common.ROOT / "config" / "config.yaml")
+    parser.add_argument("--config", type=Path, default=common.ROOT / "config" / "paper_groups.yaml")
     parser.add_argument("--folder", type=Path, default=common.ROOT, help="working directory of the study")
     parser.add_argument("--cores", type=int, default=2, help="cores of the study")
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))

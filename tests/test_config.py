@@ -22,7 +22,7 @@ from virtual_phantom.statistics.measured import TISSUE_CLASSES
 
 ROOT = Path(__file__).resolve().parents[1]
 LIBRARY = ROOT / "workflow" / "lib" / "virtual_phantom"
-DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
+DEFAULT = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text())
 
 NOISE_KERNEL = {"mtf50_per_cm": 2.0, "mtf10_per_cm": 4.4, "variance": 0.5}
 MEETS = {"recording": "scanner", "rois": ["cyst_1"], "protocol": "sirt_300"}

@@ -40,7 +40,7 @@ PAGE = (ROOT / "docs" / "how-to" / "mistakes.md").read_text(encoding="utf-8")
 SECTION = re.compile(r"^## (.+?)\n(?:(?!^##).)*?^<!-- message -->\n```\n(.+?)\n```$", re.MULTILINE | re.DOTALL)
 EXPLAINED = dict(SECTION.findall(PAGE))
 MESSAGES = yaml.safe_load((ROOT / "tests" / "mistakes.yaml").read_text(encoding="utf-8"))
-DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
+DEFAULT = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text())
 GRID = Grid((14, 40, 48), (3.0, 2.0, 2.0))
 MU_WATER_PER_MM = 0.0193
 

@@ -78,7 +78,7 @@ def test_an_object_is_of_one_of_three_kinds():
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "config").glob("*.yaml")))
 def test_a_complete_configuration_is_kept(name):
-    config = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
+    config = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text())
     for file in (*BENEATH.get(f"{name}.yaml", ()), f"{name}.yaml"):
         update_config(config, copy.deepcopy(yaml.safe_load((ROOT / "config" / file).read_text())))
     whole = complete(config)

@@ -29,7 +29,7 @@ def merge(into, overlay):
             into[key] = value
 
 
-def read_config(path="config/config.yaml"):
+def read_config(path="config/paper_groups.yaml"):
     """Content of a YAML file; relative paths start at the project's root."""
     return yaml.safe_load((ROOT / path).read_text(encoding="utf-8"))
 

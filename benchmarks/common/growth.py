@@ -82,7 +82,7 @@ def planned(count):
         overlay = Path(folder) / "overlay.json"
         overlay.write_text(json.dumps({"recordings": recordings, "results_dir": str(Path(folder) / "results")}))
         command = [sys.executable, "-m", "snakemake", "-n", "-q", "all", "--nolock"]
-        command += ["recordings", "--configfile", ROOT / "config/config.yaml", overlay]
+        command += ["recordings", "--configfile", ROOT / "config/paper_groups.yaml", overlay]
         before = child_seconds()[0]
         subprocess.run(command, cwd=ROOT, check=True, env=os.environ, stdout=subprocess.DEVNULL)
     return child_seconds()[0] - before

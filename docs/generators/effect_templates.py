@@ -124,7 +124,7 @@ def draw_correlations(correlation: np.ndarray, labels: Sequence[str]) -> Figure:
 
 def recording() -> Prepared:
     """Simulate repeats of the default scan without missing effects, with fewer views and larger pixels."""
-    study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
+    study = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text(encoding="utf-8"))
     study = config.read_study(study)
     grid = grid_of(study.grid)
     seed = np.random.SeedSequence(study.seed, spawn_key=(PHANTOM_STREAM,))

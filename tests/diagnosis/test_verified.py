@@ -313,7 +313,7 @@ def test_possible_additional_effect_is_undecided_and_not_ruled_out(scored):
 def test_default_model_accuracy_is_that_of_the_configuration(scored):
     singles = SINGLES[::2]
     root = Path(__file__).resolve().parents[2]
-    default = yaml.safe_load((root / "config/config.yaml").read_text())
+    default = yaml.safe_load((root / "config/paper_groups.yaml").read_text())
     stated = complete(default)["diagnosis"]["model_accuracy"]
     assert set(stated) > {"default", "numerical"} and stated["default"] > 0
     prepared_data, taken = (

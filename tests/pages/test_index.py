@@ -328,7 +328,7 @@ def test_page_fits_a_browser_without_horizontal_scrolling(page, results, width):
 def test_page_is_rebuilt_after_changes_of_its_content_only(results, tmp_path, monkeypatch):
     """A study without analyses; diagnoses, report and viewer have their own targets."""
     root = Path(__file__).resolve().parents[2]
-    config = yaml.safe_load((root / "config" / "config.yaml").read_text())
+    config = yaml.safe_load((root / "config" / "paper_groups.yaml").read_text())
     config |= {"engine": "cpu", "analyses": {}, "results_dir": str(tmp_path / "r")}
     config |= {"recordings": {"disc": str(tmp_path / "disc")}, "diagnosis": {"recordings": {"disc": {}}}}
     projections_folder(tmp_path / "disc")

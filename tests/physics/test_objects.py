@@ -239,7 +239,7 @@ def test_phantom_of_shapes_has_its_hu_and_regions():
 
 def test_check_reports_unscanned_parts_of_a_phantom_of_shapes():
     """A module of 200 mm, scanned by a fan that covers 70 mm of the axis."""
-    config = yaml.safe_load((Path(__file__).resolve().parents[2] / "config" / "config.yaml").read_text())
+    config = yaml.safe_load((Path(__file__).resolve().parents[2] / "config" / "paper_groups.yaml").read_text())
     pca = {name: {**one, "fit_on": "simulated"} for name, one in config["analyses"]["pca"].items()}
     config |= {
         "phantom": {"source": "object", "object": {"kind": "acr464_module1"}},

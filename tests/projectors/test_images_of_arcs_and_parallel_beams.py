@@ -132,7 +132,7 @@ OFFSETS = {"column_offset_px": 0.0, "row_offset_px": 0.0, "start_angle_deg": 0.0
 
 
 def study(**changes):
-    whole = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
+    whole = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text(encoding="utf-8"))
     return whole | {"scan": whole["scan"] | {"beam": "parallel", "trajectory": "circular"}} | changes
 
 

@@ -21,7 +21,7 @@ from virtual_phantom.recordings.importers.next_steps import next_steps
 from virtual_phantom.recordings.reading import load_recording
 
 ROOT = Path(__file__).resolve().parents[2]
-DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
+DEFAULT = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text())
 
 PARAMETERS = {
     "distanceSourceOrigin": 410.66,

@@ -89,7 +89,7 @@ def main() -> int:
     results = parent / "results"
     names = write_recordings(parent / "recordings", arguments.recordings)
     base = yaml.safe_load((ROOT / "config" / "tiny.yaml").read_text())
-    whole = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
+    whole = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text())
     settings = overlay(arguments.acquisitions, parent / "recordings", names)
     # An overlay can only add entries; null removes those of the files below it.
     for section, keys in (("protocols", whole["protocols"]), ("analyses", whole["analyses"])):

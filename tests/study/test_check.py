@@ -27,7 +27,7 @@ from virtual_phantom.study.checks import preflight, preflight_ct
 from virtual_phantom.study.checks.coverage import columns_for, points_of, rows_for, worst_share
 
 ROOT = Path(__file__).resolve().parents[2]
-DEFAULT = ROOT / "config" / "config.yaml"
+DEFAULT = ROOT / "config" / "paper_groups.yaml"
 SCAN = {"columns": 100, "column_pitch_mm": 2.4, "rows": 30, "row_pitch_mm": 4.0}
 SCAN |= {"source_to_isocentre_mm": 500, "source_to_detector_mm": 1000}
 # The CT of phantom_files: 48 x 40 x 14 voxels (x, y, z) of 2 x 2 x 3 mm, a body of 80 x 64 mm (x, y).
@@ -198,7 +198,7 @@ def desk(tmp_path, monkeypatch):
     """A working folder with the default configuration, a CT, its label map and a recording."""
     monkeypatch.chdir(tmp_path)
     Path("config").mkdir()
-    Path("config/config.yaml").write_text(DEFAULT.read_text())
+    Path("config/paper_groups.yaml").write_text(DEFAULT.read_text())
     phantom_files.write_nifti_array(phantom_files.object_hu(), "ct.nii.gz")
     labels = phantom_files.ball("bright") + 2 * phantom_files.ball("dark")
     phantom_files.write_nifti_array(labels.astype(np.uint8), "labels.nii.gz")
@@ -412,7 +412,7 @@ def test_every_mistake_of_a_recording_is_named_in_one_run(desk, capsys):
 
 
 def test_folder_without_a_configuration_uses_the_default_study(desk, capsys):
-    Path("config/config.yaml").unlink()
+    Path("config/paper_groups.yaml").unlink()
     assert read_config.read_configs([]) == ([], yaml.safe_load(DEFAULT.read_text()))
     assert checked(CT, capsys) == (0, ["my.yaml: no errors found"])
     code, lines = checked(changed(CT, protocols__sirt_150={"projection": 3}), capsys)

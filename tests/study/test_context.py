@@ -19,7 +19,7 @@ from virtual_phantom.report import study
 from virtual_phantom.study.context import or_exit, read_context
 
 ROOT = Path(__file__).resolve().parents[2]
-DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text()) | {"engine": "cpu"}
+DEFAULT = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text()) | {"engine": "cpu"}
 MEETS = {"recording": "scanner", "where": {"dose_mgy": 1}, "rois": ["cyst_1"], "protocol": "sirt_300"}
 
 
@@ -66,7 +66,7 @@ def test_protocols_with_the_same_acquisitions_share_noise():
 
 
 def test_next_commands_name_the_configuration_of_the_study():
-    files = ["config/config.yaml", str(Path("config/tiny.yaml").absolute()), "my.yaml"]
+    files = ["config/paper_groups.yaml", str(Path("config/tiny.yaml").absolute()), "my.yaml"]
     assert context_of(trial=True).pages.commands()["The default study, for real results"] == "snakemake --cores 2"
     larger = "virtual-phantom init ct --labels labels.nii.gz --size normal --out my-normal.yaml"
     assert list(context_of(trial=larger).pages.commands().values())[0] == larger
@@ -287,7 +287,7 @@ def test_context_loads_no_heavy_library():
     code = (
         "import sys, yaml; from pathlib import Path; from virtual_phantom.study.context import read_context; "
         "from virtual_phantom.physics import effect; "
-        "context = read_context(yaml.safe_load(Path('config/config.yaml').read_text()), Path('workflow')); "
+        "context = read_context(yaml.safe_load(Path('config/paper_groups.yaml').read_text()), Path('workflow')); "
         "context.targets(), context.selections.measured_noise, [effect.load(name) for name in effect.names()]; "
         "heavy = {'pandas', 'sklearn', 'radiomics', 'snakemake', 'numba', 'nibabel', 'SimpleITK', 'matplotlib'}; "
         "heavy |= {f'scipy.{part}' for part in ('stats', 'special', 'linalg', 'ndimage', 'optimize')}; "

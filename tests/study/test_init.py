@@ -36,7 +36,7 @@ def desk(tmp_path, monkeypatch):
     """A working folder with the default configuration, a CT and its regions in every form."""
     monkeypatch.chdir(tmp_path)
     Path("config").mkdir()
-    shutil.copy(ROOT / "config" / "config.yaml", "config")
+    shutil.copy(ROOT / "config" / "paper_groups.yaml", "config")
     slices = phantom_files.ct_slices()
     phantom_files.write_series(slices, Path("dicom"))
     phantom_files.write_nifti_array(phantom_files.object_hu(), "ct.nii.gz")
@@ -234,7 +234,7 @@ def test_legend_of_the_picture_names_what_it_shows(desk):
 
 
 def test_size_normal_is_the_default_study():
-    default, normal = yaml.safe_load((ROOT / "config" / "config.yaml").read_text()), sizes()["normal"]
+    default, normal = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text()), sizes()["normal"]
     assert normal["protocols"] == default["protocols"] and normal["levels"] == default["noise"]["levels"]
     assert normal["analyses"] == default["analyses"]
     assert normal["grid"] == default["grid"] and normal["scan"] == default["scan"]
@@ -329,7 +329,7 @@ def test_proposal_for_a_clinical_ct_agrees_with_the_manual_one(monkeypatch, tmp_
     assert found["scan"]["rows"] == hand["scan"]["rows"]
     parts = {roi["name"]: (roi["tissue_class"], roi.get("parts", 1)) for roi in manual["rois"]}
     assert {roi["name"]: (roi["tissue_class"], roi.get("parts", 1)) for roi in proposed_ct["rois"]} == parts
-    default = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
+    default = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text())
     assert preflight.problems(default | found) == []
 
 

@@ -181,7 +181,7 @@ def test_null_that_removes_nothing_is_noted(content, name, advice, capsys, tmp_p
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"Note: {path}: {name}: null removes nothing, as there is no such entry; ")
     assert line.endswith(advice)
-    read_config.note_idle_nulls([ROOT / "config" / "config.yaml", path])
+    read_config.note_idle_nulls([ROOT / "config" / "paper_groups.yaml", path])
 
 
 @pytest.mark.parametrize("files", [("tiny",), ("printed_phantom",), ("recordings", "tiny"), ("controls",)])
@@ -208,7 +208,7 @@ def test_removing_a_protocol_as_documented_works(capsys):
 
 def test_package_has_the_default_study(monkeypatch, capsys):
     monkeypatch.setattr(read_config, "clone", lambda: None)
-    assert read_config.read_configs([]) == ([], yaml.safe_load((ROOT / "config" / "config.yaml").read_text()))
+    assert read_config.read_configs([]) == ([], yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text()))
     assert main.main(["check", str(ROOT / "config" / "tiny.yaml")]) == 0
     assert capsys.readouterr().err == ""
 

@@ -35,7 +35,7 @@ def bench(tmp_path_factory):
     """A folder with the recording `bench` and its diagnosis under `results`."""
     folder = tmp_path_factory.mktemp("bench")
     hidden = {**STUDY, "physics": CONCEALED, "keep_projections": True}
-    whole = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
+    whole = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text())
     whole["noise"]["model"] = "physical"
     whole = {**whole, "physics": CONCEALED, "protocols": whole["protocols"] | STUDY["protocols"]}
     label = Plan(read_study(whole)).geometry_of("bench")

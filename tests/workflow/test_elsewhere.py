@@ -11,7 +11,7 @@ from workflow_runs import ROOT, planned
 
 SNAKEFILES = (ROOT / "Snakefile", ROOT / "workflow" / "Snakefile")
 MODULE = """
-configfile: "config/config.yaml"
+configfile: "config/paper_groups.yaml"
 
 
 module virtual_phantom:

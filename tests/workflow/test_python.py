@@ -27,11 +27,11 @@ def section(name, key):
 
 
 def test_defaults_are_those_of_the_default_study():
-    grid, scan, noise = (section("config.yaml", key) for key in ("grid", "scan", "noise"))
+    grid, scan, noise = (section("paper_groups.yaml", key) for key in ("grid", "scan", "noise"))
     assert list(simulated.SHAPE) == grid["shape"] and list(simulated.SPACING_MM) == grid["spacing_mm"]
     assert simulated.STUDY["scan"].items() <= scan.items()
     assert noise["levels"]["dose10"]["A"] == simulated.NOISE_LEVEL
-    assert simulated.PROJECTIONS in {one["projections"] for one in section("config.yaml", "protocols").values()}
+    assert simulated.PROJECTIONS in {one["projections"] for one in section("paper_groups.yaml", "protocols").values()}
     default_arguments = inspect.signature(vp.draw_phantom).parameters
     assert default_arguments["oversampling"].default == grid["oversampling"]
 
