@@ -25,7 +25,7 @@ rule project:
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
         kernels=results("logs/kernels/1.txt"),
-        physics=lambda wildcards: context.diagnosis.found(
+        physics=lambda wildcards: context.diagnosis.found_physics(
             context.plan.geometry_settings(wildcards.geometry).physics_from
         ),
     output:
@@ -69,7 +69,7 @@ rule project_moved:
         rois=results("phantom/moved/seed{seed}/grid/rois.csv"),
         masks=results("phantom/moved/seed{seed}/grid/rois"),
         kernels=results("logs/kernels/1.txt"),
-        physics=lambda wildcards: context.diagnosis.found(
+        physics=lambda wildcards: context.diagnosis.found_physics(
             context.plan.geometry_settings(wildcards.geometry).physics_from
         ),
     output:

@@ -20,13 +20,13 @@ from ..physics.beam.materials import Segmentation
 from ..recordings.document import read_document
 from ..statistics.proof_record import read_proof_record
 from .arguments import (
+    check_integer,
     check_mapping,
     check_pair,
     check_path,
     check_positive,
     check_sequence,
     check_text,
-    check_whole,
     public,
 )
 
@@ -94,7 +94,7 @@ def diagnose(
         raise InputError(
             f"diagnose: {len(given)} of disc, mask, labels, shapes and phantom are given; give the one scanned"
         )
-    recording, processes = check_path(recording, "recording"), check_whole(processes, "processes", 1)
+    recording, processes = check_path(recording, "recording"), check_integer(processes, "processes", 1)
     phantom = None if phantom is None else check_path(phantom, "phantom")
     if effects is not None:
         effects = [check_text(name, "effects") for name in check_sequence(effects, "effects", "names of effects")]

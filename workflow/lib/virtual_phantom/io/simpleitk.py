@@ -9,7 +9,7 @@ from ..base.geometry import Grid
 
 
 def itk_image(array: np.ndarray, grid: Grid) -> sitk.Image:
-    """Return an array [z, y, x] on its grid as an image."""
+    """Return an array [z, y, x] and its grid as a SimpleITK image."""
     image = sitk.GetImageFromArray(array)
     image.SetSpacing(grid.spacing[::-1])
     image.SetOrigin(tuple(grid.affine[:3, 3]))

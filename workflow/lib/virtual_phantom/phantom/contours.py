@@ -22,7 +22,7 @@ import numpy as np
 import pydicom
 from skimage.measure import points_in_poly
 
-from ..base.errors import InputError, meant, reading
+from ..base.errors import InputError, did_you_mean, reading
 from ..base.geometry import Grid
 from ..base.names import counted
 from .regions import CroppedRegion, Regions, Remark, crop_to_box, sequence_of, to_voxels, whole_number
@@ -154,7 +154,7 @@ class StructRegions(Regions):
             what = f"{len(matching)} ROIs are called {label!r}; give the number as the label: {numbers}"
             raise InputError(f"{self.path}: {what}; there are: {listed}")
         names = [roi.name for roi in self._rois if roi.name]
-        suggestion = meant(str(label), names, "there are")
+        suggestion = did_you_mean(str(label), names, "there are")
         advice = suggestion if suggestion.startswith("did") else f"there are: {listed}"
         raise InputError(f"{self.path}: ROI {label!r} is not there; {advice}")
 

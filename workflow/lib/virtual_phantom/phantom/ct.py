@@ -79,7 +79,7 @@ def load_phantom(settings: CtPhantom, grid: Grid, oversampling: int) -> Phantom:
 
 
 def rois(settings: CtPhantom, grid: Grid, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
-    """Make the ROIs of the settings of `load_phantom` on a grid in world coordinates, with the phantom at a pose."""
+    """Make the ROIs of a CT phantom on a grid in world coordinates, after moving the phantom to a pose."""
     image, opened = read_hu(Path(settings.image), CHECKS).grid, {}  # `load_phantom` checks the values
     kept = np.ones(image.shape[1:], bool)
     if settings.keep_mm:
@@ -145,7 +145,7 @@ def trimmed(image: Volume, keep_mm: Sequence[Sequence[float]]) -> Volume:
 
 
 def kept_columns(keep_mm: Sequence[Sequence[float]], grid: Grid) -> np.ndarray:
-    """Return which columns of the CT grid, bool [y, x], have their center in keep_mm.
+    """Return which columns of voxels along z of the CT grid, bool [y, x], have their center in keep_mm.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def check_fit(image: Volume, grid: Grid) -> None:
     Raises
     ------
     InputError
-        If it does not fit, the grid does not overlap the CT along z, or there is no body on it.
+        If the body does not fit, the grid does not overlap the CT along z, or there is no body within the grid.
     """
     z, y, x = _world_axes(image.grid)
     half_z, half_y, half_x = (extent / 2 for extent in grid.extent_mm)
@@ -246,7 +246,7 @@ def make_rois(
     """
     pieces = draw_entry(entry, ct_grid, opened)
     for name, piece in zip(entry.names, pieces, strict=True):
-        _check_whole(name, piece, kept, ct_grid, grid)
+        _check_cut_off(name, piece, kept, ct_grid, grid)
     moved = world_to_object(pose, grid.centre_mm)
     masks = [resample(_around(piece, ct_grid), grid, 0.0, moved) >= HALF_COVERED for piece in pieces]
     for name, mask in zip(entry.names, masks, strict=True):
@@ -259,7 +259,7 @@ def make_rois(
 
 
 def _around(mask: np.ndarray, grid: Grid) -> Volume:
-    """Crop a mask to its region and a margin of one voxel, which the interpolation needs."""
+    """Crop a mask to its region with a margin of one voxel, which the interpolation needs."""
     boxes = find_objects(mask.astype(np.uint8))
     if not boxes:
         return Volume(mask.astype(np.float32), grid)
@@ -269,7 +269,7 @@ def _around(mask: np.ndarray, grid: Grid) -> Volume:
     return Volume(part, replace(grid, shape=part.shape, centre_mm=centre))
 
 
-def _check_whole(name: str, piece: np.ndarray, kept: np.ndarray, ct_grid: Grid, grid: Grid) -> None:
+def _check_cut_off(name: str, piece: np.ndarray, kept: np.ndarray, ct_grid: Grid, grid: Grid) -> None:
     """Check that neither keep_mm nor the border of the grid cuts off more than LARGEST_LOSS of an ROI on the CT."""
     voxels = np.count_nonzero(piece)
     if voxels == 0:

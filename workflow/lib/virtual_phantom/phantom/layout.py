@@ -48,7 +48,9 @@ def read_layout(path: str | Path | None = None) -> dict:
 
 
 def parse_layout(layout: dict, seed: Stream) -> tuple[list[PaintedShape], list[RoiSpec]]:
-    """Convert a layout to shapes in the order of painting, and ROIs; textures are conditioned on their ROI.
+    """Convert a layout to shapes in the order of painting, and to ROIs.
+
+    The texture of each ROI has the mean and SD of its tissue inside the ROI (`Texture.condition`).
 
     Parameters
     ----------
@@ -94,7 +96,7 @@ def parse_layout(layout: dict, seed: Stream) -> tuple[list[PaintedShape], list[R
 
 
 def _roi(entry: dict, where: str) -> tuple[RoiSpec, Ellipsoid]:
-    """Return the ROI, an ellipsoid whose semi-axis c follows from its volume 4/3 pi a b c, and the tissue around it."""
+    """Return the ROI, an ellipsoid whose semi-axis c follows from its volume 4/3 pi a b c, and that of its tissue."""
     sizes = {"width_mm", "height_mm", "volume_mm3", "margin_mm"}
     _keys(entry, where, {"name", "tissue_class", "tissue", "centre_mm", *sizes}, {"fade_mm"})
     try:

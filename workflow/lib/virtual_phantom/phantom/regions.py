@@ -209,9 +209,9 @@ def voxel_offset(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
     index = offset.round()
     steps = np.array(part.shape) * (np.array(part.spacing) - np.array(grid.spacing))
     shifted = np.abs((offset - index) * np.array(grid.spacing)).max()
-    aligned = max(shifted, np.abs(steps).max()) <= GRID_TOLERANCE_MM
-    if not aligned or np.abs(shift - index[::-1]).max() > LARGEST_TILT:
-        turned = ", with rotated axes" if aligned else ""
+    same_if_upright = max(shifted, np.abs(steps).max()) <= GRID_TOLERANCE_MM
+    if not same_if_upright or np.abs(shift - index[::-1]).max() > LARGEST_TILT:
+        turned = ", with rotated axes" if same_if_upright else ""
         raise InputError(
             f"{path}: lies on another grid than the CT{turned} ({part}; CT: {grid}); resample it onto the CT"
         )

@@ -113,8 +113,8 @@ class Texture:
     def condition(self, shape) -> None:
         """Shift and scale so that inside the shape the mean is 0 and the SD is that of the components.
 
-        Otherwise mean and SD of a region of a few correlation lengths vary with the seed. They are computed at steps
-        of half the shortest correlation length, independent of the grid.
+        Without this, mean and SD of a region of a few correlation lengths would vary with the seed. Both are computed
+        at steps of half the shortest correlation length, independent of the grid.
         """
         if not self._fields:
             return

@@ -41,7 +41,7 @@ class Selections:
 
     @property
     def own_reference(self) -> str | None:
-        """The recording of public scans of the same object as the phantom, which replaces the measured phantom."""
+        """Recording of public scans of the phantom's object, if any. Its scores replace the published ones."""
         study, stability = self.plan.study, self._analyses.stability
         if study.public_scans.phantom is None or stability is None:
             return None
@@ -72,7 +72,7 @@ class Selections:
 
     @property
     def cut_offs(self) -> dict | None:
-        """Thresholds of the measures above which a feature is stable."""
+        """Cut-offs of the measures of stability; None without a stability analysis."""
         return to_mapping(self._analyses.stability and self._analyses.stability.cut_offs)
 
     @property
@@ -88,7 +88,7 @@ class Selections:
             (protocol, noise, seed)
             for protocol in self.calibrated
             for noise in levels
-            for seed in self.plan.still(noise)
+            for seed in self.plan.nominal_seeds(noise)
         ]
 
     def calibration_images(self) -> list[str]:

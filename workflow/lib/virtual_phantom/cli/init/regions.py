@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.console import note, progress
-from ...base.errors import InputError, meant
+from ...base.errors import InputError, did_you_mean
 from ...base.geometry import Grid
 from ...base.names import counted
 from ...io.volumes import Volume, suffix_of
@@ -236,7 +236,7 @@ def _selected(
         reason = next((text for name, text in broken.items() if roi in (name, _base(name))), None)
         if reason is not None:
             raise InputError(reason)
-        raise InputError(f"--rois: {labels} has no region '{roi}'; {meant(roi, names, 'there are')}")
+        raise InputError(f"--rois: {labels} has no region '{roi}'; {did_you_mean(roi, names, 'there are')}")
     return [(region, name) for region, name in pairs if not rois or set(rois) & {*region.aliases, name}]
 
 

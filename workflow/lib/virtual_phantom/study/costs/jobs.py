@@ -158,16 +158,20 @@ def _phantom(sizes: Sizes) -> Job:
 def _rois(sizes: Sizes) -> Iterator[Job]:
     """Yield the jobs of ROIs on scanner voxels and of ROIs of a re-positioned phantom."""
     plan = sizes.plan
-    used = {(plan.voxels_of(protocol), seed) for protocol, noise in plan.acquisitions() for seed in plan.still(noise)}
+    used = {
+        (plan.voxels_of(protocol), seed)
+        for protocol, noise in plan.acquisitions()
+        for seed in plan.nominal_seeds(noise)
+    }
     for label in sorted({label for label, _ in used if label}):
         files = tuple(path for name in ("voxel_table", "voxel_rois") for path in BY_NAME[name].paths(voxels=label))
         yield _job(BY_NAME["voxel_table"], files, sizes.phantom())
     # The coverage of the scan is checked with the ROIs on the study's grid.
-    moved = {(seed, GRID) for _, seed in plan.moved_scans()}
+    moved = {(seed, GRID) for _, seed in plan.repositioned_scans()}
     moved |= {
         (seed, label)
         for protocol, noise in plan.acquisitions()
-        for seed in plan.moved(noise)
+        for seed in plan.repositioned_seeds(noise)
         if (label := plan.voxels_of(protocol))
     }
     for seed, label in sorted(moved):
@@ -185,10 +189,10 @@ def _kernels(sizes: Sizes) -> Iterator[Job]:
 def _projections(sizes: Sizes) -> Iterator[Job]:
     plan, clean, noisy = sizes.plan, BY_NAME["clean"], BY_NAME["acquisition"]
     wanted = plan.acquisitions()
-    for geometry in sorted({plan.geometry_of(protocol) for protocol, noise in wanted if plan.still(noise)}):
+    for geometry in sorted({plan.geometry_of(protocol) for protocol, noise in wanted if plan.nominal_seeds(noise)}):
         stage, work = sizes.projection(geometry)
         yield _job(clean, clean.paths(geometry=geometry), work, sizes.rays(geometry), stage)
-    for geometry, seed in plan.moved_scans():
+    for geometry, seed in plan.repositioned_scans():
         stage, work = sizes.projection(geometry)
         moved = BY_NAME["moved_clean"]
         yield _job(moved, moved.paths(geometry=geometry, seed=seed), work, sizes.rays(geometry), stage)
@@ -212,7 +216,7 @@ def _reconstructions(sizes: Sizes) -> Iterator[Job]:
 
 
 def _extractions(sizes: Sizes, rois: int) -> Iterator[Job]:
-    table, featured = BY_NAME["image_features"], sizes.plan.featured()
+    table, featured = BY_NAME["image_features"], sizes.plan.acquisitions_with_features()
     for batch, levels in sizes.plan.seed_batches().items():
         for protocol, noise in featured:
             if noise in levels:
