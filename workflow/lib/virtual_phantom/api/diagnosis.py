@@ -72,7 +72,7 @@ def diagnose(
     processes : int, optional
         Number of processes.
     matters : mapping of str to float, optional
-        Relevance thresholds that replace those of `diagnosis.matters`.
+        Relevance thresholds that replace defaults of `diagnosis.matters`.
     **settings
         Settings of `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`,
         `location`, `check_setup`, `object_may_differ`.
@@ -86,8 +86,8 @@ def diagnose(
     Raises
     ------
     InputError
-        If the recording cannot be read or has no projections, or if an effect cannot be seen in it. Also if a setting
-        is unknown, or if not exactly one object is given.
+        If the recording cannot be read or has no projections, or if an effect cannot be seen in projections. Also if a
+        setting is unknown, or if not exactly one object is given.
     """
     given = [scanned for scanned in (disc, mask, labels, shapes, phantom) if scanned is not None]
     if len(given) != 1:

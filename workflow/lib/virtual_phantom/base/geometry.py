@@ -266,7 +266,7 @@ class OrbitGeometry(ScanGeometry):
 
     @property
     def parallel(self) -> bool:
-        """Whether the beam is that of `parallel_beam`."""
+        """Whether the beam is parallel (`parallel_beam`)."""
         return self.source_to_isocentre_mm >= PARALLEL_MM
 
     @property
@@ -411,7 +411,7 @@ def parallel_beam() -> dict[str, float]:
 def with_beam(scan: Mapping) -> dict:
     """Return a `scan` section, of a study or a recording, with the source and detector distances of its beam.
 
-    With `beam: parallel`, the distances of `parallel_beam` replace those of the section.
+    With `beam: parallel`, the distances of `parallel_beam` replace the section's own distances.
     """
     return dict(scan) | (parallel_beam() if scan.get("beam") == PARALLEL else {})
 

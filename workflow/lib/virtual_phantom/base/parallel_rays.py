@@ -217,7 +217,7 @@ class ParallelRays:
             yield np.where(known[:, None], rows, np.float32(0)).T
 
     def _views_about(self, spot, view):
-        """Return the views of a spot before and after a fractional view, and the weight of the latter, (t, 1)."""
+        """Return the views of a spot before and after a fractional view, and the weight of the later view, (t, 1)."""
         views, spots = self.geometry.views, len(self.geometry.spots_mm)
         number = (view - spot) / spots
         low = np.floor(number).astype(int)

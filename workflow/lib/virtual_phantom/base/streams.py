@@ -57,7 +57,7 @@ def named(stream: Stream, *names: str | int) -> Stream:
 
 
 def acquisition(study_seed: int, geometry: str, noise: str, seed: int) -> Stream:
-    """Return the noise stream of one acquisition of a study; acquisitions that differ in any argument differ in it."""
+    """Return the noise stream of one acquisition of a study; every argument changes the stream."""
 
     def words(label):
         return np.frombuffer(hashlib.sha256(label.encode()).digest()[:8], dtype=np.uint32).tolist()

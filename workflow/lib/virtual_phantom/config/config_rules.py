@@ -57,7 +57,7 @@ class Entries(Collection):
 
 @dataclass(frozen=True)
 class Names:
-    """Names in a configuration, including those of invalid entries."""
+    """Names in a configuration, including names of invalid entries."""
 
     protocols: Entries
     levels: Entries

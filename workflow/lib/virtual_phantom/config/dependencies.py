@@ -24,7 +24,7 @@ from ..base.data import RESOURCES
 LIBRARY = Path(__file__).resolve().parents[1]
 EFFECTS = LIBRARY / "physics" / "effects"
 HOOKS = LIBRARY / "proof" / "hiding" / "hooks"
-TEMPLATES = "templates"  # folder of page templates, beside the modules that fill them in
+TEMPLATES = "templates"  # folder of page templates, next to the modules that use them
 # Modules that word errors, write logs or report progress. No result depends on them.
 WITHOUT_EFFECT = (
     *(("base", "errors"), ("study", "job")),

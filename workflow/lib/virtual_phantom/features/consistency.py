@@ -149,7 +149,7 @@ def rounding(values: np.ndarray) -> np.ndarray:
     """Return a bound of the rounding error of every entry [row, feature], from the digits of its row and column.
 
     A table may be rounded to decimals or to significant digits, by column or by row. The precision of an entry is
-    that of the finest entry of its row or of its column, whichever is coarser.
+    taken from the finest entry of its row or from the finest entry of its column, whichever is coarser.
     """
     finite = np.isfinite(values)
     size = np.where(finite & (values != 0), abs(values), 1.0)

@@ -1,4 +1,4 @@
-"""Extract radiomics features with pyradiomics: the 86 of the study, or those of a parameter file.
+"""Extract radiomics features with pyradiomics: the 86 features of the study, or the features of a parameter file.
 
 Default settings are those of Flouris et al. [1]_, section "Radiomics feature extraction": original image, bin width
 25, no resampling, no normalization, no resegmentation. The distance is 1, the co-occurrence matrix is symmetrical, and

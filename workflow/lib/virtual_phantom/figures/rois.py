@@ -85,7 +85,7 @@ def slice_panels(
     box_mm : sequence of 4 float
         Visible part, as from `axial.body_box_mm`.
     names_mm, legend_mm, color_bar_mm : float
-        Width of the names beside each panel and of the color bar, and height of the legend.
+        Width of the names next to each panel, height of the legend, and width of the color bar.
 
     Returns
     -------

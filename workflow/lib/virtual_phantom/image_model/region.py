@@ -48,7 +48,7 @@ class RegionModel:
         Components of the texture. The scanner blurs `fine`, whose sd_hu is the SD after the blur. The blur of `coarse`
         is neglected, and its skewness is not used.
     contrast : float
-        Texture of the iterative reconstruction, relative to that of filtered back-projection.
+        Amplitude of the texture in iterative reconstructions, relative to filtered back-projection.
     """
 
     noise_factor: float

@@ -108,7 +108,7 @@ def mistakes(
 
 
 def _each(error, source) -> Iterator[Mistake]:
-    """Return the mistakes of one error; a missing key is not reported if another key is a misspelling of it."""
+    """Return the mistakes of one error; a missing key is not reported if it was only misspelled."""
     path = tuple(error.absolute_path)
     if error.validator == "required":
         missing = [key for key in error.validator_value if key not in error.instance]

@@ -376,7 +376,7 @@ def _rasterized(points: np.ndarray, shape: tuple[int, int]) -> tuple[tuple[slice
     edge, row = edge[seen], row[seen]
     slope = (end[edge, 1] - start[edge, 1]) / (end[edge, 0] - start[edge, 0])
     crossing = start[edge, 1] + (row - start[edge, 0]) * slope
-    # An edge crosses the row of its upper end, not that of its lower end, so vertices are crossed once.
+    # An edge crosses the row of its upper end but not the row of its lower end, so vertices are crossed once.
     crossed = row < lower[edge]
     flips = np.zeros((rows, columns + 1), np.uint8)
     np.add.at(flips, (row[crossed], np.clip(np.ceil(crossing[crossed]), 0, columns).astype(int)), 1)

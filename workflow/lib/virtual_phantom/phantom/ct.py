@@ -183,22 +183,23 @@ def check_fit(image: Volume, grid: Grid) -> None:
     """
     z, y, x = _world_axes(image.grid)
     half_z, half_y, half_x = (extent / 2 for extent in grid.extent_mm)
-    cx, cy, cz = grid.centre_mm
-    seen = np.abs(z - cz) <= half_z + image.grid.spacing[0] / 2
+    center_x, center_y, center_z = grid.centre_mm
+    seen = np.abs(z - center_z) <= half_z + image.grid.spacing[0] / 2
     if not seen.any():
         raise InputError(f"phantom: ct: the grid ({grid}) misses the CT ({image.grid}) along z; correct centre_mm")
     body = (image.array[seen] > HU_BODY).any(axis=0)
     if not body.any():
         raise InputError(f"phantom: ct: nothing in the CT is denser than {HU_BODY:g} HU within the grid; is it in HU?")
     rows, columns = np.nonzero(body)
-    reach_x = float(np.abs(x[columns] - cx).max()) + image.grid.spacing[2] / 2
-    reach_y = float(np.abs(y[rows] - cy).max()) + image.grid.spacing[1] / 2
+    reach_x = float(np.abs(x[columns] - center_x).max()) + image.grid.spacing[2] / 2
+    reach_y = float(np.abs(y[rows] - center_y).max()) + image.grid.spacing[1] / 2
     if reach_x > half_x + 1e-3 or reach_y > half_y + 1e-3:
         needed = (0.0, 2 * reach_y, 2 * reach_x)
         advice = suggest_size(grid, needed, (image.grid.extent_mm[0], *needed[1:]))
         raise InputError(
-            f"grid: the body in the CT does not fit. Around centre_mm ({cx:g}, {cy:g}, {cz:g}) (x, y, z) it needs "
-            f"{2 * reach_y:.0f} mm along y and {2 * reach_x:.0f} mm along x. The grid spans {2 * half_y:.0f} and "
+            f"grid: the body in the CT does not fit. Around centre_mm ({center_x:g}, {center_y:g}, {center_z:g}) "
+            f"(x, y, z) it needs {2 * reach_y:.0f} mm along y and {2 * reach_x:.0f} mm along x. The grid spans "
+            f"{2 * half_y:.0f} and "
             f"{2 * half_x:.0f} mm; {advice}, or set phantom.ct.keep_mm to remove table and arms"
         )
 

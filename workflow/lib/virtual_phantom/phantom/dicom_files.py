@@ -193,7 +193,7 @@ def files_in(folder: Path) -> list[Path]:
 
 
 def is_hidden(name: str) -> bool:
-    """Return whether a name is that of a hidden file, or of a system file of Windows or macOS."""
+    """Return whether a name belongs to a hidden file, or to a system file of Windows or macOS."""
     return name.startswith(".") or name.lower() in ("thumbs.db", "desktop.ini", "__macosx")
 
 

@@ -214,7 +214,7 @@ def _is_stack(group: Sequence[Slice]) -> bool:
 def _continues(header: Slice, stack: Sequence[Slice]) -> bool:
     """Return whether a slice has the size, in-plane position and orientation of a stack.
 
-    If those of the slice are not known, return whether it has pixels.
+    If these attributes of the slice are missing or invalid, return whether it has pixels.
     """
     frame = _frame(header)
     expected = next((found for other in stack if (found := _frame(other)) is not None), None)

@@ -36,7 +36,7 @@ NORMAL_NOISE = 3.0
 DENSEST_LEVEL_HU = 1400.0  # largest level of many voxels: cortical bone and PTFE are less dense, metal is in few voxels
 LEAST_DENSE = 0.0005  # least fraction of voxels of the body: a mouse in a field of view of 500 mm has 0.003
 CONTRAST_HU = (700.0, 1400.0)  # contrast of the body to air: 1000 for water, more for bone and contrast agents
-FAINT_HU = 90.0  # contrast of two separate levels below that of fat and muscle (150): the scale is wrong
+FAINT_HU = 90.0  # contrast of two separate levels; fat and muscle have 150, so the scale is wrong if it is less
 # The same limit, if the lower level fills this fraction of the border of the slices, as air does but fat does not.
 FAT_HU, ALL_AROUND = 130.0, 0.98
 LOWEST_AIR_HU = -1500.0  # lower of two separate levels, without padding; noise does not shift a median
@@ -160,7 +160,7 @@ def _is_noise_free(array: np.ndarray) -> bool:
 
 
 def _without_hu(image: _Values) -> str | None:
-    """Return a message if the range is not that of HU."""
+    """Return a message if the range shows that values are not HU."""
     if not image.values.size:
         return None
     low, high = np.percentile(image.values, TAILS).tolist()

@@ -188,7 +188,7 @@ def _corners(grid: Grid) -> np.ndarray:
 
 
 def voxel_offset(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
-    """Return the voxel (z, y, x) of a grid at the first voxel of a part whose voxels coincide with those of the grid.
+    """Return the index (z, y, x) in a grid of the first voxel of a part, if their voxels coincide.
 
     Voxels may coincide by the directions of both grids, or by their upright grids if no voxel center moves by more than
     LARGEST_TILT, as converters often drop small rotations. Indices are negative if the part starts before the grid.

@@ -122,8 +122,8 @@ def load_features(document: Document, study: tuple[str, ...] = FEATURES) -> Feat
 def _tables(document: Document, study: tuple[str, ...]) -> tuple[dict[Path, pd.DataFrame], tuple[str, ...], list[str]]:
     """Return all tables in the native layout, their common features, and notes.
 
-    Tables in the native layout must have the 86 features except `absent` ones, and no others but those of `study`.
-    Tables of pyradiomics may have any features. Notes report features that the study does not have, and missing ones.
+    Tables in the native layout must have the 86 features except `absent` features. Their other features must be in
+    `study`. Tables of pyradiomics may have any features. Notes report additional and missing features.
 
     Raises
     ------

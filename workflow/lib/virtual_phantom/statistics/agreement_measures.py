@@ -156,5 +156,5 @@ def _scans_of_subjects(x: np.ndarray) -> np.ndarray:
 
 
 def _one_sign(scans: np.ndarray) -> np.ndarray:
-    """Whether each subject's values are all positive or all negative; otherwise a relative spread has no meaning."""
+    """Return whether all values of each subject have one sign; otherwise a relative spread has no meaning."""
     return ((scans > 0).all(axis=-1) | (scans < 0).all(axis=-1)).all(axis=-1)

@@ -1,4 +1,4 @@
-"""Decide which features of a recording may be compared with those of a 3D simulation in HU."""
+"""Decide which features of a recording may be compared with features of a 3D simulation in HU."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def comparable(
     same_voxels: bool = False,
     other_settings: Mapping[str, str] | None = None,
 ) -> pd.DataFrame:
-    """Decide which features of a recording may be compared with those of a 3D simulation in HU.
+    """Decide which features of a recording may be compared with features of a 3D simulation in HU.
 
     Parameters
     ----------

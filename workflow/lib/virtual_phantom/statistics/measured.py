@@ -79,7 +79,7 @@ def group_means() -> pd.DataFrame:
 def load_scores() -> pd.DataFrame:
     """Stability and discriminative power measured in CT-Phantom4Radiomics.
 
-    The scores are those of `statistics.wilcoxon.scores` at threshold 1, per ROI, over 8 groups: 168 comparisons for
+    The scores are from `statistics.wilcoxon.scores` at threshold 1, per ROI, over 8 groups: 168 comparisons for
     stability, 104 for discrimination. Features are of stored values (HU + 1024). All 29 or 30 acquisitions are used,
     including re-positioned ones.
 

@@ -128,7 +128,7 @@ class Diagnosis:
         return sorted(set(names))
 
     def shared_candidates(self, scanner: str) -> list[str]:
-        """Return the candidate effects of a scanner: those of its `effects`, or all that its recordings share.
+        """Return the candidate effects of a scanner: its `effects`, or all candidates that its recordings share.
 
         Raises
         ------

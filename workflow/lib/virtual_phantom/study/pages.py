@@ -157,7 +157,7 @@ class Pages:
 
     @cached_property
     def exported(self) -> list[tuple[str, str, str]]:
-        """(protocol, noise level, seed) of the exported images, by default those of the figure of scans.
+        """(protocol, noise level, seed) of the exported images, by default of the images in the figure of scans.
 
         Raises
         ------

@@ -49,7 +49,7 @@ class Selections:
         return next((name for name in stability.recordings if study.recordings[name] == made), None)
 
     def measured_scores(self) -> str:
-        """Return the measured scores to compare with: those of `own_reference`, or the published ones."""
+        """Return the file of measured scores to compare with: scores of `own_reference`, or published scores."""
         if self.own_reference is not None:
             return self.files("scores", recording=self.own_reference)
         return resource("ct_phantom4radiomics_draws.csv")

@@ -215,7 +215,7 @@ def _find_regions(labels: Path, grid: Grid, fill_gaps: bool, broken: dict[str, s
 
 
 def _same_mask(first: _FoundRegion, second: _FoundRegion) -> bool:
-    """Whether two masks of a folder are equal and their file names differ only in case or suffix."""
+    """Return whether two masks of a folder are equal and their file names differ only in case or suffix."""
     same_name = first.original_name.lower() == second.original_name.lower()
     if first.label is not None or second.label is not None or not same_name:
         return False
@@ -278,7 +278,7 @@ def _files(labels: Path) -> list[Path]:
 
 
 def _is_dicom_segmentation(path: Path) -> bool:
-    """Whether a file is a DICOM SEG or RTSTRUCT."""
+    """Return whether a file is a DICOM SEG or RTSTRUCT."""
     try:
         header = None if not_dicom(path) else read_header(path)
     except InputError:

@@ -144,7 +144,7 @@ def _source(study: Study) -> str | None:
 
 
 def _has_ct(study: Study) -> bool:
-    """Whether the configuration has a valid CT and valid ROIs."""
+    """Return whether the configuration has a valid CT and valid ROIs."""
     ct = study.phantom.ct
     return ct is not None and ct.image is not None and ct.rois is not None
 
