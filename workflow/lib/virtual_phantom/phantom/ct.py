@@ -199,8 +199,7 @@ def check_fit(image: Volume, grid: Grid) -> None:
         raise InputError(
             f"grid: the body in the CT does not fit. Around centre_mm ({center_x:g}, {center_y:g}, {center_z:g}) "
             f"(x, y, z) it needs {2 * reach_y:.0f} mm along y and {2 * reach_x:.0f} mm along x. The grid spans "
-            f"{2 * half_y:.0f} and "
-            f"{2 * half_x:.0f} mm; {advice}, or set phantom.ct.keep_mm to remove table and arms"
+            f"{2 * half_y:.0f} and {2 * half_x:.0f} mm; {advice}, or set phantom.ct.keep_mm to remove table and arms"
         )
 
 
