@@ -2,11 +2,12 @@ selections = context.selections
 
 
 rule stability:
-    """W over pairs of groups and pairs of tissue classes, for each feature."""
+    """W over pairs of groups and pairs of tissue classes, for each feature; controls of the means."""
     input:
         features=rules.merge_features.output[0],
     output:
-        results("tables/stability.csv"),
+        scores=results("tables/stability.csv"),
+        controls=reported("tables/controls.csv"),
     log:
         results("logs/stability.log"),
     group:
@@ -97,7 +98,7 @@ rule stability_measures:
 rule top_features:
     """The ten best features of the study and of the paper."""
     input:
-        stability=rules.stability.output[0],
+        stability=rules.stability.output.scores,
         published=resource("published_top_features.csv"),
         scores=resource("ct_phantom4radiomics_draws.csv"),
     output:

@@ -1,11 +1,11 @@
-"""Stability and discriminative power of every feature over the groups of protocols."""
+"""Stability and discriminative power of every feature over the groups of protocols, and controls of their means."""
 
 from collections.abc import Mapping
 
 from virtual_phantom.features.names import features_of
 from virtual_phantom.features.tables import read_groups
 from virtual_phantom.io import files
-from virtual_phantom.statistics import wilcoxon
+from virtual_phantom.statistics import controls, wilcoxon
 from virtual_phantom.study.job import job, log
 
 
@@ -13,26 +13,27 @@ def main(
     *,
     features_file: str,
     output: str,
+    controls_output: str,
     groups: Mapping[str, int],
     noise: str,
     seeds: int,
     statistics: Mapping,
 ) -> None:
     table = read_groups(features_file, groups, noise=noise, seeds=seeds)
-    scores = wilcoxon.scores(table, features_of(table), source=features_file, **statistics)
-    files.write_csv(scores, output)
-    log.info(
-        "mean stability %.1f %%, mean discriminative power %.1f %%",
-        scores["stability_percent"].mean(),
-        scores["discrimination_percent"].mean(),
-    )
+    options = {"source": features_file, **statistics}
+    files.write_csv(wilcoxon.scores(table, features_of(table), **options), output)
+    found = controls.controls(table, features_of(table), **options)
+    files.write_csv(found, controls_output)
+    means = controls.headline(found)
+    log.info("mean stability %s, mean discriminative power %s", means["stability"], means["discrimination"])
 
 
 if "snakemake" in globals():
     with job(snakemake):
         main(
             features_file=snakemake.input.features,
-            output=snakemake.output[0],
+            output=snakemake.output.scores,
+            controls_output=snakemake.output.controls,
             groups=snakemake.params.groups,
             noise=snakemake.params.noise,
             seeds=snakemake.params.seeds,

@@ -84,7 +84,7 @@ def _job(*names: str, images: int = 0, **known: str) -> AnalysisJob:
 
 
 def _stability(stability: Stability, overlay: bool) -> Iterator[AnalysisJob]:
-    yield _job("stability")
+    yield _job("stability", "controls")
     yield _job("stability_measures", "stable_features")
     yield _job("trust")
     yield _job("top_features")
