@@ -131,6 +131,20 @@ SCANNED = {name: {} for name in ("a", "b", "c", "scanners")}
             },
             "analyses.stability.without_physics makes a protocol of this name from sirt_300; rename it",
         ),
+        (
+            {
+                "protocols": {"sirt_300": {"voxels": {"spacing_mm": [1, 1, 1]}}},
+                "analyses": {"stability": {"noise_control": True}},
+            },
+            "analyses.stability.noise_control: protocol sirt_300 has its own voxels; remove noise_control, or voxels",
+        ),
+        (
+            {
+                "noise": {"levels": {"dose10": {"repeats": 2}}},
+                "analyses": {"stability": {"noise_control": True}},
+            },
+            "analyses.stability.noise_control needs at least 3 for the variance",
+        ),
         ({"recordings": {"a": "x", "A": "y"}}, "recordings: a and A differ only in case"),
         (
             {"analyses": {"comparison": dict.fromkeys(("a", "a_features"), COMPARISON)}},

@@ -174,8 +174,8 @@ def test_answer_comes_first_with_its_intervals(page):
 def test_controls_are_next_to_the_mean_scores(page):
     page_words = text(page)
     assert (
-        "is undecided. Mean stability 34.0 % (by chance: 60.0 %). Mean discriminative power 92.4 % (pairs of one tissue "
-        "class: 89.0 %; by chance: 40.0 %). Means over 3 features."
+        "is undecided. Mean stability 34.0 % (by chance: 60.0 %). Mean discriminative power 92.4 % (pairs of one "
+        "tissue class: 89.0 %; by chance: 40.0 %). Means over 3 features."
     ) in page_words.replace("\u00a0", " ")
     assert "percentage of 13 pairs of ROIs of different tissue classes" in page_words
     assert "the same percentage for 2 pairs of ROIs of one tissue class" in page_words

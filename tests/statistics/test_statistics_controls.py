@@ -73,6 +73,16 @@ def test_shares_of_a_constructed_table():
     )
 
 
+def test_white_noise_has_rows_of_its_own():
+    made = table(lambda group, roi, repeat: 100 * group + repeat)
+    noise_only = table(lambda group, roi, repeat: 100 * (roi == "metastasis") + repeat)
+    found = controls.add_noise_control(controls.controls(made, [MEAN]), noise_only, [MEAN])
+    assert of(found, "stability", "white noise")[["percent", "count", "comparisons"]].tolist() == [100, 9, 9]
+    assert of(found, "discrimination", "white noise")["percent"] == 100
+    chance = f"by chance: {100 * stable_probability(6):.1f} %"
+    assert controls.headline(found)["stability"] == f"0.0 % (noise without a scan: 100.0 %; {chance})"
+
+
 def test_control_without_two_rois_of_one_class_is_reported_as_not_possible():
     single = {"cyst_1": "cyst", "metastasis": "metastasis"}
     found = controls.controls(table(lambda g, roi, k: k, rois=single), [MEAN])

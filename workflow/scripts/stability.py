@@ -12,6 +12,7 @@ from virtual_phantom.study.job import job, log
 def main(
     *,
     features_file: str,
+    noise_control: str | None,
     output: str,
     controls_output: str,
     groups: Mapping[str, int],
@@ -23,6 +24,9 @@ def main(
     options = {"source": features_file, **statistics}
     files.write_csv(wilcoxon.scores(table, features_of(table), **options), output)
     found = controls.controls(table, features_of(table), **options)
+    if noise_control:
+        noise_only = files.read_csv(noise_control)
+        found = controls.add_noise_control(found, noise_only, features_of(table), **statistics, source=noise_control)
     files.write_csv(found, controls_output)
     means = controls.headline(found)
     log.info("mean stability %s, mean discriminative power %s", means["stability"], means["discrimination"])
@@ -32,6 +36,7 @@ if "snakemake" in globals():
     with job(snakemake):
         main(
             features_file=snakemake.input.features,
+            noise_control=snakemake.input.get("noise_control") or None,
             output=snakemake.output.scores,
             controls_output=snakemake.output.controls,
             groups=snakemake.params.groups,

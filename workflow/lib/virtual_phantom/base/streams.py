@@ -26,6 +26,7 @@ class Branch(IntEnum):
     AGREEMENT_OTHER_PROTOCOL = 5  # images for the agreement table of a scan by another protocol
     PROOF_PHANTOM = 6
     REPOSITIONING = 7
+    NOISE_CONTROL = 8  # white noise on the phantom, without a scan
 
 
 def generator(stream: Stream | int) -> np.random.Generator:

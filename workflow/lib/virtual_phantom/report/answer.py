@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from ..statistics.comparison_summary import MINIMUM_ROIS, MOST, RANK_RIGHT
-from ..statistics.controls import DIFFERENT_CLASSES, SAME_CLASS, headline
+from ..statistics.controls import DIFFERENT_CLASSES, SAME_CLASS, WHITE_NOISE, headline
 from ..statistics.stability_measures import CUT_OFFS, UNVARYING
 
 MOST_FEATURES = 10  # features listed by name
@@ -67,6 +67,7 @@ def controls_answer(controls: pd.DataFrame) -> dict:
         * stability, discrimination: mean scores with their controls, in words
         * pairs: {control: pairs of ROIs in each group}
         * features, repeats: numbers of features and of values per sample
+        * noise: whether there is a control with white noise
         * impossible: why pairs of one class are not compared, or None
     """
     rows = controls[controls["score"] == "discrimination"].set_index("control")
@@ -75,6 +76,7 @@ def controls_answer(controls: pd.DataFrame) -> dict:
         "pairs": {name: int(rows.loc[name, "pairs"]) for name in (DIFFERENT_CLASSES, SAME_CLASS)},
         "features": int(same["features"]),
         "repeats": int(same["repeats"]),
+        "noise": (controls["control"] == WHITE_NOISE).any(),
         "impossible": same["meaning"] if pd.isna(same["percent"]) else None,
     }
 

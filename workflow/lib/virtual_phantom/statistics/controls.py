@@ -1,4 +1,4 @@
-"""Controls of the mean stability and the mean discriminative power: pairs of one tissue class, and chance.
+"""Controls of the mean stability and discriminative power: pairs of one tissue class, noise alone, and chance.
 
 Two ROIs differ in size, position and texture even if they are of one tissue class. If pairs of one class differ as
 often as pairs of different classes, W distinguishes ROIs and not tissues. Chance gives the scores if nothing differs.
@@ -15,6 +15,7 @@ from .rank_sum import differing_probability, stable_probability
 from .wilcoxon import Comparisons, comparisons
 
 DIFFERENT_CLASSES, SAME_CLASS, PROTOCOLS, CHANCE = "different classes", "same class", "protocols", "chance"
+WHITE_NOISE = "white noise"
 ONE_ROI_PER_CLASS = "Not possible: no tissue class has two ROIs."
 POOLED = "Not possible: statistics.compare pools the ROIs of a class."
 
@@ -74,6 +75,22 @@ def controls(
     return result
 
 
+def add_noise_control(
+    found: pd.DataFrame, noise_only: pd.DataFrame, features: Sequence[str], **options
+) -> pd.DataFrame:
+    """Append the scores of the phantom with white noise instead of scans to a table of `controls`.
+
+    Parameters
+    ----------
+    noise_only : DataFrame
+        Features, with columns as for `controls`: the noise has the variance of each protocol and ROI.
+    """
+    alone = controls(noise_only, features, **options)
+    alone = alone[alone["control"].isin([PROTOCOLS, DIFFERENT_CLASSES])]
+    meaning = "The same for the phantom without a scan, with white noise of the variance of each protocol and ROI."
+    return pd.concat([found, alone.assign(control=WHITE_NOISE, meaning=meaning)], ignore_index=True)
+
+
 def _share(found: Comparisons, results: Sequence[np.ndarray]) -> tuple[float, int, int]:
     """Percentage, number of successes and number of comparisons over all features that vary."""
     chosen = [result[:, found.varies] for result in results]
@@ -99,10 +116,15 @@ def headline(table: pd.DataFrame) -> dict[str, str]:
     def text(number: float) -> str:
         return f"{number:.1f} %"
 
+    def noise(score: str) -> str:
+        alone = value.get((score, WHITE_NOISE))
+        return "" if alone is None else f"noise without a scan: {text(alone)}; "
+
     same = value["discrimination", SAME_CLASS]
     same = "no control of one tissue class" if np.isnan(same) else f"pairs of one tissue class: {text(same)}"
     return {
-        "stability": f"{text(value['stability', PROTOCOLS])} (by chance: {text(value['stability', CHANCE])})",
-        "discrimination": f"{text(value['discrimination', DIFFERENT_CLASSES])} ({same}; by chance: "
-        f"{text(value['discrimination', CHANCE])})",
+        "stability": f"{text(value['stability', PROTOCOLS])} ({noise('stability')}by chance: "
+        f"{text(value['stability', CHANCE])})",
+        "discrimination": f"{text(value['discrimination', DIFFERENT_CLASSES])} ({same}; {noise('discrimination')}"
+        f"by chance: {text(value['discrimination', CHANCE])})",
     }
