@@ -115,6 +115,23 @@ def test_key_attribute_is_deprecated():
     refuse(old, "analyses.comparison.near.attribute")
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        (
+            "protocols.fbp_300.voxels",
+            {"spacing_mm": [2, 1, 1], "thickness_mm": 2},
+            "analyses.stability.noise_control: protocol fbp_300 has its own voxels; remove noise_control, or voxels",
+        ),
+        ("noise.levels.dose10.repeats", 2, "analyses.stability.noise_control needs at least 3 for the variance"),
+    ],
+)
+def test_control_with_white_noise_needs_the_grid_of_the_study_and_repeats(key, value, message):
+    config = changed(key, value)
+    config["analyses"]["stability"]["noise_control"] = True
+    refuse(config, message)
+
+
 SCANNED = {name: {} for name in ("a", "b", "c", "scanners")}
 
 

@@ -170,3 +170,15 @@ def make_pca():
         return pandas.DataFrame(rows)
 
     return make
+
+
+@pytest.fixture
+def controls():
+    """Mean scores with their controls."""
+    return pandas.DataFrame(
+        {
+            "score": ["stability", "stability", "discrimination", "discrimination", "discrimination"],
+            "control": ["protocols", "chance", "different classes", "same class", "chance"],
+            "percent": [10.0, 68.5, 92.0, 89.0, 31.5],
+        }
+    )

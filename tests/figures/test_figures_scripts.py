@@ -86,7 +86,7 @@ def test_scans(run, phantom_folder):
         ("pca", {"title": "SIRT"}),
     ],
 )
-def test_tables(run, tmp_path, calibration, stability, overlap, make_pca, name, params):
+def test_tables(run, tmp_path, calibration, stability, controls, overlap, make_pca, name, params):
     tables = {
         "noise_calibration": calibration,
         "stability_discrimination": stability,
@@ -95,24 +95,27 @@ def test_tables(run, tmp_path, calibration, stability, overlap, make_pca, name, 
     }
     write_csv(tables[name], tmp_path / "table.csv")
     write_csv(stability[["feature"]].assign(ci95_low=1.0, ci95_high=99.0), tmp_path / "trust.csv")
+    write_csv(controls, tmp_path / "controls.csv")
+    inputs = {one: tmp_path / f"{one}.csv" for one in ("table", "trust", "controls")}
     heights = []
     for trial in (False, True):
-        paths = run(name, {"table": tmp_path / "table.csv", "trust": tmp_path / "trust.csv"}, trial=trial, **params)
+        paths = run(name, inputs, trial=trial, **params)
         assert written(paths)
         heights.append(len(matplotlib.image.imread(paths[0])))
     assert heights[1] > heights[0]  # in the line with the reason
 
 
-def test_measured_scores_are_shown_with_simulated_ones(run, tmp_path):
+def test_measured_scores_are_shown_with_simulated_ones(run, tmp_path, controls):
     from virtual_phantom.features.names import family
     from virtual_phantom.statistics import measured
 
     scores = measured.load_scores()
     write_csv(scores.assign(family=scores["feature"].map(family)), tmp_path / "table.csv")
     write_csv(scores[["feature"]].assign(ci95_low=1.0, ci95_high=99.0), tmp_path / "trust.csv")
+    write_csv(controls, tmp_path / "controls.csv")
     paths = run(
         "stability_discrimination",
-        {"table": tmp_path / "table.csv", "trust": tmp_path / "trust.csv"},
+        {one: tmp_path / f"{one}.csv" for one in ("table", "trust", "controls")},
         threshold=1.0,
         with_measured=True,
         recording=None,

@@ -22,10 +22,13 @@ def points(axes):
     return [np.asarray(collection.get_offsets()) for collection in axes.findobj(PathCollection)]
 
 
-def test_text_is_at_least_seven_points_and_not_cut_off(calibration, stability, draws, overlap, make_pca):
+def test_text_is_at_least_seven_points_and_not_cut_off(calibration, stability, controls, draws, overlap, make_pca):
+    scores = {"repeats": 10, "sd": (0.25, 0.35), "noise": {"dose10": 1.24e-6}}
     for figure in (
+        stability_discrimination.draw(stability, 1.0, draws, controls=controls, **scores),
+        stability_discrimination.draw(stability, 1.0, controls=controls, **scores),
         noise_calibration.draw(calibration, {"main": 1e-4}, [("1 mGy", 674), ("10 mGy", 228)]),
-        stability_discrimination.draw(stability, 1.0, draws, repeats=10, sd=(0.25, 0.35), noise={"dose10": 1.24e-6}),
+        stability_discrimination.draw(stability, 1.0, draws, **scores),
         stability_discrimination.draw(stability, 1.0),
         stability_discrimination.draw(stability, 1.0, intervals=stability.assign(ci95_low=0.0, ci95_high=99.0)),
         overlap_figure.draw(overlap),
@@ -183,6 +186,25 @@ def test_both_panels_state_their_repeats_and_spreads(stability, draws):
         f"means: {stable:.1f} ± 1.7 % stable, {difference:.1f} ± 1.7 % discriminated"
     )
     assert "±" not in stability_discrimination.draw(stability, 1.0, draws[draws["draw"] == 1]).axes[1].get_title()
+
+
+def test_titles_state_the_controls(stability, controls, draws):
+    ten = draws.assign(repeats=10)
+    simulated, measured = (
+        axes.get_title()
+        for axes in stability_discrimination.draw(stability, 1.0, ten, repeats=10, controls=controls).axes
+    )
+    assert simulated.splitlines()[2:] == [
+        "by chance: 68.5 % stable, 31.5 % discriminated",
+        "pairs of one tissue class: 89.0 % discriminated",
+    ]
+    assert measured.splitlines()[2] == "by chance: 68.5 % stable, 31.5 % discriminated"
+    # Chance depends on the number of repeats.
+    other = stability_discrimination.draw(stability, 1.0, ten, repeats=3, controls=controls).axes[1].get_title()
+    assert "chance" not in other
+    controls.loc[controls["control"] == "same class", "percent"] = np.nan
+    (axes,) = stability_discrimination.draw(stability, 1.0, repeats=10, controls=controls).axes
+    assert axes.get_title().endswith("no tissue class with two ROIs")
 
 
 def test_user_measured_scores_have_families(stability, draws):

@@ -55,6 +55,17 @@ STABILITY = pd.DataFrame(
         "stability_liver": [0.0, 41.7, 50.0],
     }
 )
+CONTROLS = pd.DataFrame(
+    {
+        "score": ["stability", "stability", "discrimination", "discrimination", "discrimination"],
+        "control": ["protocols", "chance", "different classes", "same class", "chance"],
+        "percent": [34.0, 60.0, 92.4, 89.0, 40.0],
+        "pairs": [6, np.nan, 13, 2, np.nan],
+        "features": 3,
+        "repeats": 3,
+        "meaning": "Words.",
+    }
+)
 ALL = pd.DataFrame(
     {
         "roi": ["cyst_2", "liver", "cyst_2", "liver"],
@@ -103,6 +114,7 @@ def results(tmp_path_factory):
         (folder / "figures" / f"{name}.png").write_bytes(picture.getvalue())
     (folder / "rois.rst").write_text('**Regions** of {{ snakemake.config["seed"] }}.\n')
     frames = {"trust": TRUST, "stable_features": MEASURES, "stability": STABILITY, **COMPARISON}
+    frames["controls"] = CONTROLS
     for name, frame in ({f"tables/{name}": one for name, one in frames.items()} | {"features": ALL}).items():
         frame.to_csv(folder / f"{name}.csv", index=False)
     (folder / "diagnosis" / "disc" / "diagnosis.json").write_text(json.dumps(DIAGNOSIS))
@@ -110,7 +122,7 @@ def results(tmp_path_factory):
     return folder
 
 
-TABLES = ("tables/trust", "tables/stable_features", "tables/stability", "features")
+TABLES = ("tables/trust", "tables/stable_features", "tables/controls", "tables/stability", "features")
 
 
 def made(results, *, config=CONFIG, names=TABLES, diagnoses=True, figures=("rois",)):
@@ -157,6 +169,40 @@ def test_answer_comes_first_with_its_intervals(page):
     assert "ICC(2,1) 1, ICC(3,1) 1, CCC 1, CV 1, QCD 1." in page_words
     assert "A feature that no protocol changes has a stability of 60 % on average" in page_words
     assert "is at 50 % or above (most comparisons agree), and not stable" in page_words
+
+
+def test_controls_are_next_to_the_mean_scores(page):
+    page_words = text(page)
+    assert (
+        "is undecided. Mean stability 34.0 % (by chance: 60.0 %). Mean discriminative power 92.4 % (pairs of one "
+        "tissue class: 89.0 %; by chance: 40.0 %). Means over 3 features."
+    ) in page_words.replace("\u00a0", " ")
+    assert "percentage of 13 pairs of ROIs of different tissue classes" in page_words
+    assert "the same percentage for 2 pairs of ROIs of one tissue class" in page_words
+
+
+def test_study_without_two_rois_of_a_class_has_no_such_control(tmp_path):
+    same = CONTROLS["control"] == "same class"
+    alone = CONTROLS.assign(percent=CONTROLS["percent"].mask(same), pairs=CONTROLS["pairs"].mask(same, 0))
+    alone.loc[same, "meaning"] = "Not possible: no tissue class has two ROIs."
+    alone.to_csv(tmp_path / "controls.csv", index=False)
+    TRUST.to_csv(tmp_path / "trust.csv", index=False)
+    tables = [index.LinkedTable(name, tmp_path / f"{name}.csv") for name in ("trust", "controls")]
+    page_words = text(index.index_page(tmp_path, [], tables, [], CONFIG, COMMANDS))
+    assert "(no control of one tissue class; by chance:" in page_words
+    assert "control with pairs of one tissue class: Not possible: no tissue class has two ROIs." in page_words
+
+
+def test_features_that_do_not_vary_are_not_counted_as_stable(tmp_path):
+    shape = TRUST.iloc[[1]].assign(
+        feature="original_shape_Sphericity", stable="does not vary", stability_percent=np.nan, ci95_low=np.nan
+    )
+    pd.concat([shape, TRUST]).to_csv(tmp_path / "trust.csv", index=False)
+    tables = [index.LinkedTable("Trust", tmp_path / "trust.csv")]
+    page_words = text(index.index_page(tmp_path, [], tables, [], CONFIG, COMMANDS))
+    assert "1 of 4 features is stable between the 4 protocols" in page_words
+    assert "1 does not vary over repeats, such as shape features, and is not counted as stable." in page_words
+    assert "shape Sphericity" not in page_words.partition("Tables")[0]
 
 
 def test_every_tissue_has_an_answer(page, results):

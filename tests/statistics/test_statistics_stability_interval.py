@@ -7,8 +7,9 @@ import pandas as pd
 import pytest
 from scipy.stats import mannwhitneyu, ranksums
 
-from virtual_phantom.statistics import stability_interval, trust
-from virtual_phantom.statistics.stability_interval import stability_intervals, stable_probability
+from virtual_phantom.statistics import rank_sum, stability_interval, trust
+from virtual_phantom.statistics.rank_sum import stable_probability
+from virtual_phantom.statistics.stability_interval import stability_intervals
 
 ROIS = 6
 APART = [[roi] for roi in range(ROIS)]
@@ -50,7 +51,7 @@ def test_equal_groups_agree_as_often_as_the_exact_distribution_states(repeats):
 
 def test_many_repeats_approach_the_normal_distribution(monkeypatch):
     exact = stable_probability(50)
-    monkeypatch.setattr(stability_interval, "EXACT_UP_TO", 49)
+    monkeypatch.setattr(rank_sum, "EXACT_UP_TO", 49)
     assert stable_probability(50) == pytest.approx(exact, abs=2e-3)
     assert stable_probability(3, 2.0) > stable_probability(3, 1.0)
 

@@ -44,6 +44,7 @@ def planned_files(tmp_path_factory):
     """
     folder = tmp_path_factory.mktemp("outputs")
     overlay = {"results_dir": "r", "keep_projections": True}
+    overlay["analyses"] = {"stability": {"noise_control": True}}
     names = {name: kind for kinds in IMPORTED.values() for name, kind in kinds.items()} | {"scanner": "images"}
     names["other_disc"] = "projections"
     overlay["recordings"] = {name: str(recorded(folder / name, kind)) for name, kind in names.items()}

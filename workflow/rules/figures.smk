@@ -73,7 +73,8 @@ rule figure_noise_calibration:
 
 rule figure_stability_discrimination:
     input:
-        table=rules.stability.output[0],
+        table=rules.stability.output.scores,
+        controls=rules.stability.output.controls,
         trust=rules.trust.output[0],
         scores=selections.measured_scores(),
         seeds=resource("default_study_seeds.csv"),

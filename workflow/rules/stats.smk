@@ -1,12 +1,48 @@
 selections = context.selections
 
 
+rule noise_control:
+    """Features of the phantom with white noise of the variance of each protocol, without a scan."""
+    input:
+        images=[
+            path
+            for paths in selections.noise_control_images().values()
+            for path in paths
+        ],
+        phantom=rules.phantom.output.image,
+        rois=rules.phantom.output.table,
+        masks=rules.phantom.output.rois,
+        parameters=context.parameter_files,
+    output:
+        results("noise_control.csv"),
+    log:
+        results("logs/noise_control.log"),
+    group:
+        "analyses"
+    resources:
+        mem_mb=context.megabytes(volumes=12),
+        runtime=lambda wildcards, input, attempt: attempt
+        * context.minutes("extract", context.sizes.images(len(input.images))),
+    params:
+        **selections.compared_images,
+        images=selections.noise_control_images(),
+        study_seed=context.study.seed,
+        parameters=context.parameters,
+        code=code("noise_control.py"),
+    script:
+        "../scripts/noise_control.py"
+
+
 rule stability:
-    """W over pairs of groups and pairs of tissue classes, for each feature."""
+    """W over pairs of groups and pairs of tissue classes, for each feature; controls of the means."""
     input:
         features=rules.merge_features.output[0],
+        noise_control=(
+            rules.noise_control.output[0] if selections.noise_control else []
+        ),
     output:
-        results("tables/stability.csv"),
+        scores=results("tables/stability.csv"),
+        controls=reported("tables/controls.csv"),
     log:
         results("logs/stability.log"),
     group:
@@ -97,7 +133,7 @@ rule stability_measures:
 rule top_features:
     """The ten best features of the study and of the paper."""
     input:
-        stability=rules.stability.output[0],
+        stability=rules.stability.output.scores,
         published=resource("published_top_features.csv"),
         scores=resource("ct_phantom4radiomics_draws.csv"),
     output:

@@ -20,10 +20,11 @@ def main(
     statistics: Mapping,
     recording: str | None,
 ) -> None:
-    recorded = files.read_csv(scores) if recording else measured.load_score_draws(seeds)
+    recorded = ranking.assessed(files.read_csv(scores), scores) if recording else measured.load_score_draws(seeds)
     repeats = int(recorded["repeats"].iloc[0])
     features = read_groups(features_file, groups, noise=noise, seeds=repeats)
     simulated = wilcoxon.scores(features, features_of(features), source=features_file, **statistics)
+    simulated = ranking.assessed(simulated, features_file)
     table = ranking.overlap(simulated, recorded, ranking.shared_variance(features, features_of(features)))
     files.write_csv(table, output)
     for kind in ranking.KINDS:

@@ -1,38 +1,44 @@
-"""Compute stability and discriminative power of every feature over the groups of protocols."""
+"""Compute stability and discriminative power of every feature over the groups, and controls of their means."""
 
 from collections.abc import Mapping
 
 from virtual_phantom.features.names import features_of
 from virtual_phantom.features.tables import read_groups
 from virtual_phantom.io import files
-from virtual_phantom.statistics import wilcoxon
+from virtual_phantom.statistics import controls, wilcoxon
 from virtual_phantom.study.job import job, log
 
 
 def main(
     *,
     features_file: str,
+    noise_control: str | None,
     output: str,
+    controls_output: str,
     groups: Mapping[str, int],
     noise: str,
     seeds: int,
     statistics: Mapping,
 ) -> None:
     table = read_groups(features_file, groups, noise=noise, seeds=seeds)
-    scores = wilcoxon.scores(table, features_of(table), source=features_file, **statistics)
-    files.write_csv(scores, output)
-    log.info(
-        "mean stability %.1f %%, mean discriminative power %.1f %%",
-        scores["stability_percent"].mean(),
-        scores["discrimination_percent"].mean(),
-    )
+    options = {"source": features_file, **statistics}
+    files.write_csv(wilcoxon.scores(table, features_of(table), **options), output)
+    found = controls.controls(table, features_of(table), **options)
+    if noise_control:
+        noise_only = files.read_csv(noise_control)
+        found = controls.add_noise_control(found, noise_only, features_of(table), **statistics, source=noise_control)
+    files.write_csv(found, controls_output)
+    means = controls.headline(found)
+    log.info("mean stability %s, mean discriminative power %s", means["stability"], means["discrimination"])
 
 
 if "snakemake" in globals():
     with job(snakemake):
         main(
             features_file=snakemake.input.features,
-            output=snakemake.output[0],
+            noise_control=snakemake.input.get("noise_control") or None,
+            output=snakemake.output.scores,
+            controls_output=snakemake.output.controls,
             groups=snakemake.params.groups,
             noise=snakemake.params.noise,
             seeds=snakemake.params.seeds,

@@ -6,7 +6,7 @@ from virtual_phantom.study.job import job
 
 
 def main(*, stability: str, output: str, seeds: int, with_measured: bool) -> None:
-    scores = files.read_csv(stability)
+    scores = ranking.assessed(files.read_csv(stability), stability)
     draws = measured.load_score_draws(seeds) if with_measured else None
     # Published values of the printed phantom are only comparable with a simulation of this phantom.
     published = measured.load_published_top() if with_measured else None

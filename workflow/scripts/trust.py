@@ -6,6 +6,7 @@ from virtual_phantom.features.names import features_of
 from virtual_phantom.features.tables import read_groups
 from virtual_phantom.io import files
 from virtual_phantom.statistics import trust
+from virtual_phantom.statistics.stability_measures import UNVARYING
 from virtual_phantom.study.job import job, log
 
 
@@ -34,9 +35,10 @@ def main(
     files.write_csv(found, output)
     counts = found["stable"].value_counts()
     log.info(
-        "%d features: %d stable, %d not stable, %d undecided",
+        "%d features: %d stable, %d not stable, %d undecided, %d without variation; stability by chance %.1f %%",
         len(found),
-        *(counts.get(verdict, 0) for verdict in ("yes", "no", "undecided")),
+        *(counts.get(verdict, 0) for verdict in ("yes", "no", "undecided", UNVARYING)),
+        found["if_equal_percent"].iloc[0],
     )
 
 

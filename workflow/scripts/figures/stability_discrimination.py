@@ -4,13 +4,14 @@ from collections.abc import Mapping
 
 from virtual_phantom.figures import stability_discrimination, style
 from virtual_phantom.io import files
-from virtual_phantom.statistics import further_seeds, measured
+from virtual_phantom.statistics import further_seeds, measured, ranking
 from virtual_phantom.study.job import job
 
 
 def main(
     *,
     table_file: str,
+    controls_file: str,
     trust: str,
     scores_file: str | None,
     png: str,
@@ -24,15 +25,16 @@ def main(
     trial: bool,
 ) -> None:
     if recording:
-        scores = files.read_csv(scores_file)
+        scores = ranking.assessed(files.read_csv(scores_file), scores_file)
     else:
         scores = measured.load_score_draws(repeats) if with_measured else None
-    table = files.read_csv(table_file)
+    table = ranking.assessed(files.read_csv(table_file), table_file)
     seeds = further_seeds.read_seed_scores()
     sd = further_seeds.sd_over_seeds(seeds) if further_seeds.match_settings(seeds, settings) else None
     intervals = files.read_csv(trust)
+    controls = files.read_csv(controls_file)
     figure = stability_discrimination.draw(
-        table, threshold, scores, repeats=repeats, sd=sd, intervals=intervals, noise=noise
+        table, threshold, scores, repeats=repeats, sd=sd, intervals=intervals, noise=noise, controls=controls
     )
     style.save(figure, [png, pdf], trial=trial)
 
@@ -41,6 +43,7 @@ if "snakemake" in globals():
     with job(snakemake):
         main(
             table_file=snakemake.input.table,
+            controls_file=snakemake.input.controls,
             trust=snakemake.input.trust,
             scores_file=snakemake.input.get("scores"),
             png=snakemake.output.png,

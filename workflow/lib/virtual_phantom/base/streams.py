@@ -27,6 +27,7 @@ class Branch(IntEnum):
     PROOF_PHANTOM = 6
     REPOSITIONING = 7
     START_ANGLE = 8
+    NOISE_CONTROL = 9  # white noise on the phantom, without a scan
 
 
 def generator(stream: Stream | int) -> np.random.Generator:

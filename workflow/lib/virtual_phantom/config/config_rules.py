@@ -316,6 +316,16 @@ class Rules:
                         f"protocol of this name from {name}; rename it"
                     )
 
+        if self.analyses["stability"]["noise_control"]:
+            reason = f"analyses.stability.noise_control needs at least {MINIMUM_REPEATS} for the variance"
+            yield from self._repeated(noise, MINIMUM_REPEATS, reason)
+            for name, protocol in self.protocols.items():
+                if "group" in protocol and protocol.get("voxels"):
+                    yield (
+                        f"config: analyses.stability.noise_control: protocol {name} has its own voxels; remove "
+                        "noise_control, or voxels from all protocols with a group"
+                    )
+
     def _optimal(self) -> Iterator[str]:
         if "optimal" in self.analyses:
             yield from self._known(self.analyses["optimal"]["noise"], self.names.levels, "analyses.optimal.noise")

@@ -180,6 +180,7 @@ class Stability:
     recordings: tuple[str, ...]
     where: dict[str, Conditions]
     without_physics: bool
+    noise_control: bool
     cut_offs: CutOffs
 
 

@@ -8,6 +8,7 @@ import seaborn
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..statistics.stability_measures import UNVARYING
 from . import style, tables
 from .labels import label_points, marker_boxes
 
@@ -36,6 +37,7 @@ def draw(table: pandas.DataFrame, threshold: float, noise: Mapping[str, float | 
     InputError
         If columns or rows are missing.
     """
+    table = table[table["changed"] != UNVARYING]
     text = ["feature", "family", "changed"]
     tables.check_table(table, "table of physics_change", text=text, numbers=NUMBERS[:3])
     families = sorted(set(table["family"]))

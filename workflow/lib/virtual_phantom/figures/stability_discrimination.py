@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from scipy.cluster import hierarchy
 
 from ..base.errors import InputError
+from ..statistics.controls import CHANCE, SAME_CLASS
 from ..statistics.ranking import KINDS
 from ..statistics.repeats import mean_over_features
 from . import style, tables
@@ -33,6 +34,7 @@ def draw(
     sd: tuple[float, float] | None = None,
     intervals: pandas.DataFrame | None = None,
     noise: Mapping[str, float | None] | None = None,
+    controls: pandas.DataFrame | None = None,
 ) -> Figure:
     """Draw one point per feature, by family, and a second panel with measured scores of the same features, if given.
 
@@ -56,6 +58,8 @@ def draw(
         Columns feature, ci95_low, ci95_high of the stability of `table`, for the numbered features.
     noise : mapping of str to float or None, optional
         {noise level: A} of `table`, for the text.
+    controls : DataFrame, optional
+        From `statistics.controls.controls` of `table`, for the titles.
 
     Raises
     ------
@@ -90,8 +94,14 @@ def draw(
         texts = [f"{mean:.1f}" for mean in (stability, discrimination)]
         if sd is not None:
             texts = [f"{mean} ± {error:.1f}" for mean, error in zip(texts, sd, strict=True)]
-        means = f"means: {texts[0]} % stable, {texts[1]} % discriminated"
-        axes.set_title(f"{title}, {len(scores)} features{per_group}\n{means}")
+        lines = [f"{title}, {len(scores)} features{per_group}"]
+        lines.append(f"means: {texts[0]} % stable, {texts[1]} % discriminated")
+        if controls is not None:
+            chance, same_class = _control_lines(controls)
+            comparable = repeats == shown["Simulated"][1]  # chance depends on the number of repeats
+            # Empty lines keep the titles of both panels at the same height.
+            lines += [chance if comparable else "", same_class if title == "Simulated" else ""]
+        axes.set_title("\n".join(lines))
         if double:
             style.letter_panel(axes, index)
         axes.set(ylabel=None)
@@ -106,6 +116,17 @@ def draw(
     for axes, (scores, *_) in zip(panels, shown.values(), strict=True):
         _number_best(axes, scores)
     return figure
+
+
+def _control_lines(controls: pandas.DataFrame) -> tuple[str, str]:
+    """Return lines of a title with the mean scores by chance, and the discrimination of pairs of one tissue class."""
+    percent = {(row.score, row.control): row.percent for row in controls.itertuples()}
+    stable, discriminated = (percent[kind, CHANCE] for kind in KINDS)
+    same = percent["discrimination", SAME_CLASS]
+    same = (
+        "no tissue class with two ROIs" if np.isnan(same) else f"pairs of one tissue class: {same:.1f} % discriminated"
+    )
+    return f"by chance: {stable:.1f} % stable, {discriminated:.1f} % discriminated", same
 
 
 def _scatter(axes: Axes, scores: pandas.DataFrame, families: list[str]) -> None:

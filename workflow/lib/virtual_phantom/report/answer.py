@@ -5,7 +5,8 @@ from __future__ import annotations
 import pandas as pd
 
 from ..statistics.comparison_summary import MINIMUM_ROIS, MOST, RANK_RIGHT
-from ..statistics.stability_measures import CUT_OFFS
+from ..statistics.controls import DIFFERENT_CLASSES, SAME_CLASS, WHITE_NOISE, headline
+from ..statistics.stability_measures import CUT_OFFS, UNVARYING
 
 MOST_FEATURES = 10  # features listed by name
 SEVERAL = 2  # measures by which a listed feature is stable; a single one may be insensitive to the studied changes
@@ -27,11 +28,14 @@ def stability_answer(trust: pd.DataFrame, measures: pd.DataFrame | None) -> dict
         * design: numbers that all features share (a row of `trust`)
         * features: number of features
         * counts: {verdict: number of features}
+        * unvarying: number of features that do not vary over repeats
         * best: rows of the most stable features
         * others: {measure other than W: number of stable features}
         * several: {feature: number of measures}, for features that are stable by SEVERAL measures, most measures first
     """
-    order = trust.sort_values(["ci95_low", "stability_percent", "feature"], ascending=[False, False, True])
+    order = trust[trust["stable"] != UNVARYING].sort_values(
+        ["ci95_low", "stability_percent", "feature"], ascending=[False, False, True]
+    )
     others, several = {}, {}
     if measures is not None:
         names = [name for name in CUT_OFFS if name != "w_stability_percent"]
@@ -42,9 +46,38 @@ def stability_answer(trust: pd.DataFrame, measures: pd.DataFrame | None) -> dict
         "design": trust.iloc[0].to_dict(),
         "features": len(trust),
         "counts": {name: int((trust["stable"] == name).sum()) for name in ("yes", "no", "undecided")},
+        "unvarying": int((trust["stable"] == UNVARYING).sum()),
         "best": order.head(MOST_FEATURES).to_dict("records"),
         "others": others,
         "several": several,
+    }
+
+
+def controls_answer(controls: pd.DataFrame) -> dict:
+    """Summarize the mean scores and their controls.
+
+    Parameters
+    ----------
+    controls : DataFrame
+        From `statistics.controls.controls`.
+
+    Returns
+    -------
+    dict
+        * stability, discrimination: mean scores with their controls, in words
+        * pairs: {control: pairs of ROIs in each group}
+        * features, repeats: numbers of features and of values per sample
+        * noise: whether there is a control with white noise
+        * impossible: why pairs of one class are not compared, or None
+    """
+    rows = controls[controls["score"] == "discrimination"].set_index("control")
+    same = rows.loc[SAME_CLASS]
+    return headline(controls) | {
+        "pairs": {name: int(rows.loc[name, "pairs"]) for name in (DIFFERENT_CLASSES, SAME_CLASS)},
+        "features": int(same["features"]),
+        "repeats": int(same["repeats"]),
+        "noise": (controls["control"] == WHITE_NOISE).any(),
+        "impossible": same["meaning"] if pd.isna(same["percent"]) else None,
     }
 
 

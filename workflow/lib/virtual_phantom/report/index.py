@@ -14,7 +14,7 @@ import pandas as pd
 from ..features.extraction import MINIMUM_GREY_LEVELS, MINIMUM_VOXELS
 from ..io.documents import DIAGNOSIS, read_document
 from ..io.files import read_csv
-from .answer import MOST_FEATURES, agreement_text, stability_answer, stability_by_tissue
+from .answer import MOST_FEATURES, agreement_text, controls_answer, stability_answer, stability_by_tissue
 from .html import COLORS, OTHER_COLOR
 from .study import ReportFigure, caption, render_study
 
@@ -50,8 +50,8 @@ def index_page(
     folder : Path
         Folder of the results and of the page.
     tables : sequence of LinkedTable
-        CSV files. The page summarizes trust.csv, stable_features.csv, stability.csv, features.csv and the tables of
-        comparisons, if they are present.
+        CSV files. The page summarizes trust.csv, controls.csv, stable_features.csv, stability.csv, features.csv and the
+        tables of comparisons, if they are present.
     diagnoses : sequence of Path
         Reports, each next to its diagnosis.json.
     config : mapping
@@ -86,6 +86,7 @@ def index_page(
         MOST_FEATURES=MOST_FEATURES,
         MOST_CLASSES=MOST_CLASSES,
         answer=answer,
+        controls=controls_answer(frames["controls"]) if "controls" in frames else None,
         comparisons=comparisons,
         verdicts=[verdict(path, folder) for path in diagnoses],
         warnings=[] if features is None else study_warnings(features, trust),

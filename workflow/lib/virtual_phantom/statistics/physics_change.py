@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from .stability_measures import UNVARYING
+
 VALUES = ("stability_percent", "ci95_low", "ci95_high")
 
 
@@ -29,7 +31,8 @@ def stability_change(with_physics: pd.DataFrame, without: pd.DataFrame) -> pd.Da
         * feature, family
         * without_percent, without_low, without_high, with_percent, with_low, with_high
         * change_percent: with minus without physics; ci95_low, ci95_high: its 95 % interval
-        * changed: yes if the interval excludes 0, no if not, undecided without an interval
+        * changed: yes if the interval excludes 0, no if not, undecided without an interval, or "does not
+          vary" if either stability is missing
     """
     both = with_physics[["feature", "family", *VALUES]].merge(
         without[["feature", *VALUES]], on="feature", suffixes=("_with", "_without"), validate="one_to_one"
@@ -42,6 +45,7 @@ def stability_change(with_physics: pd.DataFrame, without: pd.DataFrame) -> pd.Da
     below, above, before_below, before_above = (np.maximum(arm, 0.0) for arm in arms)
     least, most = change - np.hypot(below, before_above), change + np.hypot(above, before_below)
     changed = np.where(np.isnan(least), "undecided", np.where((least > 0) | (most < 0), "yes", "no"))
+    changed = np.where(np.isnan(change), UNVARYING, changed)
     return pd.DataFrame(
         {
             "feature": both["feature"],

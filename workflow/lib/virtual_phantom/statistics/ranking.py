@@ -74,6 +74,21 @@ def top_features(
     return pd.DataFrame(columns)
 
 
+def assessed(scores: pd.DataFrame, name: str) -> pd.DataFrame:
+    """Return the rows of features with scores, without features that do not vary (in one draw or more).
+
+    Raises
+    ------
+    InputError
+        If no feature has scores.
+    """
+    columns = [f"{kind}_percent" for kind in KINDS]
+    empty = scores.loc[scores[columns].isna().all(axis=1), "feature"]
+    if scores["feature"].isin(empty).all():
+        raise InputError(f"{name}: no feature varies over repeats; add features of the image values to extraction")
+    return scores[~scores["feature"].isin(empty)].reset_index(drop=True)
+
+
 def membership(scores: np.ndarray, n: int) -> np.ndarray:
     """Probability that each item is among the n highest scores, with ties broken at random.
 
@@ -220,7 +235,7 @@ def _check(scores: pd.DataFrame, name: str) -> None:
 
 
 def compare_scores(simulated: pd.DataFrame, recorded: pd.DataFrame) -> pd.DataFrame:
-    """Simulated and recorded scores of every feature that both tables have, most stable recorded feature first.
+    """Simulated and recorded scores of every feature that both tables score, most stable recorded feature first.
 
     Parameters
     ----------
@@ -240,6 +255,7 @@ def compare_scores(simulated: pd.DataFrame, recorded: pd.DataFrame) -> pd.DataFr
         * rank_simulated, rank_measured: by stability; 1 is the highest
     """
     columns = [f"{kind}_percent" for kind in KINDS]
+    simulated, recorded = assessed(simulated, "simulated scores"), assessed(recorded, "recorded scores")
     scores = recorded.groupby("feature")[columns]
     means, sds = scores.mean(), scores.std()
     table = simulated[["feature", "family", *columns]].merge(

@@ -29,6 +29,7 @@ import scipy
 
 from ..base.compiled import compiled
 from ..base.streams import generator, root
+from .rank_sum import rank_sum_sd, stable_probability
 
 TAIL = 0.025  # tail probability on either side of a 95 % interval
 # Simulated studies at each scale: the error of a 2.5 % tail is 0.9 %. Forecasts for twice the repeats use half as many.
@@ -37,8 +38,6 @@ SEED = 4733  # seed of the simulated noise, the same in every study and for ever
 LARGEST_SCALE = 6.0  # scale at which hardly any two protocols agree
 NEAR = 0.005  # difference in expected stability below which two scales are interpolated linearly
 MOST_HALVINGS = 24  # halvings of the range of scales, enough for differences of a million SDs
-# Repeats up to which the distribution of a rank sum is exact; beyond, the normal approximation is accurate to 0.2 %.
-EXACT_UP_TO = 50
 ROUNDING = 1e-9  # rounding error of shares
 LEAST_STEP = 1e-6  # smallest step, in SDs, of a feature that is treated as discrete
 
@@ -89,29 +88,6 @@ def stability_intervals(
     return StabilityInterval(*np.array([_interval(feature, shared, once, twice) for feature in x]).T)
 
 
-def stable_probability(repeats: int, threshold: float = 1.0) -> float:
-    """Probability of |W| < `threshold` for two samples of `repeats` values from the same continuous distribution.
-
-    Exact up to EXACT_UP_TO repeats: counts the choices of half of the ranks by their sum. For more repeats, the normal
-    approximation with continuity correction.
-    """
-    most = repeats * repeats
-    below = np.abs(np.arange(most + 1) - most / 2) < threshold * _rank_sum_sd(repeats)
-    if repeats > EXACT_UP_TO:
-        return float(2 * scipy.stats.norm.cdf(below.sum() / 2 / _rank_sum_sd(repeats)) - 1)
-    ways = np.zeros((repeats + 1, repeats * (2 * repeats - 1) + 1))  # [number of chosen ranks, their sum]
-    ways[0, 0] = 1.0
-    for rank in range(2 * repeats):
-        ways[1:, rank:] += ways[:-1, : ways.shape[1] - rank].copy()
-    sums = ways[-1, repeats * (repeats - 1) // 2 :][: most + 1]
-    return float(sums[below].sum() / sums.sum())
-
-
-def _rank_sum_sd(repeats: int) -> float:
-    """SD of the rank sum of one of two samples of equal size from the same distribution."""
-    return float(np.sqrt(repeats * repeats * (2 * repeats + 1) / 12))
-
-
 @dataclass(frozen=True)
 class _Design:
     """Design of a study and the noise of its simulations.
@@ -139,7 +115,7 @@ class _Design:
         sizes = [repeats * len(unit) for unit in units]
         return cls(
             [list(unit) for unit in units],
-            [2 * threshold * _rank_sum_sd(size) for size in sizes],
+            [2 * threshold * rank_sum_sd(size, size) for size in sizes],
             generator(root(SEED)).standard_normal((simulations, *shape, repeats)),
             float(np.mean([stable_probability(size, threshold) for size in sizes])),
         )

@@ -14,6 +14,7 @@ from ..base.errors import InputError
 from ..features.names import family
 from ..features.tables import finite_values, require_unique_rows
 from . import agreement_measures
+from .wilcoxon import varying
 
 # {measure: key of its cut-off in analyses.stability.cut_offs}
 CUT_OFFS = {
@@ -25,6 +26,7 @@ CUT_OFFS = {
     "qcd": "qcd",
 }
 SMALL_IS_STABLE = ("cv", "qcd")
+UNVARYING = "does not vary"  # result for features whose repeats have the same value, such as shape features
 
 
 def measure_table(
@@ -51,7 +53,8 @@ def measure_table(
     -------
     DataFrame
         One row per feature and measure: feature, family, measure, value, ci95_low, ci95_high, cut_off, stable (yes, no,
-        or undefined). ICC has an interval, and W if `scores` has one.
+        undefined, or "does not vary" for features that do not vary, see `wilcoxon.varying`). ICC has an interval, and W
+        if `scores` has one.
 
     Raises
     ------
@@ -71,6 +74,7 @@ def measure_table(
         "cv": (agreement_measures.coefficient_of_variation(x), missing, missing),
         "qcd": (agreement_measures.quartile_dispersion(x), missing, missing),
     }
+    varies = varying(table, features, source)
     parts = [
         pd.DataFrame(
             {
@@ -81,7 +85,7 @@ def measure_table(
                 "ci95_low": low,
                 "ci95_high": high,
                 "cut_off": float(cut_offs[CUT_OFFS[measure]]),
-                "stable": _stable(measure, value, cut_offs[CUT_OFFS[measure]]),
+                "stable": np.where(varies, _stable(measure, value, cut_offs[CUT_OFFS[measure]]), UNVARYING),
             }
         )
         for measure, (value, low, high) in values.items()
@@ -92,7 +96,7 @@ def measure_table(
 
 
 def stable_by_feature(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return a row per feature: feature, family, stable_{measure} (yes | no | undefined), stable_by (number of yes)."""
+    """Return a row per feature: feature, family, stable_{measure} (as in `measure_table`), stable_by (number of yes)."""
     names = measured[["feature", "family"]].drop_duplicates(ignore_index=True)
     wide = measured.pivot(index="feature", columns="measure", values="stable").reindex(columns=list(CUT_OFFS))
     wide = wide.loc[names["feature"]]

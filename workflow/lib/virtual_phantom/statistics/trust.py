@@ -9,9 +9,11 @@ import pandas as pd
 
 from ..base.errors import InputError
 from ..features.names import family
-from .stability_interval import stability_intervals, stable_probability
-from .stability_measures import feature_array
-from .wilcoxon import COMPARE
+from .comparability import SHAPES
+from .rank_sum import stable_probability
+from .stability_interval import stability_intervals
+from .stability_measures import UNVARYING, feature_array
+from .wilcoxon import COMPARE, varying
 
 VERDICTS = {"yes": "Stable", "no": "Not stable", "undecided": "Undecided"}
 
@@ -50,7 +52,8 @@ def trust_table(
 
         * feature, family
         * stability_percent, ci95_low, ci95_high: with the 95 % interval of the expected stability
-        * stable: yes if the interval is at or above cut_off_percent, no if it is below, else undecided
+        * stable: yes if the interval is at or above cut_off_percent, no if it is below, else undecided; UNVARYING, with
+          NaN as stability and interval, for features that do not vary (`wilcoxon.varying`)
         * cut_off_percent, groups, rois, repeats, comparisons
         * if_equal_percent: expected stability of protocols that do not differ
         * twice_repeats_percent, twice_repeats_low, twice_repeats_high: forecast for twice the repeats
@@ -89,6 +92,10 @@ def trust_table(
             "twice_repeats_high": 100 * found.twice_high,
         }
     )
+    unvarying = ~varying(features_table, features, source)
+    measured = [name for name in result if name.endswith(("_percent", "_low", "_high"))]
+    result.loc[unvarying, [name for name in measured if name not in ("cut_off_percent", "if_equal_percent")]] = np.nan
+    result.loc[unvarying, "stable"] = UNVARYING
     return result.assign(sentence=[sentence(row) for _, row in result.iterrows()])
 
 
@@ -99,6 +106,10 @@ def verdicts(low: np.ndarray, high: np.ndarray, cut_off: float) -> np.ndarray:
 
 def sentence(row: Mapping) -> str:
     """Describe a row of `trust_table` in words."""
+    if row.get("stable") == UNVARYING:
+        if row["family"] in SHAPES:
+            return "Does not vary: shape features depend on the ROI only, not on the images."
+        return "Does not vary: all repeats of each protocol have the same value, so W has no meaning."
     if np.isnan(row["ci95_low"]):
         return "Undecided: one repeat per group gives no interval. Use at least two repeats."
     share = "{} % of {} comparisons between protocols agree (95 % interval {} to {} %)".format(

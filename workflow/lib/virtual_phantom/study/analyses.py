@@ -51,6 +51,9 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
         images = len(calibration.protocols) * sum(len(plan.nominal_seeds(noise)) for noise in calibration.noise)
         yield _job("noise_calibration", images=images)
         yield _job("figure_noise_calibration")
+    if analyses.stability and analyses.stability.noise_control:
+        images = len(plan.groups()) * len(plan.seeds(analyses.stability.noise))
+        yield _job("noise_control", images=images)
     if analyses.stability:
         yield from _stability(analyses.stability, plan.study.measured.overlay)
     for name in analyses.pca:
@@ -84,7 +87,7 @@ def _job(*names: str, images: int = 0, **known: str) -> AnalysisJob:
 
 
 def _stability(stability: Stability, overlay: bool) -> Iterator[AnalysisJob]:
-    yield _job("stability")
+    yield _job("stability", "controls")
     yield _job("stability_measures", "stable_features")
     yield _job("trust")
     yield _job("top_features")

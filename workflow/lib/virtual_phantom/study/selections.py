@@ -35,6 +35,18 @@ class Selections:
         noise = self._analyses.stability and self._analyses.stability.noise
         return {"groups": self.plan.groups(), "noise": noise, "seeds": self.plan.repeats([noise]) if noise else 0}
 
+    @property
+    def noise_control(self) -> bool:
+        """Whether the stability analysis has the control with white noise instead of scans."""
+        return bool(self._analyses.stability and self._analyses.stability.noise_control)
+
+    def noise_control_images(self) -> dict[str, list[str]]:
+        """Return {protocol: images of all repeats without re-positioning} of the control with white noise."""
+        if not self.noise_control:
+            return {}
+        noise = self._analyses.stability.noise
+        return {protocol: self.acquisitions.images(protocol, noise) for protocol in self.plan.groups()}
+
     def score_conditions(self, recording: str) -> Conditions:
         """Return the values of condition columns that select the images for the scores of a recording."""
         return self._analyses.stability.where.get(recording, {}) if self._analyses.stability else {}

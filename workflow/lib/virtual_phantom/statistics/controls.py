@@ -1,0 +1,130 @@
+"""Controls of the mean stability and discriminative power: pairs of one tissue class, noise alone, and chance.
+
+Two ROIs differ in size, position and texture even if they are of one tissue class. If pairs of one class differ as
+often as pairs of different classes, W distinguishes ROIs and not tissues. Chance gives the scores if nothing differs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from .rank_sum import differing_probability, stable_probability
+from .wilcoxon import Comparisons, comparisons
+
+DIFFERENT_CLASSES, SAME_CLASS, PROTOCOLS, CHANCE = "different classes", "same class", "protocols", "chance"
+WHITE_NOISE = "white noise"
+ONE_ROI_PER_CLASS = "Not possible: no tissue class has two ROIs."
+POOLED = "Not possible: statistics.compare pools the ROIs of a class."
+
+
+def controls(
+    table: pd.DataFrame,
+    features: Sequence[str],
+    *,
+    threshold: float = 1.0,
+    compare: str = "roi",
+    **options,
+) -> pd.DataFrame:
+    """Compute the mean scores of a study and their controls.
+
+    Parameters
+    ----------
+    table, features, threshold, compare, **options
+        As for `wilcoxon.scores`. Features that do not vary are not counted.
+
+    Returns
+    -------
+    DataFrame
+        One row per score and control:
+
+        * score: stability (share of comparisons with |W| below the threshold) or discrimination (above it)
+        * control: protocols and different classes (the scores of the study), same class, chance
+        * percent: 100 times count / comparisons; NaN for a control that is not possible. For chance, the exact
+          probability for continuous values and independent samples.
+        * count, comparisons: over all features; NaN for chance
+        * pairs: pairs of groups in each ROI (stability), or pairs of ROIs in each group (discrimination)
+        * features: number of features
+        * repeats: values in the smallest sample
+        * meaning: the row in words
+    """
+    found = comparisons(table, features, threshold=threshold, compare=compare, **options)
+    groups, across, within = len(found.groups), found.pairs(same_class=False), found.pairs(same_class=True)
+    stable = np.concatenate(list(found.stable.values()))
+    equal = np.mean([stable_probability(size, threshold) for size in found.sizes.values()])
+    differing = np.mean([differing_probability(found.sizes[a], found.sizes[b], threshold) for a, b in across])
+    impossible = ONE_ROI_PER_CLASS if compare == "roi" else POOLED
+    rows = [
+        ("stability", PROTOCOLS, *_share(found, [stable]), groups * (groups - 1) // 2)
+        + (f"Pairs of protocols with |W| < {threshold:g}, for the same ROI.",),
+        ("stability", CHANCE, 100 * equal, np.nan, np.nan, np.nan)
+        + (f"Probability of |W| < {threshold:g} if no protocol changes the feature.",),
+        ("discrimination", DIFFERENT_CLASSES, *_share(found, [found.differing[pair] for pair in across]), len(across))
+        + (f"Pairs of ROIs of different tissue classes with |W| > {threshold:g}, for the same protocol.",),
+        ("discrimination", SAME_CLASS, *_share(found, [found.differing[pair] for pair in within]), len(within))
+        + (f"Pairs of ROIs of one tissue class with |W| > {threshold:g}." if within else impossible,),
+        ("discrimination", CHANCE, 100 * differing, np.nan, np.nan, np.nan)
+        + (f"Probability of |W| > {threshold:g} if the ROIs do not differ.",),
+    ]
+    columns = ["score", "control", "percent", "count", "comparisons", "pairs", "meaning"]
+    result = pd.DataFrame(rows, columns=columns).astype(dict.fromkeys(columns[3:6], "Int64"))
+    result.insert(6, "features", int(found.varies.sum()))
+    result.insert(7, "repeats", min(found.sizes.values()))
+    return result
+
+
+def add_noise_control(
+    found: pd.DataFrame, noise_only: pd.DataFrame, features: Sequence[str], **options
+) -> pd.DataFrame:
+    """Append the scores of the phantom with white noise instead of scans to a table of `controls`.
+
+    Parameters
+    ----------
+    noise_only : DataFrame
+        Features, with columns as for `controls`: the noise has the variance of each protocol and ROI.
+    """
+    alone = controls(noise_only, features, **options)
+    alone = alone[alone["control"].isin([PROTOCOLS, DIFFERENT_CLASSES])]
+    meaning = "The same for the phantom without a scan, with white noise of the variance of each protocol and ROI."
+    return pd.concat([found, alone.assign(control=WHITE_NOISE, meaning=meaning)], ignore_index=True)
+
+
+def _share(found: Comparisons, results: Sequence[np.ndarray]) -> tuple[float, int, int]:
+    """Percentage, number of successes and number of comparisons over all features that vary."""
+    chosen = [result[:, found.varies] for result in results]
+    count, total = sum(int(result.sum()) for result in chosen), sum(result.size for result in chosen)
+    return (100 * count / total if total else np.nan), count, total
+
+
+def headline(table: pd.DataFrame) -> dict[str, str]:
+    """Describe the mean scores with their controls.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `controls`.
+
+    Returns
+    -------
+    dict of str to str
+        {score: text}, such as "92.4 % (pairs of one tissue class: 89.0 %; by chance: 31.5 %)".
+    """
+    value = {(row.score, row.control): row.percent for row in table.itertuples()}
+
+    def text(number: float) -> str:
+        return f"{number:.1f} %"
+
+    def noise(score: str) -> str:
+        alone = value.get((score, WHITE_NOISE))
+        return "" if alone is None else f"noise without a scan: {text(alone)}; "
+
+    same = value["discrimination", SAME_CLASS]
+    same = "no control of one tissue class" if np.isnan(same) else f"pairs of one tissue class: {text(same)}"
+    return {
+        "stability": f"{text(value['stability', PROTOCOLS])} ({noise('stability')}by chance: "
+        f"{text(value['stability', CHANCE])})",
+        "discrimination": f"{text(value['discrimination', DIFFERENT_CLASSES])} ({same}; {noise('discrimination')}"
+        f"by chance: {text(value['discrimination', CHANCE])})",
+    }
