@@ -27,7 +27,7 @@ from virtual_phantom.figures.style import label, number, save
 from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, names, offered
+from virtual_phantom.physics.effect import acts_on_images, applicable_effects, names
 from virtual_phantom.physics.scenes.scene import VoxelScene
 from virtual_phantom.recordings.projections import Projections
 
@@ -228,7 +228,7 @@ def at(one: Template, model: Model) -> str:
 if __name__ == "__main__":
     prepared = recording()
     fit = prepared.fitter.fit(())
-    alone = offered((name for name in names() if not acts_on_images(name)), ())
+    alone = applicable_effects((name for name in names() if not acts_on_images(name)), ())
     found = separability.templates_of_effects(prepared.fitter, fit, alone)
     save(draw_templates(panels(prepared, found)), [IMAGES / "effect_templates.png"])
     order = separability.grouped(separability.correlations(found))

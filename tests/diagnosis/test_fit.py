@@ -299,10 +299,10 @@ def test_slopes_are_exact_along_the_valley_of_ray_moving_effects():
         along[0]
     )  # one standard error of the first parameter, with the others at their conditional optimum
     moved = problem.residuals(problem.start + along)
-    promised = jacobian[0].T @ (along / problem.steps)
+    predicted_decrease = jacobian[0].T @ (along / problem.steps)
     root = np.sqrt(fitter.weights[0])
-    off = np.linalg.norm((here[0] - moved[0] - promised) * root)
-    assert off < 0.2 * np.linalg.norm(promised * root)
+    off = np.linalg.norm((here[0] - moved[0] - predicted_decrease) * root)
+    assert off < 0.2 * np.linalg.norm(predicted_decrease * root)
 
 
 def test_fit_in_a_valley_ends_at_the_fit_from_the_true_values():

@@ -21,7 +21,7 @@ from virtual_phantom.diagnosis.planning.separability import (
 )
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, names, offered
+from virtual_phantom.physics.effect import acts_on_images, applicable_effects, names
 from virtual_phantom.physics.scenes.scene import DiscScene
 from virtual_phantom.recordings.projections import Projections
 
@@ -120,7 +120,7 @@ def test_free_density_scale_absorbs_more_scatter_than_a_fixed_one():
 def test_change_outside_the_prior_range_is_not_absorbed(disc):
     fitter, fit = disc
     problem = Problem(fitter, (), fit)
-    place = len(problem.unknowns) + [one.name for one in problem.aligned].index("scale")
+    place = len(problem.unknowns) + [one.name for one in problem.nuisances].index("scale")
     column = changes(problem)[: sum(part.size for part in fitter.weights), place]
     room = problem.high[place] - problem.start[place]
     found = taken_up_in_range(fitter, fit, np.stack([0.5 * room * column, 100 * room * column]))
@@ -163,6 +163,6 @@ def test_page_lists_every_effect_on_projections():
     with effect_templates.TABLE.open(encoding="utf-8", newline="") as file:
         header, *rows = csv.reader(file)
     listed = {row[0].split(":")[0] for row in rows}
-    labels = {label(name) for name in offered(names(), ()) if not acts_on_images(name)}
+    labels = {label(name) for name in applicable_effects(names(), ()) if not acts_on_images(name)}
     assert listed == labels, "run python docs/generators/effect_templates.py"
     assert all(len(row) == len(header) == 7 for row in rows)

@@ -10,7 +10,7 @@ from .nuisance import PIECE, POSES
 
 
 def before_images(physics: Mapping[str, Mapping[str, float]]) -> dict[str, Mapping[str, float]]:
-    """Return the settings of effects in the chain: without effects on images, and patterns of pixels."""
+    """Return the settings of the effects in the chain, without effects on images and gain patterns."""
     return {name: values for name, values in physics.items() if not (acts_on_images(name) or load(name).pattern)}
 
 
@@ -55,9 +55,9 @@ class Linearization:
     errors : LinearizationPoint
         Point where numerical errors and the noise of images are computed.
     rays : LinearizationPoint
-        Point whose traced rays others follow to first order.
+        Point whose rays are traced; path lengths of other points are linearized about it.
     reach : float
-        Factor of the distance over which they follow.
+        Factor of the linear range.
     """
 
     errors: LinearizationPoint = NOMINAL

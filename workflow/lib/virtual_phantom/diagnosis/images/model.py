@@ -31,7 +31,7 @@ class ImagesModel(Model):
 
     Parameters
     ----------
-    chain, aligned, **settings
+    chain, nuisances, **settings
         See Model.
     reconstruct : callable
         Line integrals, shape (lanes, views, rows, columns), to HU, shape (lanes, z, y, x).
@@ -44,24 +44,24 @@ class ImagesModel(Model):
     def __init__(
         self,
         chain: Chain,
-        aligned: tuple[Nuisance, ...],
+        nuisances: tuple[Nuisance, ...],
         reconstruct: Callable[[np.ndarray], np.ndarray],
         spacing_mm: tuple[float, float, float],
         seed: Stream,
         **settings,
     ):
-        super().__init__(chain, aligned, **settings)
+        super().__init__(chain, nuisances, **settings)
         self.reconstruct, self.spacing_mm, self._seed = reconstruct, spacing_mm, seed
         self.condenser: Condenser | None = None
         self._means, self._noises = LRUCache(IMAGES_KEPT), LRUCache(IMAGES_KEPT)
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """Return the nuisance parameters. With absolute attenuation the scale is free, as water is set to 0 HU."""
-        if not absolute_attenuation(self.whole(effects)):
-            return self.aligned
+        if not absolute_attenuation(self.with_declared_effects(effects)):
+            return self.nuisances
         return tuple(
             replace(number, sd=max(number.sd, WATER_SD)) if number.name == "scale" else number
-            for number in self.aligned
+            for number in self.nuisances
         )
 
     def predict(self, physics, nuisance, data: ObservedImages, linearization: Linearization = BASE) -> Prediction:
@@ -74,7 +74,9 @@ class ImagesModel(Model):
         design = (white(mean - HU_AIR), white(np.ones(mean.shape)))
         return Prediction(white(scaled(mean, nuisance)), log_variance, statistics.correlation, design)
 
-    def strayed(self, errors: LinearizationPoint, nuisance: Mapping[str, float], prediction, weights) -> bool:
+    def needs_relinearization(
+        self, errors: LinearizationPoint, nuisance: Mapping[str, float], prediction, weights
+    ) -> bool:
         """Return whether the object has moved by more than a voxel, so that its noise has changed."""
         here, there = pose_of(nuisance), pose_of(errors.nuisance)
         moved = (here.z_mm - there.z_mm, here.y_mm - there.y_mm, here.x_mm - there.x_mm)
@@ -100,11 +102,13 @@ class ImagesModel(Model):
         here, rays, errors = pose_of(nuisance), linearization.rays, linearization.errors
 
         def mean() -> np.ndarray:
-            state = self.near(rays).state(before, here, photons=photons, anode=self.anode)
+            state = self.linearized_at(rays).state(before, here, photons=photons, anode=self.anode)
             return self.reconstruct((state.line_integrals() + state.log_noise()[0])[None])[0]
 
         def noise() -> np.ndarray:
-            state = self.near(errors).state(before, pose_of(errors.nuisance), photons=photons, anode=self.anode)
+            state = self.linearized_at(errors).state(
+                before, pose_of(errors.nuisance), photons=photons, anode=self.anode
+            )
             return self.reconstruct(noise_lines(state, REALIZATIONS, self._seed)) - HU_AIR
 
         image = self._means.get((settings, here, rays.key), mean)

@@ -19,7 +19,7 @@ from ..fitting.linearization import before_images
 from ..fitting.nuisance import NOMINAL_PHOTONS_SD, nuisances
 from ..fitting.priors import Statement, stated_physics
 from ..residuals.dataset import Prepared, ResidualMaps
-from ..residuals.residual_tests import Half, Location
+from ..residuals.residual_tests import DomainTest, HalfResiduals
 from .model import REALIZATIONS, ImagesModel, noise_lines, scaled
 from .observed import Condenser
 from .residual_maps import locate
@@ -54,8 +54,8 @@ class PreparedImages(Prepared):
     display: ClassVar[ResidualMaps] = DISPLAY
 
     def domains(
-        self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
-    ) -> list[Location]:
+        self, half: HalfResiduals, fit: Fit, fitted: HalfResiduals | None = None, more: Sequence[DomainTest] = ()
+    ) -> list[DomainTest]:
         """See Prepared.domains."""
         return locate(half, fitted, more)
 

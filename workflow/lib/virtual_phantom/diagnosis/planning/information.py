@@ -46,7 +46,7 @@ class MeasurementInformation:
     keys: tuple[Key, ...]
     changes: np.ndarray
     predicted: np.ndarray
-    knowledge: np.ndarray
+    prior_precision: np.ndarray
     room: np.ndarray
     steps: np.ndarray
 
@@ -69,7 +69,7 @@ def measurement_information(
     predicted = -whitened(problem.residuals(problem.start), problem.weights)
     room = np.stack([problem.low - problem.start, problem.high - problem.start], axis=1)
     return MeasurementInformation(
-        keys_of(problem, name, own, protocol), changes(problem), predicted, problem.knowledge, room, problem.steps
+        keys_of(problem, name, own, protocol), changes(problem), predicted, problem.prior_precision, room, problem.steps
     )
 
 
@@ -78,7 +78,7 @@ def keys_of(problem: Problem, name: str, own: Collection[str] = (), protocol: st
     owners = [name if unknown.effect in own else unknown.owner(name, protocol) for unknown in problem.unknowns]
     numbers = ((unknown.effect, unknown.name) for unknown in problem.unknowns)
     keys = [(owner, *number) if owner else number for owner, number in zip(owners, numbers, strict=True)]
-    return (*keys, *((name, "alignment", number.name) for number in problem.aligned))
+    return (*keys, *((name, "alignment", number.name) for number in problem.nuisances))
 
 
 def changes(problem: Problem) -> np.ndarray:
@@ -140,7 +140,7 @@ def normal_equations(
     for number, part in enumerate(parts):
         index = [place[key] for key in part.keys]
         information[np.ix_(index, index)] += part.changes.T @ part.changes
-        known[index] = np.maximum(known[index], part.knowledge)
+        known[index] = np.maximum(known[index], part.prior_precision)
         room[index] = np.stack(
             [np.maximum(room[index, 0], part.room[:, 0]), np.minimum(room[index, 1], part.room[:, 1])], 1
         )

@@ -165,7 +165,7 @@ class FurtherScan:
 
         Two parameters with the same effect then have the same slopes even where data are nonlinear, as at edges.
         """
-        place = len(problem.unknowns) + [number.name for number in problem.aligned].index("x_mm")
+        place = len(problem.unknowns) + [number.name for number in problem.nuisances].index("x_mm")
         steps = problem.steps.copy()
         steps[place] = MOVED * self.geometry.column_pitch_mm / self.geometry.magnification
         problem.steps = steps
@@ -177,7 +177,7 @@ class FurtherScan:
 
     def _aligned(self, model: ScansModel, fit: Fit) -> tuple[Nuisance, ...]:
         found = []
-        for number in model.aligned:
+        for number in model.nuisances:
             if number.name in model.distortions:
                 continue  # more rays and smaller voxels make them small
             expected = number.expected
@@ -204,7 +204,7 @@ class DarkFrames:
 
         The arguments are those of FurtherScan.information, and only the first two matter.
         """
-        unknowns = model.unknowns(model.whole(fit.effects))
+        unknowns = model.unknowns(model.with_declared_effects(fit.effects))
         geometry = model.chain.geometry
         air = model.chain.air_reading
         half = (geometry.duration_s if geometry.view_interval_ms is not None else 1.0) / 2
@@ -229,8 +229,8 @@ class DarkFrames:
         changes = np.stack(columns, axis=1) if columns else np.zeros((3, 0))
         now = np.array([unknown.of(fit.physics[unknown.effect][unknown.name]) for unknown in measured])
         room = np.array([[unknown.low, unknown.high] for unknown in measured]).reshape(-1, 2) - now[:, None]
-        knowledge = np.array([1 / unknown.sd**2 for unknown in measured])
-        return MeasurementInformation(keys, changes, predicted, knowledge, room, now * 0)
+        prior_precision = np.array([1 / unknown.sd**2 for unknown in measured])
+        return MeasurementInformation(keys, changes, predicted, prior_precision, room, now * 0)
 
 
 def thinning(geometry: OrbitGeometry) -> int:

@@ -294,7 +294,7 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
         keys += [("template", name, str(place)) for place in range(len(made))]
     more = len(keys) - len(beside.keys)
     none, fixed = np.zeros(more), [key[0] == "template" for key in keys[: len(beside.keys)]]
-    known = np.where(fixed, 0.0, beside.knowledge)
+    known = np.where(fixed, 0.0, beside.prior_precision)
     return MeasurementInformation(
         tuple(keys),
         np.hstack([beside.changes, *(row.T for row in rows)]),
@@ -308,7 +308,7 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
 def _named(problem: Problem) -> dict[str, float]:
     """Return the alignment at the start of a problem, by name."""
     values = problem.start[len(problem.unknowns) :]
-    return {number.name: float(value) for number, value in zip(problem.aligned, values, strict=True)}
+    return {number.name: float(value) for number, value in zip(problem.nuisances, values, strict=True)}
 
 
 def settles(ranked: RankedMeasurement) -> bool:

@@ -85,7 +85,7 @@ class Numerical:
         """Return the SD of each error after its fit, shape (views, rows, columns), in the order of `names`."""
         return tuple(LEFT[name] * error for name, error in self.at(linearization).items())
 
-    def strayed(self, linearization: LinearizationPoint, lines: np.ndarray, weights: np.ndarray) -> bool:
+    def needs_relinearization(self, linearization: LinearizationPoint, lines: np.ndarray, weights: np.ndarray) -> bool:
         """Return whether line integrals differ too much from those of a linearization point.
 
         Parameters

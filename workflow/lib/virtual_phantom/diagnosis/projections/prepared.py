@@ -21,8 +21,8 @@ from ..fitting.priors import Statement, stated_physics
 from ..noise.condensed import FEWEST, Blocks
 from ..noise.whitening import WHITE, Correlations, Whitening, estimated, of_state
 from ..residuals.dataset import PieceOfObject, Prepared, ResidualMaps
-from ..residuals.residual_tests import Half, Location
-from ..uncertainty.prediction_error import left_by_numbers
+from ..residuals.residual_tests import DomainTest, HalfResiduals
+from ..uncertainty.prediction_error import changes_by_parameter_errors
 from ..workload import rays_of
 from .change_kinds import kinds
 from .discretization import Numerical
@@ -92,10 +92,10 @@ class PreparedScans(Prepared):
         return super().usable
 
     def domains(
-        self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
-    ) -> list[Location]:
+        self, half: HalfResiduals, fit: Fit, fitted: HalfResiduals | None = None, more: Sequence[DomainTest] = ()
+    ) -> list[DomainTest]:
         """See Prepared.domains."""
-        uncertain = None if fitted is None else left_by_numbers(self.fitter, fit)
+        uncertain = None if fitted is None else changes_by_parameter_errors(self.fitter, fit)
         return locate(half, fit.pattern_variance, fitted, more, uncertain, self.step)
 
     def share_at_edges(self, fit: Fit) -> float | None:
@@ -106,7 +106,7 @@ class PreparedScans(Prepared):
         """See Prepared.kinds."""
         model = self.fitter.model
         lines = self.fitter.predicted(fit).mean
-        return kinds(lines, model.turned_rad, self.usable, self.held_out_text != BY_VIEW)
+        return kinds(lines, model.source_angles_rad, self.usable, self.held_out_text != BY_VIEW)
 
     def piece(self, fit: Fit) -> PieceOfScan | None:
         """See Prepared.piece."""

@@ -22,9 +22,9 @@ from scipy import stats
 from ...statistics.multiplicity import bonferroni
 from ..fitting.fit import Fit
 from ..fitting.joint_fit import JointFit, JointFitter
-from ..fitting.steps import Known
+from ..fitting.steps import ScaledEigenvalues
 from ..residuals.residual_tests import ALPHA
-from ..uncertainty.model_error import ModelErrorInfluence, errors_of_pulled
+from ..uncertainty.model_error import ModelErrorInfluence, joint_errors_with_models
 
 LEAST_KNOWN = 1e-9  # information of the others about a direction, relative to one recording; less is rounding
 
@@ -120,7 +120,7 @@ def alone(
         return {}
     fits = {name: together.fitters[name].fit(influence.fit.effects, influence.fit) for name, influence in scans.items()}
     compared = _Compared(together, chosen, scans, fits, shared).sifted([name for name in scans if name not in judged])
-    errors = {name: errors_of_pulled({name: influence.alone}, fits)[name] for name, influence in scans.items()}
+    errors = {name: joint_errors_with_models({name: influence.alone}, fits)[name] for name, influence in scans.items()}
     return {name: Alone(fit, errors[name], compared[name]) for name, fit in fits.items()}
 
 
@@ -169,7 +169,7 @@ class _Compared:
         this, others = self.known[name], [other for other in rest if other != name]
         known = [self.known[other] for other in others]
         information = sum(other.information for other in known)
-        inverse, inverses = (Known.of(each).covariance for each in (this.information, information))
+        inverse, inverses = (ScaledEigenvalues.of(each).covariance for each in (this.information, information))
         none = np.zeros(len(this.score))
         difference = inverse @ this.score - inverses @ sum(other.score for other in known)
         weight, numbers = _difference_information(this.information, information)
@@ -224,9 +224,9 @@ def _difference_information(first: np.ndarray, others: np.ndarray) -> tuple[np.n
     -------
     weight : ndarray, shape (shared, shared)
     """
-    root = Known.of(first).root
+    root = ScaledEigenvalues.of(first).root
     values, vectors = np.linalg.eigh(
-        np.eye(root.shape[1]) - root.T @ first @ Known.of(first + others).covariance @ first @ root
+        np.eye(root.shape[1]) - root.T @ first @ ScaledEigenvalues.of(first + others).covariance @ first @ root
     )
     seen = values > LEAST_KNOWN
     directions = first @ root @ vectors[:, seen]
@@ -237,10 +237,10 @@ def _shared(scan: ModelErrorInfluence, fit: Fit, shared: np.ndarray) -> _Shared:
     """Return the information of a recording's own fit about shared parameters, all others profiled out."""
     size, excess = len(shared), max(1.0, fit.chi_square / scan.problem.count)
     inside = np.isin(scan.places, shared)
-    whole = scan.information + np.diag(np.where(inside, 0.0, scan.knowledge))
+    whole = scan.information + np.diag(np.where(inside, 0.0, scan.prior_precision))
     here, own = np.flatnonzero(inside), np.flatnonzero(~inside)
     there = np.searchsorted(shared, scan.places[here])
-    taken = whole[np.ix_(here, own)] @ Known.of(whole[np.ix_(own, own)]).covariance
+    taken = whole[np.ix_(here, own)] @ ScaledEigenvalues.of(whole[np.ix_(own, own)]).covariance
 
     def marginal(pull: np.ndarray) -> np.ndarray:
         found = np.zeros(size)
@@ -254,7 +254,7 @@ def _shared(scan: ModelErrorInfluence, fit: Fit, shared: np.ndarray) -> _Shared:
         unknown = scan.problem.unknowns[index]
         values[place] = unknown.of(fit.physics[unknown.effect][unknown.name])
         # At the minimum, the gradient of the data balances that of the prior.
-        score[place] = scan.knowledge[index] * (values[place] - scan.problem.center[index]) / excess
+        score[place] = scan.prior_precision[index] * (values[place] - scan.problem.center[index]) / excess
     score += information @ values
     pulls = {key: marginal(pull) for key, pull in scan.pulls.items()}
     return _Shared(score, information, pulls, [marginal(pull) for pull in scan.own], excess)

@@ -12,7 +12,7 @@ from ..fitting.joint_fit import JointFit, JointFitter
 from ..residuals.dataset import Prepared
 from ..selection.joint_selection import JointChoice, choose_jointly
 from ..settings import RecordingSettings
-from ..uncertainty.model_error import errors_of_pulled, pulled_of_recordings
+from ..uncertainty.model_error import influences_of_recordings, joint_errors_with_models
 from ..verdict.verdict import VERDICTS
 from ..verdict_text import scanner_lines, with_verdict_text
 from .consistency import Alone, alone
@@ -85,9 +85,9 @@ def run_scanner_diagnosis(
     judged, chosen = _TestRecordings.of(every, choice, judged_on), choice.chosen
     errors: Mapping[str, Mapping] = {}
     each_alone: Mapping[str, Alone] = {}
-    if together.whole(chosen.effects):
-        scans = pulled_of_recordings(every, judged.chosen, judged.without, accuracy)
-        errors = errors_of_pulled({key: scans[key] for key in together.fitters})
+    if together.with_declared_effects(chosen.effects):
+        scans = influences_of_recordings(every, judged.chosen, judged.without, accuracy)
+        errors = joint_errors_with_models({key: scans[key] for key in together.fitters})
         each_alone = alone(every, chosen, scans, judged_on)
     known, of_protocols = declared_content(together, chosen, errors)
     off = any(

@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from ...physics.effect import load
 from ..fitting.fit import Fit, Fitter
 from ..fitting.problem import Problem
-from ..fitting.templates import SMALL, data_changes, strength, templates, varied, with_knowledge
+from ..fitting.templates import SMALL, data_changes, strength, templates, varied, with_priors
 
 # Logarithm of a strength over that of first order, and the search for it. At the edges of a disc, slopes to either side
 # differ, by which strengths were off by 0.1 to 25 %.
@@ -69,7 +69,7 @@ class _Removal:
         columns = data_changes(problem)
         self.change = sum(columns[:, index] * amount for index, amount in amounts.items())
         self.rest = [index for index in range(columns.shape[1]) if index not in own]
-        self.beside = with_knowledge(columns, problem)[:, self.rest]
+        self.beside = with_priors(columns, problem)[:, self.rest]
         self.padding = np.zeros(len(self.beside) - len(self.change))
         self.wanted = np.concatenate([self.change, self.padding])
         alone = self.wanted - self.beside @ np.linalg.lstsq(self.beside, self.wanted, rcond=None)[0]
@@ -114,7 +114,7 @@ class _Removal:
             if unknown.effect != self.effect:
                 physics[unknown.effect][unknown.name] = float(unknown.value(number))
         physics[name] = _values(self.fitter, name, amount)
-        aligned = zip(problem.aligned, point[len(problem.unknowns) :], strict=True)
+        aligned = zip(problem.nuisances, point[len(problem.unknowns) :], strict=True)
         nuisance = {number.name: float(value) for number, value in aligned}
         effects = (*(key for key in fit.effects if key != self.effect), name)
         return replace(fit, effects=effects, physics=physics, nuisance=fit.nuisance | nuisance)
@@ -132,10 +132,10 @@ def _values(fitter: Fitter, name: str, amounts: np.ndarray) -> dict[str, float]:
     times = dict(zip([parameter.name for parameter in varied(fitter.model.parameters(name))], amounts, strict=True))
     values = {}
     for parameter in fitter.model.parameters(name):
-        number = parameter.number(parameter.typical)
+        number = parameter.to_variable(parameter.typical)
         if parameter.name in times:
-            none = parameter.number(parameter.neutral)
-            number = none + times[parameter.name] * (parameter.number(strength(parameter)) - none)
+            none = parameter.to_variable(parameter.neutral)
+            number = none + times[parameter.name] * (parameter.to_variable(strength(parameter)) - none)
         unknown = unknowns.get(parameter.name)
         if unknown is not None:
             values[parameter.name] = float(unknown.value(min(max(number, unknown.low), unknown.high)))

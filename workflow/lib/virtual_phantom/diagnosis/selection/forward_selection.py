@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from ...io.schema import defaults_of
-from ...physics.effect import load, offered
+from ...physics.effect import applicable_effects, load
 from ..fitting.fit import Fit, Fitter
-from ..fitting.trial import Trial, chance
+from ..fitting.trial import Trial, effect_p_value
 from ..residuals.dataset import Change
 from ..uncertainty.model_error import Errors
 from .exchange import exchanged
@@ -269,7 +269,7 @@ class ForwardSelection:
         losses, p, unconfounded = {}, {}, set(self.unconfounded)
         refitted: list[Trial] = []
         for effect, rest in without.items():
-            p[effect] = min(1.0, chance(current.fit, rest.fit, effect) * len(fits.candidates))
+            p[effect] = min(1.0, effect_p_value(current.fit, rest.fit, effect) * len(fits.candidates))
             others = fits.others(rest.fit.effects, but=effect)
             if effect in unconfounded:
                 losses[effect] = self.losses_if_unconfounded(effect, rest, others)
@@ -363,8 +363,8 @@ class CandidateFits:
 
     def others(self, effects: tuple[str, ...], but: str | None = None) -> list[str]:
         """Return the candidates that can act beside these effects and are not among them."""
-        there = self.fitter.model.whole(effects)
-        return [name for name in offered(self.candidates, there) if name not in (*effects, but)]
+        there = self.fitter.model.with_declared_effects(effects)
+        return [name for name in applicable_effects(self.candidates, there) if name not in (*effects, but)]
 
     def filters(self, fit: Fit, names: Sequence[str], **options) -> dict[str, Screened]:
         """Return the matched filters of effects beside a fit; options are those of `screening.screened`."""

@@ -9,7 +9,7 @@ from scipy import stats
 
 from ...base.errors import InputError
 from ...io.schema import defaults_of
-from ...physics.effect import offered
+from ...physics.effect import applicable_effects
 from ...statistics.multiplicity import bonferroni
 from ..fitting.fit import Fit
 from ..fitting.joint_fit import JointFit, JointFitter
@@ -122,7 +122,7 @@ class JointSelection:
 
     def add_effect(self, candidates: Sequence[str]) -> bool:
         """Accept the best further effect; return whether there is one."""
-        names = self.screen(offered(candidates, self.together.whole(self.current.effects)))
+        names = self.screen(applicable_effects(candidates, self.together.with_declared_effects(self.current.effects)))
         tried = [self.together.fit((*self.current.effects, name), self.current) for name in names]
         if not tried:
             return False

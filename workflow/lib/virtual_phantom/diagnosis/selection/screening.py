@@ -13,8 +13,8 @@ from scipy.optimize import lsq_linear
 from ...physics.effect import Parameter, load
 from ..fitting.fit import Fit, Fitter
 from ..fitting.problem import Problem
-from ..fitting.templates import SMALL, data_changes, projected, strength, templates, varied, whitened, with_knowledge
-from ..noise.gain_pattern import chance, estimate
+from ..fitting.templates import SMALL, data_changes, projected, strength, templates, varied, whitened, with_priors
+from ..noise.gain_pattern import estimate, pattern_p_value
 from ..uncertainty.model_error import distortions_of_physics
 from .processes import side_by_side
 from .progress import RANKED, DiagnosisProgress
@@ -91,8 +91,8 @@ class Remainder:
         errors : ndarray, shape (data, errors), optional
             Changes of the whitened data by model errors, one standard deviation each.
         """
-        columns = with_knowledge(columns, problem)
-        known = np.sqrt(problem.knowledge) * (problem.center - problem.start)
+        columns = with_priors(columns, problem)
+        known = np.sqrt(problem.prior_precision) * (problem.center - problem.start)
         residual = np.concatenate([residual, known])
         outward = columns.T @ residual
         low, high = problem.start <= problem.low, problem.start >= problem.high
@@ -146,13 +146,13 @@ def screened(
     errors = distortions_of_physics(fitter, fit, columns, accuracy, inexact) if accuracy and inexact else None
     remainders: dict[tuple, list[Remainder]] = {}
     for problem in problems.values():
-        if problem.aligned not in remainders:
-            remainders[problem.aligned] = [Remainder.of(problem, columns, residual)]
+        if problem.nuisances not in remainders:
+            remainders[problem.nuisances] = [Remainder.of(problem, columns, residual)]
             if errors is not None:
-                remainders[problem.aligned].append(Remainder.of(problem, columns, residual, errors))
+                remainders[problem.nuisances].append(Remainder.of(problem, columns, residual, errors))
 
     def screen(name: str) -> Screened:
-        left = remainders[problems[name].aligned]
+        left = remainders[problems[name].nuisances]
         if load(name).pattern:
             found = [_pattern(fitter, parts[0]), *(_pattern(fitter, _of_mean(fitter, other)) for other in left[1:])]
         else:
@@ -187,7 +187,7 @@ def _pattern(fitter: Fitter, residual: np.ndarray) -> Screened:
     pattern = estimate(mean, weight, fitter.data.whitening)
     found = fitter.data.whitened(np.where(fitter.data.usable, pattern.values, 0))
     gain = float((weight * (2 * mean - found) * found).sum())
-    return Screened(chance(pattern.rms, pattern.error), gain)
+    return Screened(pattern_p_value(pattern.rms, pattern.error), gain)
 
 
 def _best(parameters: Sequence[Parameter], rows: np.ndarray, count: int, left: Remainder) -> Screened:
@@ -211,8 +211,8 @@ def amounts(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
     if not parameters:  # it cannot be faint
         return np.array([SIZES[0]]), np.array([SIZES[1]])
     ends = [
-        sorted((one.number(end) - one.number(one.neutral)) / size for end in (one.low, one.high))
-        for one, size in ((one, one.number(strength(one)) - one.number(one.neutral)) for one in parameters)
+        sorted((one.to_variable(end) - one.to_variable(one.neutral)) / size for end in (one.low, one.high))
+        for one, size in ((one, one.to_variable(strength(one)) - one.to_variable(one.neutral)) for one in parameters)
     ]
     return tuple(np.array(ends).T)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from ...base.errors import InputError, refusing
 from ...io.documents import DIAGNOSIS, read_document
 from ...io.schema import defaults_of
-from ...physics.effect import READOUT_UNITS, absolute_attenuation, checked, load, of_one_scan
+from ...physics.effect import READOUT_UNITS, absolute_attenuation, checked, load, scan_parameters
 from ..fitting.fit import Fitter
 from ..fitting.joint_fit import NOT_OF_SCAN, parameters_owned_by
 from ..fitting.steps import NORMAL_95
@@ -102,12 +102,9 @@ def with_declared(model: FitSettings, path: str | Path | None) -> FitSettings:
         for name, values in found.effects.items()
     }
     for name, values in read_document(path, DIAGNOSIS).get("declared", {}).items():
-        known[name] = {
-            key: {"value": with_physics_source["value"], "sd": _error(with_physics_source)}
-            for key, with_physics_source in values.items()
-        }
+        known[name] = {key: {"value": prior["value"], "sd": _error(prior)} for key, prior in values.items()}
     for name, values in known.items():
-        for key, neutral in of_one_scan(name).items():
+        for key, neutral in scan_parameters(name).items():
             if key in values:
                 values[key] = {"value": neutral, "sd": abs(values[key]["value"] - neutral) + values[key]["sd"]}
     if not known:

@@ -23,7 +23,7 @@ from ..fitting.fit import Fit, Fitter
 from ..fitting.joint_fit import JointFit, JointFitter
 from ..fitting.problem import Problem
 from ..fitting.solver import joint_indices
-from ..fitting.steps import Known, standard_errors
+from ..fitting.steps import ScaledEigenvalues, standard_errors
 from ..fitting.templates import data_changes, whitened
 
 Distortions = Iterator[tuple[tuple[str, int | str], np.ndarray]]  # (model, shape), and (data,)
@@ -60,14 +60,14 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
         return Errors({name: dict(errors) for name, errors in fit.errors.items()}, dict(fit.nuisance_errors))
     problem = Problem.at(fitter, fit)
     numbers = _numbers([ModelErrorInfluence.of(problem, fit, without, accuracy, np.arange(len(problem.start)))])
-    names = [number.name for number in problem.aligned]
+    names = [number.name for number in problem.nuisances]
     return Errors(
         _named(problem, fit, numbers),
         fit.nuisance_errors | dict(zip(names, map(float, numbers[len(problem.unknowns) :]), strict=True)),
     )
 
 
-def errors_of_pulled(
+def joint_errors_with_models(
     scans: Mapping[str, ModelErrorInfluence], fits: Mapping[str, Fit] | None = None
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Return standard errors of effects' parameters in a joint fit, with model errors, by recording.
@@ -85,7 +85,7 @@ def errors_of_pulled(
     return {name: _named(scan.problem, fits[name], numbers[scan.places]) for name, scan in scans.items()}
 
 
-def pulled_of_recordings(
+def influences_of_recordings(
     together: JointFitter, fit: JointFit, without: Mapping[str, JointFit], accuracy: Mapping[str, float]
 ) -> dict[str, ModelErrorInfluence]:
     """Return each recording's information on the joint numbers, and the influence of model errors on it."""
@@ -130,8 +130,8 @@ def distortions_of_physics(
         change = whitened(fitter.data.residuals(there), fitter.weights) - after
         if name not in fit.effects:
             aligned = columns[:, len(problem.unknowns) :]
-            knowledge = Problem.at(other, fit).knowledge[-len(problem.aligned) :]
-            numbers, known = np.vstack([aligned, np.diag(np.sqrt(knowledge))]), np.zeros(len(knowledge))
+            prior_precision = Problem.at(other, fit).prior_precision[-len(problem.nuisances) :]
+            numbers, known = np.vstack([aligned, np.diag(np.sqrt(prior_precision))]), np.zeros(len(prior_precision))
             change -= aligned @ np.linalg.lstsq(numbers, np.concatenate([change, known]), rcond=None)[0]
         mean, rest = np.split(share * change, [here.mean.size])
         for number, shape in spread.items():  # what else is known of the data changes with the even one
@@ -160,11 +160,11 @@ def shapes(level: np.ndarray) -> dict[int, np.ndarray]:
     return found
 
 
-def harmonics(turned_rad: np.ndarray | None, shape: tuple[int, int, int]) -> dict[str, np.ndarray]:
+def harmonics(angles_rad: np.ndarray | None, shape: tuple[int, int, int]) -> dict[str, np.ndarray]:
     """Return waves over a turn, by which errors of a grid may vary with the viewing direction, of RMS 1, by name."""
-    if turned_rad is None:
+    if angles_rad is None:
         return {}
-    waves = {f"{wave.__name__} {times}": wave(times * turned_rad) for times in HARMONICS for wave in (np.cos, np.sin)}
+    waves = {f"{wave.__name__} {times}": wave(times * angles_rad) for times in HARMONICS for wave in (np.cos, np.sin)}
     sizes = {name: np.sqrt(np.mean(wave**2)) for name, wave in waves.items()}
     return {
         name: np.broadcast_to((wave / sizes[name])[:, None, None], shape)
@@ -197,7 +197,7 @@ class ModelErrorInfluence:
     fit: Fit
     places: np.ndarray
     information: np.ndarray
-    knowledge: np.ndarray
+    prior_precision: np.ndarray
     pulls: dict[tuple[str, int | str], np.ndarray]
     own: list[np.ndarray]
 
@@ -210,7 +210,7 @@ class ModelErrorInfluence:
         fitter = problem.fitter
         pulls = {key: changes.T @ change for key, change in _distortions(fitter, fit, without, accuracy)}
         own = [changes.T @ change for _, change in _of_steps(fitter, fit, accuracy)]
-        return cls(problem, fit, places, changes.T @ changes, problem.knowledge, pulls, own)
+        return cls(problem, fit, places, changes.T @ changes, problem.prior_precision, pulls, own)
 
     @property
     def alone(self) -> ModelErrorInfluence:
@@ -221,21 +221,21 @@ class ModelErrorInfluence:
 def _numbers(scans: Sequence[ModelErrorInfluence]) -> np.ndarray:
     """Return standard errors of all numbers of several recordings, shape (numbers,)."""
     count = 1 + max(int(scan.places.max()) for scan in scans)
-    information, knowledge = np.zeros((count, count)), np.zeros(count)
+    information, prior_precision = np.zeros((count, count)), np.zeros(count)
     times = np.bincount(np.concatenate([scan.places for scan in scans]), minlength=count)
     pulls: dict[tuple[str, int | str], np.ndarray] = {}
     own: list[np.ndarray] = []
     for scan in scans:
         places = scan.places
         information[np.ix_(places, places)] += scan.information
-        knowledge[places] += scan.knowledge / times[places]  # the prior of a shared number counts once
+        prior_precision[places] += scan.prior_precision / times[places]  # the prior of a shared number counts once
         for key, pull in scan.pulls.items():
             pulls.setdefault(key, np.zeros(count))[places] += pull
         for pull in scan.own:
             own.append(np.zeros(count))
             own[-1][places] = pull
-    information += np.diag(knowledge)
-    root, squares = Known.of(information).root, standard_errors(information) ** 2
+    information += np.diag(prior_precision)
+    root, squares = ScaledEigenvalues.of(information).root, standard_errors(information) ** 2
     for pull in (*pulls.values(), *own):
         squares = squares + (root @ (root.T @ pull)) ** 2
     return np.sqrt(squares)
@@ -294,7 +294,7 @@ def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distor
     here = fitter.predicted(fit)
     none = [np.zeros_like(part) for part in data.residuals(here)[1:]]
     spread = {key: shape for key, shape in shapes(here.mean).items() if key != 0}
-    spread |= harmonics(fitter.model.turned_rad, here.mean.shape)
+    spread |= harmonics(fitter.model.source_angles_rad, here.mean.shape)
     for name, change in errors.items():
         for key, shape in spread.items():
             yield (name, key), _whole(fitter, share * change * shape, none)

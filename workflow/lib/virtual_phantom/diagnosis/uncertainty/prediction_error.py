@@ -8,11 +8,11 @@ import numpy as np
 
 from ..fitting.fit import Fit, Fitter
 from ..fitting.problem import Problem
-from ..fitting.steps import Known
+from ..fitting.steps import ScaledEigenvalues
 from ..fitting.unknown import Unknown
 
 
-def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
+def changes_by_parameter_errors(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
     """Return changes of held-out predictions by errors of fitted parameters, by part, shape (directions, data).
 
     The directions are independent, each one standard error large. A residual of held-out data is
@@ -40,7 +40,7 @@ def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarr
     elsewhere = np.zeros(len(problem.start), bool)
     names = [(number.effect, number.name) for number in problem.unknowns]
     elsewhere[: len(names)] = [name in fit.elsewhere.get(effect, ()) for effect, name in names]
-    known = Known.of(information[np.ix_(~elsewhere, ~elsewhere)])
+    known = ScaledEigenvalues.of(information[np.ix_(~elsewhere, ~elsewhere)])
     fitted = np.zeros((len(known.values), len(elsewhere)))
     fitted[:, ~elsewhere] = known.root.T
     found = _found([problem.unknowns[place] for place in np.flatnonzero(elsewhere)], fit)

@@ -16,11 +16,11 @@ from scipy.sparse import issparse, sparray
 
 from ..fitting.fit import Fit
 from ..fitting.problem import Problem
-from ..fitting.steps import Known
+from ..fitting.steps import ScaledEigenvalues
 from ..fitting.templates import SMALL, whitened
 from ..noise.condensed import Observed
 from ..residuals.dataset import Change, PieceOfObject, Prepared
-from ..residuals.residual_tests import KINDS, Half, Location
+from ..residuals.residual_tests import KINDS, DomainTest, HalfResiduals
 from ..selection.forward_selection import Choice
 from ..uncertainty.prediction_error import of_both_halves
 
@@ -50,7 +50,7 @@ class _Side:
     data: Observed
 
     @classmethod
-    def of(cls, half: Half, jacobian: list[np.ndarray], steps: np.ndarray) -> _Side:
+    def of(cls, half: HalfResiduals, jacobian: list[np.ndarray], steps: np.ndarray) -> _Side:
         """Return the half from residuals, and from changes of the prediction over steps of the parameters."""
         changes = [whitened([rows[number] for rows in jacobian], half.weights) for number in range(len(steps))]
         root = np.sqrt(half.weights[0])
@@ -84,10 +84,10 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
     fitted, held = (_Side.of(half, jacobian, problem.steps) for half, jacobian in halves)
     # The amplitude of a distortion has a prior SD of 1.
     distortions = np.zeros(len(fitted.data.numerical))
-    knowledge = np.concatenate([problem.knowledge, distortions + 1])
-    off = np.concatenate([problem.knowledge * (problem.center - problem.start), distortions])
-    information = fitted.columns.T @ fitted.columns + np.diag(knowledge)
-    inverse = Known.of(information).covariance
+    prior_precision = np.concatenate([problem.prior_precision, distortions + 1])
+    off = np.concatenate([problem.prior_precision * (problem.center - problem.start), distortions])
+    information = fitted.columns.T @ fitted.columns + np.diag(prior_precision)
+    inverse = ScaledEigenvalues.of(information).covariance
     # One more step completes the fit, and fits the remaining amplitudes of numerical distortions.
     step = inverse @ (fitted.columns.T @ fitted.residual + off)
     residuals = fitted.residual - fitted.columns @ step, held.residual - held.columns @ step
@@ -189,7 +189,7 @@ def _change(
     return z, float(stats.norm.sf(z)), gain
 
 
-def standing_out(found: list[Change], least_gain: float) -> list[Location]:
+def standing_out(found: list[Change], least_gain: float) -> list[DomainTest]:
     """Return the most significant kind of change as a domain of residuals, as a list; empty without a kind.
 
     Parameters
@@ -204,7 +204,7 @@ def standing_out(found: list[Change], least_gain: float) -> list[Location]:
     standing = [change for change in found if change.gain > least_gain] or found[:1]
     best = standing[0]
     p = min(1.0, best.p * len(found)) if best.gain > least_gain else 1.0
-    return [Location(KINDS, best.words, best.z, p, np.array([change.z for change in found]))]
+    return [DomainTest(KINDS, best.words, best.z, p, np.array([change.z for change in found]))]
 
 
 def better(choice: Choice, found: Mapping[str, list[Change]], least: float) -> dict[str, Change]:

@@ -14,7 +14,7 @@ from ..fitting.model import Model
 from ..fitting.steps import interval
 from ..fitting.trial import Trial
 from ..residuals.dataset import Change, Prepared
-from ..residuals.residual_tests import EDGES, KINDS, Location, aligned
+from ..residuals.residual_tests import EDGES, KINDS, DomainTest, alignment_tests
 from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..uncertainty.intervals import intervals
 from ..uncertainty.model_error import Errors
@@ -40,7 +40,7 @@ class Diagnosis:
     ----------
     choice : Choice or None
         None if nothing was fitted, because the set-up is wrong.
-    before, after : list of Location
+    before, after : list of DomainTest
         Locations of mismatch on held-out data, with alignment alone and with the chosen effects.
     content : dict
         Content of diagnosis.json.
@@ -53,8 +53,8 @@ class Diagnosis:
     """
 
     choice: Choice | None
-    before: list[Location]
-    after: list[Location]
+    before: list[DomainTest]
+    after: list[DomainTest]
     content: dict
     prepared: Prepared | None = None
     scanned: Any = None
@@ -86,7 +86,7 @@ def diagnose(
 
     def places(fit, least_gain):
         fitted, held = prepared.halves(fit)
-        more = [*aligned(fit, fitter.model.distortions), *standing_out(kinds(fit), least_gain)]
+        more = [*alignment_tests(fit, fitter.model.distortions), *standing_out(kinds(fit), least_gain)]
         found = prepared.domains(held, fit, fitted, more)
         # Locations come before kinds of change, which have no location.
         return sorted(found, key=lambda place: (not place.significant, place.domain == KINDS))
@@ -143,7 +143,7 @@ def diagnose(
     return Diagnosis(choice, before, after, with_verdict_text(content, recording_lines(content)), prepared)
 
 
-def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing: list[Location]) -> float | None:
+def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing: list[DomainTest]) -> float | None:
     """Return the share of the held-out chi-square beyond noise that the effects remove; None if they remove nothing.
 
     The removed part is twice the gain in log score. The remaining part is a sum of products of fitted and held-out
@@ -153,7 +153,7 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
 
     Parameters
     ----------
-    standing : list of Location
+    standing : list of DomainTest
         Significant locations of the chosen model.
     """
     gained = 2 * (chosen.score - baseline.score)
@@ -262,7 +262,7 @@ def _errors(choice: Choice) -> Errors:
     return choice.errors or Errors(fit.errors, fit.nuisance_errors)
 
 
-def _location(place: Location) -> dict:
+def _location(place: DomainTest) -> dict:
     return {"domain": place.domain, "where": place.where, "z": place.z, "p": place.p, "map": f"{place.domain}.npy"}
 
 

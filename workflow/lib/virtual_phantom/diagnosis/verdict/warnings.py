@@ -17,7 +17,7 @@ from ..fitting.nuisance import SURE, Nuisance
 from ..fitting.steps import interval
 from ..fitting.unknown import Unknown
 from ..residuals.dataset import Prepared
-from ..residuals.residual_tests import ALPHA, EDGES, Location
+from ..residuals.residual_tests import ALPHA, EDGES, DomainTest
 from ..selection.forward_selection import Choice
 
 ALIKE = 0.9  # correlation of recording and simulation; less is another object, position or geometry
@@ -39,13 +39,13 @@ LEAST_REDUCED = 0.1
 
 
 def caveats(
-    prepared: Prepared, choice: Choice, tube_kvp: float | None = None, left: Sequence[Location] = ()
+    prepared: Prepared, choice: Choice, tube_kvp: float | None = None, left: Sequence[DomainTest] = ()
 ) -> list[str]:
     """Return sentences for the report on limits of the recording.
 
     Parameters
     ----------
-    left : sequence of Location, optional
+    left : sequence of DomainTest, optional
         Locations of the remaining mismatch, the worst first.
     """
     found = prepared.caveats()
