@@ -197,18 +197,18 @@ def shown(shares: dict[str, float]) -> str:
 def table(prepared: Prepared, fit: Fit, found: list[Template]) -> list[list[str]]:
     """Return the header and one row for each template."""
     correlation = separability.correlations(found)
-    in_range = separability.taken_up_in_range(prepared.fitter, fit, np.stack([one.whole for one in found]))
+    in_range = separability.absorbed_in_range(prepared.fitter, fit, np.stack([one.change for one in found]))
     effects, called = np.array([one.effect for one in found]), labels(found)
     rows = [["effect", "strength", "shows in", "absorbed, %", "remaining, SD", "most similar", "rho"]]
     for place, one in enumerate(found):
         alike = np.where(effects == one.effect, 0, np.nan_to_num(correlation[place]))
         other = int(np.argmax(np.abs(alike)))
-        first_order, within = percent(one.taken_up), percent(in_range[place])
+        first_order, within = percent(one.absorbed), percent(in_range[place])
         rows.append(
             [
                 called[place],
                 at(one, prepared.fitter.model),
-                shown(separability.shares(prepared.fitter, one.whole)),
+                shown(separability.shares(prepared.fitter, one.change)),
                 first_order if within == first_order else f"{first_order} ({within})",
                 number(np.linalg.norm(one.left)),
                 called[other],

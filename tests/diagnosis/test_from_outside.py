@@ -233,7 +233,7 @@ FAVORABLE = {"corrected": ["housing"], "helical": True}
 @pytest.mark.parametrize(
     ("settings", "scan", "message"),
     [
-        ({}, {}, "leakage needs nominal_photons"),
+        ({}, {}, "leakage is relative to nominal_photons"),
         ({"view_step": 2}, {}, "leakage changes from view to view"),
         ({}, {"helical": False}, "leakage changes along the axis"),
         ({}, {"parallel": True}, "leakage needs a focal spot"),

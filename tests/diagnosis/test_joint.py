@@ -14,7 +14,7 @@ from virtual_phantom.diagnosis.fitting.priors import declared
 from virtual_phantom.diagnosis.projections import observed
 from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.diagnosis.scanner.scanner import protocols_of, run_scanner_diagnosis
-from virtual_phantom.diagnosis.selection.joint_selection import MOST_FOLDS, choose_jointly, left_together
+from virtual_phantom.diagnosis.selection.joint_selection import MOST_FOLDS, choose_jointly, recording_folds
 from virtual_phantom.diagnosis.uncertainty import model_error
 from virtual_phantom.diagnosis.uncertainty.model_error import (
     errors_with_models,
@@ -338,10 +338,10 @@ def test_held_out_recording_takes_its_protocol_parameters_from_others_or_itself(
 
 def test_recordings_of_one_object_are_held_out_together(collimated):
     names = list("abcd")
-    assert left_together(names) == [["a"], ["b"], ["c"], ["d"]]
-    assert left_together(names, dict.fromkeys(names, "disc")) == [["a"], ["b"], ["c"], ["d"]]
-    assert left_together(names, {"a": "disc", "b": "body", "c": "disc", "d": "body"}) == [["a", "c"], ["b", "d"]]
-    many = left_together([str(number) for number in range(30)])
+    assert recording_folds(names) == [["a"], ["b"], ["c"], ["d"]]
+    assert recording_folds(names, dict.fromkeys(names, "disc")) == [["a"], ["b"], ["c"], ["d"]]
+    assert recording_folds(names, {"a": "disc", "b": "body", "c": "disc", "d": "body"}) == [["a", "c"], ["b", "d"]]
+    many = recording_folds([str(number) for number in range(30)])
     assert len(many) == MOST_FOLDS and sorted(len(one) for one in many) == [2] * 6 + [3] * 6
     objects = {name: "same" if name in ("large", "small") else name for name in AMOUNTS}
     together = JointFitter({name: one.fitter for name, one in collimated.items()})

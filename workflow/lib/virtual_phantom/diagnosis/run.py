@@ -31,12 +31,12 @@ from .setup.check import check_setup, setup_diagnosis
 from .uncertainty.model_error import errors_with_models
 from .verdict.object_mismatch import (
     MOST_PIECES,
-    beside,
     better_than,
     beyond_effects,
     differing,
     explains_all,
     no_physics,
+    piece_beside_effects,
 )
 from .verdict.unmodeled import ChangesOfFits
 from .verdict.verdict import Diagnosis, diagnose
@@ -176,7 +176,7 @@ def find_missing_physics(
         prepared, choice = _with_settled_noise(prepared, select, None if pieces else cache)
         piece = None
         if widest_mm and len(pieces) < MOST_PIECES:
-            piece = choice.piece or beside(prepared, choice, changes)
+            piece = choice.piece or piece_beside_effects(prepared, choice, changes)
         if piece is None or not may_be_corrected(piece):
             break
         prepared, pieces = prepared.with_piece(piece.piece, choice.chosen.fit), [*pieces, piece]

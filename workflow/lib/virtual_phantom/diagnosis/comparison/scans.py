@@ -54,9 +54,9 @@ def agreement_of_repeats(
 ) -> dict:
     """Return the agreement of repeats of projections with models, in images.
 
-    "before" is the model with alignment alone, "after" the chosen model. Each is drawn as often as there are repeats,
-    with the same random numbers, so that noise does not contribute to their difference. All are reconstructed by
-    filtered back-projection. Edge and ROIs follow the object location of the chosen model.
+    "before" is the model with alignment alone, "after" the chosen model. Each is simulated with as many repeats as the
+    recording has, and with the same random numbers, so noise does not contribute to their difference. All are
+    reconstructed by filtered back-projection. Edge and ROIs are at the object location of the chosen model.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class Reconstruction:
     Parameters
     ----------
     usable : ndarray of bool, shape (views, rows, columns)
-        Other rays are interpolated, in recordings and simulations.
+        Usable rays; other rays are interpolated, in recordings and simulations.
     """
 
     def __init__(

@@ -77,8 +77,8 @@ def bounded_step(information, gradient, point, low, high) -> np.ndarray:
     matrix, target = root[:, None] * known.vectors.T, known.vectors.T @ (gradient * units) / root
     moving = (units > 0) & (low < high)
     step = np.zeros(len(point))
-    room = ((low - point)[moving] / units[moving], (high - point)[moving] / units[moving])
-    step[moving] = units[moving] * lsq_linear(matrix[:, moving], target, room, method="bvls").x
+    margins = ((low - point)[moving] / units[moving], (high - point)[moving] / units[moving])
+    step[moving] = units[moving] * lsq_linear(matrix[:, moving], target, margins, method="bvls").x
     return step
 
 

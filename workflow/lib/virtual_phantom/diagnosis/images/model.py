@@ -21,8 +21,8 @@ from ..noise.condensed import Prediction
 from .observed import Condenser, ObservedImages
 
 REALIZATIONS = 7  # of noise; one more lane holds the mean
-WATER_SD = 0.3  # of the scale with a spectrum, as scanners calibrate HU with water at any energy
-IMAGES_KEPT = 6  # cached settings, as a Jacobian returns to its point for every parameter
+WATER_SD = 0.3  # of the scale with a spectrum, because scanners set water to 0 HU for every spectrum
+IMAGES_KEPT = 6  # cached settings; a Jacobian needs its point again for every parameter
 EARLIER = 0  # branch of the random stream of the realizations
 
 
@@ -56,7 +56,7 @@ class ImagesModel(Model):
         self._means, self._noises = LRUCache(IMAGES_KEPT), LRUCache(IMAGES_KEPT)
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
-        """Return the nuisance parameters. With absolute attenuation the scale is free, as water is set to 0 HU."""
+        """Return the nuisance parameters. With absolute attenuation, the scale has the wide prior of WATER_SD."""
         if not absolute_attenuation(self.with_declared_effects(effects)):
             return self.nuisances
         return tuple(

@@ -11,7 +11,7 @@ from .whitening import ImageWhitening
 
 # Blocks along z, y and x for the variance of the noise. Smaller blocks have few independent voxels.
 PARTS = (2, 4, 4)
-PRIOR = 8  # realizations that the common scatter of all blocks counts as
+PRIOR = 8  # weight of the common scatter of all blocks, in realizations
 LAGS = ((0, 0, 1), (0, 1, 0), (0, 0, 2), (0, 2, 0), (1, 0, 0))  # z, y, x, voxels
 
 
@@ -38,7 +38,7 @@ class ObservedImages(Observed):
 
 @dataclass(frozen=True)
 class NoiseStatistics:
-    """Variance by block and correlation by lag of noise over the SD of an ImageWhitening."""
+    """Variance by block and correlation by lag of noise that is divided by ImageWhitening.sd."""
 
     variance: np.ndarray
     correlation: np.ndarray

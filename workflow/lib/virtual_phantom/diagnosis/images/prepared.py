@@ -141,7 +141,7 @@ def prepare(
     fitted, held, words, usable = _split(repeats, further, valid)
     white = image_whitening(noise, valid, finer - coarse, max(len(fitted), 1))
     log_photons = np.log(nominal_photons or photons)
-    # The noise of a single fitted repeat is no datum, so that its photons need a prior.
+    # The noise of a single fitted repeat is not fitted, so the photons need a prior.
     final = model(log_photons, NOMINAL_PHOTONS_SD if nominal_photons or len(fitted) == 1 else np.inf)
     state = chain.state(physics, photons=photons, anode=anode)
     batches = (reconstruct(noise_lines(state, REALIZATIONS, branch)) for branch in seed.spawn(NULLS))

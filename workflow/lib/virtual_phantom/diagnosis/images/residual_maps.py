@@ -23,7 +23,7 @@ RINGS = 16  # of equal width around the isocenter
 
 
 def locate(half: HalfResiduals, fitted: HalfResiduals | None = None, more=()) -> list[DomainTest]:
-    """Return the worst location of every domain, from whitened voxels; arguments as in projections."""
+    """Test every domain of residuals of whitened voxels; arguments as in projections.residual_maps.locate."""
     data, shape = half.data, half.data.mean.shape
     residual, weight = half.residuals[0].reshape(shape), half.weights[0].reshape(shape)
 

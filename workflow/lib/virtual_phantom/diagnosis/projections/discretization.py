@@ -33,7 +33,8 @@ LEFT = {"rays": 1.0, "voxels": 1 / 3}
 def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tuple[Chain, Chain]:
     """Return the chain for fits, and a chain with more rays for Numerical.
 
-    In the first chain, rays through voxels follow displacements to first order. Path lengths in closed form need not.
+    In the first chain, path lengths through voxels are linearized for small displacements (PosedScene). Path lengths in
+    closed form are not linearized.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
 
 
 def added_of(pieces: Mapping[str, Inclusion], nuisance: Mapping[str, float]) -> Inclusions:
-    """Return State.added for pieces, each with its attenuation from the alignment, or 0."""
+    """Return State.added for pieces, each with its attenuation, a nuisance parameter; 0 if there is no value."""
     return tuple((piece, nuisance.get(name, 0.0)) for name, piece in pieces.items())
 
 
@@ -72,7 +73,7 @@ class Numerical:
         self.names = tuple(name for name, chain in (("rays", finer), ("voxels", coarser)) if chain is not None)
 
     def with_pieces(self, pieces: Mapping[str, Inclusion]) -> Numerical:
-        """Return the errors for an object with more pieces, by parameter of the alignment."""
+        """Return the errors for an object with pieces, {nuisance parameter with the attenuation: piece}."""
         found = copy.copy(self)
         found._kept, found._pieces = LRUCache(KEPT), pieces
         return found
@@ -82,7 +83,7 @@ class Numerical:
         return self._made(linearization)[0]
 
     def left(self, linearization: LinearizationPoint = NOMINAL) -> tuple[np.ndarray, ...]:
-        """Return the SD of each error after its fit, shape (views, rows, columns), in the order of `names`."""
+        """Return the SD that each error has after it is fitted, shape (views, rows, columns), in order of `names`."""
         return tuple(LEFT[name] * error for name, error in self.at(linearization).items())
 
     def needs_relinearization(self, linearization: LinearizationPoint, lines: np.ndarray, weights: np.ndarray) -> bool:

@@ -48,7 +48,7 @@ class ScansModel(Model):
     Attributes
     ----------
     pieces : mapping of str to Inclusion
-        {parameter of the alignment: piece of the object with this attenuation per mm}.
+        {nuisance parameter: piece of the object, whose excess attenuation in 1/mm is this parameter}.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class ScansModel(Model):
         self.pieces: Mapping[str, Inclusion] = {}
 
     def with_piece(self, number: Nuisance, piece: Piece) -> ScansModel:
-        """Return the model with one more piece of the object, whose attenuation is this parameter of the alignment."""
+        """Return the model with one more piece of the object, whose excess attenuation is the nuisance parameter."""
         found = copy.copy(self)
         found.nuisances = (*self.nuisances, number)
         found.pieces = {**self.pieces, number.name: Inclusion(piece.shape, piece)}
@@ -103,7 +103,7 @@ class ScansModel(Model):
         chain = self.linearized_at(linearization.rays, linearization.reach)
         physics, pose = before_images(physics), pose_of(nuisance)
         state = chain.state(physics, pose, photons=photons, anode=self.anode, added=added_of(self.pieces, nuisance))
-        # Minus the mean logarithm of noisy counts lies above minus the logarithm of their mean.
+        # Noise increases mean line integrals, because the mean logarithm is below the logarithm of the mean.
         above, variance = state.log_noise()
         lines = state.line_integrals()
         mean = nuisance["scale"] * lines + nuisance["offset"] + self.distortion(nuisance, linearization) + above

@@ -36,9 +36,10 @@ def locate(
     uncertain: Sequence[np.ndarray] | None = None,
     step: int = 1,
 ) -> list[DomainTest]:
-    """Return the worst location of every domain of residuals.
+    """Test every domain of residuals for its worst location.
 
-    The p-value of a domain is twice the smaller one of its worst location and of the sum of squares over all locations.
+    The p-value of a domain is twice the smaller one of two: of its worst location, and of the sum of squares over all
+    locations.
 
     Parameters
     ----------
@@ -49,7 +50,7 @@ def locate(
     more : sequence of DomainTest, optional
         Domains other than residuals.
     uncertain : sequence of ndarray, shape (directions, data), optional
-        Errors of the fitted parameters, by part (changes_by_parameter_errors).
+        Changes by errors of the fitted parameters, by part (changes_by_parameter_errors).
     step : int, optional
         Step between the used views. Texts have the numbers of the recording.
 
@@ -106,13 +107,13 @@ def _block_z(residual, weight, data, left, variance: ExtraVariance) -> np.ndarra
 
 
 def _path_lengths(residual, weight, predicted, variance: ExtraVariance) -> DomainTest:
-    """Return the worst range of line integrals."""
+    """Test ranges of line integrals."""
     inside = (weight > 0) & (predicted > THIN * predicted.max())
     return by_value("path length", "line integrals {:.2f} to {:.2f}", residual, weight, predicted, inside, variance)
 
 
 def _edges(residual, weight, predicted, numbers, data: ObservedScans) -> DomainTest:
-    """Return the rays where line integrals change most, which show blur, geometry and motion."""
+    """Test the rays where line integrals change most, which show blur, geometry and motion."""
     slope = _slope(predicted)
     # All rays of a block share one measured variance.
     of_weights = float((data.blocks.sum(steep(weight, slope)) ** 2 * data.weighed).sum())
@@ -135,10 +136,10 @@ def _slope(predicted) -> np.ndarray:
 
 
 def _both_halves(common: HalfProducts, steep: np.ndarray) -> DomainTest:
-    """Return the correlation of fitted and held-out residuals, for all rays or for the steepest.
+    """Test the correlation of fitted and held-out residuals, for all rays and for the steepest.
 
-    Unlike a sum of squares it does not depend on the noise level. It also detects small differences in all rays that
-    are significant at no location.
+    Unlike a sum of squares, the correlation does not depend on the noise level. It also detects small differences in
+    all rays that are not significant at any location.
 
     Parameters
     ----------
@@ -149,7 +150,7 @@ def _both_halves(common: HalfProducts, steep: np.ndarray) -> DomainTest:
 
 
 def _pixels(z, pixels) -> DomainTest:
-    """Return the sum of squares of each pixel's mean over all views, which shows rings."""
+    """Test the sum of squares of each pixel's mean over all views, which shows rings."""
     square, count = float((z**2).sum()), int((pixels > 0).sum())
     excess = (square - count) / np.sqrt(2 * max(count, 1))
     return DomainTest("pixels", "all pixels, mean over views", float(excess), float(stats.chi2.sf(square, count)), z)

@@ -38,7 +38,7 @@ class Difference:
     chi_square : float
         Chi-square of the difference, with noise and model errors.
     numbers : int
-        Number of parameters that both determine.
+        Number of parameters that this recording and the others determine.
     p : float
         p-value, corrected for the number of compared recordings.
     """
@@ -50,7 +50,7 @@ class Difference:
 
     @property
     def surprise(self) -> float:
-        """Minus the logarithm of the uncorrected p-value, also where that underflows."""
+        """Minus the logarithm of the uncorrected p-value, also for p-values below the range of floats."""
         return -float(stats.chi2.logsf(self.chi_square, self.numbers)) if self.numbers else 0.0
 
     @property
@@ -91,7 +91,7 @@ class _Shared:
     own : list of ndarray, shape (shared,)
         See ModelErrorInfluence.own.
     excess : float
-        Chi-square per ray of its own fit, at least 1, by which information and pulls are divided.
+        Chi-square per ray of the recording's own fit, at least 1. Information and pulls are divided by it.
     """
 
     score: np.ndarray
@@ -113,7 +113,7 @@ def alone(
     scans : mapping of str to ModelErrorInfluence
         Result of pulled_of_recordings for all recordings.
     judged : collection of str, optional
-        Test recordings, which others are not compared with.
+        Test recordings; the other recordings are not compared with them.
     """
     shared = np.flatnonzero(np.bincount(np.concatenate([influence.places for influence in scans.values()])) > 1)
     if not len(shared):
@@ -151,7 +151,7 @@ class _Compared:
         return now | {name: self.compared(name, rest) for name in self.known if name not in now}
 
     def compared(self, name: str, rest: Sequence[str]) -> Difference:
-        """Return the first-order difference; if it is significant, that of joint fits."""
+        """Return the first-order difference; if it is significant, return the smaller one of it and of joint fits."""
         found, share = self.by_slopes(name, rest)
         if not found.disagrees:
             return found

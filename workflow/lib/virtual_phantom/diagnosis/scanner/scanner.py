@@ -21,7 +21,7 @@ from .content import alone_content, declared_content, effect_content, recording_
 
 @dataclass(frozen=True)
 class ScannerDiagnosis:
-    """Result of a joint diagnosis; `content` is that of scanner.json."""
+    """Result of a joint diagnosis; `content` is the content of scanner.json."""
 
     choice: JointChoice
     content: dict
@@ -72,7 +72,7 @@ def run_scanner_diagnosis(
     objects : mapping of str to str, optional
         Scanned object of each recording. Recordings of one object are held out together.
     judged_on : sequence of str, optional
-        Recordings that serve as a test only: no effect is selected by them, and no physics fitted to them.
+        Test recordings: they are used neither to select effects nor to fit physics.
 
     Raises
     ------

@@ -21,7 +21,7 @@ from ..fitting.trial import Trial, trial
 from ..settings import FitSettings
 from ..uncertainty.model_error import Errors
 from ..verdict_text import recording_lines, with_verdict_text
-from .forward_selection import Choice, less
+from .forward_selection import Choice, without_effect
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def fit_with_fixed_physics(fitter: Fitter, baseline: Trial, physics: Physics, sa
     chosen = trial(fixed, tuple(physics.effects), baseline)
     without = {}
     for name in physics.effects:
-        rest = less(tuple(physics.effects), name)
+        rest = without_effect(tuple(physics.effects), name)
         without[name] = trial(fixed, rest, chosen) if rest else baseline
     gains = {name: chosen.score - rest.score for name, rest in without.items()}
     whole, noise = (

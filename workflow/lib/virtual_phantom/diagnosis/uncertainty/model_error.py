@@ -72,8 +72,8 @@ def joint_errors_with_models(
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Return standard errors of effects' parameters in a joint fit, with model errors, by recording.
 
-    As errors_with_models. Recordings share the models of effects, so that more recordings do not reduce their errors.
-    Errors of discretization are independent for each recording.
+    The method is that of errors_with_models. Recordings share the models of effects, so more recordings do not reduce
+    model errors. Discretization errors are independent between recordings.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def joint_errors_with_models(
 def influences_of_recordings(
     together: JointFitter, fit: JointFit, without: Mapping[str, JointFit], accuracy: Mapping[str, float]
 ) -> dict[str, ModelErrorInfluence]:
-    """Return each recording's information on the joint numbers, and the influence of model errors on it."""
+    """Return the information of each recording on the joint parameters, and the influence of model errors."""
     problems = {name: Problem.at(fitter, fit.fits[name]) for name, fitter in together.fitters.items()}
     places = joint_indices(problems, together.protocols)
     return {
@@ -104,10 +104,9 @@ def distortions_of_physics(
 ) -> np.ndarray:
     """Return changes of the whitened data by errors of effects' models, shape (data, distortions).
 
-    Each is one standard deviation. A declared effect explains what it changes less what the nuisance parameters would
-    absorb without it, to first order; all that a fitted effect changes may be wrong. Positions of rays and the object
-    involve no model, so that effects that move them have no such error. If effects are
-    fitted, non-uniform corrections for discretization count as model errors, too.
+    Each is one standard deviation. The error is a share of the change by the effect. For a declared effect, the part
+    that the nuisance parameters would absorb without it is subtracted, to first order. Effects that only move rays or
+    the object have no model error. If effects are fitted, non-uniform discretization errors are included.
 
     Parameters
     ----------
@@ -161,7 +160,7 @@ def shapes(level: np.ndarray) -> dict[int, np.ndarray]:
 
 
 def harmonics(angles_rad: np.ndarray | None, shape: tuple[int, int, int]) -> dict[str, np.ndarray]:
-    """Return waves over a turn, by which errors of a grid may vary with the viewing direction, of RMS 1, by name."""
+    """Return waves over a turn, with an RMS of 1, by name: errors of a grid may vary so with the viewing direction."""
     if angles_rad is None:
         return {}
     waves = {f"{wave.__name__} {times}": wave(times * angles_rad) for times in HARMONICS for wave in (np.cos, np.sin)}
@@ -175,7 +174,7 @@ def harmonics(angles_rad: np.ndarray | None, shape: tuple[int, int, int]) -> dic
 
 @dataclass(frozen=True)
 class ModelErrorInfluence:
-    """Information of one recording on the numbers, and the influence of model errors on them.
+    """Information of one recording on the fitted numbers, and the influence of model errors on them.
 
     Attributes
     ----------
@@ -184,13 +183,13 @@ class ModelErrorInfluence:
     places : ndarray of int, shape (numbers,)
         Positions of its numbers among those of all recordings.
     information : ndarray, shape (numbers, numbers)
-        By its data.
-    knowledge : ndarray, shape (numbers,)
-        By the priors; for numbers that recordings share, their mean counts.
+        Information of its data, without priors.
+    prior_precision : ndarray, shape (numbers,)
+        Inverse prior variances; for shared numbers, the mean over the recordings is used.
     pulls : dict of (str, int or str) to ndarray, shape (numbers,)
         {(model, shape): J'd}.
     own : list of ndarray, shape (numbers,)
-        J'd of distortions of this recording alone.
+        J'd of model errors that are specific to this recording.
     """
 
     problem: Problem
@@ -214,7 +213,7 @@ class ModelErrorInfluence:
 
     @property
     def alone(self) -> ModelErrorInfluence:
-        """The same for the only recording."""
+        """The same for this recording alone, without joint numbering."""
         return replace(self, places=np.arange(len(self.places)))
 
 
@@ -242,7 +241,7 @@ def _numbers(scans: Sequence[ModelErrorInfluence]) -> np.ndarray:
 
 
 def _named(problem: Problem, fit: Fit, numbers: np.ndarray) -> dict[str, dict[str, float]]:
-    """Return standard errors of a fit's parameters by name; those that are not numbers of the problem keep theirs."""
+    """Return standard errors of a fit's parameters by name; parameters that are not fitted keep their errors."""
     errors = {name: dict(errors) for name, errors in fit.errors.items()}
     for unknown, error in zip(problem.unknowns, numbers, strict=False):
         number = unknown.of(fit.physics[unknown.effect][unknown.name])
@@ -252,7 +251,7 @@ def _named(problem: Problem, fit: Fit, numbers: np.ndarray) -> dict[str, dict[st
 
 def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]) -> Distortions:
     """Yield changes of the whitened data by model errors, one standard deviation each."""
-    # One at a time: for a large scan they would not fit into memory together.
+    # They are yielded one at a time, because those of a large scan do not fit into memory together.
     data, here = fitter.data, fitter.predicted(fit)
     after, spread = data.residuals(here), shapes(here.mean)
     for name, fitted in without.items():
@@ -280,13 +279,13 @@ def _of_kernels(fitter: Fitter, fit: Fit, name: str, after: Sequence[np.ndarray]
 
 
 def kernel_error(parameter: Parameter, share: float) -> float:
-    """Return the share of a kernel that may have another form; `share` is the relative error of the effect's model."""
+    """Return Parameter.kernel_error, or `share`, the relative error of the effect's model; 0 without a kernel."""
     own = share if parameter.kernel_error is None else parameter.kernel_error
     return own if parameter.kernel else 0.0
 
 
 def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distortions:
-    """Yield changes by uneven corrections for finite steps; the size of even corrections is fitted."""
+    """Yield changes by non-uniform discretization errors; the size of uniform ones is fitted."""
     share, data = accuracy.get(NUMERICAL, 0.0), fitter.data
     errors = fitter.model.errors_of_steps(fit.linearization) if share else {}
     if not errors:
