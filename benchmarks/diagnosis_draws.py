@@ -33,7 +33,7 @@ from virtual_phantom.diagnosis.fitting.templates import whitened
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
-from virtual_phantom.diagnosis.projections.residual_maps import locate
+from virtual_phantom.diagnosis.projections.residual_maps import domain_tests
 from virtual_phantom.diagnosis.residuals.residual_tests import EDGE_SHARE, HalfResiduals, alignment_tests
 from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
@@ -62,7 +62,7 @@ def left_over(prepared_data, physics, fit):
     size = float(np.linalg.norm(whitened(parts, fitter.held_weights)))
     fitted = HalfResiduals([part.copy() for part in parts], fitter.weights, prepared_data.data)
     more = alignment_tests(fit, fitter.model.distortions)
-    places = locate(HalfResiduals(parts, fitter.held_weights, held_out), fit.pattern_variance, fitted, more)
+    places = domain_tests(HalfResiduals(parts, fitter.held_weights, held_out), fit.pattern_variance, fitted, more)
     # Without noise, a sum of squares lacks the expectation of the noise.
     weight = fitter.held_weights[0].reshape(shape)
     terms = {"edges": EDGE_SHARE * (weight > 0).sum(), "pixels": (weight.sum(axis=0) > 0).sum()}

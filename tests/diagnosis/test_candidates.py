@@ -56,7 +56,7 @@ def test_effects_without_effect_alone_are_candidates_with_the_effects_they_modif
         (["glow"], "projections", "there is no effect 'glow'"),
         (["slice_thickness"], "projections", "slice_thickness acts on images"),
         (["gain_pattern"], "images", "gain_pattern has one unknown per detector pixel"),
-        (["scatter", "photon_flux"], "projections", "photon_flux needs nominal_photons"),
+        (["scatter", "photon_flux"], "projections", "photon_flux is relative to nominal_photons"),
     ],
 )
 def test_impossible_candidates_are_rejected(effects, kind, message):

@@ -12,7 +12,7 @@ from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.noise.gain_pattern import estimate
 from virtual_phantom.diagnosis.noise.whitening import WHITE, Correlations, Whitening, estimated, of_state
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.residual_maps import locate
+from virtual_phantom.diagnosis.projections.residual_maps import domain_tests
 from virtual_phantom.diagnosis.residuals.residual_tests import HalfResiduals
 from virtual_phantom.diagnosis.uncertainty.prediction_error import changes_by_parameter_errors
 from virtual_phantom.physics.beam.materials import Segmentation
@@ -320,7 +320,7 @@ def test_single_repeat_takes_its_correlations_from_the_fit():
     def spread(one, of):
         half = one.half(fit, held_out=True)
         uncertain = changes_by_parameter_errors(of, fit)
-        places = locate(half, uncertain=uncertain)
+        places = domain_tests(half, uncertain=uncertain)
         z = next(place.map for place in places if place.domain == "projections")
         return np.sqrt((z**2).mean())
 

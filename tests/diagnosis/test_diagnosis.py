@@ -15,7 +15,7 @@ from virtual_phantom.diagnosis.fitting.linearization import Linearization, Linea
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.noise.gain_pattern import estimate
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.residual_maps import locate
+from virtual_phantom.diagnosis.projections.residual_maps import domain_tests
 from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA, HalfResiduals, variance_z
 from virtual_phantom.diagnosis.selection.store import read_trial, write_trial
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
@@ -164,11 +164,13 @@ def test_locations_of_a_difference_are_found(scene):
     shape = prepared_data.held_out.mean.shape
     moved = parts[0].reshape(shape).copy()
     moved[:, :, 17] += 0.01
-    worst = locate(HalfResiduals([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out))[0]
+    worst = domain_tests(HalfResiduals([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out))[0]
     assert worst.domain in ("columns", "pixels") and worst.p < ALPHA
     columns = next(
         place
-        for place in locate(HalfResiduals([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out))
+        for place in domain_tests(
+            HalfResiduals([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out)
+        )
         if place.domain == "columns"
     )
     assert columns.where == "column 17 of 40" and columns.z > 0
@@ -185,7 +187,7 @@ def test_difference_spread_over_all_rays_is_detected_in_both_halves(scene):
     def both_halves(added):
         parts, fitted = (fitter.residuals(fit, held_out) for held_out in (True, False))
         parts[0], fitted[0] = parts[0] + added, fitted[0] + added
-        places = locate(
+        places = domain_tests(
             HalfResiduals(parts, fitter.held_weights, prepared_data.held_out),
             fitted=HalfResiduals(fitted, fitter.weights, prepared_data.data),
         )
@@ -232,7 +234,7 @@ def test_one_fitted_repeat_is_compared_with_several(scene):
     fitter, fit = prepared_data.fitter, trial(prepared_data.fitter, ()).fit
     parts = fitter.residuals(fit)
     alone = HalfResiduals(parts[:1], fitter.weights[:1], replace(prepared_data.data, variance=None))
-    places = locate(HalfResiduals(parts, fitter.held_weights, prepared_data.held_out), fitted=alone)
+    places = domain_tests(HalfResiduals(parts, fitter.held_weights, prepared_data.held_out), fitted=alone)
     assert {"noise level", "noise correlation", "both halves"} <= {place.domain for place in places}
 
 

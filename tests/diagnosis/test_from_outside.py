@@ -238,7 +238,7 @@ FAVORABLE = {"corrected": ["housing"], "helical": True}
         ({}, {"helical": False}, "leakage changes along the axis"),
         ({}, {"parallel": True}, "leakage needs a focal spot"),
         ({}, {"corrected": ["housing", "dark"]}, r"leakage was corrected by the scanner's maker \(corrected: dark"),
-        ({}, {"corrected": []}, r"leakage is there .* state corrected: \[housing\]"),
+        ({}, {"corrected": []}, r"leakage models a correction .* state corrected: \[housing\]"),
     ],
 )
 def test_effect_is_a_candidate_where_its_needs_are_met(leaking, settings, scan, message):

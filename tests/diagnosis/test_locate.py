@@ -6,7 +6,7 @@ from scipy import stats
 
 from virtual_phantom.diagnosis.noise.condensed import Blocks
 from virtual_phantom.diagnosis.projections.observed import PARTS, ObservedScans
-from virtual_phantom.diagnosis.projections.residual_maps import locate
+from virtual_phantom.diagnosis.projections.residual_maps import domain_tests
 from virtual_phantom.diagnosis.residuals.residual_tests import HalfResiduals, normal_scores
 
 SHAPE = (24, 4, 32)
@@ -44,7 +44,7 @@ def test_measured_weights_do_not_raise_the_score_of_a_location():
     found: dict[str, list] = {}
     for _ in range(200):
         weight = blocks.spread((freedom - 2) / random.chisquare(freedom, blocks.count)).ravel()
-        for place in locate(HalfResiduals([random.normal(size=weight.size)], [weight], data)):
+        for place in domain_tests(HalfResiduals([random.normal(size=weight.size)], [weight], data)):
             found.setdefault(place.domain, []).append(place.map.ravel())
     for domain in ("columns", "rows", "views", "pixels", "projections"):
         z = np.concatenate(found[domain])

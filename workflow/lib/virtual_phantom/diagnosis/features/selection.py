@@ -56,7 +56,7 @@ class Trial:
     after: np.ndarray
 
     @property
-    def counts(self) -> bool:
+    def is_explanation(self) -> bool:
         """Whether the property explains a significant and material share."""
         return self.p < ALPHA and self.held_out >= MATERIAL
 
@@ -109,7 +109,7 @@ def alternatives(found: Mapping[Property, Trial]) -> list[Property]:
     best = next(iter(found.values()))
     rivals = []
     for changed, trial in list(found.items())[1:]:
-        if not trial.counts:
+        if not trial.is_explanation:
             continue
         difference = best.regions - trial.regions
         if np.ptp(difference) == 0 or stats.ttest_1samp(difference, 0, alternative="greater").pvalue >= AS_GOOD:

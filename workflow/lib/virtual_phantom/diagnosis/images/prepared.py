@@ -22,7 +22,7 @@ from ..residuals.dataset import Prepared, ResidualMaps
 from ..residuals.residual_tests import DomainTest, HalfResiduals
 from .model import REALIZATIONS, ImagesModel, noise_lines, scaled
 from .observed import Condenser
-from .residual_maps import locate
+from .residual_maps import domain_tests
 from .whitening import image_whitening, local_variance
 
 OFFSET_SD_HU = 1.0  # of the zero of the HU scale
@@ -57,7 +57,7 @@ class PreparedImages(Prepared):
         self, half: HalfResiduals, fit: Fit, fitted: HalfResiduals | None = None, more: Sequence[DomainTest] = ()
     ) -> list[DomainTest]:
         """See Prepared.domains."""
-        return locate(half, fitted, more)
+        return domain_tests(half, fitted, more)
 
     def recorded(self) -> np.ndarray:
         """See Prepared.recorded."""

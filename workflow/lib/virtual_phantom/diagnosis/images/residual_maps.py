@@ -22,8 +22,8 @@ AXES = ("slices", "rows", "columns")
 RINGS = 16  # of equal width around the isocenter
 
 
-def locate(half: HalfResiduals, fitted: HalfResiduals | None = None, more=()) -> list[DomainTest]:
-    """Test every domain of residuals of whitened voxels; arguments as in projections.residual_maps.locate."""
+def domain_tests(half: HalfResiduals, fitted: HalfResiduals | None = None, more=()) -> list[DomainTest]:
+    """Test every domain of residuals of whitened voxels; arguments as in projections.residual_maps.domain_tests."""
     data, shape = half.data, half.data.mean.shape
     residual, weight = half.residuals[0].reshape(shape), half.weights[0].reshape(shape)
 

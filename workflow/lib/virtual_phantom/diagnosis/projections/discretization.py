@@ -48,7 +48,7 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
     )
 
 
-def added_of(pieces: Mapping[str, Inclusion], nuisance: Mapping[str, float]) -> Inclusions:
+def inclusions_of(pieces: Mapping[str, Inclusion], nuisance: Mapping[str, float]) -> Inclusions:
     """Return State.added for pieces, each with its attenuation, a nuisance parameter; 0 if there is no value."""
     return tuple((piece, nuisance.get(name, 0.0)) for name, piece in pieces.items())
 
@@ -102,7 +102,7 @@ class Numerical:
 
     def _make(self, linearization: LinearizationPoint) -> tuple[dict[str, np.ndarray], np.ndarray]:
         def lines(chain: Chain) -> np.ndarray:
-            added = added_of(self._pieces, linearization.nuisance)
+            added = inclusions_of(self._pieces, linearization.nuisance)
             pose = pose_of(linearization.nuisance)
             return chain.state(linearization.physics, pose, anode=self._anode, added=added).line_integrals()
 

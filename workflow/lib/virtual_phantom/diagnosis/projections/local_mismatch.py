@@ -89,7 +89,7 @@ class Piece:
         )
 
 
-def reach_of(lines: np.ndarray, geometry: ScanGeometry) -> float:
+def object_radius_mm(lines: np.ndarray, geometry: ScanGeometry) -> float:
     """Return the radius of the attenuating object about the axis, as far as rays cover it, mm."""
     across = np.abs(geometry.column_positions_mm()) / geometry.magnification
     largest = lines.max(axis=(0, 1))
@@ -149,7 +149,7 @@ class FitResidual:
         )
 
 
-def found(left: FitResidual) -> Piece | None:
+def best_piece(left: FitResidual) -> Piece | None:
     """Return the ball or rod whose projections explain most of a residual.
 
     The result is None for geometries without back-projection, and if no piece explains anything.
@@ -158,10 +158,10 @@ def found(left: FitResidual) -> Piece | None:
     begun = [_optimized(start, some, start.radius_mm / 2, 0.3) for start in _coarse_search(left)]
     if not begun:
         return None
-    return refined(max(begun, key=lambda piece: _explained(piece, left)[0]), left)
+    return refined_piece(max(begun, key=lambda piece: _explained(piece, left)[0]), left)
 
 
-def refined(start: Piece, left: FitResidual) -> Piece | None:
+def refined_piece(start: Piece, left: FitResidual) -> Piece | None:
     """Return the piece near a given one that explains most of a residual; None if nothing is explained."""
     piece = _optimized(start, left.fewer, NEAR * start.radius_mm, NEAR)
     explained, more = _explained(piece, left)

@@ -16,7 +16,7 @@ from ..fitting.linearization import BASE, Linearization, LinearizationPoint, bef
 from ..fitting.model import Model
 from ..fitting.nuisance import Nuisance, pose_of
 from ..noise.condensed import Prediction
-from .discretization import Numerical, added_of
+from .discretization import Numerical, inclusions_of
 from .local_mismatch import Piece
 from .observed import ObservedScans, white_shape
 
@@ -102,7 +102,9 @@ class ScansModel(Model):
         photons = float(np.exp(nuisance["log_photons"]))
         chain = self.linearized_at(linearization.rays, linearization.reach)
         physics, pose = before_images(physics), pose_of(nuisance)
-        state = chain.state(physics, pose, photons=photons, anode=self.anode, added=added_of(self.pieces, nuisance))
+        state = chain.state(
+            physics, pose, photons=photons, anode=self.anode, added=inclusions_of(self.pieces, nuisance)
+        )
         # Noise increases mean line integrals, because the mean logarithm is below the logarithm of the mean.
         above, variance = state.log_noise()
         lines = state.line_integrals()

@@ -26,11 +26,11 @@ from ..uncertainty.prediction_error import changes_by_parameter_errors
 from ..workload import rays_of
 from .change_kinds import kinds
 from .discretization import Numerical
-from .local_mismatch import FitResidual, Piece, found, reach_of, refined
+from .local_mismatch import FitResidual, Piece, best_piece, object_radius_mm, refined_piece
 from .lost_rays import lost_rays_remark, truncation_of
 from .model import ScansModel
 from .observed import PARTS, ObservedScans, Scans, mean_squares, observe, with_noise_of_views
-from .residual_maps import excess_at_edges, locate
+from .residual_maps import domain_tests, excess_at_edges
 
 HALVES = 4  # repeats from which every second one is held out; with fewer, every second view
 MOST_PHOTONS = 1e12  # per pixel; more means data without noise
@@ -98,7 +98,7 @@ class PreparedScans(Prepared):
     ) -> list[DomainTest]:
         """See Prepared.domains."""
         uncertain = None if fitted is None else changes_by_parameter_errors(self.fitter, fit)
-        return locate(half, fit.pattern_variance, fitted, more, uncertain, self.step)
+        return domain_tests(half, fit.pattern_variance, fitted, more, uncertain, self.step)
 
     def share_at_edges(self, fit: Fit) -> float | None:
         """See Prepared.share_at_edges."""
@@ -113,7 +113,7 @@ class PreparedScans(Prepared):
     def piece(self, fit: Fit) -> PieceOfScan | None:
         """See Prepared.piece."""
         left = self._left(fit)
-        piece = found(left)
+        piece = best_piece(left)
         return None if piece is None else self._of_object(piece, left)
 
     def with_piece(self, piece: PieceOfScan, fit: Fit) -> PreparedScans:
@@ -133,7 +133,7 @@ class PreparedScans(Prepared):
                 break
             left = mended._left(fit)
             fitted = fit.nuisance[name] * left.lengths_mm(moved)
-            moved = refined(moved, replace(left, residual=left.residual + fitted)) or moved
+            moved = refined_piece(moved, replace(left, residual=left.residual + fitted)) or moved
         return best
 
     def pieces(self, fit: Fit) -> list[PieceOfScan]:
@@ -153,7 +153,7 @@ class PreparedScans(Prepared):
         half, predicted = self.half(fit, held_out=False), self.fitter.predicted(fit)
         residual, weight = (values[0].reshape(shape) for values in (half.residuals, half.weights))
         places = [geometry for geometry, _ in sources(predicted.state)]
-        middle_of_spot, reach_mm = places[len(places) // 2], reach_of(predicted.design[0], chain.geometry)
+        middle_of_spot, reach_mm = places[len(places) // 2], object_radius_mm(predicted.design[0], chain.geometry)
         moved = pose_of(fit.nuisance), chain.samples, middle_of_spot, predicted.state.motion_mm
         return FitResidual(self.data.as_recorded(residual), weight, chain.geometry, reach_mm, *moved)
 

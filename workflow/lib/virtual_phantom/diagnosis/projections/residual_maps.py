@@ -28,7 +28,7 @@ AXES = ("views", "rows", "columns")
 THIN = 0.05  # of the largest line integral, below which rays miss the object
 
 
-def locate(
+def domain_tests(
     half: HalfResiduals,
     constants: np.ndarray | None = None,
     fitted: HalfResiduals | None = None,

@@ -189,7 +189,7 @@ def _change(
     return z, float(stats.norm.sf(z)), gain
 
 
-def test_of_kinds(found: list[Change], least_gain: float) -> list[DomainTest]:
+def kinds_test(found: list[Change], least_gain: float) -> list[DomainTest]:
     """Return the test of all kinds of change as one domain, as a list; empty without a kind.
 
     Parameters

@@ -20,7 +20,7 @@ from ..uncertainty.intervals import intervals
 from ..uncertainty.model_error import Errors
 from ..verdict_text import MATCH, UNEXPLAINED, effect_name, recording_lines, with_verdict_text
 from .object_mismatch import content_of, excess
-from .unmodeled import ChangesOfFits, better_changes, test_of_kinds
+from .unmodeled import ChangesOfFits, better_changes, kinds_test
 from .warnings import caveats, doubts, statements
 
 LEFT_SD = 3.0  # standard deviations above which a sum of products is significant: 1 in 740 by chance
@@ -86,7 +86,7 @@ def diagnose(
 
     def places(fit, least_gain):
         fitted, held = prepared.halves(fit)
-        more = [*alignment_tests(fit, fitter.model.distortions), *test_of_kinds(kinds(fit), least_gain)]
+        more = [*alignment_tests(fit, fitter.model.distortions), *kinds_test(kinds(fit), least_gain)]
         found = prepared.domains(held, fit, fitted, more)
         # Other domains come before kinds of change, which have no location.
         return sorted(found, key=lambda place: (not place.significant, place.domain == KINDS))
