@@ -47,7 +47,7 @@ def samples_for(stated: int | None, shapes: bool, shape: tuple[int, int, int]) -
 def step_for(shape: tuple[int, int, int], samples: int) -> int:
     """Return the default step between fitted views, with which fits have at most MOST_FITTED rays.
 
-    The step is odd, as every second view would not show a focal spot that alternates between views.
+    The step is odd, because every second view would not show a focal spot that alternates between views.
     """
     step = max(1, math.ceil(rays_of(shape, samples) / MOST_FITTED))
     return min(step + (step + 1) % 2, max(1, (shape[0] // FEWEST_VIEWS - 1) | 1))

@@ -22,7 +22,7 @@ from ..selection.forward_selection import Choice
 from ..verdict_text import DIFFERENCES, MATCH, PRACTICAL, UNEXPLAINED, contradiction
 from .agreement import Features, Regions, agreement
 
-# Side of the squares whose mean HU is compared, as of the smallest squares for noise spectra.
+# Side of the squares whose mean HU is compared; noise spectra use the same smallest side.
 BLOCK_VOXELS = 8
 
 

@@ -83,7 +83,7 @@ def agreement_of_repeats(
         return {"metrics": {}, "left_out": {"images": str(error)}}
 
     def images(fit: Fit) -> np.ndarray:
-        # A new stream for each fit, as a used one counts its branches.
+        # A new stream for each fit, so that all have the same random numbers.
         return reconstruct(simulated_repeats(prepared, fit, len(repeats), generator(below(seed, NOISE))))
 
     features = Features(regions) if scanned is not None and scanned.rois else None

@@ -1,4 +1,4 @@
-"""Linearization points of predictions: part of every request, so that results do not depend on earlier ones."""
+"""Linearization points of predictions. Callers state them, so that predictions do not depend on earlier calls."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class LinearizationPoint:
     physics : mapping of str to mapping of str to float
         {effect: {parameter: value}}, for effects before images are made.
     nuisance : mapping of str to float
-        Nuisance parameters that move the object, and those of local mismatches.
+        Nuisance parameters of the object's pose and of local mismatches.
     """
 
     physics: Mapping[str, Mapping[str, float]] = field(default_factory=dict)

@@ -165,7 +165,7 @@ class Model(ABC):
             return Unknown(name, parameter.name, low, high, (expected,), None, expected, sd, parameter.power)
         expected, sd = (low + high) / 2, high - low  # a wide prior, against runaways
         starts = (min(max(parameter.to_variable(parameter.start), low), high),)
-        # A slice thinner than the distance of slices changes nothing, so that a fit would never leave it.
+        # Below the slice spacing, the slice thickness has no effect, so a fit that starts there would not change it.
         if parameter.neutral is None or (acts_on_images(name) and len(load(name).parameters) == 1):
             starts += tuple(low + share * (high - low) for share in STARTS)
         if label is not None and label.value is not None:

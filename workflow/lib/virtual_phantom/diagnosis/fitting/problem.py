@@ -16,7 +16,7 @@ from .nuisance import POSES, SURE, Nuisance
 from .steps import bounded_step
 
 MOST_LINEARISATIONS = 3  # maximum of recomputations of numerical errors in a fit, each after convergence
-# Starts tried where a fit has stalled: distances from its end, as shares of the range.
+# Further starts after a fit has stalled: distances from its end, as shares of the range.
 FARTHER = (-0.5, -0.1, 0.1, 0.5)
 # Finite differences: shares of the plausible range and of a nuisance parameter's standard deviation. Path lengths are
 # in single precision, so that smaller steps would measure rounding.
@@ -240,7 +240,7 @@ class Problem:
         return less_pattern(residuals, self.pattern, self.data)
 
     def chi_square(self, residuals: list[np.ndarray], point: np.ndarray) -> float:
-        """Return chi-square of residuals plus that of a point's deviation from the priors."""
+        """Return chi-square of the residuals plus chi-square of the deviation of a point from the priors."""
         return chi_square(self.weights, residuals) + float((self.prior_precision * (point - self.center) ** 2).sum())
 
     def jacobian(self, point: np.ndarray, residuals: list[np.ndarray]) -> list[np.ndarray]:

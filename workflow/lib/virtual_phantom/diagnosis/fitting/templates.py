@@ -50,7 +50,7 @@ def projected(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:
 
 
 def varied(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
-    """Return the parameters with a neutral value: each has a template of its own."""
+    """Return the parameters with a neutral value; each of them has its own template."""
     return tuple(parameter for parameter in parameters if parameter.neutral is not None)
 
 

@@ -38,7 +38,7 @@ class ImagesModel(Model):
     spacing_mm : tuple of 3 float
         Voxel size (z, y, x), mm.
     seed : Stream
-        Random stream of the noise realizations, which all predictions share, so that they change smoothly.
+        Random stream of the noise realizations. All predictions use the same realizations, so they change smoothly.
     """
 
     def __init__(

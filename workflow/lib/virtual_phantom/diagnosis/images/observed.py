@@ -62,7 +62,7 @@ class Condenser:
         self.blocks = Blocks.of(white.sd.shape, PARTS)
         self._counts = self.blocks.sum(white.used)
         self._pairs = [_shift_pairs(white.used, lag) for lag in LAGS]
-        # Only relative scatter counts, as nulls may have more noise than the recording.
+        # Only relative scatter is used, because the noise level of the nulls may differ from the recording.
         level = float(np.mean([white.over_sd(null)[white.used].var() for null in nulls]))
         each = [self.noise([null / np.sqrt(level)]) for null in nulls]
         variances = np.var([null.variance for null in each], axis=0, ddof=1)

@@ -65,7 +65,7 @@ class Correlations:
         return max(abs(own[0] - its[0]) for own, its in pairs) * np.sqrt(rays) > SEEN
 
     def of_second_differences(self, of_rows: bool = False) -> float:
-        """Return the variance of x[i - 1] - 2 x[i] + x[i + 1] of successive views over that of a view.
+        """Return the variance of x[i - 1] - 2 x[i] + x[i + 1] of successive views, relative to a view's variance.
 
         Parameters
         ----------
@@ -119,13 +119,13 @@ class Correlations:
         return float(np.clip(root, -MOST_ROOT, MOST_ROOT))
 
     def amplification(self) -> float:
-        """Return the variance of white noise with the same power at low frequencies, over that of a ray."""
+        """Return the variance of white noise with the same power at low frequencies, relative to a ray's variance."""
         first, memory = self.views
         of_views = max(1 + 2 * first / (1 - memory), LEAST_POWER)
         return float(self.power(1, 2)[0] * self.power(2, 2)[0] * of_views)
 
     def variance_of_squares(self, axis: int, length: int, places: slice = slice(None)) -> float:
-        """Return the variance of a sum of squares along an axis over that of white noise.
+        """Return the variance of a sum of squares along an axis, relative to white noise.
 
         This is n sum C_ij^2 / (sum C_ii)^2.
 
@@ -140,8 +140,8 @@ class Correlations:
     def variance_of_neighbors(self, axis: int, lengths: tuple[int, int, int]) -> float:
         """Return the variance of the sample correlation of neighbors along an axis, times the number of pairs.
 
-        It is to first order that of a ratio a / b of quadratic forms x'Mx, whose covariances are 2 tr(M C M' C); C is a
-        product by axis.
+        The correlation is a ratio of two quadratic forms x'Mx, whose covariances are 2 tr(M C M' C). The variance is of
+        first order, and the covariance C is a product over the axes.
 
         Parameters
         ----------
@@ -173,7 +173,7 @@ def of_state(state: State, apart: int | None = None) -> Correlations:
     Parameters
     ----------
     apart : int, optional
-        Distance of successive views in the scanner's views; None: that of the state.
+        Distance of successive views, in views of the scanner; None: as in the state.
     """
     share, memory, _ = state.lag
     if not (any(state.neighbours) or share):

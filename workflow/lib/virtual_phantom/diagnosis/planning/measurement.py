@@ -165,7 +165,7 @@ class FurtherScan:
     def _steps(self, problem: Problem) -> np.ndarray:
         """Return steps of derivatives with which all parameters change the data as much as a small displacement.
 
-        Two parameters with the same effect then have the same slopes even where data are nonlinear, as at edges.
+        Two equivalent parameters then have the same derivatives even if data are nonlinear, such as at edges.
         """
         place = len(problem.unknowns) + [number.name for number in problem.nuisances].index("x_mm")
         steps = problem.steps.copy()

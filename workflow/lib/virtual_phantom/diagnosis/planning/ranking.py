@@ -230,7 +230,7 @@ def _switched_off(model: Model, effect: str, values: Mapping[str, float]) -> dic
 
 
 def _keys(parts: Sequence[MeasurementInformation], group: Sequence[str]) -> list[Key]:
-    """Return the keys of the parameters of effects: shared ones, and those of each existing recording."""
+    """Return the keys of the parameters of effects, shared or specific to an existing recording."""
     keys = dict.fromkeys(key for part in parts for key in part.keys)
     return [key for key in keys if "alignment" not in key and set(group) & set(key[-2:-1])]
 

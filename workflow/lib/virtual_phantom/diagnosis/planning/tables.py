@@ -80,7 +80,7 @@ def best_measurement_text(found: MeasurementRanking) -> list[str]:
 
 
 def recording_template(name: str, ranked: RankedMeasurement, content: Mapping, settings: Mapping, repeats: int) -> str:
-    """Return the recording.yaml of a measurement, with all that is known beforehand, as commented YAML.
+    """Return the recording.yaml of a measurement, with all known entries, as commented YAML.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ KEPT = 4  # cached linearization points
 # are sharp. For a body with three inserts, 4 repeats of 1e5 photons and 2 rays, the chi-square of the error is 740,000
 # in 46,080 rays. Twice the rays leave 150,000 of it, four times 30,000 (for voxels with sharp edges 2,400 and 380).
 FINER, FINER_OF_SHAPES = 2, 4
-# Share of an error that remains after its fit, as errors of higher order differ from ray to ray.
+# Share of an error that remains after it is fitted, because errors of higher order differ from ray to ray.
 LEFT = {"rays": 1.0, "voxels": 1 / 3}
 
 

@@ -90,7 +90,7 @@ class Piece:
 
 
 def object_radius_mm(lines: np.ndarray, geometry: ScanGeometry) -> float:
-    """Return the radius of the attenuating object about the axis, as far as rays cover it, mm."""
+    """Return the radius of the attenuating object about the axis, mm; at most the half-width of the detector."""
     across = np.abs(geometry.column_positions_mm()) / geometry.magnification
     largest = lines.max(axis=(0, 1))
     return float(across[largest > ATTENUATES * largest.max()].max(initial=across.min()))

@@ -122,7 +122,7 @@ def observe(
     Parameters
     ----------
     reference : ndarray, shape (views, rows, columns)
-        Variance of a first model, by which variances are divided, so that they vary little within a block.
+        Variance of a first model. Variances are divided by it, so that they vary little within a block.
 
     Raises
     ------

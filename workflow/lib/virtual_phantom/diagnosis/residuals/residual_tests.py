@@ -87,7 +87,7 @@ class HalfProducts:
     numerical : list of ndarray, shape (data,)
         Expected products by each numerical error of the model.
     scatter : ndarray, shape (data,), or float
-        Relative variance of the weights, which adds to that of the products.
+        Relative variance of the weights, which adds to the variance of the products.
     """
 
     there: np.ndarray
@@ -215,7 +215,7 @@ def holm_corrected(found: list[DomainTest]) -> list[DomainTest]:
 
 @dataclass(frozen=True)
 class ExtraVariance:
-    """Variance of sums of weighted rays beyond that of independent noise.
+    """Variance of sums of weighted rays in addition to independent noise.
 
     Attributes
     ----------

@@ -83,7 +83,7 @@ class _Shared:
     Attributes
     ----------
     score : ndarray, shape (shared,)
-        Information times parameters, from the data alone, as priors count once for all recordings.
+        Information times parameters, from the data alone, because priors are counted once for all recordings.
     information : ndarray, shape (shared, shared)
         Information of the data and of the priors of the alignment.
     pulls : dict of (str, int or str) to ndarray, shape (shared,)

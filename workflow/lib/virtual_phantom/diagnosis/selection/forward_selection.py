@@ -61,7 +61,7 @@ class Choice:
     unconfounded : frozenset of str
         Effects whose gain neither model errors nor other effects can explain, however small it is.
     undecided : dict of str to float
-        {candidate: expected gain beside the selected effects, to first order} of candidates that are significant
+        {candidate: expected gain if added to the selected effects, to first order} of candidates that are significant
         against noise. They are not selected, because model errors of the selected effects may cause this gain.
     without : dict of str to Fit
         {effect: fit without it, all else refitted}.
@@ -97,7 +97,7 @@ class Choice:
     def ruled_out(self) -> dict[str, float]:
         """Effects that the data reject as an explanation, with the log score that each loses at best.
 
-        Effects that may be present beside the selected ones are not among them.
+        Effects that may be present in addition to the selected ones are not listed.
         """
         least: dict[str, float] = {}
         for effect, others in self.alternatives.items():
@@ -132,7 +132,7 @@ def choose(
         and `numerical` for discretization corrections. A gain that such errors may cause is neither evidence for
         another effect nor against an alternative. None: defaults of the configuration.
     alone : mapping of str to Screened, optional
-        Matched filters of the candidates beside the nuisance parameters, if they are known.
+        Matched filters of the candidates for the fit without effects, if they are known.
     """
     accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
     # Fits from other starts stay out of the cache, which holds one fit for each set of effects.
@@ -190,7 +190,7 @@ class ForwardSelection:
         return steps + (total * inexact / known if known else 0.0)
 
     def required_gain(self, beside: Trial, effect: str | None = None) -> float:
-        """Return the log score that an effect must gain beside a fit."""
+        """Return the log score that an effect must gain if it is added to a fit."""
         return LEAST_GAIN if effect in self.unconfounded else max(LEAST_GAIN, self.tolerance(beside))
 
     def add_effects(self) -> None:
@@ -335,7 +335,7 @@ class ForwardSelection:
         return losses, list(fitted.values())
 
     def _filters_beside(self, trial: Trial) -> dict[str, Screened]:
-        """Return the matched filters of all other candidates beside a fit, computed once for the latest one."""
+        """Return the matched filters of all other candidates for a fit, cached for the latest fit."""
         if trial.fit.effects != self._filtered:
             self._filtered = trial.fit.effects
             self._filters = self.fits.filters(trial.fit, self.fits.others(self._filtered))
@@ -351,7 +351,7 @@ class CandidateFits:
     refit, fit, screen : callable
         `trials` without and with a cache, and `screened`, for the fitter.
     alone : mapping of str to Screened
-        Matched filters beside the nuisance parameters, for candidates that can act alone.
+        Matched filters for the fit without effects, of candidates that can act alone.
     """
 
     fitter: Fitter
@@ -365,19 +365,19 @@ class CandidateFits:
     singles: dict[str, Trial] = field(default_factory=dict)
 
     def others(self, effects: tuple[str, ...], but: str | None = None) -> list[str]:
-        """Return the candidates that can act beside these effects and are not among them."""
+        """Return the candidates that can be added to these effects."""
         there = self.fitter.model.with_declared_effects(effects)
         return [name for name in applicable_effects(self.candidates, there) if name not in (*effects, but)]
 
     def filters(self, fit: Fit, names: Sequence[str], **options) -> dict[str, Screened]:
-        """Return the matched filters of effects beside a fit; options are those of `screening.screened`."""
+        """Return the matched filters of effects for a fit; options as in `screening.screened`."""
         return self.screen(fit, names, **({"accuracy": self.accuracy} | options)) if names else {}
 
     def unconfounded(self, fit: Fit, found: Mapping[str, Screened]) -> set[str]:
         """Return the effect that moves rays or the object whose gain nothing else explains, if there is one.
 
         Errors in the model of a signal cannot move rays. Effects that do not move rays are never unconfounded, because
-        other model errors may look like several of them. `found` are the matched filters beside the fit.
+        other model errors may look like several of them. `found` are the matched filters for the fit.
         """
         moving = [filtered for name, filtered in found.items() if load(name).kinematic]
         if sum(weight.size for weight in self.fitter.weights) > MOST_DATA or not any(
@@ -396,7 +396,7 @@ class CandidateFits:
         return {name: self.singles[name] for name in names}
 
     def beside(self, current: Trial, names: Sequence[str]) -> dict[str, Trial]:
-        """Fit candidates beside the effects of a fit."""
+        """Fit each candidate together with the effects of a fit."""
         tasks = [((*current.fit.effects, name), current, current) for name in names]
         return dict(zip(names, self.fit(tasks), strict=True))
 

@@ -95,7 +95,7 @@ class DiagnosisProgress:
         what : {RANKED, FITTED}
             Fits are added up; a ranking replaces the one before.
         beside : tuple of str, optional
-            Effects beside which others are ranked.
+            Fitted effects to which the ranked ones would be added.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Matched filters of a fit's residuals: the first-order gain of every effect beside the fit."""
+"""Matched filters of a fit's residuals: the first-order gain of every effect that could be added to the fit."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ SCREEN = 0.01  # significance level over all candidates below which an effect is
 # Candidates that are fitted, by their filters' gain: the first FEW, and all with at least NEAR_BEST of the best gain.
 # They must have at least LEAST_SHARE of the best gain, or of the gain of the effect that they replace.
 FEW, LEAST_SHARE, NEAR_BEST = 6, 0.1, 0.5
-# Share of its gain that an effect must keep beside model errors to be unconfounded. In two scans of the blind
-# validation's seed 16 row offsets kept 0.99 and 1.02, and a drift that was not there 0.24.
+# Share of its gain that an unconfounded effect must keep if model errors are fitted, too. In two scans of the blind
+# validation (seed 16), row offsets kept 0.99 and 1.02, and a drift that was not there 0.24.
 KEPT_BESIDE_MODEL_ERROR = 0.5
 
 
@@ -225,7 +225,7 @@ def explained(rows: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.
     lengths = lengths[lengths > 0]
     basis, triangle = np.linalg.qr((rows / lengths[:, None]).T)
     inside = basis.T @ residual
-    # A small penalty on the amounts, so that the difference of two equal templates does not count as a third.
+    # A small penalty on the amounts, so that rounding errors of two equal templates do not act as a third template.
     matrix = np.vstack([triangle, ALIKE * np.eye(len(rows))])
     target = np.concatenate([inside, np.zeros(len(rows))])
     solved = lsq_linear(matrix, target, (low * lengths, high * lengths), method="bvls")
@@ -245,7 +245,7 @@ def is_unconfounded(effect: str, beside: Mapping[str, Screened], least_gain: flo
     beside : mapping of str to Screened
         Matched filters of the effect and of all others, with model errors.
     least_gain, lead : float
-        Decrease of chi-square that the effect must reach beside model errors, and its least lead over the others.
+        Decrease of chi-square that model errors must not explain, and least lead of the effect over the others.
     """
     own = beside[effect].beside_model_error
     others = max((filtered.beside_model_error.gain for name, filtered in beside.items() if name != effect), default=0.0)
@@ -261,7 +261,7 @@ def worth_fitting(
     Parameters
     ----------
     model_error_gain : float, optional
-        Decrease of chi-square that must remain beside model errors; None: these are not considered.
+        Decrease of chi-square that model errors must not explain; None: model errors are not considered.
     """
     likely = {
         name: filtered

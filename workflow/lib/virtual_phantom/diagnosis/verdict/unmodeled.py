@@ -139,7 +139,7 @@ def _change(
 ) -> tuple[float, float, float] | None:
     """Return z, p and gain of one kind of change; None if the fit describes all of it.
 
-    A gain pattern has one constant per pixel besides the parameters of the fit, with variance `of_pattern`.
+    A gain pattern adds one constant per pixel, with variance `of_pattern`, to the parameters of the fit.
 
     Parameters
     ----------

@@ -112,7 +112,7 @@ class LinearizedScene:
     scene : PosedScene
         Traces the other scans.
     reach : float, optional
-        Factor of the linear range.
+        Factor by which the linear range is extended.
     """
 
     def __init__(self, scene: PosedScene, references: Sequence[TracedScan], reach: float = 1.0):
