@@ -94,7 +94,7 @@ class State:
         `signal` at EARLIER_VIEWS before each view, for afterglow in a scan that has only some of the scanner's views;
         None: interpolated from the views of the scan.
     slow_lag : tuple of 3 float
-        Second afterglow, as `lag`, that decays over so many views that its own noise averages out.
+        Second afterglow, as `lag`. It decays over so many views that its noise averages out.
     anti_scatter_ratio : tuple of 2 float
         Grid ratio (height of the septa divided by their distance) across columns and across rows; 0: no grid. A grid
         absorbs radiation that is scattered by larger angles.

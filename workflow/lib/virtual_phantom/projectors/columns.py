@@ -28,7 +28,7 @@ Line = namedtuple("Line", "values whole part")
 
 
 def empty_line(cells: int) -> Line:
-    """Return work arrays for lines of at most so many cells or positions, without padding."""
+    """Return work arrays for lines with at most `cells` cells or positions, not counting padding."""
     size = cells + 5  # padding, and rounding at the end of the line
     return Line(np.zeros(size, np.float32), np.empty(size, np.int32), np.empty(size, np.float32))
 

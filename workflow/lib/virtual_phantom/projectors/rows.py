@@ -42,7 +42,7 @@ def packed(amounts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def distribute_rows(rays: Bundles, shape: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Distribute rows over registers: each takes as many as it can look up, and repeats its last row in the rest.
+    """Distribute rows over registers. A register holds as many rows as it can look up, and then repeats the last one.
 
     Returns
     -------

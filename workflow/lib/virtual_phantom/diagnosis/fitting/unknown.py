@@ -52,7 +52,7 @@ class Unknown:
     def value_error(self, number: float, error: float) -> float:
         """Return the standard error of the parameter.
 
-        Its 95 % interval reaches at least as far as that interval of the variable.
+        The 95 % interval of the parameter contains the transformed 95 % interval of the variable.
         """
         if self.power == 1 or not np.isfinite(error):
             return error

@@ -1,4 +1,4 @@
-"""Repeats of an image, condensed to statistics like those of projections (projections.observed)."""
+"""Repeats of an image, condensed to the same kinds of statistics as projections (projections.observed)."""
 
 from __future__ import annotations
 

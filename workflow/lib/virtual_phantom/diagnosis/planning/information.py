@@ -17,7 +17,7 @@ from scipy.optimize import lsq_linear
 from ..fitting.problem import Problem
 from ..fitting.templates import whitened
 
-# Added to the diagonal of matrices scaled to a diagonal of 1, so that undetermined parameters do not make them singular.
+# Added to the diagonal of matrices scaled to a diagonal of 1. Undetermined parameters then do not make them singular.
 RIDGE = 1e-12
 
 Key = tuple[str, ...]  # of a parameter: (effect, parameter) if measurements share it, else the measurement's name first

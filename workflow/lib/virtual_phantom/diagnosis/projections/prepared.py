@@ -121,17 +121,17 @@ class PreparedScans(Prepared):
         name, moved = f"{PIECE}{len(self.fitter.model.pieces) + 1}", piece.piece
         best, least = self, np.inf
         for _ in range(MOST_MOVES):
-            mended = self._with(name, moved)
+            corrected = self._with(name, moved)
             if name not in fit.nuisance:  # the alignment was biased by the mismatch
-                expected = {number.name: number.expected for number in mended.fitter.model.alignment(fit.effects)}
+                expected = {number.name: number.expected for number in corrected.fitter.model.alignment(fit.effects)}
                 fit = replace(fit, nuisance=expected)
-            fit = mended.fitter.fit(fit.effects, fit)
+            fit = corrected.fitter.fit(fit.effects, fit)
             gained, least = least - fit.chi_square, min(least, fit.chi_square)
             if gained > 0:
-                best = mended
+                best = corrected
             if gained < SETTLED:
                 break
-            left = mended._left(fit)
+            left = corrected._left(fit)
             fitted = fit.nuisance[name] * left.lengths_mm(moved)
             moved = refined_piece(moved, replace(left, residual=left.residual + fitted)) or moved
         return best

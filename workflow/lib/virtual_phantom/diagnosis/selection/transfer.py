@@ -63,7 +63,7 @@ class Physics:
         with refusing(f"{path}: is no diagnosis", *kinds, advice="make it again"):
             content = read_document(path, DIAGNOSIS)
             if "alignment" not in content:  # nothing was fitted
-                raise InputError(f"{path}: {content['sentence']} Physics cannot be taken from it; mend that first")
+                raise InputError(f"{path}: {content['sentence']} Physics cannot be taken from it; correct that first")
             found = {effect["name"]: effect["parameters"] for effect in content["effects"]}
             recording, scale = content["recording"], content["alignment"]["scale"]
             taken = {name: values for name, values in found.items() if not load(name).pattern}

@@ -133,7 +133,7 @@ def distortions_of_physics(
             numbers, known = np.vstack([aligned, np.diag(np.sqrt(prior_precision))]), np.zeros(len(prior_precision))
             change -= aligned @ np.linalg.lstsq(numbers, np.concatenate([change, known]), rcond=None)[0]
         mean, rest = np.split(share * change, [here.mean.size])
-        for number, shape in spread.items():  # what else is known of the data changes with the even one
+        for number, shape in spread.items():  # other parts of the data change only with shape 0
             found.append(np.concatenate([mean * shape.ravel(), rest if number == 0 else np.zeros_like(rest)]))
         if name in fit.effects:
             found += [change for _, change in _of_kernels(fitter, fit, name, parts, share)]
@@ -260,7 +260,7 @@ def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy:
         share, there = accuracy.get(name, accuracy["default"]), fitter.predicted(fitted)
         rest = [share * (part - other) for part, other in zip(data.residuals(there), after, strict=True)][1:]
         change = share * (here.mean - there.mean)
-        for number, shape in spread.items():  # what else is known of the data changes with the even one
+        for number, shape in spread.items():  # other parts of the data change only with shape 0
             yield (name, number), _whole(fitter, change * shape, rest)
             rest = [np.zeros_like(part) for part in rest]
         yield from _of_kernels(fitter, fit, name, after, share)

@@ -51,8 +51,8 @@ def explains_all(piece: Change, prepared: Prepared, baseline: Trial) -> bool:
     before, noise = excess(prepared, baseline.fit), np.sqrt(_count(prepared) / 2)
     if before < FAR * noise or piece.gain < before / 2:  # the gain is of first order
         return False
-    mended = prepared.with_piece(piece.piece, baseline.fit)
-    return excess(mended, mended.fitter.fit(())) < NOISE * noise
+    corrected = prepared.with_piece(piece.piece, baseline.fit)
+    return excess(corrected, corrected.fitter.fit(())) < NOISE * noise
 
 
 def excess(prepared: Prepared, fit: Fit) -> float:
@@ -95,12 +95,12 @@ def _piece(found: Sequence[Change]) -> Change | None:
     return next((change for change in found if change.piece is not None), None)
 
 
-def content_of(pieces: Sequence[Change], mended: bool, excess: float | None = None) -> dict:
+def content_of(pieces: Sequence[Change], corrected: bool, excess: float | None = None) -> dict:
     """Return section `object` of diagnosis.json.
 
     Parameters
     ----------
-    mended : bool
+    corrected : bool
         Whether the diagnosis continued with the corrected object.
     excess : float, optional
         Held-out log score beyond noise, of which the first piece explains a share.
@@ -109,4 +109,4 @@ def content_of(pieces: Sequence[Change], mended: bool, excess: float | None = No
         {**piece.piece.content, "what": piece.words, "held_out_gain": piece.gain, "z": piece.z} for piece in pieces
     ]
     removes = {} if excess is None else {"removes": min(1.0, pieces[0].gain / max(excess, pieces[0].gain))}
-    return {"mended": mended, "pieces": listed} | removes
+    return {"mended": corrected, "pieces": listed} | removes
