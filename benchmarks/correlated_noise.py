@@ -16,7 +16,7 @@ from benchmarks.common import chain_scans
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import prepared
-from virtual_phantom.diagnosis.residuals.residual_tests import aligned
+from virtual_phantom.diagnosis.residuals.residual_tests import alignment_tests
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
@@ -84,7 +84,7 @@ def location_rows(chain, model, name, physics, draw, repeats=REPEATS):
         prepared_data = correlated
         fit = trial(prepared_data.fitter, tuple(physics), trial(prepared_data.fitter, ())).fit
     fitted, held_out = prepared_data.halves(fit)
-    places = prepared_data.domains(held_out, fit, fitted, aligned(fit, prepared_data.fitter.model.distortions))
+    places = prepared_data.domains(held_out, fit, fitted, alignment_tests(fit, prepared_data.fitter.model.distortions))
     worst = places[0]
     row = {"setting": name, "draw": draw, "seconds": round(time.perf_counter() - began, 2)}
     row |= {"verdict": "left" if worst.significant else "nothing left", "worst": worst.domain, "p": worst.p}

@@ -33,8 +33,8 @@ from virtual_phantom.diagnosis.fitting.templates import whitened
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
-from virtual_phantom.diagnosis.projections.residual_maps import locate
-from virtual_phantom.diagnosis.residuals.residual_tests import EDGE_SHARE, Half, aligned
+from virtual_phantom.diagnosis.projections.residual_maps import domain_tests
+from virtual_phantom.diagnosis.residuals.residual_tests import EDGE_SHARE, HalfResiduals, alignment_tests
 from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.chain import Chain
@@ -51,7 +51,7 @@ FIELDS = (
 def left_over(prepared_data, physics, fit):
     """Hidden physics that a fit does not explain, without noise: size in SDs, and domains where it is significant."""
     fitter, held_out = prepared_data.fitter, prepared_data.held_out
-    place = {one.name: one.expected for one in fitter.model.aligned}
+    place = {one.name: one.expected for one in fitter.model.nuisances}
     truth = fitter.model.predict(physics, place, held_out, Linearization(*2 * (LinearizationPoint.of(physics, place),)))
     gain = fitter.model.chain.state(physics).gain
     found = fitter.model.predict(fit.physics, fit.nuisance, held_out, fit.linearization)
@@ -60,9 +60,9 @@ def left_over(prepared_data, physics, fit):
     pattern = (0 if fit.pattern is None else -fit.pattern) - (0 if gain is None else np.log(gain))
     parts[0] = (parts[0].reshape(shape) + held_out.whitened(np.where(held_out.usable, pattern, 0))).ravel()
     size = float(np.linalg.norm(whitened(parts, fitter.held_weights)))
-    fitted = Half([part.copy() for part in parts], fitter.weights, prepared_data.data)
-    more = aligned(fit, fitter.model.distortions)
-    places = locate(Half(parts, fitter.held_weights, held_out), fit.pattern_variance, fitted, more)
+    fitted = HalfResiduals([part.copy() for part in parts], fitter.weights, prepared_data.data)
+    more = alignment_tests(fit, fitter.model.distortions)
+    places = domain_tests(HalfResiduals(parts, fitter.held_weights, held_out), fit.pattern_variance, fitted, more)
     # Without noise, a sum of squares lacks the expectation of the noise.
     weight = fitter.held_weights[0].reshape(shape)
     terms = {"edges": EDGE_SHARE * (weight > 0).sum(), "pixels": (weight.sum(axis=0) > 0).sum()}

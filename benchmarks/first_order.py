@@ -13,7 +13,7 @@ from benchmarks import common
 from benchmarks.common.chain_scans import GEOMETRY, PHOTONS, prepared_with_floor, scans, scene, strengths
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.selection.forward_selection import AS_GOOD, LEAST_GAIN
-from virtual_phantom.diagnosis.selection.screening import Screened, could_win, screened
+from virtual_phantom.diagnosis.selection.screening import Screened, screened, worth_fitting
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, names
 
@@ -37,7 +37,7 @@ def summary(rows):
     for row in rows:
         found = {one: Screened(p, gain, blind) for one, (gain, blind, _, p) in row["candidates"].items()}
         scores = {one: score for one, (_, _, score, _) in row["candidates"].items()}
-        few, best = could_win(found), max(scores, key=scores.get)
+        few, best = worth_fitting(found), max(scores, key=scores.get)
         fitted += len(few)
         if scores[best] < LEAST_GAIN:
             continue

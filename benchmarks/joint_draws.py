@@ -18,7 +18,7 @@ from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA
 from virtual_phantom.diagnosis.scanner.consistency import alone
-from virtual_phantom.diagnosis.uncertainty.model_error import errors_of_pulled, pulled_of_recordings
+from virtual_phantom.diagnosis.uncertainty.model_error import influences_of_recordings, joint_errors_with_models
 from virtual_phantom.physics.effect import load
 from virtual_phantom.proof.hiding.objects import OBJECTS
 
@@ -57,8 +57,8 @@ def fitted(made, effects, accuracy):
         made = again
         together, found = fit()
     without = {name: together.fit(tuple(one for one in names if one != name), found) for name in names}
-    scans = pulled_of_recordings(together, found, without, accuracy)
-    errors, first = errors_of_pulled(scans), next(iter(made))
+    scans = influences_of_recordings(together, found, without, accuracy)
+    errors, first = joint_errors_with_models(scans), next(iter(made))
     rows = [
         {
             "effect": effect["name"],

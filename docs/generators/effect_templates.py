@@ -27,7 +27,7 @@ from virtual_phantom.figures.style import label, number, save
 from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, names, offered
+from virtual_phantom.physics.effect import acts_on_images, applicable_effects, names
 from virtual_phantom.physics.scenes.scene import VoxelScene
 from virtual_phantom.recordings.projections import Projections
 
@@ -197,18 +197,18 @@ def shown(shares: dict[str, float]) -> str:
 def table(prepared: Prepared, fit: Fit, found: list[Template]) -> list[list[str]]:
     """Return the header and one row for each template."""
     correlation = separability.correlations(found)
-    in_range = separability.taken_up_in_range(prepared.fitter, fit, np.stack([one.whole for one in found]))
+    in_range = separability.absorbed_in_range(prepared.fitter, fit, np.stack([one.change for one in found]))
     effects, called = np.array([one.effect for one in found]), labels(found)
     rows = [["effect", "strength", "shows in", "absorbed, %", "remaining, SD", "most similar", "rho"]]
     for place, one in enumerate(found):
         alike = np.where(effects == one.effect, 0, np.nan_to_num(correlation[place]))
         other = int(np.argmax(np.abs(alike)))
-        first_order, within = percent(one.taken_up), percent(in_range[place])
+        first_order, within = percent(one.absorbed), percent(in_range[place])
         rows.append(
             [
                 called[place],
                 at(one, prepared.fitter.model),
-                shown(separability.shares(prepared.fitter, one.whole)),
+                shown(separability.shares(prepared.fitter, one.change)),
                 first_order if within == first_order else f"{first_order} ({within})",
                 number(np.linalg.norm(one.left)),
                 called[other],
@@ -228,7 +228,7 @@ def at(one: Template, model: Model) -> str:
 if __name__ == "__main__":
     prepared = recording()
     fit = prepared.fitter.fit(())
-    alone = offered((name for name in names() if not acts_on_images(name)), ())
+    alone = applicable_effects((name for name in names() if not acts_on_images(name)), ())
     found = separability.templates_of_effects(prepared.fitter, fit, alone)
     save(draw_templates(panels(prepared, found)), [IMAGES / "effect_templates.png"])
     order = separability.grouped(separability.correlations(found))

@@ -8,7 +8,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.candidate_effects import candidate_conditions, candidates, check_accuracy, check_kinds
 from virtual_phantom.diagnosis.settings import RecordingSettings
-from virtual_phantom.physics.effect import acts_on_images, names, offered
+from virtual_phantom.physics.effect import acts_on_images, applicable_effects, names
 
 
 def stated(**settings):
@@ -46,8 +46,8 @@ def test_tube_current_along_z_needs_a_source_that_moves_along_z():
 
 def test_effects_without_effect_alone_are_candidates_with_the_effects_they_modify():
     every = ["anti_scatter_grid", "slow_afterglow", "motion"]
-    assert offered(every, ()) == ["motion"]
-    assert offered(every, ("scatter",)) == ["anti_scatter_grid", "motion"]
+    assert applicable_effects(every, ()) == ["motion"]
+    assert applicable_effects(every, ("scatter",)) == ["anti_scatter_grid", "motion"]
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_effects_without_effect_alone_are_candidates_with_the_effects_they_modif
         (["glow"], "projections", "there is no effect 'glow'"),
         (["slice_thickness"], "projections", "slice_thickness acts on images"),
         (["gain_pattern"], "images", "gain_pattern has one unknown per detector pixel"),
-        (["scatter", "photon_flux"], "projections", "photon_flux needs nominal_photons"),
+        (["scatter", "photon_flux"], "projections", "photon_flux is relative to nominal_photons"),
     ],
 )
 def test_impossible_candidates_are_rejected(effects, kind, message):

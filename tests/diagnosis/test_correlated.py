@@ -12,9 +12,9 @@ from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.noise.gain_pattern import estimate
 from virtual_phantom.diagnosis.noise.whitening import WHITE, Correlations, Whitening, estimated, of_state
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.residual_maps import locate
-from virtual_phantom.diagnosis.residuals.residual_tests import Half
-from virtual_phantom.diagnosis.uncertainty.prediction_error import left_by_numbers
+from virtual_phantom.diagnosis.projections.residual_maps import domain_tests
+from virtual_phantom.diagnosis.residuals.residual_tests import HalfResiduals
+from virtual_phantom.diagnosis.uncertainty.prediction_error import changes_by_parameter_errors
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.noise.correlation import correlations
@@ -254,12 +254,12 @@ def test_errors_of_a_fit_are_those_of_the_directions_that_parameters_span():
     prepared_data = prepared.prepare(scans(chain, {}, np.random.default_rng(8)), None, chain, nominal_photons=PHOTONS)
     fitter = prepared_data.fitter
     fit = trial(fitter, ("electronic_noise",)).fit
-    found = left_by_numbers(fitter, fit)
+    found = changes_by_parameter_errors(fitter, fit)
     total = sum(float((weight * one**2).sum()) for weight, one in zip(fitter.weights, found, strict=True))
     problem = Problem(fitter, fit.effects, fit)
     changes = data_changes(problem)
     information = changes.T @ changes
-    expected = np.trace(np.linalg.solve(information + np.diag(problem.knowledge), information))
+    expected = np.trace(np.linalg.solve(information + np.diag(problem.prior_precision), information))
     assert total == pytest.approx(expected, rel=1e-3) and 3 < total < len(problem.start)
 
 
@@ -272,13 +272,13 @@ def test_halves_share_no_noise_if_weights_are_measured():
             scans(chain, {}, np.random.default_rng(draw)), None, chain, nominal_photons=PHOTONS
         )
         fitter = prepared_data.fitter
-        place = {one.name: one.expected for one in fitter.model.aligned}
+        place = {one.name: one.expected for one in fitter.model.nuisances}
         parts = [
             data.residuals(fitter.model.predict({}, place, data))
             for data in (prepared_data.data, prepared_data.held_out)
         ]
         halves = [
-            Half(part, weights, data)
+            HalfResiduals(part, weights, data)
             for part, weights, data in zip(
                 parts, (fitter.weights, fitter.held_weights), (prepared_data.data, prepared_data.held_out), strict=True
             )
@@ -319,8 +319,8 @@ def test_single_repeat_takes_its_correlations_from_the_fit():
 
     def spread(one, of):
         half = one.half(fit, held_out=True)
-        uncertain = left_by_numbers(of, fit)
-        places = locate(half, uncertain=uncertain)
+        uncertain = changes_by_parameter_errors(of, fit)
+        places = domain_tests(half, uncertain=uncertain)
         z = next(place.map for place in places if place.domain == "projections")
         return np.sqrt((z**2).mean())
 

@@ -15,8 +15,8 @@ from virtual_phantom.diagnosis.fitting.linearization import Linearization, Linea
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.noise.gain_pattern import estimate
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.residual_maps import locate
-from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA, Half, variance_z
+from virtual_phantom.diagnosis.projections.residual_maps import domain_tests
+from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA, HalfResiduals, variance_z
 from virtual_phantom.diagnosis.selection.store import read_trial, write_trial
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.io.files import checksum_path
@@ -164,11 +164,13 @@ def test_locations_of_a_difference_are_found(scene):
     shape = prepared_data.held_out.mean.shape
     moved = parts[0].reshape(shape).copy()
     moved[:, :, 17] += 0.01
-    worst = locate(Half([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out))[0]
+    worst = domain_tests(HalfResiduals([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out))[0]
     assert worst.domain in ("columns", "pixels") and worst.p < ALPHA
     columns = next(
         place
-        for place in locate(Half([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out))
+        for place in domain_tests(
+            HalfResiduals([moved.ravel(), *parts[1:]], fitter.held_weights, prepared_data.held_out)
+        )
         if place.domain == "columns"
     )
     assert columns.where == "column 17 of 40" and columns.z > 0
@@ -185,9 +187,9 @@ def test_difference_spread_over_all_rays_is_detected_in_both_halves(scene):
     def both_halves(added):
         parts, fitted = (fitter.residuals(fit, held_out) for held_out in (True, False))
         parts[0], fitted[0] = parts[0] + added, fitted[0] + added
-        places = locate(
-            Half(parts, fitter.held_weights, prepared_data.held_out),
-            fitted=Half(fitted, fitter.weights, prepared_data.data),
+        places = domain_tests(
+            HalfResiduals(parts, fitter.held_weights, prepared_data.held_out),
+            fitted=HalfResiduals(fitted, fitter.weights, prepared_data.data),
         )
         return next(place for place in places if place.domain == "both halves"), places
 
@@ -208,7 +210,7 @@ def test_numerical_errors_do_not_correlate_the_halves():
     data = SimpleNamespace(numerical=(error,), variance=None, scatter=0.0)
 
     def z(common):
-        first, second = (Half([random.normal(size=rays) + common], [np.ones(rays)], data) for _ in range(2))
+        first, second = (HalfResiduals([random.normal(size=rays) + common], [np.ones(rays)], data) for _ in range(2))
         return first.in_common(second).z()
 
     found = np.array([z(random.normal() * error) for _ in range(400)])
@@ -231,8 +233,8 @@ def test_one_fitted_repeat_is_compared_with_several(scene):
     prepared_data, _ = diagnosed(scene, {}, ("scatter",))
     fitter, fit = prepared_data.fitter, trial(prepared_data.fitter, ()).fit
     parts = fitter.residuals(fit)
-    alone = Half(parts[:1], fitter.weights[:1], replace(prepared_data.data, variance=None))
-    places = locate(Half(parts, fitter.held_weights, prepared_data.held_out), fitted=alone)
+    alone = HalfResiduals(parts[:1], fitter.weights[:1], replace(prepared_data.data, variance=None))
+    places = domain_tests(HalfResiduals(parts, fitter.held_weights, prepared_data.held_out), fitted=alone)
     assert {"noise level", "noise correlation", "both halves"} <= {place.domain for place in places}
 
 

@@ -19,7 +19,7 @@ from virtual_phantom.diagnosis.fitting.templates import data_changes
 from virtual_phantom.diagnosis.fitting.unknown import Unknown
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.selection.screening import amounts, explained, screened
-from virtual_phantom.diagnosis.uncertainty.prediction_error import of_both_halves
+from virtual_phantom.diagnosis.uncertainty.prediction_error import jacobians_of_halves
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import LOGARITHM, load
@@ -218,7 +218,7 @@ def test_jacobians_at_finished_fits_are_computed_once():
     truth = {"scatter": {"amount": 0.05, "width_mm": 60.0}}
     fitter = fitted_to(truth)
     fit = fitter.fit(("scatter",), fitter.fit(()))
-    fitted, held_out = of_both_halves(Problem.at(fitter, fit))
+    fitted, held_out = jacobians_of_halves(Problem.at(fitter, fit))
     again = Problem.at(fitter, fit)
     fresh = again.jacobian(again.start, again.residuals(again.start))
     for one, other in zip(fitted, fresh, strict=True):
@@ -227,7 +227,7 @@ def test_jacobians_at_finished_fits_are_computed_once():
     try:
         fitter.model.predict = None
         columns = data_changes(again)
-        assert of_both_halves(again)[1] is held_out
+        assert jacobians_of_halves(again)[1] is held_out
     finally:
         fitter.model.predict = predict
     np.testing.assert_allclose(
@@ -299,10 +299,10 @@ def test_slopes_are_exact_along_the_valley_of_ray_moving_effects():
         along[0]
     )  # one standard error of the first parameter, with the others at their conditional optimum
     moved = problem.residuals(problem.start + along)
-    promised = jacobian[0].T @ (along / problem.steps)
+    predicted_decrease = jacobian[0].T @ (along / problem.steps)
     root = np.sqrt(fitter.weights[0])
-    off = np.linalg.norm((here[0] - moved[0] - promised) * root)
-    assert off < 0.2 * np.linalg.norm(promised * root)
+    off = np.linalg.norm((here[0] - moved[0] - predicted_decrease) * root)
+    assert off < 0.2 * np.linalg.norm(predicted_decrease * root)
 
 
 def test_fit_in_a_valley_ends_at_the_fit_from_the_true_values():

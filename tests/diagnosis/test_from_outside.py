@@ -233,12 +233,12 @@ FAVORABLE = {"corrected": ["housing"], "helical": True}
 @pytest.mark.parametrize(
     ("settings", "scan", "message"),
     [
-        ({}, {}, "leakage needs nominal_photons"),
-        ({"view_step": 2}, {}, "leakage jumps from view to view"),
-        ({}, {"helical": False}, "leakage goes along the axis"),
-        ({}, {"parallel": True}, "leakage goes by the place of a focal spot"),
+        ({}, {}, "leakage is relative to nominal_photons"),
+        ({"view_step": 2}, {}, "leakage changes from view to view"),
+        ({}, {"helical": False}, "leakage changes along the axis"),
+        ({}, {"parallel": True}, "leakage needs a focal spot"),
         ({}, {"corrected": ["housing", "dark"]}, r"leakage was corrected by the scanner's maker \(corrected: dark"),
-        ({}, {"corrected": []}, r"leakage is there .* state corrected: \[housing\]"),
+        ({}, {"corrected": []}, r"leakage models a correction .* state corrected: \[housing\]"),
     ],
 )
 def test_effect_is_a_candidate_where_its_needs_are_met(leaking, settings, scan, message):
@@ -252,7 +252,7 @@ def test_effect_is_a_candidate_where_its_needs_are_met(leaking, settings, scan, 
 
 def test_effect_declares_its_priors_and_its_owner(scene, leaking):
     """A declared voltage is a prior of its parameter, the scale is the density, and each scan has its own effect."""
-    assert effect.scan_effects().count("leakage") == 1 and "leakage" in effect.needing(effect.DIVERGENT_BEAM)
+    assert effect.scan_effects().count("leakage") == 1 and "leakage" in effect.effects_needing(effect.DIVERGENT_BEAM)
     assert effect.absolute_attenuation(["leakage"]) and not effect.absolute_attenuation(["scatter"])
     taken = scans_of(Chain(scene, GEOMETRY, PHOTONS).state({}), 4, np.random.default_rng(1))
     fitter = prepared.prepare(taken, None, Chain(scene, GEOMETRY, PHOTONS), tube_kvp=100.0).fitter

@@ -204,7 +204,7 @@ def test_single_repeat_states_the_source_of_its_noise(scene):
 def test_noise_does_not_depend_on_earlier_calls(scene):
     """The position of the object at which the noise is computed is part of the linearization."""
     fresh, used = (prepared(scene, {}).fitter.model for _ in range(2))
-    expected = {one.name: one.expected for one in fresh.aligned}
+    expected = {one.name: one.expected for one in fresh.nuisances}
     moved = expected | {"x_mm": 4.0}
     there = Linearization(LinearizationPoint({}, {"x_mm": 4.0}))
     used.images({}, moved)
@@ -213,5 +213,5 @@ def test_noise_does_not_depend_on_earlier_calls(scene):
         for one, other in zip(*(m.images({}, nuisance, linearization) for m in (fresh, used)), strict=True):
             np.testing.assert_array_equal(one, other)
     assert not np.array_equal(fresh.images({}, moved)[1], fresh.images({}, moved, there)[1])
-    assert fresh.strayed(BASE.errors, expected | {"x_mm": 7.0}, None, None)
-    assert not fresh.strayed(BASE.errors, expected | {"x_mm": 6.0}, None, None)
+    assert fresh.needs_relinearization(BASE.errors, expected | {"x_mm": 7.0}, None, None)
+    assert not fresh.needs_relinearization(BASE.errors, expected | {"x_mm": 6.0}, None, None)

@@ -14,9 +14,13 @@ from virtual_phantom.diagnosis.fitting.priors import declared
 from virtual_phantom.diagnosis.projections import observed
 from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.diagnosis.scanner.scanner import protocols_of, run_scanner_diagnosis
-from virtual_phantom.diagnosis.selection.joint_selection import MOST_FOLDS, choose_jointly, left_together
+from virtual_phantom.diagnosis.selection.joint_selection import MOST_FOLDS, choose_jointly, recording_folds
 from virtual_phantom.diagnosis.uncertainty import model_error
-from virtual_phantom.diagnosis.uncertainty.model_error import errors_of_pulled, errors_with_models, pulled_of_recordings
+from virtual_phantom.diagnosis.uncertainty.model_error import (
+    errors_with_models,
+    influences_of_recordings,
+    joint_errors_with_models,
+)
 from virtual_phantom.io.documents import SCANNER, schema_of_kind
 from virtual_phantom.io.schema import defaults_of, validate
 from virtual_phantom.physics.chain import Chain
@@ -93,7 +97,9 @@ INEXACT = {"default": 0.1, "numerical": 0.5}
 def test_model_errors_of_one_recording_equal_those_of_its_single_fit(fitters):
     one = {"large": fitters["large"]}
     without, both = JointFitter(one).fit(()), JointFitter(one).fit(("scatter",))
-    shared = errors_of_pulled(pulled_of_recordings(JointFitter(one), both, {"scatter": without}, INEXACT))["large"]
+    shared = joint_errors_with_models(influences_of_recordings(JointFitter(one), both, {"scatter": without}, INEXACT))[
+        "large"
+    ]
     fit, less = both.fits["large"], without.fits["large"]
     alone = errors_with_models(fitters["large"], fit, {"scatter": less}, INEXACT).physics["scatter"]
     assert shared["scatter"] == pytest.approx(alone)
@@ -106,9 +112,9 @@ def test_more_recordings_do_not_reduce_a_model_error(fitters, joint, monkeypatch
     monkeypatch.setattr(model_error, "kernel_error", lambda parameter, share: 0.0)
     without = JointFitter(fitters).fit(())
     accuracy = INEXACT | {"numerical": 0.0}
-    errors = errors_of_pulled(pulled_of_recordings(JointFitter(fitters), joint, {"scatter": without}, accuracy))[
-        "large"
-    ]["scatter"]
+    errors = joint_errors_with_models(
+        influences_of_recordings(JointFitter(fitters), joint, {"scatter": without}, accuracy)
+    )["large"]["scatter"]
     by_model = np.sqrt(errors["amount"] ** 2 - joint.errors["scatter"]["amount"] ** 2)
     assert by_model == pytest.approx(0.1 * joint.physics["scatter"]["amount"], rel=0.2)
 
@@ -128,7 +134,9 @@ def test_joint_fit_minimizes_the_sum(fitters, joint):
 def _at(fitter, physics, given):
     """Chi-square with fitted alignment at fixed physics."""
     model = fitter.model
-    fitter.model = type(model)(model.chain, model.aligned, anode=model.anode, fixed=physics, numerical=model.numerical)
+    fitter.model = type(model)(
+        model.chain, model.nuisances, anode=model.anode, fixed=physics, numerical=model.numerical
+    )
     try:
         return fitter.fit(("scatter",), given).chi_square
     finally:
@@ -330,10 +338,10 @@ def test_held_out_recording_takes_its_protocol_parameters_from_others_or_itself(
 
 def test_recordings_of_one_object_are_held_out_together(collimated):
     names = list("abcd")
-    assert left_together(names) == [["a"], ["b"], ["c"], ["d"]]
-    assert left_together(names, dict.fromkeys(names, "disc")) == [["a"], ["b"], ["c"], ["d"]]
-    assert left_together(names, {"a": "disc", "b": "body", "c": "disc", "d": "body"}) == [["a", "c"], ["b", "d"]]
-    many = left_together([str(number) for number in range(30)])
+    assert recording_folds(names) == [["a"], ["b"], ["c"], ["d"]]
+    assert recording_folds(names, dict.fromkeys(names, "disc")) == [["a"], ["b"], ["c"], ["d"]]
+    assert recording_folds(names, {"a": "disc", "b": "body", "c": "disc", "d": "body"}) == [["a", "c"], ["b", "d"]]
+    many = recording_folds([str(number) for number in range(30)])
     assert len(many) == MOST_FOLDS and sorted(len(one) for one in many) == [2] * 6 + [3] * 6
     objects = {name: "same" if name in ("large", "small") else name for name in AMOUNTS}
     together = JointFitter({name: one.fitter for name, one in collimated.items()})
@@ -348,7 +356,7 @@ def test_errors_are_listed_with_their_parameters(collimated):
     fitters = {name: one.fitter for name, one in collimated.items()}
     together = JointFitter(fitters, protocols_of(collimated, PROTOCOLS))
     fit, none = together.fit(("scatter",)), dict.fromkeys(("default", "numerical"), 0.0)
-    found = errors_of_pulled(pulled_of_recordings(together, fit, {}, none))
+    found = joint_errors_with_models(influences_of_recordings(together, fit, {}, none))
     for name, one in fit.fits.items():
         assert found[name]["scatter"] == pytest.approx(one.errors["scatter"], rel=0.05)
 

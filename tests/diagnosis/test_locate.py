@@ -6,8 +6,8 @@ from scipy import stats
 
 from virtual_phantom.diagnosis.noise.condensed import Blocks
 from virtual_phantom.diagnosis.projections.observed import PARTS, ObservedScans
-from virtual_phantom.diagnosis.projections.residual_maps import locate
-from virtual_phantom.diagnosis.residuals.residual_tests import Half, normal_scores
+from virtual_phantom.diagnosis.projections.residual_maps import domain_tests
+from virtual_phantom.diagnosis.residuals.residual_tests import HalfResiduals, normal_scores
 
 SHAPE = (24, 4, 32)
 
@@ -44,7 +44,7 @@ def test_measured_weights_do_not_raise_the_score_of_a_location():
     found: dict[str, list] = {}
     for _ in range(200):
         weight = blocks.spread((freedom - 2) / random.chisquare(freedom, blocks.count)).ravel()
-        for place in locate(Half([random.normal(size=weight.size)], [weight], data)):
+        for place in domain_tests(HalfResiduals([random.normal(size=weight.size)], [weight], data)):
             found.setdefault(place.domain, []).append(place.map.ravel())
     for domain in ("columns", "rows", "views", "pixels", "projections"):
         z = np.concatenate(found[domain])
@@ -55,5 +55,7 @@ def test_products_of_both_halves_vary_by_the_square_of_their_weights():
     """The mean square of a weight with relative variance s is 1 + s."""
     one, other = (np.full(np.prod(SHAPE), value) for value in (1.5, 0.5))
     data = observed(Blocks.of(SHAPE, PARTS), np.full(Blocks.of(SHAPE, PARTS).count, 3.0))
-    common = Half([one], [np.ones(one.size)], data).in_common(Half([other], [np.ones(one.size)], data))
+    common = HalfResiduals([one], [np.ones(one.size)], data).in_common(
+        HalfResiduals([other], [np.ones(one.size)], data)
+    )
     assert common.z() == pytest.approx(0.75 * one.size / np.sqrt(4 * one.size))

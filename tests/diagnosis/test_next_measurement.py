@@ -58,20 +58,20 @@ def prepare_recording(physics, seed=1):
     return prepare(observed.Scans(lines.astype(np.float32), None, np.ones(lines.shape[1:], bool)), None, chain)
 
 
-def measurement(name, seed, shared=2, own=3, data=40, knowledge=0.0):
+def measurement(name, seed, shared=2, own=3, data=40, prior_precision=0.0):
     random = np.random.default_rng(seed)
     keys = (*(("effect", str(i)) for i in range(shared)), *((name, "alignment", str(i)) for i in range(own)))
     count = shared + own
-    room = np.tile([-np.inf, np.inf], (count, 1))
+    margins = np.tile([-np.inf, np.inf], (count, 1))
     changes, predicted = random.normal(size=(data, count)), random.normal(size=data)
-    return MeasurementInformation(keys, changes, predicted, np.full(count, knowledge), room, np.ones(count))
+    return MeasurementInformation(keys, changes, predicted, np.full(count, prior_precision), margins, np.ones(count))
 
 
 GROUP = [("effect", "0"), ("effect", "1")]
 
 
 def test_profiled_information_is_the_inverse_of_the_covariance():
-    sums = normal_equations([measurement("a", 1, knowledge=0.3), measurement("b", 2, knowledge=0.3)])
+    sums = normal_equations([measurement("a", 1, prior_precision=0.3), measurement("b", 2, prior_precision=0.3)])
     assert len(sums.keys) == 8
     inside = [sums.keys.index(key) for key in GROUP]
     covariance = np.linalg.inv(sums.information)[np.ix_(inside, inside)]
@@ -79,7 +79,7 @@ def test_profiled_information_is_the_inverse_of_the_covariance():
 
 
 def test_prior_of_a_shared_parameter_counts_once():
-    one, two = measurement("a", 1, knowledge=5.0), measurement("b", 2, knowledge=5.0)
+    one, two = measurement("a", 1, prior_precision=5.0), measurement("b", 2, prior_precision=5.0)
     bare = normal_equations([measurement("a", 1), measurement("b", 2)])
     np.testing.assert_allclose(np.diag(normal_equations([one, two]).information - bare.information), 5.0)
 
@@ -96,8 +96,8 @@ def test_difference_that_parameters_do_not_absorb_separates_explanations():
     one, difference = measurement("a", 4), np.random.default_rng(5).normal(size=40)
     left = np.linalg.lstsq(one.changes, difference, rcond=None)[1][0]
     assert expected_log_score_loss(normal_equations([one], [difference])) == pytest.approx(left / 2)
-    room = np.tile([-0.05, 0.05], (5, 1))
-    held_out = MeasurementInformation(one.keys, one.changes, one.predicted, one.knowledge, room, one.steps)
+    margins = np.tile([-0.05, 0.05], (5, 1))
+    held_out = MeasurementInformation(one.keys, one.changes, one.predicted, one.prior_precision, margins, one.steps)
     bounded = lsq_linear(one.changes, difference, (-0.05, 0.05), method="bvls")
     assert (
         expected_log_score_loss(normal_equations([held_out], [difference])) == pytest.approx(bounded.cost)
@@ -109,7 +109,7 @@ def test_parameters_with_equal_effect_have_a_correlation_of_one():
     one = measurement("a", 6)
     changes = one.changes.copy()
     changes[:, 1] = -3 * changes[:, 0] + changes[:, 2]  # the alignment absorbs the rest
-    similar = MeasurementInformation(one.keys, changes, one.predicted, one.knowledge, one.room, one.steps)
+    similar = MeasurementInformation(one.keys, changes, one.predicted, one.prior_precision, one.margins, one.steps)
     assert correlation(normal_equations([similar]), GROUP[:1], GROUP[1:]) == pytest.approx(1)
     assert correlation(normal_equations([one]), GROUP[:1], GROUP[1:]) < 0.5
 

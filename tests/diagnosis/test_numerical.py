@@ -89,7 +89,7 @@ def test_nonuniform_discretization_errors_shift_parameters_by_the_counted_error(
     fitter = prepared_data.fitter
     fit = trial(fitter, ()).fit
     share = 0.5
-    whole = harmonics(fitter.model.turned_rad, fitter.data.mean.shape)
+    whole = harmonics(fitter.model.source_angles_rad, fitter.data.mean.shape)
     steps = fitter.model.errors_of_steps(fit.linearization)
     monkeypatch.setattr(type(fitter.model), "errors_of_steps", lambda *_: {name: steps[name]})
     monkeypatch.setattr(model_error, "shapes", lambda mean: {})
@@ -131,9 +131,9 @@ def test_errors_are_recomputed_if_predictions_have_moved_far(known):
     numerical = Numerical(chain, Chain(scene, GEOMETRY, samples=3), None)
     lines, weights = chain.state({}).line_integrals(), np.full(GEOMETRY.shape, 4.0)
     off = np.sqrt(MOST_STRAY / weights.sum())
-    assert not numerical.strayed(NOMINAL, lines + 0.99 * off, weights)
-    assert numerical.strayed(NOMINAL, lines + 1.01 * off, weights)
-    assert numerical.strayed(offset(0.3), lines, 1000 * weights)
+    assert not numerical.needs_relinearization(NOMINAL, lines + 0.99 * off, weights)
+    assert numerical.needs_relinearization(NOMINAL, lines + 1.01 * off, weights)
+    assert numerical.needs_relinearization(offset(0.3), lines, 1000 * weights)
 
 
 def test_fit_updates_the_discretization_errors(known):

@@ -15,7 +15,7 @@ from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import local_mismatch as piece_module
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
-from virtual_phantom.diagnosis.projections.local_mismatch import FitResidual, Piece, found, reach_of
+from virtual_phantom.diagnosis.projections.local_mismatch import FitResidual, Piece, best_piece, object_radius_mm
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.verdict.object_mismatch import excess, explains_all
 from virtual_phantom.diagnosis.verdict.unmodeled import changes
@@ -93,7 +93,7 @@ missing = cache(lambda differ=False: report((), differ=differ))
 )
 def test_mismatch_is_found_in_its_own_projections(geometry, piece):
     residual = piece.more_per_mm * piece.lengths_mm(geometry)
-    one = found(FitResidual(residual, np.full(residual.shape, 1e5), geometry, 90.0))
+    one = best_piece(FitResidual(residual, np.full(residual.shape, 1e5), geometry, 90.0))
     assert one.more_per_mm == pytest.approx(piece.more_per_mm, rel=0.15)
     assert one.radius_mm == pytest.approx(piece.radius_mm, rel=0.1)
     axes = 2 if one.rod or piece.rod else 3
@@ -112,7 +112,7 @@ def test_location_and_radius_come_from_some_views_of_a_large_scan(monkeypatch):
     left = FitResidual(
         truth.more_per_mm * lengths, weight, geometry, 90.0, samples=2, seen_from=seen_from, motion_mm=moved
     )
-    one = found(left)
+    one = best_piece(left)
     np.testing.assert_allclose(one.place_mm, truth.place_mm, atol=0.1)
     assert one.more_per_mm == pytest.approx(truth.more_per_mm, rel=0.05)
 
@@ -120,8 +120,8 @@ def test_location_and_radius_come_from_some_views_of_a_large_scan(monkeypatch):
 def test_extent_of_the_object_follows_from_attenuation():
     lines = ShapesScene([BODY]).path_lengths(GEOMETRY)[0] * 0.02
     pixel_mm = 9.0 * 570 / 1040
-    assert abs(reach_of(lines, GEOMETRY) - 90.0) < 1.5 * pixel_mm
-    assert reach_of(np.ones(GEOMETRY.shape), GEOMETRY) == pytest.approx(23.5 * pixel_mm)  # cut off
+    assert abs(object_radius_mm(lines, GEOMETRY) - 90.0) < 1.5 * pixel_mm
+    assert object_radius_mm(np.ones(GEOMETRY.shape), GEOMETRY) == pytest.approx(23.5 * pixel_mm)  # cut off
 
 
 def test_path_lengths_of_a_ball_are_its_chords():
@@ -142,7 +142,7 @@ def test_path_lengths_of_a_mismatch_are_pixel_means():
 
 def test_rays_of_a_turned_detector_are_not_searched():
     turned = Chain(shapes_scene(), GEOMETRY).state({"detector_roll": {"angle_deg": 1.0}}).mounting.of(GEOMETRY)
-    assert found(FitResidual(np.ones(GEOMETRY.shape), np.ones(GEOMETRY.shape), turned, 90.0)) is None
+    assert best_piece(FitResidual(np.ones(GEOMETRY.shape), np.ones(GEOMETRY.shape), turned, 90.0)) is None
 
 
 def test_hu_refer_to_water():

@@ -11,8 +11,8 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.scanner.consistency import alone
 from virtual_phantom.diagnosis.scanner.scanner import run_scanner_diagnosis
-from virtual_phantom.diagnosis.uncertainty.model_error import pulled_of_recordings
-from virtual_phantom.diagnosis.uncertainty.prediction_error import left_by_numbers
+from virtual_phantom.diagnosis.uncertainty.model_error import influences_of_recordings
+from virtual_phantom.diagnosis.uncertainty.prediction_error import changes_by_parameter_errors
 from virtual_phantom.io.documents import SCANNER, schema_of_kind
 from virtual_phantom.io.schema import defaults_of, validate
 from virtual_phantom.report.scanner import scanner_page
@@ -29,7 +29,7 @@ def differences(amounts, seed, accuracy):
     }
     together = JointFitter(fitters)
     before, chosen = together.fit(()), together.fit(("scatter",))
-    scans = pulled_of_recordings(together, chosen, {"scatter": before}, accuracy)
+    scans = influences_of_recordings(together, chosen, {"scatter": before}, accuracy)
     return {name: one.difference for name, one in alone(together, chosen, scans).items()}
 
 
@@ -44,7 +44,7 @@ def test_difference_of_two_recordings_equals_the_loss_of_their_joint_fit():
     fitters = {name: prepare_recording(name, SCATTER, 61).fitter for name in ("large", "small")}
     together = JointFitter(fitters)
     chosen = together.fit(("scatter",))
-    found = alone(together, chosen, pulled_of_recordings(together, chosen, {}, EXACT))
+    found = alone(together, chosen, influences_of_recordings(together, chosen, {}, EXACT))
     lost = chosen.chi_square - sum(one.fit.chi_square for one in found.values())
     for one in found.values():
         assert one.difference.chi_square == pytest.approx(lost, rel=0.25, abs=0.3)
@@ -112,7 +112,7 @@ def test_priors_do_not_hide_an_inconsistency():
     }
     together = JointFitter({name: one.fitter for name, one in made.items()})
     chosen = together.fit(())
-    found = alone(together, chosen, pulled_of_recordings(together, chosen, {}, ACCURACY))
+    found = alone(together, chosen, influences_of_recordings(together, chosen, {}, ACCURACY))
     assert all(one.difference.disagrees for one in found.values())
 
 
@@ -160,7 +160,8 @@ def test_correlated_errors_change_a_recording_less_than_independent_errors():
     together = JointFitter({name: prepare_recording(name, spectrum).fitter for name in ("large", "small")})
     left = together.left_out(["small"], ("spectrum",), together.fit(("spectrum",)))["small"]
     moved, scatter_amounts = (
-        (left_by_numbers(together.fitters["small"], fit)[0] ** 2).sum() for fit in (left, replace(left, directions={}))
+        (changes_by_parameter_errors(together.fitters["small"], fit)[0] ** 2).sum()
+        for fit in (left, replace(left, directions={}))
     )
     assert 0 < moved < 0.5 * scatter_amounts
 

@@ -12,16 +12,16 @@ from virtual_phantom.diagnosis.fitting.problem import Problem
 from virtual_phantom.diagnosis.fitting.templates import changes, projected
 from virtual_phantom.diagnosis.planning.separability import (
     Template,
+    absorbed_in_range,
     correlations,
     grouped,
     shares,
     split,
-    taken_up_in_range,
     templates_of_effects,
 )
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, names, offered
+from virtual_phantom.physics.effect import acts_on_images, applicable_effects, names
 from virtual_phantom.physics.scenes.scene import DiscScene
 from virtual_phantom.recordings.projections import Projections
 
@@ -57,7 +57,7 @@ def test_noise_has_no_share_in_the_mean_and_flux_has_its_closed_form(disc):
     fitter, fit = disc
     quiet = ("electronic_noise", "current_modulation", "photon_flux", "heel", "bowtie")
     for one in templates_of_effects(fitter, fit, quiet):
-        found = shares(fitter, one.whole)
+        found = shares(fitter, one.change)
         assert found["mean"] < 1e-3 and sum(found.values()) == pytest.approx(1)
         assert (found["white field"] > 0.01) == (one.effect in ("heel", "bowtie"))
     (flux,) = templates_of_effects(fitter, fit, ["photon_flux"])
@@ -66,7 +66,7 @@ def test_noise_has_no_share_in_the_mean_and_flux_has_its_closed_form(disc):
     inverse = fitter.model.predict({}, fit.nuisance, data).state.variance()
     now, fewer = (data.blocks.sum((v + 1.5 * v**2) / data.reference) for v in (inverse, inverse / 0.7))
     expected = (np.log(fewer / now) ** 2) @ fitter.weights[1]
-    part = split(fitter, flux.whole)["noise variance"]
+    part = split(fitter, flux.change)["noise variance"]
     assert part @ part == pytest.approx(expected, rel=1e-6)
 
 
@@ -75,10 +75,10 @@ def test_flux_is_measured_through_its_declaration_only(disc):
     (flux,) = templates_of_effects(fitter, fit, ["photon_flux"])
     # One parameter with a prior of 2 %, plus the information in the variances of the blocks.
     data, known = fitter.weights[1].sum(), 1 / 0.02**2
-    assert flux.taken_up == pytest.approx(data / (data + known), rel=1e-3)
-    unstated = np.linalg.qr(changes(Problem(fitter, (), fit))[: flux.whole.size])[0]
-    left = projected(flux.whole[None], unstated)[0]
-    assert left @ left < 1e-5 * (flux.whole @ flux.whole)
+    assert flux.absorbed == pytest.approx(data / (data + known), rel=1e-3)
+    unstated = np.linalg.qr(changes(Problem(fitter, (), fit))[: flux.change.size])[0]
+    left = projected(flux.change[None], unstated)[0]
+    assert left @ left < 1e-5 * (flux.change @ flux.change)
 
 
 def test_centered_disc_does_not_distinguish_detector_offset_from_axis_offset(disc):
@@ -94,9 +94,9 @@ def test_centered_disc_does_not_distinguish_detector_offset_from_axis_offset(dis
 def test_crosstalk_of_light_and_of_x_rays_differ_in_noise(disc):
     fitter, fit = disc
     xray, light = (templates_of_effects(fitter, fit, [name])[0] for name in ("xray_crosstalk", "optical_crosstalk"))
-    means = [split(fitter, one.whole)["mean"] for one in (xray, light)]
+    means = [split(fitter, one.change)["mean"] for one in (xray, light)]
     assert means[0] @ means[1] > 0.999 * np.linalg.norm(means[0]) * np.linalg.norm(means[1])
-    assert shares(fitter, xray.whole)["noise correlation"] == 0
+    assert shares(fitter, xray.change)["noise correlation"] == 0
     # (c, 1 - 2c, c) with c = 0.03 as a matrix that conserves the signal at edges. Its square is the covariance of a
     # uniform signal. Columns at the disc's edges differ slightly.
     columns = fitter.data.mean.shape[2]
@@ -104,26 +104,26 @@ def test_crosstalk_of_light_and_of_x_rays_differ_in_noise(disc):
     covariance = np.linalg.matrix_power(share + np.diag(1 - share.sum(axis=0)), 2)
     correlation = np.diag(covariance, 1).mean() / np.diag(covariance).mean()
     expected = correlation * np.sqrt(fitter.weights[2][0])
-    assert split(fitter, light.whole)["noise correlation"][0] == pytest.approx(expected, rel=0.01)
+    assert split(fitter, light.change)["noise correlation"][0] == pytest.approx(expected, rel=0.01)
 
 
 def test_free_density_scale_absorbs_more_scatter_than_a_fixed_one():
     found = []
     for fitter, fit in (ready(scale=0.001, offset=0.001), ready(scale=1.0, offset=1.0)):
         (scatter,) = templates_of_effects(fitter, fit, ["scatter"])
-        found.append(taken_up_in_range(fitter, fit, scatter.whole[None])[0])
-        assert found[-1] <= scatter.taken_up + 1e-9
+        found.append(absorbed_in_range(fitter, fit, scatter.change[None])[0])
+        assert found[-1] <= scatter.absorbed + 1e-9
     held_out, free = found
-    assert held_out < free - 0.02 and free == pytest.approx(scatter.taken_up, abs=1e-6)
+    assert held_out < free - 0.02 and free == pytest.approx(scatter.absorbed, abs=1e-6)
 
 
 def test_change_outside_the_prior_range_is_not_absorbed(disc):
     fitter, fit = disc
     problem = Problem(fitter, (), fit)
-    place = len(problem.unknowns) + [one.name for one in problem.aligned].index("scale")
+    place = len(problem.unknowns) + [one.name for one in problem.nuisances].index("scale")
     column = changes(problem)[: sum(part.size for part in fitter.weights), place]
-    room = problem.high[place] - problem.start[place]
-    found = taken_up_in_range(fitter, fit, np.stack([0.5 * room * column, 100 * room * column]))
+    margin = problem.high[place] - problem.start[place]
+    found = absorbed_in_range(fitter, fit, np.stack([0.5 * margin * column, 100 * margin * column]))
     # All within the range, little far beyond it.
     assert found[0] > 0.999 and found[1] < 0.1
 
@@ -131,7 +131,7 @@ def test_change_outside_the_prior_range_is_not_absorbed(disc):
 def test_gain_pattern_is_that_of_its_realization(disc):
     fitter, fit = disc
     (one,) = templates_of_effects(fitter, fit, ["gain_pattern"])
-    mean = split(fitter, one.whole)["mean"].reshape(fitter.data.mean.shape) / np.sqrt(
+    mean = split(fitter, one.change)["mean"].reshape(fitter.data.mean.shape) / np.sqrt(
         fitter.weights[0].reshape(fitter.data.mean.shape)
     )
     np.testing.assert_allclose(mean, np.broadcast_to(mean[0], mean.shape), atol=1e-9)
@@ -163,6 +163,6 @@ def test_page_lists_every_effect_on_projections():
     with effect_templates.TABLE.open(encoding="utf-8", newline="") as file:
         header, *rows = csv.reader(file)
     listed = {row[0].split(":")[0] for row in rows}
-    labels = {label(name) for name in offered(names(), ()) if not acts_on_images(name)}
+    labels = {label(name) for name in applicable_effects(names(), ()) if not acts_on_images(name)}
     assert listed == labels, "run python docs/generators/effect_templates.py"
     assert all(len(row) == len(header) == 7 for row in rows)

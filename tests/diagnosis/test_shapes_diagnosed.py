@@ -78,7 +78,7 @@ def test_parallel_beam_is_read_and_diagnosed(tmp_path):
     found = vp.diagnose(folder, shapes="acr464_module1", samples=1, effects=tried)
     assert [effect["name"] for effect in found.content["effects"]] == ["dark_signal"], found.content["sentence"]
     assert found.content["setup"]["kind"] == "as stated", found.content["setup"]
-    with pytest.raises(InputError, match="focal_spot goes by the place of a focal spot"):
+    with pytest.raises(InputError, match="focal_spot needs a focal spot"):
         vp.diagnose(folder, shapes="acr464_module1", samples=1, effects=["focal_spot"])
 
 

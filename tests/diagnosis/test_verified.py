@@ -29,7 +29,7 @@ from virtual_phantom.diagnosis.selection.transfer import (
 )
 from virtual_phantom.diagnosis.settings import FitSettings
 from virtual_phantom.diagnosis.uncertainty.intervals import half_width
-from virtual_phantom.diagnosis.uncertainty.prediction_error import left_by_numbers
+from virtual_phantom.diagnosis.uncertainty.prediction_error import changes_by_parameter_errors
 from virtual_phantom.diagnosis.verdict.verdict import diagnose, excess_rms_removed
 from virtual_phantom.io import volumes
 from virtual_phantom.physics.chain import Chain
@@ -40,7 +40,7 @@ from virtual_phantom.recordings.projections import Projections
 
 PHOTONS, DENSITY = 1e5, 1.03
 # A fitter; the selection reads its declared physics and number of data.
-BARE = SimpleNamespace(model=SimpleNamespace(whole=tuple), weights=())
+BARE = SimpleNamespace(model=SimpleNamespace(with_declared_effects=tuple), weights=())
 GEOMETRY = circular(
     views=60,
     source_to_isocentre_mm=410.0,
@@ -348,12 +348,12 @@ def test_p_values_follow_chi_square():
     """
     without = Fit((), {}, {}, {}, {}, 100.0, (), 0)
     one = Fit(("scatter",), {}, {}, {}, {}, 100 - 3.841459, (), 1)
-    assert forward_selection.chance(one, without, "scatter") == pytest.approx(0.05, abs=1e-6)
+    assert forward_selection.effect_p_value(one, without, "scatter") == pytest.approx(0.05, abs=1e-6)
     rms, error = {"gain_pattern": {"rms": 0.001644854}}, {"gain_pattern": {"rms": 0.001}}
     rings = Fit(("gain_pattern",), rms, error, {}, {}, 0.0, (), 1)
-    assert forward_selection.chance(rings, without, "gain_pattern") == pytest.approx(0.05, abs=1e-6)
+    assert forward_selection.effect_p_value(rings, without, "gain_pattern") == pytest.approx(0.05, abs=1e-6)
     none = replace(rings, physics={"gain_pattern": {"rms": 0.0}})
-    assert forward_selection.chance(none, without, "gain_pattern") == 1.0
+    assert forward_selection.effect_p_value(none, without, "gain_pattern") == 1.0
 
 
 def test_gain_within_model_error_is_no_evidence(scored):
@@ -452,7 +452,9 @@ def test_effect_of_each_scan_is_fitted_with_transferred_physics(tmp_path):
     assert abs(found["drift_units_per_s"] + 1e3) < 4 * errors["drift_units_per_s"] < 500
     # The level was fitted elsewhere and has the error from there. All others have errors from the data.
     fit, worse = choice.chosen.fit, {"dark_signal": errors | {"level_units": 10 * errors["level_units"]}}
-    known, unsure = (left_by_numbers(prepared_data.fitter, one) for one in (fit, replace(fit, errors=worse)))
+    known, unsure = (
+        changes_by_parameter_errors(prepared_data.fitter, one) for one in (fit, replace(fit, errors=worse))
+    )
     assert unsure[0][0] == pytest.approx(10 * known[0][0], rel=1e-6) and np.abs(known[0][0]).max() > 0
     np.testing.assert_allclose(unsure[0][1:], known[0][1:])
 

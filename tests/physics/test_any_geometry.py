@@ -92,7 +92,7 @@ def test_ball_on_a_rolled_and_tilted_detector(scene, roll, tilt):
 
 def test_displaced_rays_on_a_rolled_detector(scene):
     geometry = rolled(GEOMETRY, 0.3, 0.1)
-    posed = PosedScene(scene).near([(geometry, Pose(), None)])
+    posed = PosedScene(scene).linearized_at([(geometry, Pose(), None)])
     start = posed.path_lengths(geometry)
     near = Pose(x_mm=0.004, y_mm=-0.003, z_mm=0.002, turn_deg=0.001)
     followed, retraced = posed.path_lengths(geometry, near), scene.path_lengths(geometry, near)

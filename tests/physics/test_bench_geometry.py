@@ -218,8 +218,8 @@ def test_small_rotations_of_a_rotated_detector():
     scene = VoxelScene(body[None].astype(np.float32), Grid((20, 40, 40), (4.0, 3.0, 3.0)), ("water",), 60.0)
     small = circular(views=5, **SCANNER, columns=20, rows=6, column_pitch_mm=10.0, row_pitch_mm=8.0)
     start, near = (Mounting(one, 1.0).of(small) for one in (0.5, 0.505))
-    posed = PosedScene(scene).near([(start, Pose(), None)])
-    assert posed.follows((near, Pose(), None)) and not posed.follows((small, Pose(), None))
+    posed = PosedScene(scene).linearized_at([(start, Pose(), None)])
+    assert posed.in_linear_range((near, Pose(), None)) and not posed.in_linear_range((small, Pose(), None))
     first, retraced = scene.path_lengths(start), scene.path_lengths(near)
     change = np.abs(retraced - first).max()
     assert change > 1e-3 and np.abs(posed.path_lengths(near) - retraced).max() < 0.1 * change

@@ -294,7 +294,7 @@ def test_readings_and_shares_become_photons_of_a_study():
     for readout, level in ((30900.0, 900.0), (AIR, 0.03)):
         model = ScansModel(Chain(DiscScene(160.0, "water"), geometry, readout=readout), ())
         physics = {"dark_signal": {"level_units": level, "drift_units_per_s": -level}, "motion": MOVED}
-        found = model.of_study(physics | {"gain_pattern": {"rms": 0.004}}, aligned)
+        found = model.in_study_units(physics | {"gain_pattern": {"rms": 0.004}}, aligned)
         assert found.pop("gain_pattern") == {"rms": 0.004}  # fitted without a stated pattern
         assert found["dark_signal"] == pytest.approx({"level_units": 600.0, "drift_units_per_s": -600.0})
         assert found["motion"] == MOVED

@@ -126,7 +126,7 @@ def test_map_of_one_label_equals_the_mask(slices, tmp_path):
     scene = labelled_scene(one, DISC_ENERGY_KEV)
     pose = Pose(x_mm=1.0, y_mm=-0.5, turn_deg=7.0, size=1.01)
     np.testing.assert_array_equal(scene.path_lengths(GEOMETRY, pose), mask.path_lengths(GEOMETRY, pose))
-    assert scene.radius_mm == mask.radius_mm and scene.whole_voxels and mask.whole_voxels
+    assert scene.radius_mm == mask.radius_mm and scene.is_binary and mask.is_binary
     spectrum = {"spectrum": {"kvp": 90.0, "filtration_mm": 3.0, "sensor_mm": 0.6}}
     for physics in ({}, spectrum):
         lines = [Chain(PosedScene(each), GEOMETRY).state(physics).line_integrals() for each in (scene, mask)]

@@ -67,7 +67,7 @@ PLACES = {
 
 @pytest.mark.parametrize("place", PLACES)
 def test_displaced_rays_are_extrapolated(traced, place):
-    posed = PosedScene(traced).near([IN_PLACE])
+    posed = PosedScene(traced).linearized_at([IN_PLACE])
     start = posed.path_lengths(GEOMETRY, Pose())
     again = traced.path_lengths(*PLACES[place])
     changed = np.abs(again - start).max()
@@ -92,7 +92,7 @@ def test_slopes_equal_finite_differences(traced):
 
 def test_displaced_rays_need_no_further_traces(traced):
     counting = Counting(traced)
-    posed = PosedScene(counting).near([IN_PLACE])
+    posed = PosedScene(counting).linearized_at([IN_PLACE])
     posed.path_lengths(GEOMETRY, Pose())
     posed.path_lengths(GEOMETRY, NEAR)
     for place in PLACES.values():
@@ -107,7 +107,7 @@ def test_displaced_rays_need_no_further_traces(traced):
 @pytest.mark.parametrize("place", PLACES)
 def test_result_does_not_depend_on_earlier_calls(traced, place):
     """Path lengths are a function of the scan and of the reference scans, byte for byte."""
-    fresh, used = (PosedScene(traced).near([IN_PLACE]) for _ in range(2))
+    fresh, used = (PosedScene(traced).linearized_at([IN_PLACE]) for _ in range(2))
     nearly = (GEOMETRY, Pose(x_mm=NEAR.x_mm / 2), None)
     for one in (nearly, (GEOMETRY, Pose(x_mm=1.0), None), *PLACES.values()):
         used.path_lengths(*one)
@@ -117,7 +117,7 @@ def test_result_does_not_depend_on_earlier_calls(traced, place):
 def test_far_rays_are_traced(traced):
     motion = np.zeros((12, 3))
     motion[6:, 0] = 2.0
-    posed = PosedScene(traced).near([IN_PLACE])
+    posed = PosedScene(traced).linearized_at([IN_PLACE])
     posed.path_lengths(GEOMETRY, Pose())
     np.testing.assert_array_equal(
         posed.path_lengths(GEOMETRY, Pose(), motion), traced.path_lengths(GEOMETRY, Pose(), motion)

@@ -73,7 +73,7 @@ def test_finer_and_offset_masks_are_cropped_to_their_content():
 
 def test_displaced_rays_are_extrapolated_without_tracing():
     scene = slice_of(lambda x, y: 1 / (1 + np.exp(2 * (np.hypot(x / 30, (y - 4) / 20) - 1) * 12)))
-    posed = PosedScene(scene).near([(GEOMETRY, Pose(), None)])
+    posed = PosedScene(scene).linearized_at([(GEOMETRY, Pose(), None)])
     start = posed.path_lengths(GEOMETRY, Pose())
     motion = np.linspace(-0.001, 0.001, 7)[:, None] * [1.0, -1.0, 0.0]
     higher = replace(GEOMETRY, row_offset_px=0.5)

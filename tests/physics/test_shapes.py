@@ -153,7 +153,7 @@ def test_only_the_part_between_source_and_detector_counts():
 @pytest.mark.parametrize(
     "make, message",
     [
-        (lambda: ellipsoid("water", (0, 0, 0), (1, -1, 1)), "ellipsoid: half_axes_mm must be positive"),
+        (lambda: ellipsoid("water", (0, 0, 0), (1, -1, 1)), "ellipsoid: semi_axes_mm must be positive"),
         (lambda: box("water", (0, 0, 0), (0, 1, 1)), "box: sides_mm must be positive"),
         (lambda: cylinder("water", (0, 0, 0), 0.0), "cylinder: radius_mm and length_mm must be positive"),
         (lambda: cone("water", (0, 0, 0), 5.0, 5.0, 1.0), "use a cylinder for equal radii"),

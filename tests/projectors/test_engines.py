@@ -45,10 +45,10 @@ def test_unsuitable_astra_cuda_is_rejected(monkeypatch):
 def test_device_is_checked_by_the_job_that_uses_it(monkeypatch):
     """Jobs of a cluster that need no device read the configuration without one; ASTRA would end the process."""
     monkeypatch.setattr(astra, "use_cuda", lambda: False)
-    assert projectors.choose_engine("astra_cuda", "voxel", look=False) == "astra_cuda"
-    assert projectors.choose_engine("auto", "voxel", look=False) == "cpu"
+    assert projectors.choose_engine("astra_cuda", "voxel", check=False) == "astra_cuda"
+    assert projectors.choose_engine("auto", "voxel", check=False) == "cpu"
     with pytest.raises(InputError, match="no adjoint"):
-        projectors.choose_engine("astra_cuda", "adjoint", look=False)
+        projectors.choose_engine("astra_cuda", "adjoint", check=False)
     with pytest.raises(InputError, match="needs a CUDA device"):
         projectors.projector("astra_cuda", GEOMETRY, GRID)
 

@@ -8,7 +8,7 @@ import pytest
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.config import dependencies
-from virtual_phantom.diagnosis.selection import trials as side_by_side
+from virtual_phantom.diagnosis.selection import trials as run_parallel
 from virtual_phantom.diagnosis.settings import FitSettings
 from virtual_phantom.study import fit_cache_key as module
 from virtual_phantom.study.fit_cache_key import fit_cache
@@ -75,6 +75,6 @@ def test_versions_of_numerical_packages_count(recording, monkeypatch):
 
 def test_killed_process_is_one_line(monkeypatch):
     """A process pool would wait for it forever."""
-    monkeypatch.setattr(side_by_side, "trial", lambda *task: os.kill(os.getpid(), signal.SIGKILL))
+    monkeypatch.setattr(run_parallel, "trial", lambda *task: os.kill(os.getpid(), signal.SIGKILL))
     with pytest.raises(InputError, match="2 processes .* was killed, .* memory: run with fewer cores"):
-        side_by_side.trials(None, [(("scatter",), None, None), (("motion",), None, None)], 2)
+        run_parallel.trials(None, [(("scatter",), None, None), (("motion",), None, None)], 2)

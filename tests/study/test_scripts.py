@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = ROOT / "workflow" / "scripts"
-BY_HAND = "proof_record.py"  # a command with its own arguments, which no rule runs
+USE_X86 = "proof_record.py"  # a command with its own arguments, which no rule runs
 # Packages that read the number of threads when they are loaded: `job` sets it before `main` loads them.
 READS_THREADS = ("numba", "astra")
 PATHS = sorted(SCRIPTS.rglob("*.py"))
@@ -33,13 +33,13 @@ def test_script_can_be_imported_and_its_main_is_annotated(path, tmp_path, monkey
     parameters = inspect.signature(main).parameters.values()
     assert typing.get_type_hints(main).keys() == {parameter.name for parameter in parameters} | {"return"}
     assert all(parameter.kind is parameter.KEYWORD_ONLY for parameter in parameters)
-    assert bool(parameters) != (path.name == BY_HAND)
+    assert bool(parameters) != (path.name == USE_X86)
 
 
 @pytest.mark.parametrize("path", PATHS, ids=lambda path: path.relative_to(SCRIPTS).as_posix())
 def test_script_passes_every_argument_of_its_main(path):
     """By name, inside `with job(snakemake)` at its end."""
-    if path.name == BY_HAND:
+    if path.name == USE_X86:
         return
     *_, end = path.read_text().split('\nif "snakemake" in globals():\n    with job(snakemake):\n        main(')
     keywords = dict.fromkeys(inspect.signature(imported(path).main).parameters)

@@ -14,7 +14,7 @@ from ..base.errors import InputError, did_you_mean
 from ..base.geometry import PARALLEL
 from ..base.names import same_but_for_case
 from ..base.vectors import FLAT
-from ..physics.effect import DIVERGENT_BEAM, check_readings, checked, image_effects, needing
+from ..physics.effect import DIVERGENT_BEAM, check_readings, checked, effects_needing, image_effects
 from ..statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 from .outputs import OUTPUTS, WILDCARD
 from .plan import WITHOUT_PHYSICS
@@ -385,7 +385,7 @@ class Rules:
             scan = self.config["scans"].get(protocol["scan"]) if protocol.get("scan") else self.config.get("scan")
             if (scan or {}).get("beam") == PARALLEL:
                 for effect in sorted(
-                    set(protocol.get("physics", self.config["physics"])) & set(needing(DIVERGENT_BEAM))
+                    set(protocol.get("physics", self.config["physics"])) & set(effects_needing(DIVERGENT_BEAM))
                 ):
                     yield f"config: protocols.{name}.physics: {effect} needs a focal spot; the scan's beam is parallel"
 

@@ -67,7 +67,8 @@ def candidates(
     Raises
     ------
     InputError
-        For an unknown effect, one that the recording cannot show, and one that needs a missing statement.
+        For an unknown effect, an effect that the recording cannot show, or an effect that needs a key of recording.yaml
+        that is not stated.
     """
     hides, why = HIDDEN[kind]
     unmet = {
@@ -84,14 +85,14 @@ def candidates(
             hidden[name] = f"was corrected by the scanner's maker (corrected: {correction} in recording.yaml)"
         if effect.correction and effect.correction not in corrected:
             hidden[name] = (
-                f"is there where the maker corrected it; state corrected: [{effect.correction}] in recording.yaml"
+                f"models a correction by the scanner's maker; state corrected: [{effect.correction}] in recording.yaml"
             )
         for need in effect.needs:
             if unmet[need]:
                 hidden[name] = NEEDS[need]
         if not timed and needs_times(name):
             hidden[name] = (
-                "goes by the scan's times; state scan.rotation_time_ms or scan.view_interval_ms in recording.yaml"
+                "needs the scan's times; state scan.rotation_time_ms or scan.view_interval_ms in recording.yaml"
             )
     chosen = settings.effects or [name for name in names() if name not in hidden]
     for name in chosen:

@@ -19,8 +19,8 @@ from .projections.observed import scans
 from .projections.prepared import PreparedScans, prepare
 from .request import DiagnosisRequest, NominalSettings
 from .residuals.dataset import Prepared
-from .scanned_object import coarse_scene, scene_of, whole_voxels
-from .workload import fitted
+from .scanned_object import binary_voxels_remark, coarse_scene, scene_of
+from .workload import samples_and_step
 
 
 def prepare_recording(request: DiagnosisRequest, recording: Recording | None = None) -> tuple[Recording, Prepared]:
@@ -52,7 +52,7 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         "readout": AIR if taken.white is None else float(taken.white.mean()),
     }
     scene, shape = scene_of(request), recording.geometry.shape
-    samples, step = fitted(settings.samples, settings.view_step, settings.of_shapes, shape)
+    samples, step = samples_and_step(settings.samples, settings.view_step, settings.of_shapes, shape)
     model, floor = model_and_floor(scene, recording.geometry, samples, **detector)
     coarse = None
     if settings.of_phantom:
@@ -74,7 +74,7 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         coarse_chain=coarse,
         step=step,
         time_remark=view_time_note(recording.scan),
-        voxels=whole_voxels(request, scene),
+        voxels=binary_voxels_remark(request, scene),
     )
 
 

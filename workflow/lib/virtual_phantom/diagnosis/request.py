@@ -13,7 +13,7 @@ from ..physics.beam.sensors import Sensor
 from ..physics.beam.spectra import Anode
 from .settings import FitSettings, RecordingSettings
 
-LOCATION_DIGITS = 1  # decimals of an object location that is found, mm
+LOCATION_DIGITS = 1  # decimals of a fitted object location in mm
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from ..base.streams import Branch
-from ..physics.effect import offered
+from ..physics.effect import applicable_effects
 from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
 from ..statistics.proof_record import SeedResult, with_coverage
@@ -31,12 +31,12 @@ from .setup.check import check_setup, setup_diagnosis
 from .uncertainty.model_error import errors_with_models
 from .verdict.object_mismatch import (
     MOST_PIECES,
-    beside,
     better_than,
     beyond_effects,
     differing,
     explains_all,
     no_physics,
+    piece_beside_effects,
 )
 from .verdict.unmodeled import ChangesOfFits
 from .verdict.verdict import Diagnosis, diagnose
@@ -161,7 +161,7 @@ def find_missing_physics(
             piece = None  # too wide to be corrected: select effects with the pieces corrected so far
         alone = None
         if piece is not None:
-            applicable = offered(effects, given.fitter.model.whole(()))
+            applicable = applicable_effects(effects, given.fitter.model.with_declared_effects(()))
             alone = (
                 screened(given.fitter, baseline.fit, applicable, processes, progress, accuracy) if applicable else {}
             )
@@ -176,7 +176,7 @@ def find_missing_physics(
         prepared, choice = _with_settled_noise(prepared, select, None if pieces else cache)
         piece = None
         if widest_mm and len(pieces) < MOST_PIECES:
-            piece = choice.piece or beside(prepared, choice, changes)
+            piece = choice.piece or piece_beside_effects(prepared, choice, changes)
         if piece is None or not may_be_corrected(piece):
             break
         prepared, pieces = prepared.with_piece(piece.piece, choice.chosen.fit), [*pieces, piece]
@@ -205,10 +205,10 @@ def apply_known_physics(
 def _with_settled_noise(
     prepared: Prepared, select: Callable[[Prepared, FitCache | None], Choice], cache: FitCache | None
 ) -> tuple[Prepared, Choice]:
-    """Return a choice, repeated with noise correlations from the chosen effects if the recording does not show them.
+    """Select effects, and select again if the chosen effects give the noise other correlations.
 
-    All models are then refitted, so that they are compared by the same likelihood. The cache is for the first choice
-    only.
+    Only recordings that do not determine the noise correlations are repeated. All models are then refitted, so that
+    they are compared by the same likelihood. The cache is for the first choice only.
     """
     choice = select(prepared, cache)
     again = prepared.with_noise_of(choice.chosen.fit)

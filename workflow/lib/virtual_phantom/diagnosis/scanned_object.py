@@ -55,10 +55,10 @@ def labelled_object(given: LabelledObject) -> LabelMap:
     return read_label_map(given.labels, given.materials)
 
 
-def whole_voxels(request: DiagnosisRequest, scene: object) -> str | None:
-    """Return a remark on voxels without partial volume, and a better choice; None for other objects."""
+def binary_voxels_remark(request: DiagnosisRequest, scene: object) -> str | None:
+    """Return a remark on an object whose voxels have no partial volumes, with a better choice; None for others."""
     other = request.settings.object
-    if not isinstance(other, MaskedObject | LabelledObject) or not scene.whole_voxels:
+    if not isinstance(other, MaskedObject | LabelledObject) or not scene.is_binary:
         return None
     if isinstance(other, LabelledObject):
         drawn, better = other.labels, "finer voxels or an object of shapes"

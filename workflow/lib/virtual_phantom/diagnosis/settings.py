@@ -42,7 +42,7 @@ class LabelledObject:
     labels : str
         Path of an image of integers.
     materials : mapping of str to str or mapping
-        Material by label (physics.scenes.labeled.materials_of).
+        Material by label (physics.scenes.labeled.label_materials).
     """
 
     labels: str
@@ -72,7 +72,7 @@ class RecordingSettings:
     samples : int or None
         Rays per detector pixel and direction; None: see workload.samples_for.
     view_step : int or None
-        Every such view is used; None: see workload.step_for.
+        Step between the views that are used; None: see workload.step_for.
     alignment : mapping of str to float
         {nuisance parameter: standard deviation that replaces the default}.
     nominal_photons : float or None

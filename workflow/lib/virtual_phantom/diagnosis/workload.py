@@ -30,7 +30,8 @@ def rays_of(shape: tuple[int, int, int], samples: int) -> int:
 def samples_for(stated: int | None, shapes: bool, shape: tuple[int, int, int]) -> int:
     """Return the rays per pixel and direction of a model of projections.
 
-    Those stated. Otherwise up to SAMPLES_OF_SHAPES for shapes, if all views can be fitted with them, else SAMPLES.
+    This is the stated number. Otherwise it is SAMPLES, or for shapes the largest number up to SAMPLES_OF_SHAPES with
+    which all views can be fitted.
 
     Parameters
     ----------
@@ -46,13 +47,15 @@ def samples_for(stated: int | None, shapes: bool, shape: tuple[int, int, int]) -
 def step_for(shape: tuple[int, int, int], samples: int) -> int:
     """Return the default step between fitted views, with which fits have at most MOST_FITTED rays.
 
-    The step is odd, as every second view would not show a focal spot that alternates between views.
+    The step is odd, because every second view would not show a focal spot that alternates between views.
     """
     step = max(1, math.ceil(rays_of(shape, samples) / MOST_FITTED))
     return min(step + (step + 1) % 2, max(1, (shape[0] // FEWEST_VIEWS - 1) | 1))
 
 
-def fitted(samples: int | None, view_step: int | None, shapes: bool, shape: tuple[int, int, int]) -> tuple[int, int]:
+def samples_and_step(
+    samples: int | None, view_step: int | None, shapes: bool, shape: tuple[int, int, int]
+) -> tuple[int, int]:
     """Return rays per pixel and direction, and the step between views, of a fit of projections."""
     samples = samples_for(samples, shapes, shape)
     return samples, view_step or step_for(shape, samples)

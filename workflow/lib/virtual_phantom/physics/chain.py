@@ -42,7 +42,7 @@ from .scenes.scene import IN_PLACE, Pose, VoxelScene, scan_key
 from .state import AIR, EARLIER_VIEWS, PHOTONS, Inclusions, State
 
 # Cached results. A fit varies one parameter at a time, and most parameters leave the results of earlier stages as they
-# are. A focal spot has nine points, each with path lengths of its own.
+# are. Each of the nine points of a focal spot has its own path lengths.
 MAX_PATHS, MAX_TRANSMISSIONS = 20, 24
 CACHE_BYTES, MIN_CACHED = 2e8, 3  # for each of the two caches
 EVEN, SOLID_ANGLE = "even", "solid_angle"
@@ -91,21 +91,26 @@ class Chain:
     def _copy(self, scene: VoxelScene, geometry: ScanGeometry, samples: int) -> Chain:
         return Chain(scene, geometry, self.photons, samples, self.illumination, self.sensor, self.readout)
 
-    def near(
+    def linearized_at(
         self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, reach: float = 1.0, **extra
     ) -> Chain:
-        """Return a chain whose path lengths are linearized at the given settings, as PosedScene.near.
+        """Return a chain whose path lengths are linearized at the given settings, as PosedScene.linearized_at.
 
-        Other arguments are those of `state`. Chains with other scenes are returned unchanged.
+        `reach` is a factor of the linear range. Other arguments are as in `state`. A chain whose scene is not a
+        PosedScene is returned unchanged.
         """
         if not isinstance(self.scene, PosedScene):
             return self
-        return self._copy(self.scene.near(self._scans(physics, pose, extra), reach), self.geometry, self.samples)
+        return self._copy(
+            self.scene.linearized_at(self._scans(physics, pose, extra), reach), self.geometry, self.samples
+        )
 
-    def follows(self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, **extra) -> bool:
-        """Whether all rays of the given settings are in the linear range; true also if the scene traces all rays."""
+    def in_linear_range(self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, **extra) -> bool:
+        """Whether all rays of the given settings are in the linear range; true if the scene is not linearized."""
         scene = self.scene
-        return not isinstance(scene, LinearizedScene) or all(map(scene.follows, self._scans(physics, pose, extra)))
+        return not isinstance(scene, LinearizedScene) or all(
+            map(scene.in_linear_range, self._scans(physics, pose, extra))
+        )
 
     def _scans(self, physics: Mapping[str, Mapping[str, float]], pose: Pose, extra: Mapping) -> list[PosedScan]:
         """Return the scans for which these settings need path lengths."""
@@ -190,10 +195,10 @@ class Chain:
         return state
 
     def _earlier_signal(self, physics, pose: Pose, photons: float | None, extra: Mapping) -> np.ndarray:
-        """Return State.earlier: views that are far apart do not determine the signal between them."""
+        """Return State.earlier, for scans whose views are too far apart to interpolate the signal between them."""
         if self._earlier_chains is None:
             self._earlier_chains = [self.copy(later_geometry(self.geometry, -count)) for count in EARLIER_VIEWS]
-            for chain in self._earlier_chains:  # cache one pose only: of large scans more would take gigabytes
+            for chain in self._earlier_chains:  # cache one pose; more poses of a large scan would take gigabytes
                 chain._paths = LRUCache(len(supersampled(chain.geometry, chain.samples)))
         return np.stack([chain._run(physics, pose, photons, extra).signal for chain in self._earlier_chains])
 
@@ -244,7 +249,7 @@ class Chain:
         Parameters
         ----------
         geometry, pose, motion_mm
-            As scenes take them.
+            As in GridScene.path_lengths.
         beam : Spectrum, optional
             None: the monochromatic beam.
         added : tuple of tuple of AddedShape and float, optional

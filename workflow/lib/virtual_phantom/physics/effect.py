@@ -15,9 +15,9 @@ from ..base.errors import InputError, did_you_mean
 from ..base.names import label
 from . import effects
 
-# Stages that move rays, the object, and the origin of rays.
+# Stages that displace the rays, the object and the source.
 GEOMETRY, MOTION, FOCAL_SPOT = MOVING = ("geometry", "motion", "focal_spot")
-# In the order in which they act.
+# Stages in the order in which they act.
 STAGES = (GEOMETRY, MOTION, "spectrum", "fluence", FOCAL_SPOT, "scatter", "crosstalk", "noise", "readout", "image")
 
 
@@ -35,10 +35,10 @@ OF_SCANNER, OF_PROTOCOL, OF_SCAN = "scanner", "protocol", "scan"
 DIVERGENT_BEAM, NOMINAL_PHOTONS = "divergent beam", "nominal photons"
 SUCCESSIVE_VIEWS, HELIX = "successive views", "helix"
 NEEDS = {
-    DIVERGENT_BEAM: "goes by the place of a focal spot, and the beam is parallel",
-    NOMINAL_PHOTONS: "needs nominal_photons, which it could differ from and which are not stated",
-    SUCCESSIVE_VIEWS: "jumps from view to view, and every second view or fewer are fitted (view_step)",
-    HELIX: "goes along the axis, where the source does not move",
+    DIVERGENT_BEAM: "needs a focal spot, but the beam is parallel",
+    NOMINAL_PHOTONS: "is relative to nominal_photons, which are not stated",
+    SUCCESSIVE_VIEWS: "changes from view to view, but at most every second view is fitted (view_step)",
+    HELIX: "changes along the axis, but the source does not move along it",
 }
 # Quantities on the scanner's label that are priors of parameters (Parameter.nominal).
 TUBE_VOLTAGE, SENSOR_THICKNESS = "tube voltage", "sensor thickness"
@@ -48,14 +48,14 @@ DARK_LEVEL, DARK_DRIFT, DARK_NOISE = "dark level", "dark drift", "dark noise"
 
 @dataclass(frozen=True)
 class Reach:
-    """Range of a parameter relative to one scan, if its unit is independent of the scan.
+    """Range of a parameter in a unit that depends on the scan.
 
-    A motion in mm/s, for example, is detected by its length in mm over the scan.
+    For example, the plausible velocities in mm/s follow from a plausible displacement in mm over the scan.
 
     Attributes
     ----------
     of : str
-        Relative unit: PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN or PER_AIR_PHOTON.
+        Unit of the range: PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN or PER_AIR_PHOTON.
     low, high, start : float
         Range and start of a fit.
     typical : float
@@ -89,18 +89,18 @@ class Parameter:
     reach : Reach or None
         Range relative to one scan; None: low, high, start and typical.
     stated : bool
-        Whether it is part of the scanner design; fits keep the typical value.
+        Whether the parameter is part of the scanner design; fits keep its typical value.
     belongs_to : {"scanner", "protocol", "scan"}
-        Recordings that share it.
+        Recordings that share its value.
     kernel : bool
-        Whether it is the width of a kernel or source whose shape is an assumption.
+        Whether the parameter is the width of a kernel or source whose shape is an assumption.
     kernel_error : float or None
-        Share of the kernel that may be half as wide, one standard deviation; None: the relative error of the effect's
-        model.
+        Standard deviation of the error of the kernel's shape: amplitude of a kernel of half the width, relative to the
+        kernel; None: the relative error of the effect's model.
     nominal : str or None
         Quantity on the scanner's label that is its prior: TUBE_VOLTAGE or SENSOR_THICKNESS.
     dark : str or None
-        Property of dark frames that it determines: DARK_LEVEL, DARK_DRIFT or DARK_NOISE.
+        Property of dark frames that measures the parameter: DARK_LEVEL, DARK_DRIFT or DARK_NOISE.
     title : str
         Name in texts; empty: `name` without its unit.
     """
@@ -129,13 +129,13 @@ class Parameter:
         name = self.title or label(UNIT_AT_END.sub("", self.name))
         return f"kernel {name}" if self.kernel and not self.title else name
 
-    def number(self, value: float) -> float:
-        """Transform a value to the variable of fits."""
+    def to_variable(self, value: float) -> float:
+        """Return the variable that fits use in place of a value: its power or its logarithm."""
         return math.log(value) if self.power == LOGARITHM else value**self.power
 
     @property
     def timed(self) -> bool:
-        """Whether it can be determined only from scans with known times."""
+        """Whether the parameter can be determined only from scans with known times."""
         return self.reach is not None and self.reach.of not in (OF_AIR, PER_AIR_PHOTON)
 
     def within(self, scan: Mapping[str, float]) -> Parameter:
@@ -144,7 +144,7 @@ class Parameter:
         Parameters
         ----------
         scan : mapping of str to float
-            {relative unit of Reach: its size in the unit of the parameter}.
+            {unit of Reach: its size in the unit of the parameter}.
         """
         if self.reach is None:
             return self
@@ -179,21 +179,22 @@ class Effect:
     pattern : bool
         Whether one unknown per detector pixel is fitted in addition to the parameters (rings).
     beside : str or None
-        Effect without which this one does nothing, or equals it.
+        Effect that must be present: without it, this effect does nothing or cannot be distinguished from it.
     rank : int
-        Order of image effects, then by name: 0 for sharpness, 1 for HU values.
+        Order of image effects: 0 for sharpness, 1 for HU values. Effects of the same rank are sorted by name.
     needs : tuple of str
-        Conditions of a scan under which it is tried: keys of NEEDS.
+        Conditions that a scan must fulfill for the effect to be fitted: keys of NEEDS.
     of_one_scan : bool
-        Whether each scan of a scanner has its own; joint diagnoses do not try it.
+        Whether the effect differs between the scans of a scanner; joint diagnoses do not fit it.
     removed_by : tuple of str
-        Corrections by the scanner's maker (`corrected` in recording.yaml) after which it is not tried.
+        Corrections by the scanner's maker (`corrected` in recording.yaml) that remove the effect, so it is not fitted.
     correction : str
-        Correction by the scanner's maker that it models; it is tried only after that one.
+        Correction by the scanner's maker that the effect models; it is fitted only to scans with this correction.
     absolute_attenuation : bool
-        Whether it determines attenuation absolutely: beside it, the scale of line integrals is the object's density.
+        Whether the effect determines attenuation absolutely. If it is fitted, the scale of line integrals is the
+        density of the object.
     if_absent : str
-        Warning if the data reject it although the label states a tube voltage, {tube_kvp} in kV.
+        Warning if the data reject the effect although the label states a tube voltage, {tube_kvp} in kV.
     title : str
         Name in texts; empty: `name` with spaces.
     """
@@ -225,7 +226,7 @@ class Effect:
 
     @property
     def kinematic(self) -> bool:
-        """Whether it only moves rays or the object. Such effects have no model error."""
+        """Whether the effect only moves rays or the object. Such effects have no model error."""
         return self.stage in (GEOMETRY, MOTION) or all(map(self.moves, self.parameters))
 
     def moves(self, parameter: Parameter) -> bool:
@@ -323,8 +324,8 @@ def load(name: str, source: str = "physics") -> Effect:
     return importlib.import_module(f".effects.{name}", __package__).EFFECT
 
 
-def offered(candidates: Iterable[str], there: Collection[str]) -> list[str]:
-    """Return the candidates that have an effect given the present effects."""
+def applicable_effects(candidates: Iterable[str], there: Collection[str]) -> list[str]:
+    """Return the candidates whose required effect (Effect.beside), if they have one, is present."""
     return [name for name in candidates if (needed := load(name).beside) is None or needed in there]
 
 
@@ -379,25 +380,25 @@ def absolute_attenuation(effects: Iterable[str]) -> bool:
     return any(load(name).absolute_attenuation for name in effects)
 
 
-def needing(need: str) -> list[str]:
+def effects_needing(need: str) -> list[str]:
     """Return the effects that need a condition."""
     return [name for name in names() if need in load(name).needs]
 
 
 def scan_effects() -> list[str]:
-    """Return the effects that each scan of a scanner has of its own."""
+    """Return the effects that differ between the scans of a scanner."""
     return [name for name in names() if load(name).of_one_scan]
 
 
-def of_one_scan(name: str) -> dict[str, float | None]:
-    """Return the neutral values of the parameters of an effect that belong to a single scan."""
+def scan_parameters(name: str) -> dict[str, float | None]:
+    """Return {parameter: neutral value} of the parameters of an effect that belong to a single scan."""
     return {one.name: one.neutral for one in load(name).parameters if one.belongs_to == OF_SCAN}
 
 
 def needs_times(name: str) -> bool:
     """Whether an effect is detectable only in scans with known times.
 
-    This is the case if all parameters depend on time, or one that does has no neutral value.
+    This is the case if all parameters depend on time, or if one time-dependent parameter has no neutral value.
     """
     parameters = load(name).parameters
     return any(one.timed and one.neutral is None for one in parameters) or all(one.timed for one in parameters)

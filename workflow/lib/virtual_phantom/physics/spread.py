@@ -15,7 +15,7 @@ def spread(
 ) -> np.ndarray:
     """Return views blurred by a Gaussian on the detector.
 
-    A detector of one row stands for a beam that is constant along z. Outside of the detector the signal is 0, as with
+    With one detector row, the beam is assumed to be constant along z. Outside of the detector the signal is 0, as with
     mode "constant" of scipy.ndimage.gaussian_filter. Matrix products are faster than filters for kernels as wide as the
     detector.
 
@@ -23,7 +23,7 @@ def spread(
     ----------
     array : ndarray, shape (..., views, rows, columns)
     reach_mm : tuple of 2 float, optional
-        Along columns and rows, mm: distance at which a factor of the kernel falls linearly from 1 to 0.
+        Distance along columns and rows, mm, over which a factor of the kernel falls linearly from 1 to 0.
     """
     columns, rows = (
         _kernel(width_mm / pitch, reach / pitch)

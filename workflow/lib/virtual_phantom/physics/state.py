@@ -55,8 +55,8 @@ class State:
         Actual geometry of the scan, except for rotations of the detector (`mounting`).
     photons : float
         Noise-equivalent quanta per pixel in air at fluence 1: the inverse of the relative quantum variance, 1/A. It is
-        the number of photons if all photons have the same weight. Noise that is the same for all deposits (the optical
-        part of the Swank factor) lowers this number and appears nowhere else.
+        the number of photons if all photons have the same weight. Noise that is equal for all deposited energies (the
+        optical part of the Swank factor) is included only as a lower number of photons.
     motion_mm : ndarray, shape (views, 3), or None
         Displacement of the object (x, y, z), mm.
     added : tuple of tuple of AddedShape and float
@@ -82,7 +82,7 @@ class State:
     noise : ndarray, shape (views, rows, columns), or None
         Quantum variance of the signal times `photons`: equal to the signal if all photons have the same weight.
     electronic : float
-        Standard deviation of electronic noise, photons (signal in air divided by `photons`).
+        Standard deviation of electronic noise, photons. One photon is the signal in air at fluence 1 over `photons`.
     neighbours : tuple of 2 float
         Crosstalk along (columns, rows): share of the signal, including its quantum noise, that goes to the next pixel
         on each side.
@@ -94,7 +94,7 @@ class State:
         `signal` at EARLIER_VIEWS before each view, for afterglow in a scan that has only some of the scanner's views;
         None: interpolated from the views of the scan.
     slow_lag : tuple of 3 float
-        Second afterglow, as `lag`, that decays over so many views that its own noise averages out.
+        Second afterglow, as `lag`. It decays over so many views that its noise averages out.
     anti_scatter_ratio : tuple of 2 float
         Grid ratio (height of the septa divided by their distance) across columns and across rows; 0: no grid. A grid
         absorbs radiation that is scattered by larger angles.
@@ -149,7 +149,7 @@ class State:
 
     @property
     def unit(self) -> float:
-        """Signal 1 in readout units."""
+        """Reading of a signal of 1, readout units."""
         if self.readout == PHOTONS:
             return self.photons
         air = float(self.apply_response(self.air).mean())
@@ -157,12 +157,12 @@ class State:
 
     @property
     def measured(self) -> np.ndarray:
-        """Mean signal as stored, shape (views, rows, columns)."""
+        """Mean reading after the vendor's correction, relative to air at fluence 1, shape (views, rows, columns)."""
         return self.apply_correction(self._mean_reading)
 
     @property
     def measured_air(self) -> np.ndarray:
-        """Air scan as read out, shape (views or 1, rows, columns)."""
+        """Mean reading of the air scan, relative to air at fluence 1, shape (views or 1, rows, columns)."""
         return self.apply_response(with_crosstalk(self.air, self.neighbours)) + self.dark_air / self.unit
 
     def line_integrals(self) -> np.ndarray:
@@ -200,8 +200,8 @@ class State:
         Parameters
         ----------
         random : numpy.random.Generator
-            Gives one number per pixel for the counts. Afterglow from before the scan and electronic noise use streams
-            spawned from it, so that the counts do not depend on them.
+            Gives one number per pixel and view for the counts; with afterglow, also for the scanner views in between.
+            Earlier afterglow and electronic noise use spawned streams, so that the counts do not depend on them.
         """
         from .noise.poisson import poisson_counts  # loads numba, which only noisy scans need
 
@@ -252,7 +252,7 @@ class State:
         return quantum * factor, (self.electronic / self.photons) ** 2 * factor
 
     def apply_response(self, signal: np.ndarray) -> np.ndarray:
-        """Return the readings N^exponent / (1 + loss N) of a signal, odd because of negative electronic noise."""
+        """Return the reading sign(N) |N|^exponent / (1 + loss |N|) of a signal N, which noise can make negative."""
         if self.response == LINEAR:
             return signal
         exponent, loss = self.response

@@ -1,4 +1,4 @@
-"""Projection engines. Each has the methods of cpu.CpuProjector: pack, unpack, forward, back."""
+"""Projection engines. Each is a class with the methods of cpu.CpuProjector: pack_*, unpack_*, forward and back."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ENGINES = ("auto", "cpu", "astra_cuda")
 
 
 def cuda_available() -> bool:
-    """Return whether ASTRA can use a CUDA device. Without one its 3D algorithms end the process: check first."""
+    """Return whether ASTRA can use a CUDA device. Without a device, ASTRA's 3D algorithms end the process."""
     import astra
 
     return bool(astra.use_cuda())
@@ -22,12 +22,12 @@ def cupy_installed() -> bool:
     """Return whether CuPy can be imported; astra_cuda keeps its arrays on the device with it."""
     try:
         import cupy  # noqa: F401
-    except ImportError:  # including errors of its own libraries
+    except ImportError:  # CuPy, or a library that it needs, is missing
         return False
     return True
 
 
-NOT_OF_ASTRA = "engine: astra_cuda supports neither cylindrical detectors nor parallel beams; set engine: cpu"
+UNSUPPORTED_BY_ASTRA = "engine: astra_cuda supports neither cylindrical detectors nor parallel beams; set engine: cpu"
 NO_CUPY = "astra_cuda needs CuPy, which cannot be imported: pip install -r environment-gpu.txt"
 
 
@@ -36,7 +36,7 @@ def astra_projects(geometry: ScanGeometry) -> bool:
     return geometry.surface == FLAT and not geometry.parallel
 
 
-def choose_engine(name: str, backprojector: str, look: bool = True, flat: bool = True) -> str:
+def choose_engine(name: str, backprojector: str, check: bool = True, flat: bool = True) -> str:
     """Return the engine for the configured name; "auto" selects CUDA where it is available and supports the scan.
 
     Warns if CUDA is available but unused because CuPy is missing.
@@ -45,8 +45,8 @@ def choose_engine(name: str, backprojector: str, look: bool = True, flat: bool =
     ----------
     backprojector : {"voxel", "adjoint"}
         Back-projector of SIRT; ASTRA has no "adjoint".
-    look : bool, optional
-        False: do not check for a device if the name is astra_cuda; `projector` checks when it is used.
+    check : bool, optional
+        False: do not check for a device if the name is astra_cuda; `projector` checks it later.
     flat : bool, optional
         Whether ASTRA supports the scan: all detectors are flat and no beam is parallel.
 
@@ -61,7 +61,7 @@ def choose_engine(name: str, backprojector: str, look: bool = True, flat: bool =
     if name == "cpu" or (name == "auto" and (backprojector == "adjoint" or not flat)):
         return "cpu"
     if not flat:
-        raise InputError(NOT_OF_ASTRA)
+        raise InputError(UNSUPPORTED_BY_ASTRA)
     if backprojector == "adjoint":
         raise InputError("engine: astra_cuda has no adjoint; set reconstruction.sirt.backprojector: voxel")
     if name == "auto":
@@ -71,7 +71,7 @@ def choose_engine(name: str, backprojector: str, look: bool = True, flat: bool =
             return "astra_cuda"
         warnings.warn(f"engine: auto uses the CPU although a CUDA device is available: {NO_CUPY}", stacklevel=2)
         return "cpu"
-    if look:
+    if check:
         _check_device()
     return "astra_cuda"
 

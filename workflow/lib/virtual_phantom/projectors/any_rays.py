@@ -1,7 +1,7 @@
 """Sums along single rays by Joseph's method (joseph.py), and their derivatives with respect to the rays' coordinates.
 
-The derivatives are those by the coordinates a, b, c and d of a ray (joseph.Bundles). Interpolation is bilinear, so they
-are sums of differences between neighboring voxels. Bundles of many rows use rows.py instead.
+The coordinates are a, b, c and d of a ray (joseph.Bundles). Interpolation is bilinear, so the derivatives are sums of
+differences between neighboring voxels. Bundles of many rows use rows.py instead.
 """
 
 import math
@@ -30,8 +30,8 @@ def trace_sums(volumes, occupied, sums, first_view, shape, rays, apart):
     shape : tuple of 3 int
         (z, y, x) of the grid without padding.
     apart : int
-        Distance between bundles that are traced one after the other, so that neighbors read the same voxels: the number
-        of columns if the detector is not upright, otherwise 1.
+        Step from one traced bundle to the next, so that both read the same voxels: the number of columns if the
+        detector is not upright, otherwise 1.
     """
     nz = shape[0]
     lanes, views, bundles = sums.shape
@@ -138,7 +138,7 @@ def path_lengths(sums, place, rays, result):
 
 
 @compiled(**OPTIONS)
-def follow(paths, slopes, traced, rays, result):
+def extrapolate_lengths(paths, slopes, traced, rays, result):
     """Write path lengths of displaced rays to first order.
 
     The new sum is the traced sum plus its derivatives times the change of the coordinates. Sums are multiplied by the

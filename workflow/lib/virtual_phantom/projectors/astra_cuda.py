@@ -20,7 +20,7 @@ from astra.log import AstraError
 
 from ..base.errors import InputError
 from ..base.geometry import Grid, ScanGeometry
-from . import NOT_OF_ASTRA, astra_projects
+from . import UNSUPPORTED_BY_ASTRA, astra_projects
 
 
 def cone_vectors(geometry: ScanGeometry, views: slice = slice(None)) -> np.ndarray:
@@ -65,7 +65,7 @@ class AstraCudaProjector:
 
     def __init__(self, geometry: ScanGeometry, grid: Grid, lanes: int = 1, arrays: ModuleType | None = None):
         if not astra_projects(geometry):
-            raise InputError(NOT_OF_ASTRA)
+            raise InputError(UNSUPPORTED_BY_ASTRA)
         if arrays is None:
             import cupy as arrays
         self.geometry, self.grid, self.lanes, self._arrays = geometry, grid, lanes, arrays

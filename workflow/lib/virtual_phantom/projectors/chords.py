@@ -5,7 +5,8 @@ A shape is the intersection of half-spaces and at most one quadric: all points x
     normal . x <= offset                        for every plane
     x . Q x + 2 b . x + c <= 0                  for the quadric
 
-A ray therefore has one interval in a shape. Balls, cylinders and cones are quadrics; boxes are planes; ends are either.
+A ray therefore has one interval in a shape. Ellipsoids, cylinders and cones have a quadric; planes bound boxes and the
+ends of cylinders and cones.
 
 The rays of a bundle share their projection onto the plane z = 0, so shapes that they miss are excluded once per bundle.
 """
@@ -102,7 +103,7 @@ def _within_quadric(q, source, way, first, last):
     return (first, min(last, low)) if before > after else (max(first, high), last)
 
 
-class Room(NamedTuple):
+class Workspace(NamedTuple):
     """Work arrays of one thread.
 
     Attributes
@@ -131,7 +132,7 @@ class Room(NamedTuple):
     shares: np.ndarray
 
     @classmethod
-    def of(cls, shapes: Shapes) -> Room:
+    def of(cls, shapes: Shapes) -> Workspace:
         """Allocate work arrays for these shapes."""
         count = len(shapes.material)
         begin, end, near, far = np.empty((4, count))
@@ -151,7 +152,7 @@ def _insert(edges, count, value):
 
 
 @compiled(inline="always", **EXACT)
-def _passed(shapes, source, to_x, to_y, room):
+def _passed(shapes, source, to_x, to_y, workspace):
     """Store the shapes that the bundle's projection crosses, with entry and exit, and return their number."""
     square, found = to_x * to_x + to_y * to_y, 0
     for i in range(len(shapes.material)):
@@ -168,7 +169,7 @@ def _passed(shapes, source, to_x, to_y, room):
                 near, far = max(near, middle - half), min(far, middle + half)
                 if near > far:
                     continue
-        room.passed[found], room.near[found], room.far[found] = i, near, far
+        workspace.passed[found], workspace.near[found], workspace.far[found] = i, near, far
         found += 1
     return found
 
@@ -181,7 +182,7 @@ def _at_height(around, z, rise, near, far):
 
 
 @compiled(**EXACT)
-def chords(shapes, sources, ways, rises, size, lengths, room):
+def chords(shapes, sources, ways, rises, size, lengths, workspace):
     """Write the length of rays in every material, mm.
 
     Parameters
@@ -198,13 +199,20 @@ def chords(shapes, sources, ways, rises, size, lengths, room):
         Output; must be zeros.
     """
     views, bundles = ways.shape[0], ways.shape[1]
-    begin, end, met, edges, way, nearest = room.begin, room.end, room.met, room.edges, room.way, room.nearest
-    shares = room.shares
+    begin, end, met, edges, way, nearest = (
+        workspace.begin,
+        workspace.end,
+        workspace.met,
+        workspace.edges,
+        workspace.way,
+        workspace.nearest,
+    )
+    shares = workspace.shares
     for view in range(views):
         source = sources[view]
         for bundle in range(bundles):
             way[0], way[1] = ways[view, bundle, 0], ways[view, bundle, 1]
-            count = _passed(shapes, source, way[0], way[1], room)
+            count = _passed(shapes, source, way[0], way[1], workspace)
             if count == 0:
                 continue
             for row in range(len(rises)):
@@ -218,8 +226,8 @@ def chords(shapes, sources, ways, rises, size, lengths, room):
                 for axis in range(3):
                     nearest[axis] = source[axis] + closest * way[axis]
                 for place in range(count):
-                    i = room.passed[place]
-                    if not _at_height(shapes.around[i], source[2], way[2], room.near[place], room.far[place]):
+                    i = workspace.passed[place]
+                    if not _at_height(shapes.around[i], source[2], way[2], workspace.near[place], workspace.far[place]):
                         continue
                     first, last = _behind_planes(shapes, i, source, way)
                     if first < last and shapes.curved[i]:

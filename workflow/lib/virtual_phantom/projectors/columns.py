@@ -1,8 +1,9 @@
 """Interpolation along z or the detector rows, for one line of voxels or pixels after the other.
 
-Many realizations fill vector registers (lanes.py). A single realization first combines both lines into one, and
-neighbors along this line fill the registers. This is done by x86 instructions (x86.py) if the processor has
-them and slices and rows are about equally dense, otherwise by loops that LLVM vectorizes on any processor.
+Interpolation is bilinear between two neighboring lines. If there are several realizations, they fill the vector
+registers (lanes.py). For a single realization, both lines are first combined into one, and neighbors along this line
+fill the registers. The code is in x86 instructions (x86.py) if the processor has them and slices and rows are about
+equally dense. Otherwise it is in loops that LLVM vectorizes on any processor.
 """
 
 from collections import namedtuple
@@ -15,7 +16,7 @@ from .lanes import OPTIONS, gather_bilinear, scatter_bilinear
 from .processors import ANY, PROCESSOR
 from .x86 import FLATTEST, STEEPEST, WIDTH, gather_neighbours, scatter_neighbours
 
-BY_HAND = PROCESSOR != ANY
+USE_X86 = PROCESSOR != ANY
 # With a step of s cells per row, at most ceil(2 / s) rows are less than one cell away from a cell. These are two
 # rows from ONE_CELL on, three from TWO_THIRDS, four from FLATTEST. The lengths of the tuples are these numbers.
 ONE_CELL, TWO_THIRDS = np.float32(1.0), np.float32(2 / 3)
@@ -27,7 +28,7 @@ Line = namedtuple("Line", "values whole part")
 
 
 def empty_line(cells: int) -> Line:
-    """Return work arrays for lines of at most so many cells or positions, without padding."""
+    """Return work arrays for lines with at most `cells` cells or positions, not counting padding."""
     size = cells + 5  # padding, and rounding at the end of the line
     return Line(np.zeros(size, np.float32), np.empty(size, np.int32), np.empty(size, np.float32))
 
@@ -63,7 +64,7 @@ def gather_line(out, at, source, first, second, length, near, weight, height, sl
     """
     count = len(lanes)
     # The x86 code reads beyond the line but must stay within the array.
-    if BY_HAND and count == 1 and slope <= STEEPEST and max(first, second) + length + 2 * WIDTH <= source.size:
+    if USE_X86 and count == 1 and slope <= STEEPEST and max(first, second) + length + 2 * WIDTH <= source.size:
         gather_neighbours(out, at, source, first, second, near, weight, height, slope, start, stop, shares)
     elif count == 1:
         _gather_by_loops(out, at, source, first, second, near, weight, height, slope, start, stop, shares, line)
@@ -120,7 +121,7 @@ def scatter_line(out, first, second, source, at, length, near, weight, height, s
     """
     count = len(lanes)
     # The x86 code reads beyond the values but must stay within the array.
-    if BY_HAND and count == 1 and FLATTEST <= slope and at + stop + 2 * WIDTH <= source.size:
+    if USE_X86 and count == 1 and FLATTEST <= slope and at + stop + 2 * WIDTH <= source.size:
         if slope >= ONE_CELL:
             _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, TWO)
         elif slope >= TWO_THIRDS:

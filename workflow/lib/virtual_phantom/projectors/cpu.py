@@ -9,7 +9,7 @@ from ..base.errors import InputError
 from ..base.geometry import Grid, ScanGeometry
 from . import kernels, parallel
 from .lanes import aligned_zeros
-from .threads import share_out
+from .threads import run_in_threads
 
 VIEWS_PER_BLOCK = 16
 
@@ -120,7 +120,7 @@ class CpuProjector:
             self._trace(volume, projections[first:last], start + first, transpose=False)
             self._scale(projections[first:last], start + first)
 
-        share_out(run, len(projections), self.threads)
+        run_in_threads(run, len(projections), self.threads)
         return projections
 
     def back(self, projections: np.ndarray, views: slice = slice(None), out: np.ndarray | None = None) -> np.ndarray:
@@ -132,10 +132,10 @@ class CpuProjector:
         voxels, pixels, taken = volume.reshape(-1), projections.reshape(-1), (self._start(views), len(projections))
 
         def run(first, last):
-            room = kernels.empty_lines(self._scan)
-            kernels.back_project(voxels, pixels, *taken, first, last, self._scan, room, self._lanes)
+            workspace = kernels.empty_lines(self._scan)
+            kernels.back_project(voxels, pixels, *taken, first, last, self._scan, workspace, self._lanes)
 
-        share_out(run, self.grid.shape[1], self.threads)
+        run_in_threads(run, self.grid.shape[1], self.threads)
         return volume
 
     def adjoint(
@@ -199,10 +199,10 @@ class CpuProjector:
         voxels, pixels = volume.reshape(-1), projections.reshape(-1)
 
         def run(first, last):
-            room = parallel.empty_room(nz, views, orbit.rows)
-            parallel.back_project_parallel(voxels, seen, pixels, first, last, scan, room, self._lanes)
+            workspace = parallel.empty_workspace(nz, views, orbit.rows)
+            parallel.back_project_parallel(voxels, seen, pixels, first, last, scan, workspace, self._lanes)
 
-        share_out(run, ny, self.threads)
+        run_in_threads(run, ny, self.threads)
         volume[1:-1, 1:-1, 1:-1] *= (seen == rays.half_turn)[..., None] / np.float32(rays.half_turn)
         return volume
 
@@ -211,8 +211,8 @@ class CpuProjector:
 
     def _trace(self, volume, projections, first_view, transpose):
         flat, pixels, views = volume.reshape(-1), projections.reshape(-1), len(projections)
-        room = kernels.empty_lines(self._scan)
-        kernels.trace(flat, pixels, first_view, views, self._scan, transpose, room, self._lanes)
+        workspace = kernels.empty_lines(self._scan)
+        kernels.trace(flat, pixels, first_view, views, self._scan, transpose, workspace, self._lanes)
 
     def _scale(self, projections, first_view):
         kernels.path_lengths(projections.reshape(-1), first_view, len(projections), self._scan, self._lanes)

@@ -19,7 +19,7 @@ from .lanes import OPTIONS
 def _row_weight(height, rows, full):
     """Return 1 in the central fraction `full` of the rows, with a smooth decrease to 0 at the outermost rows' centers.
 
-    `height` counts padded rows. A single row has weight up to half its height from its center.
+    `height` counts padded rows. The weight of a single row reaches 0 at half its height from its center.
     """
     off_centre = abs(height - np.float32((rows + 1) * 0.5)) / np.float32(max(rows - 1, 1) * 0.5)
     s = min(np.float32(1.0), max(np.float32(0.0), (np.float32(1.0) - off_centre) / np.float32(1.0 - full)))
@@ -84,19 +84,19 @@ class ParallelScan(NamedTuple):
 
 # Work arrays of one thread, for all views of one direction: total (z,), shares (view, z), four arrays (view,)
 # and those of one line.
-Room = namedtuple("Room", "total shares near at height slope line")
+Workspace = namedtuple("Workspace", "total shares near at height slope line")
 
 
-def empty_room(slices: int, views: int, rows: int) -> Room:
+def empty_workspace(slices: int, views: int, rows: int) -> Workspace:
     """Return work arrays of one thread."""
     near, height, slope = np.empty((3, views), np.float32)
     shares = np.empty((views, slices), np.float32)
     at, line = np.empty(views, np.intp), empty_line(max(rows, slices))
-    return Room(np.empty(slices, np.float32), shares, near, at, height, slope, line)
+    return Workspace(np.empty(slices, np.float32), shares, near, at, height, slope, line)
 
 
 @compiled(**OPTIONS)
-def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room, lanes):
+def back_project_parallel(volume, seen, projections, first_y, last_y, scan, workspace, lanes):
     """Add parallel-rebinned projections to rows first_y to last_y - 1 of the volume.
 
     Each direction of rays contributes once to a voxel. Views of one direction, half turns apart, are averaged with
@@ -110,8 +110,8 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
         Number of directions that contributed; added to.
     projections : ndarray of float32, flat
         [level, angle, t + 2, row + 2, lane].
-    room : Room
-        Work arrays of `empty_room`.
+    workspace : Workspace
+        Work arrays of `empty_workspace`.
     lanes : tuple
         One item per realization.
     """
@@ -123,7 +123,7 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
     columns, rows, half_turn, full = scan.columns, scan.rows, scan.half_turn, scan.full
     sine, cosine, view_of_angle, view_step = scan.sine, scan.cosine, scan.view_of_angle, scan.view_step
     first_t, t_pitch, source_z0, source_step = scan.first_t, scan.t_pitch, scan.source_z, scan.source_step
-    total, shares, near, at, height, slope, line = room
+    total, shares, near, at, height, slope, line = workspace
     angles, levels = len(sine), len(scan.level_z)
     same = -(-angles // half_turn)
     step = (rows + 2) * count
@@ -176,7 +176,7 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
                             for z in range(nz):
                                 shares[i, z] *= total[z]
                             start, stop = span(height[i], slope[i], rows, nz)
-                            if rows == 1:  # One row has weight up to half its height from its center.
+                            if rows == 1:  # no interpolation across rows
                                 height[i], slope[i] = 1.0, 0.0
                             gather_line(
                                 volume, voxel, projections, at[i], at[i] + step, rows + 2, near[i],

@@ -16,7 +16,7 @@ from .lanes import OPTIONS
 from .processors import ANY, PROCESSOR
 from .x86 import WIDTH, add_rows
 
-BY_HAND = PROCESSOR != ANY
+USE_X86 = PROCESSOR != ANY
 BORDER = 3  # padding of a line: one cell below, two above
 BEYOND = 2 * WIDTH  # the x86 code reads beyond the end of a line
 MOST_CELLS = 2 * WIDTH - 3  # span of the rows of one register, which look up in two registers
@@ -41,8 +41,8 @@ def packed(amounts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return flat, (volume != 0).any(axis=3).ravel()
 
 
-def in_registers(rays: Bundles, shape: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Distribute rows over registers: each takes as many as it can look up, and repeats its last row in the rest.
+def distribute_rows(rays: Bundles, shape: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Distribute rows over registers. A register holds as many rows as it can look up, and then repeats the last one.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def empty_lines(shape: tuple[int, int, int]) -> np.ndarray:
 
 
 @compiled(**OPTIONS)
-def trace_rows(volume, occupied, sums, slopes, first_view, shape, rays, heights, width, room):
+def trace_rows(volume, occupied, sums, slopes, first_view, shape, rays, heights, width, workspace):
     """Add the sums of interpolated values along all rays, and their derivatives.
 
     A sample belongs to the tile of the first voxel column that it is interpolated from.
@@ -91,10 +91,10 @@ def trace_rows(volume, occupied, sums, slopes, first_view, shape, rays, heights,
     shape : tuple of 3 int
         (z, y, x) of the grid without padding.
     heights : ndarray of float32, shape (padded rows,)
-        Result of `in_registers`.
+        Result of `distribute_rows`.
     width : int
         Width of a tile.
-    room : ndarray
+    workspace : ndarray
         Work arrays of `empty_lines`.
     """
     views, bundles = sums.shape[:2]
@@ -104,12 +104,14 @@ def trace_rows(volume, occupied, sums, slopes, first_view, shape, rays, heights,
                 for bundle in range(bundles):
                     _trace_bundle(
                         volume, occupied, sums, slopes, i, first_view + i, bundle, shape, rays, heights,
-                        first_x, first_y, width, room,
+                        first_x, first_y, width, workspace,
                     )  # fmt: skip
 
 
 @compiled(inline="always", **OPTIONS)
-def _trace_bundle(volume, occupied, sums, slopes, i, view, bundle, shape, rays, heights, first_x, first_y, width, room):
+def _trace_bundle(
+    volume, occupied, sums, slopes, i, view, bundle, shape, rays, heights, first_x, first_y, width, workspace
+):
     """Do the work of trace_rows for one bundle in one tile."""
     nz = shape[0]
     lanes, rows = sums.shape[2], sums.shape[3]
@@ -137,7 +139,7 @@ def _trace_bundle(volume, occupied, sums, slopes, i, view, bundle, shape, rays, 
             if not (occupied[near + lane] or occupied[far + lane]):
                 continue
             one, another = (near + lane) * length, (far + lane) * length
-            if BY_HAND:
+            if USE_X86:
                 at = ((i * sums.shape[1] + bundle) * lanes + lane) * rows
                 for row in range(0, rows, WIDTH):
                     add_rows(
@@ -146,15 +148,15 @@ def _trace_bundle(volume, occupied, sums, slopes, i, view, bundle, shape, rays, 
             else:
                 _by_loops(
                     sums[i, bundle, lane], None if slopes is None else slopes[i, bundle, lane],
-                    volume, one, another, weight, t, heights, lowest, slope, top, room,
+                    volume, one, another, weight, t, heights, lowest, slope, top, workspace,
                 )  # fmt: skip
 
 
 @compiled(inline="always", **OPTIONS)
-def _by_loops(sums, slopes, volume, one, another, weight, t, heights, lowest, slope, top, room):
+def _by_loops(sums, slopes, volume, one, another, weight, t, heights, lowest, slope, top, workspace):
     """Do the work of trace_rows for one lane in one plane."""
     rows = len(heights)
-    line, step = room[0], room[1]
+    line, step = workspace[0], workspace[1]
     first = uintp(max(lowest + slope * heights[0], np.float32(0.0)))
     last = uintp(min(lowest + slope * heights[rows - 1], top)) + uintp(2)
     for k in range(first, min(last, uintp(len(line)))):

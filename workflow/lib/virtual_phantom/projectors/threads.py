@@ -11,12 +11,12 @@ _most: int | None = None  # of this process
 
 
 def limit_threads(most: int) -> None:
-    """Limit the threads of `share_out` in this process, for processes that run in parallel."""
+    """Limit the threads of `run_in_threads` in this process, for processes that run in parallel."""
     global _most
     _most = most
 
 
-def share_out(run: Callable[[int, int], None], count: int, threads: int) -> None:
+def run_in_threads(run: Callable[[int, int], None], count: int, threads: int) -> None:
     """Call run(first, last) for one contiguous part of [0, count) per thread; parts must write to separate memory."""
     threads = threads if _most is None else min(threads, _most)
     if threads == 1:

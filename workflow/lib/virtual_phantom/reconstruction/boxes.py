@@ -30,7 +30,7 @@ def voxels_over(grid: Grid, spacing_mm: Sequence[float]) -> Grid:
 
 
 def boxes_around(masks: Iterable[np.ndarray], grid: Grid, margin_mm: float = MARGIN_MM) -> list[Box]:
-    """Return the bounding box of each region (none empty), with a margin and within the grid."""
+    """Return the bounding box of each region, with a margin and within the grid. Regions must not be empty."""
     margins = [math.ceil(margin_mm / wide - 1e-9) for wide in grid.spacing]
     boxes = []
     for mask in masks:
@@ -69,7 +69,7 @@ def fbp_in_boxes(
     kernel : Kernel, optional
         None: the ramp filter without apodization.
     noise_kernel : NoiseKernel, optional
-        Kernel of the noise, which is the difference from `clean`. It needs `kernel`.
+        Kernel of the noise, which is the difference from `clean`. `kernel` and `clean` must then be given.
     clean : ndarray, shape (views, rows, columns), optional
         Noise-free line integrals of all acquisitions.
 

@@ -71,7 +71,7 @@ def reconstruct_hu(
 
 
 def noise_kernel_of(settings: FbpSettings) -> NoiseKernel | None:
-    """Return the kernel of the noise alone; None if it is that of the object."""
+    """Return the kernel of the noise alone; None if noise and object have the same kernel."""
     if settings.noise_kernel is None:
         return None
     known = settings.noise_kernel

@@ -50,7 +50,7 @@ class Kernel:
         return math.log(TENTH / HALF) / math.log(self.mtf10_per_cm / self.mtf50_per_cm)
 
     def mtf(self, cycles_per_mm: np.ndarray) -> np.ndarray:
-        """Return the MTF at these frequencies, per mm."""
+        """Return the MTF at frequencies in cycles per mm."""
         return np.exp(-HALF * (np.abs(cycles_per_mm) * 10 / self.mtf50_per_cm) ** self.exponent)
 
     @property

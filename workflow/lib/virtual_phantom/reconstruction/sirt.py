@@ -61,7 +61,7 @@ def sirt(
 
 
 def _back(projector, backprojector):
-    """Return the function (projections, views, out) for A'. It may overwrite the projections."""
+    """Return the back-projection A' as a function of (projections, views, out). It may overwrite the projections."""
     if backprojector == "voxel":
         return projector.back
     if backprojector != "adjoint":

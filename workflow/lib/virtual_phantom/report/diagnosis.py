@@ -46,7 +46,7 @@ def write_results(diagnosis: Diagnosis, output) -> None:
 def overlay_of(diagnosis: Diagnosis) -> dict:
     """Return the physics found as a configuration of the study."""
     fit = diagnosis.choice.chosen.fit
-    physics = diagnosis.prepared.fitter.model.of_study(fit.physics, fit.nuisance)
+    physics = diagnosis.prepared.fitter.model.in_study_units(fit.physics, fit.nuisance)
     return {"physics": physics, "noise": {"model": "physical"}}
 
 

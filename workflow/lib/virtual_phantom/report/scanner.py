@@ -33,7 +33,7 @@ def write_scanner_results(found: ScannerDiagnosis, prepared: Mapping[str, Prepar
     """
     content, fit = found.content, found.choice.chosen
     first = next(iter(fit.fits))
-    physics = prepared[first].fitter.model.of_study(fit.physics, fit.fits[first].nuisance)
+    physics = prepared[first].fitter.model.in_study_units(fit.physics, fit.fits[first].nuisance)
     remarks = []
     if protocol := content["recordings"][first]["protocol"]:
         remarks.append(f"Parameters of a protocol are those of protocol {protocol}.")

@@ -72,7 +72,7 @@ def acquire(
     draws: str = INDEPENDENT,
     state: State | None = None,
 ) -> Counts:
-    """Simulate one noisy acquisition of a study, with a random stream of its own.
+    """Simulate one noisy acquisition of a study.
 
     Parameters
     ----------
@@ -88,9 +88,9 @@ def acquire(
         As simulate_counts takes it.
     draws : {"independent", "common"}, optional
         "independent": the random stream depends on all labels. "common": it depends only on the repeat. The same pixel
-        then has the same uniform number, and the same quantile of its counts, in all scans of one shape.
+        then has the same uniform number, and the same quantile of its counts, in all scans with the same shape.
     state : State, optional
-        State of the chain, with `photons` relative to 1/A; None: baseline.
+        State of the chain, in which `photons` is relative to 1/A; None: baseline.
 
     Raises
     ------

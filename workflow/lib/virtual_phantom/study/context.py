@@ -240,7 +240,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
     plan = Plan(study)
     # Without `here`, do not look for devices: a cluster node of a job may have none.
     backprojector = study.reconstruction.sirt.backprojector
-    engine = choose_engine(study.engine, backprojector, look=here, flat=study.flat_detectors)
+    engine = choose_engine(study.engine, backprojector, check=here, flat=study.flat_detectors)
     rates = read_rates(RESOURCES / "rates.yaml")
     outputs = Files(study.results)
     sources = PhantomSources(plan)

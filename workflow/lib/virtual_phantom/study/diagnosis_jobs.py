@@ -23,7 +23,7 @@ from ..diagnosis.settings import (
     ScannerSettings,
     ShapesObject,
 )
-from ..diagnosis.workload import fitted
+from ..diagnosis.workload import samples_and_step
 from ..physics.effect import OF_SCANNER, image_effects, load, require
 from ..physics.scenes.object_files import object_path
 from ..recordings.scan import missing_for_geometry
@@ -401,6 +401,6 @@ class Diagnosis:
         else:
             scan, view_step = self.recordings.content(name)["scan"], settings.view_step
             shape = scan["views"], scan["rows"], scan["columns"]
-        samples, step = fitted(settings.samples, view_step, settings.of_shapes, shape)
+        samples, step = samples_and_step(settings.samples, view_step, settings.of_shapes, shape)
         rays = math.prod(shape) / 1e6
         return int(1500 + READ_BYTES * rays + processes * rays / step * (60 * samples**2 + 500))

@@ -33,7 +33,7 @@ from ...statistics.image_quality import (
 )
 from ...statistics.resolution import mtf_half
 
-INNER_VOXELS = 2.0  # distance from the edge, beyond which it has no influence
+INNER_VOXELS = 2.0  # distance from the edge of the object beyond which the edge has no influence
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Regions:
     spacing : tuple of 3 float
         mm (z, y, x).
     distance_mm : ndarray, shape (z, y, x)
-        Signed distance from the edge of highest contrast (body to air) in the axial plane, mm, negative within.
+        Signed distance from the edge between object and air in the axial plane, mm, negative inside.
     valid : ndarray of bool, shape (z, y, x)
         Voxels with complete data.
     """
@@ -105,7 +105,7 @@ def agreement(
     reference: str | None = None,
     features: Features | None = None,
 ) -> dict:
-    """Return the table of simulated against recorded images on one grid.
+    """Compare simulated with recorded images on one grid.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def _noise_makers(recorded: np.ndarray, simulated: Mapping, regions: Regions) ->
         return entry | {"floor": found.error}
 
     def magnitude(images):
-        # Differences of repeats have no structure, so that the whole object is used, with less uncertainty than ROIs.
+        # Differences of repeats have no structure, so the whole object can be used, which is more precise than ROIs.
         return noise_magnitude(images, {"object": regions.inner}, spectrum(images).area)
 
     return {

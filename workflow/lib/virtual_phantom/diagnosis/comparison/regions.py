@@ -42,7 +42,7 @@ class ScannedVolume:
     Attributes
     ----------
     fine : Volume
-        HU, on the grid that projections were taken of.
+        HU, on the grid of the simulated object.
     rois : mapping of str to ndarray of bool, shape (z, y, x)
         By name, on `grid`.
     """

@@ -1,7 +1,7 @@
 """Differences in images and their clinical relevance: HU, contrast, noise, resolution and features.
 
-A difference of projections may be significant and yet too small to show in an image. The verdict is therefore judged by
-thresholds on the quantities that users of images know.
+A difference of projections may be significant and yet too small to be visible in an image. The verdict therefore uses
+thresholds on image quantities.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..selection.forward_selection import Choice
 from ..verdict_text import DIFFERENCES, MATCH, PRACTICAL, UNEXPLAINED, contradiction
 from .agreement import Features, Regions, agreement
 
-# Side of the squares whose mean HU is compared, as of the smallest squares for noise spectra.
+# Side of the squares whose mean HU is compared; noise spectra use the same smallest side.
 BLOCK_VOXELS = 8
 
 
@@ -43,7 +43,7 @@ class ImageChange:
 
     @property
     def least(self) -> float:
-        """Absolute value less two standard errors, at least 0."""
+        """Absolute value minus two standard errors, at least 0."""
         return max(0.0, abs(self.value) - 2 * self.error)
 
 
@@ -59,7 +59,7 @@ def image_changes(
     features : Features, optional
         None: features are not compared.
     paired : bool, optional
-        Both sets have the same noise, so that only differences between repeats are uncertain.
+        Whether both sets have the same noise; errors then come from the spread of their differences.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def changes_by_effect(
     regions: Regions,
     features: Features | None,
 ) -> dict:
-    """Return what separates recording and simulation in images, and what each effect changes there.
+    """Return the differences between recording and simulation in images, and the change by each effect.
 
     Parameters
     ----------
@@ -135,8 +135,12 @@ def changes_by_effect(
     Returns
     -------
     dict
-        Changes as {quantity: {"value", "error"}}: "recorded", recording less "before"; "effects", by effect the change
-        against a refit without it; "together", of all effects; with effects also "remaining", recording less "after".
+        Changes, each as {quantity: {"value", "error"}}
+
+        * recorded: recording minus "before"
+        * effects: by effect, the change relative to a refit without it
+        * together: the change by all effects
+        * remaining: recording minus "after", if there are effects
     """
     before, after, effects = simulated["before"], simulated["after"], choice.chosen.fit.effects
 
@@ -217,13 +221,13 @@ def measured_areas(regions: Regions) -> list[np.ndarray]:
             square = np.zeros_like(inner)
             square[:, y : y + BLOCK_VOXELS, x : x + BLOCK_VOXELS] = True
             square &= inner
-            if square.sum() >= inner.shape[0] * BLOCK_VOXELS**2 / 2:  # the rim's few voxels hold only noise
+            if square.sum() >= inner.shape[0] * BLOCK_VOXELS**2 / 2:  # smaller areas at the rim are too noisy
                 found.append(square)
     return found
 
 
 def _hu(reference: np.ndarray, images: np.ndarray, regions: Regions, paired: bool) -> ImageChange:
-    """Return the largest mean difference of an area, or the RMS inside the object: whichever is larger at 95 %."""
+    """Return the largest mean difference of an area, or the RMS inside the object if its lower limit is larger."""
     found = [_of_areas(reference, images, regions, paired)]
     if regions.inner.any():
         found.append(_root_mean_square(reference, images, regions, paired))

@@ -54,9 +54,9 @@ def agreement_of_repeats(
 ) -> dict:
     """Return the agreement of repeats of projections with models, in images.
 
-    "before" is the model with alignment alone, "after" the chosen model. Each is drawn as often as there are repeats,
-    with the same random numbers, so that noise does not contribute to their difference. All are reconstructed by
-    filtered back-projection. Edge and ROIs follow the object location of the chosen model.
+    "before" is the model with alignment alone, "after" the chosen model. Each is simulated with as many repeats as the
+    recording has, and with the same random numbers, so noise does not contribute to their difference. All are
+    reconstructed by filtered back-projection. Edge and ROIs are at the object location of the chosen model.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def agreement_of_repeats(
         return {"metrics": {}, "left_out": {"images": str(error)}}
 
     def images(fit: Fit) -> np.ndarray:
-        # A new stream for each fit, as a used one counts its branches.
+        # A new stream for each fit, so that all have the same random numbers.
         return reconstruct(simulated_repeats(prepared, fit, len(repeats), generator(below(seed, NOISE))))
 
     features = Features(regions) if scanned is not None and scanned.rois else None
@@ -123,7 +123,7 @@ class Reconstruction:
     Parameters
     ----------
     usable : ndarray of bool, shape (views, rows, columns)
-        Other rays are interpolated, in recordings and simulations.
+        Usable rays; other rays are interpolated, in recordings and simulations.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Count of features that differ from a recording, and of those that a changed image property corrects."""
+"""Count the features that differ from a recording, and the features that a changed image property corrects."""
 
 from __future__ import annotations
 

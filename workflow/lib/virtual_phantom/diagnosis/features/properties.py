@@ -50,7 +50,7 @@ class Property:
 
     @property
     def is_effect(self) -> bool:
-        """Whether it is an effect with which the study can run."""
+        """Whether the property is an effect of `physics`, which a study can simulate."""
         return self.name in names()
 
 

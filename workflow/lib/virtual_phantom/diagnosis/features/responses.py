@@ -17,7 +17,7 @@ from ...statistics.comparison import common_features, common_rois, samples, spre
 from .properties import BASELINE, EVERY_FOLD, FOLDS, Property, folds, properties
 
 STEPS = 4  # interpolated steps between two simulated strengths
-SOFT = 4.0  # ratio to the floor from which a cell has full weight: two standard errors
+SOFT = 4.0  # squared shift over the floor from which a cell has full weight: a shift of two standard errors
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def weight(before: np.ndarray, floor: np.ndarray) -> np.ndarray:
 def removed(before: np.ndarray, after: np.ndarray, floor: np.ndarray) -> np.ndarray:
     """Return the share of the excess that is removed from every cell, from -1 (new excess) to 1 (all removed).
 
-    Shares weight all cells equally. Sums of squares would be dominated by the few features with little noise.
+    With shares, all cells have the same weight. A few features with little noise would dominate sums of squares.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Selection of the image property that explains feature differences, tested on held-out ROIs.
 
 The strength of each property is fitted on half of the ROIs and tested on the other half, and vice versa. Held-out
-repeats would not do, as all repeats have the same difference.
+repeats would not be a test, because all repeats have the same difference.
 
 Correlated features let a property explain part of an unrelated difference. Each property is therefore also tested on
 random shifts. These are equal in all ROIs and have the feature correlation of repeats. In each cell they have the
@@ -42,7 +42,7 @@ class Trial:
     regions : ndarray, shape (rois,)
         Contribution of each ROI to `held_out`.
     p : float
-        Probability of as much by random shifts, corrected over properties (Holm).
+        Probability that random shifts are explained as well, corrected over properties (Holm).
     kept, after : ndarray, shape (repeats, rois, features)
         Features with the strength fitted on the ROI's fold, and on the other fold.
     """
@@ -56,7 +56,7 @@ class Trial:
     after: np.ndarray
 
     @property
-    def counts(self) -> bool:
+    def is_explanation(self) -> bool:
         """Whether the property explains a significant and material share."""
         return self.p < ALPHA and self.held_out >= MATERIAL
 
@@ -105,11 +105,11 @@ def shift(data: Responses, values: np.ndarray) -> np.ndarray:
 
 
 def alternatives(found: Mapping[Property, Trial]) -> list[Property]:
-    """Return the properties that explain not significantly less than the best one (paired t-test over ROIs)."""
+    """Return the properties whose explained share is not significantly smaller than the best (paired t-test)."""
     best = next(iter(found.values()))
     rivals = []
     for changed, trial in list(found.items())[1:]:
-        if not trial.counts:
+        if not trial.is_explanation:
             continue
         difference = best.regions - trial.regions
         if np.ptp(difference) == 0 or stats.ttest_1samp(difference, 0, alternative="greater").pvalue >= AS_GOOD:

@@ -60,7 +60,7 @@ def diagnose_features(
     before, found = compare_features(data, data.baseline), trials(data)
     best, trial = next(iter(found.items()))
     differ = bool(before.significant)
-    chosen = differ and trial.counts
+    chosen = differ and trial.is_explanation
     after = compare_features(data, trial.after) if chosen else before
     left = after.significant
     verdict = VERDICTS[(2 if left else 1) if chosen else (3 if differ else 0)]

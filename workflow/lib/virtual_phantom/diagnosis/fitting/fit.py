@@ -17,8 +17,8 @@ from .problem import Problem, chi_square, less_pattern
 from .solver import JointProblem, solve
 from .steps import standard_errors
 
-# Decrease of chi-square that slopes predict although no step achieves it, above which a fit is repeated from farther
-# off (problem.FARTHER).
+# A fit has stalled if its derivatives predict a decrease of chi-square larger than this, but no step achieves it. It is
+# then repeated from starts farther away (problem.FARTHER).
 STALLED = 8.0
 KEPT = 4  # Jacobians at the ends of fits, for rankings, tests and intervals: of two fits, on both halves of the data
 
@@ -38,10 +38,10 @@ class Fit:
     parts : tuple of float
         Chi-square by part of the data (Observed.parts).
     elsewhere : dict of str to list of str
-        {effect: parameters taken from other recordings}.
+        {effect: names of the parameters that are taken from other recordings}.
     directions : dict of str to dict of str to list of float
-        {effect: {parameter: row of its number in a root of the covariance}}, for joint fits and parameters from
-        elsewhere; empty: independent.
+        {effect: {parameter: its row of a square root of the covariance}}, for joint fits and parameters from other
+        recordings; empty: errors are independent.
     pulled : dict of str to float
         Deviations of the nuisance parameters from their priors, in standard deviations.
     corrected : float
@@ -68,7 +68,7 @@ class Fit:
 
     @classmethod
     def at(cls, problem: Problem, point: np.ndarray, errors: np.ndarray, residuals: Sequence[np.ndarray]) -> Fit:
-        """Return the fit that ended at a point.
+        """Return the result of a fit that ended at a point.
 
         Parameters
         ----------
@@ -76,8 +76,8 @@ class Fit:
             By part of the data.
         """
         model, count = problem.model, len(problem.unknowns)
-        physics = {name: model.known(name) for name in problem.whole}
-        spread: dict[str, dict[str, float]] = {name: {} for name in problem.whole}
+        physics = {name: model.known(name) for name in problem.all_effects}
+        spread: dict[str, dict[str, float]] = {name: {} for name in problem.all_effects}
         for unknown, number, error in zip(problem.unknowns, point, errors, strict=False):
             physics[unknown.effect][unknown.name] = float(unknown.value(number))
             spread[unknown.effect][unknown.name] = float(unknown.value_error(number, error))
@@ -85,7 +85,7 @@ class Fit:
         for name in problem.effects:
             if load(name).pattern:
                 physics[name]["rms"], spread[name]["rms"] = estimated.rms, estimated.error
-        aligned = list(zip(problem.aligned, point[count:], errors[count:], strict=True))
+        aligned = list(zip(problem.nuisances, point[count:], errors[count:], strict=True))
         nuisance = {number.name: float(value) for number, value, _ in aligned}
         corrected = np.ravel(model.distortion(nuisance, problem.linearization)) ** 2
         return cls(
@@ -97,7 +97,7 @@ class Fit:
             chi_square=problem.chi_square(residuals, point),
             parts=tuple(float((w * r**2).sum()) for w, r in zip(problem.weights, residuals, strict=True)),
             free=count + problem.patterned,
-            elsewhere={name: list(model.fixed[name]) for name in problem.whole if name in model.fixed},
+            elsewhere={name: list(model.fixed[name]) for name in problem.all_effects if name in model.fixed},
             pulled={number.name: float(number.off(value)) for number, value, _ in aligned if np.isfinite(number.sd)},
             linearization=problem.linearization,
             corrected=float((problem.weights[0] * corrected).sum()),
@@ -138,22 +138,24 @@ class Fitter:
         Parameters
         ----------
         from_farther : bool, optional
-            Repeat a fit that has stalled from starts farther off.
+            Whether a fit that has stalled is repeated from starts farther away.
         """
         problem = Problem(self, effects, given)
-        found, promised = self._solve(problem)
-        if promised <= STALLED or not from_farther:
+        found, predicted_decrease = self._solve(problem)
+        if predicted_decrease <= STALLED or not from_farther:
             return found
         others = [self._solve(Problem(self, effects, start))[0] for start in problem.farther(found)]
         return min([found, *others], key=lambda fit: fit.chi_square)
 
     def _solve(self, problem: Problem) -> tuple[Fit, float]:
-        """Return a fit, and the decrease of chi-square that slopes predict where it stalled."""
+        """Return a fit, and the decrease of chi-square that its derivatives still predict; 0 if it converged."""
         point = problem.best_start()
         problem.follow(point)
         alone = JointProblem({"": problem}, {"": ""})
         found = solve(alone, alone.recompute(point))
-        return Fit.at(problem, found.point, standard_errors(found.information), found.residuals[""]), found.promised
+        return Fit.at(
+            problem, found.point, standard_errors(found.information), found.residuals[""]
+        ), found.predicted_decrease
 
     def predicted(self, fit: Fit, held_out: bool = False) -> Prediction:
         """Return a fit's prediction of the fitted or the held-out data, without its gain pattern."""

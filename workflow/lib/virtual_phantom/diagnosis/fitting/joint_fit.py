@@ -7,11 +7,11 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 from ...base.errors import InputError
-from ...physics.effect import OF_PROTOCOL, OF_SCANNER, load, of_one_scan
+from ...physics.effect import OF_PROTOCOL, OF_SCANNER, load, scan_parameters
 from .fit import Fit, Fitter
 from .problem import Problem
 from .solver import JointProblem, solve
-from .steps import Known, standard_errors
+from .steps import ScaledEigenvalues, standard_errors
 
 NOT_OF_SCAN = (OF_SCANNER, OF_PROTOCOL)
 
@@ -25,12 +25,14 @@ class JointFit:
     effects : tuple of str
         In the order given.
     physics, errors : dict of str to dict of str to float
-        {effect: {parameter: value or standard error}}, shared by all recordings. In `physics`, parameters of one scan
-        are neutral, and parameters of one protocol of several are those of the first recording; `errors` has neither.
+        {effect: {parameter: value or standard error}}, shared by all recordings. In `physics`, parameters of a single
+        scan are neutral. If there are several protocols, `physics` has the parameters of the first recording's
+        protocol. `errors` has neither.
     chi_square : float
         Chi-square of all fitted data and the priors.
     free : int
-        Number of effects' parameters: those of one scan count in every recording, of one protocol in every protocol.
+        Number of fitted parameters of effects. Parameters of one scan count once per recording, and parameters of one
+        protocol once per protocol.
     fits : dict of str to Fit
         By recording, with its own nuisance parameters and its own parameters of one scan or protocol.
     """
@@ -49,7 +51,7 @@ class JointFitter:
     Parameters
     ----------
     protocols : mapping of str to str, optional
-        Protocol of each recording; recordings without one share one.
+        Protocol of each recording. Recordings without a stated protocol have one protocol in common.
 
     Raises
     ------
@@ -63,9 +65,9 @@ class JointFitter:
         self.fitters = dict(fitters)
         self.protocols = {name: (protocols or {}).get(name, "") for name in self.fitters}
 
-    def whole(self, effects: tuple[str, ...]) -> tuple[str, ...]:
+    def with_declared_effects(self, effects: tuple[str, ...]) -> tuple[str, ...]:
         """Return the scanner's declared effects followed by these."""
-        return next(iter(self.fitters.values())).model.whole(effects)
+        return next(iter(self.fitters.values())).model.with_declared_effects(effects)
 
     def without(self, names: Collection[str]) -> JointFitter:
         """Return the fitter of the other recordings."""
@@ -74,12 +76,12 @@ class JointFitter:
     def fit(self, effects: tuple[str, ...], given: JointFit | None = None) -> JointFit:
         """Fit all parameters of these effects, and the nuisance parameters of every recording.
 
-        A new effect starts where a fit of the first recording of each protocol alone ends, which tries every start.
+        A new effect starts from a fit to the first recording of each protocol alone, because that fit tries all starts.
 
         Parameters
         ----------
         given : JointFit, optional
-            Start; it may hold further recordings.
+            Starting point; it may include further recordings.
 
         Raises
         ------
@@ -104,7 +106,7 @@ class JointFitter:
 
     def _solve(self, problem: JointProblem) -> JointFit:
         found = solve(problem, problem.common_start())
-        errors, root, fits = standard_errors(found.information), Known.of(found.information).root, {}
+        errors, root, fits = standard_errors(found.information), ScaledEigenvalues.of(found.information).root, {}
         for name, own, part in problem.parts(found.point):
             indices = problem.indices[name]
             fit = Fit.at(own, part, errors[indices], found.residuals[name])
@@ -113,20 +115,20 @@ class JointFitter:
                 directions.setdefault(unknown.effect, {})[unknown.name] = root[index].tolist()
             fits[name] = replace(fit, directions=directions)
         first = next(iter(fits.values()))
-        physics = {name: {**values, **of_one_scan(name)} for name, values in first.physics.items()}
+        physics = {name: {**values, **scan_parameters(name)} for name, values in first.physics.items()}
         several = len({self.protocols[name] for name in fits}) > 1
         common = (OF_SCANNER,) if several else NOT_OF_SCAN
         known = {name: parameters_owned_by(common, name, values) for name, values in first.errors.items()}
-        free = len(found.point) - sum(len(own.aligned) for own in problem.problems.values())
+        free = len(found.point) - sum(len(own.nuisances) for own in problem.problems.values())
         return JointFit(first.effects, physics, known, found.chi_square, free, fits)
 
     def left_out(self, names: Collection[str], effects: tuple[str, ...], given: JointFit) -> dict[str, Fit]:
         """Fit recordings with physics that was fitted to the others, starting from a joint fit.
 
-        Only nuisance parameters and parameters of one scan are fitted, and those of a protocol that none of the others
-        has. Declared physics is as fitted to the others, too.
+        Nuisance parameters and parameters of one scan are fitted. So are parameters of a protocol that none of the
+        others has. Declared physics also has the values fitted to the others.
         """
-        if not self.whole(effects):
+        if not self.with_declared_effects(effects):
             return {name: given.fits[name] if not given.effects else self.fitters[name].fit(()) for name in names}
         others = self.without(names).fit(effects, given)
         return self.held(others, {name: given.fits[name] for name in names})
@@ -143,7 +145,7 @@ class JointFitter:
         owners = NOT_OF_SCAN if alike else (OF_SCANNER,)
         source = others.fits[(alike or list(rest.fitters))[0]]
         held = fitter.of(copy.copy(fitter.model))
-        whole = self.whole(effects)
+        whole = self.with_declared_effects(effects)
         held.model.fixed = {effect: parameters_owned_by(owners, effect, source.physics[effect]) for effect in whole}
         physics, errors = {}, {}
         for effect in whole:

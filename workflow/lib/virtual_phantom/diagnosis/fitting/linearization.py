@@ -1,4 +1,4 @@
-"""Linearization points of predictions: part of every request, so that results do not depend on earlier ones."""
+"""Linearization points of predictions. Callers state them, so that predictions do not depend on earlier calls."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .nuisance import PIECE, POSES
 
 
 def before_images(physics: Mapping[str, Mapping[str, float]]) -> dict[str, Mapping[str, float]]:
-    """Return the settings of effects in the chain: without effects on images, and patterns of pixels."""
+    """Return the settings of the effects in the chain, without effects on images and gain patterns."""
     return {name: values for name, values in physics.items() if not (acts_on_images(name) or load(name).pattern)}
 
 
@@ -23,7 +23,7 @@ class LinearizationPoint:
     physics : mapping of str to mapping of str to float
         {effect: {parameter: value}}, for effects before images are made.
     nuisance : mapping of str to float
-        Nuisance parameters that move the object, and those of local mismatches.
+        Nuisance parameters of the object's pose and of local mismatches.
     """
 
     physics: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -55,9 +55,9 @@ class Linearization:
     errors : LinearizationPoint
         Point where numerical errors and the noise of images are computed.
     rays : LinearizationPoint
-        Point whose traced rays others follow to first order.
+        Point whose rays are traced; path lengths of other points are linearized about it.
     reach : float
-        Factor of the distance over which they follow.
+        Factor of the linear range.
     """
 
     errors: LinearizationPoint = NOMINAL

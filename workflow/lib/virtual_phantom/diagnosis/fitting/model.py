@@ -1,4 +1,4 @@
-"""Model of a recording as fits need it: numbers, priors and predictions."""
+"""Model of a recording for fits: unknowns, priors and predictions."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from .unknown import Unknown
 
 DENSITY_SD = 0.02  # of the density scale where attenuation is absolute
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
-NEAR_KEPT = 8  # cached chains whose rays follow those of a linearization point
-STARTS = (0.02, 0.1, 0.5)  # further starts, as shares of the range, for numbers whose start may be a local minimum
+NEAR_KEPT = 8  # cached chains, each linearized at one point
+STARTS = (0.02, 0.1, 0.5)  # further starts, as shares of the range, for unknowns that may have local minima
 
 
 class Model(ABC):
@@ -46,40 +46,41 @@ class Model(ABC):
     fixed : mapping of str to mapping of str to float, optional
         Parameters taken from elsewhere and not fitted: {effect: {parameter: value}}.
     density : tuple of 2 float, optional
-        Density of the material over the listed one, and its standard deviation: the prior of the scale beside effects
-        that determine attenuation absolutely.
+        Density of the material relative to the listed one, and its standard deviation. It is the prior of the scale if
+        an effect determines attenuation absolutely.
     declared : mapping of str to mapping of str to Statement, optional
-        Known physics of the scanner: in every model, fitted within its priors.
+        Known physics of the scanner, which is part of every model and fitted within its priors.
     """
 
     def __init__(
         self,
         chain: Chain,
-        aligned: tuple[Nuisance, ...],
+        nuisances: tuple[Nuisance, ...],
         anode: Anode = TUNGSTEN,
         tube_kvp: float | None = None,
         fixed: Mapping[str, Mapping[str, float]] | None = None,
         density: tuple[float, float] = (1.0, DENSITY_SD),
         declared: Mapping[str, Mapping[str, Statement]] | None = None,
     ):
-        self.chain, self.aligned, self.anode, self.tube_kvp = chain, aligned, anode, tube_kvp
+        self.chain, self.nuisances, self.anode, self.tube_kvp = chain, nuisances, anode, tube_kvp
         self.fixed, self.density, self.declared = fixed or {}, density, declared or {}
         self._near = LRUCache(NEAR_KEPT)
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
-        """Return the nuisance parameters beside these effects.
+        """Return the nuisance parameters of a model with these effects.
 
-        In a beam of one assumed energy the scale also holds the energy; beside absolute attenuation it is the density.
+        The scale of line integrals is the density of the object if an effect determines attenuation absolutely.
+        Otherwise it also includes the error of the assumed energy.
         """
-        if not absolute_attenuation(self.whole(effects)):
-            return self.aligned
+        if not absolute_attenuation(self.with_declared_effects(effects)):
+            return self.nuisances
         value, sd = self.density
         return tuple(
             replace(number, expected=value, sd=min(number.sd, sd)) if number.name == "scale" else number
-            for number in self.aligned
+            for number in self.nuisances
         )
 
-    def whole(self, effects: tuple[str, ...]) -> tuple[str, ...]:
+    def with_declared_effects(self, effects: tuple[str, ...]) -> tuple[str, ...]:
         """Return the declared effects followed by these."""
         return (*(name for name in self.declared if name not in effects), *effects)
 
@@ -98,13 +99,13 @@ class Model(ABC):
         exact = {key: stated.value for key, stated in self.declared.get(name, {}).items() if not stated.sd}
         return self.chain.fixed_parameters(name) | dict(self.fixed.get(name, {})) | exact
 
-    def of_study(self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> dict:
+    def in_study_units(self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> dict:
         """Return settings of effects in units of a study, whose readout units are photons.
 
         Parameters
         ----------
         nuisance : mapping of str to float
-            With the photons per pixel in air.
+            Includes `log_photons`, the logarithm of the photons per pixel in air.
         """
         photons = float(np.exp(nuisance["log_photons"]))
         state = self.chain.state(
@@ -122,7 +123,7 @@ class Model(ABC):
     @property
     def nominal(self) -> Linearization:
         """Linearization before anything is fitted: BASE, or the object at its expected position."""
-        place = {number.name: number.expected for number in self.aligned if number.name in LOCATION}
+        place = {number.name: number.expected for number in self.nuisances if number.name in LOCATION}
         if not any(place.values()):
             return BASE
         return Linearization(LinearizationPoint({}, place), LinearizationPoint({}, place))
@@ -141,7 +142,7 @@ class Model(ABC):
         return {TUBE_VOLTAGE: tube, SENSOR_THICKNESS: thickness}
 
     def unknowns(self, effects: tuple[str, ...]) -> list[Unknown]:
-        """Return the numbers that fits vary, in order: neither fixed parameters nor those of a gain pattern."""
+        """Return the unknowns of a fit, in order, without fixed parameters and parameters of a gain pattern."""
         return [
             unknown
             for name in effects
@@ -151,26 +152,26 @@ class Model(ABC):
         ]
 
     def _unknown(self, name: str, parameter: Parameter) -> Unknown | None:
-        """Return a parameter's number with its range, starts and prior; None if it is declared exactly."""
-        low, high = parameter.number(parameter.low), parameter.number(parameter.high)
+        """Return the unknown of a parameter, with range, starts and prior; None if it is declared exactly."""
+        low, high = parameter.to_variable(parameter.low), parameter.to_variable(parameter.high)
         label = self.labels.get(parameter.nominal)
         if label is not None and label.low is not None:
-            low, high = parameter.number(label.low), parameter.number(label.high)
+            low, high = parameter.to_variable(label.low), parameter.to_variable(label.high)
         declared = self.declared.get(name, {}).get(parameter.name)
         if declared is not None:
             if not declared.sd:
                 return None
-            expected, sd = declared.number(parameter)
+            expected, sd = declared.variable_prior(parameter)
             return Unknown(name, parameter.name, low, high, (expected,), None, expected, sd, parameter.power)
         expected, sd = (low + high) / 2, high - low  # a wide prior, against runaways
-        starts = (min(max(parameter.number(parameter.start), low), high),)
-        # A slice thinner than the distance of slices changes nothing, so that a fit would never leave it.
+        starts = (min(max(parameter.to_variable(parameter.start), low), high),)
+        # Below the slice spacing, the slice thickness has no effect, so a fit that starts there would not change it.
         if parameter.neutral is None or (acts_on_images(name) and len(load(name).parameters) == 1):
             starts += tuple(low + share * (high - low) for share in STARTS)
         if label is not None and label.value is not None:
-            expected, sd = parameter.number(label.value), label.sd
+            expected, sd = parameter.to_variable(label.value), label.sd
             low, high, starts = max(low, expected - SURE * sd), min(high, expected + SURE * sd), (expected,)
-        neutral = None if parameter.neutral is None else parameter.number(parameter.neutral)
+        neutral = None if parameter.neutral is None else parameter.to_variable(parameter.neutral)
         starts = tuple(dict.fromkeys(starts))
         return Unknown(name, parameter.name, low, high, starts, neutral, expected, sd, parameter.power)
 
@@ -184,30 +185,31 @@ class Model(ABC):
         return 0.0
 
     def errors_of_steps(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
-        """Return the change of the mean by twice finer steps, by nuisance parameter; empty if there is none."""
+        """Return the change of the mean by finer discretization, by nuisance parameter; empty if there is none."""
         return {}
 
     @property
-    def turned_rad(self) -> np.ndarray | None:
+    def source_angles_rad(self) -> np.ndarray | None:
         """Direction of the source in every view, shape (views,); None for images."""
         return None
 
-    def strayed(
+    def needs_relinearization(
         self, errors: LinearizationPoint, nuisance: Mapping[str, float], prediction: Prediction, weights: np.ndarray
     ) -> bool:
-        """Return whether a prediction lies too far from the point where numerical errors were computed."""
+        """Return whether a prediction is too far from the point at which numerical errors were computed."""
         return False
 
-    def follows(
+    def in_linear_range(
         self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float], rays: LinearizationPoint
     ) -> bool:
-        """Return whether all rays of a prediction are near enough to those of a linearization point."""
-        return self.near(rays).follows(before_images(physics), pose_of(nuisance), anode=self.anode)
+        """Return whether all rays of a prediction are in the linear range of a linearization point."""
+        return self.linearized_at(rays).in_linear_range(before_images(physics), pose_of(nuisance), anode=self.anode)
 
-    def near(self, rays: LinearizationPoint, reach: float = 1.0) -> Chain:
-        """Return the chain whose rays follow those of a linearization point."""
+    def linearized_at(self, rays: LinearizationPoint, reach: float = 1.0) -> Chain:
+        """Return the chain that is linearized at a point."""
         return self._near.get(
-            (rays.key, reach), lambda: self.chain.near(rays.physics, pose_of(rays.nuisance), reach, anode=self.anode)
+            (rays.key, reach),
+            lambda: self.chain.linearized_at(rays.physics, pose_of(rays.nuisance), reach, anode=self.anode),
         )
 
     @abstractmethod

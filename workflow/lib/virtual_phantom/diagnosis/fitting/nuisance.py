@@ -7,13 +7,15 @@ from dataclasses import dataclass
 
 from ...physics.scenes.scene import Pose
 
-# Bound on the deviation from a prior, in standard deviations: a Gaussian alone gives way where much physics is missing.
+# Bound on the deviation from a prior, in standard deviations. If much physics is missing, a Gaussian prior alone does
+# not limit the deviation.
 SURE = 5.0
-# Mean and standard deviation of numerical errors, over what a finer step changes (L. F. Richardson, Phil. Trans. R.
-# Soc. A 210, 307, 1911). Twice as many rays are expected to change what all further ones do. Voxels of edge h,
-# and lines between their centers, blur by a variance of h^2/4; voxels twice as large add 3/4 h^2. The residual blur
-# depends on the object. It is 0 for one that is finer by itself (0.33). It is h^2/24 for one with voxels half as large
-# (0.28), and h^2/12 for one of just these voxels with sharp edges (0.22).
+# Mean and standard deviation of a numerical error relative to the change by another discretization (L. F. Richardson,
+# Philos. Trans. R. Soc. A 210, 307, 1911).
+# - rays: the change by twice as many rays is expected to equal the change by all further rays.
+# - voxels: voxels of edge h, with linear interpolation, blur by a variance of h^2/4. Voxels twice as large add 3/4 h^2.
+#   The true object has a blur of its own: 0 (ratio 0.33), h^2/24 for voxels half as large (0.28), or h^2/12 for sharp
+#   voxels of edge h (0.22).
 NUMERICAL = {"rays": (1.0, 1 / 3), "voxels": (0.28, 0.06)}
 NOMINAL_PHOTONS_SD = 0.02  # of the logarithm of a stated number of photons
 LOCATION = ("x_mm", "y_mm", "z_mm")
@@ -50,11 +52,11 @@ def nuisances(
     log_photons, photons_sd : float
         Logarithm of the photons per pixel in air, and its standard deviation (infinite: not known).
     known : mapping of str to float
-        Standard deviations from the configuration, instead of the defaults.
+        Standard deviations from the configuration, which replace the defaults.
     numerical : iterable of str, optional
-        Names of the model's numerical errors, of NUMERICAL.
+        Names of the model's numerical errors, keys of NUMERICAL.
     location : mapping of str to float, optional
-        Expected position of the object, by name of LOCATION, mm; 0 where it is not stated.
+        Expected position of the object along the axes of LOCATION, mm; 0 along axes that are not stated.
     """
     defaults = {
         "scale": ("1", 1.0, 0.005),  # of the line integrals: density of the material

@@ -20,10 +20,10 @@ class Statement:
     value: float
     sd: float
 
-    def number(self, of: Parameter) -> tuple[float, float]:
-        """Return the prior's mean and standard deviation for the number that fits vary."""
+    def variable_prior(self, of: Parameter) -> tuple[float, float]:
+        """Return the mean and the standard deviation of the prior of the fit variable (Parameter.to_variable)."""
         ends = [min(max(self.value + side * self.sd, of.low), of.high) for side in (-1, 1)]
-        return of.number(self.value), (of.number(ends[1]) - of.number(ends[0])) / 2
+        return of.to_variable(self.value), (of.to_variable(ends[1]) - of.to_variable(ends[0])) / 2
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class Label:
     value : float or None
         Expected value; None: not known.
     sd : float
-        Standard deviation of the number that fits vary.
+        Standard deviation of the fit variable (Parameter.to_variable).
     low, high : float or None
-        Range of values; None: that of the parameter.
+        Range of values; None: the range of the parameter.
     """
 
     words: str
@@ -57,8 +57,8 @@ def stated_physics(declared: Mapping[str, Mapping[str, Statement]]) -> dict[str,
 def declared(section: Mapping[str, Mapping[str, Mapping[str, float]]], where: str) -> dict[str, dict[str, Statement]]:
     """Return the priors that a configuration declares, {effect: {parameter: {value, sd}}}.
 
-    Design parameters of the scanner, which no fit varies, are exact whatever their standard deviation. Messages begin
-    with `where`.
+    Design parameters of the scanner are exact, because fits do not vary them; their standard deviation is ignored.
+    Error messages begin with `where`.
 
     Raises
     ------

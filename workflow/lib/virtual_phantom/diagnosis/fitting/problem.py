@@ -15,18 +15,18 @@ from .linearization import LinearizationPoint
 from .nuisance import POSES, SURE, Nuisance
 from .steps import bounded_step
 
-MOST_LINEARISATIONS = 3  # numerical errors are recomputed at most so often in a fit, each time when it has converged
-# Starts tried where a fit has stalled: distances from its end, as shares of the range.
+MOST_LINEARISATIONS = 3  # maximum of recomputations of numerical errors in a fit, each after convergence
+# Further starts after a fit has stalled: distances from its end, as shares of the range.
 FARTHER = (-0.5, -0.1, 0.1, 0.5)
 # Finite differences: shares of the plausible range and of a nuisance parameter's standard deviation. Path lengths are
 # in single precision, so that smaller steps would measure rounding.
 STEP, ALIGNMENT_STEP = 2e-3, 4e-3
-# The same by stage, for parameters that displace rays or the object and trade against size, scale and position to one
-# part in ten. With slopes over eight times these steps, 3 to 5 % off, fits of source distances ended 3 to 24 above the
-# minimum of chi-square.
+# The same by stage, for parameters that displace rays or the object. Size, scale and position compensate for nine
+# tenths of their effect. With steps eight times as large, derivatives had errors of 3 to 5 %, and fits of source
+# distances ended 3 to 24 above the minimum of chi-square.
 MOVING_STEPS = {GEOMETRY: 2.5e-4, MOTION: 2.5e-4, FOCAL_SPOT: 2e-3}
-# For these slopes and those of the pose, rays follow others over a distance so many times larger: all derivatives are
-# then of the same rays. A blur has no slope of first order, so its rays keep the usual distance.
+# Factor of the linear range for these derivatives and those of the pose, so that all use the same traced rays. A blur
+# has no derivative of first order, so the range of its rays is not extended.
 SLOPE_REACH = 2.0
 UNKNOWN_STEP = 1e-3  # of a nuisance parameter without prior knowledge
 SIZE_STEP = 4e-5  # 4 um at 100 mm, as for positions
@@ -36,7 +36,8 @@ MOST_KEPT = 1e8  # bytes: larger Jacobians are not cached
 class Problem:
     """Unknowns of one set of effects for one recording, their priors, and their residuals.
 
-    A point is a vector of the effects' numbers (`unknowns`) followed by the nuisance parameters (`aligned`).
+    A point is a vector of the effects' variables (`unknowns`) followed by the nuisance parameters (`nuisances`); both
+    are called numbers below.
 
     Parameters
     ----------
@@ -45,13 +46,13 @@ class Problem:
     given : Fit or None
         Fit whose parameters are the starting point.
     beside : str, optional
-        A further effect that is not fitted but changes what is known of the nuisance parameters.
+        A further effect that is not fitted but changes the priors of the nuisance parameters.
 
     Attributes
     ----------
     start, low, high : ndarray, shape (numbers,)
         Starting point and bounds.
-    center, knowledge : ndarray, shape (numbers,)
+    center, prior_precision : ndarray, shape (numbers,)
         Means of the Gaussian priors, and their inverse variances (0: no prior).
     steps : ndarray, shape (numbers,)
         Steps of finite differences.
@@ -64,15 +65,15 @@ class Problem:
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
         self.patterned, self.pattern, self.estimated = any(load(name).pattern for name in effects), None, None
         self.linearization, self.linearized = self.model.nominal if given is None else given.linearization, 0
-        self.whole = self.model.whole(self.effects)
-        self.unknowns = self.model.unknowns(self.whole)
-        self.aligned = self.model.alignment(self.effects if beside is None else (*self.effects, beside))
+        self.all_effects = self.model.with_declared_effects(self.effects)
+        self.unknowns = self.model.unknowns(self.all_effects)
+        self.nuisances = self.model.alignment(self.effects if beside is None else (*self.effects, beside))
         self.fresh = [given is None or unknown.effect not in given.physics for unknown in self.unknowns]
         values = [
             unknown.start if fresh else unknown.of(given.physics[unknown.effect][unknown.name])
             for unknown, fresh in zip(self.unknowns, self.fresh, strict=True)
         ]
-        aligned = self.aligned
+        aligned = self.nuisances
         nuisance = {number.name: number.expected for number in aligned} if given is None else given.nuisance
         start = np.array([*values, *(nuisance[number.name] for number in aligned)], float)
         ends = [(number.expected - SURE * number.sd, number.expected + SURE * number.sd) for number in aligned]
@@ -81,7 +82,7 @@ class Problem:
         self.count = sum(int((weight > 0).sum()) for weight in self.weights)
         self.center = np.array([number.expected for number in (*self.unknowns, *aligned)])
         width = np.array([number.sd for number in (*self.unknowns, *aligned)])
-        self.knowledge = np.where(np.isfinite(width), 1 / width**2, 0)
+        self.prior_precision = np.where(np.isfinite(width), 1 / width**2, 0)
         spans = [
             (MOVING_STEPS[load(unknown.effect).stage] if unknown.moves else STEP) * (unknown.high - unknown.low)
             for unknown in self.unknowns
@@ -105,8 +106,8 @@ class Problem:
     def best_start(self) -> np.ndarray:
         """Return the best starting point, shape (numbers,).
 
-        All starts of new effects are tried, with the given and with the expected nuisance parameters: a fit from a
-        single start may end in a local minimum.
+        All starts of new effects are tried, with the given and with the expected nuisance parameters, because a fit
+        from a single start may end in a local minimum.
         """
         count = len(self.unknowns)
         choices = [
@@ -117,7 +118,7 @@ class Problem:
             return self.start
         faint = any(self._new_strengths())
         tried = []
-        for nuisance in (self.start[count:], np.array([number.expected for number in self.aligned])):
+        for nuisance in (self.start[count:], np.array([number.expected for number in self.nuisances])):
             full = [self.solve_scale_and_offset(np.array([*values, *nuisance])) for values in product(*choices)]
             tried += full
             if faint:
@@ -140,10 +141,10 @@ class Problem:
     def _between(
         self, off: tuple[np.ndarray, list[np.ndarray]], full: tuple[np.ndarray, list[np.ndarray]]
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the best point between two, and its residuals, if residuals change linearly from one to the other.
+        """Return the best point between two, and its residuals, assuming that residuals change linearly.
 
-        `off` and `full` have new effects off or at full strength. With a starting strength that is far too high, the
-        shape that does the least harm would look best.
+        `off` and `full` have new effects off or at full strength. Without this interpolation, starts with far too high
+        a strength would be ranked by how little they worsen the fit.
         """
         change = [here - there for here, there in zip(off[1], full[1], strict=True)]
         square = chi_square(self.weights, change)
@@ -159,8 +160,8 @@ class Problem:
     def farther(self, fit) -> list:
         """Return starts for a fit that has stalled: new geometry parameters are displaced, the others stay as fitted.
 
-        Geometry trades against the pose along narrow valleys, which are rough: errors of finite steps change along
-        them.
+        Chi-square has narrow valleys along which geometry and pose compensate each other. Discretization errors make
+        these valleys rough.
         """
         found = []
         for index, new in enumerate(self._new_strengths()):
@@ -175,53 +176,53 @@ class Problem:
         return found
 
     def needs_new_corrections(self, point: np.ndarray) -> bool:
-        """Relinearize numerical errors at a point too far from where they were computed; return whether."""
+        """Recompute numerical errors if a point is too far from where they were computed; return True if so."""
         if self.linearized == MOST_LINEARISATIONS:
             return False
         physics, nuisance = self._named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
-        if not self.model.strayed(self.linearization.errors, nuisance, prediction, self.weights[0]):
+        if not self.model.needs_relinearization(self.linearization.errors, nuisance, prediction, self.weights[0]):
             return False
         self.linearization = replace(self.linearization, errors=LinearizationPoint.of(physics, nuisance))
         self.linearized += 1
         return True
 
     def follow(self, point: np.ndarray) -> bool:
-        """Trace rays at a point if they lie too far from those traced so far; return whether."""
+        """Trace the rays of a point if they are out of the linear range; return True if so."""
         physics, nuisance = self._named(point)
-        if self.model.follows(physics, nuisance, self.linearization.rays):
+        if self.model.in_linear_range(physics, nuisance, self.linearization.rays):
             return False
         self.linearization = replace(self.linearization, rays=LinearizationPoint.of(physics, nuisance))
         return True
 
     def residuals(self, point: np.ndarray, reach: float = 1.0) -> list[np.ndarray]:
-        """Return observed minus predicted data and gain pattern by part, shape (data,), with whitened noise."""
+        """Return observed data minus prediction and gain pattern, by part, shape (data,), with whitened noise."""
         prediction = self.model.predict(*self._named(point), self.data, replace(self.linearization, reach=reach))
         return less_pattern(self.data.residuals(prediction), self.pattern, self.data)
 
     def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
         """Return a point as parameters by effect, and nuisance parameters by name."""
-        physics = {name: self.model.known(name) for name in self.whole}
+        physics = {name: self.model.known(name) for name in self.all_effects}
         for unknown, number in zip(self.unknowns, point, strict=False):
             physics[unknown.effect][unknown.name] = float(unknown.value(number))
-        aligned = zip(self.aligned, point[len(self.unknowns) :], strict=True)
+        aligned = zip(self.nuisances, point[len(self.unknowns) :], strict=True)
         return physics, {number.name: float(value) for number, value in aligned}
 
     def solve_scale_and_offset(self, point: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         """Return a point with the best density scale and air offset, in closed form, and its residuals by part.
 
-        Predictions are linear in both, and most effects trade against them: otherwise fits creep along narrow, curved
-        valleys.
+        Predictions are linear in both, and both compensate for part of most effects. Without this step, fits converge
+        slowly along narrow, curved valleys.
         """
         physics, nuisance = self._named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
         residuals = less_pattern(self.data.residuals(prediction), self.pattern, self.data)
         first = len(self.unknowns)
-        index = [first + [number.name for number in self.aligned].index(name) for name in ("scale", "offset")]
+        index = [first + [number.name for number in self.nuisances].index(name) for name in ("scale", "offset")]
         changes = (self.data.whitened(np.where(self.data.usable, column, 0)) for column in prediction.design)
         design, weight = np.stack([column.ravel() for column in changes]), self.weights[0]
-        information = (design * weight) @ design.T + np.diag(self.knowledge[index])
-        gradient = (design * weight) @ residuals[0] + self.knowledge[index] * (self.center[index] - point[index])
+        information = (design * weight) @ design.T + np.diag(self.prior_precision[index])
+        gradient = (design * weight) @ residuals[0] + self.prior_precision[index] * (self.center[index] - point[index])
         step = bounded_step(information, gradient, point[index], self.low[index], self.high[index])
         point = point.copy()
         point[index] = np.clip(point[index] + step, self.low[index], self.high[index])
@@ -239,8 +240,8 @@ class Problem:
         return less_pattern(residuals, self.pattern, self.data)
 
     def chi_square(self, residuals: list[np.ndarray], point: np.ndarray) -> float:
-        """Return chi-square of residuals plus that of a point's deviation from the priors."""
-        return chi_square(self.weights, residuals) + float((self.knowledge * (point - self.center) ** 2).sum())
+        """Return chi-square of the residuals plus chi-square of the deviation of a point from the priors."""
+        return chi_square(self.weights, residuals) + float((self.prior_precision * (point - self.center) ** 2).sum())
 
     def jacobian(self, point: np.ndarray, residuals: list[np.ndarray]) -> list[np.ndarray]:
         """Return the change of predictions per step (`steps`) of every number, by part, shape (numbers, data)."""
@@ -266,7 +267,7 @@ class Problem:
 
     def normal(self, jacobian, point: np.ndarray, residuals: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the information matrix, and the gradient of minus half of chi-square."""
-        information, gradient = np.diag(self.knowledge), self.knowledge * (self.center - point)
+        information, gradient = np.diag(self.prior_precision), self.prior_precision * (self.center - point)
         for rows, weight, residual in zip(jacobian, self.weights, residuals, strict=True):
             weighted = rows * weight
             information = information + (weighted @ rows.T) / np.outer(self.steps, self.steps)

@@ -1,8 +1,8 @@
 """Levenberg-Marquardt least squares with Broyden updates, for one recording or for several that share parameters.
 
-Recordings of one scanner share its physics; those of one protocol may share further numbers, such as the tube voltage;
-nuisance parameters belong to each recording. The normal equations of several recordings have arrow form: a block of
-shared numbers, and one block of nuisance parameters for each recording.
+Recordings of one scanner share its physics. Recordings of one protocol may share further parameters, such as the tube
+voltage. Nuisance parameters belong to each recording. The normal equations of several recordings have arrow form: a
+block of shared parameters, and one block of nuisance parameters for each recording.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .steps import bounded_step, updated
 ITERATIONS = 60
 # Convergence: change of chi-square between two iterations, and the same as a share of its excess over noise.
 CONVERGED, CONVERGED_SHARE = 0.02, 1e-5
-# A Jacobian stays in use while steps gain this share of what it predicts.
+# A Jacobian stays in use while the gain of a step over the predicted gain is in this range.
 AS_EXPECTED = (0.7, 1.4)
 # Marquardt's damping starts at 0, then LEAST_DAMPING, and grows by DAMPING while steps raise chi-square.
 LEAST_DAMPING, DAMPING, MOST_DAMPING = 1e-4, 10.0, 1e4
@@ -51,21 +51,21 @@ class Solution(Iterate):
     Attributes
     ----------
     information : ndarray, shape (numbers, numbers)
-    promised : float
-        Decrease of chi-square that the slopes predict although no step achieves it; 0 where the search has converged.
+    predicted_decrease : float
+        Decrease of chi-square that the derivatives predict although no step achieves it; 0 if the search converged.
     """
 
     information: np.ndarray
-    promised: float
+    predicted_decrease: float
 
 
 class JointProblem:
-    """Least-squares problem of recordings that share numbers; of a single one, its own problem.
+    """Least-squares problem of one recording, or of several that share parameters.
 
     Parameters
     ----------
     problems : mapping of str to Problem
-        By recording, for the same effects. Their bounds and priors of shared numbers are made common.
+        By recording, for the same effects. Bounds and priors of shared parameters are made common.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class JointProblem:
         for name, problem in self.problems.items():
             own = self.indices[name]
             problem.low, problem.high = self.low[own], self.high[own]
-            problem.knowledge = problem.knowledge / times[own]
+            problem.prior_precision = problem.prior_precision / times[own]
         self.count = sum(problem.count for problem in self.problems.values())
         self.patterned = any(problem.patterned for problem in self.problems.values())
 
@@ -94,7 +94,7 @@ class JointProblem:
             yield name, problem, point[self.indices[name]]
 
     def common_start(self) -> Iterate:
-        """Return a start for several recordings: shared numbers as the first one has them, scale and offset solved."""
+        """Return a start for several recordings: shared parameters of the first one, with solved scale and offset."""
         point = np.empty(len(self.low))
         for name, problem in reversed(self.problems.items()):
             start = np.clip(problem.start, problem.low, problem.high)
@@ -103,12 +103,12 @@ class JointProblem:
         return self.solve_scale_and_offset(point)
 
     def recompute(self, point: np.ndarray) -> Iterate:
-        """Return a point with residuals at the present linearization, gain patterns estimated again."""
+        """Return a point with residuals at the present linearization and with gain patterns estimated again."""
         return self._iterate(point, {name: own.recompute_residuals(part) for name, own, part in self.parts(point)})
 
     def follow(self, here: Iterate) -> Iterate:
-        """Return a point with residuals of rays traced there, where they lie too far from those traced before."""
-        if not any([problem.follow(part) for _, problem, part in self.parts(here.point)]):  # all, not the first alone
+        """Return a point whose residuals are computed with rays traced there, if it was out of the linear range."""
+        if not any([problem.follow(part) for _, problem, part in self.parts(here.point)]):  # a list: calls all
             return here
         return self._iterate(here.point, {name: own.residuals(part) for name, own, part in self.parts(here.point)})
 
@@ -154,8 +154,8 @@ class JointProblem:
 def solve(problem: JointProblem, start: Iterate) -> Solution:
     """Minimize chi-square from a start.
 
-    A Jacobian by finite differences costs one prediction per number. Broyden's update keeps it in use while steps gain
-    about what it predicts.
+    A Jacobian by finite differences costs one prediction per number. With Broyden's updates it stays in use as long as
+    steps gain about as much as it predicts.
     """
     here, jacobians, damping, as_expected = start, None, 0.0, False
     for _ in range(ITERATIONS):
@@ -186,10 +186,10 @@ def solve(problem: JointProblem, start: Iterate) -> Solution:
             here = problem.recompute(here.point)
         if corrected or not as_expected:
             jacobians = None
-    if not fresh:  # Broyden's updates serve the next step; for numbers that moved far their slopes may be far off
+    if not fresh:  # derivatives by Broyden's updates are too inexact for standard errors
         information, _ = problem.normal(problem.jacobians(here), here)
-    promised = step.promised if fresh and converged and not gained else 0.0
-    return Solution(here.point, here.residuals, here.chi_square, information, promised)
+    predicted_decrease = step.predicted_decrease if fresh and converged and not gained else 0.0
+    return Solution(here.point, here.residuals, here.chi_square, information, predicted_decrease)
 
 
 @dataclass(frozen=True)
@@ -198,26 +198,26 @@ class _Step:
 
     reached: Iterate | None
     expected: float
-    promised: float
+    predicted_decrease: float
     damping: float
 
 
 def _step(problem: JointProblem, here: Iterate, information, gradient, damping, enough, fresh) -> _Step:
     """Take a step within the bounds that lowers chi-square, with more damping as long as none does."""
-    promised = 0.0
+    predicted_decrease = 0.0
     while True:
         damped = information + damping * np.diag(np.diag(information))
         step = bounded_step(damped, gradient, here.point, problem.low, problem.high)
         expected = float(2 * gradient @ step - step @ information @ step)
-        promised = promised or expected
+        predicted_decrease = predicted_decrease or expected
         if expected < enough:
-            return _Step(None, expected, promised, damping)
+            return _Step(None, expected, predicted_decrease, damping)
         reached = problem.solve_scale_and_offset(np.clip(here.point + step, problem.low, problem.high))
         if reached.chi_square <= here.chi_square:
-            return _Step(reached, expected, promised, damping / DAMPING if damping > LEAST_DAMPING else 0.0)
+            return _Step(reached, expected, predicted_decrease, damping / DAMPING if damping > LEAST_DAMPING else 0.0)
         damping = max(LEAST_DAMPING, damping * DAMPING)
         if damping > MOST_DAMPING or not fresh:  # an updated Jacobian is computed again first
-            return _Step(None, expected, promised, damping)
+            return _Step(None, expected, predicted_decrease, damping)
 
 
 def joint_indices(problems: Mapping[str, Problem], protocols: Mapping[str, str]) -> dict[str, np.ndarray]:
@@ -230,8 +230,8 @@ def joint_indices(problems: Mapping[str, Problem], protocols: Mapping[str, str])
 
 
 def _keys(problem: Problem, name: str, protocol: str) -> Iterator[tuple[str, str, str]]:
-    """Yield what each number is and whose it is: numbers with the same key are one number."""
+    """Yield a key of each number: effect, parameter and owner. Numbers with the same key are shared."""
     for unknown in problem.unknowns:
         yield unknown.effect, unknown.name, unknown.owner(name, protocol)
-    for nuisance in problem.aligned:
+    for nuisance in problem.nuisances:
         yield "alignment", nuisance.name, name

@@ -13,16 +13,16 @@ ROUNDING = 1e-9  # of the squared component of a unit vector
 
 
 @dataclass(frozen=True)
-class Known:
-    """Eigenvalues of an information matrix, in units in which each number alone has an information of 1.
+class ScaledEigenvalues:
+    """Eigenvalues of an information matrix whose rows and columns are scaled to a diagonal of 1.
 
-    Parameters in mm, kV and shares differ by orders of magnitude: in their own units, a threshold for rounding would
+    Parameters in mm, kV and shares differ by orders of magnitude. Without scaling, a threshold for rounding would
     discard parameters with little information.
 
     Attributes
     ----------
     units : ndarray, shape (numbers,)
-        0 for a number without information.
+        Scale factors: 1 / sqrt(diagonal), or 0 for a number without information.
     values : ndarray, shape (directions,)
         Eigenvalues above rounding.
     vectors : ndarray, shape (numbers, directions)
@@ -33,7 +33,7 @@ class Known:
     vectors: np.ndarray
 
     @classmethod
-    def of(cls, information: np.ndarray) -> Known:
+    def of(cls, information: np.ndarray) -> ScaledEigenvalues:
         """Decompose an information matrix, shape (numbers, numbers)."""
         diagonal = np.diag(information)
         units = np.divide(1, np.sqrt(diagonal), out=np.zeros_like(diagonal), where=diagonal > 0)
@@ -54,8 +54,8 @@ class Known:
 
 
 def standard_errors(information: np.ndarray) -> np.ndarray:
-    """Return standard errors, shape (numbers,); infinite for a number with a component that is not known."""
-    known = Known.of(information)
+    """Return standard errors, shape (numbers,); infinite for a number that is not fully determined."""
+    known = ScaledEigenvalues.of(information)
     squares = known.vectors**2
     error = known.units * np.sqrt((squares / known.values).sum(axis=1))
     return np.where(squares.sum(axis=1) < 1 - ROUNDING, np.inf, error)
@@ -69,16 +69,16 @@ def interval(value: float, error: float, low: float = -np.inf, high: float = np.
 def bounded_step(information, gradient, point, low, high) -> np.ndarray:
     """Return the Newton step to the minimum of the quadratic model within bounds, shape (numbers,).
 
-    Clipping a free step would not do: of two numbers that trade against each other, it leaves one where it makes the
-    fit worse.
+    Clipping an unbounded step would be wrong: if two numbers compensate each other and one is clipped, the other makes
+    the fit worse.
     """
-    known = Known.of(information)
+    known = ScaledEigenvalues.of(information)
     root, units = np.sqrt(known.values), known.units
     matrix, target = root[:, None] * known.vectors.T, known.vectors.T @ (gradient * units) / root
     moving = (units > 0) & (low < high)
     step = np.zeros(len(point))
-    room = ((low - point)[moving] / units[moving], (high - point)[moving] / units[moving])
-    step[moving] = units[moving] * lsq_linear(matrix[:, moving], target, room, method="bvls").x
+    margins = ((low - point)[moving] / units[moving], (high - point)[moving] / units[moving])
+    step[moving] = units[moving] * lsq_linear(matrix[:, moving], target, margins, method="bvls").x
     return step
 
 

@@ -29,17 +29,17 @@ def data_changes(problem: Problem) -> np.ndarray:
     return np.stack(columns, axis=1)
 
 
-def with_knowledge(columns: np.ndarray, problem: Problem) -> np.ndarray:
-    """Append the priors of the numbers as rows of the changes of the data, shape (data + numbers, numbers).
+def with_priors(columns: np.ndarray, problem: Problem) -> np.ndarray:
+    """Append the priors of the numbers as rows to the changes of the data, shape (data + numbers, numbers).
 
-    A number then absorbs only as much as its prior allows.
+    A number then absorbs only as much of a change as its prior allows.
     """
-    return np.vstack([columns, np.diag(np.sqrt(problem.knowledge))])
+    return np.vstack([columns, np.diag(np.sqrt(problem.prior_precision))])
 
 
 def changes(problem: Problem) -> np.ndarray:
     """Return `data_changes` with the priors appended."""
-    return with_knowledge(data_changes(problem), problem)
+    return with_priors(data_changes(problem), problem)
 
 
 def projected(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:
@@ -50,12 +50,12 @@ def projected(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:
 
 
 def varied(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
-    """Return the parameters with a neutral value: each has a template of its own."""
+    """Return the parameters with a neutral value; each of them has its own template."""
     return tuple(parameter for parameter in parameters if parameter.neutral is not None)
 
 
 def strength(parameter: Parameter) -> float:
-    """Return a parameter's strength in its template: typical, or part of its range if that is neutral."""
+    """Return a parameter's strength in its template: the typical value, or a part of the range if that is neutral."""
     if parameter.typical != parameter.neutral:
         return parameter.typical
     far = max(parameter.low, parameter.high, key=lambda end: abs(end - parameter.neutral))
@@ -65,9 +65,9 @@ def strength(parameter: Parameter) -> float:
 def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str, float]] = ({},)) -> np.ndarray:
     """Return the changes of the whitened data by an effect, shape (shapes * parameters, data).
 
-    Each parameter with a neutral value is changed alone, at typical strength; an effect without such a parameter is at
-    typical values. For parameters that move rays it is the slope times the strength. The pose trades against them to
-    one part in a hundred: errors of rays beyond their linearization would look like an effect of their own.
+    Each parameter with a neutral value is changed alone, to its typical strength. An effect without such a parameter is
+    at typical values. For parameters that move rays, the template is the derivative times the strength. The pose
+    compensates for 99 % of their effect, so linearization errors of a large change would look like another effect.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
     typical = {}
     for parameter in every:
         unknown = ranges[parameter.name]
-        number = min(max(parameter.number(parameter.typical), unknown.low), unknown.high)
+        number = min(max(parameter.to_variable(parameter.typical), unknown.low), unknown.high)
         typical[parameter.name] = unknown.value(number)
     typical |= fitter.model.known(name)
     parameters = varied(every)

@@ -26,17 +26,20 @@ def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, 
     Parameters
     ----------
     against : Trial, optional
-        Fit without the last effect, for its p-value; None: p is 1. Only with it does a fit that stalls start again from
-        farther off: alternatives are many, each would take minutes in a large scan, and few come near.
+        Fit without the last effect, for its p-value; None: p is 1, and a fit that stalls is not repeated from starts
+        farther away. There are many alternatives, and each repetition takes minutes in a large scan.
     """
     fit = fitter.fit(effects, None if given is None else given.fit, from_farther=against is not None)
-    p = 1.0 if against is None else chance(fit, against.fit, effects[-1])
+    p = 1.0 if against is None else effect_p_value(fit, against.fit, effects[-1])
     return Trial(fit, fitter.score(fit), p)
 
 
-def chance(fit: Fit, without: Fit, effect: str) -> float:
-    """Return an effect's p-value by the likelihood ratio of fits with and without it, or by a gain pattern's size."""
+def effect_p_value(fit: Fit, without: Fit, effect: str) -> float:
+    """Return an effect's p-value from the likelihood ratio of fits with and without it.
+
+    The p-value of a gain pattern comes from its size.
+    """
     if load(effect).pattern:
-        return gain_pattern.chance(fit.physics[effect]["rms"], fit.errors[effect]["rms"])
+        return gain_pattern.pattern_p_value(fit.physics[effect]["rms"], fit.errors[effect]["rms"])
     lost = max(0.0, without.chi_square - fit.chi_square)
     return float(stats.chi2.sf(lost, max(1, fit.free - without.free)))

@@ -52,7 +52,7 @@ class Unknown:
     def value_error(self, number: float, error: float) -> float:
         """Return the standard error of the parameter.
 
-        Its 95 % interval reaches at least as far as that interval of the variable.
+        The 95 % interval of the parameter contains the transformed 95 % interval of the variable.
         """
         if self.power == 1 or not np.isfinite(error):
             return error
@@ -81,11 +81,11 @@ class Unknown:
 
     @property
     def moves(self) -> bool:
-        """Whether it displaces rays or the object to first order."""
+        """Whether the parameter displaces rays or the object to first order."""
         return load(self.effect).moves(self.parameter)
 
     def owner(self, recording: str, protocol: str) -> str:
-        """Return the recording or protocol that has its own value; empty if it is common to the scanner."""
+        """Return the recording or protocol to which the value belongs; empty if it is common to the scanner."""
         belongs_to = self.parameter.belongs_to
         if belongs_to == OF_SCAN:
             return recording

@@ -1,1 +1,1 @@
-"""Diagnosis of recordings of images: the scan is simulated, reconstructed alike, and compared in whitened voxels."""
+"""Diagnosis of recorded images: the scan is simulated and reconstructed, and whitened voxels are compared."""

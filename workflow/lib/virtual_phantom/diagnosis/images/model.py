@@ -21,8 +21,8 @@ from ..noise.condensed import Prediction
 from .observed import Condenser, ObservedImages
 
 REALIZATIONS = 7  # of noise; one more lane holds the mean
-WATER_SD = 0.3  # of the scale with a spectrum, as scanners calibrate HU with water at any energy
-IMAGES_KEPT = 6  # cached settings, as a Jacobian returns to its point for every parameter
+WATER_SD = 0.3  # of the scale with a spectrum, because scanners set water to 0 HU for every spectrum
+IMAGES_KEPT = 6  # cached settings; a Jacobian needs its point again for every parameter
 EARLIER = 0  # branch of the random stream of the realizations
 
 
@@ -31,37 +31,37 @@ class ImagesModel(Model):
 
     Parameters
     ----------
-    chain, aligned, **settings
+    chain, nuisances, **settings
         See Model.
     reconstruct : callable
         Line integrals, shape (lanes, views, rows, columns), to HU, shape (lanes, z, y, x).
     spacing_mm : tuple of 3 float
         Voxel size (z, y, x), mm.
     seed : Stream
-        Random stream of the noise realizations, which all predictions share, so that they change smoothly.
+        Random stream of the noise realizations. All predictions use the same realizations, so they change smoothly.
     """
 
     def __init__(
         self,
         chain: Chain,
-        aligned: tuple[Nuisance, ...],
+        nuisances: tuple[Nuisance, ...],
         reconstruct: Callable[[np.ndarray], np.ndarray],
         spacing_mm: tuple[float, float, float],
         seed: Stream,
         **settings,
     ):
-        super().__init__(chain, aligned, **settings)
+        super().__init__(chain, nuisances, **settings)
         self.reconstruct, self.spacing_mm, self._seed = reconstruct, spacing_mm, seed
         self.condenser: Condenser | None = None
         self._means, self._noises = LRUCache(IMAGES_KEPT), LRUCache(IMAGES_KEPT)
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
-        """Return the nuisance parameters. With absolute attenuation the scale is free, as water is set to 0 HU."""
-        if not absolute_attenuation(self.whole(effects)):
-            return self.aligned
+        """Return the nuisance parameters. With absolute attenuation, the scale has the wide prior of WATER_SD."""
+        if not absolute_attenuation(self.with_declared_effects(effects)):
+            return self.nuisances
         return tuple(
             replace(number, sd=max(number.sd, WATER_SD)) if number.name == "scale" else number
-            for number in self.aligned
+            for number in self.nuisances
         )
 
     def predict(self, physics, nuisance, data: ObservedImages, linearization: Linearization = BASE) -> Prediction:
@@ -74,7 +74,9 @@ class ImagesModel(Model):
         design = (white(mean - HU_AIR), white(np.ones(mean.shape)))
         return Prediction(white(scaled(mean, nuisance)), log_variance, statistics.correlation, design)
 
-    def strayed(self, errors: LinearizationPoint, nuisance: Mapping[str, float], prediction, weights) -> bool:
+    def needs_relinearization(
+        self, errors: LinearizationPoint, nuisance: Mapping[str, float], prediction, weights
+    ) -> bool:
         """Return whether the object has moved by more than a voxel, so that its noise has changed."""
         here, there = pose_of(nuisance), pose_of(errors.nuisance)
         moved = (here.z_mm - there.z_mm, here.y_mm - there.y_mm, here.x_mm - there.x_mm)
@@ -100,11 +102,13 @@ class ImagesModel(Model):
         here, rays, errors = pose_of(nuisance), linearization.rays, linearization.errors
 
         def mean() -> np.ndarray:
-            state = self.near(rays).state(before, here, photons=photons, anode=self.anode)
+            state = self.linearized_at(rays).state(before, here, photons=photons, anode=self.anode)
             return self.reconstruct((state.line_integrals() + state.log_noise()[0])[None])[0]
 
         def noise() -> np.ndarray:
-            state = self.near(errors).state(before, pose_of(errors.nuisance), photons=photons, anode=self.anode)
+            state = self.linearized_at(errors).state(
+                before, pose_of(errors.nuisance), photons=photons, anode=self.anode
+            )
             return self.reconstruct(noise_lines(state, REALIZATIONS, self._seed)) - HU_AIR
 
         image = self._means.get((settings, here, rays.key), mean)

@@ -1,4 +1,4 @@
-"""Repeats of an image, condensed to statistics like those of projections (projections.observed)."""
+"""Repeats of an image, condensed to the same kinds of statistics as projections (projections.observed)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .whitening import ImageWhitening
 
 # Blocks along z, y and x for the variance of the noise. Smaller blocks have few independent voxels.
 PARTS = (2, 4, 4)
-PRIOR = 8  # realizations that the common scatter of all blocks counts as
+PRIOR = 8  # weight of the common scatter of all blocks, in realizations
 LAGS = ((0, 0, 1), (0, 1, 0), (0, 0, 2), (0, 2, 0), (1, 0, 0))  # z, y, x, voxels
 
 
@@ -38,7 +38,7 @@ class ObservedImages(Observed):
 
 @dataclass(frozen=True)
 class NoiseStatistics:
-    """Variance by block and correlation by lag of noise over the SD of an ImageWhitening."""
+    """Variance by block and correlation by lag of noise that is divided by ImageWhitening.sd."""
 
     variance: np.ndarray
     correlation: np.ndarray
@@ -62,7 +62,7 @@ class Condenser:
         self.blocks = Blocks.of(white.sd.shape, PARTS)
         self._counts = self.blocks.sum(white.used)
         self._pairs = [_shift_pairs(white.used, lag) for lag in LAGS]
-        # Only relative scatter counts, as nulls may have more noise than the recording.
+        # Only relative scatter is used, because the noise level of the nulls may differ from the recording.
         level = float(np.mean([white.over_sd(null)[white.used].var() for null in nulls]))
         each = [self.noise([null / np.sqrt(level)]) for null in nulls]
         variances = np.var([null.variance for null in each], axis=0, ddof=1)

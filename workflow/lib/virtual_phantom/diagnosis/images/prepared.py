@@ -19,10 +19,10 @@ from ..fitting.linearization import before_images
 from ..fitting.nuisance import NOMINAL_PHOTONS_SD, nuisances
 from ..fitting.priors import Statement, stated_physics
 from ..residuals.dataset import Prepared, ResidualMaps
-from ..residuals.residual_tests import Half, Location
+from ..residuals.residual_tests import DomainTest, HalfResiduals
 from .model import REALIZATIONS, ImagesModel, noise_lines, scaled
 from .observed import Condenser
-from .residual_maps import locate
+from .residual_maps import domain_tests
 from .whitening import image_whitening, local_variance
 
 OFFSET_SD_HU = 1.0  # of the zero of the HU scale
@@ -54,10 +54,10 @@ class PreparedImages(Prepared):
     display: ClassVar[ResidualMaps] = DISPLAY
 
     def domains(
-        self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
-    ) -> list[Location]:
+        self, half: HalfResiduals, fit: Fit, fitted: HalfResiduals | None = None, more: Sequence[DomainTest] = ()
+    ) -> list[DomainTest]:
         """See Prepared.domains."""
-        return locate(half, fitted, more)
+        return domain_tests(half, fitted, more)
 
     def recorded(self) -> np.ndarray:
         """See Prepared.recorded."""
@@ -141,7 +141,7 @@ def prepare(
     fitted, held, words, usable = _split(repeats, further, valid)
     white = image_whitening(noise, valid, finer - coarse, max(len(fitted), 1))
     log_photons = np.log(nominal_photons or photons)
-    # The noise of a single fitted repeat is no datum, so that its photons need a prior.
+    # The noise of a single fitted repeat is not fitted, so the photons need a prior.
     final = model(log_photons, NOMINAL_PHOTONS_SD if nominal_photons or len(fitted) == 1 else np.inf)
     state = chain.state(physics, photons=photons, anode=anode)
     batches = (reconstruct(noise_lines(state, REALIZATIONS, branch)) for branch in seed.spawn(NULLS))

@@ -6,13 +6,13 @@ import numpy as np
 
 from ...base.units import HU_BODY
 from ..residuals.residual_tests import (
-    Half,
-    Location,
+    DomainTest,
+    HalfResiduals,
     blocks,
     by_value,
-    corrected,
     extreme,
-    noise_locations,
+    holm_corrected,
+    noise_tests,
     standardized,
     steepest,
 )
@@ -22,8 +22,8 @@ AXES = ("slices", "rows", "columns")
 RINGS = 16  # of equal width around the isocenter
 
 
-def locate(half: Half, fitted: Half | None = None, more=()) -> list[Location]:
-    """Return the worst location of every domain, from whitened voxels; arguments as in projections."""
+def domain_tests(half: HalfResiduals, fitted: HalfResiduals | None = None, more=()) -> list[DomainTest]:
+    """Test every domain of residuals of whitened voxels; arguments as in projections.residual_maps.domain_tests."""
     data, shape = half.data, half.data.mean.shape
     residual, weight = half.residuals[0].reshape(shape), half.weights[0].reshape(shape)
 
@@ -46,9 +46,9 @@ def locate(half: Half, fitted: Half | None = None, more=()) -> list[Location]:
         ),
         by_value("tissue", "voxels of {:.0f} to {:.0f} HU", residual, weight, expected, inside),
         steepest("voxels", residual, weight, slope),
-        *noise_locations(half, [_words(lag) for lag in LAGS], AXES, fitted),
+        *noise_tests(half, [_words(lag) for lag in LAGS], AXES, fitted),
     ]
-    return corrected([*found, *more])
+    return holm_corrected([*found, *more])
 
 
 def _words(lag: tuple[int, int, int]) -> str:

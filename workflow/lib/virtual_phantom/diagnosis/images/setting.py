@@ -27,11 +27,11 @@ from .model import REALIZATIONS
 from .prepared import PreparedImages, prepare
 
 MOST_SLICES = 24  # more slices add run time and little information
-LEAST_SLICES = 4  # fewer show no noise along z, and cannot be halved for a single repeat
+LEAST_SLICES = 4  # fewer do not show noise correlation along z, and cannot be split for a single repeat
 
 
 def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nominal: NominalSettings) -> PreparedImages:
-    """Prepare the central slices of a recording for fits. The center of the images is taken as the isocenter.
+    """Prepare the central slices of a recording for fits. The center of the images is assumed to be the isocenter.
 
     Raises
     ------

@@ -8,7 +8,7 @@ import numpy as np
 
 from .whitening import Whitening
 
-FEWEST = 8  # degrees of freedom from which on the mean of an inverse says anything
+FEWEST = 8  # least degrees of freedom for a reliable mean of an inverse variance
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Blocks:
 
     @classmethod
     def of(cls, shape: tuple[int, int, int], parts: tuple[int, int, int]) -> Blocks:
-        """Divide data of a shape into so many parts along each axis, at most one for each position."""
+        """Divide data of a shape into the given number of parts along each axis, at most one per position."""
         parts = tuple(min(part, n) for part, n in zip(parts, shape, strict=True))
         axes = [np.arange(n) * part // n for part, n in zip(parts, shape, strict=True)]
         index = (axes[0][:, None, None] * parts[1] + axes[1][:, None]) * parts[2] + axes[2]
@@ -55,7 +55,7 @@ class Prediction:
     log_variance : ndarray, shape (blocks,)
         Logarithm of the variance over Observed.reference.
     correlation : ndarray, shape (pairs,), or None
-        None where the data have none.
+        None if the data have no correlations.
     design : tuple of 2 ndarray
         Change of the mean per unit of density scale and air offset, broadcastable to it.
     """
@@ -77,7 +77,7 @@ class Observed:
     n : int
         Number of repeats.
     usable : ndarray of bool
-        Rays or voxels that count.
+        Rays or voxels that are used.
     reference : ndarray
         Unit of `variance`, shaped as the mean.
     variance : ndarray, shape (blocks,), or None
@@ -90,13 +90,13 @@ class Observed:
     numerical : tuple of ndarray
         Errors of predictions common to many rays, one standard deviation, whitened, shaped as the mean.
     alone : ndarray, shape (blocks,), or float
-        Variance of a single block's logarithm over the square of `variance_error`.
+        Variance of the logarithm of a single block's variance, over the square of `variance_error`.
     whitening : Whitening or None
         Filter that makes the mean's noise white; None: it is white.
     weighed : ndarray, shape (blocks,), or float
         Relative variance of the mean's weights, which are measured by block.
     coarser : Blocks or None
-        Blocks of which only the relative variance is known; None: `blocks`, with the level.
+        Blocks for which only the relative variance is known; None: the variance of `blocks` is known absolutely.
     """
 
     mean: np.ndarray
@@ -168,11 +168,11 @@ class Observed:
 
     @property
     def scatter(self) -> np.ndarray:
-        """Relative variance of each datum's weight, or of all alike."""
+        """Relative variance of each datum's weight, or one number for all."""
         weighed = np.asarray(self.weighed)
         return self.blocks.spread(weighed) if weighed.ndim else weighed
 
     @property
     def counted(self) -> np.ndarray:
-        """Usable data with weight in the mean: whitening excludes those next to missing ones."""
+        """Usable data with weight in the mean; whitening excludes data next to missing ones."""
         return self.usable if self.whitening is None else self.whitening.counted

@@ -10,7 +10,7 @@ from scipy import ndimage, stats
 from .whitening import Whitening
 
 SMOOTH_FACTOR = 3.0  # of the variance expected of the smooth part
-SMOOTH_PX = 3.0  # what varies more slowly than this from pixel to pixel may be other physics
+SMOOTH_PX = 3.0  # width of the Gaussian that gives the smooth part, which may be other physics
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Pattern:
     error: float
 
 
-def chance(rms: float, error: float) -> float:
+def pattern_p_value(rms: float, error: float) -> float:
     """Return the p-value of a pattern's rms, by its standard error.
 
     A likelihood ratio has no known distribution here: a pattern has as many constants as there are pixels.
@@ -44,9 +44,9 @@ def chance(rms: float, error: float) -> float:
 def estimate(residual: np.ndarray, weight: np.ndarray, whitening: Whitening | None = None) -> Pattern:
     """Estimate the pattern in residuals with weights 1 / variance, shape (views, rows, columns).
 
-    Constants are independent draws of a normal distribution, whose variance is the mean square of their rough part less
-    that of noise. A smooth part larger than expected of such draws is other physics (the shadow of a disc is equal in
-    all views), and not part of the pattern.
+    The constants are modeled as independent normal values, whose variance is the mean square of their rough part less
+    that of noise. A smooth part that is larger than expected of such values is other physics (the shadow of a disc is
+    equal in all views), and not part of the pattern.
     """
     total = weight.sum(axis=0)
     good = total > 0

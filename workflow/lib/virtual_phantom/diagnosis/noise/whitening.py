@@ -1,12 +1,12 @@
 """Correlated noise of neighboring rays: its estimate, the filter that whitens it, and errors of its statistics.
 
-Light that is shared between pixels, or afterglow, blurs the quantum noise of a detector: variances of single rays
-fall, variances of sums over many rays do not. Residuals are therefore whitened before they are fitted and tested
-(pre-whitening [1]_) by the inverse of a filter. The filter is estimated once per recording from differences of repeats,
-which no model of the mean influences.
+Optical crosstalk and afterglow blur the quantum noise of a detector: they reduce the variance of single rays, but not
+the variance of sums over many rays. Residuals are therefore whitened before they are fitted and tested (pre-whitening
+[1]_). The filter is estimated once per recording from differences of repeats, which do not depend on a model of the
+mean.
 
-The detector blurs its signal. A residual is therefore multiplied by the signal, filtered, and divided by it again.
-The filter keeps smooth residuals, so that they stay line integrals.
+The detector blurs its signal, not the line integrals. A residual is therefore multiplied by the signal, filtered, and
+divided by the signal. The filter does not change smooth residuals, so they remain line integrals.
 
 References
 ----------
@@ -22,15 +22,15 @@ from scipy import fft, signal
 
 from ...physics.state import State
 
-SEEN = 3.0  # standard errors from which a correlation is used; smaller ones change the error of no sum by 1 %
+SEEN = 3.0  # standard errors from which a correlation is used; smaller ones change errors of sums by less than 1 %
 VIEW_LAGS = 48  # successive views whose correlations are estimated, if there are twice as many
 MEMORIES = np.linspace(0, 0.95, 96)  # factors by which correlations decay from view to view: the range of afterglow
-CALM = 0.2  # change of the line integral from ray to ray up to which noise is correlated as in a uniform signal
+CALM = 0.2  # largest change of the line integral between neighboring rays used to estimate correlations
 LEAST_CALM = 0.05  # of the rays; with fewer, all rays are used
 LONG = 512  # positions along an axis; longer axes have the same relative errors
 LEAST_POWER = 0.02  # of noise, relative to the mean over frequencies; smaller estimates are not reliable
-MOST_ROOT = 0.95  # of the filter along views: inverses of larger ones remember hundreds of views
-REACH = 0.1  # of a filter's middle: rays as near to a missing one as its taps are larger do not count
+MOST_ROOT = 0.95  # largest moving-average coefficient; the filter of a larger one would extend over hundreds of views
+REACH = 0.1  # rays are excluded if a missing ray has a filter coefficient above this share of the central one
 
 
 @dataclass(frozen=True)
@@ -55,17 +55,17 @@ class Correlations:
         return not (self.columns[0] or self.rows[0] or self.views[0])
 
     def of_every(self, step: int) -> Correlations:
-        """Return the correlations of every so many-th view."""
+        """Return the correlations of every `step`-th view."""
         first, memory = self.views
         return Correlations(self.columns, self.rows, (first * memory ** (step - 1), memory**step))
 
     def stands_out(self, other: Correlations, rays: int) -> bool:
-        """Return whether so many rays would distinguish these correlations from others."""
+        """Return whether this number of rays would distinguish these correlations from others."""
         pairs = zip((self.columns, self.rows, self.views), (other.columns, other.rows, other.views), strict=True)
         return max(abs(own[0] - its[0]) for own, its in pairs) * np.sqrt(rays) > SEEN
 
     def of_second_differences(self, of_rows: bool = False) -> float:
-        """Return the variance of x[i - 1] - 2 x[i] + x[i + 1] of successive views over that of a view.
+        """Return the variance of x[i - 1] - 2 x[i] + x[i + 1] of successive views, relative to a view's variance.
 
         Parameters
         ----------
@@ -79,7 +79,8 @@ class Correlations:
     def covariance(self, axis: int, length: int) -> np.ndarray:
         """Return the covariance of positions along an axis (0 views, 1 rows, 2 columns), shape (length, length).
 
-        The variance is 1 far from the ends. Pixels at the edges keep what would leave the detector: as if mirrored.
+        The variance is 1 far from the ends. Pixels at the edges keep the light that would leave the detector, as if the
+        detector were mirrored there.
         """
         if axis == 0:
             far = np.abs(np.subtract.outer(np.arange(length), np.arange(length)))
@@ -113,18 +114,18 @@ class Correlations:
         if abs(first - memory) < 1e-12:
             return 0.0
         half = (1 + memory**2 - 2 * memory * first) / (first - memory) / 2
-        # Between -1 and 1 nothing has such correlations; the nearest that has is the filter's bound.
+        # If |half| < 1, no coefficient gives these correlations. The bound of the filter is nearest to them.
         root = np.sign(half) / (abs(half) + np.sqrt(max(half**2 - 1, 0)))
         return float(np.clip(root, -MOST_ROOT, MOST_ROOT))
 
     def amplification(self) -> float:
-        """Return the variance of white noise with the same power at low frequencies, over that of a ray."""
+        """Return the variance of white noise with the same power at low frequencies, relative to a ray's variance."""
         first, memory = self.views
         of_views = max(1 + 2 * first / (1 - memory), LEAST_POWER)
         return float(self.power(1, 2)[0] * self.power(2, 2)[0] * of_views)
 
     def variance_of_squares(self, axis: int, length: int, places: slice = slice(None)) -> float:
-        """Return the variance of a sum of squares along an axis over that of white noise.
+        """Return the variance of a sum of squares along an axis, relative to white noise.
 
         This is n sum C_ij^2 / (sum C_ii)^2.
 
@@ -139,8 +140,8 @@ class Correlations:
     def variance_of_neighbors(self, axis: int, lengths: tuple[int, int, int]) -> float:
         """Return the variance of the sample correlation of neighbors along an axis, times the number of pairs.
 
-        It is to first order that of a ratio a / b of quadratic forms x'Mx, whose covariances are 2 tr(M C M' C); C is a
-        product by axis.
+        The correlation is a ratio of two quadratic forms x'Mx, whose covariances are 2 tr(M C M' C). The variance is of
+        first order, and the covariance C is a product over the axes.
 
         Parameters
         ----------
@@ -167,12 +168,12 @@ WHITE = Correlations()
 
 
 def of_state(state: State, apart: int | None = None) -> Correlations:
-    """Return the correlations of noise in a state of the chain, diluted by electronic noise as averaged over all rays.
+    """Return the noise correlations of a state of the chain, reduced by the mean share of electronic noise.
 
     Parameters
     ----------
     apart : int, optional
-        Distance of successive views in the scanner's views; None: that of the state.
+        Distance of successive views, in views of the scanner; None: as in the state.
     """
     share, memory, _ = state.lag
     if not (any(state.neighbours) or share):
@@ -187,7 +188,7 @@ def of_state(state: State, apart: int | None = None) -> Correlations:
         crosstalk = crosstalk if length > 1 else 0.0
         square = (1 - 2 * crosstalk) ** 2 + 2 * crosstalk**2
         pixels.append((colored * 2 * crosstalk * (1 - 2 * crosstalk) / square, colored * crosstalk**2 / square))
-    # For weights 1 - k, k (1 - d), k (1 - d) d, ...: those of views that follow each other, over the squares.
+    # Sum of the products of successive weights over the sum of squares, for weights 1 - k, k (1 - d), k (1 - d) d, ...
     glow = share**2 * (1 - memory) / (1 + memory)
     views = (share * (1 - share) * (1 - memory) + glow * memory) / ((1 - share) ** 2 + glow)
     found = Correlations(*pixels, (colored * views, memory if share else 0.0))
@@ -416,7 +417,7 @@ def _lasting(array: np.ndarray, correlations: Correlations) -> np.ndarray:
 
 
 def _and(near: np.ndarray, there: np.ndarray, axis: int, by: int) -> None:
-    """Keep those in `near` that have a neighbor in `there` so many positions before them, or none at all."""
+    """Keep positions of `near` whose neighbor `by` positions before is in `there` or outside of the array."""
     length = there.shape[axis]
     low, high = slice(max(by, 0), length + min(by, 0)), slice(max(-by, 0), length + min(-by, 0))
     near[_along(axis, low)] &= there[_along(axis, high)]

@@ -83,7 +83,7 @@ def _slower(again: FurtherScan) -> FurtherScan:
 
 
 def _narrow(again: FurtherScan) -> FurtherScan | None:
-    """Return a scan of the middle rows, with an even or odd number as before. One row would describe a high beam."""
+    """Return a scan of the middle rows, at least two; an even number of rows stays even, and an odd number odd."""
     rows = again.geometry.rows
     left = max(2, rows // FEW_ROWS)
     left += (rows - left) % 2
@@ -95,28 +95,28 @@ def _narrow(again: FurtherScan) -> FurtherScan | None:
 
 
 def _objects(again: FurtherScan, geometry: OrbitGeometry, energy_kev: float | None) -> Iterator[FurtherScan]:
-    room = geometry.field_of_view_radius_mm
+    radius_mm = geometry.field_of_view_radius_mm
     high = geometry.rows * geometry.row_pitch_mm / geometry.magnification
     pixel = geometry.column_pitch_mm / geometry.magnification
-    wide, off, tall = round(FILLED * room), round(OFF_AXIS * room), 2 * round(high)
-    step = max(1, round(room / 10))
+    wide, off, tall = round(FILLED * radius_mm), round(OFF_AXIS * radius_mm), 2 * round(high)
+    step = max(1, round(radius_mm / 10))
     water = {"diameter_mm": wide * 2 - 20, "wall_mm": 5, "length_mm": max(100, tall)}
     wire = {"diameter_mm": max(0.5, round(2 * pixel, 1)), "x_mm": off, "length_mm": max(35, tall)}
     offered = [
         ("water", "water_cylinder", water),
-        ("pmma", "pmma_disc", {"diameter_mm": round(room / 2)}),
+        ("pmma", "pmma_disc", {"diameter_mm": round(radius_mm / 2)}),
         ("pmma_large", "pmma_disc", {"diameter_mm": 2 * wide}),
         ("catphan_404", "catphan504_ctp404", {}),
         ("catphan_486", "catphan504_ctp486", {}),
         ("acr", "acr464_module1", {}),
         ("wedge", "step_wedge", {"step_mm": step, "tread_mm": max(1, round(high / 5)), "width_mm": 4 * step}),
         ("wire", "wire", wire | {"material": "aluminium"}),
-        ("ball", "ball", {"diameter_mm": max(2, round(room / 10)), "material": "aluminium", "x_mm": off}),
+        ("ball", "ball", {"diameter_mm": max(2, round(radius_mm / 10)), "material": "aluminium", "x_mm": off}),
     ]
     for name, kind, parameters in offered:
         shaped = read_object(kind, parameters)
         scene = ShapesScene(shaped.shapes, **({} if energy_kev is None else {"energy_kev": energy_kev}))
-        if scene.radius_mm > room:
+        if scene.radius_mm > radius_mm:
             continue
         section = {"object": {"kind": kind, "parameters": parameters}, "alignment": dict(OBJECT_KNOWN)}
         values = ", ".join(f"{key} {value}" for key, value in parameters.items())

@@ -17,7 +17,7 @@ from scipy.optimize import lsq_linear
 from ..fitting.problem import Problem
 from ..fitting.templates import whitened
 
-# Added to the diagonal of matrices scaled to 1, so that undetermined parameters stay solvable.
+# Added to the diagonal of matrices scaled to a diagonal of 1. Undetermined parameters then do not make them singular.
 RIDGE = 1e-12
 
 Key = tuple[str, ...]  # of a parameter: (effect, parameter) if measurements share it, else the measurement's name first
@@ -34,11 +34,11 @@ class MeasurementInformation:
     changes : ndarray, shape (data, parameters)
         Change of the whitened data per unit of each parameter.
     predicted : ndarray, shape (data,)
-        Whitened prediction, less a constant that all explanations of the measurement have in common.
-    knowledge : ndarray, shape (parameters,)
+        Whitened prediction, up to a constant that all explanations of the measurement share.
+    prior_precision : ndarray, shape (parameters,)
         Inverse prior variance.
-    room : ndarray, shape (parameters, 2)
-        Range of each parameter below and above its start.
+    margins : ndarray, shape (parameters, 2)
+        Distances of the lower and the upper bound of each parameter from its start.
     steps : ndarray, shape (parameters,)
         Steps of the finite differences in `changes`.
     """
@@ -46,8 +46,8 @@ class MeasurementInformation:
     keys: tuple[Key, ...]
     changes: np.ndarray
     predicted: np.ndarray
-    knowledge: np.ndarray
-    room: np.ndarray
+    prior_precision: np.ndarray
+    margins: np.ndarray
     steps: np.ndarray
 
 
@@ -61,15 +61,20 @@ def measurement_information(
     name : str
         Name of the measurement.
     own : collection of str, optional
-        Effects whose parameters each measurement has for itself.
+        Effects whose parameters belong to one measurement and are not shared.
     protocol : str, optional
-        Protocol of the measurement. Parameters of a protocol are shared within it only. Empty: a single protocol.
+        Protocol of the measurement, within which parameters of a protocol are shared. Empty: a single protocol.
     """
     problem.follow(problem.start)
     predicted = -whitened(problem.residuals(problem.start), problem.weights)
-    room = np.stack([problem.low - problem.start, problem.high - problem.start], axis=1)
+    margins = np.stack([problem.low - problem.start, problem.high - problem.start], axis=1)
     return MeasurementInformation(
-        keys_of(problem, name, own, protocol), changes(problem), predicted, problem.knowledge, room, problem.steps
+        keys_of(problem, name, own, protocol),
+        changes(problem),
+        predicted,
+        problem.prior_precision,
+        margins,
+        problem.steps,
     )
 
 
@@ -78,7 +83,7 @@ def keys_of(problem: Problem, name: str, own: Collection[str] = (), protocol: st
     owners = [name if unknown.effect in own else unknown.owner(name, protocol) for unknown in problem.unknowns]
     numbers = ((unknown.effect, unknown.name) for unknown in problem.unknowns)
     keys = [(owner, *number) if owner else number for owner, number in zip(owners, numbers, strict=True)]
-    return (*keys, *((name, "alignment", number.name) for number in problem.aligned))
+    return (*keys, *((name, "alignment", number.name) for number in problem.nuisances))
 
 
 def changes(problem: Problem) -> np.ndarray:
@@ -113,14 +118,14 @@ class NormalEquations:
         Gradient of minus half of chi-square.
     square : float
         Chi-square at the start.
-    room : ndarray, shape (parameters, 2)
+    margins : ndarray, shape (parameters, 2)
     """
 
     keys: tuple[Key, ...]
     information: np.ndarray
     gradient: np.ndarray
     square: float
-    room: np.ndarray
+    margins: np.ndarray
 
 
 def normal_equations(
@@ -136,18 +141,18 @@ def normal_equations(
     keys = tuple(dict.fromkeys(key for part in parts for key in part.keys))
     place = {key: i for i, key in enumerate(keys)}
     information, gradient, square = np.zeros((len(keys), len(keys))), np.zeros(len(keys)), 0.0
-    known, room = np.zeros(len(keys)), np.tile([-np.inf, np.inf], (len(keys), 1))
+    known, margins = np.zeros(len(keys)), np.tile([-np.inf, np.inf], (len(keys), 1))
     for number, part in enumerate(parts):
         index = [place[key] for key in part.keys]
         information[np.ix_(index, index)] += part.changes.T @ part.changes
-        known[index] = np.maximum(known[index], part.knowledge)
-        room[index] = np.stack(
-            [np.maximum(room[index, 0], part.room[:, 0]), np.minimum(room[index, 1], part.room[:, 1])], 1
+        known[index] = np.maximum(known[index], part.prior_precision)
+        margins[index] = np.stack(
+            [np.maximum(margins[index, 0], part.margins[:, 0]), np.minimum(margins[index, 1], part.margins[:, 1])], 1
         )
         if differences is not None:
             gradient[index] += part.changes.T @ differences[number]
             square += float(differences[number] @ differences[number])
-    return NormalEquations(keys, information + np.diag(known), gradient, square, room)
+    return NormalEquations(keys, information + np.diag(known), gradient, square, margins)
 
 
 def profiled_information(sums: NormalEquations, group: Sequence[Key]) -> np.ndarray:
@@ -169,7 +174,7 @@ def profiled_information(sums: NormalEquations, group: Sequence[Key]) -> np.ndar
 def information_gain(before: NormalEquations, after: NormalEquations, group: Sequence[Key]) -> float:
     """Return the gain of information about a group of parameters, in nats.
 
-    Half the difference of the log determinants of their Fisher information.
+    This is half the difference of the log determinants of their Fisher information.
     """
     (_, low), (_, high) = (np.linalg.slogdet(profiled_information(sums, group)) for sums in (before, after))
     return 0.5 * float(high - low)
@@ -190,7 +195,7 @@ def expected_log_score_loss(sums: NormalEquations) -> float:
     unit = sums.information / np.outer(scale, scale)
     root = np.linalg.cholesky(unit + RIDGE * np.eye(len(scale))).T
     target = np.linalg.solve(root.T, sums.gradient / scale)
-    low, high = (sums.room * scale[:, None]).T
+    low, high = (sums.margins * scale[:, None]).T
     solved = lsq_linear(root, target, (np.minimum(low, 0), np.maximum(high, np.finfo(float).tiny)), method="bvls")
     return 0.5 * max(0.0, sums.square - float(target @ target) + 2 * solved.cost)
 
@@ -205,7 +210,8 @@ def cosines(matrix: np.ndarray) -> np.ndarray:
 def correlation(sums: NormalEquations, one: Sequence[Key], other: Sequence[Key]) -> float:
     """Return the similarity of two effects with all other parameters profiled out.
 
-    The largest |cosine| between a parameter of each; NaN if one effect changes nothing.
+    This is the largest |cosine| between a parameter of one effect and a parameter of the other; NaN if an effect
+    changes nothing.
 
     Parameters
     ----------

@@ -23,13 +23,13 @@ from .information import MeasurementInformation, keys_of, measurement_informatio
 
 # Rays and views used for expectations, with weights for all rays. A choice that limits the run time.
 MOST_RAYS, LEAST_VIEWS = 1.5e4, 24
-# Rays per pixel and direction for objects with sharp edges. With few, the change by a displacement depends on rays that
-# graze an edge. Voxels have no such edges, and use the rays of the recording's own model.
+# Rays per pixel and direction for objects with sharp edges. With few rays, the change by a displacement depends on
+# single rays that graze an edge. For voxels, the number in the model of the recording is used.
 SAMPLES = 4
 # Steps of derivatives: object displacement in pixels, and largest share of a parameter's range. With a tenth of a pixel
 # or more, detector offset and center of rotation of a centered disc, which are equivalent, had a correlation of 0.98.
 MOVED, STEP = 1 / 60, 0.02
-LEAST_STEP = 0.03  # least share of a fit's own step, for an empty beam, where a displacement has no effect; a choice
+LEAST_STEP = 0.03  # least step relative to that of a fit, for scans in which a displacement has no effect; a choice
 # Uncertainty of the dark signal from dark frames before and after a scan, relative to the signal in air; a choice.
 DARK_SD = 1e-5
 ROUNDING = 1 / 12  # variance of a reading in whole units
@@ -45,9 +45,11 @@ class Conditions:
     Attributes
     ----------
     repeats : int
-        Number of fitted repeats, and of held-out ones.
+        Number of fitted repeats; the number of held-out repeats is the same.
     share : float
         Share of the views that is fitted.
+    white : bool
+        Whether the white field is part of the data.
     """
 
     repeats: int
@@ -84,7 +86,7 @@ class FurtherScan:
     section: Mapping | None = None
 
     def chain(self, like: Chain) -> Chain:
-        """Return the chain that simulates the scan; `like` is that of the existing recording."""
+        """Return the chain that simulates the scan; `like` is the chain of the existing recording."""
         readout = like.readout
         if readout != PHOTONS:  # the reading in air is proportional to the photons
             readout = like.air_reading * self.photons
@@ -139,7 +141,7 @@ class FurtherScan:
         again: bool = False,
         weighed: Fit | None = None,
     ) -> Problem:
-        """Return the least-squares problem of its fit, for a subset of views and rays, without the effects `off`."""
+        """Return the least-squares problem of a fit of the scan, for a subset of views, without the effects `off`."""
         chain = self.chain(model.chain)
         step = thinning(chain.geometry)
         chain = chain.copy(chain.geometry.every(step)) if step > 1 else chain
@@ -163,9 +165,9 @@ class FurtherScan:
     def _steps(self, problem: Problem) -> np.ndarray:
         """Return steps of derivatives with which all parameters change the data as much as a small displacement.
 
-        Two parameters with the same effect then have the same slopes even where data are nonlinear, as at edges.
+        Two equivalent parameters then have the same derivatives even if data are nonlinear, such as at edges.
         """
-        place = len(problem.unknowns) + [number.name for number in problem.aligned].index("x_mm")
+        place = len(problem.unknowns) + [number.name for number in problem.nuisances].index("x_mm")
         steps = problem.steps.copy()
         steps[place] = MOVED * self.geometry.column_pitch_mm / self.geometry.magnification
         problem.steps = steps
@@ -177,7 +179,7 @@ class FurtherScan:
 
     def _aligned(self, model: ScansModel, fit: Fit) -> tuple[Nuisance, ...]:
         found = []
-        for number in model.aligned:
+        for number in model.nuisances:
             if number.name in model.distortions:
                 continue  # more rays and smaller voxels make them small
             expected = number.expected
@@ -202,9 +204,9 @@ class DarkFrames:
     def information(self, model: ScansModel, fit: Fit, *_, **__) -> MeasurementInformation:
         """Return the information about dark signal, its drift and electronic noise.
 
-        The arguments are those of FurtherScan.information, and only the first two matter.
+        The arguments are those of FurtherScan.information; only the first two are used.
         """
-        unknowns = model.unknowns(model.whole(fit.effects))
+        unknowns = model.unknowns(model.with_declared_effects(fit.effects))
         geometry = model.chain.geometry
         air = model.chain.air_reading
         half = (geometry.duration_s if geometry.view_interval_ms is not None else 1.0) / 2
@@ -228,9 +230,9 @@ class DarkFrames:
         columns = [slopes[unknown.parameter.dark] for unknown in measured]
         changes = np.stack(columns, axis=1) if columns else np.zeros((3, 0))
         now = np.array([unknown.of(fit.physics[unknown.effect][unknown.name]) for unknown in measured])
-        room = np.array([[unknown.low, unknown.high] for unknown in measured]).reshape(-1, 2) - now[:, None]
-        knowledge = np.array([1 / unknown.sd**2 for unknown in measured])
-        return MeasurementInformation(keys, changes, predicted, knowledge, room, now * 0)
+        margins = np.array([[unknown.low, unknown.high] for unknown in measured]).reshape(-1, 2) - now[:, None]
+        prior_precision = np.array([1 / unknown.sd**2 for unknown in measured])
+        return MeasurementInformation(keys, changes, predicted, prior_precision, margins, now * 0)
 
 
 def thinning(geometry: OrbitGeometry) -> int:

@@ -16,7 +16,7 @@ from ..fitting.model import Model
 from ..fitting.problem import Problem
 from ..fitting.templates import SMALL, templates, varied
 from ..projections.prepared import BY_VIEW, PreparedScans
-from ..selection.forward_selection import AS_GOOD, less
+from ..selection.forward_selection import AS_GOOD, without_effect
 from .candidates import candidate_measurements
 from .information import (
     Key,
@@ -51,7 +51,7 @@ class Ambiguity:
 
     @property
     def pairs(self) -> list[Pair]:
-        """All pairs of its effects."""
+        """All pairs of the effects."""
         return list(combinations(self.fits, 2))
 
 
@@ -64,8 +64,8 @@ class RankedMeasurement:
     gain : float
         Expected gain of information about the ambiguous effects, nats (information.information_gain).
     scores : dict of tuple of str to float
-        {pair of effects: expected difference in held-out log score of all recordings together}; the smaller one of the
-        two cases in which either effect is the right one.
+        {pair of effects: expected difference in held-out log score of all recordings together}. It is the smaller of
+        two values: either effect is assumed to be the true one.
     alike : dict of tuple of str to float
         {pair of effects: |correlation|} for all recordings together.
     """
@@ -108,7 +108,7 @@ def rank(
     """Rank measurements by their expected information about ambiguous effects.
 
     Measurements that are expected to leave a pair of effects indistinguishable (AS_GOOD) come last. Without an
-    ambiguity, the information is that about the chosen effects.
+    ambiguity, measurements are ranked by the information about the chosen effects.
 
     Parameters
     ----------
@@ -183,13 +183,13 @@ def existing_scan(name: str, model: Model) -> FurtherScan:
 def _undetermined(parts: Sequence[MeasurementInformation]) -> set[Pair]:
     """Return the (effect, parameter) pairs that no recording determines over their range.
 
-    Explanations differ in them by chance, and a measurement that determines them resolves no ambiguity.
+    The explanations have random values of these parameters, and measuring them does not resolve an ambiguity.
     """
     found: dict[Pair, bool] = {}
     for part in parts:
-        for key, change, room in zip(part.keys, part.changes.T, part.room, strict=True):
+        for key, change, margins in zip(part.keys, part.changes.T, part.margins, strict=True):
             if "alignment" not in key:
-                nothing = np.linalg.norm(change) * (room[1] - room[0]) < LEAST_CHANGE_SD
+                nothing = np.linalg.norm(change) * (margins[1] - margins[0]) < LEAST_CHANGE_SD
                 found[key[-2:]] = found.get(key[-2:], True) and bool(nothing)
     return {key for key, nothing in found.items() if nothing}
 
@@ -205,7 +205,7 @@ def _without(prepared: PreparedScans, fit: Fit, undetermined: Collection[Pair]) 
 
 
 def conditions_of(prepared: PreparedScans) -> Conditions:
-    """Return the repeats of a recording, which a measurement is expected to have too."""
+    """Return the conditions of a recording, which are assumed for further measurements too."""
     share = 0.5 if prepared.held_out_text == BY_VIEW else 1.0
     return Conditions(prepared.data.n, share, prepared.data.white is not None)
 
@@ -230,7 +230,7 @@ def _switched_off(model: Model, effect: str, values: Mapping[str, float]) -> dic
 
 
 def _keys(parts: Sequence[MeasurementInformation], group: Sequence[str]) -> list[Key]:
-    """Return the keys of the parameters of effects: shared ones, and those of each existing recording."""
+    """Return the keys of the parameters of effects, shared or specific to an existing recording."""
     keys = dict.fromkeys(key for part in parts for key in part.keys)
     return [key for key in keys if "alignment" not in key and set(group) & set(key[-2:-1])]
 
@@ -275,7 +275,7 @@ def effect_similarity(
 
 
 def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Sequence[str]) -> MeasurementInformation:
-    """Return the information about alignment and effects, at neutral values or else at typical ones."""
+    """Return the information about alignment and effects, which are at neutral values, or at typical ones."""
     model, conditions = prepared.fitter.model, conditions_of(prepared)
     scan = existing_scan(recording, model)
     weak = [name for name in names if varied(model.parameters(name)) and name not in fit.physics]
@@ -294,13 +294,13 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
         keys += [("template", name, str(place)) for place in range(len(made))]
     more = len(keys) - len(beside.keys)
     none, fixed = np.zeros(more), [key[0] == "template" for key in keys[: len(beside.keys)]]
-    known = np.where(fixed, 0.0, beside.knowledge)
+    known = np.where(fixed, 0.0, beside.prior_precision)
     return MeasurementInformation(
         tuple(keys),
         np.hstack([beside.changes, *(row.T for row in rows)]),
         beside.predicted,
         np.concatenate([known, none]),
-        np.vstack([beside.room, np.tile([-np.inf, np.inf], (more, 1))]),
+        np.vstack([beside.margins, np.tile([-np.inf, np.inf], (more, 1))]),
         np.concatenate([beside.steps, none]),
     )
 
@@ -308,7 +308,7 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
 def _named(problem: Problem) -> dict[str, float]:
     """Return the alignment at the start of a problem, by name."""
     values = problem.start[len(problem.unknowns) :]
-    return {number.name: float(value) for number, value in zip(problem.aligned, values, strict=True)}
+    return {number.name: float(value) for number, value in zip(problem.nuisances, values, strict=True)}
 
 
 def settles(ranked: RankedMeasurement) -> bool:
@@ -345,7 +345,7 @@ def refit(prepared: PreparedScans, name: str, found: Mapping[str, Sequence[str]]
     chosen = fitter.fit(tuple(found), fitter.fit(()))
     ambiguities = []
     for effect, rivals in found.items():
-        rest = less(tuple(found), effect)
+        rest = without_effect(tuple(found), effect)
         without = fitter.fit(rest, chosen) if rivals else None
         fits = {effect: {name: chosen}} | {rival: {name: fitter.fit((*rest, rival), without)} for rival in rivals}
         if rivals:
@@ -360,7 +360,7 @@ def refit_jointly(
     alike: Mapping[Pair, Mapping],
     protocols: Mapping[str, str] | None = None,
 ) -> tuple[Fits, list[Ambiguity]]:
-    """Refit the recordings of a scanner with its missing effects, and with similar ones that explain them as well.
+    """Refit the recordings of a scanner with its missing effects, and with similar effects that explain as much.
 
     Parameters
     ----------
@@ -374,7 +374,7 @@ def refit_jointly(
         return sum(fitter.score(fits[name]) for name, fitter in together.fitters.items())
 
     for effect in effects:
-        rest = less(tuple(effects), effect)
+        rest = without_effect(tuple(effects), effect)
         fits = {effect: chosen.fits}
         for other in others:
             pair = (effect, other) if (effect, other) in alike else (other, effect)

@@ -28,21 +28,21 @@ class Template:
     ----------
     parameter : str or None
         None if the effect has no parameter with a neutral value.
-    whole : ndarray, shape (data,)
-        The whole change, whitened, so that its length is in standard deviations.
+    change : ndarray, shape (data,)
+        Change of the whitened data; its length is in standard deviations.
     left : ndarray, shape (data + parameters,)
-        The part that the fit does not absorb to first order. After the data, there is one entry per prior.
+        Part of the change that the fit does not absorb to first order. After the data, there is one entry per prior.
     """
 
     effect: str
     parameter: str | None
-    whole: np.ndarray
+    change: np.ndarray
     left: np.ndarray
 
     @property
-    def taken_up(self) -> float:
+    def absorbed(self) -> float:
         """Absorbed share of the squared length; NaN for an effect without a change."""
-        square = float(self.whole @ self.whole)
+        square = float(self.change @ self.change)
         return 1 - float(self.left @ self.left) / square if square else float("nan")
 
 
@@ -61,7 +61,7 @@ def templates_of_effects(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list
 
 
 def _gain_pattern_template(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
-    """Return the template of a gain pattern of typical strength, from the chain, as predictions have no pattern."""
+    """Return the template of a gain pattern of typical strength, computed by the chain: predictions have no pattern."""
     effect, data = load(name), fitter.data
     photons = float(np.exp(fit.nuisance["log_photons"]))
     without, with_it = (
@@ -87,7 +87,7 @@ def shares(fitter: Fitter, row: np.ndarray) -> dict[str, float]:
     return {name: square / total if total else float("nan") for name, square in squares.items()}
 
 
-def taken_up_in_range(fitter: Fitter, fit: Fit, rows: np.ndarray) -> np.ndarray:
+def absorbed_in_range(fitter: Fitter, fit: Fit, rows: np.ndarray) -> np.ndarray:
     """Return the share of rows' squared lengths that a fit absorbs within its plausible ranges, shape (rows,).
 
     This is a bounded least-squares fit. Unlike a first-order projection, it depends on the strength of the effect.
@@ -116,7 +116,7 @@ def correlations(found: Sequence[Template]) -> np.ndarray:
     """
     rows = np.stack([template.left for template in found])
     squares = (rows**2).sum(axis=1)
-    whole = np.array([template.whole @ template.whole for template in found])
+    whole = np.array([template.change @ template.change for template in found])
     length = np.sqrt(np.where(squares > SMALL * whole, squares, np.nan))
     return rows @ rows.T / np.outer(length, length)
 

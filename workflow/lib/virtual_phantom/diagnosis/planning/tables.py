@@ -15,7 +15,7 @@ from .measurement import DarkFrames
 from .ranking import MeasurementRanking, Pair, RankedMeasurement, settles
 
 KEPT = ("name", "kind", "phantom", "isocentre_mm", "scan", "corrected", "nominal")  # of the existing recording
-OF_CURRENT = ("photons", "tube_current_ma", "mas", "dose_mgy")  # of nominal: proportional to the tube current
+OF_CURRENT = ("photons", "tube_current_ma", "mas", "dose_mgy")  # keys of `nominal` proportional to the tube current
 SETTINGS = ("disc", "object", "alignment", "samples", "view_step")  # of the diagnosis of the existing recording
 
 
@@ -80,7 +80,7 @@ def best_measurement_text(found: MeasurementRanking) -> list[str]:
 
 
 def recording_template(name: str, ranked: RankedMeasurement, content: Mapping, settings: Mapping, repeats: int) -> str:
-    """Return the recording.yaml of a measurement, with all that is known beforehand, as commented YAML.
+    """Return the recording.yaml of a measurement, with all known entries, as commented YAML.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""Diagnosis of projections: what was recorded, what the acquisition chain predicts, and how sure both are."""
+"""Diagnosis of projections: recorded data, predictions of the acquisition chain, and the errors of both."""

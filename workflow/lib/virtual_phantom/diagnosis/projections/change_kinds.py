@@ -8,14 +8,14 @@ import numpy as np
 from scipy.sparse import csr_array, sparray
 
 HARMONICS = 3  # of the view angle, for periodic motion of the object or the source
-MOST_VIEWS = 240  # with directions of their own; in longer scans neighbors share them, as run time grows as the cube
+MOST_VIEWS = 240  # separate directions for views; run time grows with the cube, so more views share directions
 PARTS = 8  # of the columns, at least the number of detector modules
 
 
 def kinds(
     lines: np.ndarray, angles_rad: np.ndarray, usable: np.ndarray, in_all_views: bool = True
 ) -> Iterator[tuple[str, np.ndarray | sparray]]:
-    """Yield the directions of every kind of change. A generator saves memory: all directions take that of 70 scans.
+    """Yield the directions of every kind of change, one kind at a time: all together need the memory of 70 scans.
 
     Parameters
     ----------

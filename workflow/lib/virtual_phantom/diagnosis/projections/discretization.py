@@ -26,14 +26,15 @@ KEPT = 4  # cached linearization points
 # are sharp. For a body with three inserts, 4 repeats of 1e5 photons and 2 rays, the chi-square of the error is 740,000
 # in 46,080 rays. Twice the rays leave 150,000 of it, four times 30,000 (for voxels with sharp edges 2,400 and 380).
 FINER, FINER_OF_SHAPES = 2, 4
-# Share of an error that remains after its fit, as errors of higher order differ from ray to ray.
+# Share of an error that remains after it is fitted, because errors of higher order differ from ray to ray.
 LEFT = {"rays": 1.0, "voxels": 1 / 3}
 
 
 def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tuple[Chain, Chain]:
     """Return the chain for fits, and a chain with more rays for Numerical.
 
-    In the first chain, rays through voxels follow displacements to first order. Path lengths in closed form need not.
+    In the first chain, path lengths through voxels are linearized for small displacements (PosedScene). Path lengths in
+    closed form are not linearized.
 
     Parameters
     ----------
@@ -47,8 +48,8 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
     )
 
 
-def added_of(pieces: Mapping[str, Inclusion], nuisance: Mapping[str, float]) -> Inclusions:
-    """Return State.added for pieces, each with its attenuation from the alignment, or 0."""
+def inclusions_of(pieces: Mapping[str, Inclusion], nuisance: Mapping[str, float]) -> Inclusions:
+    """Return State.added for pieces, each with its attenuation, a nuisance parameter; 0 if there is no value."""
     return tuple((piece, nuisance.get(name, 0.0)) for name, piece in pieces.items())
 
 
@@ -72,7 +73,7 @@ class Numerical:
         self.names = tuple(name for name, chain in (("rays", finer), ("voxels", coarser)) if chain is not None)
 
     def with_pieces(self, pieces: Mapping[str, Inclusion]) -> Numerical:
-        """Return the errors for an object with more pieces, by parameter of the alignment."""
+        """Return the errors for an object with pieces, {nuisance parameter with the attenuation: piece}."""
         found = copy.copy(self)
         found._kept, found._pieces = LRUCache(KEPT), pieces
         return found
@@ -82,10 +83,10 @@ class Numerical:
         return self._made(linearization)[0]
 
     def left(self, linearization: LinearizationPoint = NOMINAL) -> tuple[np.ndarray, ...]:
-        """Return the SD of each error after its fit, shape (views, rows, columns), in the order of `names`."""
+        """Return the SD that each error has after it is fitted, shape (views, rows, columns), in order of `names`."""
         return tuple(LEFT[name] * error for name, error in self.at(linearization).items())
 
-    def strayed(self, linearization: LinearizationPoint, lines: np.ndarray, weights: np.ndarray) -> bool:
+    def needs_relinearization(self, linearization: LinearizationPoint, lines: np.ndarray, weights: np.ndarray) -> bool:
         """Return whether line integrals differ too much from those of a linearization point.
 
         Parameters
@@ -101,7 +102,7 @@ class Numerical:
 
     def _make(self, linearization: LinearizationPoint) -> tuple[dict[str, np.ndarray], np.ndarray]:
         def lines(chain: Chain) -> np.ndarray:
-            added = added_of(self._pieces, linearization.nuisance)
+            added = inclusions_of(self._pieces, linearization.nuisance)
             pose = pose_of(linearization.nuisance)
             return chain.state(linearization.physics, pose, anode=self._anode, added=added).line_integrals()
 

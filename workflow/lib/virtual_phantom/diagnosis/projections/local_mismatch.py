@@ -1,7 +1,7 @@
 """Local object mismatch: the ball or rod whose projections explain most of the residual of a fit.
 
-A missing insert or a bubble projects consistently into all views. Hardening, scatter and glare change the whole object,
-so that a piece is limited to a small part of it.
+A missing insert or a bubble projects consistently into all views. A piece is limited to a small part of the object,
+because beam hardening, scatter and glare change the whole object.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Piece:
         return 1000 * self.more_per_mm / float(attenuation_per_mm("water", [energy_kev])[0])
 
     def content(self, energy_kev: float) -> dict:
-        """Return its entry in diagnosis.json."""
+        """Return the entry of the piece in diagnosis.json."""
         x, y, z = self.place_mm
         place = {"x_mm": x, "y_mm": y, "z_mm": None if self.rod else z}
         return place | {"width_mm": 2 * self.radius_mm, "hu": self.more_hu(energy_kev)}
@@ -89,8 +89,8 @@ class Piece:
         )
 
 
-def reach_of(lines: np.ndarray, geometry: ScanGeometry) -> float:
-    """Return the radius of the attenuating object about the axis, as far as rays cover it, mm."""
+def object_radius_mm(lines: np.ndarray, geometry: ScanGeometry) -> float:
+    """Return the radius of the attenuating object about the axis, mm; at most the half-width of the detector."""
     across = np.abs(geometry.column_positions_mm()) / geometry.magnification
     largest = lines.max(axis=(0, 1))
     return float(across[largest > ATTENUATES * largest.max()].max(initial=across.min()))
@@ -134,8 +134,8 @@ class FitResidual:
 
     @property
     def fewer(self) -> FitResidual:
-        """A subset of the views, as hundreds of trials on a large scan would take minutes."""
-        # If every second view is held out, these have no weight.
+        """A subset of the views: hundreds of trials with all views of a large scan would take minutes."""
+        # If every second view is held out, the held-out views have no weight.
         views = np.flatnonzero(self.weight.any(axis=(1, 2)))
         rays = self.residual.size * self.samples**2
         views = views[:: max(1, min(rays // MOST_RAYS, len(views) // FEWEST_VIEWS))]
@@ -149,19 +149,19 @@ class FitResidual:
         )
 
 
-def found(left: FitResidual) -> Piece | None:
+def best_piece(left: FitResidual) -> Piece | None:
     """Return the ball or rod whose projections explain most of a residual.
 
-    None for geometries without back-projection, and if nothing is explained.
+    The result is None for geometries without back-projection, and if no piece explains anything.
     """
     some = replace(left, samples=1).fewer  # several rays per pixel matter for the last millimeter only
     begun = [_optimized(start, some, start.radius_mm / 2, 0.3) for start in _coarse_search(left)]
     if not begun:
         return None
-    return refined(max(begun, key=lambda piece: _explained(piece, left)[0]), left)
+    return refined_piece(max(begun, key=lambda piece: _explained(piece, left)[0]), left)
 
 
-def refined(start: Piece, left: FitResidual) -> Piece | None:
+def refined_piece(start: Piece, left: FitResidual) -> Piece | None:
     """Return the piece near a given one that explains most of a residual; None if nothing is explained."""
     piece = _optimized(start, left.fewer, NEAR * start.radius_mm, NEAR)
     explained, more = _explained(piece, left)
@@ -169,7 +169,10 @@ def refined(start: Piece, left: FitResidual) -> Piece | None:
 
 
 def _optimized(start: Piece, left: FitResidual, by_mm: float, widened: float) -> Piece:
-    """Optimize a piece by a simplex with these first steps of its place and of the logarithm of its radius."""
+    """Optimize position and radius of a piece by the simplex method.
+
+    The first steps are `by_mm` for the position and `widened` for the logarithm of the radius.
+    """
     free = [0, 1] if start.rod else [0, 1, 2]
 
     def piece(numbers: Sequence[float]) -> Piece:

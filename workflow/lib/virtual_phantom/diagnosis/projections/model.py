@@ -16,7 +16,7 @@ from ..fitting.linearization import BASE, Linearization, LinearizationPoint, bef
 from ..fitting.model import Model
 from ..fitting.nuisance import Nuisance, pose_of
 from ..noise.condensed import Prediction
-from .discretization import Numerical, added_of
+from .discretization import Numerical, inclusions_of
 from .local_mismatch import Piece
 from .observed import ObservedScans, white_shape
 
@@ -40,7 +40,7 @@ class ScansModel(Model):
 
     Parameters
     ----------
-    chain, aligned, **settings
+    chain, nuisances, **settings
         See Model.
     numerical : Numerical, optional
         Discretization errors. Each is fitted as a distortion of the line integrals, because it is systematic.
@@ -48,18 +48,20 @@ class ScansModel(Model):
     Attributes
     ----------
     pieces : mapping of str to Inclusion
-        {parameter of the alignment: piece of the object with this attenuation per mm}.
+        {nuisance parameter: piece of the object, whose excess attenuation in 1/mm is this parameter}.
     """
 
-    def __init__(self, chain: Chain, aligned: tuple[Nuisance, ...], *, numerical: Numerical | None = None, **settings):
-        super().__init__(chain, aligned, **settings)
+    def __init__(
+        self, chain: Chain, nuisances: tuple[Nuisance, ...], *, numerical: Numerical | None = None, **settings
+    ):
+        super().__init__(chain, nuisances, **settings)
         self.numerical = numerical
         self.pieces: Mapping[str, Inclusion] = {}
 
     def with_piece(self, number: Nuisance, piece: Piece) -> ScansModel:
-        """Return the model with one more piece of the object, whose attenuation is this parameter of the alignment."""
+        """Return the model with one more piece of the object, whose excess attenuation is the nuisance parameter."""
         found = copy.copy(self)
-        found.aligned = (*self.aligned, number)
+        found.nuisances = (*self.nuisances, number)
         found.pieces = {**self.pieces, number.name: Inclusion(piece.shape, piece)}
         if self.numerical is not None:
             found.numerical = self.numerical.with_pieces(found.pieces)
@@ -81,23 +83,29 @@ class ScansModel(Model):
         return {} if self.numerical is None else self.numerical.at(linearization.errors)
 
     @property
-    def turned_rad(self) -> np.ndarray:
-        """See Model.turned_rad."""
+    def source_angles_rad(self) -> np.ndarray:
+        """See Model.source_angles_rad."""
         source = self.chain.geometry.by_vectors().source_mm
         return np.arctan2(source[:, 1], source[:, 0])
 
-    def strayed(self, errors: LinearizationPoint, nuisance, prediction: ScansPrediction, weights: np.ndarray) -> bool:
-        """See Model.strayed."""
+    def needs_relinearization(
+        self, errors: LinearizationPoint, nuisance, prediction: ScansPrediction, weights: np.ndarray
+    ) -> bool:
+        """See Model.needs_relinearization."""
         lines = prediction.design[0]
-        return bool(self.distortions) and self.numerical.strayed(errors, lines, weights.reshape(lines.shape))
+        return bool(self.distortions) and self.numerical.needs_relinearization(
+            errors, lines, weights.reshape(lines.shape)
+        )
 
     def predict(self, physics, nuisance, data: ObservedScans, linearization: Linearization = BASE) -> ScansPrediction:
         """See Model.predict."""
         photons = float(np.exp(nuisance["log_photons"]))
-        chain = self.near(linearization.rays, linearization.reach)
+        chain = self.linearized_at(linearization.rays, linearization.reach)
         physics, pose = before_images(physics), pose_of(nuisance)
-        state = chain.state(physics, pose, photons=photons, anode=self.anode, added=added_of(self.pieces, nuisance))
-        # Minus the mean logarithm of noisy counts lies above minus the logarithm of their mean.
+        state = chain.state(
+            physics, pose, photons=photons, anode=self.anode, added=inclusions_of(self.pieces, nuisance)
+        )
+        # Noise increases mean line integrals, because the mean logarithm is below the logarithm of the mean.
         above, variance = state.log_noise()
         lines = state.line_integrals()
         mean = nuisance["scale"] * lines + nuisance["offset"] + self.distortion(nuisance, linearization) + above

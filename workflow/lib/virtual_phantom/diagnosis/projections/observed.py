@@ -56,7 +56,7 @@ class Scans:
         return len(self.repeats)
 
     def every(self, step: int) -> Scans:
-        """Return every such view."""
+        """Return every `step`-th view."""
         return self if step == 1 else replace(self, repeats=self.repeats[:, ::step], usable=self.usable[::step])
 
 
@@ -76,7 +76,7 @@ def scans(acquisitions) -> Scans:
 
 
 def saturated(signal: np.ndarray) -> np.ndarray:
-    """Return the rays with the highest signal, if these are more than noise puts on one value."""
+    """Return the rays with the highest signal, if there are more of them than noise explains; otherwise no ray."""
     highest = signal == np.nanmax(signal)
     return highest & (highest.mean() > PLATEAU)
 
@@ -122,7 +122,7 @@ def observe(
     Parameters
     ----------
     reference : ndarray, shape (views, rows, columns)
-        Variance of a first model, by which variances are divided, so that they vary little within a block.
+        Variance of a first model. Variances are divided by it, so that they vary little within a block.
 
     Raises
     ------
@@ -145,8 +145,8 @@ def observe(
         half = rays * (n - 1) / 2 / within
         alone = within / together
         with np.errstate(invalid="ignore", divide="ignore"):
-            # The mean logarithm of a sample variance lies below the logarithm of the variance. Uncorrected, this is one
-            # standard error over all blocks.
+            # The mean logarithm of a sample variance is below the logarithm of the variance. Without this correction,
+            # the bias over all blocks would be one standard error.
             variance = blocks.sum(square) / (rays * (n - 1)) * np.exp(np.log(half) - special.digamma(half))
             variance_error = np.sqrt(special.polygamma(1, half) / alone)
         variance[rays == 0] = np.nan
@@ -188,14 +188,14 @@ def neighbors(usable: np.ndarray, axis: int) -> np.ndarray:
 
 
 def with_noise_of_views(data: ObservedScans, squares: np.ndarray, together: float) -> ObservedScans:
-    """Return the data of a single repeat with the relative noise of blocks of views, and unknown correlations.
+    """Return the data of a single repeat with the noise variance of blocks of views, and unknown correlations.
 
     Parameters
     ----------
     squares : ndarray, shape (views, rows, columns)
         Squared differences, whose mean is the variance of the noise over the reference; NaN without a signal.
     together : float
-        Variance of the sum of squares, relative to independent ones.
+        Variance of the sum of squares, relative to that of independent squares.
     """
     fine, blocks = data.blocks, Blocks.of(data.usable.shape, VIEW_PARTS)
     squares = np.where(data.usable, squares, np.nan)
@@ -214,8 +214,7 @@ def with_noise_of_views(data: ObservedScans, squares: np.ndarray, together: floa
 def mean_squares(squares: np.ndarray, blocks: Blocks) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean square of normal noise by block.
 
-    Blocks with enough squares use their median, as moving edges have second differences that would count as noise in a
-    mean.
+    Blocks with enough squares use the median, because the second differences of moving edges would increase the mean.
 
     Parameters
     ----------

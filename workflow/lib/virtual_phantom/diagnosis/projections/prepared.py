@@ -21,31 +21,31 @@ from ..fitting.priors import Statement, stated_physics
 from ..noise.condensed import FEWEST, Blocks
 from ..noise.whitening import WHITE, Correlations, Whitening, estimated, of_state
 from ..residuals.dataset import PieceOfObject, Prepared, ResidualMaps
-from ..residuals.residual_tests import Half, Location
-from ..uncertainty.prediction_error import left_by_numbers
+from ..residuals.residual_tests import DomainTest, HalfResiduals
+from ..uncertainty.prediction_error import changes_by_parameter_errors
 from ..workload import rays_of
 from .change_kinds import kinds
 from .discretization import Numerical
-from .local_mismatch import FitResidual, Piece, found, reach_of, refined
+from .local_mismatch import FitResidual, Piece, best_piece, object_radius_mm, refined_piece
 from .lost_rays import lost_rays_remark, truncation_of
 from .model import ScansModel
 from .observed import PARTS, ObservedScans, Scans, mean_squares, observe, with_noise_of_views
-from .residual_maps import excess_at_edges, locate
+from .residual_maps import domain_tests, excess_at_edges
 
 HALVES = 4  # repeats from which every second one is held out; with fewer, every second view
 MOST_PHOTONS = 1e12  # per pixel; more means data without noise
-SIZE_SD = 5e-4  # of the object, 0.1 mm in 200 mm; without it, errors of 1 in 20 000 appear as distances or offsets
+SIZE_SD = 5e-4  # of the object, 0.1 mm in 200 mm; with a fixed size, errors of 1 in 20,000 look like source distances
 BY_VIEW = "every second view"
 MOST_MOVES = 6  # refinements of a local object mismatch, each with a fit of the alignment
 SETTLED = 1.0  # gain in chi-square that ends the refinement
-# Least number of rows to estimate the noise of a single repeat from differences of rows, too. Few objects change from
-# row to row as they do from view to view, so that misplaced objects contribute nothing.
+# Least number of rows to estimate the noise of a single repeat from differences of rows, too. Most objects change
+# little from row to row, so a wrong position of the object then adds nothing to the noise estimate.
 LEAST_ROWS = 4
-# Variance of a sum of squared second differences relative to independent ones: neighbors have a correlation of -2/3,
-# the next ones of 1/6.
+# Variance of a sum of squared second differences relative to independent values: neighbors have a correlation of -2/3,
+# and second neighbors of 1/6.
 SECOND_DIFFERENCES_SHARE = 1 + 2 * ((2 / 3) ** 2 + (1 / 6) ** 2)
-# Rays, with all rays of a pixel counted. In a larger scan, noise is estimated from the fitted views and the views next
-# to them only. 20 million rays take 2 GB.
+# Rays, with all rays of a pixel counted. In a larger scan, noise is estimated only from the fitted views and the views
+# next to them. 20 million rays take 2 GB.
 MOST_LOOKED_AT = 2e7
 DISPLAY = ResidualMaps(
     unit="line_integral",
@@ -72,12 +72,14 @@ class PieceOfScan(PieceOfObject):
 
 @dataclass(frozen=True)
 class PreparedScans(Prepared):
-    """Projections prepared for fits. With `single`, the noise is that of differences of neighboring views.
+    """Projections prepared for fits.
+
+    The noise of a single repeat is estimated from differences of neighboring views.
 
     Attributes
     ----------
     second_difference : float
-        Variance of second differences over that of a view, for the noise estimate of a single repeat.
+        Variance of second differences relative to the variance of a view, for the noise estimate of a single repeat.
     """
 
     display: ClassVar[ResidualMaps] = DISPLAY
@@ -92,11 +94,11 @@ class PreparedScans(Prepared):
         return super().usable
 
     def domains(
-        self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
-    ) -> list[Location]:
+        self, half: HalfResiduals, fit: Fit, fitted: HalfResiduals | None = None, more: Sequence[DomainTest] = ()
+    ) -> list[DomainTest]:
         """See Prepared.domains."""
-        uncertain = None if fitted is None else left_by_numbers(self.fitter, fit)
-        return locate(half, fit.pattern_variance, fitted, more, uncertain, self.step)
+        uncertain = None if fitted is None else changes_by_parameter_errors(self.fitter, fit)
+        return domain_tests(half, fit.pattern_variance, fitted, more, uncertain, self.step)
 
     def share_at_edges(self, fit: Fit) -> float | None:
         """See Prepared.share_at_edges."""
@@ -106,12 +108,12 @@ class PreparedScans(Prepared):
         """See Prepared.kinds."""
         model = self.fitter.model
         lines = self.fitter.predicted(fit).mean
-        return kinds(lines, model.turned_rad, self.usable, self.held_out_text != BY_VIEW)
+        return kinds(lines, model.source_angles_rad, self.usable, self.held_out_text != BY_VIEW)
 
     def piece(self, fit: Fit) -> PieceOfScan | None:
         """See Prepared.piece."""
         left = self._left(fit)
-        piece = found(left)
+        piece = best_piece(left)
         return None if piece is None else self._of_object(piece, left)
 
     def with_piece(self, piece: PieceOfScan, fit: Fit) -> PreparedScans:
@@ -119,19 +121,19 @@ class PreparedScans(Prepared):
         name, moved = f"{PIECE}{len(self.fitter.model.pieces) + 1}", piece.piece
         best, least = self, np.inf
         for _ in range(MOST_MOVES):
-            mended = self._with(name, moved)
+            corrected = self._with(name, moved)
             if name not in fit.nuisance:  # the alignment was biased by the mismatch
-                expected = {number.name: number.expected for number in mended.fitter.model.alignment(fit.effects)}
+                expected = {number.name: number.expected for number in corrected.fitter.model.alignment(fit.effects)}
                 fit = replace(fit, nuisance=expected)
-            fit = mended.fitter.fit(fit.effects, fit)
+            fit = corrected.fitter.fit(fit.effects, fit)
             gained, least = least - fit.chi_square, min(least, fit.chi_square)
             if gained > 0:
-                best = mended
+                best = corrected
             if gained < SETTLED:
                 break
-            left = mended._left(fit)
+            left = corrected._left(fit)
             fitted = fit.nuisance[name] * left.lengths_mm(moved)
-            moved = refined(moved, replace(left, residual=left.residual + fitted)) or moved
+            moved = refined_piece(moved, replace(left, residual=left.residual + fitted)) or moved
         return best
 
     def pieces(self, fit: Fit) -> list[PieceOfScan]:
@@ -141,7 +143,7 @@ class PreparedScans(Prepared):
         return [self._of_object(piece, left) for piece in fitted]
 
     def _with(self, name: str, piece: Piece) -> PreparedScans:
-        """Return the recording with a piece whose attenuation is this parameter of the alignment."""
+        """Return the recording with a piece whose excess attenuation is the nuisance parameter `name`."""
         model = self.fitter.model.with_piece(Nuisance(name, "1/mm", 0.0, np.inf), piece)
         return replace(self, fitter=self.fitter.of(model))
 
@@ -151,7 +153,7 @@ class PreparedScans(Prepared):
         half, predicted = self.half(fit, held_out=False), self.fitter.predicted(fit)
         residual, weight = (values[0].reshape(shape) for values in (half.residuals, half.weights))
         places = [geometry for geometry, _ in sources(predicted.state)]
-        middle_of_spot, reach_mm = places[len(places) // 2], reach_of(predicted.design[0], chain.geometry)
+        middle_of_spot, reach_mm = places[len(places) // 2], object_radius_mm(predicted.design[0], chain.geometry)
         moved = pose_of(fit.nuisance), chain.samples, middle_of_spot, predicted.state.motion_mm
         return FitResidual(self.data.as_recorded(residual), weight, chain.geometry, reach_mm, *moved)
 
@@ -171,9 +173,9 @@ class PreparedScans(Prepared):
         return data.as_recorded(whitened)[data.usable]
 
     def with_noise_of(self, fit: Fit) -> PreparedScans:
-        """Return the recording with the noise correlation of a fit; itself if nothing changes.
+        """Return the recording with the noise correlations of a fit; itself if nothing changes.
 
-        Only a single repeat needs this: its noise correlation is otherwise known from declared physics alone.
+        Only a single repeat is changed: it does not determine the correlations, which first come from declared physics.
         """
         if not self.single:
             return self
@@ -243,8 +245,8 @@ def prepare(
     floor_chain, coarse_chain : Chain, optional
         Chains with more rays and coarser voxels (Numerical). Their differences are fitted as numerical distortions.
     step : int, optional
-        Every such view is fitted or held out. Noise is estimated from all views, in large scans from these views and
-        their neighbors.
+        Every `step`-th view is fitted or held out. Noise is estimated from all views, in large scans from these views
+        and their neighbors.
     time_remark, voxels
         See Prepared.
     anode, tube_kvp, declared
@@ -319,7 +321,7 @@ def prepare(
         if data.whitening is not None:
             weighed = weighed * data.whitening.amplification
     aligned = nuisances(
-        # The noise of a single repeat is no datum, so that its photons need a prior.
+        # The noise of a single repeat is not fitted, so the photons need a prior.
         np.log(nominal_photons or photons),
         NOMINAL_PHOTONS_SD if nominal_photons or single else np.inf,
         {"size": SIZE_SD} | (known or {}),
@@ -334,14 +336,14 @@ def prepare(
 
 
 def every(chain: Chain, step: int) -> Chain:
-    """Return the chain of every such view."""
+    """Return the chain with every `step`-th view."""
     return chain.copy(chain.geometry.every(step))
 
 
 def _around(
     taken: Scans, chain: Chain, step: int, stated: Mapping[str, Mapping[str, float]], anode: Anode, place: Pose
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return residuals of a single repeat in every such view, and in the views before and after it.
+    """Return residuals of a single repeat in every `step`-th view, and in the views before and after it.
 
     Parameters
     ----------
@@ -351,7 +353,7 @@ def _around(
     Returns
     -------
     before, here, after : ndarray, shape (views, rows, columns)
-        At the ends of the scan, those of the second and the last but one view.
+        For the first and the last view of the scan, the residuals around the second and the last but one view.
     """
     middles = np.clip(np.arange(0, chain.geometry.views, step), 1, chain.geometry.views - 2)
 
@@ -367,8 +369,8 @@ def _noise(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Return the variance of every ray of one repeat.
 
-    From the spread over repeats. For a single repeat from second differences over views, and over rows if there are
-    enough, with independent noise assumed.
+    The variance comes from the spread over repeats. For a single repeat, it comes from second differences over views,
+    and over rows if there are enough. Noise is assumed to be independent.
 
     Parameters
     ----------
@@ -381,7 +383,8 @@ def _noise(
     -------
     variance : ndarray, shape (views, rows, columns)
     squares : ndarray, shape (views, rows, columns), or None
-        Squared second differences, with that variance on average; NaN without a signal. None for several repeats.
+        Squared second differences, scaled so that their mean is the variance; NaN without a signal. None for several
+        repeats.
     """
     if len(taken) > 1:
         return taken.repeats.var(axis=0, ddof=1, dtype=np.float64) + 1e-30, None
@@ -448,8 +451,8 @@ def _of_one_repeat(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the variance of every whitened ray of one repeat, over the amplification of the whitening.
 
-    The variance of a first model times a level per block from the repeats. It is scaled so that the inverse, the
-    weight, is unbiased: the mean of 1 / chi-square with n degrees of freedom is 1 / (n - 2).
+    It is the variance of a first model times one factor per block, from the repeats. The factor is scaled so that the
+    weight, the inverse variance, is unbiased: the mean of 1 / chi-square with n degrees of freedom is 1 / (n - 2).
 
     Parameters
     ----------
@@ -486,5 +489,5 @@ def _of_one_repeat(
 
 
 def _filled(values: np.ndarray) -> np.ndarray:
-    """Fill blocks without a ray with the median; none of their rays counts."""
+    """Fill blocks without a usable ray with the median; their rays are not used."""
     return np.where(np.isfinite(values), values, np.nanmedian(values))

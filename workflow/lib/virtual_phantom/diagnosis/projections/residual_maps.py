@@ -9,15 +9,15 @@ from scipy import stats
 
 from ..residuals.residual_tests import (
     EDGE_SHARE,
+    DomainTest,
     ExtraVariance,
-    Half,
     HalfProducts,
-    Location,
+    HalfResiduals,
     blocks,
     by_value,
-    corrected,
     extreme,
-    noise_locations,
+    holm_corrected,
+    noise_tests,
     standardized,
     steep,
     steepest,
@@ -28,34 +28,35 @@ AXES = ("views", "rows", "columns")
 THIN = 0.05  # of the largest line integral, below which rays miss the object
 
 
-def locate(
-    half: Half,
+def domain_tests(
+    half: HalfResiduals,
     constants: np.ndarray | None = None,
-    fitted: Half | None = None,
-    more: Sequence[Location] = (),
+    fitted: HalfResiduals | None = None,
+    more: Sequence[DomainTest] = (),
     uncertain: Sequence[np.ndarray] | None = None,
     step: int = 1,
-) -> list[Location]:
-    """Return the worst location of every domain of residuals.
+) -> list[DomainTest]:
+    """Test every domain of residuals for its worst location.
 
-    The p-value of a domain is twice the smaller one of its worst location and of the sum of squares over all locations.
+    The p-value of a domain is twice the smaller one of two: of its worst location, and of the sum of squares over all
+    locations.
 
     Parameters
     ----------
     constants : ndarray, shape (rows, columns), optional
         Variance of each pixel's constant in a fitted gain pattern.
-    fitted : Half, optional
+    fitted : HalfResiduals, optional
         The fitted data, if `half` is held out.
-    more : sequence of Location, optional
+    more : sequence of DomainTest, optional
         Domains other than residuals.
     uncertain : sequence of ndarray, shape (directions, data), optional
-        Errors of the fitted parameters, by part (left_by_numbers).
+        Changes by errors of the fitted parameters, by part (changes_by_parameter_errors).
     step : int, optional
         Step between the used views. Texts have the numbers of the recording.
 
     Returns
     -------
-    list of Location
+    list of DomainTest
         The worst first, with p corrected over locations (Bonferroni) and domains (Holm).
     """
     data, shape = half.data, half.data.mean.shape
@@ -88,11 +89,11 @@ def locate(
         if common.there.any():  # halves of the views share no ray
             found.append(_both_halves(common, steep(weight, _slope(predicted)).ravel()))
     pairs = [f"neighboring {name}" for name in AXES[::-1]]
-    found += noise_locations(half, pairs, AXES, fitted, uncertain, step)
+    found += noise_tests(half, pairs, AXES, fitted, uncertain, step)
     if data.white is not None:
         z = half.residuals[-1] * np.sqrt(half.weights[-1])
         found.append(extreme("white field", z, lambda i: f"shape {i + 1} (orders along columns, then rows)"))
-    return corrected([*found, *more])
+    return holm_corrected([*found, *more])
 
 
 def _block_z(residual, weight, data, left, variance: ExtraVariance) -> np.ndarray:
@@ -105,21 +106,21 @@ def _block_z(residual, weight, data, left, variance: ExtraVariance) -> np.ndarra
     return standardized(data.blocks.sum(residual * weight), data.blocks.sum(weight), extra)
 
 
-def _path_lengths(residual, weight, predicted, variance: ExtraVariance) -> Location:
-    """Return the worst range of line integrals."""
+def _path_lengths(residual, weight, predicted, variance: ExtraVariance) -> DomainTest:
+    """Test ranges of line integrals."""
     inside = (weight > 0) & (predicted > THIN * predicted.max())
     return by_value("path length", "line integrals {:.2f} to {:.2f}", residual, weight, predicted, inside, variance)
 
 
-def _edges(residual, weight, predicted, numbers, data: ObservedScans) -> Location:
-    """Return the rays where line integrals change most, which show blur, geometry and motion."""
+def _edges(residual, weight, predicted, numbers, data: ObservedScans) -> DomainTest:
+    """Test the rays where line integrals change most, which show blur, geometry and motion."""
     slope = _slope(predicted)
     # All rays of a block share one measured variance.
     of_weights = float((data.blocks.sum(steep(weight, slope)) ** 2 * data.weighed).sum())
     return steepest("rays", residual, weight, slope, numbers, of_weights)
 
 
-def excess_at_edges(half: Half) -> float | None:
+def excess_at_edges(half: HalfResiduals) -> float | None:
     """Return the share of the chi-square beyond noise in the steepest rays; None if nothing exceeds noise."""
     shape = half.data.mean.shape
     residual, weight = half.residuals[0].reshape(shape), half.weights[0].reshape(shape)
@@ -134,11 +135,11 @@ def _slope(predicted) -> np.ndarray:
     return np.abs(np.gradient(predicted, axis=2)) if predicted.shape[2] > 1 else np.zeros_like(predicted)
 
 
-def _both_halves(common: HalfProducts, steep: np.ndarray) -> Location:
-    """Return the correlation of fitted and held-out residuals, for all rays or for the steepest.
+def _both_halves(common: HalfProducts, steep: np.ndarray) -> DomainTest:
+    """Test the correlation of fitted and held-out residuals, for all rays and for the steepest.
 
-    Unlike a sum of squares it does not depend on the noise level. It also detects small differences in all rays that
-    are significant at no location.
+    Unlike a sum of squares, the correlation does not depend on the noise level. It also detects small differences in
+    all rays that are not significant at any location.
 
     Parameters
     ----------
@@ -148,8 +149,8 @@ def _both_halves(common: HalfProducts, steep: np.ndarray) -> Location:
     return extreme("both halves", np.array([common.z(), common.z(steep)]), lambda i: words[i])
 
 
-def _pixels(z, pixels) -> Location:
-    """Return the sum of squares of each pixel's mean over all views, which shows rings."""
+def _pixels(z, pixels) -> DomainTest:
+    """Test the sum of squares of each pixel's mean over all views, which shows rings."""
     square, count = float((z**2).sum()), int((pixels > 0).sum())
     excess = (square - count) / np.sqrt(2 * max(count, 1))
-    return Location("pixels", "all pixels, mean over views", float(excess), float(stats.chi2.sf(square, count)), z)
+    return DomainTest("pixels", "all pixels, mean over views", float(excess), float(stats.chi2.sf(square, count)), z)

@@ -12,7 +12,7 @@ from scipy.sparse import sparray
 
 from ..fitting.fit import Fit, Fitter
 from ..noise.condensed import Observed
-from .residual_tests import Half, Location
+from .residual_tests import DomainTest, HalfResiduals
 
 
 @dataclass(frozen=True)
@@ -24,11 +24,13 @@ class ResidualMaps:
     unit : str
         Unit of differences, as in names of metrics.
     summed : int
-        Axis of the data that maps are summed over.
+        Axis of the data over which maps are summed.
+    down, across : str
+        Labels of the axes of maps.
     profiles : tuple of tuple of (str, str, int)
         Domain, label of the axis, and number of the first position.
     one_repeat : str
-        Source of the noise where there is a single repeat.
+        Origin of the noise estimate for a single repeat, as the rest of a sentence.
     ranked : bool
         Whether further recordings of the kind are ranked (diagnosis.planning).
     """
@@ -59,7 +61,7 @@ class PieceOfObject:
 
 @dataclass(frozen=True)
 class Change:
-    """Effect of one kind of change of the residuals on a fit.
+    """Test of one kind of change of the data that no parameter of a fit describes.
 
     Attributes
     ----------
@@ -70,8 +72,8 @@ class Change:
     p : float
         p-value of z.
     gain : float
-        Increase of the held-out log score by the change, its size shrunk for noise (W. James and C. Stein, Proc. 4th
-        Berkeley Symp. 1, 361, 1961).
+        Increase of the held-out log score by the change, with its size shrunk toward 0 because of noise (W. James and
+        C. Stein, Proc. 4th Berkeley Symp. 1, 361, 1961).
     piece : PieceOfObject or None
         The local object mismatch, if the change is one.
     """
@@ -100,7 +102,7 @@ class Prepared(ABC):
     time_remark : str or None
         Remark on times that the description of the scan lacks.
     voxels : str or None
-        Remark on residuals at edges by the voxels of the object, and how to test it; None: no such residuals.
+        Remark on residuals at edges that the voxels of the object cause; None if voxels cause none.
     """
 
     display: ClassVar[ResidualMaps]
@@ -118,41 +120,41 @@ class Prepared(ABC):
 
     @property
     def usable(self) -> np.ndarray:
-        """Data that count in both halves, along three axes."""
+        """Mask of the data that are used in both halves, along three axes."""
         return self.data.usable & self.held_out.usable
 
-    def half(self, fit: Fit, held_out: bool) -> Half:
+    def half(self, fit: Fit, held_out: bool) -> HalfResiduals:
         """Return a fit's residuals of the held-out or of the fitted data."""
         fitter = self.fitter
         if held_out:
-            return Half(fitter.residuals(fit), fitter.held_weights, self.held_out)
-        return Half(fitter.residuals(fit, held_out=False), fitter.weights, self.data)
+            return HalfResiduals(fitter.residuals(fit), fitter.held_weights, self.held_out)
+        return HalfResiduals(fitter.residuals(fit, held_out=False), fitter.weights, self.data)
 
-    def halves(self, fit: Fit) -> tuple[Half, Half]:
+    def halves(self, fit: Fit) -> tuple[HalfResiduals, HalfResiduals]:
         """Return a fit's residuals of the fitted and of the held-out data."""
         return self.half(fit, held_out=False), self.half(fit, held_out=True)
 
     @abstractmethod
     def domains(
-        self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
-    ) -> list[Location]:
+        self, half: HalfResiduals, fit: Fit, fitted: HalfResiduals | None = None, more: Sequence[DomainTest] = ()
+    ) -> list[DomainTest]:
         """Test a half for differences from a fit beyond noise, by domain.
 
         Parameters
         ----------
-        fitted : Half, optional
-            Fitted data, where `half` is held out: then errors of the fit count, too.
-        more : sequence of Location, optional
-            Further domains that residuals do not show.
+        fitted : HalfResiduals, optional
+            Fitted data, if `half` is held-out data. The tests then include errors of the fit.
+        more : sequence of DomainTest, optional
+            Tests of further domains, which are not based on residuals.
 
         Returns
         -------
-        list of Location
+        list of DomainTest
             The worst first.
         """
 
     def kinds(self, fit: Fit) -> Iterable[tuple[str, np.ndarray | sparray]]:
-        """Yield kinds of change about a fit's predictions: description and directions (mean data, directions)."""
+        """Yield kinds of change of a fit's predictions: description, and directions, (mean data, directions)."""
         return ()
 
     def piece(self, fit: Fit) -> PieceOfObject | None:
@@ -162,12 +164,12 @@ class Prepared(ABC):
     def with_piece(self, piece: PieceOfObject, fit: Fit) -> Prepared:
         """Return the recording with a local object mismatch that moves with the object and whose attenuation is fitted.
 
-        Position and width are fitted again, beside the effects of a fit and the nuisance parameters.
+        Position and width are fitted again, together with the effects of the fit and the nuisance parameters.
         """
         raise NotImplementedError
 
     def pieces(self, fit: Fit) -> Sequence[PieceOfObject]:
-        """Return the local object mismatches beside the stated object, with a fit's numbers; none by default."""
+        """Return the local object mismatches that the model includes, with the values of a fit; none by default."""
         return ()
 
     @abstractmethod
@@ -183,7 +185,7 @@ class Prepared(ABC):
         return None
 
     def with_noise_of(self, fit: Fit) -> Prepared:
-        """Return the recording with a fit's noise correlation, where recordings do not show it themselves."""
+        """Return the recording with the noise correlations of a fit, if the recording does not determine them."""
         return self
 
     def caveats(self) -> list[str]:

@@ -21,20 +21,18 @@ BINS = 10  # of rays or voxels sorted by a value
 
 
 @dataclass(frozen=True)
-class Location:
-    """Test of a domain, with its worst location.
+class DomainTest:
+    """Test of a domain (a set of locations), with its worst location.
 
     Attributes
     ----------
-    domain : str
-        Set of locations that was tested.
     where : str
         The location, in words.
     z : float
         Standardized difference at the location, positive where the recording is larger. In domains of sums of squares
         or products (verdict.NO_SIGNED_MAP), z does not show which is larger.
     p : float
-        p-value over all locations of the domain; `corrected` extends it to all domains.
+        p-value over all locations of the domain; `holm_corrected` extends it to all domains.
     map : ndarray
         z of every location, for figures; along three axes for blocks.
     """
@@ -47,12 +45,12 @@ class Location:
 
     @property
     def significant(self) -> bool:
-        """Whether p is below ALPHA; valid over all domains after `corrected` (Holm)."""
+        """Whether p is below ALPHA; valid over all domains after `holm_corrected` (Holm)."""
         return self.p < ALPHA
 
 
 @dataclass(frozen=True)
-class Half:
+class HalfResiduals:
     """Residuals and weights of the fitted or the held-out data.
 
     Attributes
@@ -65,7 +63,7 @@ class Half:
     weights: list[np.ndarray]
     data: Observed
 
-    def in_common(self, other: Half) -> HalfProducts:
+    def in_common(self, other: HalfResiduals) -> HalfProducts:
         """Return the products of the residuals of both halves, for the mean of the repeats."""
         weight = np.sqrt(self.weights[0] * other.weights[0])
         return HalfProducts(
@@ -89,7 +87,7 @@ class HalfProducts:
     numerical : list of ndarray, shape (data,)
         Expected products by each numerical error of the model.
     scatter : ndarray, shape (data,), or float
-        Relative variance of the weights, which adds to that of the products.
+        Relative variance of the weights, which adds to the variance of the products.
     """
 
     there: np.ndarray
@@ -115,12 +113,12 @@ class HalfProducts:
         return max(0.0, beyond) / float(np.sqrt(max(1.0, noise) + 2 * (numerical**2).sum()))
 
 
-def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
+def alignment_tests(fit: Fit, numerical: Collection[str]) -> list[DomainTest]:
     """Test nuisance parameters against their priors.
 
     A wrong value in the description of the scan shifts a parameter and leaves no residual.
 
-    The pose of the object and numerical errors, of uncertain size, are omitted. The list is empty if there are no
+    The pose of the object and the numerical errors are omitted, as their size is uncertain. The list is empty without
     priors.
     """
     z = {name: value for name, value in fit.pulled.items() if name not in numerical and name not in PLACE}
@@ -136,14 +134,14 @@ def standardized(sums, total, extra=0.0) -> np.ndarray:
     return sums / np.sqrt(np.where(total > 0, total + extra, np.inf))
 
 
-def noise_locations(
-    half: Half,
+def noise_tests(
+    half: HalfResiduals,
     pairs: list[str],
     axes: tuple[str, str, str],
-    fitted: Half | None = None,
+    fitted: HalfResiduals | None = None,
     uncertain: Sequence[np.ndarray] | None = None,
     step: int = 1,
-) -> list[Location]:
+) -> list[DomainTest]:
     """Test the noise: its variance by block, its level, and its correlations.
 
     Noise level and correlations of held-out data are compared with those of the fitted data. Both have errors of
@@ -155,11 +153,11 @@ def noise_locations(
         Names of the correlated neighbors.
     axes : tuple of 3 str
         Names of the data's axes.
-    fitted : Half, optional
+    fitted : HalfResiduals, optional
         The fitted data, if `half` is held-out data.
     uncertain : sequence of ndarray, shape (directions, data), optional
-        By part, changes of the data by one standard error of the fitted parameters (`left_by_numbers`). None: the
-        errors of the fitted data are used.
+        By part, changes of the data by one standard error of the fitted parameters. None: the noise of the fitted data
+        is used instead.
     step : int, optional
         See `blocks`.
     """
@@ -183,7 +181,7 @@ def noise_locations(
     z = float(level / total / np.sqrt(both))
     return [
         blocks("noise variance", of_blocks, data, axes, step=step, division=data.noise_blocks),
-        Location("noise level", "everywhere", z, _two_sided(z, 1), np.array([z])),
+        DomainTest("noise level", "everywhere", z, _two_sided(z, 1), np.array([z])),
         extreme("noise correlation", residuals[2] / np.sqrt(error), lambda i: f"between {pairs[i]}"),
     ]
 
@@ -208,7 +206,7 @@ def variance_z(residual: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.where(weight > 0, (np.cbrt(ratio) - 1 + spread) / np.sqrt(spread), 0.0)
 
 
-def corrected(found: list[Location]) -> list[Location]:
+def holm_corrected(found: list[DomainTest]) -> list[DomainTest]:
     """Return locations with p corrected over domains (Holm), the worst first."""
     found = sorted(found, key=lambda location: location.p)
     together = holm(np.array([location.p for location in found]))
@@ -217,7 +215,7 @@ def corrected(found: list[Location]) -> list[Location]:
 
 @dataclass(frozen=True)
 class ExtraVariance:
-    """Variance of sums of weighted rays beyond that of independent noise.
+    """Variance of sums of weighted rays in addition to independent noise.
 
     Attributes
     ----------
@@ -259,23 +257,23 @@ def _p_value(z: np.ndarray) -> float:
     return min(1.0, 2 * min(worst, float(stats.chi2.sf((tested**2).sum(), tested.size))))
 
 
-def extreme(domain: str, z: np.ndarray, words) -> Location:
+def extreme(domain: str, z: np.ndarray, words) -> DomainTest:
     """Test a domain for its worst location; `words` describes the location of an index."""
     worst = int(np.argmax(np.abs(z)))
-    return Location(domain, words(worst), float(z[worst]), _p_value(z), z)
+    return DomainTest(domain, words(worst), float(z[worst]), _p_value(z), z)
 
 
 def normal_scores(z: np.ndarray, weighed: np.ndarray | float) -> np.ndarray:
     """Return normal scores of values.
 
-    Values with measured variances are Student's t; by Wallace's bound [1]_.
+    Values with measured variances have Student's t distribution, which Wallace's bound [1]_ converts.
 
     Parameters
     ----------
     z : ndarray
-        With a variance of 1, as unbiased weights give it; t has one of n / (n - 2).
+        Scaled to a variance of 1, as unbiased weights give it. (Student's t has a variance of n / (n - 2).)
     weighed : ndarray or float
-        Relative variance of the weights, 2 over the degrees of freedom; 0: known.
+        Relative variance of the weights, 2 over the degrees of freedom n; 0: the variances are known.
 
     References
     ----------
@@ -297,7 +295,7 @@ def blocks(
     weighed: np.ndarray | float = 0.0,
     step: int = 1,
     division: Blocks | None = None,
-) -> Location:
+) -> DomainTest:
     """Test blocks of the data.
 
     Parameters
@@ -320,12 +318,12 @@ def blocks(
         for name, n, i, parts, every in zip(axes, data.mean.shape, position, shape, (step, 1, 1), strict=True)
     ]
     p = _p_value(normal_scores(z, weighed))
-    return Location(domain, ", ".join(ranges), float(z[worst]), p, z.reshape(shape))
+    return DomainTest(domain, ", ".join(ranges), float(z[worst]), p, z.reshape(shape))
 
 
 def by_value(
     domain: str, words: str, residual, weight, values, inside, extra_variance: ExtraVariance | None = None
-) -> Location:
+) -> DomainTest:
     """Sort the data `inside` by a value, divide them into BINS bins and test each.
 
     `words` is a text with two fields for the bounds of a bin.
@@ -348,7 +346,7 @@ def steep(weight, slope) -> np.ndarray:
 
 def steepest(
     what: str, residual, weight, slope, numbers: Sequence[np.ndarray] = (), of_weights: float = 0.0
-) -> Location:
+) -> DomainTest:
     """Test the excess of chi-square where a slope is steepest, one-sided.
 
     Parameters
@@ -368,4 +366,4 @@ def steepest(
     z = (square - count) / np.sqrt(2 * count + of_weights)
     freedom = 2 * count**2 / (2 * count + of_weights)  # of the chi-square with this mean and variance, but for a factor
     p = float(stats.chi2.sf(square * freedom / count, freedom))
-    return Location(EDGES, f"the {100 * EDGE_SHARE:.0f} % steepest {what}", float(z), p, np.array([z]))
+    return DomainTest(EDGES, f"the {100 * EDGE_SHARE:.0f} % steepest {what}", float(z), p, np.array([z]))

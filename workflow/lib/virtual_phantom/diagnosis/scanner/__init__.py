@@ -1,1 +1,1 @@
-"""One diagnosis of several recordings of a scanner."""
+"""Joint diagnosis of several recordings of a scanner."""

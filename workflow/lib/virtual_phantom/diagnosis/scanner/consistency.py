@@ -22,9 +22,9 @@ from scipy import stats
 from ...statistics.multiplicity import bonferroni
 from ..fitting.fit import Fit
 from ..fitting.joint_fit import JointFit, JointFitter
-from ..fitting.steps import Known
+from ..fitting.steps import ScaledEigenvalues
 from ..residuals.residual_tests import ALPHA
-from ..uncertainty.model_error import ModelErrorInfluence, errors_of_pulled
+from ..uncertainty.model_error import ModelErrorInfluence, joint_errors_with_models
 
 LEAST_KNOWN = 1e-9  # information of the others about a direction, relative to one recording; less is rounding
 
@@ -38,7 +38,7 @@ class Difference:
     chi_square : float
         Chi-square of the difference, with noise and model errors.
     numbers : int
-        Number of parameters that both determine.
+        Number of parameters that this recording and the others determine.
     p : float
         p-value, corrected for the number of compared recordings.
     """
@@ -50,7 +50,7 @@ class Difference:
 
     @property
     def surprise(self) -> float:
-        """Minus the logarithm of the uncorrected p-value, also where that underflows."""
+        """Minus the logarithm of the uncorrected p-value, also for p-values below the range of floats."""
         return -float(stats.chi2.logsf(self.chi_square, self.numbers)) if self.numbers else 0.0
 
     @property
@@ -83,7 +83,7 @@ class _Shared:
     Attributes
     ----------
     score : ndarray, shape (shared,)
-        Information times parameters, from the data alone, as priors count once for all recordings.
+        Information times parameters, from the data alone, because priors are counted once for all recordings.
     information : ndarray, shape (shared, shared)
         Information of the data and of the priors of the alignment.
     pulls : dict of (str, int or str) to ndarray, shape (shared,)
@@ -91,7 +91,7 @@ class _Shared:
     own : list of ndarray, shape (shared,)
         See ModelErrorInfluence.own.
     excess : float
-        Chi-square per ray of its own fit, at least 1, by which information and pulls are divided.
+        Chi-square per ray of the recording's own fit, at least 1. Information and pulls are divided by it.
     """
 
     score: np.ndarray
@@ -113,14 +113,14 @@ def alone(
     scans : mapping of str to ModelErrorInfluence
         Result of pulled_of_recordings for all recordings.
     judged : collection of str, optional
-        Test recordings, which others are not compared with.
+        Test recordings; the other recordings are not compared with them.
     """
     shared = np.flatnonzero(np.bincount(np.concatenate([influence.places for influence in scans.values()])) > 1)
     if not len(shared):
         return {}
     fits = {name: together.fitters[name].fit(influence.fit.effects, influence.fit) for name, influence in scans.items()}
     compared = _Compared(together, chosen, scans, fits, shared).sifted([name for name in scans if name not in judged])
-    errors = {name: errors_of_pulled({name: influence.alone}, fits)[name] for name, influence in scans.items()}
+    errors = {name: joint_errors_with_models({name: influence.alone}, fits)[name] for name, influence in scans.items()}
     return {name: Alone(fit, errors[name], compared[name]) for name, fit in fits.items()}
 
 
@@ -151,7 +151,7 @@ class _Compared:
         return now | {name: self.compared(name, rest) for name in self.known if name not in now}
 
     def compared(self, name: str, rest: Sequence[str]) -> Difference:
-        """Return the first-order difference; if it is significant, that of joint fits."""
+        """Return the first-order difference; if it is significant, return the smaller one of it and of joint fits."""
         found, share = self.by_slopes(name, rest)
         if not found.disagrees:
             return found
@@ -169,7 +169,7 @@ class _Compared:
         this, others = self.known[name], [other for other in rest if other != name]
         known = [self.known[other] for other in others]
         information = sum(other.information for other in known)
-        inverse, inverses = (Known.of(each).covariance for each in (this.information, information))
+        inverse, inverses = (ScaledEigenvalues.of(each).covariance for each in (this.information, information))
         none = np.zeros(len(this.score))
         difference = inverse @ this.score - inverses @ sum(other.score for other in known)
         weight, numbers = _difference_information(this.information, information)
@@ -224,9 +224,9 @@ def _difference_information(first: np.ndarray, others: np.ndarray) -> tuple[np.n
     -------
     weight : ndarray, shape (shared, shared)
     """
-    root = Known.of(first).root
+    root = ScaledEigenvalues.of(first).root
     values, vectors = np.linalg.eigh(
-        np.eye(root.shape[1]) - root.T @ first @ Known.of(first + others).covariance @ first @ root
+        np.eye(root.shape[1]) - root.T @ first @ ScaledEigenvalues.of(first + others).covariance @ first @ root
     )
     seen = values > LEAST_KNOWN
     directions = first @ root @ vectors[:, seen]
@@ -237,10 +237,10 @@ def _shared(scan: ModelErrorInfluence, fit: Fit, shared: np.ndarray) -> _Shared:
     """Return the information of a recording's own fit about shared parameters, all others profiled out."""
     size, excess = len(shared), max(1.0, fit.chi_square / scan.problem.count)
     inside = np.isin(scan.places, shared)
-    whole = scan.information + np.diag(np.where(inside, 0.0, scan.knowledge))
+    whole = scan.information + np.diag(np.where(inside, 0.0, scan.prior_precision))
     here, own = np.flatnonzero(inside), np.flatnonzero(~inside)
     there = np.searchsorted(shared, scan.places[here])
-    taken = whole[np.ix_(here, own)] @ Known.of(whole[np.ix_(own, own)]).covariance
+    taken = whole[np.ix_(here, own)] @ ScaledEigenvalues.of(whole[np.ix_(own, own)]).covariance
 
     def marginal(pull: np.ndarray) -> np.ndarray:
         found = np.zeros(size)
@@ -254,7 +254,7 @@ def _shared(scan: ModelErrorInfluence, fit: Fit, shared: np.ndarray) -> _Shared:
         unknown = scan.problem.unknowns[index]
         values[place] = unknown.of(fit.physics[unknown.effect][unknown.name])
         # At the minimum, the gradient of the data balances that of the prior.
-        score[place] = scan.knowledge[index] * (values[place] - scan.problem.center[index]) / excess
+        score[place] = scan.prior_precision[index] * (values[place] - scan.problem.center[index]) / excess
     score += information @ values
     pulls = {key: marginal(pull) for key, pull in scan.pulls.items()}
     return _Shared(score, information, pulls, [marginal(pull) for pull in scan.own], excess)

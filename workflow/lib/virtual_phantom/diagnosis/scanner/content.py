@@ -13,7 +13,7 @@ from ..fitting.fit import Fit
 from ..fitting.joint_fit import NOT_OF_SCAN, JointFit, JointFitter, parameters_owned_by
 from ..fitting.steps import interval
 from ..residuals.dataset import Prepared
-from ..residuals.residual_tests import ALPHA, aligned
+from ..residuals.residual_tests import ALPHA, alignment_tests
 from ..selection.joint_selection import JointChoice
 from ..uncertainty.intervals import intervals
 from ..verdict.verdict import excess_rms_removed, rms_of
@@ -96,7 +96,7 @@ def recording_content(prepared: Prepared, before: Fit, fit: Fit, log_score: Mapp
     """
     rms = rms_of(prepared, {"before": before, "after": fit}, held_out=True)
     fitted, held_out = prepared.halves(fit)
-    locations = prepared.domains(held_out, fit, fitted, aligned(fit, prepared.fitter.model.distortions))
+    locations = prepared.domains(held_out, fit, fitted, alignment_tests(fit, prepared.fitter.model.distortions))
     # Corrected for the number of recordings.
     left = [location for location in locations if bonferroni(location.p, compared) < ALPHA]
     return {

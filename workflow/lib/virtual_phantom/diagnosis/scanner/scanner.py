@@ -12,7 +12,7 @@ from ..fitting.joint_fit import JointFit, JointFitter
 from ..residuals.dataset import Prepared
 from ..selection.joint_selection import JointChoice, choose_jointly
 from ..settings import RecordingSettings
-from ..uncertainty.model_error import errors_of_pulled, pulled_of_recordings
+from ..uncertainty.model_error import influences_of_recordings, joint_errors_with_models
 from ..verdict.verdict import VERDICTS
 from ..verdict_text import scanner_lines, with_verdict_text
 from .consistency import Alone, alone
@@ -21,7 +21,7 @@ from .content import alone_content, declared_content, effect_content, recording_
 
 @dataclass(frozen=True)
 class ScannerDiagnosis:
-    """Result of a joint diagnosis; `content` is that of scanner.json."""
+    """Result of a joint diagnosis; `content` is the content of scanner.json."""
 
     choice: JointChoice
     content: dict
@@ -72,7 +72,7 @@ def run_scanner_diagnosis(
     objects : mapping of str to str, optional
         Scanned object of each recording. Recordings of one object are held out together.
     judged_on : sequence of str, optional
-        Recordings that serve as a test only: no effect is selected by them, and no physics fitted to them.
+        Test recordings: they are used neither to select effects nor to fit physics.
 
     Raises
     ------
@@ -85,9 +85,9 @@ def run_scanner_diagnosis(
     judged, chosen = _TestRecordings.of(every, choice, judged_on), choice.chosen
     errors: Mapping[str, Mapping] = {}
     each_alone: Mapping[str, Alone] = {}
-    if together.whole(chosen.effects):
-        scans = pulled_of_recordings(every, judged.chosen, judged.without, accuracy)
-        errors = errors_of_pulled({key: scans[key] for key in together.fitters})
+    if together.with_declared_effects(chosen.effects):
+        scans = influences_of_recordings(every, judged.chosen, judged.without, accuracy)
+        errors = joint_errors_with_models({key: scans[key] for key in together.fitters})
         each_alone = alone(every, chosen, scans, judged_on)
     known, of_protocols = declared_content(together, chosen, errors)
     off = any(

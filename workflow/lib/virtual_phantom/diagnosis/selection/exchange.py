@@ -1,4 +1,4 @@
-"""Exchange of a fitted effect for another one: starts where the other changes the data equally, to first order."""
+"""Exchange of a fitted effect for another one, which starts where it changes the data equally to first order."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from scipy.optimize import minimize_scalar
 from ...physics.effect import load
 from ..fitting.fit import Fit, Fitter
 from ..fitting.problem import Problem
-from ..fitting.templates import SMALL, data_changes, strength, templates, varied, with_knowledge
+from ..fitting.templates import SMALL, data_changes, strength, templates, varied, with_priors
 
-# Logarithm of a strength over that of first order, and the search for it. At the edges of a disc, slopes to either side
-# differ, by which strengths were off by 0.1 to 25 %.
+# Search range of the logarithm of a strength relative to its first-order value, and options of the search. First-order
+# strengths were wrong by 0.1 to 25 %, because one-sided derivatives differ at the edges of a disc.
 NEAR_FIRST_ORDER, SEARCH = (-np.log(4.0), np.log(4.0)), {"xatol": 1e-5, "maxiter": 30}
 
 
@@ -27,10 +27,10 @@ class Exchange:
     start : Fit
         Start of a fit with the other effect.
     share : float
-        Squared partial correlation of the changes of the data by the two effects, beside all other numbers of the fit.
-        1: they are equal to first order. For two that move rays or the object it is, if larger, the share
-        of the lost chi-square that the other effect restores at its start. Slopes to either side of a sharp edge
-        differ: two equal effects shared 0.6.
+        Squared partial correlation of the changes of the data by the two effects, given all other parameters of the
+        fit; 1: equal to first order. If both effects move rays or the object, it can be too small, because one-sided
+        derivatives differ at sharp edges (0.6 for two equal effects). It is then at least the share of the lost
+        chi-square that the other effect restores at its start.
     """
 
     start: Fit
@@ -38,14 +38,14 @@ class Exchange:
 
 
 def exchanged(fitter: Fitter, fit: Fit, effect: str, others: Sequence[str], least: float = 0.0) -> dict[str, Exchange]:
-    """Exchange an effect of a fit for each of others, where they share `least` of its change of the data.
+    """Exchange an effect of a fit for each of the others that shares at least `least` of its change of the data.
 
-    About the fit, the data change by J_e a if the effect is removed, where a is its strength and J_e its slopes. The
-    other effect's strength b and the changes d of the remaining numbers solve J_o b + J_r d = J_e a by least squares
-    with priors; a second start has d = 0. The start with the lower chi-square is returned: for equal effects the second
-    is exact. Its strength is searched along a line, as slopes at sharp edges are off by several percent. Slopes are
-    taken where the effect is fitted: matched filters without it miss an effect that moves edges by more than their
-    width. Effects without a strength have no exchange.
+    If the effect is removed, the data change by J_e a to first order, where a is its strength and J_e its derivatives.
+    The strength b of the other effect and the changes d of the remaining parameters solve J_o b + J_r d = J_e a by
+    least squares with priors. A second start has d = 0, and its strength is optimized by a line search. The start with
+    the lower chi-square is returned; for equal effects, the second is exact. Derivatives are taken at the fit with the
+    effect, because matched filters without it miss an effect that moves edges by more than their width. Effects without
+    a strength have no exchange.
     """
     others = [name for name in others if not load(name).pattern and varied(fitter.model.parameters(name))]
     if load(effect).pattern or not others:
@@ -69,7 +69,7 @@ class _Removal:
         columns = data_changes(problem)
         self.change = sum(columns[:, index] * amount for index, amount in amounts.items())
         self.rest = [index for index in range(columns.shape[1]) if index not in own]
-        self.beside = with_knowledge(columns, problem)[:, self.rest]
+        self.beside = with_priors(columns, problem)[:, self.rest]
         self.padding = np.zeros(len(self.beside) - len(self.change))
         self.wanted = np.concatenate([self.change, self.padding])
         alone = self.wanted - self.beside @ np.linalg.lstsq(self.beside, self.wanted, rcond=None)[0]
@@ -81,7 +81,7 @@ class _Removal:
         self.here, self.without = (_chi_square(fitter, start) for start in (fit, removed))
 
     def replaced_by(self, name: str, least: float) -> Exchange | None:
-        """Return the exchange for another effect; None where it shares less, to first order."""
+        """Return the exchange for another effect; None if it shares less than `least` to first order."""
         rows = templates(self.fitter, self.fit, name)
         design = np.hstack([np.vstack([rows.T, np.zeros((len(self.padding), len(rows)))]), self.beside])
         scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
@@ -104,7 +104,7 @@ class _Removal:
         return Exchange(starts[int(np.argmin(reached))], share)
 
     def _start(self, name: str, amount: np.ndarray, moved: np.ndarray | float = 0.0) -> Fit:
-        """Return a start with another effect at multiples of its templates, the other numbers changed by `moved`."""
+        """Return a start with another effect at multiples of its templates, and other parameters changed by `moved`."""
         problem, fit = self.problem, self.fit
         point = problem.start.copy()
         point[self.rest] += moved
@@ -114,7 +114,7 @@ class _Removal:
             if unknown.effect != self.effect:
                 physics[unknown.effect][unknown.name] = float(unknown.value(number))
         physics[name] = _values(self.fitter, name, amount)
-        aligned = zip(problem.aligned, point[len(problem.unknowns) :], strict=True)
+        aligned = zip(problem.nuisances, point[len(problem.unknowns) :], strict=True)
         nuisance = {number.name: float(value) for number, value in aligned}
         effects = (*(key for key in fit.effects if key != self.effect), name)
         return replace(fit, effects=effects, physics=physics, nuisance=fit.nuisance | nuisance)
@@ -132,10 +132,10 @@ def _values(fitter: Fitter, name: str, amounts: np.ndarray) -> dict[str, float]:
     times = dict(zip([parameter.name for parameter in varied(fitter.model.parameters(name))], amounts, strict=True))
     values = {}
     for parameter in fitter.model.parameters(name):
-        number = parameter.number(parameter.typical)
+        number = parameter.to_variable(parameter.typical)
         if parameter.name in times:
-            none = parameter.number(parameter.neutral)
-            number = none + times[parameter.name] * (parameter.number(strength(parameter)) - none)
+            none = parameter.to_variable(parameter.neutral)
+            number = none + times[parameter.name] * (parameter.to_variable(strength(parameter)) - none)
         unknown = unknowns.get(parameter.name)
         if unknown is not None:
             values[parameter.name] = float(unknown.value(min(max(number, unknown.low), unknown.high)))

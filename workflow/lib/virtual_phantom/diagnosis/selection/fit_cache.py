@@ -26,14 +26,14 @@ class FitCache:
     made_of : str
         Key of everything that all fits depend on: recording, settings, code.
     code : callable
-        (effect) to the key of its code.
+        Returns the key of the code of an effect.
     """
 
     def __init__(self, folder: str | Path, made_of: str, code: Callable[[str], str]):
         self.folder, self.made_of, self.code = Path(folder), made_of, code
 
     def get(self, effects: tuple[str, ...], given: Trial | None = None, against: Trial | None = None) -> Trial | None:
-        """Return the trial of these arguments of `trial`, or None."""
+        """Return the stored trial for these arguments of `trial`; None if there is none."""
         path = self._path(effects)
         if not path.is_file():
             return None
@@ -46,7 +46,7 @@ class FitCache:
     def put(
         self, found: Trial, effects: tuple[str, ...], given: Trial | None = None, against: Trial | None = None
     ) -> None:
-        """Store a trial in place of another one of these effects."""
+        """Store a trial; it replaces an earlier one of the same effects."""
         try:
             write_trial(found, self._path(effects), self._made_of(effects, given, against))
         except InputError as error:  # a full disk does not stop the diagnosis

@@ -7,15 +7,15 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from ...io.schema import defaults_of
-from ...physics.effect import load, offered
+from ...physics.effect import applicable_effects, load
 from ..fitting.fit import Fit, Fitter
-from ..fitting.trial import Trial, chance
+from ..fitting.trial import Trial, effect_p_value
 from ..residuals.dataset import Change
 from ..uncertainty.model_error import Errors
 from .exchange import exchanged
 from .fit_cache import FitCache
 from .progress import DiagnosisProgress
-from .screening import Screened, best_few, could_win, is_unconfounded, screened, stands_out
+from .screening import Screened, best_few, is_unconfounded, screened, stands_out, worth_fitting
 from .trials import trials
 
 # Significance level of an effect's likelihood ratio over all candidates; a choice. In 1 of 32 scans of the blind
@@ -26,14 +26,14 @@ AS_GOOD = 3.0  # log score that an alternative explanation may lose: a factor of
 # Log score that an effect must lose as the best alternative to be ruled out: odds of 22,000 to 1. None of the 1735
 # effects that were ruled out in seeds 13 and 15 of the blind validation was there.
 RULED_OUT = 10.0
-# Share of an effect's first-order change that an alternative must make too, to be fitted again from settings equal to
-# the effect's. An alternative less similar loses a fifth of the gain. A choice. Detector offset and center of rotation
-# share over 0.99 in parallel and fan beams (tests/diagnosis/test_exchanged.py).
+# Share of an effect's first-order change that an alternative must explain to be fitted again from equivalent settings.
+# A less similar alternative loses a fifth of the gain. A choice. Detector offset and center of rotation share over 0.99
+# in parallel and fan beams (tests/diagnosis/test_exchanged.py).
 LIKE = 0.8
 MOST_EFFECTS = 4  # effects selected at most; a choice that bounds the time
-MOST_SWAPS = 2  # exchanges of a selected effect for a better one that only pays beside the others
-# Size of the data above which effects are not tested against model errors: that takes some 400 bytes per datum,
-# several times.
+MOST_SWAPS = 2  # most exchanges of a selected effect for a better one
+# Size of the data above which effects are not tested against model errors, because of the memory: several arrays of
+# about 400 bytes per datum.
 MOST_DATA = 2_000_000
 
 
@@ -46,14 +46,14 @@ class Choice:
     baseline : Trial
         Nuisance parameters alone.
     alone : dict of str to float
-        {candidate: gain in held-out log score by it alone}, to first order for candidates without a fit in `singles`.
+        {candidate: gain in held-out log score with this effect alone}, to first order if it has no fit in `singles`.
     chosen : Trial
         Fit of the selected effects; without effects if none is needed.
     gains : dict of str to float
         {effect: held-out log score lost without it, the others refitted}.
     alternatives : dict of str to dict of str to float
-        {effect: {alternative: held-out log score lost with it in the effect's place}}, for all candidates; to first
-        order where the matched filter puts it far behind, and for unconfounded effects.
+        {effect: {alternative: held-out log score lost with the alternative in its place}}, for all candidates; to first
+        order for alternatives with a small matched filter gain, and for unconfounded effects.
     p : dict of str to float or None
         {effect: p-value of its likelihood ratio, times the number of candidates}; None: not fitted here.
     tolerance : float
@@ -61,16 +61,16 @@ class Choice:
     unconfounded : frozenset of str
         Effects whose gain neither model errors nor other effects can explain, however small it is.
     undecided : dict of str to float
-        {candidate: expected gain beside the selected effects, to first order}, where it is significant against noise:
-        not selected, since model errors of the selected effects may cause as much.
+        {candidate: expected gain if added to the selected effects, to first order} of candidates that are significant
+        against noise. They are not selected, because model errors of the selected effects may cause this gain.
     without : dict of str to Fit
         {effect: fit without it, all else refitted}.
     numerical : float
         Relative error of the corrections for finite steps.
     piece : Change or None
-        Local object mismatch that explains more than any effect: then no effect is selected.
+        Local object mismatch that explains more than any effect; if there is one, no effect is selected.
     errors : Errors or None
-        Standard errors of the fit with model errors; None: of noise alone.
+        Standard errors of the fit that include model errors; None: only errors by noise are known.
     """
 
     baseline: Trial
@@ -89,7 +89,7 @@ class Choice:
     errors: Errors | None = None
 
     def ambiguous_with(self, effect: str) -> list[str]:
-        """Return the effects that explain the data as well in its place."""
+        """Return the alternatives that explain the data as well as an effect."""
         enough = AS_GOOD if effect in self.unconfounded else max(AS_GOOD, self.tolerance)
         return [name for name, lost in self.alternatives.get(effect, {}).items() if lost < enough]
 
@@ -97,7 +97,7 @@ class Choice:
     def ruled_out(self) -> dict[str, float]:
         """Effects that the data reject as an explanation, with the log score that each loses at best.
 
-        Effects that may be present beside the selected ones are not among them.
+        Effects that may be present in addition to the selected ones are not listed.
         """
         least: dict[str, float] = {}
         for effect, others in self.alternatives.items():
@@ -116,7 +116,7 @@ def choose(
     processes: int = 1,
     accuracy: Mapping[str, float] | None = None,
     kept: FitCache | None = None,
-    how_far: DiagnosisProgress | None = None,
+    progress: DiagnosisProgress | None = None,
     alone: Mapping[str, Screened] | None = None,
 ) -> Choice:
     """Select the effects that explain the held-out data.
@@ -129,15 +129,15 @@ def choose(
         As for `trials`.
     accuracy : mapping of str to float, optional
         Relative error of the models, {effect: share of its own change of the data}, with `default` for other effects
-        and `numerical` for the corrections for finite steps. What such errors may cause is no evidence for another
-        effect, and none against an alternative. None: defaults of the configuration.
+        and `numerical` for discretization corrections. A gain that such errors may cause is neither evidence for
+        another effect nor against an alternative. None: defaults of the configuration.
     alone : mapping of str to Screened, optional
-        Matched filters of the candidates beside the nuisance parameters, if they are known.
+        Matched filters of the candidates for the fit without effects, if they are known.
     """
     accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
     # Fits from other starts stay out of the cache, which holds one fit for each set of effects.
-    refit = partial(trials, fitter, processes=processes, how_far=how_far)
-    screen = partial(screened, fitter, processes=processes, how_far=how_far)
+    refit = partial(trials, fitter, processes=processes, progress=progress)
+    screen = partial(screened, fitter, processes=processes, progress=progress)
     fits = CandidateFits(fitter, baseline, tuple(candidates), accuracy, refit, partial(refit, kept=kept), screen)
     fits.alone = fits.filters(baseline.fit, fits.others(())) if alone is None else alone
     return ForwardSelection(fits, accuracy).run()
@@ -148,12 +148,12 @@ class ForwardSelection:
 
     1. *Add*: matched filters rank the candidates, the best few are fitted, and the best fit is accepted while it gains
        enough log score and its likelihood ratio is significant.
-    2. *Prune*: effects that a later one has made needless are dropped.
+    2. *Prune*: effects that later effects made unnecessary are dropped.
     3. *Exchange*: every effect is compared with each alternative in its place; a better one is accepted.
 
-    Models of effects are inexact, so that a strong effect leaves structure that another effect may fit. A model that is
-    wrong by a share a of what the effect changes leaves a^2 of the log score that it gains: the tolerance. A further
-    effect must gain more, unless it is unconfounded: no error of these models could look like it.
+    Models of effects are inexact, so a strong effect leaves structure that another effect may fit. If a model is wrong
+    by a share a of the effect's change, it leaves a^2 of its gain in log score. This is the tolerance. A further effect
+    must gain more, unless it is unconfounded, that is, unless no error of these models could look like it.
 
     Attributes
     ----------
@@ -179,7 +179,7 @@ class ForwardSelection:
         return replace(choice, tolerance=self.tolerance(choice.chosen), undecided=undecided, numerical=numerical)
 
     def tolerance(self, trial: Trial) -> float:
-        """Return the log score that errors of a fit's models and of finite steps may account for."""
+        """Return the log score that errors of a fit's models and of discretization may cause."""
         # Effects share what the fit gains over the baseline in proportion to their worth. An effect may explain more
         # than it gained when accepted, once an earlier one has been dropped.
         baseline, names = self.fits.baseline, trial.fit.effects
@@ -190,12 +190,12 @@ class ForwardSelection:
         return steps + (total * inexact / known if known else 0.0)
 
     def required_gain(self, beside: Trial, effect: str | None = None) -> float:
-        """Return the log score that an effect must gain beside a fit."""
+        """Return the log score that an effect must gain if it is added to a fit."""
         return LEAST_GAIN if effect in self.unconfounded else max(LEAST_GAIN, self.tolerance(beside))
 
     def add_effects(self) -> None:
         """Add the best effect as long as it is significant, MOST_EFFECTS at most."""
-        tried = self.fits.single(could_win(self.fits.alone, model_error_gain=LEAST_GAIN))
+        tried = self.fits.single(worth_fitting(self.fits.alone, model_error_gain=LEAST_GAIN))
         for more in reversed(range(MOST_EFFECTS)):
             best = self.best_addition(tried)
             if best is None:
@@ -217,7 +217,7 @@ class ForwardSelection:
         return best if enough and best.p * len(self.fits.candidates) <= ALPHA else None
 
     def accept(self, best: Trial) -> None:
-        """Take a fit as the current one, note what its new effects are worth, and prune it."""
+        """Take a fit as the current one, store the gain of its new effects, and prune it."""
         new, gone = (
             set(one.fit.effects) - set(other.fit.effects) for one, other in ((best, self.current), (self.current, best))
         )
@@ -226,15 +226,15 @@ class ForwardSelection:
         self.current = self.prune(best)
 
     def prune(self, trial: Trial) -> Trial:
-        """Drop effects that later ones have made needless: the held-out data lose less without them than required."""
+        """Drop effects without which the held-out data lose less log score than is required."""
         for effect in trial.fit.effects[:-1]:
-            (without,) = self.fits.of([less(trial.fit.effects, effect)], trial)
+            (without,) = self.fits.of([without_effect(trial.fit.effects, effect)], trial)
             if trial.score - without.score < self.required_gain(without, effect):
                 trial = without
         return trial
 
     def fit_additions(self) -> dict[str, Trial]:
-        """Fit the candidates beside the current effects that their matched filters recommend."""
+        """Fit the candidates that matched filters recommend, together with the current effects."""
         found = self._filters_beside(self.current)
         if self.tolerance(self.current) > LEAST_GAIN:
             self.unconfounded |= self.fits.unconfounded(self.current.fit, found)
@@ -254,7 +254,7 @@ class ForwardSelection:
             confounded = sorted(self.unconfounded - choice.unconfounded)
             weak = [name for name in confounded if choice.gains[name] < tolerance]
             if weak:
-                (best,) = self.fits.of([less(self.current.fit.effects, weak[0])], self.current)
+                (best,) = self.fits.of([without_effect(self.current.fit.effects, weak[0])], self.current)
             elif best is None or best.score - self.current.score < LEAST_GAIN:
                 break
             self.accept(best)
@@ -264,12 +264,12 @@ class ForwardSelection:
     def with_alternatives(self) -> tuple[Choice, Trial | None]:
         """Return the current effects with their gains and alternatives, and the best fit found meanwhile, if any."""
         fits, current = self.fits, self.current
-        rests = {effect: less(current.fit.effects, effect) for effect in current.fit.effects}
+        rests = {effect: without_effect(current.fit.effects, effect) for effect in current.fit.effects}
         without = dict(zip(rests, fits.of(list(rests.values()), current), strict=True))
         losses, p, unconfounded = {}, {}, set(self.unconfounded)
         refitted: list[Trial] = []
         for effect, rest in without.items():
-            p[effect] = min(1.0, chance(current.fit, rest.fit, effect) * len(fits.candidates))
+            p[effect] = min(1.0, effect_p_value(current.fit, rest.fit, effect) * len(fits.candidates))
             others = fits.others(rest.fit.effects, but=effect)
             if effect in unconfounded:
                 losses[effect] = self.losses_if_unconfounded(effect, rest, others)
@@ -289,11 +289,14 @@ class ForwardSelection:
             unconfounded=frozenset(unconfounded),
             without={effect: rest.fit for effect, rest in without.items()},
         )
-        # A fit with fewer effects may be better, too: not every fit ends at its minimum.
+        # A fit with fewer effects may be better, because not every fit ends at its minimum.
         return choice, max([*refitted, *without.values()], key=lambda trial: trial.score, default=None)
 
     def losses_if_unconfounded(self, effect: str, rest: Trial, others: Sequence[str]) -> dict[str, float] | None:
-        """Return the first-order losses with others in an effect's place; None if it is confounded, beside `rest`."""
+        """Return the first-order losses with others in an effect's place; None if the effect is confounded.
+
+        `rest` is the fit without the effect.
+        """
         if not rest.fit.effects:
             return None
         beside = self.fits.filters(rest.fit, [effect, *others], fitted_too=True)
@@ -306,17 +309,17 @@ class ForwardSelection:
         """Return the log score that each other effect loses in an effect's place, and the fits made for it.
 
         The likely alternatives are fitted. A fit may end in a local minimum, and filters are inexact for effects that
-        move rays. Before an alternative is ruled out that changes the data as the effect does, it is fitted again from
-        the settings equal to the effect's. `rest` is the fit without the effect.
+        move rays. Before an alternative with a similar change of the data is ruled out, it is therefore fitted again
+        from settings equivalent to those of the effect. `rest` is the fit without the effect.
         """
         fits, score, effects = self.fits, self.current.score, rest.fit.effects
         gain = score - rest.score
-        # In the place of an effect, errors of declared models are no argument.
+        # Alternatives are not penalized for errors of declared models.
         found = fits.filters(rest.fit, others, accuracy=None) if effects else fits.alone
         found = {name: found[name] for name in others}
         losses = {name: gain - filtered.gain / 2 for name, filtered in found.items()}
         close = [name for name, lost in losses.items() if lost < RULED_OUT]
-        likely = list(dict.fromkeys([*could_win(found, 2 * gain), *close]))
+        likely = list(dict.fromkeys([*worth_fitting(found, 2 * gain), *close]))
         fitted = dict(zip(likely, fits.of([(*effects, name) for name in likely], rest), strict=True))
         losses = {name: max(lost, 0.0) for name, lost in losses.items()}
         losses |= {name: score - trial.score for name, trial in fitted.items()}
@@ -332,7 +335,7 @@ class ForwardSelection:
         return losses, list(fitted.values())
 
     def _filters_beside(self, trial: Trial) -> dict[str, Screened]:
-        """Return the matched filters of all other candidates beside a fit, computed once for the latest one."""
+        """Return the matched filters of all other candidates for a fit, cached for the latest fit."""
         if trial.fit.effects != self._filtered:
             self._filtered = trial.fit.effects
             self._filters = self.fits.filters(trial.fit, self.fits.others(self._filtered))
@@ -348,7 +351,7 @@ class CandidateFits:
     refit, fit, screen : callable
         `trials` without and with a cache, and `screened`, for the fitter.
     alone : mapping of str to Screened
-        Matched filters beside the nuisance parameters, for candidates that can act alone.
+        Matched filters for the fit without effects, of candidates that can act alone.
     """
 
     fitter: Fitter
@@ -362,19 +365,19 @@ class CandidateFits:
     singles: dict[str, Trial] = field(default_factory=dict)
 
     def others(self, effects: tuple[str, ...], but: str | None = None) -> list[str]:
-        """Return the candidates that can act beside these effects and are not among them."""
-        there = self.fitter.model.whole(effects)
-        return [name for name in offered(self.candidates, there) if name not in (*effects, but)]
+        """Return the candidates that can be added to these effects."""
+        there = self.fitter.model.with_declared_effects(effects)
+        return [name for name in applicable_effects(self.candidates, there) if name not in (*effects, but)]
 
     def filters(self, fit: Fit, names: Sequence[str], **options) -> dict[str, Screened]:
-        """Return the matched filters of effects beside a fit; options are those of `screening.screened`."""
+        """Return the matched filters of effects for a fit; options as in `screening.screened`."""
         return self.screen(fit, names, **({"accuracy": self.accuracy} | options)) if names else {}
 
     def unconfounded(self, fit: Fit, found: Mapping[str, Screened]) -> set[str]:
         """Return the effect that moves rays or the object whose gain nothing else explains, if there is one.
 
-        No wrong model of a signal moves rays. Other effects are not asked about: models may be wrong in ways that are
-        not counted, which look like several effects at once. `found` are the matched filters beside the fit.
+        Errors in the model of a signal cannot move rays. Effects that do not move rays are never unconfounded, because
+        other model errors may look like several of them. `found` are the matched filters for the fit.
         """
         moving = [filtered for name, filtered in found.items() if load(name).kinematic]
         if sum(weight.size for weight in self.fitter.weights) > MOST_DATA or not any(
@@ -393,19 +396,19 @@ class CandidateFits:
         return {name: self.singles[name] for name in names}
 
     def beside(self, current: Trial, names: Sequence[str]) -> dict[str, Trial]:
-        """Fit candidates beside the effects of a fit."""
+        """Fit each candidate together with the effects of a fit."""
         tasks = [((*current.fit.effects, name), current, current) for name in names]
         return dict(zip(names, self.fit(tasks), strict=True))
 
     def of(self, sets: Sequence[tuple[str, ...]], given: Trial) -> list[Trial]:
-        """Fit sets of candidates; sets of several start from another fit."""
+        """Fit sets of candidates; sets of several candidates start from the fit `given`."""
         several = [effects for effects in sets if len(effects) > 1]
         made = dict(zip(several, self.fit([(effects, given) for effects in several]), strict=True))
         made |= {(name,): one for name, one in self.single([one[0] for one in sets if len(one) == 1]).items()}
         return [made[effects] if effects else self.baseline for effects in sets]
 
     def in_place(self, current: Trial, effect: str, others: Sequence[str]) -> dict[str, Trial]:
-        """Fit others in an effect's place, from settings equal to the effect's to first order, if they share LIKE."""
+        """Fit others in an effect's place, from settings equivalent to first order, if they share at least LIKE."""
         if not others:
             return {}
         found = exchanged(self.fitter, current.fit, effect, others, LIKE)
@@ -420,6 +423,6 @@ class CandidateFits:
         }
 
 
-def less(effects: tuple[str, ...], effect: str) -> tuple[str, ...]:
+def without_effect(effects: tuple[str, ...], effect: str) -> tuple[str, ...]:
     """Return effects without one of them."""
     return tuple(name for name in effects if name != effect)

@@ -9,16 +9,16 @@ from scipy import stats
 
 from ...base.errors import InputError
 from ...io.schema import defaults_of
-from ...physics.effect import offered
+from ...physics.effect import applicable_effects
 from ...statistics.multiplicity import bonferroni
 from ..fitting.fit import Fit
 from ..fitting.joint_fit import JointFit, JointFitter
-from .forward_selection import ALPHA, LEAST_GAIN, less
+from .forward_selection import ALPHA, LEAST_GAIN, without_effect
 from .screening import SCREEN, screened
 
 TRIED = 3  # best effects of the fitted data that are judged by held-out recordings; a choice that bounds the time
 MOST_FOLDS = 12  # folds of held-out recordings; a choice that bounds the time
-MOST_WORSE = 0.5  # share of the recordings that an effect may make worse: one scan's own effect is not the scanner's
+MOST_WORSE = 0.5  # largest share of recordings with a worse fit; a higher share indicates an effect of a single scan
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class JointChoice:
     baseline, chosen : JointFit
         Nuisance parameters alone, and with the effects; fitted to all recordings.
     before, left_out : dict of str to Fit
-        By recording, its own nuisance parameters with declared physics, or with all physics, as fitted to the
-        recordings outside of its fold.
+        By recording, a fit of its own nuisance parameters. Declared physics (`before`) or all physics (`left_out`) is
+        fixed at the values fitted to the recordings outside of its fold.
     scores : dict of str to dict of str to float
         By recording, log score on its held-out data: "before", and "after" with the physics of the others.
     gains : dict of str to float
@@ -65,7 +65,7 @@ def choose_jointly(
     accuracy : mapping of str to float, optional
         As `forward_selection.choose` takes it.
     objects : mapping of str to str, optional
-        As `left_together` takes them.
+        As `recording_folds` takes them.
 
     Raises
     ------
@@ -75,15 +75,15 @@ def choose_jointly(
     if len(together.fitters) < 2:
         raise InputError("a joint diagnosis needs two recordings: each is judged by the physics of the others")
     accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
-    return JointSelection(together, candidates, accuracy, left_together(list(together.fitters), objects)).run()
+    return JointSelection(together, candidates, accuracy, recording_folds(list(together.fitters), objects)).run()
 
 
 class JointSelection:
     """Forward selection by the log score of held-out recordings (`folds`).
 
-    An effect is accepted under three conditions. Over all held-out recordings it gains more than model errors of the
-    earlier ones may account for. It makes no more than half of the recordings worse. It is significant on the fitted
-    data. Effects that later ones have made needless are dropped. There is no limit on their number.
+    An effect is accepted under three conditions. Over all held-out recordings, it gains more log score than model
+    errors of earlier effects may cause. It makes at most half of the recordings worse. It is significant on the fitted
+    data. Effects that later effects made unnecessary are dropped. The number of effects is not limited.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class JointSelection:
             left = [name for name in left if name != self.current.effects[-1]]
             self.prune()
         after, chosen = self.scores(self.current), self.current
-        without = {name: self.together.fit(less(chosen.effects, name), chosen) for name in chosen.effects}
+        without = {name: self.together.fit(without_effect(chosen.effects, name), chosen) for name in chosen.effects}
         none = self.scores(self.baseline)
         return JointChoice(
             baseline=self.baseline,
@@ -122,7 +122,7 @@ class JointSelection:
 
     def add_effect(self, candidates: Sequence[str]) -> bool:
         """Accept the best further effect; return whether there is one."""
-        names = self.screen(offered(candidates, self.together.whole(self.current.effects)))
+        names = self.screen(applicable_effects(candidates, self.together.with_declared_effects(self.current.effects)))
         tried = [self.together.fit((*self.current.effects, name), self.current) for name in names]
         if not tried:
             return False
@@ -138,20 +138,20 @@ class JointSelection:
         return True
 
     def required_gain(self) -> float:
-        """Return the log score that an effect must gain: model errors of the selected effects account for the rest."""
+        """Return the log score that an effect must gain: more than model errors of the selected effects may cause."""
         share = {name: self.accuracy.get(name, self.accuracy["default"]) for name in self.current.effects}
         return max(LEAST_GAIN, sum(share[name] ** 2 * self.gains[name] for name in share))
 
     def prune(self) -> None:
-        """Drop effects that the latest one has made needless."""
+        """Drop effects that the latest effect made unnecessary."""
         for name in self.current.effects[:-1]:
-            rest = self.together.fit(less(self.current.effects, name), self.current)
+            rest = self.together.fit(without_effect(self.current.effects, name), self.current)
             if _gain(self.scores(self.current), self.scores(rest)) < LEAST_GAIN:
                 self.current = rest
 
     def screen(self, names: Sequence[str]) -> list[str]:
         """Return the effects whose matched filters show more than errors of declared physics may cause."""
-        # Each recording has errors of its own here, which allows for more than one common model does.
+        # Each recording has its own model errors here, which allows larger errors than one common model.
         fitters = self.together.fitters
         if not names or not any(fitter.model.declared for fitter in fitters.values()):
             return list(names)
@@ -185,10 +185,11 @@ class JointSelection:
         return {name: fitter.score(found[name]) for name, fitter in self.together.fitters.items()}
 
 
-def left_together(names: Sequence[str], objects: Mapping[str, str] | None = None) -> list[list[str]]:
-    """Return the folds of held-out recordings: by scanned object, where there are several, or one by one.
+def recording_folds(names: Sequence[str], objects: Mapping[str, str] | None = None) -> list[list[str]]:
+    """Return the folds of held-out recordings: one per scanned object, or one per recording if all have one object.
 
-    `objects` is {recording: object}; None: each has its own. More than MOST_FOLDS objects share folds.
+    `objects` is {recording: object}; None: each recording has its own object. Folds are merged if there are more than
+    MOST_FOLDS.
     """
     found: dict[str, list[str]] = {}
     several = objects is not None and len(set(objects.values())) > 1

@@ -18,7 +18,7 @@ Result = TypeVar("Result")
 _work: Callable | None = None  # inherited by forked processes: too large to be sent with every task
 
 
-def side_by_side(
+def run_parallel(
     work: Callable[..., Result], tasks: Sequence[tuple], processes: int = 1, done: Callable[[], None] | None = None
 ) -> list[Result]:
     """Return work(*task) for all tasks in order, each with one thread for linear algebra; several in forked processes.
@@ -26,9 +26,9 @@ def side_by_side(
     Parameters
     ----------
     work : callable
-        Its data are shared with the forked processes; what it caches there is lost.
+        Forked processes share its data. Results that it caches in them are lost.
     processes : int, optional
-        At most.
+        Maximum number of processes.
     done : callable, optional
         Called in this process whenever a task is done, perhaps by another thread.
 

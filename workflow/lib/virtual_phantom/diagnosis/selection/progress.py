@@ -14,9 +14,10 @@ RANKED, FITTED = "effects ranked", "fits made"
 # Milestones.
 ALIGNED, JUDGED, COMPARED = "alignment fitted", "verdict found", "images compared"
 
-# Upper bound of the time left after these, over the time since the start. Images and the page took 4 to 30 percent of
-# twelve diagnoses (benchmarks/diagnosis_rates.py); the page alone took up to a tenth. The value for fits is divided by
-# their rounds: with three effects, 4 after the first of nine rounds, 2.3 after the second, 0.9 after the fifth.
+# Upper bound of the remaining time after each milestone, relative to the time since the start. Images and the page took
+# 4 to 30 % of the time of twelve diagnoses (benchmarks/diagnosis_rates.py), and the page alone up to 10 %. The value
+# for fits is divided by the number of their rounds. In a diagnosis with three effects and nine rounds, the ratio was 4
+# after the first round, 2.3 after the second, and 0.9 after the fifth.
 LEFT_AFTER = {FITTED: 6.0, JUDGED: 0.4, COMPARED: 0.1}
 
 
@@ -27,11 +28,11 @@ class Count:
     Attributes
     ----------
     of, done : int
-        Number known so far, and number done.
+        Number of tasks known so far, and number of finished tasks.
     began : float
-        Start of the latest ones, s.
+        Start of the latest tasks, s.
     before : int
-        Number done at that time.
+        Number of tasks finished at that time.
     """
 
     of: int = 0
@@ -94,7 +95,7 @@ class DiagnosisProgress:
         what : {RANKED, FITTED}
             Fits are added up; a ranking replaces the one before.
         beside : tuple of str, optional
-            Effects beside which others are ranked.
+            Fitted effects to which the ranked ones would be added.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Matched filters of a fit's residuals: the first-order gain of every effect beside the fit."""
+"""Matched filters of a fit's residuals: the first-order gain of every effect that could be added to the fit."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from scipy.optimize import lsq_linear
 from ...physics.effect import Parameter, load
 from ..fitting.fit import Fit, Fitter
 from ..fitting.problem import Problem
-from ..fitting.templates import SMALL, data_changes, projected, strength, templates, varied, whitened, with_knowledge
-from ..noise.gain_pattern import chance, estimate
+from ..fitting.templates import SMALL, data_changes, projected, strength, templates, varied, whitened, with_priors
+from ..noise.gain_pattern import estimate, pattern_p_value
 from ..uncertainty.model_error import distortions_of_physics
-from .processes import side_by_side
+from .processes import run_parallel
 from .progress import RANKED, DiagnosisProgress
 
 SIZES = (1 / 3, 3.0)  # factors by which a fit may change an effect without a neutral value from its start
-ALIKE = 1e-4  # of a template's length: difference of two equal templates by path lengths in single precision
+ALIKE = 1e-4  # relative difference of two equal templates, from path lengths in single precision
 SCREEN = 0.01  # significance level over all candidates below which an effect is fitted beside the selected ones
 # Candidates that are fitted, by their filters' gain: the first FEW, and all with at least NEAR_BEST of the best gain.
-# They must have at least LEAST_SHARE of the best gain, or of that of the effect they replace.
+# They must have at least LEAST_SHARE of the best gain, or of the gain of the effect that they replace.
 FEW, LEAST_SHARE, NEAR_BEST = 6, 0.1, 0.5
-# Share of its gain that an effect must keep beside model errors to be unconfounded. In two scans of the blind
-# validation's seed 16 row offsets kept 0.99 and 1.02, and a drift that was not there 0.24.
+# Share of its gain that an unconfounded effect must keep if model errors are fitted, too. In two scans of the blind
+# validation (seed 16), row offsets kept 0.99 and 1.02, and a drift that was not there 0.24.
 KEPT_BESIDE_MODEL_ERROR = 0.5
 
 
@@ -41,10 +41,11 @@ class Screened:
     gain : float
         First-order decrease of chi-square, priors included.
     blind : bool
-        The template is zero, so that only a full fit can detect the effect: slices of typical thickness that lie as
-        far apart.
+        The template is zero, so only a full fit can detect the effect. An example is a typical slice thickness that
+        equals the slice spacing.
     with_model_error : Screened or None
-        Result if the models of declared physics (and of fitted effects, if asked) are inexact; None: there are none.
+        Result if the models of declared physics are inexact, with `fitted_too` also those of fitted effects; None: no
+        model errors were considered.
     """
 
     p: float
@@ -54,13 +55,13 @@ class Screened:
 
     @property
     def beside_model_error(self) -> Screened:
-        """Result that model errors cannot explain."""
+        """Result for the part of the residual that model errors cannot explain."""
         return self if self.with_model_error is None else self.with_model_error
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """Whitened residuals of a fit to the fitted data, followed by those of its priors.
+    """Whitened residuals of the fitted data, followed by the residuals of the priors.
 
     Attributes
     ----------
@@ -69,8 +70,8 @@ class Remainder:
     residual : ndarray, shape (data + numbers,)
         Orthogonal to `basis`.
     inward : ndarray, shape (bounds, data + numbers)
-        Changes by numbers that the data press against their bounds, back into their range, orthogonal to `basis`: an
-        effect may relieve them, but by themselves they absorb nothing more.
+        Changes by numbers at a bound, toward the inside of their range, orthogonal to `basis`. The fit uses these
+        changes only together with a further effect.
     """
 
     basis: np.ndarray
@@ -91,8 +92,8 @@ class Remainder:
         errors : ndarray, shape (data, errors), optional
             Changes of the whitened data by model errors, one standard deviation each.
         """
-        columns = with_knowledge(columns, problem)
-        known = np.sqrt(problem.knowledge) * (problem.center - problem.start)
+        columns = with_priors(columns, problem)
+        known = np.sqrt(problem.prior_precision) * (problem.center - problem.start)
         residual = np.concatenate([residual, known])
         outward = columns.T @ residual
         low, high = problem.start <= problem.low, problem.start >= problem.high
@@ -119,7 +120,7 @@ def screened(
     fit: Fit,
     names: Sequence[str],
     processes: int = 1,
-    how_far: DiagnosisProgress | None = None,
+    progress: DiagnosisProgress | None = None,
     accuracy: Mapping[str, float] | None = None,
     fitted_too: bool = False,
 ) -> dict[str, Screened]:
@@ -130,29 +131,29 @@ def screened(
     accuracy : mapping of str to float, optional
         Relative errors of the models of declared physics, as `forward_selection.choose` takes it; None: not counted.
     fitted_too : bool, optional
-        Count errors of the fitted effects' models, too.
+        Whether errors of the fitted effects' models are considered, too.
 
     Raises
     ------
     InputError
-        As `side_by_side`.
+        As `run_parallel`.
     """
     parts = fitter.residuals(fit, held_out=False)
     columns = data_changes(Problem.at(fitter, fit))
-    # An effect may change what is known of the nuisance parameters.
+    # An effect may change the priors of the nuisance parameters.
     problems = {name: Problem.at(fitter, fit, beside=name) for name in names}
     residual = whitened(parts, fitter.weights)
     inexact = [*fitter.model.declared, *(fit.effects if fitted_too else ())]
     errors = distortions_of_physics(fitter, fit, columns, accuracy, inexact) if accuracy and inexact else None
     remainders: dict[tuple, list[Remainder]] = {}
     for problem in problems.values():
-        if problem.aligned not in remainders:
-            remainders[problem.aligned] = [Remainder.of(problem, columns, residual)]
+        if problem.nuisances not in remainders:
+            remainders[problem.nuisances] = [Remainder.of(problem, columns, residual)]
             if errors is not None:
-                remainders[problem.aligned].append(Remainder.of(problem, columns, residual, errors))
+                remainders[problem.nuisances].append(Remainder.of(problem, columns, residual, errors))
 
     def screen(name: str) -> Screened:
-        left = remainders[problems[name].aligned]
+        left = remainders[problems[name].nuisances]
         if load(name).pattern:
             found = [_pattern(fitter, parts[0]), *(_pattern(fitter, _of_mean(fitter, other)) for other in left[1:])]
         else:
@@ -161,8 +162,8 @@ def screened(
             found = [_best(parameters, rows, len(tried), other) for other in left]
         return found[0] if errors is None else replace(found[0], with_model_error=found[1])
 
-    done = None if how_far is None else how_far.begin(RANKED, len(names), fit.effects)
-    return dict(zip(names, side_by_side(screen, [(name,) for name in names], processes, done), strict=True))
+    done = None if progress is None else progress.begin(RANKED, len(names), fit.effects)
+    return dict(zip(names, run_parallel(screen, [(name,) for name in names], processes, done), strict=True))
 
 
 def shapes(fitter: Fitter, name: str) -> list[dict[str, float]]:
@@ -187,7 +188,7 @@ def _pattern(fitter: Fitter, residual: np.ndarray) -> Screened:
     pattern = estimate(mean, weight, fitter.data.whitening)
     found = fitter.data.whitened(np.where(fitter.data.usable, pattern.values, 0))
     gain = float((weight * (2 * mean - found) * found).sum())
-    return Screened(chance(pattern.rms, pattern.error), gain)
+    return Screened(pattern_p_value(pattern.rms, pattern.error), gain)
 
 
 def _best(parameters: Sequence[Parameter], rows: np.ndarray, count: int, left: Remainder) -> Screened:
@@ -206,13 +207,13 @@ def _best(parameters: Sequence[Parameter], rows: np.ndarray, count: int, left: R
 
 
 def amounts(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the smallest and largest amounts of an effect's templates within its range, shape (templates,)."""
+    """Return the smallest and largest multiples of an effect's templates within its range, shape (templates,)."""
     parameters = varied(parameters)
     if not parameters:  # it cannot be faint
         return np.array([SIZES[0]]), np.array([SIZES[1]])
     ends = [
-        sorted((one.number(end) - one.number(one.neutral)) / size for end in (one.low, one.high))
-        for one, size in ((one, one.number(strength(one)) - one.number(one.neutral)) for one in parameters)
+        sorted((one.to_variable(end) - one.to_variable(one.neutral)) / size for end in (one.low, one.high))
+        for one, size in ((one, one.to_variable(strength(one)) - one.to_variable(one.neutral)) for one in parameters)
     ]
     return tuple(np.array(ends).T)
 
@@ -224,7 +225,7 @@ def explained(rows: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.
     lengths = lengths[lengths > 0]
     basis, triangle = np.linalg.qr((rows / lengths[:, None]).T)
     inside = basis.T @ residual
-    # A small penalty on the amounts, so that the difference of two equal templates does not count as a third.
+    # A small penalty on the amounts, so that rounding errors of two equal templates do not act as a third template.
     matrix = np.vstack([triangle, ALIKE * np.eye(len(rows))])
     target = np.concatenate([inside, np.zeros(len(rows))])
     solved = lsq_linear(matrix, target, (low * lengths, high * lengths), method="bvls")
@@ -244,7 +245,7 @@ def is_unconfounded(effect: str, beside: Mapping[str, Screened], least_gain: flo
     beside : mapping of str to Screened
         Matched filters of the effect and of all others, with model errors.
     least_gain, lead : float
-        Decrease of chi-square that it must reach beside model errors, and by which it must be ahead of the others.
+        Decrease of chi-square that model errors must not explain, and least lead of the effect over the others.
     """
     own = beside[effect].beside_model_error
     others = max((filtered.beside_model_error.gain for name, filtered in beside.items() if name != effect), default=0.0)
@@ -252,13 +253,15 @@ def is_unconfounded(effect: str, beside: Mapping[str, Screened], least_gain: flo
     return load(effect).kinematic and keeps and own.gain - others >= lead
 
 
-def could_win(found: Mapping[str, Screened], needed: float = 0.0, model_error_gain: float | None = None) -> list[str]:
+def worth_fitting(
+    found: Mapping[str, Screened], needed: float = 0.0, model_error_gain: float | None = None
+) -> list[str]:
     """Return the effects worth a fit: the best few, and effects that a filter cannot see.
 
     Parameters
     ----------
     model_error_gain : float, optional
-        Decrease of chi-square that must remain beside model errors; None: these are not considered.
+        Decrease of chi-square that model errors must not explain; None: model errors are not considered.
     """
     likely = {
         name: filtered
@@ -272,7 +275,10 @@ def could_win(found: Mapping[str, Screened], needed: float = 0.0, model_error_ga
 
 
 def best_few(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
-    """Return the effects with the largest first-order gains, the best first; `needed` is the gain of one to replace."""
+    """Return the effects with the largest first-order gains, the best first.
+
+    `needed` is the gain of an effect that they would replace.
+    """
     ranked = sorted(found, key=lambda name: -found[name].gain)
     best = found[ranked[0]].gain if ranked else 0.0
     least = LEAST_SHARE * max(best, needed)

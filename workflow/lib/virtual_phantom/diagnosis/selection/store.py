@@ -19,7 +19,7 @@ from ..fitting.linearization import Linearization, LinearizationPoint
 from ..fitting.trial import Trial
 
 PATTERNS = ("pattern", "pattern_variance")
-RESIDUAL_MAPS = ("residuals before", "residuals after")  # beside the maps of domains
+RESIDUAL_MAPS = ("residuals before", "residuals after")  # in addition to the maps of domains
 
 
 def content_of(trial: Trial) -> dict:

@@ -13,7 +13,7 @@ from pathlib import Path
 from ...base.errors import InputError, refusing
 from ...io.documents import DIAGNOSIS, read_document
 from ...io.schema import defaults_of
-from ...physics.effect import READOUT_UNITS, absolute_attenuation, checked, load, of_one_scan
+from ...physics.effect import READOUT_UNITS, absolute_attenuation, checked, load, scan_parameters
 from ..fitting.fit import Fitter
 from ..fitting.joint_fit import NOT_OF_SCAN, parameters_owned_by
 from ..fitting.steps import NORMAL_95
@@ -21,7 +21,7 @@ from ..fitting.trial import Trial, trial
 from ..settings import FitSettings
 from ..uncertainty.model_error import Errors
 from ..verdict_text import recording_lines, with_verdict_text
-from .forward_selection import Choice, less
+from .forward_selection import Choice, without_effect
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Physics:
         with refusing(f"{path}: is no diagnosis", *kinds, advice="make it again"):
             content = read_document(path, DIAGNOSIS)
             if "alignment" not in content:  # nothing was fitted
-                raise InputError(f"{path}: {content['sentence']} Physics cannot be taken from it; mend that first")
+                raise InputError(f"{path}: {content['sentence']} Physics cannot be taken from it; correct that first")
             found = {effect["name"]: effect["parameters"] for effect in content["effects"]}
             recording, scale = content["recording"], content["alignment"]["scale"]
             taken = {name: values for name, values in found.items() if not load(name).pattern}
@@ -102,12 +102,9 @@ def with_declared(model: FitSettings, path: str | Path | None) -> FitSettings:
         for name, values in found.effects.items()
     }
     for name, values in read_document(path, DIAGNOSIS).get("declared", {}).items():
-        known[name] = {
-            key: {"value": with_physics_source["value"], "sd": _error(with_physics_source)}
-            for key, with_physics_source in values.items()
-        }
+        known[name] = {key: {"value": prior["value"], "sd": _error(prior)} for key, prior in values.items()}
     for name, values in known.items():
-        for key, neutral in of_one_scan(name).items():
+        for key, neutral in scan_parameters(name).items():
             if key in values:
                 values[key] = {"value": neutral, "sd": abs(values[key]["value"] - neutral) + values[key]["sd"]}
     if not known:
@@ -154,7 +151,7 @@ def fit_with_fixed_physics(fitter: Fitter, baseline: Trial, physics: Physics, sa
     chosen = trial(fixed, tuple(physics.effects), baseline)
     without = {}
     for name in physics.effects:
-        rest = less(tuple(physics.effects), name)
+        rest = without_effect(tuple(physics.effects), name)
         without[name] = trial(fixed, rest, chosen) if rest else baseline
     gains = {name: chosen.score - rest.score for name, rest in without.items()}
     whole, noise = (

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from ..fitting.fit import Fitter
 from ..fitting.trial import Trial, trial
 from .fit_cache import FitCache
-from .processes import side_by_side
+from .processes import run_parallel
 from .progress import FITTED, DiagnosisProgress
 
 LOGGER = logging.getLogger("virtual_phantom")
@@ -19,7 +19,7 @@ def trials(
     tasks: Sequence[tuple],
     processes: int = 1,
     kept: FitCache | None = None,
-    how_far: DiagnosisProgress | None = None,
+    progress: DiagnosisProgress | None = None,
 ) -> list[Trial]:
     """Fit and score several models; results do not depend on the number of processes.
 
@@ -28,14 +28,14 @@ def trials(
     tasks : sequence of tuple
         (effects, given, against), as `trial` takes them.
     processes : int, optional
-        At most.
+        Maximum number of processes.
     kept : FitCache, optional
         Cache that trials are read from and written to.
 
     Raises
     ------
     InputError
-        As `side_by_side`.
+        As `run_parallel`.
     """
 
     def make(*task) -> Trial:
@@ -47,6 +47,6 @@ def trials(
 
     made = [None if kept is None else kept.get(*task) for task in tasks]
     missing = [task for task, found in zip(tasks, made, strict=True) if found is None]
-    done = how_far.begin(FITTED, len(missing)) if how_far is not None and missing else None
-    fresh = iter(side_by_side(make, missing, processes, done))
+    done = progress.begin(FITTED, len(missing)) if progress is not None and missing else None
+    fresh = iter(run_parallel(make, missing, processes, done))
     return [next(fresh) if found is None else found for found in made]

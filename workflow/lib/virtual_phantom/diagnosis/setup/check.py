@@ -55,13 +55,13 @@ class SetupCheck(SetupResult):
 
 
 def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult | None:
-    """Compare a recording with its description; None if the configuration switches the check off."""
+    """Compare a recording with its description; None if the check is switched off or not possible."""
     if not request.settings.check_setup or not isinstance(recording, ProjectionsRecording | ImagesRecording):
         return None
     if isinstance(recording, ImagesRecording):
         phantom = read_nifti(request.phantom)
         repeats = np.stack([repeat.array for repeat in recording.repeats])
-        # The center of the images is taken as the isocenter.
+        # The center of the images is assumed to be the isocenter.
         grid = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
         return orientation(repeats, phantom.array, phantom.grid, grid)
     taken = scans(recording.repeats)

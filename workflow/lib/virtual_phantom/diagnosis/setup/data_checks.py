@@ -10,7 +10,7 @@ from ...base.geometry import OrbitGeometry
 from ...physics.chain import EVEN
 from ..noise.condensed import Blocks
 
-PARTS = (12, 4, 8)  # blocks along views, rows and columns, whose means show what noise hides in single rays
+PARTS = (12, 4, 8)  # blocks along views, rows and columns; their means have less noise than single rays
 OTHER_SCAN = 50.0  # mean square of block means over that of noise, from which a repeat is of another scan
 TIMES = 20.0  # ratio to the mean squares of the other repeats among themselves
 LEAST_RAYS = 16  # of a block
@@ -29,7 +29,7 @@ def copied_repeats(lines: np.ndarray) -> list[tuple[int, int]]:
 
 
 def outlying_repeats(lines: np.ndarray, usable: np.ndarray) -> list[tuple[int, float]]:
-    """Return the repeat that differs from the mean of the others by more than noise, a scale and an offset.
+    """Find the repeat that differs from the mean of the others by more than noise, a scale and an offset.
 
     Parameters
     ----------
@@ -83,8 +83,8 @@ def wrong_illumination(white: np.ndarray | None, geometry: OrbitGeometry, scan: 
     -------
     illumination : {"even", "solid_angle"}
     exponent : float
-        Power of the solid angle that the field follows.
-        None instead of both if the statement may hold or the field shows nothing.
+        Power of the solid angle to which the field is proportional. The function returns None if the statement may be
+        right or cannot be tested.
     """
     if white is None:
         return None

@@ -17,7 +17,7 @@ from ..projections.observed import LEAST_TRANSMISSION
 
 STATED = "as stated"
 LN_10 = math.log(10)
-# Data with larger values are line integrals, not transmissions: these are 1 in air, apart from noise.
+# Data with larger values cannot be transmissions, which are 1 in air apart from noise.
 LARGEST_TRANSMISSION = 1.5
 
 

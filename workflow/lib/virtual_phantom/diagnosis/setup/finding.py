@@ -22,16 +22,16 @@ COARSE = (24, 6, 48)  # the same for the search of start angles
 TURNS_DEG = np.arange(0.0, 360.0, 5.0)  # start angles that are tried
 QUARTERS_DEG = (90.0, 180.0, 270.0)  # start angles that are tried if the stated one fits
 MOST_TURNS = 3  # minima over start angles that are fitted
-# Shares of the variance of line integrals (measured by benchmarks/setup_mistakes.py): below the first, the description
-# is accepted; another one must explain the second share of the remaining variance.
+# The stated description is accepted if the unexplained share of the variance of line integrals is below MISTAKEN.
+# Another one must explain the share REMOVED of the remaining variance (benchmarks/setup_mistakes.py).
 MISTAKEN, REMOVED = 1e-4, 0.5
 REMOVED_BY_SHIFT = 0.75  # the same for descriptions that shift the detector, as effects do too
 LIKELIER = 100.0  # least difference in log likelihood
 NAMED = 0.002  # largest remaining share of a named description, with the geometry fitted
-ANOTHER = 0.01  # remaining share of every description from which the object is another one
+ANOTHER = 0.01  # if the remaining share is larger for all descriptions, the object is another one
 EMPTY = 0.02  # scale of the line integrals below which the beam was empty
 ALIKE = 5.0  # difference in log likelihood from which two descriptions are distinguished
-NEAR = 2.0  # ratio of remaining variance up to which this is tested with the geometry fitted
+NEAR = 2.0  # ratio of remaining variances up to which ALIKE is tested with the geometry fitted
 CONTENDERS = 4  # descriptions that are refitted with the geometry
 SCALE_WITHIN = 0.2  # tolerance of the logarithm of a scale factor, as hardening and scatter change it too
 
@@ -51,8 +51,8 @@ class Finding:
     alike : tuple of SetupMismatch
         Other descriptions that this object cannot distinguish from the best.
     location : dict of str to float
-        Object location, mm by name of LOCATION, if it is farther off the stated location than the alignment allows and
-        the description is correct; else empty.
+        Object location, mm by name of LOCATION, if the description is correct but the object is farther from its stated
+        location than the alignment allows; otherwise empty.
     """
 
     kind: str
@@ -73,11 +73,11 @@ class SetupResult(ABC):
     mistakes : dict of str to str
         {mistake: correction}.
     alike : tuple of str
-        Mistakes that this object cannot show.
+        Mistakes that a scan of this object cannot detect.
     share_stated, share : float
-        Unexplained share of the variance, as described and as corrected.
+        Unexplained share of the variance of the data, as described and as corrected.
     of : str
-        Data whose variance this is.
+        Name of these data.
     """
 
     kind: str
@@ -139,7 +139,7 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
 
 
 def _location(anywhere: Comparison, found: SetupMismatch) -> dict[str, float]:
-    """Return the object location, fitted with a column offset, which a half-turn scan confounds with it."""
+    """Return the object location, fitted together with a column offset: a half-turn scan confounds the two."""
     shifted = anywhere.mismatch(found.description, also=("columns_px",))
     place = shifted.place if _explains(shifted, found) else found.place
     return {name: round(place[name], LOCATION_DIGITS) + 0.0 for name in LOCATION}
@@ -202,8 +202,8 @@ def _mistake(stated: SetupMismatch, others: Sequence[SetupMismatch], least: floa
 def _alike(comparison: Comparison, best: SetupMismatch, others: Sequence[SetupMismatch]) -> Iterator[SetupMismatch]:
     """Yield the descriptions that this object cannot distinguish from the best one.
 
-    Missing physics such as a detector shift may separate indistinguishable descriptions. Those with a similar mismatch
-    are therefore compared with the geometry fitted.
+    Missing physics such as a detector shift may make equivalent descriptions look different. Descriptions with a
+    similar mismatch are therefore compared with the geometry fitted.
     """
     yield from (other for other in others if other.worse_than(best) < ALIKE)
     near = [other for other in others if other.worse_than(best) >= ALIKE and other.share < NEAR * best.share]

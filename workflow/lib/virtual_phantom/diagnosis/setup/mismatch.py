@@ -30,7 +30,7 @@ STEP |= {"drift_x_mm": 0.5, "drift_y_mm": 0.5, "drift_z_mm": 0.5}
 START = {"size": 1.0}  # all others start at 0
 # Largest errors of the geometry that effects can describe; larger ones mean another object or description.
 REACH = {"columns_px": 6.0, "rows_px": 6.0, "size": 0.08, "drift_x_mm": 20.0, "drift_y_mm": 20.0, "drift_z_mm": 20.0}
-MOST_ATTENUATED = 6.0  # line integral from which the weight is constant, as noise of few photons is not exp(-l)
+MOST_ATTENUATED = 6.0  # line integral above which the weight exp(-l) stays constant, because of other noise
 QUARTER_DEG, ROUNDED_DEG = 90.0, 1.0  # start angles close to quarter turns are rounded to these
 HALVINGS = 4  # of a step that increases the sum of squares
 CENTROID_UNSEEN = 1e-3  # of the largest slope of centroids; less is rounding and truncation
@@ -122,7 +122,7 @@ class SetupMismatch:
         return max(self.squares - self.noise, 0.0) / self.total if self.total > 0 else 1.0
 
     def worse_than(self, other: SetupMismatch) -> float:
-        """Return the difference in log likelihood to a better one, for normal errors of unknown variance."""
+        """Return by how much another mismatch has a larger log likelihood, for normal errors of unknown variance."""
         return self.rays / 2 * float(np.log(max(self.squares, 1e-300) / max(other.squares, 1e-300)))
 
 
@@ -173,7 +173,7 @@ class Comparison:
         return found
 
     def beyond_reach(self, found: SetupMismatch) -> bool:
-        """Return whether the object lies farther off its stated location than the alignment allows."""
+        """Return whether the object is farther from its stated location than the alignment allows."""
         return any(
             abs(found.place[name] - self.location.get(name, 0.0)) > self._reach.get(name, np.inf) for name in LOCATION
         )

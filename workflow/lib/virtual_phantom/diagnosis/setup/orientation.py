@@ -25,9 +25,9 @@ COARSE_MM = 5.0  # side of compared voxels, which keep organs and average noise
 FINE = 8  # subdivision of a coarse voxel for shifts
 WITHIN_MM = 15.0  # of the isocenter: three times the default tolerance of the alignment
 INSIDE = 2  # coarse voxels below the surface, where kernels have no influence
-# An orientation is reported if the remaining share of the variance inside the body is below the first, and below the
-# second times the share for the stated one. In the default study the share is 1 to 22 % for correct orientations (most
-# for few views) and 51 to 94 % for wrong ones.
+# An orientation is reported if its unexplained share of the variance inside the body is below MOST_LEFT, and below
+# REMOVED times the share for the stated orientation. In the default study, the share is 1 to 22 % for correct
+# orientations (largest for few views) and 51 to 94 % for wrong ones.
 MOST_LEFT, REMOVED = 0.3, 0.5
 LEAST_CONTRAST = 20.0  # HU, least SD within the body that shows an orientation
 SHAPES = (0, 1, 2, 3)  # powers of HU, for hardening, another energy and a wrong scale
@@ -120,7 +120,7 @@ def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) 
     of, grid : Grid
         Grids of the phantom and of the images, whose center is taken as the isocenter.
     """
-    # Voxels are averaged in the plane only, as few thick slices would not show their order.
+    # Coarse voxels are about COARSE_MM along each axis.
     size = tuple(max(1, round(COARSE_MM / step)) for step in grid.spacing)
     expected = _coarse(sampled(phantom, of, grid, Pose(), order=1, outside=HU_AIR), size)
     images = np.stack([_coarse(repeat, size) for repeat in repeats])

@@ -26,8 +26,9 @@ NODES, LARGEST = 1000, 6.0  # of the integral over the size of model errors, whi
 def half_width(level: float, noise: float, whole: float) -> float:
     """Return half the width of the interval that contains the error of a parameter with a given probability.
 
-    The error is n + m: n is normal; m is Student's t with the 95 % quantile of a normal distribution with the standard
-    error `(whole**2 - noise**2)**0.5`. A 95 % interval is as wide as that of a normal distribution of `whole`, to 3 %.
+    The error is n + m. Here n is normal, and m has Student's t distribution with the same 95 % quantile as a normal
+    distribution with the standard error `(whole**2 - noise**2)**0.5`. The 95 % interval is as wide as for a normal
+    distribution with the standard error `whole`, to 3 %.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ from ..fitting.fit import Fit, Fitter
 from ..fitting.joint_fit import JointFit, JointFitter
 from ..fitting.problem import Problem
 from ..fitting.solver import joint_indices
-from ..fitting.steps import Known, standard_errors
+from ..fitting.steps import ScaledEigenvalues, standard_errors
 from ..fitting.templates import data_changes, whitened
 
 Distortions = Iterator[tuple[tuple[str, int | str], np.ndarray]]  # (model, shape), and (data,)
@@ -60,20 +60,20 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
         return Errors({name: dict(errors) for name, errors in fit.errors.items()}, dict(fit.nuisance_errors))
     problem = Problem.at(fitter, fit)
     numbers = _numbers([ModelErrorInfluence.of(problem, fit, without, accuracy, np.arange(len(problem.start)))])
-    names = [number.name for number in problem.aligned]
+    names = [number.name for number in problem.nuisances]
     return Errors(
         _named(problem, fit, numbers),
         fit.nuisance_errors | dict(zip(names, map(float, numbers[len(problem.unknowns) :]), strict=True)),
     )
 
 
-def errors_of_pulled(
+def joint_errors_with_models(
     scans: Mapping[str, ModelErrorInfluence], fits: Mapping[str, Fit] | None = None
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Return standard errors of effects' parameters in a joint fit, with model errors, by recording.
 
-    As errors_with_models. Recordings share the models of effects, so that more recordings do not reduce their errors.
-    Errors of discretization are independent for each recording.
+    The method is that of errors_with_models. Recordings share the models of effects, so more recordings do not reduce
+    model errors. Discretization errors are independent between recordings.
 
     Parameters
     ----------
@@ -85,10 +85,10 @@ def errors_of_pulled(
     return {name: _named(scan.problem, fits[name], numbers[scan.places]) for name, scan in scans.items()}
 
 
-def pulled_of_recordings(
+def influences_of_recordings(
     together: JointFitter, fit: JointFit, without: Mapping[str, JointFit], accuracy: Mapping[str, float]
 ) -> dict[str, ModelErrorInfluence]:
-    """Return each recording's information on the joint numbers, and the influence of model errors on it."""
+    """Return the information of each recording on the joint parameters, and the influence of model errors."""
     problems = {name: Problem.at(fitter, fit.fits[name]) for name, fitter in together.fitters.items()}
     places = joint_indices(problems, together.protocols)
     return {
@@ -104,10 +104,9 @@ def distortions_of_physics(
 ) -> np.ndarray:
     """Return changes of the whitened data by errors of effects' models, shape (data, distortions).
 
-    Each is one standard deviation. A declared effect explains what it changes less what the nuisance parameters would
-    absorb without it, to first order; all that a fitted effect changes may be wrong. Positions of rays and the object
-    involve no model, so that effects that move them have no such error. If effects are
-    fitted, non-uniform corrections for discretization count as model errors, too.
+    Each is one standard deviation. The error is a share of the change by the effect. For a declared effect, the part
+    that the nuisance parameters would absorb without it is subtracted, to first order. Effects that only move rays or
+    the object have no model error. If effects are fitted, non-uniform discretization errors are included.
 
     Parameters
     ----------
@@ -130,11 +129,11 @@ def distortions_of_physics(
         change = whitened(fitter.data.residuals(there), fitter.weights) - after
         if name not in fit.effects:
             aligned = columns[:, len(problem.unknowns) :]
-            knowledge = Problem.at(other, fit).knowledge[-len(problem.aligned) :]
-            numbers, known = np.vstack([aligned, np.diag(np.sqrt(knowledge))]), np.zeros(len(knowledge))
+            prior_precision = Problem.at(other, fit).prior_precision[-len(problem.nuisances) :]
+            numbers, known = np.vstack([aligned, np.diag(np.sqrt(prior_precision))]), np.zeros(len(prior_precision))
             change -= aligned @ np.linalg.lstsq(numbers, np.concatenate([change, known]), rcond=None)[0]
         mean, rest = np.split(share * change, [here.mean.size])
-        for number, shape in spread.items():  # what else is known of the data changes with the even one
+        for number, shape in spread.items():  # other parts of the data change only with shape 0
             found.append(np.concatenate([mean * shape.ravel(), rest if number == 0 else np.zeros_like(rest)]))
         if name in fit.effects:
             found += [change for _, change in _of_kernels(fitter, fit, name, parts, share)]
@@ -160,11 +159,11 @@ def shapes(level: np.ndarray) -> dict[int, np.ndarray]:
     return found
 
 
-def harmonics(turned_rad: np.ndarray | None, shape: tuple[int, int, int]) -> dict[str, np.ndarray]:
-    """Return waves over a turn, by which errors of a grid may vary with the viewing direction, of RMS 1, by name."""
-    if turned_rad is None:
+def harmonics(angles_rad: np.ndarray | None, shape: tuple[int, int, int]) -> dict[str, np.ndarray]:
+    """Return waves over a turn, with an RMS of 1, by name: errors of a grid may vary so with the viewing direction."""
+    if angles_rad is None:
         return {}
-    waves = {f"{wave.__name__} {times}": wave(times * turned_rad) for times in HARMONICS for wave in (np.cos, np.sin)}
+    waves = {f"{wave.__name__} {times}": wave(times * angles_rad) for times in HARMONICS for wave in (np.cos, np.sin)}
     sizes = {name: np.sqrt(np.mean(wave**2)) for name, wave in waves.items()}
     return {
         name: np.broadcast_to((wave / sizes[name])[:, None, None], shape)
@@ -175,7 +174,7 @@ def harmonics(turned_rad: np.ndarray | None, shape: tuple[int, int, int]) -> dic
 
 @dataclass(frozen=True)
 class ModelErrorInfluence:
-    """Information of one recording on the numbers, and the influence of model errors on them.
+    """Information of one recording on the fitted numbers, and the influence of model errors on them.
 
     Attributes
     ----------
@@ -184,20 +183,20 @@ class ModelErrorInfluence:
     places : ndarray of int, shape (numbers,)
         Positions of its numbers among those of all recordings.
     information : ndarray, shape (numbers, numbers)
-        By its data.
-    knowledge : ndarray, shape (numbers,)
-        By the priors; for numbers that recordings share, their mean counts.
+        Information of its data, without priors.
+    prior_precision : ndarray, shape (numbers,)
+        Inverse prior variances; for shared numbers, the mean over the recordings is used.
     pulls : dict of (str, int or str) to ndarray, shape (numbers,)
         {(model, shape): J'd}.
     own : list of ndarray, shape (numbers,)
-        J'd of distortions of this recording alone.
+        J'd of model errors that are specific to this recording.
     """
 
     problem: Problem
     fit: Fit
     places: np.ndarray
     information: np.ndarray
-    knowledge: np.ndarray
+    prior_precision: np.ndarray
     pulls: dict[tuple[str, int | str], np.ndarray]
     own: list[np.ndarray]
 
@@ -210,39 +209,39 @@ class ModelErrorInfluence:
         fitter = problem.fitter
         pulls = {key: changes.T @ change for key, change in _distortions(fitter, fit, without, accuracy)}
         own = [changes.T @ change for _, change in _of_steps(fitter, fit, accuracy)]
-        return cls(problem, fit, places, changes.T @ changes, problem.knowledge, pulls, own)
+        return cls(problem, fit, places, changes.T @ changes, problem.prior_precision, pulls, own)
 
     @property
     def alone(self) -> ModelErrorInfluence:
-        """The same for the only recording."""
+        """The same for this recording alone, without joint numbering."""
         return replace(self, places=np.arange(len(self.places)))
 
 
 def _numbers(scans: Sequence[ModelErrorInfluence]) -> np.ndarray:
     """Return standard errors of all numbers of several recordings, shape (numbers,)."""
     count = 1 + max(int(scan.places.max()) for scan in scans)
-    information, knowledge = np.zeros((count, count)), np.zeros(count)
+    information, prior_precision = np.zeros((count, count)), np.zeros(count)
     times = np.bincount(np.concatenate([scan.places for scan in scans]), minlength=count)
     pulls: dict[tuple[str, int | str], np.ndarray] = {}
     own: list[np.ndarray] = []
     for scan in scans:
         places = scan.places
         information[np.ix_(places, places)] += scan.information
-        knowledge[places] += scan.knowledge / times[places]  # the prior of a shared number counts once
+        prior_precision[places] += scan.prior_precision / times[places]  # the prior of a shared number counts once
         for key, pull in scan.pulls.items():
             pulls.setdefault(key, np.zeros(count))[places] += pull
         for pull in scan.own:
             own.append(np.zeros(count))
             own[-1][places] = pull
-    information += np.diag(knowledge)
-    root, squares = Known.of(information).root, standard_errors(information) ** 2
+    information += np.diag(prior_precision)
+    root, squares = ScaledEigenvalues.of(information).root, standard_errors(information) ** 2
     for pull in (*pulls.values(), *own):
         squares = squares + (root @ (root.T @ pull)) ** 2
     return np.sqrt(squares)
 
 
 def _named(problem: Problem, fit: Fit, numbers: np.ndarray) -> dict[str, dict[str, float]]:
-    """Return standard errors of a fit's parameters by name; those that are not numbers of the problem keep theirs."""
+    """Return standard errors of a fit's parameters by name; parameters that are not fitted keep their errors."""
     errors = {name: dict(errors) for name, errors in fit.errors.items()}
     for unknown, error in zip(problem.unknowns, numbers, strict=False):
         number = unknown.of(fit.physics[unknown.effect][unknown.name])
@@ -252,7 +251,7 @@ def _named(problem: Problem, fit: Fit, numbers: np.ndarray) -> dict[str, dict[st
 
 def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]) -> Distortions:
     """Yield changes of the whitened data by model errors, one standard deviation each."""
-    # One at a time: for a large scan they would not fit into memory together.
+    # They are yielded one at a time, because those of a large scan do not fit into memory together.
     data, here = fitter.data, fitter.predicted(fit)
     after, spread = data.residuals(here), shapes(here.mean)
     for name, fitted in without.items():
@@ -261,7 +260,7 @@ def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy:
         share, there = accuracy.get(name, accuracy["default"]), fitter.predicted(fitted)
         rest = [share * (part - other) for part, other in zip(data.residuals(there), after, strict=True)][1:]
         change = share * (here.mean - there.mean)
-        for number, shape in spread.items():  # what else is known of the data changes with the even one
+        for number, shape in spread.items():  # other parts of the data change only with shape 0
             yield (name, number), _whole(fitter, change * shape, rest)
             rest = [np.zeros_like(part) for part in rest]
         yield from _of_kernels(fitter, fit, name, after, share)
@@ -280,13 +279,13 @@ def _of_kernels(fitter: Fitter, fit: Fit, name: str, after: Sequence[np.ndarray]
 
 
 def kernel_error(parameter: Parameter, share: float) -> float:
-    """Return the share of a kernel that may have another form; `share` is the relative error of the effect's model."""
+    """Return Parameter.kernel_error, or `share`, the relative error of the effect's model; 0 without a kernel."""
     own = share if parameter.kernel_error is None else parameter.kernel_error
     return own if parameter.kernel else 0.0
 
 
 def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distortions:
-    """Yield changes by uneven corrections for finite steps; the size of even corrections is fitted."""
+    """Yield changes by non-uniform discretization errors; the size of uniform ones is fitted."""
     share, data = accuracy.get(NUMERICAL, 0.0), fitter.data
     errors = fitter.model.errors_of_steps(fit.linearization) if share else {}
     if not errors:
@@ -294,7 +293,7 @@ def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distor
     here = fitter.predicted(fit)
     none = [np.zeros_like(part) for part in data.residuals(here)[1:]]
     spread = {key: shape for key, shape in shapes(here.mean).items() if key != 0}
-    spread |= harmonics(fitter.model.turned_rad, here.mean.shape)
+    spread |= harmonics(fitter.model.source_angles_rad, here.mean.shape)
     for name, change in errors.items():
         for key, shape in spread.items():
             yield (name, key), _whole(fitter, share * change * shape, none)

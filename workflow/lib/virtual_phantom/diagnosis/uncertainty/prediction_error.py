@@ -8,26 +8,26 @@ import numpy as np
 
 from ..fitting.fit import Fit, Fitter
 from ..fitting.problem import Problem
-from ..fitting.steps import Known
+from ..fitting.steps import ScaledEigenvalues
 from ..fitting.unknown import Unknown
 
 
-def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
+def changes_by_parameter_errors(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
     """Return changes of held-out predictions by errors of fitted parameters, by part, shape (directions, data).
 
-    The directions are independent, each one standard error large. A residual of held-out data is
+    The directions are independent, and each is one standard error. A residual of held-out data is
     r = n - J (theta - truth), so the sum of the squared directions adds to the variance of its noise n. Here theta has
-    the covariance (J'WJ + K)^-1 of the fitted data. Parameters from other recordings have the errors found there, as
-    far as the fitted parameters do not compensate for them.
+    the covariance (J'WJ + K)^-1 of the fitted data. Parameters from other recordings have the errors of those
+    recordings, less the part that the fitted parameters compensate for.
     """
     problem = Problem.at(fitter, fit)
-    fitted, held = of_both_halves(problem)
+    fitted, held = jacobians_of_halves(problem)
     information, _ = problem.normal(fitted, problem.start, [np.zeros(rows.shape[1]) for rows in fitted])
     directions = _directions(problem, fit, information)
     return [(directions / problem.steps) @ rows for rows in held]
 
 
-def of_both_halves(problem: Problem) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def jacobians_of_halves(problem: Problem) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Return the Jacobians of the fitted and of the held-out data at a problem's start, shape (numbers, data)."""
     fitted = problem.jacobian_at_start()
     if problem.fitter.held_out.usable is problem.data.usable:
@@ -40,21 +40,21 @@ def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarr
     elsewhere = np.zeros(len(problem.start), bool)
     names = [(number.effect, number.name) for number in problem.unknowns]
     elsewhere[: len(names)] = [name in fit.elsewhere.get(effect, ()) for effect, name in names]
-    known = Known.of(information[np.ix_(~elsewhere, ~elsewhere)])
+    known = ScaledEigenvalues.of(information[np.ix_(~elsewhere, ~elsewhere)])
     fitted = np.zeros((len(known.values), len(elsewhere)))
     fitted[:, ~elsewhere] = known.root.T
     found = _found([problem.unknowns[place] for place in np.flatnonzero(elsewhere)], fit)
     outside = np.zeros((len(found), len(elsewhere)))
     outside[:, elsewhere] = found
-    # What was fitted here answers to what is off from elsewhere.
+    # The fitted parameters respond to errors of the parameters from other recordings.
     outside[:, ~elsewhere] = -found @ information[np.ix_(elsewhere, ~elsewhere)] @ known.covariance
     return np.vstack([outside, fitted])
 
 
 def _found(numbers: Sequence[Unknown], fit: Fit) -> np.ndarray:
-    """Return such rows for numbers taken from elsewhere, shape (directions, numbers)."""
+    """Return the rows of `_directions` for parameters from other recordings, shape (directions, parameters)."""
     rows = [fit.directions.get(number.effect, {}).get(number.name) for number in numbers]
-    if numbers and None not in rows:  # voltage and filtration, say, are off together or not at all
+    if numbers and None not in rows:  # their errors are correlated, such as those of voltage and filtration
         return np.linalg.qr(np.transpose(rows), mode="r")  # the same covariance, by no more directions than numbers
     spread = []
     for number in numbers:

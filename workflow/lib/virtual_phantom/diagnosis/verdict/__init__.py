@@ -1,1 +1,1 @@
-"""The verdict of a diagnosis, its warnings, and what stays unexplained."""
+"""The verdict of a diagnosis, its warnings, and the unexplained mismatch."""

@@ -1,8 +1,8 @@
 """Local object mismatch: a piece of the object that differs and explains the data better than physics.
 
-A wrong object is the most frequent mismatch in practice. A scan of one object cannot prove it, as unknown physics might
-look the same. The mismatch is therefore reported without any effect, and the user decides whether the diagnosis
-continues with a corrected object (`object_may_differ`).
+A wrong object is the most frequent mismatch. A scan of one object cannot prove that the object is wrong, because
+unknown physics might look the same. The mismatch is therefore reported without any effect, and the user decides whether
+the diagnosis continues with a corrected object (`object_may_differ`).
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from .unmodeled import ChangesOfFits
 
 MOST_PIECES = 3  # local mismatches that are corrected; with more, the stated object is wrong
 BEYOND = 2.0  # ratio to the first-order gain of the best effect, as a fit may gain twice as much
-# In standard deviations of the noise of chi-square: a piece explains everything if it reduces a difference above FAR to
-# less than NOISE. Physics of the whole object does not do that by chance.
+# A piece explains everything if it reduces a difference above FAR to less than NOISE, both in standard deviations of
+# the noise of chi-square. A piece cannot do so by chance if the cause is physics of the whole object.
 FAR, NOISE = 100.0, 3.0
 
 
@@ -47,12 +47,12 @@ def beyond_effects(piece: Change, alone: Mapping[str, Screened]) -> bool:
 
 
 def explains_all(piece: Change, prepared: Prepared, baseline: Trial) -> bool:
-    """Return whether the corrected object explains all of a large difference, so that no physics could explain more."""
+    """Return whether the corrected object explains all of a large difference."""
     before, noise = excess(prepared, baseline.fit), np.sqrt(_count(prepared) / 2)
     if before < FAR * noise or piece.gain < before / 2:  # the gain is of first order
         return False
-    mended = prepared.with_piece(piece.piece, baseline.fit)
-    return excess(mended, mended.fitter.fit(())) < NOISE * noise
+    corrected = prepared.with_piece(piece.piece, baseline.fit)
+    return excess(corrected, corrected.fitter.fit(())) < NOISE * noise
 
 
 def excess(prepared: Prepared, fit: Fit) -> float:
@@ -72,12 +72,15 @@ def better_than(piece: Change, choice: Choice) -> bool:
 
 
 def no_physics(baseline: Trial, piece: Change, numerical: float) -> Choice:
-    """Return the choice of no effect, as a piece of the object explains more."""
+    """Return a choice without effects, for a piece of the object that explains more."""
     return Choice(baseline, {}, {}, baseline, {}, {}, {}, numerical=numerical, piece=piece)
 
 
-def beside(prepared: Prepared, choice: Choice, changes: ChangesOfFits) -> Change | None:
-    """Return the piece of the object that explains more than a chosen effect, or the residual of all effects."""
+def piece_beside_effects(prepared: Prepared, choice: Choice, changes: ChangesOfFits) -> Change | None:
+    """Return the piece of the object that explains more than one of the chosen effects.
+
+    Without such a piece, return the piece that explains the remaining residual, if there is one.
+    """
     found, least = [], max(AS_GOOD, choice.tolerance)
     for effect, fit in choice.without.items():
         piece = _piece(changes(prepared, fit, choice.numerical))
@@ -92,12 +95,12 @@ def _piece(found: Sequence[Change]) -> Change | None:
     return next((change for change in found if change.piece is not None), None)
 
 
-def content_of(pieces: Sequence[Change], mended: bool, excess: float | None = None) -> dict:
+def content_of(pieces: Sequence[Change], corrected: bool, excess: float | None = None) -> dict:
     """Return section `object` of diagnosis.json.
 
     Parameters
     ----------
-    mended : bool
+    corrected : bool
         Whether the diagnosis continued with the corrected object.
     excess : float, optional
         Held-out log score beyond noise, of which the first piece explains a share.
@@ -106,4 +109,4 @@ def content_of(pieces: Sequence[Change], mended: bool, excess: float | None = No
         {**piece.piece.content, "what": piece.words, "held_out_gain": piece.gain, "z": piece.z} for piece in pieces
     ]
     removes = {} if excess is None else {"removes": min(1.0, pieces[0].gain / max(excess, pieces[0].gain))}
-    return {"mended": mended, "pieces": listed} | removes
+    return {"mended": corrected, "pieces": listed} | removes

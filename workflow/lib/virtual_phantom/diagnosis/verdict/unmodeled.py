@@ -1,8 +1,8 @@
 """Unmodeled changes: tests of a fit's residual against a basis without physics.
 
 A kind of change is a span of directions in data space. The fitted data determine the best direction that no parameter
-of the fit describes. The held-out data test it: their noise is independent, so that their residual along this direction
-is normal for any span.
+of the fit describes. This direction is tested with the held-out data. Their noise is independent, so their residual
+along the direction is normal for any span.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from scipy.sparse import issparse, sparray
 
 from ..fitting.fit import Fit
 from ..fitting.problem import Problem
-from ..fitting.steps import Known
+from ..fitting.steps import ScaledEigenvalues
 from ..fitting.templates import SMALL, whitened
 from ..noise.condensed import Observed
 from ..residuals.dataset import Change, PieceOfObject, Prepared
-from ..residuals.residual_tests import KINDS, Half, Location
+from ..residuals.residual_tests import KINDS, DomainTest, HalfResiduals
 from ..selection.forward_selection import Choice
-from ..uncertainty.prediction_error import of_both_halves
+from ..uncertainty.prediction_error import jacobians_of_halves
 
 ALIKE = 1e-6  # of the largest eigenvalue of a span of unit vectors; less is rounding
 Directions = np.ndarray | sparray
@@ -50,8 +50,8 @@ class _Side:
     data: Observed
 
     @classmethod
-    def of(cls, half: Half, jacobian: list[np.ndarray], steps: np.ndarray) -> _Side:
-        """Return the half from residuals, and from changes of the prediction over steps of the parameters."""
+    def of(cls, half: HalfResiduals, jacobian: list[np.ndarray], steps: np.ndarray) -> _Side:
+        """Return the data of a half from its residuals and from changes of the prediction by steps of parameters."""
         changes = [whitened([rows[number] for rows in jacobian], half.weights) for number in range(len(steps))]
         root = np.sqrt(half.weights[0])
         none = np.zeros(len(changes[0]) - root.size)
@@ -63,7 +63,7 @@ class _Side:
     def weighed(self, directions: Directions) -> Directions:
         """Return directions of the mean in standard deviations."""
         root = self.root[:, None]
-        if issparse(directions):  # of single views; whitening would spread them to others
+        if issparse(directions):  # directions of single views, which whitening would spread to other views
             return directions.multiply(root).tocsr()
         fields = (direction.reshape(self.data.mean.shape) for direction in directions.T)
         white = [self.data.whitened(np.where(self.data.usable, field, 0)).ravel() for field in fields]
@@ -71,7 +71,7 @@ class _Side:
 
 
 def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change]:
-    """Return the improvement by every kind of change beyond the parameters of a fit, the most significant first.
+    """Test every kind of change that no parameter of a fit describes; the most significant first.
 
     Parameters
     ----------
@@ -79,15 +79,15 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
         Relative error of the discretization corrections, of any shape.
     """
     problem = Problem.at(prepared.fitter, fit)
-    jacobians = of_both_halves(problem)
+    jacobians = jacobians_of_halves(problem)
     halves = zip(prepared.halves(fit), jacobians, strict=True)
     fitted, held = (_Side.of(half, jacobian, problem.steps) for half, jacobian in halves)
     # The amplitude of a distortion has a prior SD of 1.
     distortions = np.zeros(len(fitted.data.numerical))
-    knowledge = np.concatenate([problem.knowledge, distortions + 1])
-    off = np.concatenate([problem.knowledge * (problem.center - problem.start), distortions])
-    information = fitted.columns.T @ fitted.columns + np.diag(knowledge)
-    inverse = Known.of(information).covariance
+    prior_precision = np.concatenate([problem.prior_precision, distortions + 1])
+    off = np.concatenate([problem.prior_precision * (problem.center - problem.start), distortions])
+    information = fitted.columns.T @ fitted.columns + np.diag(prior_precision)
+    inverse = ScaledEigenvalues.of(information).covariance
     # One more step completes the fit, and fits the remaining amplitudes of numerical distortions.
     step = inverse @ (fitted.columns.T @ fitted.residual + off)
     residuals = fitted.residual - fitted.columns @ step, held.residual - held.columns @ step
@@ -102,7 +102,7 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
 class ChangesOfFits:
     """Cache of `changes` for the fits of one recording.
 
-    Another recording, or the same with other noise or another object, empties the cache.
+    The cache is emptied for another recording, or for the same recording with other noise or another object.
     """
 
     def __init__(self):
@@ -139,7 +139,7 @@ def _change(
 ) -> tuple[float, float, float] | None:
     """Return z, p and gain of one kind of change; None if the fit describes all of it.
 
-    A gain pattern has one constant per pixel besides the parameters of the fit, with variance `of_pattern`.
+    A gain pattern adds one constant per pixel, with variance `of_pattern`, to the parameters of the fit.
 
     Parameters
     ----------
@@ -189,8 +189,8 @@ def _change(
     return z, float(stats.norm.sf(z)), gain
 
 
-def standing_out(found: list[Change], least_gain: float) -> list[Location]:
-    """Return the most significant kind of change as a domain of residuals, as a list; empty without a kind.
+def kinds_test(found: list[Change], least_gain: float) -> list[DomainTest]:
+    """Return the test of all kinds of change as one domain, as a list; empty without a kind.
 
     Parameters
     ----------
@@ -204,11 +204,11 @@ def standing_out(found: list[Change], least_gain: float) -> list[Location]:
     standing = [change for change in found if change.gain > least_gain] or found[:1]
     best = standing[0]
     p = min(1.0, best.p * len(found)) if best.gain > least_gain else 1.0
-    return [Location(KINDS, best.words, best.z, p, np.array([change.z for change in found]))]
+    return [DomainTest(KINDS, best.words, best.z, p, np.array([change.z for change in found]))]
 
 
-def better(choice: Choice, found: Mapping[str, list[Change]], least: float) -> dict[str, Change]:
-    """Return {effect: the best unmodeled change} for effects that such a change could replace with a larger gain.
+def better_changes(choice: Choice, found: Mapping[str, list[Change]], least: float) -> dict[str, Change]:
+    """Return {effect: best unmodeled change} for effects that gain less than this change.
 
     Parameters
     ----------

@@ -14,16 +14,16 @@ from ..fitting.model import Model
 from ..fitting.steps import interval
 from ..fitting.trial import Trial
 from ..residuals.dataset import Change, Prepared
-from ..residuals.residual_tests import EDGES, KINDS, Location, aligned
+from ..residuals.residual_tests import EDGES, KINDS, DomainTest, alignment_tests
 from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..uncertainty.intervals import intervals
 from ..uncertainty.model_error import Errors
 from ..verdict_text import MATCH, UNEXPLAINED, effect_name, recording_lines, with_verdict_text
 from .object_mismatch import content_of, excess
-from .unmodeled import ChangesOfFits, better, standing_out
+from .unmodeled import ChangesOfFits, better_changes, kinds_test
 from .warnings import caveats, doubts, statements
 
-LEFT_SD = 3.0  # standard deviations above 0 from which a sum of products counts as remaining: 1 in 740 by chance
+LEFT_SD = 3.0  # standard deviations above which a sum of products is significant: 1 in 740 by chance
 NO_SIGNED_MAP = (EDGES, "both halves", KINDS)  # sums of squares and products
 OBJECT_TURNED = (
     "scan the object again, rotated by 90 degrees about z; a mismatch of the object rotates with it, a mismatch of the "
@@ -40,7 +40,7 @@ class Diagnosis:
     ----------
     choice : Choice or None
         None if nothing was fitted, because the set-up is wrong.
-    before, after : list of Location
+    before, after : list of DomainTest
         Locations of mismatch on held-out data, with alignment alone and with the chosen effects.
     content : dict
         Content of diagnosis.json.
@@ -53,8 +53,8 @@ class Diagnosis:
     """
 
     choice: Choice | None
-    before: list[Location]
-    after: list[Location]
+    before: list[DomainTest]
+    after: list[DomainTest]
     content: dict
     prepared: Prepared | None = None
     scanned: Any = None
@@ -77,7 +77,7 @@ def diagnose(
     pieces : sequence of Change, optional
         Pieces of the object that were corrected before the fit.
     changes : ChangesOfFits, optional
-        With the changes that the selection has computed.
+        Cache that holds the changes computed in the selection.
     """
     fitter, changes = prepared.fitter, changes or ChangesOfFits()
 
@@ -86,9 +86,9 @@ def diagnose(
 
     def places(fit, least_gain):
         fitted, held = prepared.halves(fit)
-        more = [*aligned(fit, fitter.model.distortions), *standing_out(kinds(fit), least_gain)]
+        more = [*alignment_tests(fit, fitter.model.distortions), *kinds_test(kinds(fit), least_gain)]
         found = prepared.domains(held, fit, fitted, more)
-        # Locations come before kinds of change, which have no location.
+        # Other domains come before kinds of change, which have no location.
         return sorted(found, key=lambda place: (not place.significant, place.domain == KINDS))
 
     inexact = max(LEAST_GAIN, choice.tolerance)
@@ -104,7 +104,7 @@ def diagnose(
     doubted = doubts(choice, fitter.model, metrics["held_out"])
     known = statements(choice.chosen.fit, fitter.model, errors.physics)
     beside = {name: kinds(fit) for name, fit in choice.without.items()}
-    outside = better(choice, beside, max(AS_GOOD, choice.tolerance))
+    outside = better_changes(choice, beside, max(AS_GOOD, choice.tolerance))
     off = any(parameter["off"] for parameters in known.values() for parameter in parameters.values())
     verdict = VERDICTS[(2 if left or doubted or outside else 1) if effects or off else (0 if not left else 3)]
     ambiguous = {name: choice.ambiguous_with(name) for name in effects}
@@ -143,17 +143,17 @@ def diagnose(
     return Diagnosis(choice, before, after, with_verdict_text(content, recording_lines(content)), prepared)
 
 
-def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing: list[Location]) -> float | None:
+def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing: list[DomainTest]) -> float | None:
     """Return the share of the held-out chi-square beyond noise that the effects remove; None if they remove nothing.
 
-    The removed part is twice the gain in log score. The remaining part is a sum of products of fitted and held-out
-    standardized residuals, whose noise is independent, if it exceeds LEFT_SD standard deviations. The sum is over all
-    rays or over the locations of a significant domain, the largest one, as noise of all rays would hide a local
-    difference. Numerical errors of the model are subtracted.
+    The removed part is twice the gain in log score. The remaining part is the largest of several sums of products of
+    fitted and held-out standardized residuals, whose noise is independent. One sum is over all rays, and one over the
+    locations of each significant domain, because noise of all rays could hide a local difference. Sums up to LEFT_SD
+    standard deviations are ignored. Numerical errors of the model are subtracted.
 
     Parameters
     ----------
-    standing : list of Location
+    standing : list of DomainTest
         Significant locations of the chosen model.
     """
     gained = 2 * (chosen.score - baseline.score)
@@ -179,8 +179,8 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
 def remainder_sd(prepared: Prepared, chosen: Trial) -> float | None:
     """Return the mismatch common to fitted and held-out data over all rays or voxels, in SDs of noise alone.
 
-    Next to a large difference, a small share that is left (`excess_removed`) can be a large remainder. The numerical
-    errors of the model are subtracted. None if the halves share no ray.
+    If the initial difference was large, the remainder can be large although its share (`excess_removed`) is small.
+    Numerical errors of the model are subtracted. None if the halves share no ray.
     """
     fitted, held = prepared.halves(chosen.fit)
     common = held.in_common(fitted)
@@ -190,7 +190,8 @@ def remainder_sd(prepared: Prepared, chosen: Trial) -> float | None:
 def excess_rms_removed(before: float, after: float, floor: float) -> float | None:
     """Return 1 - sqrt((after^2 - floor^2) / (before^2 - floor^2)), the removed share of the RMS beyond noise.
 
-    Noise adds in squares, so that the root is that of the mean difference. None if there is no excess before.
+    The variance of noise is subtracted, so this is the share of the RMS of the noise-free difference. None if the RMS
+    before does not exceed noise.
 
     Parameters
     ----------
@@ -203,7 +204,7 @@ def excess_rms_removed(before: float, after: float, floor: float) -> float | Non
 
 
 def rms_of(prepared: Prepared, fits: Mapping[str, Fit], held_out: bool) -> dict[str, float]:
-    """Return the RMS difference of each fit, and that of noise alone as "floor"."""
+    """Return the RMS difference of each fit, and the RMS of noise alone as "floor"."""
     data = prepared.held_out if held_out else prepared.data
     rms = {key: float(np.sqrt((prepared.difference(fit, held_out) ** 2).mean())) for key, fit in fits.items()}
     return rms | {"floor": float(np.sqrt((prepared.variance[data.usable] / data.n).mean()))}
@@ -262,7 +263,7 @@ def _errors(choice: Choice) -> Errors:
     return choice.errors or Errors(fit.errors, fit.nuisance_errors)
 
 
-def _location(place: Location) -> dict:
+def _location(place: DomainTest) -> dict:
     return {"domain": place.domain, "where": place.where, "z": place.z, "p": place.p, "map": f"{place.domain}.npy"}
 
 

@@ -17,35 +17,34 @@ from ..fitting.nuisance import SURE, Nuisance
 from ..fitting.steps import interval
 from ..fitting.unknown import Unknown
 from ..residuals.dataset import Prepared
-from ..residuals.residual_tests import ALPHA, EDGES, Location
+from ..residuals.residual_tests import ALPHA, EDGES, DomainTest
 from ..selection.forward_selection import Choice
 
 ALIKE = 0.9  # correlation of recording and simulation; less is another object, position or geometry
-# Share of chi-square beyond noise in the steepest tenth of the data, from which a mismatch lies along edges. Cylinders
-# drawn in voxels of 0.25 to 2 mm left 0.32 to 1.1 there once the physics was fitted. Scatter and a spectrum that were
-# not fitted, and were more than what voxels leave, 0.08 to 0.15.
+# A mismatch lies along edges if this share of chi-square beyond noise is in the steepest tenth of the data. The share
+# was 0.32 to 1.1 for cylinders drawn in voxels of 0.25 to 2 mm with the physics fitted. It was 0.08 to 0.15 for larger
+# differences by scatter and a spectrum that were not fitted.
 ALONG_EDGES = 0.25
 ABSENT = 10.0  # log score that an effect implied by the label must lose to be reported as absent
-# Share of a range, or of a nuisance parameter's largest deviation, within which a number counts as at its bound: fits
-# end on the bound itself.
+# A number is at its bound within this share of its range, or of a nuisance parameter's largest deviation.
 AT_BOUND = 1e-6
-# Standard errors that must fit into a range for its end to mean anything: else the 95 % interval fills it.
+# Least width of a range in standard errors for a warning about its ends; the 95 % interval covers a narrower range.
 WELL_KNOWN = 4.0
 # Chi-square per datum of the mean above which the model does not fit: a difference of half the noise's SD in all data.
 MOST_CHI_SQUARE = 1.25
 ADVISED = ("scale", "offset", "x_mm", "y_mm", "z_mm", "turn_deg", "size")  # keys of the configuration's alignment
-# Share of a declared standard deviation: a fit that reduces it by less has not measured the parameter.
+# Lower limit of sqrt(prior variance - posterior variance) relative to the declared standard deviation.
 LEAST_REDUCED = 0.1
 
 
 def caveats(
-    prepared: Prepared, choice: Choice, tube_kvp: float | None = None, left: Sequence[Location] = ()
+    prepared: Prepared, choice: Choice, tube_kvp: float | None = None, left: Sequence[DomainTest] = ()
 ) -> list[str]:
     """Return sentences for the report on limits of the recording.
 
     Parameters
     ----------
-    left : sequence of Location, optional
+    left : sequence of DomainTest, optional
         Locations of the remaining mismatch, the worst first.
     """
     found = prepared.caveats()
@@ -68,7 +67,7 @@ def caveats(
 
 
 def likeness(prepared: Prepared, choice: Choice) -> float:
-    """Return the correlation of the recorded data with the selected model's."""
+    """Return the correlation of the recorded data with the selected model."""
     recorded = prepared.recorded()
     modeled = recorded - prepared.difference(choice.chosen.fit, held_out=False)
     return float(np.corrcoef(recorded, modeled)[0, 1])
@@ -130,7 +129,7 @@ def advice(fit: Fit, model: Model) -> list[str]:
     Returns
     -------
     list of str
-        One for each number that the configuration may give: not for photons and numerical errors.
+        One for each parameter that the configuration can state, so not for photons and numerical errors.
     """
     found = []
     for number in _pulled(fit, model):
@@ -174,8 +173,8 @@ def statements(
     """Compare declared physics with a fit.
 
     The pull of a parameter is the difference of fitted and declared value over the root of the difference of their
-    variances: standard normal if the declaration is right [1]_. Both are of the number that fits vary. Model errors
-    add to the variance.
+    variances. It is standard normal if the declaration is right [1]_. Values and variances are those of the fit
+    variable (Parameter.to_variable). Model errors add to the variance.
 
     Parameters
     ----------

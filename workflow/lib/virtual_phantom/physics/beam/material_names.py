@@ -1,4 +1,4 @@
-"""Names of the library's materials and their synonyms. It imports nothing, because every configuration needs it."""
+"""Names of the library's materials and their synonyms. This module has no imports, so configurations load fast."""
 
 from __future__ import annotations
 

@@ -62,7 +62,8 @@ class Spectrum:
         Share of each energy in the quantum variance of the signal, with a sum of 1 before additional filters. For
         deposits of mean e1 and mean square e2, signal is proportional to e1 and variance to e2 [1]_.
     finer : tuple of 3 ndarray, or None
-        Original energies in keV, (finer,), and their parts of signal and noise in each bin, (energies, finer).
+        Energies before binning, keV, (finer,), and their contributions to the signal and to the noise of each bin,
+        (energies, finer).
 
     References
     ----------

@@ -15,7 +15,7 @@ from numba.extending import intrinsic
 
 from ...base.compiled import compiled
 from ...projectors.lanes import OPTIONS
-from ...projectors.threads import share_out
+from ...projectors.threads import run_in_threads
 
 BLOCK = 512  # rays; a few kilobytes per array
 MANY = 40  # blocks from which threads gain more than the 0.2 ms that they take to start
@@ -65,7 +65,7 @@ def polychromatic_signal(
         _transmit(flat, powers, every, found, workspace, first, last)
 
     blocks = -(-flat.shape[-1] // BLOCK)
-    share_out(run, blocks, threads if views * blocks >= MANY else 1)
+    run_in_threads(run, blocks, threads if views * blocks >= MANY else 1)
     return found.reshape(len(shares), *shape)
 
 

@@ -29,8 +29,8 @@ def apply(state: State, values: dict[str, float]) -> None:
     state.sources = (*spot, *beside)
 
 
-# In six scans (benchmarks/intervals.py, seeds 71 and 72) 41 to 74 % of the share was found: an RMS error of 1.1 of as
-# much again as was found, half as wide.
+# In six scans (benchmarks/intervals.py, seeds 71 and 72), fits found 41 to 74 % of the true share. The missing part has
+# an RMS of 1.1 times the share found; the model error represents it by a source of half the width.
 KERNEL = {"kernel": True, "kernel_error": 1.0}
 COLLIMATOR = "distance c of the pre-patient collimator from the focal spot; not fitted"
 

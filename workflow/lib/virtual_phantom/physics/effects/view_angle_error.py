@@ -17,8 +17,8 @@ def apply(state: State, values: dict[str, float]) -> None:
     state.geometry = replace(geometry, angles_rad=angles + np.radians(error_deg))
 
 
-# Independent random angle errors are as many unknowns as views and have no template; the residual tests by view find
-# them.
+# Random angle errors of single views are not an effect, because they have as many unknowns as views. The residual
+# tests by view detect them.
 EFFECT = Effect(
     name="view_angle_error",
     physics="The encoder disc is off the axis of rotation, so views are taken before or after their stated angles, "

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..state import State, blur_along, interpolate_views, with_afterglow
 
-AXES = (2, 1, 0)  # of arrays [view, row, column], in the order in which correlations are given
+AXES = (2, 1, 0)  # columns, rows, views: order of the correlations, as axes of arrays [view, row, column]
 
 
 def correlations(state: State, weight: np.ndarray | None = None) -> np.ndarray:

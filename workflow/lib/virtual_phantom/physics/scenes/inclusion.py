@@ -35,7 +35,7 @@ class Inclusion:
     def lengths_mm(
         self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return the path lengths in the shape, float32, shape (views, rows, columns); arguments as of scenes."""
+        """Return the path lengths in the shape, mm, float32, (views, rows, columns); see GridScene.path_lengths."""
         if self._lengths is None:
             self._lengths = LRUCache(int(min(MAX_CACHED, max(2, CACHE_BYTES // (4 * math.prod(geometry.shape))))))
         key = scan_key(geometry, pose, motion_mm)

@@ -21,7 +21,7 @@ MAX_LISTED = 10  # labels in a message: an image of gray values has thousands
 
 @dataclass(frozen=True)
 class LabelMap:
-    """An object of voxels with one material or none each.
+    """An object on a voxel grid, in which each voxel has one material or none.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ def clean_line_integrals(
 ) -> np.ndarray:
     """Return monochromatic line integrals of a phantom on any grid, float32, shape (views, rows, columns).
 
-    A single projection of a fine grid takes seconds, so it always runs on the CPU engine.
+    The CPU engine is always used: a phantom is projected only once, which takes seconds.
 
     Parameters
     ----------

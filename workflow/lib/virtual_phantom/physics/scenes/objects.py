@@ -104,7 +104,7 @@ def read_phantom_object(settings: ShapesPhantom) -> tuple[ShapedObject, tuple[Sh
 
 
 def read_phantom_rois(settings: ShapesPhantom) -> tuple[ShapedRoi, ...]:
-    """Return only the regions, as read_phantom_object."""
+    """Return only the regions of `read_phantom_object`."""
     return read_phantom_object(settings)[1]
 
 

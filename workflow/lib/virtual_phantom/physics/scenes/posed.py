@@ -66,7 +66,7 @@ class PosedScene:
     scene : VoxelScene
         Or another GridScene.
     samples : int, optional
-        Rays per pixel and direction of the chain, each of which is a scan of its own.
+        Rays per pixel and direction in the chain, for the size of the cache.
     """
 
     def __init__(self, scene: VoxelScene, samples: int = 1):
@@ -92,13 +92,13 @@ class PosedScene:
         key = scan_key(geometry, pose, motion_mm)
         return self._traced.get(key, lambda: TracedScan(self.scene, geometry, pose, motion_mm))
 
-    def near(self, scans: Sequence[PosedScan], reach: float = 1.0) -> LinearizedScene:
+    def linearized_at(self, scans: Sequence[PosedScan], reach: float = 1.0) -> LinearizedScene:
         """Return a scene that is linearized around the given scans, with a linear range multiplied by `reach`."""
         return LinearizedScene(self, [self.trace(*scan) for scan in scans], reach)
 
     def _cache_length(self, geometry: ScanGeometry | SupersampledScan) -> int:
-        """Return how many scans are cached; a scan of `geometry` may hold only some of the rays of each pixel."""
-        pixels = geometry.whole if isinstance(geometry, SupersampledScan) else geometry
+        """Return how many scans are cached; `geometry` may hold only some of the rays of each pixel."""
+        pixels = geometry.pixel_scan if isinstance(geometry, SupersampledScan) else geometry
         rays = np.prod(pixels.shape) * self._samples ** (2 if pixels.rows > 1 else 1)
         size = 4 * len(self.materials) * rays * 5  # float32 path lengths, and four slopes
         return int(np.clip(CACHE_BYTES / size, MIN_CACHED, MAX_CACHED) * -(-rays // np.prod(geometry.shape)))
@@ -112,7 +112,7 @@ class LinearizedScene:
     scene : PosedScene
         Traces the other scans.
     reach : float, optional
-        Factor of the linear range.
+        Factor by which the linear range is extended.
     """
 
     def __init__(self, scene: PosedScene, references: Sequence[TracedScan], reach: float = 1.0):
@@ -131,7 +131,7 @@ class LinearizedScene:
             return nearest.paths
         return nearest.extrapolate(geometry, pose, motion_mm)
 
-    def follows(self, scan: PosedScan) -> bool:
+    def in_linear_range(self, scan: PosedScan) -> bool:
         """Whether a scan is in the linear range of a reference scan."""
         return self._nearest(scan[0], self._scene.scene.rays(corner_rays(scan[0]), *scan[1:]))[0] is not None
 

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from ...base.geometry import Grid, ScanGeometry
-from ...projectors.any_rays import follow, path_lengths, trace_slopes, trace_sums
+from ...projectors.any_rays import extrapolate_lengths, path_lengths, trace_slopes, trace_sums
 from ...projectors.joseph import COORDINATES, Bundles
-from ...projectors.rows import empty_lines, in_registers, packed, tile_width, trace_rows
-from ...projectors.threads import share_out
+from ...projectors.rows import distribute_rows, empty_lines, packed, tile_width, trace_rows
+from ...projectors.threads import run_in_threads
 from .sampling import SupersampledScan
 
 
@@ -77,7 +77,7 @@ class Rays:
 
     @property
     def lengths_mm(self) -> np.ndarray:
-        """Length of each ray between two planes, mm, shape (views, rows, bundles)."""
+        """Length of each ray between neighboring voxel planes, mm, shape (views, rows, bundles)."""
         share, square = np.moveaxis(self.bundles.between, 2, 0)[:, :, None]
         return share * np.sqrt(square + self.rises_mm**2)
 
@@ -117,13 +117,13 @@ class Voxels:
         self._shape, self._amounts = amounts.shape[1:], amounts
 
     @cached_property
-    def whole(self) -> bool:
-        """Whether every amount is 0 or 1, so that edges of the object coincide with edges of voxels."""
+    def is_binary(self) -> bool:
+        """Whether every amount is 0 or 1: each voxel has exactly one material or none."""
         return bool(((self._amounts == 0) | (self._amounts == 1)).all())
 
     @cached_property
     def _packed(self) -> tuple[np.ndarray, np.ndarray]:
-        """As trace_rows takes them."""
+        """Amounts in the layout of trace_rows."""
         return packed(self._amounts)
 
     @cached_property
@@ -147,11 +147,11 @@ class Voxels:
         def run(first, last):
             trace_sums(*self._volumes, sums[:, first:last], first, self._shape, rays.bundles, stride)
 
-        share_out(run, views, threads)
+        run_in_threads(run, views, threads)
         return (sums[:, :, None] * rays.lengths_mm).astype(np.float32)
 
     def slopes(self, rays: Rays, threads: int = 1) -> np.ndarray:
-        """Return the derivatives of sums over planes with respect to the coordinates of the rays.
+        """Return the derivatives of the sums over voxel planes with respect to the coordinates of the rays.
 
         A path length is the sum times the length between two planes.
 
@@ -168,22 +168,22 @@ class Voxels:
         def run(first, last):
             trace_slopes(*self._volumes, slopes[first:last], first, self._shape, rays.bundles)
 
-        share_out(run, len(slopes), threads)
+        run_in_threads(run, len(slopes), threads)
         return slopes
 
     def _rows(self, rays: Rays, threads: int, with_slopes: bool) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
         """Trace bundles of several rows: sums, slopes, and the indices of the rows among the padded ones."""
-        heights, rows = in_registers(rays.bundles, self._shape)
+        heights, rows = distribute_rows(rays.bundles, self._shape)
         shape = (*rays.bundles.along_x.shape, len(self._amounts))
         sums = np.zeros((*shape, heights.size), np.float32)
         slopes = np.zeros((*shape, COORDINATES, heights.size), np.float32) if with_slopes else None
 
         def run(first, last):
             part = sums[first:last], None if slopes is None else slopes[first:last]
-            room = tile_width(shape[-1], self._shape), empty_lines(self._shape)
-            trace_rows(*self._packed, *part, first, self._shape, rays.bundles, heights, *room)
+            workspace = tile_width(shape[-1], self._shape), empty_lines(self._shape)
+            trace_rows(*self._packed, *part, first, self._shape, rays.bundles, heights, *workspace)
 
-        share_out(run, len(sums), threads)
+        run_in_threads(run, len(sums), threads)
         return sums, slopes, rows
 
 
@@ -200,7 +200,7 @@ def extrapolate_path_lengths(paths: np.ndarray, slopes: np.ndarray, traced: Rays
     views, bundles, materials, _, rows = slopes.shape
     bundled = paths.reshape(materials, views, rows, bundles)
     result = np.empty_like(bundled)
-    follow(bundled, slopes, traced.bundles, rays.bundles, result)
+    extrapolate_lengths(bundled, slopes, traced.bundles, rays.bundles, result)
     return result.reshape(paths.shape)
 
 
@@ -210,7 +210,7 @@ def corner_rays(geometry: ScanGeometry | SupersampledScan) -> ScanGeometry:
     Displacements of rays vary little between them.
     """
     if isinstance(geometry, SupersampledScan):
-        geometry = geometry.whole
+        geometry = geometry.pixel_scan
     columns, rows = min(geometry.columns, 3), min(geometry.rows, 2)
     column_step = max(geometry.columns - 1, 1) / max(columns - 1, 1)
     row_step = max(geometry.rows - 1, 1) / max(rows - 1, 1)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # With three points, and pixels a quarter as wide as the blur, the error would be 32 %.
 MIN_POINTS, MAX_POINTS = 3, 7
 MAX_RAYS = 4_000_000  # computed at once, with about 100 bytes each
-# Attributes of a SupersampledScan that are those of its geometry: they do not depend on the rays of a pixel.
+# Attributes that a SupersampledScan takes from its geometry, because they do not depend on the rays of a pixel.
 DELEGATED = (
     *("views", "source_mm", "detector_mm", "toward_mm", "column_direction", "row_direction", "normal"),
     *("surface", "on_surface_mm", "is_upright"),
@@ -66,13 +66,13 @@ class SupersampledScan:
 
     Attributes
     ----------
-    whole : ScanGeometry
+    pixel_scan : ScanGeometry
         The scan with one ray per pixel.
     columns_px, rows_px : tuple of float
         Positions of the rays from the pixel's center, pixels, ascending.
     """
 
-    whole: ScanGeometry
+    pixel_scan: ScanGeometry
     columns_px: tuple[float, ...]
     rows_px: tuple[float, ...]
 
@@ -80,31 +80,33 @@ class SupersampledScan:
         """Return a DELEGATED attribute of the geometry."""
         if name not in DELEGATED:
             raise AttributeError(f"a supersampled scan has no {name}")
-        return getattr(self.whole, name)
+        return getattr(self.pixel_scan, name)
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """Shape of its projections: views, rows of rays, columns of rays. Rays of a pixel are neighbors."""
-        views, rows, columns = self.whole.shape
+        views, rows, columns = self.pixel_scan.shape
         return views, rows * len(self.rows_px), columns * len(self.columns_px)
 
     @property
     def key(self) -> tuple:
         """As ScanGeometry.key."""
-        return self.whole.key, self.columns_px, self.rows_px
+        return self.pixel_scan.key, self.columns_px, self.rows_px
 
     def column_positions_mm(self) -> np.ndarray:
         """As ScanGeometry.column_positions_mm, for every column of rays."""
-        offsets = np.multiply(self.columns_px, self.whole.column_pitch_mm)
-        return np.add.outer(self.whole.column_positions_mm(), offsets).ravel()
+        offsets = np.multiply(self.columns_px, self.pixel_scan.column_pitch_mm)
+        return np.add.outer(self.pixel_scan.column_positions_mm(), offsets).ravel()
 
     def row_positions_mm(self) -> np.ndarray:
         """As ScanGeometry.row_positions_mm, for every row of rays."""
-        return np.add.outer(self.whole.row_positions_mm(), np.multiply(self.rows_px, self.whole.row_pitch_mm)).ravel()
+        return np.add.outer(
+            self.pixel_scan.row_positions_mm(), np.multiply(self.rows_px, self.pixel_scan.row_pitch_mm)
+        ).ravel()
 
     def turned(self, angle_rad: float) -> SupersampledScan:
         """As ScanGeometry.turned."""
-        return replace(self, whole=self.whole.turned(angle_rad))
+        return replace(self, pixel_scan=self.pixel_scan.turned(angle_rad))
 
     def bundles(self) -> tuple[np.ndarray, np.ndarray]:
         """As ScanGeometry.bundles."""

@@ -101,9 +101,9 @@ class GridScene(Scene):
         return self._voxels.slopes(rays, self.threads)
 
     @property
-    def whole_voxels(self) -> bool:
-        """As Voxels.whole."""
-        return self._voxels.whole
+    def is_binary(self) -> bool:
+        """As Voxels.is_binary."""
+        return self._voxels.is_binary
 
 
 class VoxelScene(GridScene):
@@ -149,7 +149,7 @@ class VoxelScene(GridScene):
         return float(self._center[2] - half), float(self._center[2] + half)
 
     def beyond(self, end: int, height_mm: float) -> VoxelScene | None:
-        """Return the continuation of the object beyond an end of the volume, with the content of its last slice.
+        """Return the continuation of the object beyond an end of the volume, which repeats the slice at this end.
 
         Parameters
         ----------

@@ -13,8 +13,8 @@ import numpy as np
 from ...base.errors import InputError
 from ...base.geometry import ScanGeometry
 from ...base.pose import IN_PLACE, Pose, turned_axes, turned_back
-from ...projectors.chords import Room, Shapes, chords
-from ...projectors.threads import share_out
+from ...projectors.chords import Shapes, Workspace, chords
+from ...projectors.threads import run_in_threads
 from ..beam.materials import Material
 from .scene import DISC_ENERGY_KEV, Scene
 
@@ -89,13 +89,13 @@ def box(material: Material, centre_mm: Sequence[float], sides_mm: Sequence[float
 
 
 def ellipsoid(
-    material: Material, centre_mm: Sequence[float], half_axes_mm: Sequence[float], turn_deg: float = 0.0
+    material: Material, centre_mm: Sequence[float], semi_axes_mm: Sequence[float], turn_deg: float = 0.0
 ) -> Shape:
     """Return an ellipsoid.
 
     Parameters
     ----------
-    centre_mm, half_axes_mm : sequence of 3 float
+    centre_mm, semi_axes_mm : sequence of 3 float
         Center, and semi-axes along its own x, y and z, mm.
     turn_deg : float, optional
         Rotation about z, from +x to +y, degrees.
@@ -105,9 +105,9 @@ def ellipsoid(
     InputError
         If a semi-axis is not positive.
     """
-    _positive(half_axes_mm, "ellipsoid", "half_axes_mm")
-    over = turned_axes(turn_deg) / np.asarray(half_axes_mm, float)[:, None]
-    around = _around(centre_mm, max(half_axes_mm[:2]), half_axes_mm[2])
+    _positive(semi_axes_mm, "ellipsoid", "semi_axes_mm")
+    over = turned_axes(turn_deg) / np.asarray(semi_axes_mm, float)[:, None]
+    around = _around(centre_mm, max(semi_axes_mm[:2]), semi_axes_mm[2])
     return Shape(material, np.empty((0, 4)), _quadric(over.T @ over, centre_mm, -1.0), around)
 
 
@@ -231,9 +231,9 @@ class ShapesScene(Scene):
 
         def run(first, last):
             part = sources[first:last], rays[first:last], rises, float(pose.size), lengths[:, first:last]
-            chords(self._shapes, *part, Room.of(self._shapes))
+            chords(self._shapes, *part, Workspace.of(self._shapes))
 
-        share_out(run, len(sources), self.threads)
+        run_in_threads(run, len(sources), self.threads)
         return lengths.reshape(-1, *geometry.shape)
 
 

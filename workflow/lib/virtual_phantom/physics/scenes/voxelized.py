@@ -155,7 +155,7 @@ def voxelize_rois(shaped: ShapedObject, grid: Grid, rois: Sequence[ShapedRoi]) -
 
 
 def reach_mm(shaped: ShapedObject) -> float:
-    """Return the largest distance of an object from the z axis, mm; infinite if the object is."""
+    """Return the largest distance of an object from the z axis, mm; infinite for an infinite object."""
     return max(float(np.hypot(*bounds[:2])) + bounds[2] for bounds in _bounds(shaped))
 
 
@@ -185,7 +185,10 @@ def _bounds(shaped: ShapedObject) -> list[tuple[float, ...]]:
 
 
 def roi_mask(roi: ShapedRoi, covered: np.ndarray, grid: Grid) -> np.ndarray:
-    """Return the voxels that a region fills by half, eroded by its margin; `covered` is its share of each voxel."""
+    """Return the voxels that a region fills by half or more, eroded by its margin.
+
+    `covered` is the share of each voxel that the region fills.
+    """
     # An edge is about half a voxel away from the voxel centers on either side.
     margin = roi.margin_mm and roi.margin_mm + max(grid.spacing[1:]) / 2
     return shrink(covered >= HALF_COVERED, margin, grid)

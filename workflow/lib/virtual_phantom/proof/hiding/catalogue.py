@@ -20,7 +20,7 @@ AT_PHOTONS = 1e5  # per pixel in air, at which a saturation loses its share
 
 
 def _same(setting: str, parameter: str | None = None, signed: bool = False):
-    """Make one setting, and the library's parameter with the same definition, if it has one."""
+    """Return a function that makes one setting, and the library's parameter with the same definition, if any."""
 
     def make(size, random):
         value = size * (sign(random) if signed else 1.0)
@@ -30,7 +30,7 @@ def _same(setting: str, parameter: str | None = None, signed: bool = False):
 
 
 def _velocity(setting: str, parameters: tuple[str, ...], weights: tuple[float, ...] = (1.0, 1.0, 1.0)):
-    """Make a velocity in a random direction, whose components have these weights."""
+    """Return a function that makes a velocity in a random direction, whose components have these weights."""
 
     def make(size, random):
         direction = random.normal(size=3) * weights
@@ -41,7 +41,7 @@ def _velocity(setting: str, parameters: tuple[str, ...], weights: tuple[float, .
 
 
 def _wave(setting: str, cosine: str, sine: str):
-    """Make the amplitudes of a cosine and a sine, with a random phase."""
+    """Return a function that makes the amplitudes of a cosine and a sine, with a random phase."""
 
     def make(size, random):
         phase = float(random.uniform(0, 2 * np.pi))
@@ -76,7 +76,7 @@ def _bowtie(size, random):
 
 def _heel(size, random):
     depth_mm = size * sign(random)
-    # The anode angle sets the anode's side in the library. A positive depth in the simulator is the other side.
+    # In the library, the anode angle gives the side of the anode. A positive depth in the simulator is the other side.
     return {"heel_depth_mm": depth_mm}, {"depth_um": -1000 * depth_mm}
 
 
@@ -114,7 +114,7 @@ def _off_focal(size, random):
 
 
 def _saturation(size, random):
-    """With equal chance, a loss in proportion to the photons that arrive or a power law of the reading."""
+    """Make a loss in proportion to the incident photons or a power law of the readings, with equal chance."""
     if random.random() < 0.5:
         return {"saturation_per_photon": size / AT_PHOTONS}, {}
     exponent = 1 + size * sign(random)

@@ -1,4 +1,4 @@
-"""Faults of detector and readout that the library has no effect for, from equations of this package."""
+"""Faults of detector and readout for which the library has no effect, from equations of this package."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from .xcist import Acquired, Scan
 
 
 def faulty(taken: Acquired, scan: Scan, random: np.random.Generator) -> Acquired:
-    """Return the readings with the hidden faults; `random` draws the quanta that share their charge."""
+    """Return the readings with the hidden faults; `random` selects the quanta that share their charge."""
     settings, readings, air = scan.settings, taken.readings, taken.air
     if share := settings.get("charge_share", 0.0):
-        # The air scan has no noise, so that the expected value is added.
+        # The air scan has no noise, so the expected value is added.
         readings, air = charge_shared(readings, share, scan.kev, random), air + share * _mean_of_neighbors(air)
     if rise := settings.get("warming", 0.0):
         readings = readings * warmed(scan.views, scan.columns, rise, settings["warming_turns"])[:, None]
@@ -33,19 +33,19 @@ def chosen(views: int, share: float, seed: int) -> np.ndarray:
 
 
 def warmed(views: int, columns: int, rise: float, turns: float) -> np.ndarray:
-    """Gains of a detector that warms up, shape (views, columns), with a mean of 1 in every view.
+    """Return the gains of a detector that warms up, shape (views, columns), with a mean of 1 in every view.
 
-    Gains change with the distance from the fan's center, with a time constant in turns, towards a limit: `rise` for the
-    last column, with the opposite sign for the first.
+    The relative change approaches a limit exponentially, with the time constant `turns`. The limit is linear along the
+    columns, from -`rise` in the first to `rise` in the last column.
     """
     time = (np.arange(views) + 0.5) / views
     return 1 + rise * -np.expm1(-time / turns)[:, None] * np.linspace(-1, 1, columns)
 
 
 def charge_shared(readings: np.ndarray, share: float, kev: float, random: np.random.Generator) -> np.ndarray:
-    """Count quanta near the edge of their pixel in the adjacent pixel, too.
+    """Count quanta near the edge of their pixel also in the adjacent pixel.
 
-    Quanta beyond the edge of the detector are lost.
+    Second counts outside of the detector are lost.
 
     Parameters
     ----------

@@ -27,7 +27,8 @@ class HiddenEffect:
     where : tuple of str
         Domains of the diagnosis, at least one of which must show the effect.
     alike : str
-        Effects with the same group change the readings in nearly the same way. No pair has two effects of one group.
+        Group of effects that change the readings in nearly the same way; empty: none. A pair never has two effects of
+        one group.
     known : bool
         Whether the library has an effect of this name.
     of_images : bool

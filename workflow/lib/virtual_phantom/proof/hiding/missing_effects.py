@@ -1,4 +1,4 @@
-"""Faults that the library has no effect for, each with the best possible verdict.
+"""Faults for which the library has no effect, each with the best possible verdict.
 
 Strengths follow from the change of the readings in the scans of the suite, as for the other effects.
 """

@@ -30,11 +30,12 @@ class Object:
     least_mm : float
         Height that the layout needs, before the phantom is cut to the height of the beam, mm.
     soft, dense : str
-        XCIST's materials. The density of `soft` follows the HU; above dense_from_hu, `dense` is mixed in.
+        XCIST's materials. The density of `soft` is in proportion to the attenuation; above dense_from_hu, voxels are
+        mixtures with `dense`.
     dense_from_hu : float
         HU.
-    told : tuple of 2 str
-        The same materials by the library's names, as the diagnosis knows them.
+    library_materials : tuple of 2 str
+        Names of the corresponding materials of the library, which the diagnosis uses.
     """
 
     layout: str
@@ -43,12 +44,12 @@ class Object:
     soft: str
     dense: str
     dense_from_hu: float
-    told: tuple[str, str]
+    library_materials: tuple[str, str]
 
     @property
     def stated(self) -> MaterialSettings:
-        """Division of HU into materials."""
-        return MaterialSettings(*self.told, self.dense_from_hu)
+        """Materials and HU threshold that the diagnosis uses."""
+        return MaterialSettings(*self.library_materials, self.dense_from_hu)
 
     def pixel_mm(self, columns: int) -> float:
         """Return the width of a detector pixel at the isocenter for a beam that covers the phantom."""

@@ -17,8 +17,8 @@ LEAST_FRACTION = 1e-4  # smaller volume fractions are set to 0
 FINER = 2  # subdivision of the known voxels in the scanned phantom
 VOXELS_PER_PIXEL = 3  # known voxels per detector pixel at the isocenter
 REACH = 1.3  # height of the cone beam at the phantom's far side over its height at the isocenter
-# Additional height for detector rows that are displaced by up to 8 mm. Rays that leave through the end faces would show
-# how the two simulators end an object, which is no effect.
+# Additional height for detector rows that are displaced by up to 8 mm. Rays through the end faces would show a
+# difference between the two simulators that is not an effect.
 BEYOND_MM = 6.0
 
 

@@ -54,7 +54,7 @@ def read_out(
 
 
 def glare(range_mm: float, pitch_mm: tuple[float, float]) -> np.ndarray:
-    """Point spread function exp(-r / k) / r of veiling glare [1]_.
+    """Return the point spread function exp(-r / k) / r of veiling glare [1]_.
 
     The central pixel has the mean over a disc of the same area.
 

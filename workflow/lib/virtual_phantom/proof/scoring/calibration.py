@@ -52,9 +52,9 @@ def tables(cases: Sequence[Case]) -> dict:
     Returns
     -------
     dict
-        {table: [{stated, stated_at_least, came_true, with_lacking, kept}]}, and the meaning of each. with_lacking is
-        came_true over all cases, including those with a hidden effect that the library lacks. In first_named, came_true
-        counts the effect itself; or_stand_in also counts its alternatives.
+        {table: [{stated, stated_at_least, came_true, with_lacking, kept}]}, and the meaning of each. came_true is the
+        share over cases whose hidden effects the library has, with_lacking the share over all cases. In first_named,
+        came_true counts the effect itself; or_stand_in also counts its alternatives.
     """
     ruled_out = [(case, name not in case.hidden) for case in cases for name in case.diagnosis["ruled_out"]]
     return {

@@ -20,9 +20,9 @@ SHOWN_FIRST = ("strong", "medium", "weak", None)
 def example(cases: Sequence[Case]) -> Case:
     """Return a typical case.
 
-    Candidates are cases with one effect (else all cases) that changes the mean, which maps show, of the largest
-    available strength. The result has the median of the excess removed (the lower of two). The correctness of the
-    answer plays no part.
+    Candidates are cases with one effect of the largest available strength that changes the mean, because maps show the
+    mean. If there are none, all cases are candidates. The result has the median of the excess removed (the lower of
+    two). The choice does not depend on the correctness of the answer.
 
     Raises
     ------

@@ -59,7 +59,7 @@ def _over(values: Sequence[float], bound: float) -> float:
 
 
 def area(more: Sequence[float], less: Sequence[float]) -> float | None:
-    """Probability that a value of `more` exceeds one of `less`; ties count as half. None if either is empty."""
+    """Return the probability that a value of `more` exceeds one of `less`, ties as half; None if one is empty."""
     if not more or not less:
         return None
     wins = sum((value > other) + 0.5 * (value == other) for value in more for other in less)

@@ -28,7 +28,7 @@ import yaml
 from ...base.errors import refusing
 from ...base.settings import MaterialSettings
 from ...diagnosis.settings import LabelledObject, RecordingSettings, ShapesObject
-from ...diagnosis.workload import fitted, rays_of
+from ...diagnosis.workload import rays_of, samples_and_step
 from ...physics.scenes.object_files import object_path
 from ...physics.scenes.sampling import MIN_POINTS
 
@@ -130,7 +130,7 @@ def extent(
         If the file of the scanned object cannot be read.
     """
     views, rows, columns = shape
-    samples, step = fitted(settings.samples, settings.view_step, settings.of_shapes, shape)
+    samples, step = samples_and_step(settings.samples, settings.view_step, settings.of_shapes, shape)
     fitted_shape = math.ceil(views / step), rows, columns
     rays = rays_of(fitted_shape, samples) * points_of_source(settings.baseline)
     return Extent(math.prod(fitted_shape), rays, _planes(settings, phantom), effects, settings.check_setup)

@@ -37,7 +37,7 @@ def flux(cfg):
 
 
 def tube_current(cfg, view):
-    """Relative current of one or more views: 1 + c cos 2b + s sin 2b at the gantry angle b."""
+    """Return the relative current of one or more views, 1 + c cos 2b + s sin 2b at the gantry angle b."""
     cosine, sine = cfg.hooks.modulation
     turned = view / cfg.protocol.viewsPerRotation
     angle = np.deg2rad(cfg.protocol.startAngle) + 2 * np.pi * cfg.protocol.rotationDirection * turned

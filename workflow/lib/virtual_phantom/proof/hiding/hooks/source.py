@@ -27,7 +27,7 @@ def source(cfg):
 
 
 def seen(cfg, divided):
-    """Which points of the source each column sees through the pre-patient collimator.
+    """Return which points of the source each column sees through the pre-patient collimator.
 
     The beam of the focal spot just fits through the collimator.
 
