@@ -96,7 +96,7 @@ def measure_table(
 
 
 def stable_by_feature(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return feature, family, stable_{measure} (as in `measure_table`) and stable_by (number of yes), a row per feature."""
+    """Return a row per feature: feature, family, stable_{measure} (see `measure_table`), stable_by (number of yes)."""
     names = measured[["feature", "family"]].drop_duplicates(ignore_index=True)
     wide = measured.pivot(index="feature", columns="measure", values="stable").reindex(columns=list(CUT_OFFS))
     wide = wide.loc[names["feature"]]
