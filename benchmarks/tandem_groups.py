@@ -41,6 +41,7 @@ RECONSTRUCTIONS = {"fbp": (2, 4, 6, 8), "iterative": (1, 3, 5, 7)}
 SETS = {**RECONSTRUCTIONS, "all": tuple(range(1, 9))}
 FEATURES = measured.STUDY_FEATURES
 KINDS = ("stability", "discrimination", "same_class")
+SKEWNESS = "original_firstorder_Skewness"
 UNIFORM = "cyst_1"  # its SD in a group is the noise of the controls
 MARGIN = 8  # voxels, for perturbations
 
@@ -252,9 +253,11 @@ def mean_and_sd(tables: list[pd.DataFrame], fraction: float = 0.0) -> pd.DataFra
 
 
 def regions_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Mean HU and SD within each region, mean over repeats, by group."""
+    """Mean HU of each region and SD within it, by group: mean over repeats, and SD over repeats."""
     rows = table.assign(mean=table[MEAN] - STORED_OFFSET_HU, sd=np.sqrt(table[VARIANCE]))
-    return rows.groupby(["roi", "group"])[["mean", "sd"]].mean().unstack("group").round(1)
+    found = rows.groupby(["roi", "group"])[["mean", "sd"]].agg(["mean", "std"])
+    found.columns = ["mean", "mean, SD over repeats", "SD", "SD, SD over repeats"]
+    return found.unstack("group").stack(level=0, future_stack=True).round(2)
 
 
 def print_spearman(title: str, found: list[pd.Series]) -> None:
@@ -308,9 +311,10 @@ def run(options):
     pairs = halves(full if moved else fixed)
     print_spearman("the other half of the measured acquisitions", [spearman(*map(scores, pair)) for pair in pairs])
 
-    print("\nStability of the same acquisitions in both groups, and of different ones, percent")
-    for title, table, unit in (("measured", fixed, "acquisition"), ("simulated", simulated[0], "seed")):
-        found = paired_and_independent(table, unit)
-        print(title, found.mean().round(1).to_dict(), "SD", found.std().round(1).to_dict())
-    print(f"\nMean and SD in HU, measured\n{regions_table(full).to_string()}")
+    print("\nStability with the same acquisitions in both groups, and with different ones, percent")
+    for title, rows, unit in (("measured", fixed, "acquisition"), ("simulated", simulated[0], "seed")):
+        for name, chosen in {"all features": FEATURES, "variance": [VARIANCE], "skewness": [SKEWNESS]}.items():
+            found = paired_and_independent(rows, unit, features=chosen)
+            print(f"{title}, {name}: mean {found.mean().round(1).to_dict()}, SD {found.std().round(1).to_dict()}")
+    print(f"\nHU of regions, measured\n{regions_table(full if moved else fixed).to_string()}")
     print(f"\nsimulated\n{regions_table(simulated[0]).to_string()}")
