@@ -16,9 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy import ndimage
-from skimage.restoration import estimate_sigma
 
+from benchmarks.common.perturbation import perturb, signed_distance
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
@@ -42,7 +41,7 @@ REPEATS = 6  # of each control
 PREDICTED = 100  # number of the first noise realization of a prediction; fits use those from 0
 UNIFORM = "cyst_1"
 RECONSTRUCTIONS = ("fbp", "iterative")
-BLUR = Blur(2.98, 5.06, 0.85)  # kernel of config/as_scanned.yaml; a slice of 2 mm
+BLUR = Blur(2.98, 5.06, 0.85)  # kernel of group 2 in config/clinical.yaml; a slice of 2 mm
 REALIZATIONS = {"hemangioma": 2, "metastasis": 4}  # of noise while fitting, others SMALL
 SMALL = 8
 START_NOISE = {"fbp": NoiseModel(2.6, 4.8, 0.15, 0.75, 0.1), "iterative": NoiseModel(2.0, 4.3, 0.25, 0.65, 0.15)}
@@ -173,27 +172,16 @@ def with_noise(real: dict, regions: dict, stream: Stream, noise: dict[str, Noise
 
 
 def perturbed(regions: dict, stream: Stream, repeats: int) -> dict:
-    """Features of the clean drawn phantom after random perturbations, after Zwanenburg et al. (2019).
-
-    Rotation by up to 4 degrees about z and a shift of up to half a voxel, with linear interpolation. The volume of the
-    region changes by up to 20 %. The Gaussian noise has the SD that wavelets find in the image.
-    """
+    """Features of the clean drawn phantom after random perturbations (benchmarks/common/perturbation.py)."""
     found = {}
     textures = [drawn_regions(named(stream, "texture", repeat), MARGIN) for repeat in range(repeats)]
     for roi, mask in regions.items():
-        wide = np.pad(mask, MARGIN)
-        distance = ndimage.distance_transform_edt(~wide, SPACING) - ndimage.distance_transform_edt(wide, SPACING)
+        distance = signed_distance(np.pad(mask, MARGIN), SPACING)
         rows = []
         for repeat, texture in enumerate(textures):
             random = generator(named(stream, "perturbation", roi, repeat))
-            clean = texture[roi]
-            sd = np.nan_to_num(estimate_sigma(clean))  # NaN for a uniform region
-            image = ndimage.rotate(clean, random.uniform(-4, 4), (1, 2), reshape=False, order=1, mode="nearest")
-            image = ndimage.shift(image, random.uniform(-0.5, 0.5, 3), order=1, mode="nearest")
-            image = image + random.normal(0, sd, image.shape)
-            voxels = int(round(wide.sum() * (1 + random.uniform(-0.2, 0.2))))
-            changed = distance <= np.partition(distance.ravel(), voxels)[voxels]
-            rows.append(features_of([image.astype(np.float32)], changed, SPACING))
+            image, changed = perturb(texture[roi], distance, random)
+            rows.append(features_of([image], changed, SPACING))
         values = pd.concat(rows).mean()
         found |= {(roi, name, dose): values for name in RECONSTRUCTIONS for dose in DOSES}
     return found
