@@ -1,6 +1,6 @@
 """Compare stability and discriminative power of simulated groups with measured ones and with controls (4 minutes).
 
-First run `snakemake --cores 2 --configfile config/clinical.yaml config/largest_section.yaml`. --table is the full table
+First run `snakemake --cores 2 --configfile config/largest_section.yaml`. --table is the full table
 of CT-Phantom4Radiomics (features of the largest section, stored values), --features one table of the study or several
 with different seeds. Measured scores are from random subsets with as many acquisitions as the study has repeats. The
 controls add noise to the clean virtual phantom on the voxels of each group, or perturb it. Prints the tables of
@@ -268,8 +268,8 @@ def print_spearman(title: str, found: list[pd.Series]) -> None:
 
 def add_arguments(parser):
     parser.add_argument("--table", type=Path, required=True, help="full table of CT-Phantom4Radiomics")
-    parser.add_argument("--features", type=Path, nargs="+", default=[common.ROOT / "results-clinical" / "features.csv"])
-    parser.add_argument("--configfile", nargs="+", default=["config/clinical.yaml", "config/largest_section.yaml"])
+    parser.add_argument("--features", type=Path, nargs="+", default=[common.ROOT / "results" / "features.csv"])
+    parser.add_argument("--configfile", nargs="+", default=["config/largest_section.yaml"])
     parser.add_argument("--level", default="mgy10", help="noise level (default mgy10)")
 
 

@@ -14,8 +14,10 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.config.config import read_study
+from virtual_phantom.config.read_config import PAPER_GROUPS, read_configs
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -29,16 +31,16 @@ def merge(into, overlay):
             into[key] = value
 
 
-def read_config(path="config/paper_groups.yaml"):
+def read_config(path=PAPER_GROUPS):
     """Content of a YAML file; relative paths start at the project's root."""
     return yaml.safe_load((ROOT / path).read_text(encoding="utf-8"))
 
 
 def configuration(*overlays):
-    """Complete default configuration with files laid over it."""
-    merged = read_config()
-    for path in overlays:
-        merge(merged, read_config(path))
+    """Complete configuration of files, by default of the paper's groups."""
+    lines, merged = read_configs([ROOT / path for path in overlays or [PAPER_GROUPS]])
+    if lines:
+        raise InputError("; ".join(lines))
     return read_study(merged)
 
 

@@ -59,7 +59,7 @@ def planned_files(tmp_path_factory):
     moved = {"results_dir": "r", "repeats": {"repositioned": 1, "shift_mm": 1.0}, "physics": {"scatter": None}}
     moved["analyses"] = {"stability": {"without_physics": True}}
     (folder / "moved.yaml").write_text(yaml.safe_dump(moved))
-    voxels = made(snakemake("all", "-n", "--forceall", "--configfile", "config/clinical.yaml", folder / "moved.yaml"))
+    voxels = made(snakemake("all", "-n", "--forceall", "--configfile", folder / "moved.yaml"))
     alone = made(snakemake("all", "proof", "-n", "--forceall", "--config", "results_dir=r"))
     return {
         (rule, str(PurePosixPath(file).relative_to("r"))) for rule, file in with_recordings | alone | scanned | voxels

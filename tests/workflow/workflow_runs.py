@@ -14,7 +14,7 @@ TINY = ROOT / "config" / "tiny.yaml"
 BENEATH = {
     "every_scan.yaml": ("printed_phantom.yaml",),
     "multicentre.yaml": ("printed_phantom.yaml",),
-    "printed_groups.yaml": ("printed_phantom.yaml", "clinical.yaml"),
+    "printed_groups.yaml": ("printed_phantom.yaml",),
 }
 
 
