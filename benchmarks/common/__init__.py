@@ -22,15 +22,6 @@ from virtual_phantom.config.read_config import PAPER_GROUPS, read_configs
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def merge(into, overlay):
-    """Add an overlay to a configuration, as Snakemake does."""
-    for key, value in overlay.items():
-        if isinstance(value, dict) and isinstance(into.get(key), dict):
-            merge(into[key], value)
-        else:
-            into[key] = value
-
-
 def read_config(path=PAPER_GROUPS):
     """Content of a YAML file; relative paths start at the project's root."""
     return yaml.safe_load((ROOT / path).read_text(encoding="utf-8"))
