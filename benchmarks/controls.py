@@ -65,14 +65,14 @@ def write_layout(path: Path) -> None:
     path.write_text(yaml.safe_dump(layout), encoding="utf-8")
 
 
-def white_noise(plan: Plan) -> pd.DataFrame:
-    """Features of the default phantom with white noise added and nothing scanned.
+def white_noise(plan: Plan, folder: Path) -> pd.DataFrame:
+    """Features of the phantom in the results folder of a study with white noise added and nothing scanned.
 
     The noise of a group is that of one of the printed phantom's groups, as its large cyst shows it; SIRT takes those
     with ADMIRE (1, 3, 5, 7), FBP those with FBP (2, 4, 6, 8).
     """
-    image = volumes.read_nifti(common.ROOT / RESULTS / "default/phantom/image.nii.gz")
-    rois, masks = phantom.read_masks(common.ROOT / RESULTS / "default/phantom/rois.csv", image.grid)
+    image = volumes.read_nifti(folder / "phantom/image.nii.gz")
+    rois, masks = phantom.read_masks(folder / "phantom/rois.csv", image.grid)
     classes = dict(zip(rois["roi"], rois["tissue_class"], strict=True))
     means = measured.group_means().query("roi == 'cyst_1'").set_index("group")
     sd = np.sqrt(means["original_firstorder_Variance"])
@@ -205,7 +205,7 @@ def run(options):
     plan, tiny = Plan(common.configuration("config/controls.yaml")), Plan(common.configuration("config/tiny.yaml"))
     white = common.ROOT / RESULTS / "white_noise.csv"
     if not white.exists():
-        write_csv(white_noise(plan), white)
+        write_csv(white_noise(plan, common.ROOT / RESULTS / "default"), white)
 
     rows, scores = {}, []
     for name in (*studies(), "white_noise"):

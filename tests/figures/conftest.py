@@ -61,6 +61,7 @@ def calibration():
                         "roi": roi,
                         "variance_hu2": variance,
                         "standard_error": 0.03 * variance,
+                        "spatial_variance_hu2": variance + 50,
                     }
                 )
     return pandas.DataFrame(rows)

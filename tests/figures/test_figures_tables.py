@@ -71,6 +71,17 @@ def test_fit_and_crossings_in_closed_form():
     assert figure.axes[0].get_xlim()[1] > 3
 
 
+def test_measured_variance_is_compared_with_the_same_quantity_of_its_roi():
+    """Among the voxels of `cyst_1`, 100 + 1e6 A reaches 250 HU^2 at 1.5e-4; others have other values."""
+    table = line(2e6, 50, [0.5e-4, 1e-4, 2e-4])
+    inside = table.assign(roi="cyst_1", spatial_variance_hu2=100 + 1e6 * table["noise_level"], standard_error=np.nan)
+    both = pandas.concat([table, inside])
+    figure = noise_calibration.draw(both, None, [("x", 250.0)], "cyst_1", noise_calibration.AMONG_VOXELS)
+    words = texts(figure)
+    assert "measured x: 250 HU², reached at A = 1.5 ×10⁻⁴" in words
+    assert "variance among voxels, cyst 1 (HU²)" in words
+
+
 def test_r_squared_of_three_points():
     """Points (1, 1), (2, 3), (3, 2) x 1e-4: slope 0.5e4, intercept 1, R2 = 1 - 1.5/2 = 0.25."""
     table = line(0, 0, [1e-4, 2e-4, 3e-4])

@@ -51,6 +51,44 @@ def test_known_noise_is_recovered_with_a_correct_error_for_correlated_voxels():
     assert np.std(errors) == pytest.approx(49 * np.sqrt(2 / 9 / 16), rel=0.25)  # chi-square, 9 degrees of freedom
 
 
+def test_variance_of_two_images_is_split_by_hand():
+    # Voxels 0 and 4 in all of three repeats; the second voxel is also 3 higher in the last: means 0 and 5.
+    images = [np.array([[[0.0, 4.0]]]), np.array([[[0.0, 4.0]]]), np.array([[[0.0, 7.0]]])]
+    row = noise.fixed_pattern(images, {"roi": np.ones((1, 1, 2), bool)}).iloc[0]
+    single, mean = (4 + 4 + 12.25) / 3, 6.25
+    assert row["spatial_variance_hu2"] == pytest.approx(single)
+    assert row["pattern_variance_hu2"] == pytest.approx((3 * mean - single) / 2)
+    assert row["noise_variance_hu2"] == pytest.approx(1.5 * (single - mean))
+    assert row["pattern_percent"] == pytest.approx(100 * row["pattern_variance_hu2"] / single)
+
+
+@pytest.mark.parametrize("amplitude, largest", [(3.0, 1.8), (30.0, 1.25)])
+def test_fixed_pattern_is_separated_from_correlated_noise_with_a_conservative_error(amplitude, largest):
+    rng = np.random.default_rng(6)
+    pattern = np.repeat([amplitude, -amplitude], 20) * np.ones((1, 40, 1))  # as correlated as the noise
+    found, claimed = [], []
+    for _ in range(150):
+        # Blocks of 10 x 10 equal voxels: the noise variance within the ROI is 49 (1 - 1 / 16).
+        images = pattern + np.kron(rng.normal(0, 7, (10, 1, 4, 4)), np.ones((1, 1, 10, 10)))
+        row = noise.fixed_pattern(images, {"roi": np.ones(images.shape[1:], bool)}).iloc[0]
+        found.append(row[["pattern_variance_hu2", "noise_variance_hu2"]].to_list())
+        claimed.append(row["standard_error"])
+    errors = np.mean(found, axis=0) - [amplitude**2, 49 * 15 / 16]
+    assert (abs(errors) < 4 * np.std(found, axis=0) / np.sqrt(150)).all()
+    assert 0.8 < np.mean(claimed) / np.std(found, axis=0)[0] < largest
+
+
+@pytest.mark.parametrize("count, offset, percent", [(3, 0.0, 100.0), (3, np.nan, None), (2, 0.0, None)])
+def test_repeats_without_noise_are_all_pattern_and_too_few_or_missing_values_an_error(count, offset, percent):
+    images = [np.arange(24.0).reshape(BOX.shape) + offset] * count
+    if percent is None:
+        with pytest.raises(InputError, match="fixed pattern: (2 repeats|repeat 1 has voxels that are not finite)"):
+            noise.fixed_pattern(images, {"roi": BOX})
+        return
+    row = noise.fixed_pattern(images, {"roi": BOX}).iloc[0]
+    assert (row["pattern_percent"], row["noise_variance_hu2"], row["standard_error"]) == pytest.approx((percent, 0, 0))
+
+
 def test_images_are_processed_one_at_a_time():
     alive = []
 

@@ -39,6 +39,7 @@ FIGURES = (
 )
 TABLES = (
     "noise_calibration",
+    "fixed_pattern",
     "stability",
     "stability_measures",
     "stable_features",

@@ -237,6 +237,37 @@ rule noise_calibration:
         "../scripts/noise_calibration.py"
 
 
+rule fixed_pattern:
+    """Variance of every ROI in each group: the pattern that all repeats share, and the noise."""
+    input:
+        images=sum(selections.pattern_images().values(), []),
+        rois=sorted({table for table, _ in selections.pattern_rois().values()}),
+        masks=sorted({masks for _, masks in selections.pattern_rois().values()}),
+    output:
+        reported("tables/fixed_pattern.csv"),
+    log:
+        results("logs/fixed_pattern.log"),
+    group:
+        "calibration"
+    resources:
+        mem_mb=context.megabytes(volumes=12),
+        runtime=lambda wildcards, attempt: attempt
+        * context.minutes(
+            "noise_calibration",
+            context.sizes.images(
+                sum(len(paths) for paths in selections.pattern_images().values())
+            ),
+        ),
+    params:
+        image_files=selections.pattern_images(),
+        roi_files={
+            name: table for name, (table, _) in selections.pattern_rois().items()
+        },
+        code=code("fixed_pattern.py"),
+    script:
+        "../scripts/fixed_pattern.py"
+
+
 rule parquet:
     """All tables as Parquet."""
     input:

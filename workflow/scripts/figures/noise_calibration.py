@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 
 from virtual_phantom.figures import noise_calibration, style
 from virtual_phantom.io import files
+from virtual_phantom.statistics import noise
+from virtual_phantom.statistics.dose_series import MEASURED_ROI
 from virtual_phantom.study.job import job
 
 
@@ -17,7 +19,11 @@ def main(
     trial: bool,
 ) -> None:
     measured = [(line["label"], line["variance_hu2"]) for line in measured_noise]
-    figure = noise_calibration.draw(files.read_csv(table), study_levels, measured)
+    rows = files.read_csv(table)
+    roi, column = noise.EVERY_ROI, noise_calibration.OVER_REPEATS
+    if measured and MEASURED_ROI in set(rows["roi"]):
+        roi, column = MEASURED_ROI, noise_calibration.AMONG_VOXELS
+    figure = noise_calibration.draw(rows, study_levels, measured, roi, column)
     style.save(figure, [png, pdf], trial=trial)
 
 

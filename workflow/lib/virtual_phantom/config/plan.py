@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 from ..base.settings import ScanSettings, to_mapping
+from ..statistics import MINIMUM_REPEATS
 from .settings import Analyses, Effects, Protocol, Study
 
 # Keys of a scan that are newer than the saved scores. With these values they are not part of the hash of the settings.
@@ -113,6 +114,11 @@ class Plan:
     def nominal_seeds(self, noise: str) -> list[str]:
         """Return the seed labels of a noise level with the phantom at its nominal position."""
         return self.seeds(noise)[: len(self.seeds(noise)) - len(self.repositioned_seeds(noise))]
+
+    def pattern_noise(self) -> str | None:
+        """Return the noise level of the stability analysis; None if it has too few repeats for the fixed pattern."""
+        noise = self.study.analyses.stability and self.study.analyses.stability.noise
+        return noise if noise and len(self.nominal_seeds(noise)) >= MINIMUM_REPEATS else None
 
     def position(self, noise: str, seed: str) -> str:
         """Return MOVED or STILL for a repeat with own noise-free projections, "" for one with the shared ones."""

@@ -16,6 +16,7 @@ from ..statistics.noise import EVERY_ROI, LinearFit, linear_fit
 from . import style, tables
 
 MEASURED_LINES = ("--", "-.", ":", (0, (6, 2, 1, 2, 1, 2)))
+OVER_REPEATS, AMONG_VOXELS = "variance_hu2", "spatial_variance_hu2"  # columns of the table
 LEGEND_CHARACTERS = 61  # characters per line of the legend
 
 
@@ -33,32 +34,39 @@ def draw(
     study_levels: Mapping[str, float] | None = None,
     measured: Sequence[tuple[str, float]] = (),
     roi: str = EVERY_ROI,
+    column: str = OVER_REPEATS,
 ) -> Figure:
     """Draw the variance against A for each protocol, with linear fits and their crossings with measured variances.
+
+    Measured variances are those among the voxels of one ROI, so draw AMONG_VOXELS of that ROI with them.
 
     Parameters
     ----------
     table : DataFrame
-        Columns protocol, noise_level, roi, variance_hu2, standard_error (HU^2).
+        Columns protocol, noise_level, roi, `column`, and with OVER_REPEATS standard_error (HU^2).
     study_levels : mapping of str to float, optional
         {label: A} of the noise levels of the study.
     measured : sequence of tuple, optional
         (label, variance in HU^2) of measured scans.
     roi : str, optional
         ROI to draw.
+    column : {"variance_hu2", "spatial_variance_hu2"}, optional
+        OVER_REPEATS or AMONG_VOXELS.
 
     Raises
     ------
     InputError
         If columns or rows are missing, or a protocol has fewer than two noise levels.
     """
-    name, numbers = "noise calibration table", ["noise_level", "variance_hu2", "standard_error"]
+    name, numbers = "noise calibration table", ["noise_level", column]
+    if column == OVER_REPEATS:
+        numbers.append("standard_error")
     tables.check_table(table, name, text=["protocol", "roi"])
     rows = table[table["roi"] == roi].sort_values("noise_level", kind="stable")
     tables.check_table(rows, f"{name}, ROI {roi}", numbers=numbers)
     factor, unit = style.power_of_ten(rows["noise_level"])  # unit of all levels below
     series = dict(list(rows.assign(noise_level=rows["noise_level"] / factor).groupby("protocol")))
-    fits = {protocol: linear_fit(group["noise_level"], group["variance_hu2"]) for protocol, group in series.items()}
+    fits = {protocol: linear_fit(group["noise_level"], group[column]) for protocol, group in series.items()}
     studied = {label: level / factor for label, level in (study_levels or {}).items()}
     crossings = [{protocol: crossing(line, variance) for protocol, line in fits.items()} for _, variance in measured]
     reached = [level for levels in crossings for level in levels.values() if level is not None]
@@ -71,7 +79,7 @@ def draw(
     for protocol, group in series.items():
         look = {"color": colors[protocol], "marker": markers[protocol]}
         handles += [
-            _points(axes, protocol, group, look),
+            _points(axes, protocol, group, column, look),
             _line(axes, group, fits[protocol], furthest, unit, look["color"]),
         ]
     for (label, variance), levels, pattern in zip(measured, crossings, itertools.cycle(MEASURED_LINES), strict=False):
@@ -80,7 +88,8 @@ def draw(
         handles.append(axes.axhline(variance, color="black", linewidth=0.9, linestyle=pattern, label=text))
     if studied:
         handles.append(_study(axes, studied, unit))
-    axes.set(xlabel=f"noise level A = 1/I₀ ({unit})", ylabel="variance over repeats, all ROIs (HU²)")
+    kind = "over repeats" if column == OVER_REPEATS else "among voxels"
+    axes.set(xlabel=f"noise level A = 1/I₀ ({unit})", ylabel=f"variance {kind}, {style.label(roi)} (HU²)")
     axes.set(xlim=(0, 1.05 * furthest), ylim=(0, None))
     lines = sum(1 + handle.get_label().count("\n") for handle in handles)
     figure.set_figheight((62 + 3.8 * lines) / style.MILLIMETRES_PER_INCH)
@@ -97,11 +106,14 @@ def describe(line: LinearFit, unit: str) -> str:
     )
 
 
-def _points(axes: Axes, protocol: str, group: pandas.DataFrame, look: Mapping[str, str]) -> ErrorbarContainer:
-    bars = {"yerr": group["standard_error"], "linestyle": "none", "capsize": 2, "elinewidth": 0.8, "zorder": 3}
+def _points(
+    axes: Axes, protocol: str, group: pandas.DataFrame, column: str, look: Mapping[str, str]
+) -> ErrorbarContainer:
+    errors = group["standard_error"] if column == OVER_REPEATS else None
+    bars = {"yerr": errors, "linestyle": "none", "capsize": 2, "elinewidth": 0.8, "zorder": 3}
     edges = {"markeredgecolor": "white", "markeredgewidth": 0.4}
-    text = f"{style.label(protocol)}: simulated, ± standard error"
-    return axes.errorbar(group["noise_level"], group["variance_hu2"], label=text, **bars, **edges, **look)
+    text = f"{style.label(protocol)}: simulated{'' if errors is None else ', ± standard error'}"
+    return axes.errorbar(group["noise_level"], group[column], label=text, **bars, **edges, **look)
 
 
 def _line(axes: Axes, group: pandas.DataFrame, fit: LinearFit, furthest: float, unit: str, color: str) -> Line2D:

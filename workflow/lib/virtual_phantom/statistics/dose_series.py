@@ -14,9 +14,10 @@ from ..features.names import VARIANCE
 from ..io.files import read_text
 
 TABLE = RESOURCES / "edge_dose_series_summary.csv"
+MEASURED_ROI = "cyst_1"  # the large cyst, which is uniform in the drawn phantom
 
 
-def dose_variance(reconstruction: str, dose_mgy: float, roi: str = "cyst_1") -> float:
+def dose_variance(reconstruction: str, dose_mgy: float, roi: str = MEASURED_ROI) -> float:
     """Variance (HU^2) among the voxels of an ROI of the measured dose series.
 
     The variance includes texture and shading of the ROI, so it is an upper bound of the noise variance.

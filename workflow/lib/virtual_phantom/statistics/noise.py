@@ -1,4 +1,4 @@
-"""Noise calibration: variance over repeated scans as a linear function of the noise level A."""
+"""Variance over repeated scans: noise calibration (a linear function of the noise level A), and the fixed pattern."""
 
 from __future__ import annotations
 
@@ -44,6 +44,88 @@ def repeat_variance(
         For fewer than three repeats, an image of another shape, an empty ROI, or values that are not finite.
     """
     union = np.logical_or.reduce(list(masks.values()))
+    values = _voxels(images, union, name)
+    n = len(values)
+    deviation = (values - values.mean(axis=0)) ** 2
+    squares = deviation.sum(axis=0)
+    # Without repeat k the sum of squares of a voxel is smaller by n/(n - 1) times the squared deviation of repeat k.
+    without_one = (squares - deviation * n / (n - 1)) / (n - 2)
+    result = []
+    for roi, mask in {**masks, EVERY_ROI: union}.items():
+        inside = _inside(mask, union, roi, name)
+        jackknife = without_one[:, inside].mean(axis=1)
+        result.append(
+            {
+                "roi": roi,
+                "repeats": n,
+                "variance_hu2": squares[inside].mean() / (n - 1),
+                "standard_error": _jackknife_error(jackknife),
+                "spatial_variance_hu2": values[:, inside].var(axis=1).mean(),
+            }
+        )
+    return pd.DataFrame(result)
+
+
+def fixed_pattern(
+    images: Iterable[np.ndarray], masks: dict[str, np.ndarray], name: str = "fixed pattern"
+) -> pd.DataFrame:
+    """Variance of each ROI, split into the pattern that all repeats share and the noise that changes between repeats.
+
+    The pattern contains the object's texture, and errors of sampling and reconstruction, such as streaks from few
+    views. S is the variance among the voxels of one image (mean over n repeats), M that of the mean image. Their
+    expectations are S = pattern + noise and M = pattern + noise / n, for noise of any correlation.
+
+    Parameters
+    ----------
+    images : iterable of ndarray, shape (z, y, x)
+        HU, one per repeat. Only voxels of ROIs are kept in memory.
+    name : str, optional
+        Start of error messages.
+
+    Returns
+    -------
+    DataFrame
+        One row per ROI. Columns:
+
+        * roi, repeats
+        * spatial_variance_hu2: S, with denominator n as Variance in pyradiomics
+        * noise_variance_hu2: n (S - M) / (n - 1)
+        * pattern_variance_hu2: (n M - S) / (n - 1); negative values are possible if there is no pattern
+        * standard_error: of the pattern variance, jackknife over repeats; too large where noise dominates
+        * pattern_percent: of the spatial variance; 0 for a negative pattern variance
+
+    Raises
+    ------
+    InputError
+        As in `repeat_variance`.
+    """
+    union = np.logical_or.reduce(list(masks.values()))
+    values = _voxels(images, union, name)
+    n = len(values)
+    result = []
+    for roi, mask in masks.items():
+        voxels = values[:, _inside(mask, union, roi, name)]
+        mean, single = voxels.mean(axis=0), voxels.var(axis=1)
+        spatial, of_mean = single.mean(), mean.var()
+        pattern = (n * of_mean - spatial) / (n - 1)
+        without_one = ((n * mean - voxels) / (n - 1)).var(axis=1)
+        jackknife = ((n - 1) * without_one - (n * spatial - single) / (n - 1)) / (n - 2)
+        result.append(
+            {
+                "roi": roi,
+                "repeats": n,
+                "spatial_variance_hu2": spatial,
+                "noise_variance_hu2": n * (spatial - of_mean) / (n - 1),
+                "pattern_variance_hu2": pattern,
+                "standard_error": _jackknife_error(jackknife),
+                "pattern_percent": 100 * max(pattern, 0.0) / spatial if spatial else 0.0,
+            }
+        )
+    return pd.DataFrame(result)
+
+
+def _voxels(images: Iterable[np.ndarray], union: np.ndarray, name: str) -> np.ndarray:
+    """Voxels of the union of all ROIs in every image, float64, shape (repeats, voxels)."""
     rows = []
     for index, image in enumerate(images):
         if image.shape != union.shape:
@@ -58,29 +140,20 @@ def repeat_variance(
         rows.append(voxels)
     if len(rows) < MINIMUM_REPEATS:
         raise InputError(f"{name}: {len(rows)} repeats; a variance and its error need at least {MINIMUM_REPEATS}")
-    values = np.stack(rows)
-    n = len(values)
-    deviation = (values - values.mean(axis=0)) ** 2
-    squares = deviation.sum(axis=0)
-    # Without repeat k the sum of squares of a voxel is smaller by n/(n - 1) times the squared deviation of repeat k.
-    without_one = (squares - deviation * n / (n - 1)) / (n - 2)
-    result = []
-    for roi, mask in {**masks, EVERY_ROI: union}.items():
-        inside = mask[union]
-        if not inside.any():
-            raise InputError(f"{name}: ROI {roi} is empty; draw it again")
-        jackknife = without_one[:, inside].mean(axis=1)
-        error = np.sqrt((n - 1) / n * ((jackknife - jackknife.mean()) ** 2).sum())
-        result.append(
-            {
-                "roi": roi,
-                "repeats": n,
-                "variance_hu2": squares[inside].mean() / (n - 1),
-                "standard_error": error,
-                "spatial_variance_hu2": values[:, inside].var(axis=1).mean(),
-            }
-        )
-    return pd.DataFrame(result)
+    return np.stack(rows)
+
+
+def _inside(mask: np.ndarray, union: np.ndarray, roi: str, name: str) -> np.ndarray:
+    inside = mask[union]
+    if not inside.any():
+        raise InputError(f"{name}: ROI {roi} is empty; draw it again")
+    return inside
+
+
+def _jackknife_error(without_one: np.ndarray) -> float:
+    """Standard error from estimates that each leave out one repeat."""
+    n = len(without_one)
+    return np.sqrt((n - 1) / n * ((without_one - without_one.mean()) ** 2).sum())
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,8 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
         yield _job("noise_control", images=images)
     if analyses.stability:
         yield from _stability(analyses.stability, plan.study.measured.overlay)
+        if noise := plan.pattern_noise():
+            yield _job("fixed_pattern", images=len(plan.groups()) * len(plan.nominal_seeds(noise)))
     for name in analyses.pca:
         yield _job("pca", "separability", pca=name)
         yield _job(f"figure_pca_{name}")

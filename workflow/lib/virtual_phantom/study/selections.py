@@ -122,6 +122,20 @@ class Selections:
             for protocol, noise, seed in self.calibration
         ]
 
+    def pattern_images(self) -> dict[str, list[str]]:
+        """Return {protocol: images} of the groups of the stability analysis, with the phantom at its nominal position.
+
+        Empty if the noise level has too few of these images for the table of the fixed pattern.
+        """
+        noise = self.plan.pattern_noise()
+        return {name: self.acquisitions.images(name, noise) for name in self.plan.groups()} if noise else {}
+
+    def pattern_rois(self) -> dict[str, tuple[str, str]]:
+        """Return {protocol: table and masks of the ROIs} for `pattern_images`."""
+        noise = self.plan.pattern_noise()
+        groups = self.plan.groups() if noise else ()
+        return {name: self.acquisitions.rois(name, noise, self.plan.nominal_seeds(noise)[0]) for name in groups}
+
     def compared_noise(self) -> dict[str, float | None]:
         """Return {noise level: A} of the stability analysis; A is None if a job determines it."""
         return self._levels(self._analyses.stability)

@@ -1,0 +1,334 @@
+"""Compare the numbers and figures of the paper with its reproduction at five seeds (2 hours on two cores).
+
+Runs config/reproduction.yaml for each seed in results-reproduction, with white noise on the same phantom as a control.
+Writes the values of each seed to docs/validation/reproduction.csv, and tables to the page of that name. --stability
+runs only the stability analysis (a quarter of the time). Rows of other analyses then use the seeds that have them.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import scipy
+import yaml
+
+from benchmarks import common, controls
+from virtual_phantom.config.plan import Plan
+from virtual_phantom.features import tables
+from virtual_phantom.features.names import FEATURES, VARIANCE
+from virtual_phantom.io.files import read_csv, replacing, write_csv
+from virtual_phantom.statistics import measured, noise, ranking, repeats, wilcoxon
+from virtual_phantom.statistics.dose_series import dose_variance
+
+CONFIG = "config/reproduction.yaml"
+RESULTS = Path("results-reproduction")
+STORED, PAGE = (common.ROOT / f"docs/validation/reproduction.{suffix}" for suffix in ("csv", "md"))
+STUDY, CONTROL = "reproduction", "white noise"
+SEEDS = controls.SEEDS
+UNIFORM = "cyst_1"  # ROI without texture, so that its fixed pattern contains only errors of sampling
+PUBLISHED = ("simulator", "phantom")  # the two lists of the paper's appendix
+
+
+@dataclass(frozen=True)
+class Row:
+    """One published number or statement.
+
+    Attributes
+    ----------
+    key : str
+        Key of the value in `values`.
+    paper : str
+        What the paper states.
+    reason : str
+        Why the value differs from the paper's, or what limits the comparison.
+    """
+
+    key: str
+    quantity: str
+    paper: str
+    reason: str
+    digits: int = 1
+
+
+DRAWN = "the object is drawn, its voxels are coarser"
+ROWS = (
+    Row("linearity", "noise calibration (figure 3): R² of variance against A", "approximately linear", "", 3),
+    Row(
+        "level",
+        "A at which SIRT has the scanner's variance at 10 mGy (table 3), 1e-6",
+        "100",
+        "voxels of 11 mm³ instead of 1 mm³; the paper compares another region and its unit is unclear",
+        2,
+    ),
+    Row(
+        "sirt_noise",
+        "noise variance of SIRT over that of FBP (figure 2), 300 projections",
+        "below 1: FBP is marginally noisier",
+        "500 iterations amplify noise, and this FBP smooths; on the scanner it is 0.62",
+    ),
+    Row("best_sirt", "spatial variance of sirt_450 over that of sirt_300 (table 1)", "below 1: 450 is optimal", "", 2),
+    Row("low_stability", "features with a stability below 50 % (figure 4), %", "the majority", "", 0),
+    Row("high_discrimination", "features with a discriminative power above 50 % (figure 4), %", "high", "", 0),
+    Row("stability_percent", "mean stability (figure 4), %", "only drawn", "the paper prints no values"),
+    Row(
+        "discrimination_percent", "mean discriminative power (figure 4), %", "only drawn", "the paper prints no values"
+    ),
+    Row(
+        "same_class_percent",
+        "the same for pairs of ROIs of one tissue class (not in the paper), %",
+        "-",
+        "nearly as high as between classes, so it is not due to tissue alone",
+    ),
+    *(
+        Row(
+            f"{kind}_ten_{source}",
+            f"{name}: features shared with the ten of the paper's {source}",
+            {"simulator": "10 by definition", "phantom": ""}[source],
+            {"simulator": DRAWN, "phantom": ""}[source],
+        )
+        for kind, name in zip(ranking.KINDS, ("stability", "discriminative power"), strict=True)
+        for source in PUBLISHED
+    ),
+    *(
+        Row(f"{kind}_{key}", f"{name} (figure 5): {text}", paper, "", digits)
+        for kind, name in zip(ranking.KINDS, ("stability", "discriminative power"), strict=True)
+        for key, text, paper, digits in (
+            ("ten", "features shared with the ten of the measured phantom", "", 1),
+            ("area", "area under the overlap curve", "consistently high", 2),
+            ("area_chance", "area, random lists, 97.5th percentile", "", 2),
+        )
+    ),
+    *(
+        Row(f"{pca}_{key}", f"principal components, {name}: {text}", paper, reason, digits)
+        for pca, name in (
+            ("sirt", "SIRT (figure 6)"),
+            ("fbp", "FBP (figure 7)"),
+            ("multicentre", "multi-center (figure 8)"),
+        )
+        for key, text, paper, reason, digits in (
+            (
+                "accuracy",
+                "classes found by a linear discriminant, %",
+                "linearly separable",
+                "measured groups: 46 to 48 %",
+                0,
+            ),
+            ("spread", "SD within an ROI over the measured SD", "closely matched", "", 2),
+            ("distance", "distance of ROI means, in SDs between measured ROIs", "closely matched", "2D and 3D", 2),
+        )
+    ),
+)
+
+
+def run_study(seed: int, stability: bool, cores: int) -> None:
+    folder = RESULTS / f"seed{seed}"
+    overlay = RESULTS / f"seed{seed}.yaml"
+    (common.ROOT / overlay).write_text(yaml.safe_dump({"seed": seed, "results_dir": str(folder)}), encoding="utf-8")
+    files = [CONFIG, *(["config/controls.yaml"] if stability else []), str(overlay)]
+    command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--configfile", *files]
+    targets = ["--", *(f"{folder}/tables/{name}.csv" for name in ("stability", "fixed_pattern"))] if stability else []
+    subprocess.run([*command, *targets], cwd=common.ROOT, check=True)
+
+
+def same_class_percent(table: pd.DataFrame) -> float:
+    """Percentage of pairs of ROIs of one tissue class with W > 1, over groups and features."""
+    class_of = dict(zip(table["roi"], table["tissue_class"], strict=True))
+    pairs = [(a, b) for a, b in combinations(class_of, 2) if class_of[a] == class_of[b]]
+    found = []
+    for _, rows in table.groupby("group"):
+        values = {roi: part[list(FEATURES)].to_numpy() for roi, part in rows.groupby("roi")}
+        found += [wilcoxon.ranksum_z(values[a], values[b]) > 1 for a, b in pairs]
+    return float(100 * np.mean(found))
+
+
+def published_overlap(scores: pd.DataFrame) -> dict[str, float]:
+    """Features shared by the ten best of a study and each list of the paper; ties in random order."""
+    published = measured.load_published_top()
+    found = {}
+    for kind in ranking.KINDS:
+        best = pd.Series(ranking.membership(scores[f"{kind}_percent"].to_numpy(), 10), scores["feature"])
+        for source in PUBLISHED:
+            listed = published.query("kind == @kind and source == @source")["feature"]
+            found[f"{kind}_ten_{source}"] = float(best.reindex(listed).sum())
+    return found
+
+
+def groups_of(path: Path, plan: Plan) -> pd.DataFrame:
+    """Features of the groups of the stability analysis."""
+    return tables.read_groups(path, plan.groups(), noise="dose10", seeds=plan.repeats(["dose10"]))
+
+
+def score_values(table: pd.DataFrame) -> dict[str, float]:
+    """Values from a table of features with the column group."""
+    scores = wilcoxon.scores(table, FEATURES)
+    draws = measured.load_score_draws(table["seed"].nunique())
+    row = controls.headline(table, draws) | published_overlap(scores)
+    row["low_stability"] = 100 * (scores["stability_percent"] < 50).mean()
+    row["high_discrimination"] = 100 * (scores["discrimination_percent"] > 50).mean()
+    row["same_class_percent"] = same_class_percent(table)
+    return row
+
+
+def noise_values(pattern: pd.DataFrame) -> dict[str, float]:
+    """Fixed pattern and noise of the uniform ROI in each group, HU^2."""
+    rows = pattern[pattern["roi"] == UNIFORM].set_index("protocol")
+    values = {
+        f"{protocol} {part}": row[f"{part}_variance_hu2"]
+        for protocol, row in rows.iterrows()
+        for part in ("pattern", "noise")
+    }
+    return values | {"sirt_noise": values["sirt_300 noise"] / values["fbp_300 noise"]}
+
+
+def calibration_values(calibration: pd.DataFrame) -> dict[str, float]:
+    """Noise level (1e-6) at which the variance among voxels of the uniform ROI is the scanner's, and R² of the line."""
+    rows = calibration[calibration["roi"] == UNIFORM]
+    fit = noise.linear_fit(rows["noise_level"], rows["spatial_variance_hu2"])
+    level = (dose_variance("iterative", 10) - fit.intercept) / fit.slope
+    return {"linearity": fit.r_squared, "level": 1e6 * level}
+
+
+def component_values(name: str, points: pd.DataFrame, separability: pd.DataFrame) -> dict[str, float]:
+    """Agreement of simulated and measured principal components."""
+    ours, real = (
+        points[points["source"] == source].groupby("roi")[["pc1", "pc2"]] for source in ("simulated", "measured")
+    )
+    spread = real.mean().std(ddof=1)
+    found = separability.set_index("source")["accuracy"]
+    return {
+        f"{name}_accuracy": 100 * found["simulated"],
+        f"{name}_spread": float((ours.std() / real.std()).median().mean()),
+        f"{name}_distance": float(((ours.mean() - real.mean()) / spread).abs().mean().mean()),
+    }
+
+
+def values(folder: Path, plan: Plan) -> dict[str, float]:
+    """All values of one finished study, without those of analyses that were not run."""
+    row = score_values(groups_of(folder / "features.csv", plan))
+    row |= noise_values(read_csv(folder / "tables/fixed_pattern.csv"))
+    uniform = read_csv(folder / "features.csv").query("roi == @UNIFORM and noise == 'dose10'")
+    spatial = uniform.groupby("protocol")[VARIANCE].mean()
+    if "sirt_450" in spatial:
+        row["best_sirt"] = spatial["sirt_450"] / spatial["sirt_300"]
+    if (folder / "tables/noise_calibration.csv").exists():
+        row |= calibration_values(read_csv(folder / "tables/noise_calibration.csv"))
+    for name in plan.study.analyses.pca:
+        if (folder / f"tables/pca_{name}.csv").exists():
+            parts = (read_csv(folder / f"tables/{kind}_{name}.csv") for kind in ("pca", "separability"))
+            row |= component_values(name, *parts)
+    return row
+
+
+def interval(numbers: pd.Series) -> dict[str, float]:
+    """Mean, SD over seeds and 95 % interval of the mean (Student's t)."""
+    n, sd = len(numbers), numbers.std(ddof=1)
+    half = scipy.stats.t.ppf(0.975, n - 1) * sd / np.sqrt(n) if n > 1 else np.nan
+    return {"mean": numbers.mean(), "sd": sd, "low": numbers.mean() - half, "high": numbers.mean() + half, "seeds": n}
+
+
+def summary(stored: pd.DataFrame, study: str) -> pd.DataFrame:
+    """`interval` over seeds of every value of a study (rows)."""
+    seeds = stored[stored["study"] == study].drop(columns=["settings", "seed", "study"])
+    return pd.DataFrame({key: interval(seeds[key].dropna()) for key in seeds if seeds[key].notna().any()}).T
+
+
+def text(row: Mapping[str, float], digits: int) -> str:
+    if row["seeds"] < 2:
+        return f"{row['mean']:.{digits}f}"
+    return f"{row['mean']:.{digits}f} ± {row['sd']:.{digits}f} ({row['low']:.{digits}f} to {row['high']:.{digits}f})"
+
+
+def markdown(ours: pd.DataFrame, white: pd.DataFrame) -> str:
+    """Table of ROWS."""
+    lines = [
+        "| quantity | paper | reproduction | white noise, no scan | seeds | reason for the difference |",
+        "|---" * 6 + "|",
+    ]
+    paper = paper_overlap()
+    for row in ROWS:
+        if row.key not in ours.index:
+            continue
+        control = text(white.loc[row.key], row.digits) if row.key in white.index else ""
+        stated = f"{paper[row.key]} (its simulator)" if row.key in paper else row.paper
+        cells = [
+            row.quantity,
+            stated,
+            text(ours.loc[row.key], row.digits),
+            control,
+            f"{ours.loc[row.key, 'seeds']:.0f}",
+        ]
+        lines.append(f"| {' | '.join([*cells, row.reason])} |")
+    return "\n".join(lines)
+
+
+def paper_overlap() -> dict[str, int]:
+    """Features that the paper's two lists of ten share."""
+    published = measured.load_published_top()
+    lists = {key: set(rows["feature"]) for key, rows in published.groupby(["kind", "source"])}
+    return {f"{kind}_ten_phantom": len(lists[kind, "simulator"] & lists[kind, "phantom"]) for kind in ranking.KINDS}
+
+
+def pattern_markdown(ours: pd.DataFrame, protocols: list[str]) -> str:
+    """Table of the fixed pattern and noise of the uniform ROI."""
+    lines = ["| protocol | fixed pattern, HU² | noise, HU² | share of the pattern, % |", "|---" * 4 + "|"]
+    for protocol in protocols:
+        pattern, noisy = (ours.loc[f"{protocol} {part}"] for part in ("pattern", "noise"))
+        share = 100 * pattern["mean"] / (pattern["mean"] + noisy["mean"])
+        lines.append(f"| `{protocol}` | {text(pattern, 0)} | {text(noisy, 0)} | {share:.0f} |")
+    return "\n".join(lines)
+
+
+def page_tables(stored: pd.DataFrame) -> dict[str, str]:
+    """The tables that the page marks by their names, from the values of all seeds."""
+    ours, white = (summary(stored, study) for study in (STUDY, CONTROL))
+    groups = Plan(common.configuration(CONFIG)).groups()
+    return {"numbers": markdown(ours, white), "pattern": pattern_markdown(ours, list(groups))}
+
+
+def add_arguments(parser):
+    parser.add_argument("--cores", type=int, default=2)
+    parser.add_argument("--stability", action="store_true", help="run only the stability analysis")
+    parser.add_argument("--keep", action="store_true", help="evaluate finished studies without new runs")
+
+
+def run(options):
+    (common.ROOT / RESULTS).mkdir(exist_ok=True)
+    if not options.keep:
+        for seed in SEEDS:
+            run_study(seed, options.stability, options.cores)
+    rows = []
+    for seed in SEEDS:
+        folder = common.ROOT / RESULTS / f"seed{seed}"
+        if not (folder / "tables/stability.csv").exists():
+            print(f"seed {seed}: not finished")
+            continue
+        plan = Plan(common.configuration(CONFIG, RESULTS / f"seed{seed}.yaml"))
+        white = folder / "white_noise.csv"
+        if not white.exists():
+            write_csv(controls.white_noise(plan, folder), white)
+        known = {"settings": plan.scored_settings(), "seed": seed}
+        rows.append({**known, "study": STUDY, **values(folder, plan)})
+        rows.append({**known, "study": CONTROL, **score_values(groups_of(white, plan))})
+    if not rows:
+        sys.exit("no study is finished; run without --keep")
+    with replacing(STORED, checksum=False) as temporary:
+        pd.DataFrame(rows).to_csv(temporary, index=False, lineterminator="\n", float_format="%.6g")
+    page = PAGE.read_text(encoding="utf-8")
+    for name, lines in page_tables(read_csv(STORED)).items():
+        page = re.sub(
+            rf"(<!-- table: {name} -->\n\n).*?(?=\n\n)", lambda found, new=lines: found[1] + new, page, flags=re.S
+        )
+        print(lines, end="\n\n")
+    PAGE.write_text(page, encoding="utf-8")
+    for acquisitions in measured.ACQUISITIONS:
+        draws = measured.load_score_draws(10, acquisitions)
+        texts = ["{:.1f} ± {:.1f} %".format(*repeats.mean_over_features(draws, kind)) for kind in ranking.KINDS]
+        print(f"printed phantom, 10 acquisitions ({acquisitions}): {', '.join(texts)}")

@@ -1,0 +1,64 @@
+"""Comparison of the paper with its reproduction: benchmarks/reproduction.py and its page."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from benchmarks import common, reproduction
+from virtual_phantom.config.plan import Plan
+from virtual_phantom.features.names import FEATURES
+from virtual_phantom.io.files import read_csv
+
+PLAN = Plan(common.configuration(reproduction.CONFIG))
+
+
+def test_reproduction_has_the_groups_and_the_sampling_of_the_paper():
+    groups = {PLAN.study.protocols[name].algorithm: [] for name in PLAN.groups()}
+    for name in PLAN.groups():
+        groups[PLAN.study.protocols[name].algorithm].append(PLAN.study.protocols[name].projections)
+    assert groups == dict.fromkeys(("sirt", "fbp"), [150, 200, 250, 300])
+    scan = PLAN.study.scan
+    assert scan.rows * scan.row_pitch_mm == 512 and (scan.pitch, scan.turns) == (1, 1)
+    assert (scan.source_to_isocentre_mm, scan.source_to_detector_mm) == (500, 1000)
+    assert PLAN.repeats(["dose10"]) == 10
+
+
+def test_lists_of_the_paper_share_seven_and_five_features():
+    assert reproduction.paper_overlap() == {"stability_ten_phantom": 7, "discrimination_ten_phantom": 5}
+
+
+def test_scores_equal_to_a_list_of_the_paper_share_all_of_it():
+    published = reproduction.measured.load_published_top().query("source == 'simulator'")
+    rank = published.pivot(index="feature", columns="kind", values="rank").reindex(list(FEATURES))
+    scores = (100 - rank).fillna(0).add_suffix("_percent").rename_axis("feature").reset_index()
+    found = reproduction.published_overlap(scores)
+    assert found["stability_ten_simulator"] == found["discrimination_ten_simulator"] == 10
+    assert found["stability_ten_phantom"] == 7 and found["discrimination_ten_phantom"] == 5
+
+
+def test_pairs_of_one_class_without_a_difference_exceed_one_as_often_as_by_chance():
+    random = np.random.default_rng(4)
+    keys = [(group, roi) for group in range(8) for roi in ("a", "b", "c") for _ in range(10)]
+    table = pd.DataFrame(random.normal(size=(len(keys), len(FEATURES))), columns=list(FEATURES))
+    table = table.assign(group=[group for group, _ in keys], roi=[roi for _, roi in keys])
+    table["tissue_class"] = table["roi"].map({"a": "one", "b": "one", "c": "other"})
+    # 31.5 % for ten repeats, by all arrangements of the ranks.
+    assert reproduction.same_class_percent(table) == pytest.approx(31.5, abs=4)
+
+
+def test_interval_of_the_mean_is_that_of_student():
+    found = reproduction.interval(pd.Series([1.0, 2, 3, 4, 5]))
+    half = 2.776 * np.sqrt(2.5 / 5)
+    assert [found[key] for key in ("mean", "sd", "low", "high")] == pytest.approx(
+        [3, np.sqrt(2.5), 3 - half, 3 + half], abs=1e-3
+    )
+
+
+def test_page_has_the_tables_of_the_stored_values_of_the_current_settings():
+    """After a change of the reproduction, run the benchmark again; it writes the tables to the page."""
+    stored = read_csv(reproduction.STORED)
+    assert set(stored["settings"]) == {PLAN.scored_settings()}
+    assert set(stored["seed"]) <= set(reproduction.SEEDS) and PLAN.study.seed not in set(stored["seed"])
+    page = reproduction.PAGE.read_text(encoding="utf-8")
+    for name, lines in reproduction.page_tables(stored).items():
+        assert f"<!-- table: {name} -->\n\n{lines}\n" in page, name
