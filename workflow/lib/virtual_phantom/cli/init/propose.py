@@ -252,7 +252,7 @@ def _rows(config: dict, grid: Grid, masks: Mapping[str, np.ndarray]) -> int:
 
 
 def _with_nulls(config: dict, size: str) -> dict:
-    """Return the configuration with nulls that remove the other protocols and noise levels of config/paper_groups.yaml."""
+    """Return the configuration with nulls that remove the other protocols and noise levels of the paper's groups."""
     config, default = copy.deepcopy(config), sizes()["normal"]
     if size != "normal":
         sections = ((config["protocols"], default["protocols"]), (config["noise"]["levels"], default["levels"]))
