@@ -96,7 +96,7 @@ def test_iterative_image_may_be_fbp_with_a_noise_kernel():
     config = changed("protocols.proxy", protocol)
     config["analyses"] |= {"optimal": {"sirt": "proxy", "fbp": "fbp_150", "noise": "dose10"}}
     assert complete(config)["analyses"]["optimal"]["sirt"] == "proxy"
-    config["protocols"]["proxy"] = protocol | {"voxels": {"spacing_mm": [2.0, 1.0, 1.0]}}
+    config["protocols"]["proxy"] = protocol | {"voxels": {"spacing_mm": [2.0, 1.0, 1.0], "thickness_mm": 2.0}}
     refuse(config, "analyses.optimal.sirt")
 
 
