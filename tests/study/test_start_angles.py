@@ -26,6 +26,7 @@ GRID = Grid((6, 24, 24), (4.0, 4.0, 4.0))
 MU = 0.0193
 ANGLES_DEG = {0: 0.0, 1: 37.0, 2: 200.0}  # by seed
 SCAN = {"trajectory": "circular", "columns": 50, "rows": 12, "column_pitch_mm": 5.0, "row_pitch_mm": 6.0}
+SCAN |= {"source_to_isocentre_mm": 500, "source_to_detector_mm": 1000}
 GEOMETRY = GeometrySettings(from_mapping(ScanSettings, defaults_of("scan") | SCAN), 60, {})
 ROIS = {"bright": (100, -18), "dark": (50, 18)}  # HU, x in mm
 LAYOUT = {

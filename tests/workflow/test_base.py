@@ -14,9 +14,8 @@ def test_base_is_the_study_that_a_configuration_changes(base, given, tmp_path):
     (tmp_path / "my.yaml").write_text(yaml.safe_dump({"base": base}))
     file = {"itself": base, "in an overlay": tmp_path / "my.yaml"}[given]
     results = {DEFAULT: "results", PAPER_GROUPS: "results-paper-groups"}[base]
-    with_target = (f"{results}/{TABLES[base]}", "-n", "--forceall", "--configfile", file)
-    jobs = planned(snakemake(*with_target))
-    assert jobs["extract_" + {DEFAULT: "seeds_00", PAPER_GROUPS: "seeds_00_to_09"}[base]]
+    jobs = planned(snakemake(f"{results}/{TABLES[base]}", "-n", "--forceall", "--configfile", file))
+    assert [rule for rule in jobs if rule.startswith("extract")]
     other = TABLES[PAPER_GROUPS if base == DEFAULT else DEFAULT]
     process = snakemake(f"{results}/{other}", "-n", "--configfile", file)
     assert process.returncode == 1 and other.split("/")[1] in process.stdout + process.stderr
@@ -24,7 +23,7 @@ def test_base_is_the_study_that_a_configuration_changes(base, given, tmp_path):
 
 def test_study_without_a_configuration_is_the_default_one():
     jobs = planned(snakemake(f"results/{TABLES[DEFAULT]}", "-n", "--forceall"))
-    assert [one for one in jobs if one.startswith("extract")]
+    assert [rule for rule in jobs if rule.startswith("extract")]
 
 
 @pytest.mark.parametrize("base", ["config/tiny.yaml", 3])
