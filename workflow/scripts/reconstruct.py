@@ -80,7 +80,7 @@ def main(
         grid = voxels_over(grid, voxels.spacing_mm)
     # Lanes of one reconstruction share the start angle, and the position or the noise-free scan if it is needed.
     alike = [
-        (float(scan.angles_rad[0]), *roi_files[lane : lane + 1], noise_free and paths[lane])
+        (float(scan.angles_rad[0]), *roi_files[lane : lane + 1], paths[lane] if noise_free else None)
         for lane, scan in enumerate(geometries)
     ]
     for kind in dict.fromkeys(alike):
