@@ -446,7 +446,7 @@ def test_base_is_the_study_that_a_configuration_changes(desk):
 )
 def test_unknown_base_is_named(base, problem, desk, capsys):
     code, lines = checked({"base": base}, capsys)
-    assert code == 1 and len(lines) == 1 and lines[0].startswith("Error: config: base: ") and problem in lines[0], lines
+    assert code == 1 and len(lines) == 1 and lines[0].startswith("Error: config: base") and problem in lines[0], lines
 
 
 @pytest.fixture
