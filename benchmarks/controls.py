@@ -162,8 +162,8 @@ def against_itself(path: Path) -> dict[str, float]:
     for stream in np.random.SeedSequence(repeats.SEED, spawn_key=(WHITE_STREAM,)).spawn(10):
         order = np.random.default_rng(stream).permutation(common)
         halves = [study[study["acquisition"].isin(part)] for part in (order[:9], order[9:18])]
-        other = wilcoxon.scores(halves[1], measured.STUDY_FEATURES).assign(draw=1, repeats=9, of=18)
-        rows.append(headline(halves[0], other, measured.STUDY_FEATURES))
+        other = wilcoxon.scores(halves[1], measured.PHANTOM4RADIOMICS_FEATURES).assign(draw=1, repeats=9, of=18)
+        rows.append(headline(halves[0], other, measured.PHANTOM4RADIOMICS_FEATURES))
     return pd.DataFrame(rows).mean().to_dict()
 
 

@@ -40,7 +40,9 @@ def draw_scores(study: pd.DataFrame, drawn: dict = DRAWN) -> pd.DataFrame:
     for acquisitions, numbers in drawn.items():
         table = study if acquisitions == "all" else study[study["repositioned"] == 0]
         for number in numbers:
-            scores = repeats.score_draws(table, measured.STUDY_FEATURES, number, unit="acquisition", shared=True)
+            scores = repeats.score_draws(
+                table, measured.PHANTOM4RADIOMICS_FEATURES, number, unit="acquisition", shared=True
+            )
             for kind in ("stability", "discrimination"):
                 comparisons = scores[f"{kind}_comparisons"].iloc[0]
                 counts = (scores[f"{kind}_percent"] * comparisons / 100).round().astype(int)
@@ -48,7 +50,7 @@ def draw_scores(study: pd.DataFrame, drawn: dict = DRAWN) -> pd.DataFrame:
                 wide = keys.assign(feature=scores["feature"], count=counts).pivot(
                     index=list(keys.columns), columns="feature", values="count"
                 )
-                wide = wide[list(measured.STUDY_FEATURES)].reset_index()
+                wide = wide[list(measured.PHANTOM4RADIOMICS_FEATURES)].reset_index()
                 wide.insert(0, "acquisitions", acquisitions)
                 rows.append(wide)
     return pd.concat(rows, ignore_index=True)
@@ -67,8 +69,11 @@ def add_arguments(parser):
 
 def run(options):
     study = measured.load_full_table(options.study_table)
-    write(summarise(convert_to_hu(study), ["group", "roi"], measured.STUDY_FEATURES), "ct_phantom4radiomics_groups.csv")
-    scores = wilcoxon.scores(study, measured.STUDY_FEATURES, source=str(options.study_table))
+    write(
+        summarise(convert_to_hu(study), ["group", "roi"], measured.PHANTOM4RADIOMICS_FEATURES),
+        "ct_phantom4radiomics_groups.csv",
+    )
+    scores = wilcoxon.scores(study, measured.PHANTOM4RADIOMICS_FEATURES, source=str(options.study_table))
     write(scores[["feature", "stability_percent", "discrimination_percent"]], "ct_phantom4radiomics_scores.csv")
     write(draw_scores(study), "ct_phantom4radiomics_draws.csv")
     write(

@@ -150,7 +150,7 @@ def test_damaged_code_is_compiled_again_and_replaced(cache, damage):
 
 
 def test_folder_in_the_place_of_code_only_costs_time(cache, monkeypatch, tmp_path, caplog):
-    monkeypatch.setattr(module, "BESIDE", tmp_path / "beside")
+    monkeypatch.setattr(module, "PACKAGE_CACHE", tmp_path / "beside")
     for path in [*cache.iterdir()]:
         path.unlink()
         path.mkdir()
@@ -182,7 +182,7 @@ def places(tmp_path, monkeypatch):
     file, folder = tmp_path / "file", tmp_path / "folder"
     file.touch()
     folder.mkdir()
-    monkeypatch.setattr(module, "BESIDE", file / "kernels")
+    monkeypatch.setattr(module, "PACKAGE_CACHE", file / "kernels")
     monkeypatch.setattr(tempfile, "tempdir", None)
     for cached in (module._usable, module._note_once):
         cached.cache_clear()
@@ -252,7 +252,7 @@ def test_without_a_writable_folder_functions_run_with_one_note(places, caplog, m
 def test_read_only_folder_is_read(cache, monkeypatch):
     """As in a container whose image contains compiled code."""
     monkeypatch.setattr(module, "_write", raise_read_only)
-    monkeypatch.setattr(module, "BESIDE", cache)
+    monkeypatch.setattr(module, "PACKAGE_CACHE", cache)
     state_folder(monkeypatch, "")
     assert counted(3) == (30, "loaded")
 

@@ -434,7 +434,10 @@ def test_plan_of_the_paper():
     assert plan.geometry_of("sirt_150") == plan.geometry_of("fbp_150") == "views150"
     all_acquisitions = plan.acquisitions()
     assert all((protocol, "dose10") in all_acquisitions for protocol in plan.groups())
-    assert ("sirt_300", "quadruple") in all_acquisitions and ("sirt_300", "quadruple") not in plan.featured()
+    assert ("sirt_300", "quadruple") in all_acquisitions and (
+        "sirt_300",
+        "quadruple",
+    ) not in plan.acquisitions_with_features()
 
 
 def test_every_seed_is_in_one_batch():

@@ -75,13 +75,14 @@ def test_list_is_compared_with_measured_ones_of_as_many_repeats():
     """The printed phantom's own feature order agrees with its realizations far above chance; a random one does not."""
     rng = np.random.default_rng(np.random.SeedSequence(3))
     rows = pd.DataFrame(
-        rng.normal(size=(8 * 6 * 4, len(measured.STUDY_FEATURES))), columns=list(measured.STUDY_FEATURES)
+        rng.normal(size=(8 * 6 * 4, len(measured.PHANTOM4RADIOMICS_FEATURES))),
+        columns=list(measured.PHANTOM4RADIOMICS_FEATURES),
     )
     rois = np.tile(np.repeat(list(measured.TISSUE_CLASSES), 4), 8)
     rows = rows.assign(
         group=np.repeat(np.arange(8), 24), roi=rois, tissue_class=[measured.TISSUE_CLASSES[roi] for roi in rois]
     )
-    row = controls.headline(rows, measured.load_score_draws(4), measured.STUDY_FEATURES)
+    row = controls.headline(rows, measured.load_score_draws(4), measured.PHANTOM4RADIOMICS_FEATURES)
     assert row["repeats"] == 4
     assert 60 < row["stability_percent"] < 75  # |z| < 1 in 68 % without a difference
     assert row["stability_area"] < row["stability_area_chance"] < 0.6

@@ -23,7 +23,7 @@ def study_rows(**changes):
         "group": [1, 8],
         "class": ["n1", "met"],
         "mask size": [844, 685],
-        **features_table(1, mean=1064.0)[list(measured.STUDY_FEATURES)].to_dict("list"),
+        **features_table(1, mean=1064.0)[list(measured.PHANTOM4RADIOMICS_FEATURES)].to_dict("list"),
     }
     return pd.DataFrame(rows | changes)
 
@@ -83,7 +83,7 @@ def test_phantom_was_repositioned_for_acquisitions_21_to_30(study):
         ({"class": ["n1", "x"]}, "class 'x' is unknown"),
         ({"group": [1, 7]}, "does not begin with the digit of its group"),
         ({"scan_id": ["101-n1", "83-met"]}, "does not begin with the digit of its group"),
-        ({measured.STUDY_FEATURES[3]: [1.0, np.nan]}, "features that are not finite"),
+        ({measured.PHANTOM4RADIOMICS_FEATURES[3]: [1.0, np.nan]}, "features that are not finite"),
     ],
 )
 def test_other_tables_are_rejected(tmp_path, changes, message):
@@ -132,7 +132,7 @@ def test_first_order_features_in_hu_equal_those_of_shifted_values(offset):
 def test_summaries_are_complete():
     groups, dose = measured.load_group_summary(), measured.load_dose_series()
     assert len(groups) == 8 * 6 * 85 and len(dose) == 3 * 2 * 6 * 86
-    assert set(groups["feature"]) == set(measured.STUDY_FEATURES) and set(dose["feature"]) == set(FEATURES)
+    assert set(groups["feature"]) == set(measured.PHANTOM4RADIOMICS_FEATURES) and set(dose["feature"]) == set(FEATURES)
     assert groups.notna().all().all() and dose.notna().all().all()
     assert (dose["n"] == 10).all() and groups["n"].between(26, 30).all()
     assert measured.group_means().shape == (48, 3 + 85)
@@ -163,7 +163,7 @@ def test_scores_of_equal_repeats():
     assert means[3][0] > means[10][0] > means[19][0] and means[3][1] < means[10][1] < means[19][1]
     ten = measured.load_score_draws(10)
     assert len(ten) == repeats.DRAWS * 85 and (ten["of"] == 19).all()
-    assert list(ten["feature"][:85]) == list(measured.STUDY_FEATURES)
+    assert list(ten["feature"][:85]) == list(measured.PHANTOM4RADIOMICS_FEATURES)
     assert (measured.load_score_draws(100)["repeats"] == 19).all()
     assert (measured.load_score_draws(10, "all")["of"] == 29).all()
     with pytest.raises(InputError, match="'some' is not known; choose from fixed, all"):
@@ -177,7 +177,7 @@ def test_stored_draws_equal_those_of_the_table(study):
     for acquisitions, table in (("fixed", study[study["acquisition"] <= 20]), ("all", study)):
         shipped = measured.load_score_draws(10, acquisitions)
         found = next(repeats.subsamples(table, 10, "acquisition", shared=True))
-        scores = wilcoxon.scores(found[0], measured.STUDY_FEATURES)
+        scores = wilcoxon.scores(found[0], measured.PHANTOM4RADIOMICS_FEATURES)
         for kind in KINDS:
             assert np.allclose(shipped.loc[shipped["draw"] == 1, f"{kind}_percent"], scores[f"{kind}_percent"])
     # Ten per group, drawn by another program: 17.5 and 79.2 %, with an SD of about 1 %
@@ -189,7 +189,9 @@ def test_stored_draws_equal_those_of_the_table(study):
 @pytest.mark.skipif(not STUDY.exists(), reason="the table of CT-Phantom4Radiomics is not beside the checkout")
 def test_stored_group_summary_equals_that_of_the_table():
     table = convert_to_hu(measured.load_full_table(STUDY))
-    means = table.groupby(["group", "roi", "tissue_class"])[list(measured.STUDY_FEATURES)].mean().reset_index()
+    means = (
+        table.groupby(["group", "roi", "tissue_class"])[list(measured.PHANTOM4RADIOMICS_FEATURES)].mean().reset_index()
+    )
     shipped = measured.group_means()[list(means.columns)]
     pd.testing.assert_frame_equal(shipped, means, rtol=1e-7, check_dtype=False)
     raw = measured.load_full_table(STUDY)  # assumptions of convert_to_hu about the file

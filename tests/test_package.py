@@ -11,7 +11,7 @@ import pytest
 from scipy.io import savemat
 
 import virtual_phantom
-from virtual_phantom.base.compiled import BESIDE, LIBRARY
+from virtual_phantom.base.compiled import LIBRARY, PACKAGE_CACHE
 
 ROOT = Path(__file__).resolve().parents[1]
 PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
@@ -66,9 +66,9 @@ def installed(tmp_path_factory):
     assert wheel.name.split("-")[1] == virtual_phantom.__version__
     run(*PIP, "install", *alone, "--target", str(target), str(wheel), cwd=source)
     # Kernels compiled by other tests are found by a copy of the library.
-    if BESIDE.exists():
-        place = target / "virtual_phantom" / BESIDE.relative_to(LIBRARY)
-        shutil.copytree(BESIDE, place, ignore=shutil.ignore_patterns("*.tmp.*"))
+    if PACKAGE_CACHE.exists():
+        place = target / "virtual_phantom" / PACKAGE_CACHE.relative_to(LIBRARY)
+        shutil.copytree(PACKAGE_CACHE, place, ignore=shutil.ignore_patterns("*.tmp.*"))
     return target
 
 

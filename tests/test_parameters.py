@@ -213,7 +213,9 @@ def test_settings_with_effect_are_not_noted(tmp_path, caplog):
 def test_every_setting_of_pyradiomics_is_known():
     """From the schema of the installed version: a new setting needs a decision."""
     schema = yaml.safe_load(Path(getParameterValidationFiles()[0]).read_text())["mapping"]
-    known = settings.UNSTATED.keys() | settings.HARMLESS | parameter_checks.FILTER.keys() | parameter_checks.OF_FILES
+    known = (
+        settings.DEFAULT_VALUES.keys() | settings.HARMLESS | parameter_checks.FILTER.keys() | parameter_checks.OF_FILES
+    )
     assert schema["setting"]["mapping"].keys() <= known
     assert set(schema) == {"setting", "voxelSetting", "featureClass", "imageType"}
 

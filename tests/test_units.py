@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.base.units import attenuation_to_hu, hu_to_attenuation, whole_hu
+from virtual_phantom.base.units import attenuation_to_hu, hu_to_attenuation, rounded_hu
 
 
 def test_fixed_points():
@@ -25,7 +25,7 @@ def test_stored_integers_are_not_truncated():
 
 
 def test_integer_hu_round_half_to_even_and_count_clipped_values():
-    whole, beyond = whole_hu(np.array([0.5, 1.5, -2.5, 32767.4, 32768, -40000]), "never")
+    whole, beyond = rounded_hu(np.array([0.5, 1.5, -2.5, 32767.4, 32768, -40000]), "never")
     assert whole.dtype == np.int16 and beyond == 2
     assert whole.tolist() == [0, 2, -2, 32767, 32767, -32768]
 
@@ -33,4 +33,4 @@ def test_integer_hu_round_half_to_even_and_count_clipped_values():
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_non_finite_hu_are_rejected(bad):
     with pytest.raises(InputError, match="^a repeat: repair it$"):
-        whole_hu(np.array([0.0, bad]), "a repeat: repair it")
+        rounded_hu(np.array([0.0, bad]), "a repeat: repair it")

@@ -10,7 +10,7 @@ import yaml
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical, parallel_beam, scan_geometry
 from virtual_phantom.base.settings import ScanSettings, from_mapping
-from virtual_phantom.config.config import inspected, read_study
+from virtual_phantom.config.config import inspect_config, read_study
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.beam.materials import attenuation_per_mm
 from virtual_phantom.physics.chain import Chain
@@ -157,7 +157,7 @@ def test_study_of_a_parallel_beam_has_no_distances():
 def test_effects_of_the_focal_spot_are_rejected_with_parallel_rays(changes, message):
     whole = study()
     merged = {key: whole.get(key, {}) | value if isinstance(value, dict) else value for key, value in changes.items()}
-    lines, _ = inspected(whole | merged)
+    lines, _ = inspect_config(whole | merged)
     assert any(message in line for line in lines), lines
 
 

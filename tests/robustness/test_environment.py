@@ -12,7 +12,7 @@ from virtual_phantom.base.cache_folders import user_cache
 from virtual_phantom.base.console import run_command
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.home import expand_home
-from virtual_phantom.config.config import inspected
+from virtual_phantom.config.config import inspect_config
 
 LIBRARY = Path(vp.__file__).resolve().parents[1]
 DRAW = """
@@ -83,7 +83,7 @@ def test_all_paths_of_a_configuration_may_begin_with_a_tilde(home):
         "features": {"parameters": "~/p.yaml"},
         "public_scans": {"sources": {"scans": "~/scans"}},
     }
-    _, config = inspected(settings)
+    _, config = inspect_config(settings)
     found = [config["results_dir"], config["recordings"]["mine"], config["features"]["parameters"]]
     found += [config["phantom"]["ct"]["image"], config["phantom"]["ct"]["labels"]]
     found += [config["phantom"]["ct"]["rois"][0]["file"]]
@@ -115,7 +115,7 @@ def test_command_line_and_function_arguments_may_begin_with_a_tilde(home):
 def test_tilde_without_a_home_folder_is_one_line(monkeypatch, settings, key):
     monkeypatch.setenv("HOME", "")  # as in some containers; nobody wants a path below /
     line = f"{key}: no home folder is known for ~; set HOME or write the whole path"
-    assert inspected(settings) == ([line], {})
+    assert inspect_config(settings) == ([line], {})
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     assert user_cache() is None
 

@@ -33,7 +33,7 @@ def plan(config):
     for label in labels:
         settings = plan.geometry_settings(label)
         scan_geometry(settings.scan, settings.projections, grid_of(plan.study.grid))
-    return plan.bundles(), plan.featured()
+    return plan.bundles(), plan.acquisitions_with_features()
 
 
 @given(spoiled(WIDE))

@@ -83,7 +83,7 @@ def test_scores_correlate_by_the_squared_correlation_of_features_without_group_d
     """Real scans, assigned to groups at random: the order of features is then random."""
     study = measured.load_full_table(STUDY)
     study = study[(study["repositioned"] == 0) & (study["group"] <= 5)]
-    names = list(measured.STUDY_FEATURES)
+    names = list(measured.PHANTOM4RADIOMICS_FEATURES)
     rng = np.random.default_rng(np.random.SeedSequence(4))
     stability = []
     for _ in range(60):

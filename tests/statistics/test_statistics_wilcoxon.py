@@ -145,14 +145,14 @@ def study():
 
 @pytest.mark.real
 def test_measured_data_reproduce_the_published_result(study):
-    scores = wilcoxon.scores(study, measured.STUDY_FEATURES)
+    scores = wilcoxon.scores(study, measured.PHANTOM4RADIOMICS_FEATURES)
     assert scores["stability_percent"].mean() == pytest.approx(11, abs=0.5)
     assert scores["discrimination_percent"].mean() == pytest.approx(88, abs=0.5)
     published = measured.load_published_top().query("kind == 'stability' and source == 'phantom'")["feature"]
     best = scores.sort_values("stability_percent", ascending=False, kind="stable")["feature"][:12]
     assert len(set(best) & set(published)) == 7
     # With pairs of ROIs of one class (15 instead of 13 per group), discrimination is 87 %.
-    all_pairs = wilcoxon.scores(study.assign(tissue_class=study["roi"]), measured.STUDY_FEATURES)
+    all_pairs = wilcoxon.scores(study.assign(tissue_class=study["roi"]), measured.PHANTOM4RADIOMICS_FEATURES)
     assert all_pairs["discrimination_percent"].mean() == pytest.approx(87, abs=0.5)
 
 
@@ -160,7 +160,7 @@ def test_measured_data_reproduce_the_published_result(study):
 def test_roi_wise_comparison_ranks_published_discriminative_features_higher_than_pooling(study):
     published = measured.load_published_top().query("kind == 'discrimination' and source == 'phantom'")["feature"]
     rank = {
-        compare: wilcoxon.scores(study, measured.STUDY_FEATURES, compare=compare)
+        compare: wilcoxon.scores(study, measured.PHANTOM4RADIOMICS_FEATURES, compare=compare)
         .set_index("feature")["discrimination_percent"]
         .rank(ascending=False)
         for compare in wilcoxon.COMPARE
@@ -168,7 +168,7 @@ def test_roi_wise_comparison_ranks_published_discriminative_features_higher_than
     sized = [
         feature
         for feature in published
-        if feature in measured.STUDY_FEATURES and not feature.endswith(("Median", "Mean", "Minimum"))
+        if feature in measured.PHANTOM4RADIOMICS_FEATURES and not feature.endswith(("Median", "Mean", "Minimum"))
     ]
     assert len(sized) == 6
     assert rank["roi"][sized].median() < 25 < 60 < rank["tissue_class"][sized].median()
@@ -177,6 +177,6 @@ def test_roi_wise_comparison_ranks_published_discriminative_features_higher_than
 @pytest.mark.real
 def test_stored_scores_equal_those_of_the_table(study):
     stored = measured.load_scores()
-    scores = wilcoxon.scores(study, measured.STUDY_FEATURES)[list(stored.columns)]
+    scores = wilcoxon.scores(study, measured.PHANTOM4RADIOMICS_FEATURES)[list(stored.columns)]
     assert list(stored["feature"]) == list(scores["feature"])
     assert np.allclose(stored.iloc[:, 1:], scores.iloc[:, 1:], rtol=1e-7)

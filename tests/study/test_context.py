@@ -239,7 +239,7 @@ def test_recordings_of_a_scanner_declare_the_same_physics(tmp_path):
         ).diagnosis
 
     found = bench(baseline=stated(0.1))
-    assert "scatter" not in found.shared("bench") and "scatter" in found.candidates["one"]
+    assert "scatter" not in found.shared_candidates("bench") and "scatter" in found.candidates["one"]
     known = {name: one.settings.baseline for name, one in found.models("bench").items()}
     assert known == dict.fromkeys(("one", "two"), stated(0.1)) and "scatter" in found.in_fits("one")
     judged = bench(recordings=["one", "two", "three"], judged_on=["three"])

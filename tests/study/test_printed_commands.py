@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.mark.parametrize("name", ["my study.yaml", "it's.yaml", "$HOME.yaml", "a;b & c.yaml", "Größe.yaml"])
 def test_shell_reads_the_words_back(name):
-    shown = commands.typed("virtual-phantom", "check", Path("a folder") / name)
+    shown = commands.command_line("virtual-phantom", "check", Path("a folder") / name)
     read = subprocess.run(["bash", "-c", f"printf '%s\\n' {shown}"], capture_output=True, text=True, check=True)
     assert read.stdout.splitlines() == ["virtual-phantom", "check", f"a folder/{name}"]
 
@@ -30,18 +30,21 @@ def test_snakemake_finds_a_snakefile(snakefile, tmp_path, monkeypatch):
     shown = shlex.split(commands.snakemake("--cores", "2", "--configfile", "my study.yaml"))
     named = [] if snakefile else ["-s", str(ROOT / "workflow" / "Snakefile")]
     assert shown == ["snakemake", *named, "--cores", "2", "--configfile", "my study.yaml"]
-    assert commands.missing() is None
+    assert commands.missing_for_snakemake() is None
 
 
 def test_without_a_clone_one_line_states_the_requirement(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(commands, "clone", lambda: None)
     assert commands.snakemake("--cores", "2") == "snakemake -s CLONE/workflow/Snakefile --cores 2"
-    assert commands.missing().startswith("The installed package has no workflow: clone the repository")
+    assert commands.missing_for_snakemake().startswith("The installed package has no workflow: clone the repository")
     monkeypatch.setattr(commands, "clone", lambda: ROOT)
     monkeypatch.setitem(sys.modules, "snakemake", None)
     monkeypatch.setattr(commands.importlib.util, "find_spec", lambda name: None)
-    assert commands.missing() == f"Snakemake is not installed here: run `make setup` in {ROOT} and activate its .venv"
+    assert (
+        commands.missing_for_snakemake()
+        == f"Snakemake is not installed here: run `make setup` in {ROOT} and activate its .venv"
+    )
 
 
 @pytest.mark.parametrize(

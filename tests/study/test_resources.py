@@ -3,7 +3,7 @@
 import pytest
 
 from virtual_phantom.base.console import collected_notes
-from virtual_phantom.config.config import inspected
+from virtual_phantom.config.config import inspect_config
 from virtual_phantom.io.published import resources_folder
 
 CT = {"image": "{}/abdomen_ct/dicom", "labels": "{}/abdomen_ct/labels.nii.gz", "rois": [{"file": "{}/own/spleen.nrrd"}]}
@@ -27,7 +27,7 @@ def read(folder):
     ct = {"image": CT["image"].format(folder), "labels": CT["labels"].format(folder)}
     ct["rois"] = [{"name": "spleen", "tissue_class": "spleen", "file": CT["rois"][0]["file"].format(folder)}]
     with collected_notes() as notes:
-        found = inspected({"phantom": {"source": "ct", "ct": ct}})[1]["phantom"]["ct"]
+        found = inspect_config({"phantom": {"source": "ct", "ct": ct}})[1]["phantom"]["ct"]
     return [found["image"], found["labels"], found["rois"][0]["file"]], [str(note) for note in dict.fromkeys(notes)]
 
 

@@ -34,12 +34,12 @@ def results(path):
 
 
 def reported(path):
-    """Return the same as an output that Snakemake's report shows, with caption and section."""
+    """Return an output below results_dir that Snakemake's report shows, with caption and section."""
     return report(results(path), **context.reported(path))
 
 
 def code(script, effects=(), hooks=False):
-    """Return a hash of the code of a script: a job runs again if it changes."""
+    """Return a hash of the code of a script: a job runs again if the hash changes."""
     return code_version(WORKFLOW / "scripts" / script, effects, hooks)
 
 

@@ -65,7 +65,7 @@ rule diagnose_scanner:
         runtime=600,
     params:
         models=lambda wildcards: to_mapping(diagnosis.models(wildcards.scanner)),
-        effects=lambda wildcards: diagnosis.shared(wildcards.scanner),
+        effects=lambda wildcards: diagnosis.shared_candidates(wildcards.scanner),
         accuracy=context.study.diagnosis.model_accuracy,
         protocols=lambda wildcards: diagnosis.scanners[wildcards.scanner].protocols,
         judged_on=lambda wildcards: diagnosis.scanners[wildcards.scanner].judged_on,

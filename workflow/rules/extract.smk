@@ -58,7 +58,7 @@ for batch, levels in context.plan.seed_batches().items():
 
 rule merge_features:
     input:
-        features=context.acquisitions.featured(),
+        features=context.acquisitions.feature_tables(),
     output:
         results("features.csv"),
     log:

@@ -50,7 +50,7 @@ use rule next_of_recording as next_of_scanner with:
         models=lambda wildcards: to_mapping(
             diagnosis.models(wildcards.scanner, judged=False)
         ),
-        effects=lambda wildcards: diagnosis.shared(wildcards.scanner),
+        effects=lambda wildcards: diagnosis.shared_candidates(wildcards.scanner),
         protocols=lambda wildcards: diagnosis.scanners[wildcards.scanner].protocols,
         code=lambda wildcards: code(
             "next_measurement.py",

@@ -23,7 +23,7 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
                 wildcards.protocol, bundle
             )[1],
             kernels=results(f"logs/kernels/{len(bundle)}.txt"),
-            physics=lambda wildcards: context.diagnosis.found(
+            physics=lambda wildcards: context.diagnosis.found_physics(
                 context.study.protocols[wildcards.protocol].physics_from
             ),
         output:

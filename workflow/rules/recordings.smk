@@ -78,7 +78,7 @@ rule align_recording:
     log:
         results("logs/align_recording/{recording}.log"),
     resources:
-        mem_mb=lambda wildcards: context.aligned_megabytes(wildcards.recording),
+        mem_mb=lambda wildcards: context.alignment_megabytes(wildcards.recording),
         runtime=120,
     params:
         folder=lambda wildcards: recordings.folder(wildcards.recording),

@@ -25,7 +25,7 @@ rule project:
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
         kernels=results("logs/kernels/1.txt"),
-        physics=lambda wildcards: context.diagnosis.found(
+        physics=lambda wildcards: context.diagnosis.found_physics(
             context.plan.geometry_settings(wildcards.geometry).physics_from
         ),
     output:
@@ -74,7 +74,7 @@ rule project_repeat:
             wildcards.position, wildcards.seed
         )[1],
         kernels=results("logs/kernels/1.txt"),
-        physics=lambda wildcards: context.diagnosis.found(
+        physics=lambda wildcards: context.diagnosis.found_physics(
             context.plan.geometry_settings(wildcards.geometry).physics_from
         ),
     output:

@@ -1,4 +1,4 @@
-"""One noisy acquisition, written to a file."""
+"""Simulate one noisy acquisition."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""Features of one protocol and noise level against those of a recording."""
+"""Compare the features of one protocol and noise level with the features of a recording."""
 
 from collections.abc import Mapping, Sequence
 

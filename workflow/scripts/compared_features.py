@@ -1,6 +1,6 @@
-"""Join the features of all public scans into one table, and write its recording.yaml.
+"""Join the features of all public scans into a table, and write its recording.yaml.
 
-With it, the table can be used as a recording. There is one table of 3D and one of 2D features.
+A table with recording.yaml can be used as a recording. There is one table of 3D and one of 2D features.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""One simulated image as a DICOM CT series, and its ROIs as a DICOM SEG."""
+"""Write one simulated image as a DICOM CT series, and its ROIs as a DICOM SEG."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Published files, put where a configuration names them if they are those that are listed."""
+"""Copy downloaded files to the paths in the configuration, after a check of their SHA-256 with the list of files."""
 
 from collections.abc import Sequence
 

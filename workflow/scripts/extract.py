@@ -1,4 +1,4 @@
-"""Features of all ROIs of the images of one protocol and noise level, one table per image."""
+"""Extract the features of all ROIs of the images of one protocol and noise level, one table per image."""
 
 from collections.abc import Mapping, Sequence
 

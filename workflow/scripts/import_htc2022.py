@@ -1,4 +1,4 @@
-"""A downloaded sinogram of the Helsinki Tomography Challenge 2022 as a recording."""
+"""Convert a downloaded sinogram of the Helsinki Tomography Challenge 2022 to a recording."""
 
 from virtual_phantom.recordings.importers.htc2022 import import_htc2022
 from virtual_phantom.study.job import job, log

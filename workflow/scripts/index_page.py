@@ -1,4 +1,4 @@
-"""The page to start with: the answer, warnings, figures, tables, and what to do next."""
+"""Write the first page of the results: stable features, warnings, figures, tables and next steps."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

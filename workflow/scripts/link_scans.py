@@ -1,4 +1,4 @@
-"""Scans that lie in a folder of somebody's own, told by their tags, as links."""
+"""Link to public scans in a folder of the user, which are identified by their DICOM attributes."""
 
 from collections.abc import Sequence
 

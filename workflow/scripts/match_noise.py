@@ -1,4 +1,4 @@
-"""The noise level at which a protocol shows the variance that ROIs have in a recording."""
+"""Find the noise level at which a protocol has the variance in ROIs that a recording has."""
 
 from dataclasses import asdict
 

@@ -1,4 +1,4 @@
-"""How well the matched noise levels meet their recordings, once simulated."""
+"""Compare the variance in images of the matched noise levels with the variance in their recordings."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The mean of public scans of one object, and their regions as a label map."""
+"""Average public scans of one object, and write their regions as a label map."""
 
 from collections.abc import Sequence
 from pathlib import Path

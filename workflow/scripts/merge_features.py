@@ -1,4 +1,4 @@
-"""All feature tables in one."""
+"""Merge all feature tables into one."""
 
 from collections.abc import Sequence
 

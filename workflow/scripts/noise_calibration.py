@@ -1,4 +1,4 @@
-"""Variance over repeats at every noise level of the protocols of the noise calibration."""
+"""Measure the variance over repeats at every noise level of the protocols of the noise calibration."""
 
 from collections.abc import Mapping, Sequence
 

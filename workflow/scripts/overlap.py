@@ -1,4 +1,4 @@
-"""Overlap of the highest-ranked simulated and measured features, both of equally many repeats."""
+"""Compute the overlap of the highest-ranked simulated and measured features, for equal numbers of repeats."""
 
 from collections.abc import Mapping
 

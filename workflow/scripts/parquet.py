@@ -1,4 +1,4 @@
-"""Tables as Parquet beside their CSV: the same rows and columns, each with its type."""
+"""Write CSV tables as Parquet, with the same rows and columns and the type of each column."""
 
 from collections.abc import Sequence
 

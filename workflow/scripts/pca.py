@@ -1,4 +1,4 @@
-"""Principal components of simulated and measured features, and how well tissue classes separate."""
+"""Compute principal components of simulated and measured features, and the separability of tissue classes."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Build or load the phantom; write its images, masks and rois.csv beside snakemake.output.image."""
+"""Build or load the phantom, and write its images, masks and rois.csv to the folder of snakemake.output.image."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The stability of every feature with the study's physics and without, and whether they differ."""
+"""Compare the stability of every feature with and without the physics of the study."""
 
 from collections.abc import Mapping
 

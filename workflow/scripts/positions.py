@@ -1,4 +1,4 @@
-"""Where the phantom lies in every repeat of every noise level."""
+"""Write the position of the phantom in every repeat of every noise level."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""Build a phantom of the proof: what is scanned (fine), and what the diagnosis is told of it."""
+"""Build a phantom of the blind validation: the scanned fine phantom, and the image that the diagnosis gets."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Images of one protocol, as many acquisitions at once as the job has outputs."""
+"""Reconstruct images of one protocol, from as many acquisitions together as the job has outputs."""
 
 from collections.abc import Mapping, Sequence
 

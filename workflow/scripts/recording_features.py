@@ -1,4 +1,4 @@
-"""Features of one recording in HU, one row per image and ROI: those of its tables, or extracted from its images."""
+"""Write the features of one recording in HU, from its tables or extracted from its images; a row per image and ROI."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Stability and discriminative power of the features of a recording, over its conditions."""
+"""Compute stability and discriminative power of the features of a recording over its conditions."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Read and check one recording, and write what was found as JSON."""
+"""Read and check one recording, and write its summary as JSON."""
 
 import json
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""One table of all recordings, written and printed."""
+"""Write and print one table of all recordings."""
 
 import json
 from collections.abc import Sequence

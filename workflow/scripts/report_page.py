@@ -1,4 +1,4 @@
-"""The report of the study as one page."""
+"""Write the report of the study as one page."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""ROIs on the voxels of a scanner, or of a re-positioned phantom: masks and rois.csv beside snakemake.output.table."""
+"""Write ROIs of a re-positioned phantom, or on the voxels of a scanner, to the folder of snakemake.output.table."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Features of one public scan, a row per ROI: of volumes in HU, and of largest sections in stored values."""
+"""Extract features of one public scan, a row per ROI: of volumes in HU, and of the largest slices of stored values."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

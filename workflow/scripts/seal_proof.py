@@ -1,4 +1,4 @@
-"""Draw the hidden effects of each case, seal the truths and publish the seals."""
+"""Draw the hidden effects of each case at random, write them to sealed files, and publish hashes of these files."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A text, printed."""
+"""Print a text file."""
 
 from virtual_phantom.io.files import read_text
 from virtual_phantom.study.job import job

@@ -1,4 +1,4 @@
-"""Stability and discriminative power of every feature over the groups of protocols."""
+"""Compute stability and discriminative power of every feature over the groups of protocols."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Every feature's scores over the study's groups beside those over the conditions of a recording."""
+"""Join the scores of every feature over the groups of the study and over the conditions of a recording."""
 
 from virtual_phantom.io import files
 from virtual_phantom.statistics import ranking

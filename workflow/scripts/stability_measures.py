@@ -1,4 +1,4 @@
-"""Stability of every feature by W, ICC, CCC and coefficients of variation, and which features are stable by which."""
+"""Compute the stability of every feature by W, ICC, CCC, CV and QCD, and the features that are stable by each."""
 
 from collections.abc import Mapping
 

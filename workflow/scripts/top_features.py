@@ -1,4 +1,4 @@
-"""The highest-ranked features, beside the paper's where the phantom is that one."""
+"""List the highest-ranked features, and for the printed phantom also the measured and published rankings."""
 
 from virtual_phantom.io import files
 from virtual_phantom.statistics import measured, ranking

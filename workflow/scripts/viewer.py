@@ -1,4 +1,4 @@
-"""The page to flip through slices."""
+"""Write the viewer of slices."""
 
 from collections.abc import Mapping, Sequence
 

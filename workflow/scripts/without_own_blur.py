@@ -1,4 +1,4 @@
-"""The mean of scans before its own scanner blurred it, and what that changes."""
+"""Remove the scanner's blur from the mean of scans, and write its effect on the regions."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Figure of each feature's stability with the study's physics against that without."""
+"""Figure of the stability of each feature with and without the physics of the study."""
 
 from collections.abc import Mapping
 

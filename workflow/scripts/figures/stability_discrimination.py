@@ -1,4 +1,4 @@
-"""Figure of stability against discriminative power, with the measured scores beside it where they apply."""
+"""Figure of stability and discriminative power, with a second panel of measured scores if they are comparable."""
 
 from collections.abc import Mapping
 

@@ -14,7 +14,7 @@ from typing import ParamSpec, TypeVar
 import numpy as np
 
 from ..base.console import unexpected
-from ..base.errors import InputError, meant
+from ..base.errors import InputError, did_you_mean
 from ..base.home import expand_home
 
 MOST = 10**6  # largest count: more voxels along an axis or more views do not fit into memory
@@ -36,7 +36,7 @@ def public(function: Callable[P, T]) -> Callable[P, T]:
             signature.bind(*arguments, **named)
         except TypeError as error:
             unknown = [] if len(names) < len(signature.parameters) else [name for name in named if name not in names]
-            hint = f"; {meant(unknown[0], names, 'arguments')}" if unknown else ""
+            hint = f"; {did_you_mean(unknown[0], names, 'arguments')}" if unknown else ""
             raise InputError(f"{function.__name__}: {error}{hint}") from None
         try:
             return function(*arguments, **named)
@@ -48,7 +48,7 @@ def public(function: Callable[P, T]) -> Callable[P, T]:
     return checked
 
 
-def check_whole(value: object, name: str, least: int, most: int = MOST) -> int:
+def check_integer(value: object, name: str, least: int, most: int = MOST) -> int:
     """Check that a value is a whole number from `least` to `most`; NumPy integers are accepted."""
     try:
         number = operator.index(value)

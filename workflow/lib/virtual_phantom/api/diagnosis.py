@@ -20,13 +20,13 @@ from ..physics.beam.materials import Segmentation
 from ..recordings.document import read_document
 from ..statistics.proof_record import read_proof_record
 from .arguments import (
+    check_integer,
     check_mapping,
     check_pair,
     check_path,
     check_positive,
     check_sequence,
     check_text,
-    check_whole,
     public,
 )
 
@@ -72,7 +72,7 @@ def diagnose(
     processes : int, optional
         Number of processes.
     matters : mapping of str to float, optional
-        Relevance thresholds that replace those of `diagnosis.matters`.
+        Relevance thresholds that replace defaults of `diagnosis.matters`.
     **settings
         Settings of `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`,
         `location`, `check_setup`, `object_may_differ`.
@@ -86,15 +86,15 @@ def diagnose(
     Raises
     ------
     InputError
-        If the recording cannot be read or has no projections, or if an effect cannot be seen in it. Also if a setting
-        is unknown, or if not exactly one object is given.
+        If the recording cannot be read or has no projections, or if an effect cannot be seen in projections. Also if a
+        setting is unknown, or if not exactly one object is given.
     """
     given = [scanned for scanned in (disc, mask, labels, shapes, phantom) if scanned is not None]
     if len(given) != 1:
         raise InputError(
             f"diagnose: {len(given)} of disc, mask, labels, shapes and phantom are given; give the one scanned"
         )
-    recording, processes = check_path(recording, "recording"), check_whole(processes, "processes", 1)
+    recording, processes = check_path(recording, "recording"), check_integer(processes, "processes", 1)
     phantom = None if phantom is None else check_path(phantom, "phantom")
     if effects is not None:
         effects = [check_text(name, "effects") for name in check_sequence(effects, "effects", "names of effects")]

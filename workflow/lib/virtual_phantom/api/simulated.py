@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ..base.errors import InputError, meant
+from ..base.errors import InputError, did_you_mean
 from ..base.geometry import Grid, ScanGeometry, scan_geometry
 from ..base.home import expand_home
 from ..base.settings import FbpSettings, ScanSettings, SirtSettings, from_mapping
@@ -29,6 +29,7 @@ from ..simulation import reconstruct as images_of
 from ..simulation.acquire import acquire
 from ..simulation.project import project_phantom
 from .arguments import (
+    check_integer,
     check_made_by,
     check_mapping,
     check_pair,
@@ -37,7 +38,6 @@ from .arguments import (
     check_sequence,
     check_text,
     check_three,
-    check_whole,
     public,
 )
 
@@ -46,7 +46,7 @@ SHAPE, SPACING_MM = (tuple(STUDY["grid"][key]) for key in ("shape", "spacing_mm"
 LEVEL = STUDY["analyses"]["stability"]["noise"]
 NOISE_LEVEL = STUDY["levels"][LEVEL]["A"]  # the noise variance of 10 mGy on the printed phantom
 PROJECTIONS = 300
-FINEST = schema_of("grid")["properties"]["oversampling"]["maximum"]
+MAX_OVERSAMPLING = schema_of("grid")["properties"]["oversampling"]["maximum"]
 LARGEST_SEED = 2**128 - 1  # more entropy than NumPy's generator has
 
 
@@ -111,8 +111,8 @@ def draw_phantom(
         For an invalid layout, or one that does not fit the grid.
     """
     grid = _grid(shape, spacing_mm)
-    oversampling = check_whole(oversampling, "oversampling", 1, FINEST)
-    seed = check_whole(seed, "seed", 0, LARGEST_SEED)
+    oversampling = check_integer(oversampling, "oversampling", 1, MAX_OVERSAMPLING)
+    seed = check_integer(seed, "seed", 0, LARGEST_SEED)
     drawn = layout.read_layout(None if layout_file is None else check_path(layout_file, "layout_file"))
     return synthetic.build(drawn, grid, oversampling, branch(seed, Branch.PHANTOM))
 
@@ -137,7 +137,7 @@ def read_phantom(
     rois : sequence of mapping
         As `phantom.ct.rois` in the configuration, for example {"name": "liver", "tissue_class": "liver", "label": 5}.
     labels : str or Path, optional
-        Label map, DICOM SEG or RTSTRUCT of the regions without a file.
+        Label map, DICOM SEG or RTSTRUCT for the regions whose mapping has no `file`.
     shape, spacing_mm, oversampling : optional
         As in draw_phantom.
     **places
@@ -152,12 +152,12 @@ def read_phantom(
     settings = {"image": check_path(image, "image"), "rois": [_plain(region) for region in regions], **_plain(places)}
     if labels is not None:
         settings["labels"] = check_path(labels, "labels")
-    finer = check_whole(oversampling, "oversampling", 1, FINEST)
+    finer = check_integer(oversampling, "oversampling", 1, MAX_OVERSAMPLING)
     return ct.load_phantom(ct.read_settings(expand_home(settings)), _grid(shape, spacing_mm), finer)
 
 
 def _grid(shape: object, spacing_mm: object) -> Grid:
-    count = functools.partial(check_whole, least=1)
+    count = functools.partial(check_integer, least=1)
     return Grid(check_three(shape, "shape", count), check_three(spacing_mm, "spacing_mm", check_positive))
 
 
@@ -214,9 +214,9 @@ def scan(
         cover completely.
     """
     check_made_by(phantom, Phantom, "phantom", "draw_phantom or read_phantom")
-    projections, repeats = check_whole(projections, "projections", 1), check_whole(repeats, "repeats", 1)
-    noise_level, threads = check_positive(noise_level, "noise_level"), check_whole(threads, "threads", 1)
-    seed = check_whole(seed, "seed", 0, LARGEST_SEED)
+    projections, repeats = check_integer(projections, "projections", 1), check_integer(repeats, "repeats", 1)
+    noise_level, threads = check_positive(noise_level, "noise_level"), check_integer(threads, "threads", 1)
+    seed = check_integer(seed, "seed", 0, LARGEST_SEED)
     physics = _plain(check_mapping({} if physics is None else physics, "physics", "{effect: {parameter: value}}"))
     if stream is not None:
         labels = check_pair(stream, "stream", "labels of geometry and noise level")
@@ -285,11 +285,11 @@ def reconstruct(
     """
     known = defaults_of("reconstruction")
     if check_text(algorithm, "algorithm") not in known:
-        raise InputError(f"algorithm '{algorithm}' is unknown; {meant(algorithm, known)}")
+        raise InputError(f"algorithm '{algorithm}' is unknown; {did_you_mean(algorithm, known)}")
     settings = _plain(settings)
     validate(settings, schema_of("reconstruction", algorithm), algorithm)
     check_made_by(scan, Scan, "scan", "vp.scan")
-    threads, engine = check_whole(threads, "threads", 1), check_text(engine, "engine")
+    threads, engine = check_integer(threads, "threads", 1), check_text(engine, "engine")
     return images_of.reconstruct(
         scan.line_integrals,
         scan.geometry,

@@ -1,1 +1,1 @@
-"""Errors, units, geometry and paths of data. All other packages may import this one; it imports none of them."""
+"""Errors, units, geometry, settings and random streams. All other packages may import this one; it imports none."""

@@ -16,7 +16,7 @@ def user_cache() -> Path | None:
     """Return the user's cache folder of this package: below ``$XDG_CACHE_HOME``, otherwise below ``~/.cache``.
 
     The folder may be missing or read-only. A relative ``$XDG_CACHE_HOME`` is ignored, as the XDG Base Directory
-    Specification demands. The result is None without a home folder, or if the folder belongs to another user, who could
+    Specification demands. The result is None if neither is known, or if the folder belongs to another user, who could
     have put machine code into it.
     """
     if os.path.isabs(stated := os.environ.get("XDG_CACHE_HOME", "")):
@@ -50,5 +50,5 @@ def temporary_cache(make: bool = True) -> Path | None:
 
 
 def _is_own(found: os.stat_result) -> bool:
-    """Return whether a folder belongs to the user of this process; on Windows, each user has other folders."""
+    """Return whether a folder belongs to the user of this process; always true on Windows, where users share none."""
     return not hasattr(os, "getuid") or found.st_uid == os.getuid()

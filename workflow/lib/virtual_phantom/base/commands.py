@@ -10,10 +10,10 @@ from .data import clone
 
 # Snakefiles that Snakemake looks for in the current folder, in this order.
 SNAKEFILES = ("Snakefile", "snakefile", "workflow/Snakefile", "workflow/snakefile")
-NO_CLONE = "CLONE"  # in place of the unknown path of the clone
+NO_CLONE = "CLONE"  # placeholder for the unknown path of the clone
 
 
-def typed(*words: object) -> str:
+def command_line(*words: object) -> str:
     """Return words as a command line, quoted for a shell."""
     return shlex.join(map(str, words))
 
@@ -21,17 +21,17 @@ def typed(*words: object) -> str:
 def snakemake(*words: object, snakefile: Path | None = None) -> str:
     """Return a Snakemake command that works in the current folder.
 
-    The command has `-s` if the current folder has no Snakefile: with `snakefile`, or that of the clone that contains
-    the library. Without a clone the path begins with NO_CLONE.
+    If the current folder has no Snakefile, the option `-s` names `snakefile`, or by default the Snakefile of the clone
+    that contains the library. Without a clone, its path begins with NO_CLONE.
     """
     if any(Path(name).is_file() for name in SNAKEFILES):
-        return typed("snakemake", *words)
+        return command_line("snakemake", *words)
     if snakefile is None:
         snakefile = (clone() or Path(NO_CLONE)) / "workflow" / "Snakefile"
-    return typed("snakemake", "-s", snakefile, *words)
+    return command_line("snakemake", "-s", snakefile, *words)
 
 
-def missing() -> str | None:
+def missing_for_snakemake() -> str | None:
     """Return one line on what `snakemake` commands need that is not installed; None if nothing is missing."""
     if clone() is None and not any(Path(name).is_file() for name in SNAKEFILES):
         return (

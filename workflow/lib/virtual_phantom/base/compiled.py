@@ -3,9 +3,9 @@
 Numba's own cache (``njit(cache=True)``) keeps an index of signatures beside numbered data files and updates both
 without a lock (`IndexDataCacheFile.save` of numba/core/caching.py). If two processes compile two signatures of one
 function at the same time, one signature can be paired with the code of the other. That code then runs with arguments
-that it was not compiled for. Here the name of a file is the hash of everything that its code depends on, so that no
-index is needed. A file is written under a temporary name and renamed, which is atomic on network file systems, too. It
-begins with a hash of its key and content: code that is damaged, truncated or of another key is compiled again, not run.
+that it was not compiled for. Here each file name contains a hash of everything that the code depends on, so no index is
+needed. A file is written under a temporary name and renamed, which is atomic on network file systems, too. It begins
+with a hash of its key and content: code that is damaged, truncated or of another key is compiled again, not run.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from .console import note
 from .errors import InputError
 
 LIBRARY = Path(__file__).resolve().parents[1]
-BESIDE = LIBRARY / "__pycache__" / "kernels"
+PACKAGE_CACHE = LIBRARY / "__pycache__" / "kernels"
 SUFFIX = ".kernel"
-PROBE_BYTES = 1 << 18  # the largest kernels for 1 and 15 lanes have 0.2 MB
+PROBE_BYTES = 1 << 18  # size of the test file of `_usable`; the largest compiled kernels have 0.2 MB
 CHECKSUM = hashlib.sha256
 CHECKSUM_BYTES = CHECKSUM().digest_size
 
@@ -138,7 +138,7 @@ class KernelCache(_Cache):
 
 
 def _stated() -> Path | None:
-    """Return the folder that the user has set."""
+    """Return the folder in NUMBA_CACHE_DIR; None if it is not set."""
     return Path(os.path.expanduser(numba.config.CACHE_DIR)).absolute() if numba.config.CACHE_DIR else None
 
 
@@ -152,7 +152,7 @@ def _folders(for_writing: bool = False) -> Iterator[Path]:
         yield stated
         if not for_writing and _usable(stated):
             return
-    yield BESIDE
+    yield PACKAGE_CACHE
     if (user := user_cache()) is not None:
         yield user / "kernels"
     if (temporary := temporary_cache(make=for_writing)) is not None:

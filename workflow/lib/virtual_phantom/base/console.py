@@ -152,17 +152,17 @@ def _unencodable(error: UnicodeEncodeError) -> str:
 
 
 def check_names(*names: str) -> None:
-    """Check that files with these names, or any names in these texts, can be opened and written to file lists.
+    """Check that names, or texts that contain names, can be encoded as file names and as UTF-8, for lists of files.
 
     Raises
     ------
     InputError
-        If the encoding of the locale lacks a character of a name.
+        If a name cannot be encoded.
     """
     try:
         for name in names:
             name.encode(sys.getfilesystemencoding())
-            name.encode("utf-8")  # names contain surrogates for bytes outside of the locale's encoding
+            name.encode("utf-8")  # fails for surrogates, which represent bytes outside of the locale's encoding
     except UnicodeEncodeError as error:
         raise InputError(_unencodable(error)) from None
 

@@ -28,7 +28,7 @@ class Counts:
     scale: float
 
     def line_integrals(self, zero_counts_as: float) -> np.ndarray:
-        """Return -scale ln(data / white), float32, (views, rows, columns); `zero_counts_as` photons replace zero.
+        """Return -scale ln(data / white), float32, (views, rows, columns); `zero_counts_as` is the smallest count used.
 
         Raises
         ------

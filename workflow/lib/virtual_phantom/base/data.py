@@ -30,7 +30,7 @@ def clone() -> Path | None:
     return next((place for place in places if (place / "workflow" / "Snakefile").is_file()), None)
 
 
-# libyaml is ten times as fast, if PyYAML has it. Files of users are read without it because its messages differ.
+# PyYAML's optional loader of libyaml is ten times as fast. Files of users are read without it: its messages differ.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 

@@ -16,7 +16,7 @@ class InputError(ValueError):
 
 
 class InputErrors(InputError):
-    """Several mistakes, a line for each in `lines`. The text is the first of them and the number of others."""
+    """Several mistakes: `lines` has one line for each. The message is the first line and the number of others."""
 
     def __init__(self, lines: Iterable[str]):
         self.lines = tuple(str(InputError(line)) for line in lines)
@@ -39,8 +39,8 @@ def printed(error: InputError) -> str:
     )
 
 
-def meant(name: str, choices: Iterable[str], otherwise: str = "known") -> str:
-    """Return a hint for a name that is none of the choices: the most similar choice, or else all after `otherwise`."""
+def did_you_mean(name: str, choices: Iterable[str], otherwise: str = "known") -> str:
+    """Return a hint for an unknown name: the most similar choice, or else `otherwise` and all choices."""
     choices = list(choices)
     close = difflib.get_close_matches(str(name), choices, 1)
     return f"did you mean '{close[0]}'?" if close else f"{otherwise}: {', '.join(choices) or 'none'}"

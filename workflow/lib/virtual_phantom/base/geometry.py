@@ -26,8 +26,8 @@ from .errors import InputError
 from .settings import FbpSettings, GridSettings, ScanSettings, SirtSettings, to_mapping
 from .vectors import CYLINDRICAL, FLAT, ScanGeometry
 
-# Distances of a parallel beam from source to isocenter and from there to the detector, behind any object. Rays are
-# parallel to 1e-6 of their spacing, and float64 resolves positions along them to 1e-6 mm.
+# Distances of a parallel beam: from source to isocenter, and from isocenter to detector, which is behind any object.
+# Rays are parallel to 1e-6 of their spacing, and float64 resolves positions along them to 1e-6 mm.
 PARALLEL_MM, BEHIND_MM = 1e9, 1e3
 PARALLEL = "parallel"  # value of `scan.beam`
 SPOT_KEYS = ("columns_mm", "radius_mm", "z_mm")  # keys of `flying_focal_spot` in a `scan` section
@@ -76,7 +76,7 @@ class Grid:
 
     @property
     def drawn_affine(self) -> np.ndarray:
-        """The same along `directions`: positions of voxels in a program in which regions are drawn."""
+        """Matrix like `affine`, but along `directions`, as used by programs in which regions are drawn."""
         return self._affine(self._axes)
 
     @property
@@ -119,8 +119,8 @@ class Grid:
         last = np.array(self.shape[::-1]) - 1
         return np.stack([self.affine[:3, 3], self.affine[:3, :3] @ last + self.affine[:3, 3]])
 
-    def rotated_against(self, other: Grid) -> float:
-        """Return the largest displacement of a voxel, in voxels, by the different directions of two grids."""
+    def displacement_by_rotation(self, other: Grid) -> float:
+        """Return the number of voxels by which the different `directions` of two grids move a voxel at most."""
         spacing = np.array(self.spacing[::-1])
         ends = (np.array(self.shape[::-1]) - 1) / 2 * spacing
         return float((np.abs(self._axes - other._axes) @ ends / spacing).max())
@@ -135,8 +135,8 @@ class Grid:
 class OrbitGeometry(ScanGeometry):
     """A circular or helical scan (see the module's docstring for the frame).
 
-    The detector's reference point is the foot of the perpendicular from the focal center. The focal center is the focus
-    of an arc if its radius is not given. ScanGeometry describes the other attributes.
+    The detector's reference point is the foot of the perpendicular from the focal center. If the radius of a
+    cylindrical detector is not given, the focal center is its focus. ScanGeometry describes the other attributes.
 
     Attributes
     ----------
@@ -266,7 +266,7 @@ class OrbitGeometry(ScanGeometry):
 
     @property
     def parallel(self) -> bool:
-        """Whether the beam is that of `parallel_beam`."""
+        """Whether the beam is parallel (`parallel_beam`)."""
         return self.source_to_isocentre_mm >= PARALLEL_MM
 
     @property
@@ -293,13 +293,16 @@ class OrbitGeometry(ScanGeometry):
         return max(float(min(-low.max(), high.min())), 0.0)
 
     def from_axis_mm(self, positions_mm: np.ndarray) -> np.ndarray:
-        """Return signed in-plane distances from the axis of rays to column positions, mm, (spots, positions)."""
+        """Return signed in-plane distances between the rotation axis and rays to column positions, mm.
+
+        The shape is (spots, positions).
+        """
         along, away, _ = self.spots_mm.T[..., None]
         to_along, to_ahead = self.from_spots_mm(positions_mm)
         return (along * to_ahead + (self.source_to_isocentre_mm + away) * to_along) / np.hypot(to_along, to_ahead)
 
     def from_spots_mm(self, positions_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return in-plane vectors from the spots to column positions, mm: along the columns, towards the isocenter."""
+        """Return in-plane vectors from spots to column positions, mm: parts along the columns and to the isocenter."""
         along, away, _ = self.spots_mm.T[..., None]
         across, nearer = self.on_surface_mm(positions_mm)
         return across - along, self.source_to_detector_mm + away - nearer
@@ -406,9 +409,9 @@ def parallel_beam() -> dict[str, float]:
 
 
 def with_beam(scan: Mapping) -> dict:
-    """Return a `scan` section, of a study or a recording, with the distances of its beam.
+    """Return a `scan` section, of a study or a recording, with the source and detector distances of its beam.
 
-    With `beam: parallel` the section's own distances are ignored.
+    With `beam: parallel`, the distances of `parallel_beam` replace the section's own distances.
     """
     return dict(scan) | (parallel_beam() if scan.get("beam") == PARALLEL else {})
 
@@ -422,7 +425,7 @@ def grid_of(settings: GridSettings) -> Grid:
 
 
 def scan_geometry(scan: ScanSettings, projections: int, grid: Grid) -> OrbitGeometry:
-    """Return the geometry of a scan of a study, with its number of projections; a helix must cover `grid` along z."""
+    """Return the geometry of a study's scan with this number of projections; a helix covers `grid` along z."""
     if scan.beam == PARALLEL:
         scan = replace(scan, **parallel_beam())
     detector = {
@@ -462,7 +465,7 @@ def surface_of(scan: dict) -> dict:
 
 
 def stated_surface(geometry: OrbitGeometry) -> dict:
-    """Return the keys of a recording's `scan` section that `surface_of` reads."""
+    """Return beam, detector surface and focal spots of a geometry as keys of a recording's `scan` section."""
     stated = {"beam": PARALLEL} if geometry.parallel else {}
     stated |= {"detector": geometry.surface}
     if geometry.surface != FLAT and geometry.arc_radius_mm != geometry.source_to_detector_mm:

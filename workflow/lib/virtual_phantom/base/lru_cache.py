@@ -1,4 +1,7 @@
-"""A cache of the most recently used results; with cachetools.LRUCache, `get` would need the same code in a subclass."""
+"""A cache of the most recently used results.
+
+cachetools.LRUCache is not used: `get` would need the same code in a subclass.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ class LRUCache:
         return key in self._results
 
     def get(self, key: Hashable, make: Callable[[], Result] | None = None) -> Result:
-        """Return the result of a key; `make` computes a missing result."""
+        """Return the result of a key; `make`, which is needed if the key is missing, computes it."""
         result = self._results.pop(key) if key in self._results else make()
         self._results[key] = result
         while len(self._results) > self._size:

@@ -36,7 +36,7 @@ def counted(number: int, thing: str) -> str:
 def same_but_for_case(names: Iterable[str]) -> tuple[str, str] | None:
     """Return the first two names that differ only in case; None if there are none.
 
-    On a file system that ignores case, such as that of macOS, files with these names would be one file.
+    On a file system that ignores case, such as the file system of macOS, files with these names would be one file.
     """
     seen: dict[str, str] = {}
     for name in names:

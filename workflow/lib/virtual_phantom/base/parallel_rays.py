@@ -12,9 +12,9 @@ from .geometry import ScanGeometry, orbit_of
 from .vectors import FLAT
 
 SAME_MM = 1e-6  # smaller differences of focal spot positions are ignored
-# Fraction of an angle step within which a ray belongs to a view, so that half a turn is enough for parallel rays,
-# whose fan angles are not exactly 0.
-BESIDE_VIEW = 1e-3
+# Tolerance of the first and the last angle, as a fraction of the angle step. With it, half a turn is enough for a
+# parallel beam, whose fan angles are not exactly 0.
+ANGLE_TOLERANCE = 1e-3
 
 
 class _Interleaved(NamedTuple):
@@ -23,12 +23,13 @@ class _Interleaved(NamedTuple):
     Attributes
     ----------
     known : ndarray of bool, shape (t,)
-        Whether every spot has rays on both sides.
+        Whether every spot has rays on both sides of t.
     spot, column : tuple of 2 ndarray of int, shape (t,)
+        Focal spot and detector column of each sample.
     right_share : ndarray of float32, shape (t,)
         Weight of the second sample.
     fan_rad : tuple of 2 ndarray, shape (t,)
-        Angle between the ray at t and the view of its spot.
+        Direction of the ray at t, relative to the view angle at which the spot emits it.
     """
 
     known: np.ndarray
@@ -44,8 +45,8 @@ class ParallelRays:
     Only complete angles, of which every ray was measured, are included: the ramp filter would treat a truncation as an
     edge.
 
-    With a flying focal spot, rays of spots at one height interleave, which makes t denser. Spots at other heights form
-    another level, which sees a point through other rows. All levels have the same t and angles.
+    With a flying focal spot, rays of spots at one height interleave, which makes t denser. Spots at another height form
+    another level, whose rays through a point end at other detector rows. All levels have the same t and angles.
 
     Parameters
     ----------
@@ -95,16 +96,16 @@ class ParallelRays:
         turns, spots = geometry.views / geometry.views_per_rotation, len(geometry.spots_mm)
         self.periodic = geometry.feed_per_rotation_mm == 0 and abs(turns - round(turns)) < 1e-9
         self.periodic &= geometry.views % spots == 0
-        self._see(geometry, levels)
+        self._set_levels(geometry, levels)
         step = np.copysign(np.pi / self.half_turn, self.view_step)
         if self.periodic:
             first, count = 0, 2 * self.half_turn * round(turns)
         else:
             fan = self._widest_rad(geometry)
-            # Every spot must occur before and after.
+            # Every spot must occur before and after an angle.
             scanned, before = (geometry.views - spots) * abs(self.view_step), (spots - 1) * abs(self.view_step)
-            first = int(np.ceil((fan + before) / abs(step) - BESIDE_VIEW))
-            count = int(np.floor((scanned - fan) / abs(step) + BESIDE_VIEW)) - first + 1
+            first = int(np.ceil((fan + before) / abs(step) - ANGLE_TOLERANCE))
+            count = int(np.floor((scanned - fan) / abs(step) + ANGLE_TOLERANCE)) - first + 1
             if count < self.half_turn:
                 least = (np.pi + 2 * fan) / (2 * np.pi)
                 raise InputError(
@@ -114,7 +115,7 @@ class ParallelRays:
         self.angles_rad = geometry.angles_rad[0] + step * (first + np.arange(count))
         self.view_of_angle = (self.angles_rad - geometry.angles_rad[0]) / self.view_step
 
-    def _see(self, geometry, levels):
+    def _set_levels(self, geometry, levels):
         """Compute the in-plane rays of each level."""
         positions = geometry.column_positions_mm()
         along, away, z = geometry.spots_mm.T
@@ -175,8 +176,8 @@ class ParallelRays:
         """Number of heights of focal spots above the focal center."""
         return len(self.level_z_mm)
 
-    def in_the_plane(self, stack: np.ndarray) -> np.ndarray:
-        """Return projections (views, rows, columns) times the cosine of the rays' angle with the x-y plane."""
+    def weighted_by_cone_angle(self, stack: np.ndarray) -> np.ndarray:
+        """Return projections (views, rows, columns), each ray times the cosine of its angle with the x-y plane."""
         geometry = self.geometry
         along, ahead = geometry.from_spots_mm(geometry.column_positions_mm())
         flat = (ahead**2 + along**2)[:, None]
@@ -216,7 +217,7 @@ class ParallelRays:
             yield np.where(known[:, None], rows, np.float32(0)).T
 
     def _views_about(self, spot, view):
-        """Return the views of a spot before and after a fractional view, and the weight of the latter, (t, 1)."""
+        """Return the views of a spot before and after a fractional view, and the weight of the later view, (t, 1)."""
         views, spots = self.geometry.views, len(self.geometry.spots_mm)
         number = (view - spot) / spots
         low = np.floor(number).astype(int)

@@ -1,4 +1,4 @@
-"""Import of Matplotlib independent of the user's settings, on which figures of this package never depend."""
+"""Import of Matplotlib that does not fail because of the user's settings or folders."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def _settings_folders() -> Iterator[str]:
 
 
 def _writable(folder: str) -> bool:
-    """Return whether a folder exists or can be created, and is writable. False for a path relative to the process."""
+    """Return whether a folder exists or can be created, and is writable; False for a relative path."""
     if not os.path.isabs(folder):
         return False
     try:

@@ -34,7 +34,7 @@ IN_PLACE = Pose()
 
 
 def turned_axes(turn_deg: float) -> np.ndarray:
-    """Return the axes of an object rotated about z, from +x to +y: unit vectors, shape (3, 3)."""
+    """Return the axes of an object rotated about z, from +x to +y: unit vectors as rows, shape (3, 3)."""
     turn = np.deg2rad(turn_deg)
     return np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
 

@@ -7,7 +7,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ImageCases:
-    """Section `proof.images`."""
+    """Section `proof.images`: cases whose recordings are images.
+
+    Attributes
+    ----------
+    effects, tried : tuple of str
+        Effects that are hidden, and effects that the diagnosis tries.
+    views_times : int
+        Number of views, relative to the cases whose recordings are projections.
+    """
 
     strengths: tuple[str, ...]
     effects: tuple[str, ...]

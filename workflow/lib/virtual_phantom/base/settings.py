@@ -1,8 +1,9 @@
 """Settings as dataclasses: sections of the configuration that several packages read, and the conversion from mappings.
 
 The JSON schemas state the checks and the defaults. `from_mapping` converts a document that a schema has checked and
-completed. An optional key without a default has the default None here and is absent in `to_mapping`. A key whose
-default is null has no default here. `to_mapping(from_mapping(kind, document)) == document` therefore holds.
+completed. A key that may be absent from the document has the default None here, and `to_mapping` omits it if it is
+None. A key whose schema default is null has no default here, so that `to_mapping` keeps its null. Therefore
+`to_mapping(from_mapping(kind, document)) == document` holds.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Any
 def from_mapping(kind: Any, value: Any) -> Any:
     """Convert JSON-like data to a type: a dataclass, a tuple or dict of them, a union of them, or a plain value.
 
-    In a union, the first dataclass whose required keys are all given is chosen. A missing key becomes None.
+    In a union, the first dataclass whose required keys are all given is chosen. A missing required key becomes None.
     """
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if value is None:

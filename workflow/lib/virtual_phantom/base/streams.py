@@ -42,7 +42,7 @@ def root(seed: int) -> Stream:
 def branch(seed: int, purpose: int, *keys: int) -> Stream:
     """Return a branch of a seed, and below it the branches given by `keys`.
 
-    `purpose` is a Branch; for a seed other than the study's, any number of the caller.
+    `purpose` is a Branch. With a seed that is not the study's, callers may choose other numbers.
     """
     return Stream(seed, spawn_key=(int(purpose), *keys))
 
@@ -58,7 +58,7 @@ def named(stream: Stream, *names: str | int) -> Stream:
 
 
 def acquisition(study_seed: int, geometry: str, noise: str, seed: int) -> Stream:
-    """Return the noise stream of one acquisition of a study, distinct for every argument."""
+    """Return the noise stream of one acquisition of a study; every argument changes the stream."""
 
     def words(label):
         return np.frombuffer(hashlib.sha256(label.encode()).digest()[:8], dtype=np.uint32).tolist()

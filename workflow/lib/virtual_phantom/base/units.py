@@ -25,8 +25,8 @@ def attenuation_to_hu(mu, mu_water_per_mm: float):
     return (mu / mu.dtype.type(mu_water_per_mm) - 1) * mu.dtype.type(1000)
 
 
-def whole_hu(hu: np.ndarray, not_finite: str) -> tuple[np.ndarray, int]:
-    """Return HU as int16, in which images are stored: rounded half to even, and clipped to the range of int16.
+def rounded_hu(hu: np.ndarray, not_finite: str) -> tuple[np.ndarray, int]:
+    """Return HU as int16, the type of stored images: rounded half to even, and clipped to the range of int16.
 
     Parameters
     ----------
@@ -35,10 +35,10 @@ def whole_hu(hu: np.ndarray, not_finite: str) -> tuple[np.ndarray, int]:
 
     Returns
     -------
-    whole : ndarray of int16
+    rounded : ndarray of int16
     beyond : int
-        Number of clipped voxels. A reconstruction with metal may have some and only warns; exports refuse them; report
-        pages show the limit.
+        Number of clipped voxels, which metal can cause. Reconstructions then warn, exports refuse the image, and report
+        pages show the clipped values.
 
     Raises
     ------
@@ -48,9 +48,9 @@ def whole_hu(hu: np.ndarray, not_finite: str) -> tuple[np.ndarray, int]:
     if not np.isfinite(hu).all():
         raise InputError(not_finite)
     limits = np.iinfo(np.int16)
-    whole = np.rint(hu)
-    beyond = np.count_nonzero((whole < limits.min) | (whole > limits.max))
-    return np.clip(whole, limits.min, limits.max).astype(np.int16), beyond
+    rounded = np.rint(hu)
+    beyond = np.count_nonzero((rounded < limits.min) | (rounded > limits.max))
+    return np.clip(rounded, limits.min, limits.max).astype(np.int16), beyond
 
 
 def _floating(values):

@@ -85,8 +85,8 @@ class ScanGeometry:
     view_interval_ms : float or None
         Time between the centers of successive views, ms; None: not known.
     exposure_ms : float or None
-        Time of the beam in the middle of each view's interval, ms, while the detector integrates over the whole
-        interval; None: the whole interval.
+        Time that the beam is on, in the middle of each view's interval, ms; None: the whole interval. The detector
+        always integrates over the whole interval.
     view_times : ndarray, shape (views,)
         Center of each view, in intervals from the middle of the scan. None: successive views, view i of N at i + 1/2 -
         N/2.
@@ -152,7 +152,7 @@ class ScanGeometry:
 
     @property
     def times_s(self) -> np.ndarray:
-        """Return the center of each view's interval and exposure: seconds from the middle of the scan, shape (views,).
+        """Center of each view's interval and exposure: seconds from the middle of the scan, shape (views,).
 
         Raises
         ------
@@ -163,7 +163,7 @@ class ScanGeometry:
 
     @property
     def duration_s(self) -> float:
-        """Return the time from the start of the first view's interval to the end of the last one's, seconds.
+        """Time from the start of the first view's interval to the end of the last view's interval, seconds.
 
         Raises
         ------
@@ -184,7 +184,7 @@ class ScanGeometry:
 
     @property
     def views_apart(self) -> int:
-        """Step between views in views of the scanner: 1, unless `every` selected some."""
+        """Step between successive views, counted in views of the scanner: 1, unless `every` selected some."""
         return 1 if self.views < 2 else round(self.view_times[1] - self.view_times[0])
 
     @property
@@ -194,7 +194,7 @@ class ScanGeometry:
 
     @property
     def key(self) -> tuple:
-        """Hashable key, equal for geometries with equal rays."""
+        """Hashable key of the class and all fields."""
         return type(self).__name__, *(
             value.tobytes() if isinstance(value := getattr(self, attribute.name), np.ndarray) else value
             for attribute in fields(self)
@@ -290,8 +290,9 @@ class ScanGeometry:
     def solid_angles(self) -> np.ndarray:
         """Return solid angles relative to a pixel at the foot of the perpendicular, (views or 1, rows, columns).
 
-        It is the inverse square of the distance times the cosine of the incidence angle; on a flat detector, the cube
-        of this cosine. For an arc, the perpendicular is that to the plane through its reference point.
+        A solid angle is proportional to the cosine of the incidence angle over the squared distance; on a flat
+        detector, to the cube of this cosine. For an arc, the perpendicular is to its tangent plane at the reference
+        point.
         """
         (to_x, to_y, to_z), rows = self.bundles()
         squared = (to_x**2 + to_y**2)[:, None] + (to_z[:, None] + rows[:, None]) ** 2

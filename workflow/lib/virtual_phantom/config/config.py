@@ -144,7 +144,7 @@ def _find_resources(config: dict) -> None:
                 note(f"config: phantom.ct.{where}{key} is deprecated below {OLD_FOLDER}; write {section[key]}")
 
 
-def inspected(settings: Mapping) -> tuple[list[str], dict]:
+def inspect_config(settings: Mapping) -> tuple[list[str], dict]:
     """Return all errors of a configuration and its valid part.
 
     `check` describes the settings, which are not changed.
@@ -161,12 +161,12 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
         settings = expand_home(settings)
     except InputError as error:
         return [str(error)], {}
-    whole, schema = _without_nulls(settings), read_schema(SCHEMA)
-    _name_labels(whole)
-    _name_materials(whole)
-    _replace_attribute(whole)
-    _find_resources(whole)
-    found, rest = mistakes(whole, schema, "config", NAMED)
+    config, schema = _without_nulls(settings), read_schema(SCHEMA)
+    _name_labels(config)
+    _name_materials(config)
+    _replace_attribute(config)
+    _find_resources(config)
+    found, rest = mistakes(config, schema, "config", NAMED)
     # Named scans replace keys of the default scan. Their own defaults would overwrite its other keys.
     scans = rest.pop("scans", {})
     fill_defaults(rest, schema)
@@ -184,7 +184,7 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
 
 
 def _with_beam(scan: dict) -> dict:
-    """Return a complete scan section; with `beam: parallel` its own distances are ignored."""
+    """Return a complete scan section; with `beam: parallel`, the distances of `parallel_beam` replace its own."""
     return scan | (parallel_beam() if scan["beam"] == PARALLEL else {})
 
 
@@ -205,7 +205,7 @@ def _take_public_scans(config: dict) -> None:
 
 def _checked(settings: Mapping) -> dict:
     """Return a checked copy with the schema's defaults."""
-    lines, config = inspected(settings)
+    lines, config = inspect_config(settings)
     if lines:
         raise InputErrors(lines)
     return config

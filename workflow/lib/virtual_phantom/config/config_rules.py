@@ -1,7 +1,7 @@
 """Check rules between keys of a configuration: references to existing names, required numbers, consistent sections.
 
 Each rule is a generator of error lines. Invalid sections have been removed before, so rules skip missing sections.
-They read mappings, not the dataclasses of settings.py, as they run before a configuration is complete.
+Rules read mappings, not the dataclasses of settings.py, because they run before a configuration is complete.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
-from ..base.errors import InputError, meant
+from ..base.errors import InputError, did_you_mean
 from ..base.geometry import PARALLEL
 from ..base.names import same_but_for_case
 from ..base.vectors import FLAT
@@ -57,7 +57,7 @@ class Entries(Collection):
 
 @dataclass(frozen=True)
 class Names:
-    """Names in a configuration, including those of invalid entries."""
+    """Names in a configuration, including names of invalid entries."""
 
     protocols: Entries
     levels: Entries
@@ -140,7 +140,7 @@ class Rules:
                 f"another: {', '.join(choices) or 'none is left'}"
             )
         else:
-            yield f"config: {where} names '{name}', which does not exist; {meant(name, choices)}"
+            yield f"config: {where} names '{name}', which does not exist; {did_you_mean(name, choices)}"
 
     def _other_recording(self, name: str, other: str, key: str) -> Iterator[str]:
         """Yield a line if the key of a diagnosed recording names no other diagnosed recording."""
@@ -482,7 +482,7 @@ class Rules:
             yield f"{where} needs kind (an object of shapes), mask and material, or labels and materials"
 
     def _changed_images(self) -> Iterator[tuple[str, dict]]:
-        """Check names and settings of comparisons under diagnosis, which change simulated images voxel by voxel."""
+        """Yield name and settings of each comparison under diagnosis, whose job changes images voxel by voxel."""
         for name, comparison in self.analyses.get("comparison", {}).items():
             if name in self.config["diagnosis"]["comparisons"]:
                 yield name, comparison
@@ -527,14 +527,14 @@ class Rules:
             yield from self._regions(phantom.get("ct", {}).get("rois", []))
 
     def _regions(self, rois: list[dict]) -> Iterator[str]:
-        """Check labels of regions of public scans. Known names have already become numbers."""
+        """Check labels of regions of public scans. `config.inspect_config` has replaced known names by numbers."""
         regions = self.config["public_scans"]["regions"]
         for roi in rois:
             label = roi.get("label")
             if isinstance(label, str) or label is None or label > len(regions):
                 yield (
                     f"config: phantom.ct.rois: {roi['name']} has the label {label}, which is not in "
-                    f"public_scans.regions; {meant(str(label), map(str, regions))}"
+                    f"public_scans.regions; {did_you_mean(str(label), map(str, regions))}"
                 )
 
     def _scans(self) -> Iterator[str]:

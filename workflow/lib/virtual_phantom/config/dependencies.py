@@ -24,7 +24,7 @@ from ..base.data import RESOURCES
 LIBRARY = Path(__file__).resolve().parents[1]
 EFFECTS = LIBRARY / "physics" / "effects"
 HOOKS = LIBRARY / "proof" / "hiding" / "hooks"
-TEMPLATES = "templates"  # folder of page templates, beside the modules that fill them in
+TEMPLATES = "templates"  # folder of page templates, next to the modules that use them
 # Modules that word errors, write logs or report progress. No result depends on them.
 WITHOUT_EFFECT = (
     *(("base", "errors"), ("study", "job")),
@@ -74,7 +74,7 @@ def code_hash(*modules: str | Path) -> str:
     """Return a hash of modules and of all that they import from the library, of 16 hexadecimal digits."""
     known = len(_cache())
     files = sorted({file for module in modules for file in files_behind(module)})
-    # Names count, since a module that moves is another one. Folders around the library do not.
+    # The hash includes the names of files in the library, so that moving a module changes it.
     versions = [(_relative(file), _parsed(file)[0]) for file in files]
     if len(_cache()) > known:
         _save()
@@ -87,12 +87,9 @@ def _relative(path: Path) -> str:
 
 @cache
 def files_behind(script: str | Path) -> tuple[Path, ...]:
-    """Return the script and every file of the library that it imports, in functions and indirectly, too.
+    """Return the script, every file of the library that it imports, also in functions or indirectly, and templates.
 
-    Returns
-    -------
-    tuple of Path
-        Sorted. Templates of pages count with the modules beside them.
+    The page templates next to these files are included. Paths are sorted.
     """
     found: set[Path] = set()
     waiting = [Path(script).resolve()]
@@ -111,7 +108,7 @@ def _templates(folder: Path) -> tuple[Path, ...]:
 
 @cache
 def imported(path: Path) -> tuple[Path, ...]:
-    """Return the files of the library that one file imports itself."""
+    """Return the files of the library that one file imports directly."""
     inside = LIBRARY in path.parents
     package = path.relative_to(LIBRARY).parts[:-1] if inside else ()
     modules: set[tuple[str, ...]] = set()
@@ -174,7 +171,7 @@ def _imports(tree: ast.Module) -> list:
     return found
 
 
-# The cache: {hash of a file's content: what _parsed returns}. To parse all files takes two seconds at every start.
+# The cache is {hash of a file's content: result of _parsed}. Without it, every start parses all files in two seconds.
 
 
 def _cache_file() -> Path | None:
@@ -184,7 +181,7 @@ def _cache_file() -> Path | None:
 
 @cache
 def _cache() -> dict[str, list]:
-    """Return what is known of files; empty if there is no cache or if it is damaged."""
+    """Return the cache; empty if there is none, or if it is damaged or too large."""
     with contextlib.suppress(OSError, ValueError):
         if (path := _cache_file()) is not None:
             content = json.loads(path.read_text(encoding="utf-8"))

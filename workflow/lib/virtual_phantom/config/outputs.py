@@ -85,7 +85,7 @@ def _read() -> tuple[Output, ...]:
     return tuple(outputs)
 
 
-OUTPUTS = _read()  # those with a title in the order of the study's report
+OUTPUTS = _read()  # outputs with a title are in the order of the study's report
 BY_NAME = {output.name: output for output in OUTPUTS}
 
 

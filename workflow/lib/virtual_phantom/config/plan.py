@@ -80,7 +80,7 @@ class Plan:
         raise KeyError(label)
 
     def has_physics(self, label: str) -> bool:
-        """Whether scans of a geometry have effects, from the configuration or from a diagnosis."""
+        """Return whether scans of a geometry have effects, from the configuration or from a diagnosis."""
         settings = self.geometry_settings(label)
         return bool(settings.physics or settings.physics_from)
 
@@ -105,18 +105,18 @@ class Plan:
         """Return the two-digit seed labels of a noise level."""
         return [f"{seed:02d}" for seed in range(self.study.noise.levels[noise].repeats)]
 
-    def moved(self, noise: str) -> list[str]:
+    def repositioned_seeds(self, noise: str) -> list[str]:
         """Return the seed labels of a noise level with a re-positioned phantom, which are the last."""
         seeds = self.seeds(noise)
         return seeds[max(len(seeds) - self.study.repeats.repositioned, 0) :]
 
-    def still(self, noise: str) -> list[str]:
+    def nominal_seeds(self, noise: str) -> list[str]:
         """Return the seed labels of a noise level with the phantom at its nominal position."""
-        return self.seeds(noise)[: len(self.seeds(noise)) - len(self.moved(noise))]
+        return self.seeds(noise)[: len(self.seeds(noise)) - len(self.repositioned_seeds(noise))]
 
     def position(self, noise: str, seed: str) -> str:
         """Return MOVED or STILL for a repeat with own noise-free projections, "" for one with the shared ones."""
-        if seed in self.moved(noise):
+        if seed in self.repositioned_seeds(noise):
             return MOVED
         return STILL if self.study.repeats.start_angle == "random" else ""
 
@@ -233,6 +233,6 @@ class Plan:
             wanted |= set(product(selection.protocols, selection.noise))
         return sorted(wanted)
 
-    def featured(self) -> list[tuple[str, str]]:
+    def acquisitions_with_features(self) -> list[tuple[str, str]]:
         """Return the acquisitions whose features are used: all except those for the noise calibration only."""
         return self._acquisitions(replace(self.study.analyses, noise_calibration=None))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..base.console import note
 from ..base.data import clone
-from ..base.errors import InputError, meant, refusing
+from ..base.errors import InputError, did_you_mean, refusing
 from ..io.study_sizes import paper_groups
 from ..io.yaml_files import parse_yaml
 
@@ -103,7 +103,7 @@ def _idle_nulls(settings: Mapping, content: Mapping) -> Iterator[str]:
             if name not in existing:
                 where = ".".join((*path, str(name)))
                 others = [str(key) for key, value in existing.items() if value is not None]
-                yield f"{where}: null removes nothing, as there is no such entry; {meant(str(name), others)}"
+                yield f"{where}: null removes nothing, as there is no such entry; {did_you_mean(str(name), others)}"
 
 
 def doubtful_entries(path: str | Path) -> list[str]:

@@ -71,7 +71,7 @@ class Terms:
 
 @dataclass(frozen=True)
 class Relation:
-    """low <= high, or low = high if `equal`. If `usual`, it is only checked if most rows satisfy it."""
+    """Relation low <= high, or low = high if `equal`. If `usual`, it is only checked if most rows satisfy it."""
 
     text: str
     low: Terms
@@ -146,10 +146,10 @@ def check(table: pd.DataFrame, source: str) -> None:
 
 
 def rounding(values: np.ndarray) -> np.ndarray:
-    """Bound the rounding error of every entry of [row, feature] by the digits of its row and its column.
+    """Return a bound of the rounding error of every entry [row, feature], from the digits of its row and column.
 
     A table may be rounded to decimals or to significant digits, by column or by row. The precision of an entry is
-    that of the finest entry of its row or of its column, whichever is coarser.
+    taken from the finest entry of its row or from the finest entry of its column, whichever is coarser.
     """
     finite = np.isfinite(values)
     size = np.where(finite & (values != 0), abs(values), 1.0)
@@ -165,13 +165,13 @@ def rounding(values: np.ndarray) -> np.ndarray:
 
 
 class Features(dict[str, Terms]):
-    """Features by name. Missing ones are NaN, which breaks no relation."""
+    """Features by name. Missing features are NaN, which breaks no relation."""
 
     def __missing__(self, name: str) -> Terms:
         return UNKNOWN
 
     def of(self, family: str) -> Features:
-        """Return the features of one class, by their names without it."""
+        """Return the features of one class, by their names without the class."""
         start = f"{family}_"
         return Features({name.removeprefix(start): term for name, term in self.items() if name.startswith(start)})
 
@@ -340,7 +340,7 @@ def _glcm(glcm: Features) -> Iterator[tuple]:
 def _matrix(
     matrix: Features, family: str, kind: str, small: str, large: str, of_levels: str, length: str, share: str | None
 ) -> Iterator[tuple]:
-    """Relations between moments of the normalized entries p(i, j) of a matrix of levels i and counts j."""
+    """Yield relations between moments of the normalized entries p(i, j) of a matrix of levels i and counts j."""
     low, high = f"LowGrayLevel{of_levels}Emphasis", f"HighGrayLevel{of_levels}Emphasis"
     few, many = f"{small}Emphasis", f"{large}Emphasis"
     levels, lengths = "GrayLevelNonUniformity", f"{length}NonUniformity"
@@ -404,7 +404,7 @@ def _matrix(
 
 
 def _numbers_of_voxels(features: Features, voxels: Terms) -> Iterator[tuple]:
-    """Relations between families. A table that combines several extractions may break them in every row."""
+    """Yield relations between families. A table that combines several extractions may break them in every row."""
     count = features["gldm_DependenceNonUniformity"] / features["gldm_DependenceNonUniformityNormalized"]
     root = features["firstorder_RootMeanSquared"]
     text = "Energy is RootMeanSquared^2 gldm_DependenceNonUniformity / gldm_DependenceNonUniformityNormalized"
@@ -452,7 +452,7 @@ def _shape(features: Features) -> Iterator[tuple]:
 
 
 def _voxels(table: pd.DataFrame) -> Terms:
-    """Number of voxels by pyradiomics' own columns, after resampling and resegmentation."""
+    """Return the numbers of voxels that pyradiomics recorded, after any resampling and resegmentation."""
     for stage in ("resegmented", "interpolated", "original"):
         name = f"diagnostics_Mask-{stage}_VoxelNum"
         if name in table:
@@ -462,7 +462,7 @@ def _voxels(table: pd.DataFrame) -> Terms:
 
 
 def _shift(table: pd.DataFrame, terms: Mapping[str, Terms], source: str) -> np.ndarray:
-    """Return voxelArrayShift of every row: as the table states it, or else the value that explains most rows."""
+    """Return voxelArrayShift of every row: as recorded in the table, or else one value that most rows agree with."""
     needed = [f"firstorder_{name}" for name in ("RootMeanSquared", "Mean", "Variance")]
     if any(name not in terms for name in needed):
         return np.full(len(table), np.nan)

@@ -1,9 +1,8 @@
-"""Extract radiomics features with pyradiomics: the 86 of the study, or those of a parameter file.
+"""Extract radiomics features with pyradiomics: the 86 features of the study, or the features of a parameter file.
 
 Default settings are those of Flouris et al. [1]_, section "Radiomics feature extraction": original image, bin width
-25, no resampling, no normalization, no resegmentation. The distance is 1, the
-co-occurrence matrix is symmetrical, and dependence cut-off and voxel array shift are 0. References [2]_ and [3]_ define
-the features.
+25, no resampling, no normalization, no resegmentation. The distance is 1, the co-occurrence matrix is symmetrical, and
+dependence cut-off and voxel array shift are 0. References [2]_ and [3]_ define the features.
 
 References
 ----------
@@ -72,7 +71,7 @@ def extract(
     Returns
     -------
     DataFrame
-        One row per ROI: roi, n_voxels, grey_levels (occupied bins), settings_hash, versions, features.
+        One row per ROI: roi, n_voxels, grey_levels (occupied bins), settings_hash, versions of packages, features.
 
     Raises
     ------
@@ -151,7 +150,7 @@ def _values(image: sitk.Image, label: sitk.Image, parameters: Parameters, source
 
 
 def _largest(mask: np.ndarray) -> int:
-    """Return the index of the slice with the most voxels, the lowest of several."""
+    """Return the index of the slice with the most voxels, or the lowest such index."""
     return int(np.count_nonzero(mask, axis=(1, 2)).argmax())
 
 
@@ -202,7 +201,10 @@ def _warn_if_poor(name: str, row: dict, parameters: Parameters) -> None:
 
 @contextlib.contextmanager
 def _pyradiomics_messages(where: str) -> Iterator[None]:
-    """Issue warnings and errors that pyradiomics logs as RadiomicsWarning with the ROI; drop other log messages."""
+    """Turn warnings and errors in the log of pyradiomics into RadiomicsWarnings; `where` names image and ROI.
+
+    Other log messages are dropped.
+    """
     records: list[logging.LogRecord] = []
     handler = logging.Handler(logging.WARNING)
     handler.emit = records.append

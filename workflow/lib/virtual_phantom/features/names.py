@@ -1,6 +1,6 @@
 """Names and families of radiomics features, as in pyradiomics.
 
-Separate from `extraction`, so that code that handles tables does not load pyradiomics.
+This module is separate from `extraction`, so that code that handles tables does not load pyradiomics.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
-from .settings import CHANGES, ONLY_WITH, UNSTATED
+from .settings import CHANGES, DEFAULT_VALUES, ONLY_WITH
 
 # Settings with text values. All others are numbers, booleans or lists of numbers; the schema of pyradiomics accepts
 # "5" for 5.
@@ -18,8 +18,8 @@ OF_ALL_IMAGES = frozenset(
 )
 # Settings about mask files. Here each region is one mask on the voxels of the image, so they have no effect.
 OF_FILES = frozenset("geometryTolerance correctMask additionalInfo label label_channel preCrop".split())
-# No note if a file states these values.
-USUAL = UNSTATED | {"correctMask": False, "additionalInfo": False, "label": 1, "label_channel": 0}
+# Default values. No note if a file states them.
+USUAL = DEFAULT_VALUES | {"correctMask": False, "additionalInfo": False, "label": 1, "label_channel": 0}
 # Image type that each setting of a filter needs.
 FILTER = {
     "sigma": "LoG",
@@ -79,7 +79,7 @@ def without_effect(content: Mapping) -> Iterator[str]:
     stated = dict(settings) | {key: value for section in types.values() for key, value in (section or {}).items()}
     classes = content.get("featureClass") or {}
     features = [f"{family}_{name}" for family, names in classes.items() for name in names or ()]
-    whole = [family for family, names in classes.items() if not names]
+    complete = [family for family, names in classes.items() if not names]  # classes with all their features
     for key, value in settings.items():
         if value == USUAL.get(key, math.nan):
             continue
@@ -95,14 +95,14 @@ def without_effect(content: Mapping) -> Iterator[str]:
             yield f"{key} (with binCount)"
         elif key in FILTER and FILTER[key] not in types:
             yield f"{key} (without imageType {FILTER[key]})"
-        elif classes and key in CHANGES and not _changes(key, features, whole):
+        elif classes and key in CHANGES and not _changes(key, features, complete):
             yield f"{key} (no feature of the file depends on it)"
 
 
-def _changes(key: str, features: list[str], whole: list[str]) -> bool:
+def _changes(key: str, features: list[str], complete: list[str]) -> bool:
     return any(
-        part in whole
-        or part.partition("_")[0] in whole
+        part in complete
+        or part.partition("_")[0] in complete
         or any(feature == part or feature.startswith(f"{part}_") for feature in features)
         for part in CHANGES[key]
     )

@@ -48,12 +48,12 @@ PROBE = {
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """Settings, image types and feature classes.
+    """Settings, image types and feature classes of an extraction.
 
     Attributes
     ----------
     classes : dict of str to list of str
-        Feature names by class; an empty list means all of the class that are not deprecated.
+        Feature names by class; an empty list selects all features of the class that are not deprecated.
     source : str or None
         Parameter file; None for the default.
     section : {"whole", "largest"}

@@ -1,6 +1,6 @@
 """Settings of the extraction: defaults, settings recorded in a table, and their differences.
 
-Separate from `extraction`, so that code that compares settings does not load pyradiomics.
+This module is separate from `extraction`, so that code that compares settings does not load pyradiomics.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from ..base.errors import InputError
 from ..io.yaml_files import read_yaml
 from .names import FEATURES, HISTOGRAM_ONLY, unfiltered
 
+# Settings of the default extraction.
 SETTINGS = {
     "binWidth": 25,
     "normalize": False,
@@ -45,7 +46,7 @@ COLUMNS = (SETTINGS_COLUMN, TYPES_COLUMN, VERSION_COLUMN)
 LONGEST = 20_000  # characters of a dictionary in a table; pyradiomics writes some hundreds
 
 # Default values of pyradiomics 3.0.1 ("Customizing the Extraction").
-UNSTATED = {
+DEFAULT_VALUES = {
     "wavelet": "coif1",
     "gradientUseSpacing": True,
     "preCrop": False,
@@ -154,7 +155,7 @@ class Extraction:
     def effective(self) -> dict:
         """Return {setting: value} of the settings that have an effect on the original image, with default values."""
         stated = {**self.settings, **(self.image_types.get("Original") or {})}
-        values = {key: value for key, value in {**UNSTATED, **stated}.items() if key not in HARMLESS}
+        values = {key: value for key, value in {**DEFAULT_VALUES, **stated}.items() if key not in HARMLESS}
         if isinstance(values["interpolator"], int):
             values["interpolator"] = INTERPOLATORS.get(values["interpolator"], values["interpolator"])
         spacing = values["resampledPixelSpacing"]
@@ -201,14 +202,14 @@ STUDY = Extraction(SETTINGS)
 
 
 def differences(study: Extraction, table: Extraction) -> list[Difference]:
-    """List settings that lead to different feature values, of all images or of a filter that both use."""
+    """List the settings that differ and can change feature values: of the original image, or of a filter of both."""
     first, second = study.effective(), table.effective()
     found = [Difference(key, first.get(key), second.get(key)) for key in sorted(first.keys() | second.keys())]
     for name in sorted(study.image_types.keys() & table.image_types.keys() - {"Original"}):
         filters = [extraction.image_types[name] or {} for extraction in (study, table)]
         first, second = ({**e.settings, **filter_} for e, filter_ in zip((study, table), filters, strict=True))
         keys = filters[0].keys() | filters[1].keys() | (FILTER_SETTINGS & (first.keys() | second.keys()))
-        first, second = {**UNSTATED, **first}, {**UNSTATED, **second}
+        first, second = {**DEFAULT_VALUES, **first}, {**DEFAULT_VALUES, **second}
         found += [Difference(key, first.get(key), second.get(key), name) for key in sorted(keys - set(IN_NAMES))]
     return [difference for difference in found if difference.study != difference.table]
 
@@ -288,10 +289,10 @@ def read_extraction(path: str | None) -> Extraction:
         return STUDY
     content = read_yaml(path, "give a parameter file of pyradiomics", restore="restore it")
     types = {name: section or {} for name, section in (content.get("imageType") or {"Original": {}}).items()}
-    return Extraction(content.get("setting") or {}, types, installed())
+    return Extraction(content.get("setting") or {}, types, installed_version())
 
 
-def installed() -> str:
+def installed_version() -> str:
     """Return the installed version of pyradiomics, as it writes it into tables."""
     return f"v{metadata.version('pyradiomics')}"
 
@@ -309,8 +310,8 @@ def _dictionary(text: str, column: str, source: str) -> dict:
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
         found = None
     inner = found.values() if column == TYPES_COLUMN and isinstance(found, dict) else ()
-    whole = isinstance(found, dict) and all(isinstance(key, str) for key in found)
-    if not whole or not all(isinstance(section, dict) for section in inner):
+    named = isinstance(found, dict) and all(isinstance(key, str) for key in found)
+    if not named or not all(isinstance(section, dict) for section in inner):
         raise InputError(
             f"{source}: {column} holds {text[:40]!r}, not a dictionary as pyradiomics writes it; restore it, or remove "
             "the column"

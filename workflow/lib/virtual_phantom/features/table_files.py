@@ -98,7 +98,7 @@ def read_table(
     header, rows = _table(_text(path), path)
     if (form := _other_form(header, rows)) is not None:
         raise InputError(f"{path}: {form}; write one row per image and ROI, and one column per feature")
-    header, rows = _whole_rows(header, rows, path)
+    header, rows = _complete_rows(header, rows, path)
     names = _renamed_columns(header, keep, path)
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"{path}: the column {twice[0]!r} occurs twice; remove one")
@@ -183,9 +183,9 @@ def _table(text: str, path: Path) -> tuple[list[str], list[Record]]:
 
 
 def _header_line(lines: Sequence[str]) -> str:
-    """Return the first line that is not a comment.
+    """Return the first line that is not a comment, or that is a comment with as many columns as the next line.
 
-    A comment with as many columns as the next line is also a header, as numpy.savetxt writes it.
+    numpy.savetxt writes such headers.
     """
     for line, following in zip(lines, [*lines[1:], ""], strict=True):
         separator = _separator(line)
@@ -228,7 +228,7 @@ def _records(text: str, separator: str, path: Path) -> list[Record]:
 
 
 def _other_form(header: Sequence[str], rows: Sequence[Record]) -> str | None:
-    """Return the problem if the rows, not the columns, are features."""
+    """Return what is wrong if the rows, not the columns, are features; otherwise None."""
     if any(map(_known, set(header) - set(KEYS))) or len(rows) < 2:
         return None
     for column in range(min(len(header), 4)):
@@ -238,19 +238,19 @@ def _other_form(header: Sequence[str], rows: Sequence[Record]) -> str | None:
     return None
 
 
-def _whole_rows(header: list[str], rows: list[Record], path: Path) -> tuple[list[str], list[Record]]:
+def _complete_rows(header: list[str], rows: list[Record], path: Path) -> tuple[list[str], list[Record]]:
     """Remove empty columns at the end, and check that header and rows have the same length."""
     while header and not header[-1] and not any("".join(fields[len(header) - 1 :]).strip() for _, fields in rows):
         header = header[:-1]
     width = len(header)
-    whole = [(line, fields[:width] if not "".join(fields[width:]).strip() else fields) for line, fields in rows]
-    for line, fields in whole:
+    trimmed = [(line, fields[:width] if not "".join(fields[width:]).strip() else fields) for line, fields in rows]
+    for line, fields in trimmed:
         if sum(field.strip() == name for field, name in zip(fields, header, strict=False)) > width / 2:
             raise InputError(
                 f"{path}: row {line} repeats the column names, as if a second table had been appended; keep one of them"
             )
-    wrong = [(line, len(fields)) for line, fields in whole if len(fields) != width]
-    if len(wrong) == len(whole) > 1 and {number for _, number in wrong} == {width + 1}:
+    wrong = [(line, len(fields)) for line, fields in trimmed if len(fields) != width]
+    if len(wrong) == len(trimmed) > 1 and {number for _, number in wrong} == {width + 1}:
         raise InputError(
             f"{path}: every row has one field more than the header, {width + 1} and {width}; name the first column (in "
             "R: write.csv with row.names = FALSE)"
@@ -260,7 +260,7 @@ def _whole_rows(header: list[str], rows: list[Record], path: Path) -> tuple[list
         lengths = {number for _, number in wrong}
         if number < width:
             advice = "is a value missing, or was the file cut off?"
-        elif len(wrong) == len(whole) > 1 and len(lengths) == 1:
+        elif len(wrong) == len(trimmed) > 1 and len(lengths) == 1:
             advice = "is the first line a title? Delete the lines before the column names"
         elif number % width == 0:
             advice = "are several rows in one line?"
@@ -268,7 +268,7 @@ def _whole_rows(header: list[str], rows: list[Record], path: Path) -> tuple[list
             advice = "is a decimal comma among them?"
         more = f" (and {counted(len(wrong) - 1, 'more row')})" if len(wrong) > 1 else ""
         raise InputError(f"{path}: row {line} has {number} fields and the header {width}{more}; {advice}")
-    return header, whole
+    return header, trimmed
 
 
 def _renamed_columns(header: Sequence[str], keep: frozenset[str], path: Path) -> list[str]:

@@ -1,7 +1,7 @@
 """Change one property of simulated images: noise amplitude, noise texture or resolution.
 
-Used to find which property explains a difference between scans and simulation. Each function takes the mean image and
-the noise of repeats, as `split` returns them, and returns images float64 [repeat, z, y, x] in HU on the same grid.
+These changes show which property explains a difference between scans and simulation. `split` returns the mean image and
+the noise of repeats. The other functions take both, and return images, float64 [repeat, z, y, x] in HU.
 
 The mean over n repeats contains 1/n of the noise variance. Changes of the noise do not affect this part, but a blur of
 the mean does. If a noiseless simulation is available, use it as the mean.
@@ -92,7 +92,7 @@ def filter_noise(
 
 
 def blur(mean: np.ndarray, noise: np.ndarray, sigma_voxels: float | Sequence[float]) -> np.ndarray:
-    """Reduce the resolution: smooth the mean by a Gaussian of SD `sigma_voxels` along (z, y, x), not the noise."""
+    """Reduce the resolution: smooth the mean, but not the noise, by a Gaussian of SD `sigma_voxels` (z, y, x)."""
     return _gaussian(mean, _sigma(sigma_voxels)) + noise
 
 

@@ -1,4 +1,4 @@
-"""Figures of the study: each module has a function draw(...) -> Figure, and style.save writes the files."""
+"""Figures of the study: functions `draw` or `draw_...` return a Figure, and style.save writes the files."""
 
 from ..base.plotting import import_matplotlib
 

@@ -47,7 +47,7 @@ def draw(
     Raises
     ------
     InputError
-        If there is no ROI or an empty one, or if image and phantom do not overlap.
+        If there is no ROI, an ROI is empty, or image and phantom do not overlap.
     """
     back = np.linalg.inv(matrix)
     to_phantom = sitk.AffineTransform(back[:3, :3].ravel().tolist(), back[:3, 3].tolist())
@@ -102,7 +102,7 @@ def draw(
 
 
 def _box_mm(aligned: np.ndarray, grid: Grid, margin: float = 0.06) -> tuple[float, ...]:
-    """Box with a margin around the aligned body: x low, x high, y low, y high, z low, z high, world mm."""
+    """Return the box with a margin around the body of a phantom: x low, x high, y low, ..., z high, world mm."""
     voxels = np.argwhere(np.nan_to_num(aligned, nan=-1000.0) > HU_BODY)[:, ::-1]
     low = voxels.min(axis=0) * grid.spacing[::-1] + grid.affine[:3, 3]
     high = voxels.max(axis=0) * grid.spacing[::-1] + grid.affine[:3, 3]

@@ -54,7 +54,7 @@ def choose_slices(masks: Mapping[str, np.ndarray]) -> list[int]:
 
 
 def body_mask(slice_hu: np.ndarray) -> np.ndarray:
-    """Largest connected region above -500 HU of a slice (y, x), with holes filled; InputError if there is none."""
+    """Return the largest connected part of a slice (y, x) above -500 HU, with holes filled; InputError if none."""
     regions, count = ndimage.label(slice_hu > HU_BODY)
     if not count:
         raise InputError(f"phantom image: no voxel of the slice is above {HU_BODY:g} HU; check that the image is in HU")
@@ -63,18 +63,18 @@ def body_mask(slice_hu: np.ndarray) -> np.ndarray:
 
 
 def edges_mm(grid: Grid, plane: tuple[int, int] = (0, 1)) -> tuple[float, float, float, float]:
-    """Outer edges of the grid along two axes, by default x and y, world mm: x low, x high, y low, y high."""
+    """Return outer edges of the grid along two axes, by default x and y, world mm: x low, x high, y low, y high."""
     (x, width), (y, height) = ((grid.centre_mm[axis], grid.extent_mm[::-1][axis]) for axis in plane)
     return x - width / 2, x + width / 2, y - height / 2, y + height / 2
 
 
 def slice_z_mm(grid: Grid, z: int) -> float:
-    """World z of slice z, mm."""
+    """Return the world z of slice z, mm."""
     return grid.centre_mm[2] + float(grid.axes_mm()[0][z])
 
 
 def body_box_mm(volume: Volume, slices: list[int], margin: float = 0.04) -> tuple[float, float, float, float]:
-    """Box with a margin around the body in these slices, within the grid: x low, x high, y low, y high, world mm.
+    """Return the box around the body in these slices, within the grid: x low, x high, y low, y high, world mm.
 
     Parameters
     ----------

@@ -17,7 +17,8 @@ from . import style, tables
 ROW_MM = 2.35  # smallest row for 7 point type; 86 rows fit a page of A4
 LEAST_COLUMNS = 6  # smallest width of a panel, in columns, for its color scale
 GAP_ROWS = 1.3  # gap between families, for their names
-# In margins. Values beyond the last step share a color: a shift of 300 SD is as wrong as one of 30 SD.
+# Steps of the color scales, in margins. Values beyond the last step share a color: a shift of 300 SD is as wrong as a
+# shift of 30 SD.
 SHIFT_STEPS = (1, 3, 10, 30)
 RATIO_STEPS = (1, 2, 3)  # log of the SD ratio over log of the margin: factors 2, 4 and 8
 # Diverging maps that readers with common color vision deficiencies can read.
@@ -149,7 +150,7 @@ def _order(families: pandas.Series) -> dict[str, int]:
 
 
 def _rows(families: pandas.Series) -> np.ndarray:
-    """Position of every row, from the top, with a gap between families."""
+    """Return the position of every row, from the top, with a gap between families."""
     changes = families.ne(families.shift()).cumsum() - 1
     return np.arange(len(families)) + GAP_ROWS * changes.to_numpy()
 

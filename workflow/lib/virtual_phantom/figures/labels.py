@@ -18,12 +18,12 @@ FARTHER = 0.2  # cost of one point of distance, relative to the cost of covering
 
 
 def to_points(axes: Axes) -> Transform:
-    """Transform from data coordinates to points (1/72 inch)."""
+    """Return the transform from data coordinates to points (1/72 inch)."""
     return axes.transData + axes.get_figure().dpi_scale_trans.inverted() + Affine2D().scale(72)
 
 
 def marker_boxes(axes: Axes, positions: np.ndarray) -> list[tuple[float, ...]]:
-    """Boxes, in points, around markers at `positions` (data coordinates)."""
+    """Return boxes, in points, around markers at `positions` (data coordinates)."""
     half = POINT / 2
     return [(x - half, y - half, x + half, y + half) for x, y in to_points(axes).transform(positions)]
 

@@ -20,7 +20,7 @@ LEGEND_CHARACTERS = 61  # characters per line of the legend
 
 
 def crossing(line: LinearFit, variance_hu2: float) -> float | None:
-    """Noise level A at which a fit reaches a variance (HU^2); None if A is not positive."""
+    """Return the noise level A at which a fit reaches a variance (HU^2); None if A is not positive."""
     try:
         return line.noise_level_for(variance_hu2)
     except InputError:

@@ -66,7 +66,7 @@ def draw(
 
 
 def _in_box(mask: np.ndarray, image: Volume, box: Sequence[float]) -> bool:
-    """Whether a mask (y, x) has a pixel in a box from `_around`."""
+    """Return whether a mask (y, x) has a pixel in a box from `_around`."""
     _, y, x = image.grid.axes_mm()
     x_mm, y_mm = x + image.grid.centre_mm[0], y + image.grid.centre_mm[1]
     inside = np.outer((box[2] <= y_mm) & (y_mm <= box[3]), (box[0] <= x_mm) & (x_mm <= box[1]))
@@ -74,7 +74,7 @@ def _in_box(mask: np.ndarray, image: Volume, box: Sequence[float]) -> bool:
 
 
 def _around(box_mm: Sequence[Sequence[float]], image: Volume) -> tuple[float, float, float, float]:
-    """Box with a margin, within the CT: x low, x high, y low, y high."""
+    """Return the scanned box with a margin, within the CT: x low, x high, y low, y high."""
     edges = axial.edges_mm(image.grid)
     margin = AROUND * max(high - low for low, high in box_mm)
     (x_low, x_high), (y_low, y_high) = box_mm

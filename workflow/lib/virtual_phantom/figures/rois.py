@@ -85,10 +85,12 @@ def slice_panels(
     box_mm : sequence of 4 float
         Visible part, as from `axial.body_box_mm`.
     names_mm, legend_mm, color_bar_mm : float
-        Width of the names beside each panel and of the color bar, and height of the legend.
+        Width of the names next to each panel, height of the legend, and width of the color bar.
 
     Returns
     -------
+    figure : Figure
+    panels : ndarray of Axes
     line : float
         Height of a line of text, as a fraction of the panel's height.
     """
@@ -103,7 +105,7 @@ def slice_panels(
 
 
 def draw_slice(axes: Axes, image: Volume, z: int, box_mm: Sequence[float]) -> AxesImage:
-    """Draw slice z with the patient's sides, a scale bar and its height."""
+    """Draw slice z with the patient's sides, a scale bar and its world z."""
     shown = axial.show(axes, image.array[z], image.grid, box_mm)
     axial.mark_sides(axes)
     axial.scale_bar(axes)
@@ -121,7 +123,7 @@ def outline(axes: Axes, mask: np.ndarray, grid: Grid, color: str) -> None:
 
 
 def _ends_mm(mask: np.ndarray, grid: Grid) -> np.ndarray:
-    """Ends of a mask (y, x) in the row of its centroid: ((x low, y), (x high, y)), mm."""
+    """Return the ends of a mask (y, x) in the row of its centroid: ((x low, y), (x high, y)), mm."""
     rows, columns = np.nonzero(mask)
     row = rows[np.argmin(np.abs(rows - rows.mean()))]
     _, y, x = grid.axes_mm()
@@ -131,13 +133,13 @@ def _ends_mm(mask: np.ndarray, grid: Grid) -> np.ndarray:
 
 
 def _sides(masks: Mapping[str, np.ndarray], grid: Grid, middle_mm: float) -> dict[bool, list[str]]:
-    """Names of the ROIs on the patient's right (True) and left (False) of a slice."""
+    """Return the names of the ROIs on the patient's right (True) and left (False) of a slice."""
     on_right = {roi: _ends_mm(mask, grid)[:, 0].mean() > middle_mm for roi, mask in masks.items() if mask.any()}
     return {side: [roi for roi, right in on_right.items() if right == side] for side in (True, False)}
 
 
 def _widest_mm(names: list[str]) -> float:
-    """Width of the longest name with its margin, mm."""
+    """Return the width of the longest name with its margin, mm."""
     return 3.0 + LETTER_MM * max((len(style.label(name)) for name in names), default=0)
 
 

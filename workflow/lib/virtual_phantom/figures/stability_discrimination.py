@@ -109,7 +109,7 @@ def draw(
 
 
 def _scatter(axes: Axes, scores: pandas.DataFrame, families: list[str]) -> None:
-    """Draw one marker per family and pair of scores, with an area for the number of features, large ones below."""
+    """Draw one marker per family and pair of scores, with an area for the number of features, largest first."""
     markers = style.assign(families, style.MARKERS)
     points = scores.groupby(["family", *SCORES]).size().reset_index(name="count")
     points = points.sort_values("count", ascending=False, kind="stable")
@@ -150,7 +150,7 @@ def _number_best(axes: Axes, scores: pandas.DataFrame) -> None:
 
 
 def _obstacles(axes: Axes, chosen: pandas.DataFrame, scores: pandas.DataFrame) -> list[tuple[float, ...]]:
-    """Boxes, in points, of the features, the intervals of the best ones, and the lines of the means."""
+    """Return boxes, in points, around the features, the intervals of the best features, and the lines of the means."""
     transform = to_points(axes)
     boxes = marker_boxes(axes, scores[SCORES].to_numpy(dtype=float))
     left, bottom, right, top = transform.transform(np.transpose([axes.get_xlim(), axes.get_ylim()])).ravel()

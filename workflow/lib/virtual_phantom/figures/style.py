@@ -67,7 +67,7 @@ _METADATA = {".png": {"Software": None}, ".pdf": {"Creator": None, "Producer": N
 
 
 def styled(grid: bool = False):
-    """Context manager and decorator that applies this style, with or without a grid, and no settings of the user."""
+    """Return a context manager and decorator that applies this style without settings of the user."""
     return matplotlib.style.context(["default", seaborn.axes_style("ticks"), {**_RC, "axes.grid": grid}])
 
 
@@ -141,18 +141,18 @@ def number_formatter() -> FuncFormatter:
 
 
 def marker_area(marker: str, points: float) -> float:
-    """Size for scatter such that a marker has an apparent diameter of `points`."""
+    """Return the size for scatter at which a marker seems to have a diameter of `points`."""
     return points**2 * _MARKER_AREA.get(marker, 1.0)
 
 
 def family_label(family: str) -> str:
-    """Label of a pyradiomics feature class: "First order" for firstorder, "GLCM" for glcm."""
+    """Return the label of a pyradiomics feature class: "First order" for firstorder, "GLCM" for glcm."""
     name = "first order" if family == "firstorder" else label(family)
     return name.upper() if len(name) <= len("ngtdm") else name[:1].upper() + name[1:]
 
 
 def feature_label(feature: str) -> str:
-    """Label of a pyradiomics feature: "GLCM Idn" for original_glcm_Idn; other filters are named first."""
+    """Return the label of a feature: "GLCM Idn" for original_glcm_Idn; filters other than original are named first."""
     if is_feature(feature) and not str(feature).startswith("original_"):
         image, family, name = str(feature).split("_")
         return f"{image} {family_label(family)} {label(name)}"
@@ -205,7 +205,7 @@ def heat_map(axes: Axes, values: pandas.DataFrame, words: ArrayLike, **options) 
 
 
 def power_of_ten(values) -> tuple[float, str]:
-    """Power of ten of the median absolute value, and its text: 1e-4 and "10⁻⁴" for 2e-4."""
+    """Return the power of ten of the median absolute value, and its text: 1e-4 and "10⁻⁴" for 2e-4."""
     exponent = int(np.floor(np.log10(np.median(np.abs(values)))))
     return 10.0**exponent, "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 

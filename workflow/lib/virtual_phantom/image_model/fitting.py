@@ -1,9 +1,9 @@
 """Fit noise and texture to measured features.
 
-All measured features enter with their repeat SD: the mean over features of sqrt(1 + z^2) is minimized, z = (model -
-measured) / SD. It grows linearly for features that a model cannot reach, so that these do not decide. Every
-evaluation uses the same random numbers, which makes the function of the parameters almost smooth; a simplex search
-(Nelder-Mead) needs no derivatives.
+The fits minimize the mean over features of sqrt(1 + z^2), where z = (model - measured) / SD, with the SD over repeats.
+This cost grows only linearly with z, so that features that the model cannot reach do not dominate the fit. Every
+evaluation uses the same random numbers, which makes the cost an almost smooth function of the parameters. The simplex
+search (Nelder-Mead) needs no derivatives.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from .noise import NoiseModel, noisy_images
 from .region import RegionModel, gaussian_texture
 from .scanner import ImageScanner, features_of
 
-SMOOTH_KERNEL = NoiseModel(2.6, 4.8, 0.15, 0.75, 0.1)  # body kernel, slice of 2 mm
+SMOOTH_KERNEL = NoiseModel(2.6, 4.8, 0.15, 0.75, 0.1)  # start of fits: a smooth body kernel, slices of 2 mm
 SKEWNESS_LIMIT = 4.5  # of a texture; Component allows 5
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Mean and SD over repeats of the features (index) of a region."""
+    """Mean and SD over repeats of each feature (index) of a region."""
 
     mean: pd.Series
     sd: pd.Series
@@ -72,23 +72,23 @@ def fit_noise(
     -------
     noise : NoiseModel
     pattern : Component
-        The noise variance is the measured variance less that of the pattern.
+        Given or fitted. The noise variance is the measured variance less the variance of the pattern.
     """
     variance = measured.mean[VARIANCE]
 
     def model(x: np.ndarray) -> tuple[NoiseModel, Component]:
         mtf50, ratio, low, slice_sd, tails = np.exp(x[:5]).tolist()
-        free = pattern or Component(*np.exp(x[5:7]).tolist())
-        return NoiseModel(mtf50, mtf50 * (1 + ratio), low, slice_sd, tails), free
+        modeled = pattern or Component(*np.exp(x[5:7]).tolist())
+        return NoiseModel(mtf50, mtf50 * (1 + ratio), low, slice_sd, tails), modeled
 
     def cost(x: np.ndarray) -> float:
-        noise, free = model(x)
-        left = variance - free.sd_hu**2
-        if left <= 0:
+        noise, modeled = model(x)
+        noise_variance = variance - modeled.sd_hu**2
+        if noise_variance <= 0:
             return np.inf
-        texture = gaussian_texture(free, mask, spacing, below(stream, 0, 1))
+        texture = gaussian_texture(modeled, mask, spacing, below(stream, 0, 1))
         noises = below(stream, 1), range(realizations)
-        images = noisy_images(texture, noise, math.sqrt(left), measured.mean[MEAN], mask, spacing, *noises)
+        images = noisy_images(texture, noise, math.sqrt(noise_variance), measured.mean[MEAN], mask, spacing, *noises)
         return measured.misfit(features_of(images, mask, spacing))
 
     first = [start.mtf50_per_cm, start.mtf10_per_cm / start.mtf50_per_cm - 1, start.low_frequency_per_cm]

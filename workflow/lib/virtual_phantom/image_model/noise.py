@@ -53,7 +53,7 @@ def slice_transfer(fz: np.ndarray, slice_sd_mm: float) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def white(shape: tuple[int, ...], entropy: int, key: tuple[int, ...]) -> np.ndarray:
-    """Return the real Fourier transform of white noise of variance 1 (cached, as fits use the same noise again)."""
+    """Return the real Fourier transform of white noise of variance 1; cached, because fits use the same noise again."""
     values = generator(Stream(entropy, spawn_key=key)).standard_normal(shape, dtype=np.float32)
     return fft.rfftn(values)
 
@@ -89,7 +89,7 @@ class NoiseModel:
     log_amplitude_sd: float = 0.0
 
     def amplitude(self, shape: tuple[int, ...], spacing: tuple[float, ...]) -> np.ndarray:
-        """Return the square root of the noise power over the frequencies of a volume, up to a factor."""
+        """Return the square root of the noise power at each frequency of a volume, up to a constant factor."""
         fz, f = frequencies(shape, spacing)
         in_plane = np.sqrt(f + self.low_frequency_per_cm / 10) * Kernel(self.mtf50_per_cm, self.mtf10_per_cm).mtf(f)
         return (in_plane * slice_transfer(fz, self.slice_sd_mm)).astype(np.float32)
@@ -128,7 +128,7 @@ def noisy_images(
     stream: Stream,
     realizations: Iterable[int],
 ) -> Iterator[np.ndarray]:
-    """Yield a texture with each realization of noise, HU, float32 [z, y, x], with a given mean inside the mask."""
+    """Yield images of a texture, one per noise realization, HU, float32 [z, y, x], with a given mean in the mask."""
     for number in realizations:
         image = noise.sample(mask.shape, spacing, below(stream, number)) * np.float32(sd_hu) + texture
         yield image + np.float32(mean_hu - image[mask].mean())

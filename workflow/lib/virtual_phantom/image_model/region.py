@@ -45,10 +45,10 @@ class RegionModel:
     noise_factor : float
         Unfiltered noise variance, relative to the uniform region of the dose law (see dose.py).
     fine, coarse : Component
-        Components of the texture. `fine` is blurred by the scanner; its sd_hu is that after the blur. `coarse` is too
-        wide to be blurred, and has no skewness.
+        Components of the texture. The scanner blurs `fine`, whose sd_hu is the SD after the blur. The blur of `coarse`
+        is neglected, and its skewness is not used.
     contrast : float
-        Texture of the iterative reconstruction, relative to that of filtered back-projection.
+        Amplitude of the texture in iterative reconstructions, relative to filtered back-projection.
     """
 
     noise_factor: float
@@ -57,7 +57,7 @@ class RegionModel:
     contrast: float = 1.0
 
     def texture(self, mask: np.ndarray, spacing: tuple[float, ...], blur: Blur, stream: Stream) -> np.ndarray:
-        """Return the texture of filtered back-projection, HU: mean 0 and the given SDs inside the mask [z, y, x]."""
+        """Return the texture in filtered back-projection, HU [z, y, x]: sum of both components, mean 0 in the mask."""
         texture = gaussian_texture(self.coarse, mask, spacing, below(stream, 1))
         if not self.fine.sd_hu:
             return texture

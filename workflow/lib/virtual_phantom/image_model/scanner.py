@@ -52,7 +52,7 @@ class ImageScanner:
         stream: Stream,
         realizations: Iterable[int],
     ) -> Iterator[np.ndarray]:
-        """Return images of a region, one for each number of a noise realization.
+        """Return images of a region, one for each number in `realizations`.
 
         Parameters
         ----------
@@ -75,7 +75,7 @@ class ImageScanner:
         return noisy_images(texture, noise, sd, mean_hu, mask, self.spacing, below(stream, 1), realizations)
 
     def features(self, region: RegionModel, mask: np.ndarray, *settings) -> pd.DataFrame:
-        """Return the features (columns) of each of `images`, whose arguments these are."""
+        """Return the features (columns) of each image that `images` yields for the same arguments."""
         return features_of(self.images(region, mask, *settings), mask, self.spacing)
 
 

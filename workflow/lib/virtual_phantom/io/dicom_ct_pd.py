@@ -25,6 +25,7 @@ from ..base.vectors import FLAT
 from .dicom_export import ct_image, simulated_ct, uid, write
 from .exchange import read_counts, read_line_integrals
 
+# Private elements: (group, element).
 ROWS, COLUMNS = (0x7029, 0x1010), (0x7029, 0x1011)
 WIDTH, HEIGHT = (0x7029, 0x1002), (0x7029, 0x1006)
 SHAPE = (0x7029, 0x100B)
@@ -43,20 +44,21 @@ CORRECTIONS = {
     "scatter": (0x7039, 0x1008),
 }
 LOGARITHM = (0x7039, 0x1009)
-FLOATS = (
+FLOATS = (  # elements of type FL
     *(WIDTH, HEIGHT, FOCAL_ANGLE, FOCAL_Z, FOCAL_RADIUS, DISTANCE),
     *(CENTRAL, SPOT_ANGLE, SPOT_Z, SPOT_RADIUS, PHOTONS),
 )
-WHOLE = (ROWS, COLUMNS, VIEWS_PER_TURN, SOURCES)
-CREATORS = {
+INTEGERS = (ROWS, COLUMNS, VIEWS_PER_TURN, SOURCES)  # elements of type US; all others are of type CS
+CREATORS = {  # names that reserve the private groups
     0x7029: "Detector System Arrangement Module",
     0x7031: "Detector Dynamics Module",
     0x7033: "Source Dynamics Module",
     0x7037: "Projection Data Definitions",
     0x7039: "Preprocessing Flags Module",
 }
-GREATEST = 65535  # largest pixel value
+MAX_PIXEL = 65535
 LEAST_COUNT = 0.5  # photons that replace a count of zero, as in the default study
+# Flying focal spot modes, by whether spots differ along the columns and along z.
 MODES = {(False, False): "FFSNONE", (True, False): "FFSXY", (False, True): "FFSZ", (True, True): "FFSXYZ"}
 
 
@@ -92,7 +94,7 @@ def export_projections(path: str | Path, folder: str | Path) -> int:
 
 
 def views_of(lines: np.ndarray, geometry: OrbitGeometry) -> list[Dataset]:
-    """Return the files of a scan from line integrals, shape (views, rows, columns).
+    """Return one dataset per view from line integrals of shape (views, rows, columns).
 
     Raises
     ------
@@ -104,7 +106,7 @@ def views_of(lines: np.ndarray, geometry: OrbitGeometry) -> list[Dataset]:
     if geometry.surface != FLAT and geometry.arc_radius_mm != geometry.source_to_detector_mm:
         raise InputError("DICOM-CT-PD: supports only arcs about the focal center; the detector has another one")
     low = _rounded(lines.min())
-    slope = _rounded(max(float(lines.max()) - float(low), 1e-6) / GREATEST * (1 + 1e-9))
+    slope = _rounded(max(float(lines.max()) - float(low), 1e-6) / MAX_PIXEL * (1 + 1e-9))
     content = hashlib.sha256(np.ascontiguousarray(lines).tobytes()).hexdigest()
     shared = _shared(geometry, low, slope, content)
     along, away, up = geometry.spots_mm[geometry.spot_of_view].T
@@ -114,7 +116,7 @@ def views_of(lines: np.ndarray, geometry: OrbitGeometry) -> list[Dataset]:
     for view, image in enumerate(lines):
         # Detector columns are rows of the image, with detector rows along -z, as in the public library.
         stored = np.rint((image[::-1].T - float(low)) / float(slope))
-        pixels = np.clip(stored, 0, GREATEST).astype("<u2")
+        pixels = np.clip(stored, 0, MAX_PIXEL).astype("<u2")
         dataset = ct_image(shared, view + 1, uid(content, "view", view), pixels)
         _add(dataset, FOCAL_ANGLE, float(geometry.angles_rad[view] % (2 * math.pi)))
         _add(dataset, FOCAL_Z, float(geometry.source_z_mm[view]))
@@ -158,9 +160,9 @@ def _shared(geometry: OrbitGeometry, low: DSfloat, slope: DSfloat, content: str)
 
 
 def _add(ds: Dataset, tag: tuple[int, int], value: object) -> None:
-    ds.add_new(tag, "FL" if tag in FLOATS else "US" if tag in WHOLE else "CS", value)
+    ds.add_new(tag, "FL" if tag in FLOATS else "US" if tag in INTEGERS else "CS", value)
 
 
 def _rounded(value: float) -> DSfloat:
-    """Return a value as a decimal string with DICOM's 16 characters."""
+    """Return a value as a decimal string of at most 16 characters, DICOM's limit."""
     return DSfloat(float(value), auto_format=True)

@@ -20,7 +20,7 @@ from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, generate_uid
 from .. import __version__
 from ..base.errors import InputError
 from ..base.geometry import Grid
-from ..base.units import whole_hu
+from ..base.units import rounded_hu
 from .files import replacing
 from .volumes import Volume
 
@@ -65,7 +65,7 @@ def series(image: Volume, phantom: Volume, scan: Scan) -> list[Dataset]:
     """
     if not image.grid.matches(phantom.grid):
         raise InputError(f"{scan.label}: is on another grid ({image.grid}) than the phantom ({phantom.grid})")
-    values, beyond = whole_hu(image.array, f"{scan.label}: holds values that are not finite; reconstruct it again")
+    values, beyond = rounded_hu(image.array, f"{scan.label}: holds values that are not finite; reconstruct it again")
     if beyond:
         raise InputError(f"{scan.label}: holds CT numbers beyond 16 bits, which DICOM CT images have")
     pixels = lps(values)
@@ -107,9 +107,9 @@ def ct_image(shared: Dataset, number: int, instance_uid: str, pixels: np.ndarray
 
 
 def segmentation(slices: Sequence[Dataset], masks: Mapping[str, np.ndarray]) -> Dataset:
-    """Return the ROIs of these slices as one DICOM SEG, with one segment per mask, [z, y, x] on the grid of the image.
+    """Return ROIs as one DICOM SEG of these slices, with one segment per mask [z, y, x] on the grid of the image.
 
-    Content date and time, which DICOM requires, are those of writing.
+    Content date and time, which DICOM requires, are the time of the call.
     """
     import highdicom  # takes 0.3 s to import
     from pydicom.sr.codedict import codes

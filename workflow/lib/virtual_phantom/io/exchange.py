@@ -30,10 +30,10 @@ from ..base.geometry import OrbitGeometry, ScanGeometry, orbit_of
 from .files import check_unchanged
 from .hdf5 import new_file
 
-# Times are not stored: views are successive.
+# view_times is not stored: views are successive.
 _ARRAYS = ("angles_rad", "source_z_mm", "spots_mm", "view_times")
 _SCALARS = [f.name for f in fields(OrbitGeometry) if f.name not in _ARRAYS]
-# Fast and lossless: bytes of noise do not compress, but the zero bytes above them do.
+# Fast and lossless: the low bytes of noisy counts do not compress, but their high bytes, which are zero, do.
 _COMPRESSION = dict(compression="gzip", compression_opts=1, shuffle=True)
 
 

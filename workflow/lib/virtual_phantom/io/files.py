@@ -175,7 +175,7 @@ def read_csv(path: str | Path, advice: str = "delete it and run again", numbers:
             warnings.simplefilter("error", pandas.errors.ParserWarning)  # all rows are longer than the header
             table = pandas.read_csv(path, dtype=dict.fromkeys(NAMES - set(numbers), str), **options)
             # Only whole numbers and truth values may be names: 007, 1e3, true.
-            doubtful = [name for name in table if name not in NAMES and _whole(table[name])]
+            doubtful = [name for name in table if name not in NAMES and _integers(table[name])]
             if doubtful:
                 text = pandas.read_csv(path, dtype=str, usecols=doubtful, **options)
     except FileNotFoundError:
@@ -189,8 +189,8 @@ def read_csv(path: str | Path, advice: str = "delete it and run again", numbers:
     return table
 
 
-def _whole(column) -> bool:
-    """Return whether a column has truth values, or numbers that are all integers or infinite."""
+def _integers(column) -> bool:
+    """Return whether a column has truth values, or numbers that are all integers, infinite or missing."""
     if column.dtype.kind != "f":
         return column.dtype.kind in "biu"
     values = column.to_numpy()
@@ -216,7 +216,7 @@ def read_text(path: str | Path, advice: str = "delete it and run again") -> str:
 
 
 def files_of(path: str | Path) -> list[Path]:
-    """Return the path itself, or the files in a DICOM folder except hidden ones, which the reader also skips."""
+    """Return the path of a file itself, or the files in a DICOM folder without hidden files, which the reader skips."""
     path = Path(path)
     if not path.is_dir():
         return [path]

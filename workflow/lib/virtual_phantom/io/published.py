@@ -15,7 +15,7 @@ from .files import read_text, sha256
 
 FOLDER = "resources"  # in the folder of the study; git ignores its content
 OLD_FOLDER = "downloads"  # its former name, accepted for one release
-FETCHED = ("abdomen_ct", "printed_phantom")  # folders in it
+FETCHED = ("abdomen_ct", "printed_phantom")  # subfolders for fetched files
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class PublishedFile:
 
 
 def resources_folder() -> str:
-    """Return the folder of files that are fetched or that users add: `downloads` if only that has any."""
+    """Return the folder for files that are fetched or that users add: `downloads` if only there files were fetched."""
 
     def used(folder):
         return any(Path(folder, name).exists() for name in FETCHED)
@@ -54,7 +54,7 @@ def read_published(table: str | Path) -> tuple[PublishedFile, ...]:
 
 
 def named_by(paths: Iterable[str], files: Iterable[PublishedFile]) -> list[PublishedFile]:
-    """Return the files that are among these paths or in these folders, in their own order."""
+    """Return the files that are among these paths or in these folders, in the order of `files`."""
     named = {Path(path) for path in paths}
     return [file for file in files if named & {Path(file.path), *Path(file.path).parents}]
 
@@ -71,8 +71,8 @@ def check_listed(path: str | Path, digest: str, table: str | Path, advice: str) 
         raise InputError(f"{path}: is not the file that {table} lists (SHA-256 {found}, not {digest}); {advice}")
 
 
-def reachable(url: str, advice: str) -> str:
-    """Return the address of a file on the web after a request for it; `advice` says what to do without a network.
+def require_reachable(url: str, advice: str) -> str:
+    """Return the address of a file on the web if a request for it succeeds; `advice` is for users without a network.
 
     Raises
     ------

@@ -16,11 +16,11 @@ from jsonschema import Draft202012Validator, validators
 from jsonschema.exceptions import best_match
 
 from ..base.data import SCHEMAS, shipped_yaml
-from ..base.errors import InputError, meant
+from ..base.errors import InputError, did_you_mean
 
 SCHEMA = SCHEMAS / "config.schema.yaml"
-DEEPEST, MOST_ITEMS = 40, 100_000  # largest number of levels and items of a document
-# Python types differ from JSON types: range() refuses 150.0, and callers pass points as tuples.
+DEEPEST, MOST_ITEMS = 40, 100_000  # largest numbers of levels and of items of a document
+# Unlike in JSON, 150.0 is no integer, because range() refuses it, and tuples are arrays, because callers pass them.
 _Validator = validators.extend(
     Draft202012Validator,
     type_checker=Draft202012Validator.TYPE_CHECKER.redefine_many(
@@ -34,7 +34,7 @@ _Validator = validators.extend(
 
 
 def _finite(value: object) -> bool:
-    """Check for numbers of YAML and Python that JSON lacks."""
+    """Return whether a value is a finite number; JSON has no NaN, and Python's truth values are integers."""
     return isinstance(value, Real) and not isinstance(value, bool) and (isinstance(value, int) or math.isfinite(value))
 
 
@@ -42,7 +42,7 @@ BOUNDS = {"minimum": "at least", "exclusiveMinimum": "more than", "maximum": "at
 
 
 def validate(document: dict, schema: dict, source: str) -> None:
-    """Check a document against a schema (draft 2020-12) and that all keys are text; YAML reads 1 or yes otherwise.
+    """Check a document against a schema (draft 2020-12), and that all keys are text, unlike YAML's 1 or yes.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def mistakes(
 
 
 def _each(error, source) -> Iterator[Mistake]:
-    """Return the mistakes of one error; a missing key is not reported if another key is a misspelling of it."""
+    """Return the mistakes of one error; a missing key is not reported if it was only misspelled."""
     path = tuple(error.absolute_path)
     if error.validator == "required":
         missing = [key for key in error.validator_value if key not in error.instance]
@@ -208,7 +208,7 @@ def fill_defaults(document: dict, schema: dict) -> None:
 
 @cache
 def read_schema(path: Path) -> dict:
-    """A schema file in YAML."""
+    """Read a schema file in YAML."""
     return shipped_yaml(path)
 
 
@@ -244,7 +244,7 @@ def _one_line(error, source, place=None):
     where = _where(error.absolute_path, source)
     if error.validator == "additionalProperties":
         key, known = (place or _wrong(error)[0])[-1], list(error.schema.get("properties", ()))
-        return f"{source}: unknown key '{key}' in {where}; {meant(key, known, 'known keys')}"
+        return f"{source}: unknown key '{key}' in {where}; {did_you_mean(key, known, 'known keys')}"
     if error.validator == "enum":
         choices = ", ".join(str(value) for value in error.validator_value)
         return f"{source}: {where} is '{error.instance}'; use one of {choices}"

@@ -1,4 +1,4 @@
-"""Volumes as SimpleITK images, whose physical coordinates are then those of the NIfTI world."""
+"""Volumes as SimpleITK images, with NIfTI world coordinates as their physical coordinates."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..base.geometry import Grid
 
 
 def itk_image(array: np.ndarray, grid: Grid) -> sitk.Image:
-    """Return an array [z, y, x] on its grid as an image."""
+    """Return an array [z, y, x] and its grid as a SimpleITK image."""
     image = sitk.GetImageFromArray(array)
     image.SetSpacing(grid.spacing[::-1])
     image.SetOrigin(tuple(grid.affine[:3, 3]))
@@ -19,7 +19,8 @@ def itk_image(array: np.ndarray, grid: Grid) -> sitk.Image:
 def itk_resample(image: sitk.Image, grid: Grid, transform: sitk.Transform, outside: float) -> np.ndarray:
     """Interpolate an image linearly at the voxel centers of a grid: float32 of shape (z, y, x).
 
-    `transform` maps the world of `grid` to that of the image. Voxels outside of the image are `outside`.
+    `transform` maps world coordinates of `grid` to world coordinates of the image. Voxels outside of the image have the
+    value `outside`.
     """
     identity = (1, 0, 0, 0, 1, 0, 0, 0, 1)
     placed = (tuple(grid.affine[:3, 3]), grid.spacing[::-1], identity)

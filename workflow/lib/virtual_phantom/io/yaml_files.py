@@ -43,10 +43,9 @@ def read_yaml(path: str | Path, advice: str, *, restore: str = "make it again") 
     Raises
     ------
     InputError
-        See InputErrors.
+        For a file that cannot be read or contains no mapping.
     InputErrors
-        For a file that cannot be read or contains no mapping, with one line for each duplicate key and each number that
-        YAML reads in an unexpected way.
+        With one line for each duplicate key and each number that YAML reads in an unexpected way.
     """
     content, lines = parse_yaml(path, advice, restore=restore)
     if lines:
@@ -68,8 +67,9 @@ def parse_yaml(
 
     Returns
     -------
+    content : dict
     lines : list of str
-        The mistakes for which `read_yaml` refuses a mapping.
+        The mistakes for which `read_yaml` raises InputErrors.
 
     Raises
     ------

@@ -40,7 +40,7 @@ WALL = 3  # pixels of the wall of an open lung; closed walls are thicker
 NECK = 1.0  # of the width of an arm, which touches the trunk over less (0.5 to 0.97). Ends of an ellipse: over 2
 ARM = 0.35  # largest area of an arm relative to the body in a slice: an arm has 0.05 to 0.1, a second leg about 1
 PLATE_WIDTH = 0.3  # least width of a table relative to the body, less than half of which touches the body
-MOST_SLICES_AS_ARM = 0.9  # least fraction of the area that looks like an arm: it may merge with the shoulder
+LEAST_ARM_SHARE = 0.9  # least fraction of the area that looks like an arm: the rest may merge with the shoulder
 ENCLOSED = 0.5  # a piece that surrounds this fraction of the body in a slice is its shell
 
 DIAGONAL = np.ones((3, 3, 3), bool)  # neighborhood in which thin walls are connected
@@ -211,7 +211,7 @@ def _is_detached(
     beyond = piece.mask[..., lateral].sum() >= piece.mask.sum() / 2
     as_arm = ~touches | ((contact <= NECK * 2 * thick) & beyond)
     small = piece_areas <= ARM * np.maximum(areas, areas[areas > 0].min())
-    return bool(piece_areas[as_arm & small].sum() >= MOST_SLICES_AS_ARM * piece_areas.sum())
+    return bool(piece_areas[as_arm & small].sum() >= LEAST_ARM_SHARE * piece_areas.sum())
 
 
 def _encloses(piece: _Piece, core: np.ndarray) -> bool:

@@ -22,7 +22,7 @@ import numpy as np
 import pydicom
 from skimage.measure import points_in_poly
 
-from ..base.errors import InputError, meant, reading
+from ..base.errors import InputError, did_you_mean, reading
 from ..base.geometry import Grid
 from ..base.names import counted
 from .regions import CroppedRegion, Regions, Remark, crop_to_box, sequence_of, to_voxels, whole_number
@@ -154,7 +154,7 @@ class StructRegions(Regions):
             what = f"{len(matching)} ROIs are called {label!r}; give the number as the label: {numbers}"
             raise InputError(f"{self.path}: {what}; there are: {listed}")
         names = [roi.name for roi in self._rois if roi.name]
-        suggestion = meant(str(label), names, "there are")
+        suggestion = did_you_mean(str(label), names, "there are")
         advice = suggestion if suggestion.startswith("did") else f"there are: {listed}"
         raise InputError(f"{self.path}: ROI {label!r} is not there; {advice}")
 
@@ -376,7 +376,7 @@ def _rasterized(points: np.ndarray, shape: tuple[int, int]) -> tuple[tuple[slice
     edge, row = edge[seen], row[seen]
     slope = (end[edge, 1] - start[edge, 1]) / (end[edge, 0] - start[edge, 0])
     crossing = start[edge, 1] + (row - start[edge, 0]) * slope
-    # An edge crosses the row of its upper end, not that of its lower end, so vertices are crossed once.
+    # An edge crosses the row of its upper end but not the row of its lower end, so vertices are crossed once.
     crossed = row < lower[edge]
     flips = np.zeros((rows, columns + 1), np.uint8)
     np.add.at(flips, (row[crossed], np.clip(np.ceil(crossing[crossed]), 0, columns).astype(int)), 1)

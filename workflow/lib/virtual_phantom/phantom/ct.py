@@ -79,7 +79,7 @@ def load_phantom(settings: CtPhantom, grid: Grid, oversampling: int) -> Phantom:
 
 
 def rois(settings: CtPhantom, grid: Grid, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
-    """Make the ROIs of the settings of `load_phantom` on a grid in world coordinates, with the phantom at a pose."""
+    """Make the ROIs of a CT phantom on a grid in world coordinates, after moving the phantom to a pose."""
     image, opened = read_hu(Path(settings.image), CHECKS).grid, {}  # `load_phantom` checks the values
     kept = np.ones(image.shape[1:], bool)
     if settings.keep_mm:
@@ -145,7 +145,7 @@ def trimmed(image: Volume, keep_mm: Sequence[Sequence[float]]) -> Volume:
 
 
 def kept_columns(keep_mm: Sequence[Sequence[float]], grid: Grid) -> np.ndarray:
-    """Return which columns of the CT grid, bool [y, x], have their center in keep_mm.
+    """Return which columns of voxels along z of the CT grid, bool [y, x], have their center in keep_mm.
 
     Parameters
     ----------
@@ -179,27 +179,27 @@ def check_fit(image: Volume, grid: Grid) -> None:
     Raises
     ------
     InputError
-        If it does not fit, the grid does not overlap the CT along z, or there is no body on it.
+        If the body does not fit, the grid does not overlap the CT along z, or there is no body within the grid.
     """
     z, y, x = _world_axes(image.grid)
     half_z, half_y, half_x = (extent / 2 for extent in grid.extent_mm)
-    cx, cy, cz = grid.centre_mm
-    seen = np.abs(z - cz) <= half_z + image.grid.spacing[0] / 2
+    center_x, center_y, center_z = grid.centre_mm
+    seen = np.abs(z - center_z) <= half_z + image.grid.spacing[0] / 2
     if not seen.any():
         raise InputError(f"phantom: ct: the grid ({grid}) misses the CT ({image.grid}) along z; correct centre_mm")
     body = (image.array[seen] > HU_BODY).any(axis=0)
     if not body.any():
         raise InputError(f"phantom: ct: nothing in the CT is denser than {HU_BODY:g} HU within the grid; is it in HU?")
     rows, columns = np.nonzero(body)
-    reach_x = float(np.abs(x[columns] - cx).max()) + image.grid.spacing[2] / 2
-    reach_y = float(np.abs(y[rows] - cy).max()) + image.grid.spacing[1] / 2
+    reach_x = float(np.abs(x[columns] - center_x).max()) + image.grid.spacing[2] / 2
+    reach_y = float(np.abs(y[rows] - center_y).max()) + image.grid.spacing[1] / 2
     if reach_x > half_x + 1e-3 or reach_y > half_y + 1e-3:
         needed = (0.0, 2 * reach_y, 2 * reach_x)
         advice = suggest_size(grid, needed, (image.grid.extent_mm[0], *needed[1:]))
         raise InputError(
-            f"grid: the body in the CT does not fit. Around centre_mm ({cx:g}, {cy:g}, {cz:g}) (x, y, z) it needs "
-            f"{2 * reach_y:.0f} mm along y and {2 * reach_x:.0f} mm along x. The grid spans {2 * half_y:.0f} and "
-            f"{2 * half_x:.0f} mm; {advice}, or set phantom.ct.keep_mm to remove table and arms"
+            f"grid: the body in the CT does not fit. Around centre_mm ({center_x:g}, {center_y:g}, {center_z:g}) "
+            f"(x, y, z) it needs {2 * reach_y:.0f} mm along y and {2 * reach_x:.0f} mm along x. The grid spans "
+            f"{2 * half_y:.0f} and {2 * half_x:.0f} mm; {advice}, or set phantom.ct.keep_mm to remove table and arms"
         )
 
 
@@ -246,7 +246,7 @@ def make_rois(
     """
     pieces = draw_entry(entry, ct_grid, opened)
     for name, piece in zip(entry.names, pieces, strict=True):
-        _check_whole(name, piece, kept, ct_grid, grid)
+        _check_cut_off(name, piece, kept, ct_grid, grid)
     moved = world_to_object(pose, grid.centre_mm)
     masks = [resample(_around(piece, ct_grid), grid, 0.0, moved) >= HALF_COVERED for piece in pieces]
     for name, mask in zip(entry.names, masks, strict=True):
@@ -259,7 +259,7 @@ def make_rois(
 
 
 def _around(mask: np.ndarray, grid: Grid) -> Volume:
-    """Crop a mask to its region and a margin of one voxel, which the interpolation needs."""
+    """Crop a mask to its region with a margin of one voxel, which the interpolation needs."""
     boxes = find_objects(mask.astype(np.uint8))
     if not boxes:
         return Volume(mask.astype(np.float32), grid)
@@ -269,7 +269,7 @@ def _around(mask: np.ndarray, grid: Grid) -> Volume:
     return Volume(part, replace(grid, shape=part.shape, centre_mm=centre))
 
 
-def _check_whole(name: str, piece: np.ndarray, kept: np.ndarray, ct_grid: Grid, grid: Grid) -> None:
+def _check_cut_off(name: str, piece: np.ndarray, kept: np.ndarray, ct_grid: Grid, grid: Grid) -> None:
     """Check that neither keep_mm nor the border of the grid cuts off more than LARGEST_LOSS of an ROI on the CT."""
     voxels = np.count_nonzero(piece)
     if voxels == 0:

@@ -146,9 +146,9 @@ def deconvolve(image: Volume, blur_mm: Sequence[float], measured: PowerSpectra) 
 
 
 def add_voxel_blur(
-    blur_mm: Sequence[float], image_mm: Sequence[float], phantom_mm: Sequence[float], aligned: bool = False
+    blur_mm: Sequence[float], image_mm: Sequence[float], phantom_mm: Sequence[float], same_voxels: bool = False
 ) -> tuple[float, float, float]:
-    """Return the SDs (z, y, x) of a Gaussian blur, mm, with the blur by interpolation and averaging of voxels added.
+    """Add the blur by interpolation and averaging of voxels to a Gaussian blur, and return its SDs (z, y, x), mm.
 
     Variances add, from the image to the line integrals of the phantom. `ct.load_phantom` interpolates between voxels of
     the image (triangle: 1/6 of the squared voxel size). It averages points in larger voxels of the phantom (box: up
@@ -159,8 +159,8 @@ def add_voxel_blur(
     ----------
     image_mm, phantom_mm : sequence of 3 float
         Voxel size (z, y, x) of the image and of the phantom, mm.
-    aligned : bool, optional
-        The phantom has the voxels of the image, so there is no interpolation between them.
+    same_voxels : bool, optional
+        Whether the phantom has the voxels of the image, so that `ct.load_phantom` does not interpolate.
 
     References
     ----------
@@ -169,7 +169,7 @@ def add_voxel_blur(
     found = []
     for sd, image_voxel, phantom_voxel, share in zip(blur_mm, image_mm, phantom_mm, ACROSS, strict=True):
         variance = sd**2 + share * phantom_voxel**2 / 6
-        if not aligned:
+        if not same_voxels:
             points = max(math.ceil(phantom_voxel / image_voxel - 1e-6), 1)  # as in ct.resample
             variance += image_voxel**2 / 6 + phantom_voxel**2 / 12 * (1 - 1 / points**2)
         found.append(math.sqrt(variance))

@@ -101,8 +101,8 @@ class Slice:
         """Return the number of an attribute with one value; `default` if missing."""
         return default if default is not None and keyword not in self.values else self.numbers(keyword)[0]
 
-    def whole(self, keyword: str, default: int | None = None) -> int:
-        """Return the whole number of an attribute with one value; `default` if missing."""
+    def integer(self, keyword: str, default: int | None = None) -> int:
+        """Return the integer of an attribute with one value; `default` if missing."""
         value = self.number(keyword, default)
         if value != int(value):
             raise InputError(f"{self.path}: {keyword} is {value:g}; it must be a whole number")
@@ -144,7 +144,7 @@ class UnusedFiles:
 
 
 def modality(header: pydicom.Dataset) -> str:
-    """Return the modality for messages. A broken one may include other attributes, such as the patient's name."""
+    """Return the modality for messages; "unreadable" if it is broken, as it may then include the patient's name."""
     return _code(str(header.get("Modality", "not given")))
 
 
@@ -193,7 +193,7 @@ def files_in(folder: Path) -> list[Path]:
 
 
 def is_hidden(name: str) -> bool:
-    """Return whether a name is that of a hidden file, or of a system file of Windows or macOS."""
+    """Return whether a name belongs to a hidden file, or to a system file of Windows or macOS."""
     return name.startswith(".") or name.lower() in ("thumbs.db", "desktop.ini", "__macosx")
 
 
@@ -224,8 +224,9 @@ def split_dicom(paths: Iterable[Path], unused: UnusedFiles) -> tuple[list[Path],
 
     Returns
     -------
+    candidates : list of Path
     others : list of (Path, str)
-        With the reason, for `add_not_dicom`.
+        Files that are not DICOM, and why, for `add_not_dicom`.
     """
     candidates, others = [], []
     for path in paths:
@@ -239,7 +240,7 @@ def split_dicom(paths: Iterable[Path], unused: UnusedFiles) -> tuple[list[Path],
 
 
 def add_not_dicom(others: Iterable[tuple[Path, str]], used: Iterable[Path], unused: UnusedFiles) -> None:
-    """Add files that are not DICOM, with their reasons, to the unused ones.
+    """Add files that are not DICOM, with their reasons, to the unused files.
 
     Raises
     ------

@@ -52,7 +52,7 @@ def check_pixels(slices: Sequence[Slice], name: object) -> None:
     first = slices[0]
     for header in slices:
         _check(header)
-        if header.whole("PixelRepresentation") != first.whole("PixelRepresentation"):
+        if header.integer("PixelRepresentation") != first.integer("PixelRepresentation"):
             raise InputError(
                 f"{header.path}: PixelRepresentation differs from {first.path.name}, so one of them has the wrong "
                 "sign; correct it"
@@ -104,11 +104,13 @@ def _check(header: Slice) -> None:
         raise InputError(f"{header.path}: has no PhotometricInterpretation; export the series again")
     if header.text("PhotometricInterpretation") not in ("MONOCHROME1", "MONOCHROME2"):
         raise InputError(f"{header.path}: PhotometricInterpretation is not MONOCHROME1 or MONOCHROME2; correct it")
-    if header.whole("SamplesPerPixel") != 1:
-        raise InputError(f"{header.path}: SamplesPerPixel is {header.whole('SamplesPerPixel')}; a CT slice has 1")
-    if header.whole("NumberOfFrames", 1) != 1:
-        raise InputError(f"{header.path}: NumberOfFrames is {header.whole('NumberOfFrames')}; give one file per slice")
-    allocated, stored, high = (header.whole(key) for key in ("BitsAllocated", "BitsStored", "HighBit"))
+    if header.integer("SamplesPerPixel") != 1:
+        raise InputError(f"{header.path}: SamplesPerPixel is {header.integer('SamplesPerPixel')}; a CT slice has 1")
+    if header.integer("NumberOfFrames", 1) != 1:
+        raise InputError(
+            f"{header.path}: NumberOfFrames is {header.integer('NumberOfFrames')}; give one file per slice"
+        )
+    allocated, stored, high = (header.integer(key) for key in ("BitsAllocated", "BitsStored", "HighBit"))
     if allocated not in (16, 32):
         raise InputError(f"{header.path}: BitsAllocated is {allocated}; CT slices have 16")
     if not 8 < stored <= allocated or high != stored - 1:
@@ -120,9 +122,9 @@ def _check(header: Slice) -> None:
             f"{header.path}: RescaleSlope is {slope:g}, so all values of {stored} bits lie within "
             f"{abs(slope) * 2**stored:.3g} HU, less than from air to water; correct it"
         )
-    if header.whole("PixelRepresentation") not in (0, 1):
+    if header.integer("PixelRepresentation") not in (0, 1):
         raise InputError(
-            f"{header.path}: PixelRepresentation is {header.whole('PixelRepresentation')}; it must be 0 or 1"
+            f"{header.path}: PixelRepresentation is {header.integer('PixelRepresentation')}; it must be 0 or 1"
         )
     _check_length(header)
     if header.has("RealWorldValueMappingSequence"):
@@ -200,8 +202,8 @@ def _outside(stored: np.ndarray, padding: tuple[int, int], hu: np.ndarray) -> np
 def _stored(header: Slice) -> np.ndarray:
     """Return the stored values in 64 bits, to avoid overflow."""
     element, little = _pixel_data(header)
-    rows, columns = header.whole("Rows"), header.whole("Columns")
-    allocated, signed = header.whole("BitsAllocated"), header.whole("PixelRepresentation") == 1
+    rows, columns = header.integer("Rows"), header.integer("Columns")
+    allocated, signed = header.integer("BitsAllocated"), header.integer("PixelRepresentation") == 1
     if getattr(element, "length", 0) == UNDEFINED_LENGTH:
         return _decompressed(header, element.value).astype(np.int64)
     kind = np.dtype(f"{'<' if little else '>'}{'i' if signed else 'u'}{allocated // 8}")
@@ -234,8 +236,8 @@ def _pixel_data(header: Slice) -> tuple[RawDataElement, bool]:
 
 def _trimmed(header: Slice, raw: np.ndarray) -> np.ndarray:
     """Remove the bits above the stored bits, which contain overlays in old files."""
-    stored, signed = header.whole("BitsStored"), header.whole("PixelRepresentation")
-    if stored == header.whole("BitsAllocated"):
+    stored, signed = header.integer("BitsStored"), header.integer("PixelRepresentation")
+    if stored == header.integer("BitsAllocated"):
         return raw
     low, top = (-(1 << stored - 1), (1 << stored - 1) - 1) if signed else (0, (1 << stored) - 1)
     beyond = (raw < low) | (raw > top)
@@ -258,9 +260,9 @@ def _padding(header: Slice) -> tuple[int, int] | None:
     """Return the range of padding values, with the sign of the pixels; None if there is none."""
     if not header.has("PixelPaddingValue"):
         return None
-    bits, signed, ends = header.whole("BitsAllocated"), header.whole("PixelRepresentation"), []
+    bits, signed, ends = header.integer("BitsAllocated"), header.integer("PixelRepresentation"), []
     for keyword in ("PixelPaddingValue", "PixelPaddingRangeLimit"):
-        value = header.whole(keyword, ends[0] if ends else None)
+        value = header.integer(keyword, ends[0] if ends else None)
         # The attribute may be written as US or SS regardless of PixelRepresentation.
         value %= 1 << bits if value >= 0 or bits == 32 else 1 << 16
         ends.append(value - (1 << bits) if signed and value >= 1 << bits - 1 else value)
@@ -290,7 +292,7 @@ def _decompressed(header: Slice, encoded: bytes) -> np.ndarray:
         raise InputError(
             f"{header.path}: has no TransferSyntaxUID, so its compressed pixels cannot be read; export it again"
         )
-    size = tuple(header.whole(keyword) for keyword in SIZE)
+    size = tuple(header.integer(keyword) for keyword in SIZE)
     try:
         with tempfile.NamedTemporaryFile(prefix="virtual-phantom-", suffix=".dcm") as file:
             file.write(_bare_header(syntax, size) + START + encoded + END)
@@ -304,9 +306,9 @@ def _decompressed(header: Slice, encoded: bytes) -> np.ndarray:
             "complete?"
         ) from None
     array = array.reshape(array.shape[-2:]) if array.ndim == 3 and array.shape[0] == 1 else array
-    if array.shape != (header.whole("Rows"), header.whole("Columns")):
+    if array.shape != (header.integer("Rows"), header.integer("Columns")):
         raise InputError(
-            f"{header.path}: its header says {header.whole('Rows')} x {header.whole('Columns')} pixels, its "
+            f"{header.path}: its header says {header.integer('Rows')} x {header.integer('Columns')} pixels, its "
             f"compressed data hold {' x '.join(map(str, array.shape))}; is the file complete?"
         )
     return array
@@ -317,11 +319,11 @@ def _check_length(header: Slice) -> None:
     syntax = UID(header.text("TransferSyntaxUID"))
     if syntax and not (syntax.is_valid and not syntax.is_private and syntax.is_transfer_syntax):
         raise InputError(f"{header.path}: TransferSyntaxUID is unknown; export it as Explicit VR Little Endian")
-    rows, columns = header.whole("Rows"), header.whole("Columns")
+    rows, columns = header.integer("Rows"), header.integer("Columns")
     if syntax and syntax.is_encapsulated and syntax != DeflatedExplicitVRLittleEndian:
         return
     most = header.path.stat().st_size * (GZIP_MOST if syntax == DeflatedExplicitVRLittleEndian else 1)
-    if rows * columns * header.whole("BitsAllocated") / 8 > most:
+    if rows * columns * header.integer("BitsAllocated") / 8 > most:
         _pixel_data(header)
         raise InputError(
             f"{header.path}: cannot be read as DICOM (its header says {rows} x {columns} pixels, which the file does "

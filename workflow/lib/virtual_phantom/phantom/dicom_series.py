@@ -1,4 +1,4 @@
-"""Read one axial CT series from DICOM files, and reject ambiguous ones.
+"""Read one axial CT series from DICOM files, and reject ambiguous series.
 
 Attributes as in DICOM PS3.3, C.7.6.2 (image plane) and C.8.2.1 (CT image). DICOM's patient frame is LPS: x and y have
 the opposite sign of the NIfTI world frame of Virtual Phantom.
@@ -212,7 +212,10 @@ def _is_stack(group: Sequence[Slice]) -> bool:
 
 
 def _continues(header: Slice, stack: Sequence[Slice]) -> bool:
-    """Return whether a slice has the size, in-plane position and orientation of a stack, or none is known."""
+    """Return whether a slice has the size, in-plane position and orientation of a stack.
+
+    If these attributes of the slice are missing or invalid, return whether it has pixels.
+    """
     frame = _frame(header)
     expected = next((found for other in stack if (found := _frame(other)) is not None), None)
     if expected is None:
@@ -248,7 +251,7 @@ def read_slices(series: Series) -> Volume:
     check_pixels(slices, series.name)
     slices = _without_copies(series.name, slices)
     affine = _affine(series.name, slices)
-    rows, columns = slices[0].whole("Rows"), slices[0].whole("Columns")
+    rows, columns = slices[0].integer("Rows"), slices[0].integer("Columns")
     check_fits(4 * len(slices) * rows * columns, series.name)
     array = np.empty((len(slices), rows, columns), np.float32)
     read_into(slices, array, series.name)
@@ -269,7 +272,7 @@ def _check_geometry(slices: Sequence[Slice]) -> None:
                 raise InputError(
                     f"{header.path}: has no {keyword}; give plain CT slices (multi-frame CT: convert it to NIfTI)"
                 )
-        size = header.whole("Rows"), header.whole("Columns")
+        size = header.integer("Rows"), header.integer("Columns")
         if min(size) < 1:
             raise InputError(f"{header.path}: Rows and Columns are {size[0]} and {size[1]}; is the file complete?")
         spacing = np.array(header.numbers("PixelSpacing", 2))
@@ -277,7 +280,7 @@ def _check_geometry(slices: Sequence[Slice]) -> None:
             raise InputError(f"{header.path}: PixelSpacing{header.quoted('PixelSpacing')} is not positive; correct it")
         expected = np.array(first.numbers("PixelSpacing", 2))
         shift = np.abs(spacing - expected) / expected * max(size) / 2
-        if size != (first.whole("Rows"), first.whole("Columns")) or shift.max() > LARGEST_DISAGREEMENT:
+        if size != (first.integer("Rows"), first.integer("Columns")) or shift.max() > LARGEST_DISAGREEMENT:
             raise InputError(
                 f"{header.path}: slice size or pixel spacing differs from the others'; give one uniform series"
             )
@@ -325,7 +328,7 @@ def _affine(name: str, slices: Sequence[Slice]) -> np.ndarray:
     cosines = np.array([header.numbers("ImageOrientationPatient", 6) for header in slices]).reshape(-1, 2, 3)
     spacings = np.array([header.numbers("PixelSpacing", 2) for header in slices])
     axes, (row_spacing, column_spacing) = _axes(cosines[0].ravel()), spacings[0]
-    ends = np.array([slices[0].whole("Columns") - 1, slices[0].whole("Rows") - 1])
+    ends = np.array([slices[0].integer("Columns") - 1, slices[0].integer("Rows") - 1])
     corners = np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) * ends
     actual = np.einsum("sa,ca,sav->scv", spacings[:, ::-1], corners, cosines) + positions[:, None]
     nominal = (corners * (column_spacing, row_spacing)) @ axes

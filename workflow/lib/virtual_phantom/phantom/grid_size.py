@@ -11,7 +11,7 @@ ROUNDING = 1e-6  # tolerance, in voxels
 
 
 def minimum_shape(grid: Grid, needed_mm: Sequence[float]) -> list[int]:
-    """Return the shape, at least that of the grid, that spans lengths (z, y, x) in mm."""
+    """Return the smallest shape that spans lengths (z, y, x), mm, and is nowhere smaller than the grid's shape."""
     return [
         max(n, math.ceil(length / wide - ROUNDING))
         for n, wide, length in zip(grid.shape, grid.spacing, needed_mm, strict=True)

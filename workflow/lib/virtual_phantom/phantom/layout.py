@@ -42,13 +42,15 @@ class RoiSpec:
 
 
 def read_layout(path: str | Path | None = None) -> dict:
-    """Read a layout file, by default that of Virtual Phantom; InputError if it is missing or not YAML."""
+    """Read a layout file, by default DEFAULT_LAYOUT; InputError if it is missing or not YAML."""
     path = DEFAULT_LAYOUT if path is None else Path(path)
     return read_yaml(path, "give a layout of a phantom, with the keys tissues, shapes and rois", restore="restore it")
 
 
 def parse_layout(layout: dict, seed: Stream) -> tuple[list[PaintedShape], list[RoiSpec]]:
-    """Convert a layout to shapes in the order of painting, and ROIs; textures are conditioned on their ROI.
+    """Convert a layout to shapes in the order of painting, and to ROIs.
+
+    The texture of each ROI has the mean and SD of its tissue inside the ROI (`Texture.condition`).
 
     Parameters
     ----------
@@ -94,7 +96,7 @@ def parse_layout(layout: dict, seed: Stream) -> tuple[list[PaintedShape], list[R
 
 
 def _roi(entry: dict, where: str) -> tuple[RoiSpec, Ellipsoid]:
-    """Return the ROI, an ellipsoid whose semi-axis c follows from its volume 4/3 pi a b c, and the tissue around it."""
+    """Return the ROI, and the larger ellipsoid of its tissue. Semi-axis c follows from the volume 4/3 pi a b c."""
     sizes = {"width_mm", "height_mm", "volume_mm3", "margin_mm"}
     _keys(entry, where, {"name", "tissue_class", "tissue", "centre_mm", *sizes}, {"fade_mm"})
     try:

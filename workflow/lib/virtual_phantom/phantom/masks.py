@@ -1,6 +1,6 @@
 """Read regions drawn on a CT: masks and label maps (NIfTI, NRRD, MetaImage), DICOM SEG and RTSTRUCT.
 
-`open_regions` selects the reader by the file. Labels of regions depend on the file:
+`open_regions` selects the reader by the file. The label that selects a region depends on the kind of file:
 
 * label map: value (None: all voxels that are not zero)
 * DICOM SEG: number or label of a segment (None: the only one)
@@ -34,8 +34,8 @@ KINDS = {
     "1.2.840.10008.5.1.4.1.1.481.3": StructRegions,
 }
 MODALITIES = {"SEG": SegRegions, "RTSTRUCT": StructRegions}
-# Tolerance of labels that are whole numbers: half precision, the coarsest type, has a relative error of 5e-4.
-WHOLE = 1e-3
+# Tolerance of integer labels: half precision, the coarsest type, has a relative error of 5e-4.
+INTEGER_TOLERANCE = 1e-3
 # Largest number of different labels: TotalSegmentator has 117, FreeSurfer's Destrieux parcellation 192. A CT has
 # thousands of values.
 MOST_LABELS = 1000
@@ -129,7 +129,7 @@ class LabelRegions(Regions):
         self._names = _slicer_names(header, self._values)
 
     def _add(self, layer: Volume) -> None:
-        labels, names = self._whole(layer.array)
+        labels, names = self._integer_labels(layer.array)
         boxes = find_objects(labels)
         found = {names[stored - 1] if names else stored: (stored, box) for stored, box in enumerate(boxes, 1) if box}
         if len(found) > MOST_LABELS:
@@ -140,16 +140,18 @@ class LabelRegions(Regions):
         self._layers.append(labels)
         self._values.append(found)
 
-    def _whole(self, array: np.ndarray) -> tuple[np.ndarray, list[int]]:
+    def _integer_labels(self, array: np.ndarray) -> tuple[np.ndarray, list[int]]:
         """Return labels from 1 on, 0 elsewhere, and the original labels if they were renumbered."""
         if array.dtype.kind == "f" and not np.isfinite(array).all():
             raise InputError(f"{self.path}: holds NaN or infinite values; give whole numbers")
         low, high = float(array.min()), float(array.max())
-        fractions = array.dtype.kind == "f" and any(np.abs(plane - np.rint(plane)).max() > WHOLE for plane in array)
+        fractions = array.dtype.kind == "f" and any(
+            np.abs(plane - np.rint(plane)).max() > INTEGER_TOLERANCE for plane in array
+        )
         if fractions or (low < 0 and high <= 0):
             value = low if high <= 0 else high
-            two = all((np.minimum(np.abs(plane), np.abs(plane - value)) <= WHOLE * abs(value)).all() for plane in array)
-            if two:
+            tolerance = INTEGER_TOLERANCE * abs(value)
+            if all((np.minimum(np.abs(plane), np.abs(plane - value)) <= tolerance).all() for plane in array):
                 self._remarks.append(
                     Remark("two values", "", f"has the two values 0 and {value:.6g}; it is read as a mask, label 1")
                 )
@@ -168,7 +170,7 @@ class LabelRegions(Regions):
                 )
             listed = ", ".join(f"{value:g}" for value in below)
             self._remarks.append(Remark("negative", "", f"labels below 0 are skipped: {listed}"))
-        if low > WHOLE:
+        if low > INTEGER_TOLERANCE:
             text = f"no voxel is 0: every voxel belongs to a region, and the lowest label is {low:g}"
             self._remarks.append(Remark("no background", "", text))
         if high > LARGEST_LABEL:

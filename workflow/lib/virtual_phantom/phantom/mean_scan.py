@@ -52,7 +52,7 @@ class MeanScan:
     rows : list of dict
         Displacement of each scan relative to the first: scan, x_mm, y_mm, z_mm, turn_deg, largest_mm.
     noise_hu : float
-        SD between scans in the regions, of a single scan.
+        Noise SD of a single scan in the regions, estimated from the differences between scans.
     spectra : PowerSpectra
         Power of the mean and of its noise, in the bounding box of the regions.
     """
@@ -88,8 +88,8 @@ def average_scans(scans: Sequence[ScanFiles], regions: Sequence[int | str], heig
     if not others:
         raise InputError(f"{first.ct}: is the only scan; give at least two acquisitions")
     image = read_hu(first.ct)
-    whole = image.grid
-    masks = _regions(first, regions, whole)
+    full_grid = image.grid
+    masks = _regions(first, regions, full_grid)
     part = _part(image, masks, height_mm, first.ct)
     reference = _cut(image, part)
     drawn = np.any(masks, axis=0)[part]
@@ -102,15 +102,15 @@ def average_scans(scans: Sequence[ScanFiles], regions: Sequence[int | str], heig
     drawn_in = {first.name: masks[(slice(None), *part)]}
     for number, scan in enumerate(others, start=1):
         image = read_hu(scan.ct)
-        if not image.grid.matches(whole, GRID_TOLERANCE_MM):
-            raise InputError(f"{scan.ct}: is on another grid ({image.grid}) than {first.ct} ({whole}); exclude it")
+        if not image.grid.matches(full_grid, GRID_TOLERANCE_MM):
+            raise InputError(f"{scan.ct}: is on another grid ({image.grid}) than {first.ct} ({full_grid}); exclude it")
         cropped = replace(_cut(image, part), grid=reference.grid)
         rows.append(_row(scan, cropped, reference, body, first))
         total += cropped.array
         if number < 2 * pairs:
             differences += cropped.array if number % 2 == 0 else -cropped.array
         values.append(cropped.array[drawn])
-        drawn_in[scan.name] = _regions(scan, regions, whole)[(slice(None), *part)]
+        drawn_in[scan.name] = _regions(scan, regions, full_grid)[(slice(None), *part)]
         votes += drawn_in[scan.name]
     majority = 2 * votes > len(scans)
     _check_regions(drawn_in, majority, regions, scans)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.console import note
-from ..base.errors import InputError, InputErrors, meant
+from ..base.errors import InputError, InputErrors, did_you_mean
 from ..base.geometry import Grid
 from ..base.units import HU_AIR, HU_BODY
 
@@ -36,8 +36,9 @@ NORMAL_NOISE = 3.0
 DENSEST_LEVEL_HU = 1400.0  # largest level of many voxels: cortical bone and PTFE are less dense, metal is in few voxels
 LEAST_DENSE = 0.0005  # least fraction of voxels of the body: a mouse in a field of view of 500 mm has 0.003
 CONTRAST_HU = (700.0, 1400.0)  # contrast of the body to air: 1000 for water, more for bone and contrast agents
-FAINT_HU = 90.0  # contrast of two separate levels below that of fat and muscle (150): the scale is wrong
-FAT_HU, ALL_AROUND = 130.0, 0.98  # the same, if the lower level surrounds this fraction as air does, not fat
+FAINT_HU = 90.0  # contrast of two separate levels; fat and muscle have 150, so the scale is wrong if it is less
+# The same limit, if the lower level fills this fraction of the border of the slices, as air does but fat does not.
+FAT_HU, ALL_AROUND = 130.0, 0.98
 LOWEST_AIR_HU = -1500.0  # lower of two separate levels, without padding; noise does not shift a median
 HIGHEST_SOFT_HU = 400.0  # median of an image without air, such as a part of an organ
 SEPARATE = 0.9  # variance fraction between two levels: 0.64 for one normal distribution, 0.98 for air and water
@@ -118,7 +119,7 @@ def require_plausible(array: np.ndarray, grid: Grid, source: object, not_checked
 def require_known_checks(names: Collection[str]) -> None:
     """Check names given by the option --not-checked."""
     if wrong := [name for name in names if name not in CHECKS]:
-        raise InputError(f"--not-checked: there is no check '{wrong[0]}'; {meant(wrong[0], CHECKS)}")
+        raise InputError(f"--not-checked: there is no check '{wrong[0]}'; {did_you_mean(wrong[0], CHECKS)}")
 
 
 def has_air(array: np.ndarray) -> bool:
@@ -159,7 +160,7 @@ def _is_noise_free(array: np.ndarray) -> bool:
 
 
 def _without_hu(image: _Values) -> str | None:
-    """Return a message if the range is not that of HU."""
+    """Return a message if the range shows that values are not HU."""
     if not image.values.size:
         return None
     low, high = np.percentile(image.values, TAILS).tolist()
@@ -218,9 +219,9 @@ def _shifted(image: _Values) -> str | None:
             "add that first"
         )
     air, body, explained = _levels(image.values)
-    has = image.share(*AIR_HU) > SOME_AIR and not _is_padding_only(image)
+    shows_air = image.share(*AIR_HU) > SOME_AIR and not _is_padding_only(image)
     dense = image.share(*OFFSET_TISSUE)
-    if not has and dense > MOST_DENSE:
+    if not shows_air and dense > MOST_DENSE:
         given = f"{100 * dense:.0f} % of the voxels are between {OFFSET_TISSUE[0]:g} and {OFFSET_TISSUE[1]:g}"
         if np.median(_rim(image.array)) > HU_BODY + 1000:
             return f"{given}, and they surround the rest: the values are inverted; multiply by -1"
@@ -228,11 +229,11 @@ def _shifted(image: _Values) -> str | None:
     contrast = body - air
     if explained > SEPARATE and CONTRAST_HU[0] < contrast < CONTRAST_HU[1] and not _between(air, AIR_HU):
         # Lungs of a crop without outer air are 100 to 400 HU above air, with vessels in them.
-        if air < AIR_HU[0] or (air > -400 and not has):
+        if air < AIR_HU[0] or (air > -400 and not shows_air):
             shift = air - HU_AIR
             advice = f"subtract {shift:.0f}" if shift > 0 else f"add {-shift:.0f}"
             return f"the air in it is at about {air:.0f}, not {HU_AIR:g} HU; {advice} first"
-    if explained > SEPARATE and not has and body > DENSEST_LEVEL_HU:
+    if explained > SEPARATE and not shows_air and body > DENSEST_LEVEL_HU:
         upper = np.count_nonzero(image.values > (air + body) / 2) / image.values.size
         if upper > MOST_DENSE:
             return (

@@ -188,7 +188,7 @@ def _corners(grid: Grid) -> np.ndarray:
 
 
 def voxel_offset(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
-    """Return the voxel (z, y, x) of a grid at the first voxel of a part whose voxels coincide with those of the grid.
+    """Return the index (z, y, x) in a grid of the first voxel of a part, if their voxels coincide.
 
     Voxels may coincide by the directions of both grids, or by their upright grids if no voxel center moves by more than
     LARGEST_TILT, as converters often drop small rotations. Indices are negative if the part starts before the grid.
@@ -209,9 +209,9 @@ def voxel_offset(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
     index = offset.round()
     steps = np.array(part.shape) * (np.array(part.spacing) - np.array(grid.spacing))
     shifted = np.abs((offset - index) * np.array(grid.spacing)).max()
-    aligned = max(shifted, np.abs(steps).max()) <= GRID_TOLERANCE_MM
-    if not aligned or np.abs(shift - index[::-1]).max() > LARGEST_TILT:
-        turned = ", with rotated axes" if aligned else ""
+    same_if_upright = max(shifted, np.abs(steps).max()) <= GRID_TOLERANCE_MM
+    if not same_if_upright or np.abs(shift - index[::-1]).max() > LARGEST_TILT:
+        turned = ", with rotated axes" if same_if_upright else ""
         raise InputError(
             f"{path}: lies on another grid than the CT{turned} ({part}; CT: {grid}); resample it onto the CT"
         )

@@ -24,7 +24,7 @@ def read_roi_entries(
     Parameters
     ----------
     default_file : str or None
-        File for entries without one.
+        File for entries that name no file.
     source : str, optional
         Start of messages.
 

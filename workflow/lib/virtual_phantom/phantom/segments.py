@@ -24,7 +24,7 @@ from .regions import (
     whole_number,
 )
 
-INSIDE = 0.5  # least fraction of a voxel, or probability, to belong to a segment
+INSIDE = 0.5  # least fraction of a voxel (or probability) for the voxel to belong to a segment
 LABEL_MAP = "LABELMAP"
 
 

@@ -97,7 +97,7 @@ def _moved(shape: Ellipsoid, pose: Pose) -> Ellipsoid:
 def find_outline(layout: dict, grid: Grid, seed: Stream) -> tuple[float, tuple[Roi, ...]]:
     """Return the largest distance (mm) of the body from the axis of rotation, and the ROIs, without painting.
 
-    Parameters and errors are those of `build`.
+    Parameters and errors as for `build`.
     """
     paints, rois = parse_layout(layout, seed)
     _check_fit(paints, rois, grid)

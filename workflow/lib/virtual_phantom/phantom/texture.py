@@ -111,10 +111,10 @@ class Texture:
         return (total - np.float32(self._mean)) * np.float32(self._gain)
 
     def condition(self, shape) -> None:
-        """Shift and scale so that inside the shape the mean is 0 and the SD is that of the components.
+        """Shift and scale the texture so that it has mean 0 and the SD of its components inside the shape.
 
-        Otherwise mean and SD of a region of a few correlation lengths vary with the seed. They are computed at steps
-        of half the shortest correlation length, independent of the grid.
+        Without this, mean and SD of a region of a few correlation lengths would vary with the seed. Both are computed
+        at steps of half the shortest correlation length, independent of the grid.
         """
         if not self._fields:
             return

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-from ..base.errors import InputError, meant
+from ..base.errors import InputError, did_you_mean
 from ..base.names import label
 from . import effects
 
@@ -308,7 +308,7 @@ def require(name: str, source: str) -> None:
         Naming `source`, if it does not.
     """
     if name not in names():
-        raise InputError(f"{source}: there is no effect '{name}'; {meant(name, names())}")
+        raise InputError(f"{source}: there is no effect '{name}'; {did_you_mean(name, names())}")
 
 
 def load(name: str, source: str = "physics") -> Effect:

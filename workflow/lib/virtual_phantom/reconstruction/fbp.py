@@ -97,7 +97,7 @@ class ParallelProjections:
         rays = ParallelRays(geometry)
         packed = parallel_stack(rays, len(line_integrals))
         for lane, stack in enumerate(line_integrals):
-            stack = rays.in_the_plane(stack)
+            stack = rays.weighted_by_cone_angle(stack)
             images = chain.from_iterable(rays.rebin(stack, level) for level in range(rays.levels))
             for i, image in enumerate(images):
                 packed[i, 1:-1, 1:-1, lane] = ramp_filter(image, rays.t_pitch_mm, kernel).T

@@ -16,6 +16,7 @@ from ..io.yaml_files import read_yaml
 FILE_NAME = "recording.yaml"
 SCHEMA = SCHEMAS / "recording.schema.yaml"
 NAME_SHOWN = 60  # characters
+# Sections and keys that have a meaning only in some kinds of recordings.
 SECTIONS = {
     "images": {"labels", "rois", "isocentre_mm", "scan", "not_checked"},
     "projections": {"isocentre_mm", "scan", "corrected"},

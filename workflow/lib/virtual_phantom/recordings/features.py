@@ -24,10 +24,10 @@ from .recording import Provenance, Recording
 KEYS = ("image", "roi", "tissue_class")
 # Keys of recording.yaml that only tables in another layout need.
 LAYOUT = ("image", "roi")
-STORED_ABOVE = 500.0  # means of soft-tissue ROIs are below this in HU and above it in stored values
+STORED_ABOVE = 500.0  # means of soft-tissue ROIs are lower in HU and higher in stored values
 # Difference of an ROI's mean between stored values and HU: 1000 or 1024, with 100 HU for contrast medium.
 STORED_DIFFERENCE = (900.0, 1124.0)
-ENOUGH_FEATURES = 10  # of two noisy images; these do not agree in every digit by chance
+ENOUGH_FEATURES = 10  # so many features of two noisy images do not agree in every digit by chance
 
 
 @dataclass(frozen=True)
@@ -108,8 +108,8 @@ def load_features(document: Document, study: tuple[str, ...] = FEATURES) -> Feat
     held_out = pd.concat(held_out, ignore_index=True) if held_out else repeats.iloc[:0]
     if settings["stored_offset_hu"]:
         notes.append(
-            f"features were extracted from HU + {settings['stored_offset_hu']} (features.stored.to_hu corrects "
-            "first-order features)"
+            f"features were extracted from HU + {settings['stored_offset_hu']} (features.hu_offset.convert_to_hu "
+            "corrects first-order features)"
         )
     incomplete = repeats.groupby("image")["roi"].nunique() < repeats["roi"].nunique()
     if incomplete.any():
@@ -122,8 +122,8 @@ def load_features(document: Document, study: tuple[str, ...] = FEATURES) -> Feat
 def _tables(document: Document, study: tuple[str, ...]) -> tuple[dict[Path, pd.DataFrame], tuple[str, ...], list[str]]:
     """Return all tables in the native layout, their common features, and notes.
 
-    Tables in the native layout must have the 86 features except `absent` ones, and no others but those of `study`.
-    Tables of pyradiomics may have any features. Notes report features that the study does not have, and missing ones.
+    Tables in the native layout must have the 86 features except `absent` features. Their other features must be in
+    `study`. Tables of pyradiomics may have any features. Notes report additional and missing features.
 
     Raises
     ------

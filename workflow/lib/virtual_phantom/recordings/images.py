@@ -90,7 +90,7 @@ def grid_mismatch(grid: Grid, first: Grid, name: str | Path, first_name: str) ->
             f"{name}: is on another grid ({grid}) than {first_name} ({first}); resample it, or make a separate "
             "recording of it"
         )
-    if grid.rotated_against(first) > LARGEST_TILT:
+    if grid.displacement_by_rotation(first) > LARGEST_TILT:
         return f"{name}: is rotated relative to {first_name}; resample it to the same grid"
     return None
 

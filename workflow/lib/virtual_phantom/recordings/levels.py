@@ -22,7 +22,7 @@ from ..phantom.plausibility import BELOW_AIR_HU
 from .images import LEAST_REPORTED_PADDING
 
 SOFT_HU = (-200.0, 300.0)  # fat to contrast-filled vessels: the tissue that the alignment is judged by
-DENSEST_HU = 1000.0  # metal and its streaks would dominate soft tissue
+DENSEST_HU = 1000.0  # higher values are clipped: metal and its streaks would dominate soft tissue
 LEAST_COVERED = 0.4  # share of the body; with less overlap, chance fits score higher than the correct one
 WHOLE_ROI = 0.99  # share of an ROI that the recording must cover for the ROI to count as whole
 EDGE_POINTS, LEAST_EDGE_POINTS = 20_000, 100  # on the body's surface: more only take time, fewer are too noisy

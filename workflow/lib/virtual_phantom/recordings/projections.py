@@ -20,7 +20,7 @@ from .recording import Provenance, Recording, Repeats
 from .scan import scan_geometry, view_time_note
 
 ADVICE = "copy it again from its source"
-# Factors by the attribute units of theta. Without it, angles are in degrees, as in the Data Exchange format.
+# {attribute `units` of theta: factor to degrees}. Without it, angles are in degrees, as in the Data Exchange format.
 TO_DEGREES = dict.fromkeys(("", "deg", "degs", "degree", "degrees", "°"), 1.0)
 TO_DEGREES |= dict.fromkeys(("rad", "rads", "radian", "radians"), 180 / math.pi)
 THETA_TOLERANCE = 0.05  # share of the step between views; larger differences mean another scan or other units

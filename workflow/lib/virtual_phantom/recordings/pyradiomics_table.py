@@ -1,7 +1,7 @@
 """Conversion of the table that pyradiomics writes for a batch to the columns and names of a recording of features.
 
-Its rows are cases: an image, a mask and perhaps a label. The section `rois` of recording.yaml assigns them to ROIs: its
-`label` and `file` are matched with the columns Label and Mask.
+A row of that table is an image with a mask and perhaps a label. The section `rois` of recording.yaml assigns rows to
+ROIs: its `label` and `file` are matched with the columns Label and Mask.
 """
 
 from __future__ import annotations

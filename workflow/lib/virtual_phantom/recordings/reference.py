@@ -18,7 +18,7 @@ MINIMUM_IMAGES = 2  # per group: the rank-sum test needs a spread
 
 
 def in_hu(recording: FeaturesRecording) -> pd.DataFrame:
-    """Return the repeats with first-order features in HU (convert_to_hu), whatever offset they were extracted with."""
+    """Return the repeats with first-order features converted to HU by `convert_to_hu`."""
     return convert_to_hu(recording.repeats, recording.stored_offset_hu)
 
 
@@ -88,15 +88,15 @@ def stability_scores(recording: FeaturesRecording, repeats: int, **options) -> p
     Parameters
     ----------
     repeats : int
-        Images per condition in each random subset (`statistics.repeats.draws`). All conditions use the number of images
-        of the smallest condition if that is less.
+        Images per condition in each random subset (`statistics.repeats.subsamples`). If a condition has fewer images,
+        all conditions use that number.
     **options
         Arguments of `statistics.wilcoxon.scores`: test, threshold, compare.
 
     Returns
     -------
     DataFrame
-        As returned by `statistics.repeats.draws`.
+        As returned by `statistics.repeats.score_draws`.
 
     Raises
     ------

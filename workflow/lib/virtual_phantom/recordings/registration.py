@@ -43,8 +43,8 @@ COARSE_VOXELS = 40  # across the body's width in the coarsest level; each furthe
 ROTATIONS_DEG = (-14.0, -7.0, 0.0, 7.0, 14.0)  # about z; the optimizer covers half a step and small tilts about x, y
 KEPT_STARTS = 2  # best starting points that are refined further
 MIN_COARSE_SLICES = 8  # height of a thin phantom in voxels of the coarsest level
-CONTACT_VOXELS = 1  # of the finest level; dense voxels this close may be the body itself, not exactly aligned yet
-FAR_MM = 10.0  # matter that reaches farther from the body is a table or arms: the alignment error is smaller by now
+CONTACT_VOXELS = 1  # of the finest level; denser matter this close may be the body itself, not yet exactly aligned
+FAR_MM = 10.0  # matter that reaches farther from the body is a table or arms: remaining alignment errors are smaller
 TABLE_VOXELS = 4  # margin excluded around a table; with 1 voxel, rotations were up to 0.15 degrees off, with 4, 0.06
 SIDES = ("left and right", "front and back", "top and bottom")
 # Lowest correlations in experiments with shifts of up to 60 mm, rotations of up to 12 degrees, other voxel sizes, and

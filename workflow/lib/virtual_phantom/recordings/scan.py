@@ -28,7 +28,7 @@ def missing_for_geometry(scan: dict) -> list[str]:
 
 
 def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
-    """Return the geometry of a recording of projections.
+    """Return the geometry that a scan section describes.
 
     The angle of view i is start + direction 2 pi i / views_per_rotation. Its source is at
     start_z + table_feed i / views_per_rotation (see geometry.py).

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ..base.names import counted
-from ..features.settings import STUDY, Extraction, describe_differences, installed
+from ..features.settings import STUDY, Extraction, describe_differences, installed_version
 from ..statistics.comparability import SAME_VOXELS, grows_with_roi
 from .features import FeaturesRecording
 from .images import ImagesRecording
@@ -146,9 +146,9 @@ def _extraction_notes(recording: Recording, study: Extraction) -> list[str]:
     lines = [f"setting: {line}" for line in describe_differences(study, recording.extractions, recording.features)]
     versions = dict.fromkeys(extraction.version for extraction in recording.extractions if extraction.version)
     return lines + [
-        f"extracted by pyradiomics {version}, but the study's features by {installed()}"
+        f"extracted by pyradiomics {version}, but the study's features by {installed_version()}"
         for version in versions
-        if version != installed()
+        if version != installed_version()
     ]
 
 

@@ -51,7 +51,7 @@ def stability_answer(trust: pd.DataFrame, measures: pd.DataFrame | None) -> dict
 def stability_by_tissue(
     trust: pd.DataFrame, stability: pd.DataFrame | None, features: pd.DataFrame | None, compare: str
 ) -> dict[str, dict]:
-    """Stability within each tissue class.
+    """Return the stability within each tissue class.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def stability_by_tissue(
     features : DataFrame or None
         Features of all images, with columns roi and tissue_class.
     compare : {"roi", "tissue_class"}
-        Definition of a sample.
+        What one sample of a comparison is: an ROI, or all ROIs of a tissue class.
 
     Returns
     -------

@@ -101,7 +101,7 @@ def setup_page(content: dict, stated: np.ndarray, best: np.ndarray) -> str:
 
 
 def residual_maps(diagnosis: Diagnosis) -> tuple[np.ndarray, np.ndarray]:
-    """Return maps of the standardized held-out residuals, before and after, shape (down, across)."""
+    """Return maps of the standardized held-out residuals, with the baseline and the chosen model, (down, across)."""
     choice = diagnosis.choice
     return tuple(_residual_map(trial.fit, diagnosis.prepared) for trial in (choice.baseline, choice.chosen))
 
@@ -120,18 +120,18 @@ def _residual_map(fit: Fit, prepared: Prepared) -> np.ndarray:
 
 
 def _block(places: int) -> int:
-    """Return how many places along an axis one pixel of the map covers."""
+    """Return how many entries of an axis with `places` entries one pixel of the map covers."""
     return -(-places // PIXELS_ACROSS)
 
 
 def _steps(prepared: Prepared) -> tuple[int, int]:
-    """Return how many places of the recording one pixel of the map covers, down and across."""
+    """Return how many entries of the recording (views, rows, columns or voxels) a map pixel covers, down and across."""
     down, across = (n for axis, n in enumerate(prepared.held_out.mean.shape) if axis != prepared.display.summed)
     return prepared.step * _block(down), _block(across)
 
 
 def _profiles(diagnosis: Diagnosis) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
-    """Return the panels of profiles: name of the axis, places, residuals before and after."""
+    """Return the panels of profiles: name of the axis, positions, residuals before and after."""
     panels, prepared = [], diagnosis.prepared
     for domain, label, first in prepared.display.profiles:
         step = prepared.step if domain == STEPPED else 1

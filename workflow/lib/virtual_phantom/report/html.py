@@ -63,9 +63,9 @@ def number(value: float) -> str:
 
 
 def within(value: float, interval: list[float]) -> str:
-    """Format a number to two digits of the width of its interval, or to three significant digits if these are lost.
+    """Format a number with as many decimals as give two significant digits of the width of its interval.
 
-    They are lost for a wide interval on one side of 0, such as 0.354 in 0.01 to 100.
+    If a wide interval on one side of 0 leaves too few, as for 0.354 in 0.01 to 100, use three significant digits.
     """
     width = interval[1] - interval[0]
     if not 0 < width < np.inf:
@@ -96,7 +96,7 @@ def _coverage(held: Mapping) -> str:
 
 
 def picture(figure: Figure) -> str:
-    """A figure as a data URL."""
+    """Return a figure as a data URL."""
     buffer = io.BytesIO()
     with style.styled():
         figure.savefig(buffer, format="png", metadata={"Software": None})
@@ -104,5 +104,5 @@ def picture(figure: Figure) -> str:
 
 
 def data_url(png: bytes) -> str:
-    """A PNG as a data URL."""
+    """Return a PNG as a data URL."""
     return "data:image/png;base64," + base64.b64encode(png).decode()

@@ -139,10 +139,10 @@ def caption(figure: ReportFigure, config: Mapping) -> str:
 
 
 def cell(value: str | float) -> dict:
-    """Text of a table cell, its sort key, and whether it is a number (n)."""
+    """Return the text of a table cell, its sort key, and whether it is a number (n)."""
     if isinstance(value, str):
         return {"text": style.feature_label(value) if is_feature(value) else value, "key": value, "n": False}
     if pd.isna(value):
         return {"text": "", "key": "", "n": True}
-    whole = float(value).is_integer()
-    return {"text": str(int(value)) if whole else number(value), "key": repr(float(value)), "n": True}
+    integer = float(value).is_integer()
+    return {"text": str(int(value)) if integer else number(value), "key": repr(float(value)), "n": True}

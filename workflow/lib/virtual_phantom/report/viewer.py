@@ -14,7 +14,7 @@ import numpy as np
 
 from ..base.errors import InputError
 from ..base.names import label
-from ..base.units import whole_hu
+from ..base.units import rounded_hu
 from ..figures import axial, style
 from ..io.volumes import Volume
 from .html import render
@@ -22,7 +22,7 @@ from .html import render
 # This viewer (150 lines and 12 kB of templates) keeps the page one file that works offline. NiiVue 0.69 would embed
 # 2.9 MB of minified JavaScript in it and need WebGL 2. Differences, windows and outlines would still need own code.
 MOST_BYTES = 10_500_000  # uncompressed voxels of a page; base64 text makes it at most 14 MB
-MOST_ACROSS = 256  # voxels per row above which slices are thinned, rather than skipped
+MOST_ACROSS = 256  # voxels: longer rows and columns are thinned; otherwise slices are skipped
 
 
 @dataclass(frozen=True)
@@ -105,9 +105,9 @@ def thinning(shape: tuple[int, int, int], volumes: int) -> tuple[int, int, int]:
 
 
 def hu_to_show(volume: Volume, name: str) -> np.ndarray:
-    """Round to whole HU (little-endian int16); InputError with `name` if a value is not finite."""
-    whole, _ = whole_hu(volume.array, f"viewer, {name}: has values that are not finite; reconstruct it again")
-    return whole.astype("<i2")
+    """Return HU rounded to little-endian int16; InputError with `name` if a value is not finite."""
+    rounded, _ = rounded_hu(volume.array, f"viewer, {name}: has values that are not finite; reconstruct it again")
+    return rounded.astype("<i2")
 
 
 def displayed(array: np.ndarray, steps: tuple[int, int, int]) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base.geometry import Grid, ScanGeometry
 from ..base.settings import FbpSettings, SirtSettings
-from ..base.units import whole_hu
+from ..base.units import rounded_hu
 from ..io.volumes import Volume
 from ..physics.effect import image_effects, load
 from ..physics.image_state import ImageState
@@ -126,7 +126,7 @@ def reconstruct_in_boxes(
 
 def _to_int16(image: np.ndarray) -> np.ndarray:
     """Return HU as int16, with a warning about values out of range. Raises InputError for NaN and infinite voxels."""
-    whole, beyond = whole_hu(
+    whole, beyond = rounded_hu(
         image, "reconstruction: holds voxels that are NaN or infinite; are the projections finite?"
     )
     if beyond:

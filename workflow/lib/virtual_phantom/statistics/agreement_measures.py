@@ -81,7 +81,7 @@ def icc_agreement(x: np.ndarray) -> Icc:
 def icc_consistency(x: np.ndarray) -> Icc:
     """ICC(3,1) of Shrout and Fleiss, ICC(C,1) of McGraw and Wong: fixed conditions, whose mean shifts do not count.
 
-    (MSR - MSE) / (MSR + (k - 1) MSE). The interval is that of `icc_agreement`.
+    (MSR - MSE) / (MSR + (k - 1) MSE). The interval is the exact F interval of McGraw and Wong, Table 7.
     """
     n, k = x.shape[-3:-1]
     msr, _, mse = mean_squares(x)
@@ -96,7 +96,7 @@ def icc_consistency(x: np.ndarray) -> Icc:
 
 
 def _perfect_agreement(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> Icc:
-    """Set the interval to 1 to 1 where agreement is perfect: the residual to divide by is zero there."""
+    """Set both limits to 1 where agreement is perfect, because the residual in their denominators is zero there."""
     perfect = value == 1
     return Icc(value, np.where(perfect, 1.0, low), np.where(perfect, 1.0, high))
 
@@ -156,5 +156,5 @@ def _scans_of_subjects(x: np.ndarray) -> np.ndarray:
 
 
 def _one_sign(scans: np.ndarray) -> np.ndarray:
-    """Whether each subject's values are all positive or all negative; otherwise a relative spread has no meaning."""
+    """Return whether all values of each subject have one sign; otherwise a relative spread has no meaning."""
     return ((scans > 0).all(axis=-1) | (scans < 0).all(axis=-1)).all(axis=-1)

@@ -1,4 +1,4 @@
-"""Decide which features of a recording may be compared with those of a 3D simulation in HU."""
+"""Decide which features of a recording may be compared with features of a 3D simulation in HU."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from ..base.errors import InputError
 from ..features.names import FAMILIES, HISTOGRAM_ONLY, OTHER_FAMILIES, family, is_feature, unfiltered
 from ..features.settings import SETTINGS
 
+# First-order features that change if an offset is added to all voxels.
 SHIFTED = tuple(
     f"original_firstorder_{name}"
     for name in "10Percentile 90Percentile Energy Maximum Mean Median Minimum RootMeanSquared TotalEnergy".split()
@@ -56,12 +57,12 @@ def comparable(
     same_voxels: bool = False,
     other_settings: Mapping[str, str] | None = None,
 ) -> pd.DataFrame:
-    """Decide which features of a recording may be compared with those of a 3D simulation in HU.
+    """Decide which features of a recording may be compared with features of a 3D simulation in HU.
 
     Parameters
     ----------
     recording_dimensions : {2, 3}
-        2 if they were extracted from single slices.
+        2 if the features were extracted from single slices.
     stored_offset : float
         Offset that was added to HU before extraction.
     same_voxels : bool, optional
@@ -158,14 +159,14 @@ def other_sizes(
     dict of str to str
         {feature: description of the voxels of both}.
     """
-    ours, theirs = (_sizes(table, rois) for table in (simulated, recorded))
-    if ours is None or theirs is None:
+    study_sizes, recorded_sizes = (_sizes(table, rois) for table in (simulated, recorded))
+    if study_sizes is None or recorded_sizes is None:
         return {}
-    count, volume = (ours[name] / theirs[name] for name in ("n_voxels", "voxel_mm3"))
+    count, volume = (study_sizes[name] / recorded_sizes[name] for name in ("n_voxels", "voxel_mm3"))
     # Without TotalEnergy the voxel volume is unknown and assumed to be equal.
     if (np.abs(pd.concat([count, volume]).dropna() - 1) < SAME_VOXELS).all():
         return {}
-    words = f"{_sized(theirs)}, the study's {_sized(ours)}"
+    words = f"{_sized(recorded_sizes)}, the study's {_sized(study_sizes)}"
     return {feature: words for feature in features if grows_with_roi(feature)}
 
 

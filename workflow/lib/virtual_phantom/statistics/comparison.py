@@ -31,7 +31,7 @@ LEVEL = 0.95  # of intervals
 ALPHA = 0.05  # of tests; two one-sided tests at 5 % are a 90 % interval within the margin
 # Relative difference between sums in different order; a feature that varies less is treated as constant.
 ROUNDING = 1e-9
-# The deviations of two repeats from their median are equal, so the test would call every SD different.
+# Least number of repeats: deviations of two repeats from their median are equal, so every SD would seem different.
 BROWN_FORSYTHE_REPEATS = 3
 
 
@@ -103,13 +103,13 @@ def compare(
         )
     rois = common_rois(simulated, recorded, rois)
     parts = []
-    ours, theirs = (
+    simulated_values, recorded_values = (
         samples(table, features, rois, source)
         for table, source in ((simulated, "simulated features"), (recorded, "recorded features"))
     )
     classes = _tissue_classes(simulated, recorded, rois)
     for roi in rois:
-        part = _compare_roi(ours[roi], theirs[roi], margin_sd, sd_factor)
+        part = _compare_roi(simulated_values[roi], recorded_values[roi], margin_sd, sd_factor)
         keys = {
             "roi": roi,
             "tissue_class": classes[roi],
@@ -235,11 +235,13 @@ def ratio_interval(ratio: np.ndarray, n: int, m: int, level: float) -> tuple[np.
     return tuple(ratio / np.sqrt(scipy.stats.f.ppf(q, n - 1, m - 1)) for q in (1 - tail, tail))
 
 
-def _compare_roi(ours: np.ndarray, theirs: np.ndarray, margin_sd: float, sd_factor: float) -> dict[str, np.ndarray]:
-    n, m = len(ours), len(theirs)
-    mean, mean_recorded = ours.mean(axis=0), theirs.mean(axis=0)
-    sd, sd_recorded = spread(ours), spread(theirs)
-    size = np.maximum(np.abs(ours).max(axis=0), np.abs(theirs).max(axis=0))
+def _compare_roi(
+    simulated_values: np.ndarray, recorded_values: np.ndarray, margin_sd: float, sd_factor: float
+) -> dict[str, np.ndarray]:
+    n, m = len(simulated_values), len(recorded_values)
+    mean, mean_recorded = simulated_values.mean(axis=0), recorded_values.mean(axis=0)
+    sd, sd_recorded = spread(simulated_values), spread(recorded_values)
+    size = np.maximum(np.abs(simulated_values).max(axis=0), np.abs(recorded_values).max(axis=0))
     shift = in_sd(mean - mean_recorded, sd_recorded, size)
     unit = sd_recorded > 0
     constant = ~unit & (sd == 0)
@@ -249,11 +251,14 @@ def _compare_roi(ours: np.ndarray, theirs: np.ndarray, margin_sd: float, sd_fact
         p_mean = 2 * scipy.stats.t.sf(np.abs(mean - mean_recorded) / error, freedom)
         p_mean = np.where(constant, shift == 0, p_mean)
         # Variation by rounding alone must not count as spread.
-        ours, theirs = np.where(sd > 0, ours, ours[0]), np.where(unit, theirs, theirs[0])
+        simulated_values, recorded_values = (
+            np.where(sd > 0, simulated_values, simulated_values[0]),
+            np.where(unit, recorded_values, recorded_values[0]),
+        )
         if min(n, m) < BROWN_FORSYTHE_REPEATS:
             p_sd = np.where(constant, 1.0, np.nan)
         else:
-            p_sd = scipy.stats.levene(ours, theirs, center="median", axis=0).pvalue
+            p_sd = scipy.stats.levene(simulated_values, recorded_values, center="median", axis=0).pvalue
             p_sd = np.where(np.isnan(p_sd), 1.0, p_sd)  # all deviations are the same
     difference, unit_sd = mean - mean_recorded, np.where(unit, sd_recorded, np.nan)
     intervals = []

@@ -130,7 +130,7 @@ def family_summary(table: pd.DataFrame) -> pd.DataFrame:
         right = own[["mean_right", "sd_right", "rank_right"]]
         rows.append(
             {"family": name, "features": len(own)}
-            | _shares(part.assign(whole=0).groupby("whole")).iloc[0].to_dict()
+            | _shares(part.assign(all=0).groupby("all")).iloc[0].to_dict()
             | {"median_kendall_tau": own["kendall_tau"].median()}
             | {f"share_{column}": right[column].mean() for column in right}
             | {"share_all_right": right.all(axis=1).mean()}

@@ -1,6 +1,7 @@
 """Noise variance measured at three doses, shown as a reference in the noise calibration.
 
-Separate from `measured` because every start of the workflow reads these numbers, and pandas takes a second to import.
+The module is separate from `measured`, because every start of the workflow reads these numbers and pandas takes a
+second to import.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ def read_seed_scores(path: str | Path = RESOURCES / "default_study_seeds.csv") -
 
 
 def match_settings(seeds: pd.DataFrame, settings: str) -> bool:
-    """Whether all scores come from a study with these settings."""
+    """Return whether all scores come from a study with these settings."""
     return set(seeds["settings"]) == {settings}
 
 

@@ -35,9 +35,9 @@ TISSUE_CLASSES = {
     "hemangioma": "hemangioma",
     "metastasis": "metastasis",
 }
-# {name in the data set: name here}. The dose series names ROIs by size, so they were matched to those of
-# the paper by mean HU.
-STUDY_ROIS = {
+# {ROI in the data set: ROI of the printed phantom here}. The dose series names ROIs by size. They were matched to the
+# ROIs of the paper by mean HU.
+PHANTOM4RADIOMICS_ROIS = {
     "n1": "normal_1",
     "n2": "normal_2",
     "c1": "cyst_1",
@@ -56,7 +56,7 @@ DOSE_ROIS = {
 # The data set does not name its reconstructions; the noisier one is taken as FBP.
 DOSE_RECONSTRUCTIONS = {1: "fbp", 2: "iterative"}
 # pyradiomics gives no TotalEnergy for 2D regions.
-STUDY_FEATURES = tuple(feature for feature in FEATURES if not feature.endswith("_TotalEnergy"))
+PHANTOM4RADIOMICS_FEATURES = tuple(feature for feature in FEATURES if not feature.endswith("_TotalEnergy"))
 
 
 def load_group_summary() -> pd.DataFrame:
@@ -79,7 +79,7 @@ def group_means() -> pd.DataFrame:
 def load_scores() -> pd.DataFrame:
     """Stability and discriminative power measured in CT-Phantom4Radiomics.
 
-    The scores are those of `statistics.wilcoxon.scores` at threshold 1, per ROI, over 8 groups: 168 comparisons for
+    The scores are from `statistics.wilcoxon.scores` at threshold 1, per ROI, over 8 groups: 168 comparisons for
     stability, 104 for discrimination. Features are of stored values (HU + 1024). All 29 or 30 acquisitions are used,
     including re-positioned ones.
 
@@ -124,10 +124,12 @@ def load_score_draws(repeats: int, acquisitions: str = "fixed") -> pd.DataFrame:
             f"measured scores: there are no draws of {repeats} acquisitions from {acquisitions!r}; use at least 2"
         )
     keys = ["repeats", "of", "draw"]
-    counts = draws.melt(id_vars=[*keys, "kind", "comparisons"], value_vars=list(STUDY_FEATURES), var_name="feature")
+    counts = draws.melt(
+        id_vars=[*keys, "kind", "comparisons"], value_vars=list(PHANTOM4RADIOMICS_FEATURES), var_name="feature"
+    )
     counts["percent"] = 100 * counts["value"] / counts["comparisons"]
     wide = counts.pivot(index=[*keys, "feature"], columns="kind", values="percent").reset_index()
-    order = wide["feature"].map(STUDY_FEATURES.index)
+    order = wide["feature"].map(PHANTOM4RADIOMICS_FEATURES.index)
     wide = wide.assign(_order=order).sort_values(["draw", "_order"], ignore_index=True).drop(columns="_order")
     return wide.rename(columns=lambda name: f"{name}_percent" if name in ("stability", "discrimination") else name)
 
@@ -157,11 +159,13 @@ def load_full_table(path: str | Path) -> pd.DataFrame:
     InputError
         If the file is missing, lacks a column, or has an unknown ROI or group, or values that are not finite.
     """
-    raw = _source_table(path, ["scan_id", "group", "class", "mask size"], STUDY_FEATURES, {"class": STUDY_ROIS})
+    raw = _source_table(
+        path, ["scan_id", "group", "class", "mask size"], PHANTOM4RADIOMICS_FEATURES, {"class": PHANTOM4RADIOMICS_ROIS}
+    )
     scan = raw["scan_id"].astype(str).str.extract(r"^(\d{3})-", expand=False)
     if scan.isna().any() or (scan.str[0].astype(int) != raw["group"]).any():
         raise InputError(f"{path}: a scan_id does not begin with the digit of its group; use the published table")
-    roi = raw["class"].map(STUDY_ROIS)
+    roi = raw["class"].map(PHANTOM4RADIOMICS_ROIS)
     acquisition = true_acquisition(raw["group"].to_numpy(), scan.str[1:].astype(int).to_numpy())
     keys = pd.DataFrame(
         {
@@ -174,7 +178,7 @@ def load_full_table(path: str | Path) -> pd.DataFrame:
             "n_voxels": raw["mask size"],
         }
     )
-    return pd.concat([keys, raw[list(STUDY_FEATURES)]], axis="columns")
+    return pd.concat([keys, raw[list(PHANTOM4RADIOMICS_FEATURES)]], axis="columns")
 
 
 def true_acquisition(group: np.ndarray, number: np.ndarray) -> np.ndarray:

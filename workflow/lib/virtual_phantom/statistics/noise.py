@@ -130,10 +130,10 @@ class NoiseMatch:
 
 
 def match_noise_level(calibration: pd.DataFrame, protocol: str, rois: list[str], measured: pd.DataFrame) -> NoiseMatch:
-    """Noise level A at which the mean variance within ROIs equals that of a recording.
+    """Return the noise level A at which the mean variance within ROIs equals the variance in a recording.
 
-    The line is fitted by weighted least squares. The standard error is that of inverse prediction from a calibration
-    line [1]_, plus that of the recording over its repeats.
+    The line is fitted by weighted least squares. The standard error combines the error of inverse prediction from a
+    calibration line [1]_ and the error of the recording over its repeats.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Record of the blind validation: counts of every scored seed, and coverage of the stated intervals.
 
-Separate from the blind validation itself, which a diagnosis must not know. A diagnosis reads these counts to report the
-coverage of its intervals.
+A diagnosis reads these counts to report the coverage of its intervals. The module is separate from the blind validation
+itself, which a diagnosis must not know.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class IntervalCoverage:
-    """Number of 95 % intervals of these effects' parameters that covered the true value."""
+    """Number of 95 % intervals of these effects' parameters that covered the true value: `count` of `n`."""
 
     effects: tuple[str, ...]
     count: int

@@ -86,7 +86,7 @@ def membership(scores: np.ndarray, n: int) -> np.ndarray:
 
 
 def memberships(scores: np.ndarray) -> np.ndarray:
-    """`membership` for every n: shape (lengths, items)."""
+    """Return `membership` for every n, shape (lengths, items)."""
     return np.array([membership(scores, n) for n in range(1, len(scores) + 1)])
 
 
@@ -207,7 +207,7 @@ def overlap(simulated: pd.DataFrame, measured: pd.DataFrame, shared: pd.DataFram
 
 
 def lengths_above(overlaps: pd.DataFrame, kind: str) -> int:
-    """Number of lengths at which the overlap exceeds the 97.5th percentile of random lists; they are dependent."""
+    """Number of list lengths at which the overlap exceeds the 97.5th percentile of random lists."""
     return int((overlaps[f"overlap_{kind}_percent"] > overlaps[f"upper_{kind}_percent"] + 1e-9).sum())
 
 

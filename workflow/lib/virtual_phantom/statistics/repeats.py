@@ -92,7 +92,7 @@ def sampling_fraction(scores: pd.DataFrame) -> float:
 def sd_of_draws(values: np.ndarray, fraction: float) -> np.ndarray:
     """SD over new samples of equal size, from the SD over draws with a finite population correction.
 
-    Draws of n from N repeats overlap, so their SD is that of n new repeats times sqrt(1 - n / N); this is exact for
+    Draws of n from N repeats overlap, so their SD is the SD of n new repeats times sqrt(1 - n / N). This is exact for
     means [1]_.
 
     Parameters

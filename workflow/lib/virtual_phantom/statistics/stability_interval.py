@@ -271,7 +271,7 @@ def _root_of_correlation(x: np.ndarray, sd: np.ndarray, shared: np.ndarray) -> n
 
 
 def _step(x: np.ndarray, sd: np.ndarray) -> float:
-    """Step of a discrete feature, whose values are all multiples of it (for example whole HU); 0 if continuous."""
+    """Return the step of a discrete feature, whose values are multiples of a step such as 1 HU; 0 if continuous."""
     steps = np.diff(np.unique(x))
     if not steps.size or steps.min() < LEAST_STEP * np.median(sd):
         return 0.0

@@ -92,7 +92,7 @@ def measure_table(
 
 
 def stable_by_feature(measured: pd.DataFrame) -> pd.DataFrame:
-    """One row per feature: feature, family, stable_{measure} (yes | no | undefined), stable_by (number of yes)."""
+    """Return a row per feature: feature, family, stable_{measure} (yes | no | undefined), stable_by (number of yes)."""
     names = measured[["feature", "family"]].drop_duplicates(ignore_index=True)
     wide = measured.pivot(index="feature", columns="measure", values="stable").reindex(columns=list(CUT_OFFS))
     wide = wide.loc[names["feature"]]
@@ -101,7 +101,7 @@ def stable_by_feature(measured: pd.DataFrame) -> pd.DataFrame:
 
 
 def feature_array(table: pd.DataFrame, features: Sequence[str], source: str = "features") -> np.ndarray:
-    """Features of a table, as `measure_table` takes and checks it, in an array.
+    """Return the features of a table in an array, with the checks of `measure_table`.
 
     Returns
     -------

@@ -39,7 +39,7 @@ def trust_table(
     threshold : float, optional
         A comparison is stable if |W| is below this value.
     compare : {"roi", "tissue_class"}, optional
-        Definition of a sample, as in `wilcoxon.scores`.
+        What one sample is: an ROI, or all ROIs of a tissue class, as in `wilcoxon.scores`.
     source : str, optional
         Start of error messages.
 

@@ -76,7 +76,7 @@ def scores(
     test : {"ranksum_z"}, optional
         One of TESTS.
     compare : {"roi", "tissue_class"}, optional
-        Definition of a sample, see the module's docstring.
+        What one sample is, see the module's docstring.
     source : str, optional
         Start of error messages.
 

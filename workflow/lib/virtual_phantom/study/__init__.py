@@ -1,1 +1,1 @@
-"""The study that a configuration describes: its plan, its jobs, what they cost, and how they are told."""
+"""Files, settings, costs and progress of the jobs of a study."""

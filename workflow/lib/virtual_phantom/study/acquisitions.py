@@ -35,7 +35,9 @@ class Acquisitions:
 
     def images(self, protocol: str, noise: str) -> list[str]:
         """Return the images of all seeds with the phantom at its nominal position."""
-        return [self.files("image", protocol=protocol, noise=noise, seed=seed) for seed in self.plan.still(noise)]
+        return [
+            self.files("image", protocol=protocol, noise=noise, seed=seed) for seed in self.plan.nominal_seeds(noise)
+        ]
 
     def clean(self, geometry: str, noise: str, seed: str) -> str:
         """Return the noise-free line integrals of a scan."""
@@ -64,7 +66,12 @@ class Acquisitions:
     def positions(self) -> list[dict]:
         """Return all repeats of all noise levels, and whether the phantom is re-positioned."""
         return [
-            {"noise": noise, "seed": int(seed), "repositioned": seed in self.plan.moved(noise), "pose": self.pose(seed)}
+            {
+                "noise": noise,
+                "seed": int(seed),
+                "repositioned": seed in self.plan.repositioned_seeds(noise),
+                "pose": self.pose(seed),
+            }
             for noise in self.plan.study.noise.levels
             for seed in self.plan.seeds(noise)
         ]
@@ -84,11 +91,11 @@ class Acquisitions:
             for seed in self.plan.seeds(noise)
         ]
 
-    def featured(self) -> list[str]:
+    def feature_tables(self) -> list[str]:
         """Return the tables of features that are merged."""
         return [
             self.files("image_features", protocol=protocol, noise=noise, seed=seed)
-            for protocol, noise in self.plan.featured()
+            for protocol, noise in self.plan.acquisitions_with_features()
             for seed in self.plan.seeds(noise)
         ]
 
@@ -142,7 +149,7 @@ class Acquisitions:
     def rois(self, protocol: str, noise: str, seed: str) -> tuple[str, str]:
         """Return table and masks of the ROIs on the voxels of an image, at the phantom's position in that image."""
         label = self.plan.voxels_of(protocol)
-        if seed in self.plan.moved(noise):
+        if seed in self.plan.repositioned_seeds(noise):
             known = {"seed": seed, "voxels": label or GRID}
             return self.files("moved_table", **known), self.files("moved_rois", **known)
         if label:

@@ -43,12 +43,12 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
     if plan.study.repeats.repositioned:
         yield _job("positions")
     analyses = plan.study.analyses
-    if featured := plan.featured():
+    if featured := plan.acquisitions_with_features():
         yield _job("features", images=sum(len(plan.seeds(noise)) for _, noise in featured))
     if analyses.optimal:
         yield _job("figure_scans")
     if calibration := analyses.noise_calibration:
-        images = len(calibration.protocols) * sum(len(plan.still(noise)) for noise in calibration.noise)
+        images = len(calibration.protocols) * sum(len(plan.nominal_seeds(noise)) for noise in calibration.noise)
         yield _job("noise_calibration", images=images)
         yield _job("figure_noise_calibration")
     if analyses.stability:

@@ -123,7 +123,7 @@ class Context:
         return [self.files(output.name, **known) for output, known in analyses.tables(self.plan)]
 
     def parquet_tables(self) -> list[str]:
-        """Return the paths of the same tables as Parquet."""
+        """Return the paths of all requested tables as Parquet."""
         made = [output.paths(**known)[0].removesuffix(".csv") for output, known in analyses.tables(self.plan)]
         return [self.files("parquet", table=table) for table in made]
 
@@ -171,7 +171,7 @@ class Context:
             floats += projections * projection_lanes * self.sizes.rays(geometry)
         return int(600 + 1.3 * floats * 4 / 1e6)
 
-    def aligned_megabytes(self, recording: str) -> int:
+    def alignment_megabytes(self, recording: str) -> int:
         """Return the memory to align a recording in MB: its images and three levels of the phantom."""
         return self.megabytes(volumes=12) + self.recordings.image_megabytes(recording)
 

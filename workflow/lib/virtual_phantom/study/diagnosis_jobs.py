@@ -84,7 +84,7 @@ class Diagnosis:
             effects[name] = [] if recording.physics_from else candidates(recording, **shown)
         diagnosis = cls(plan, files, recordings, engine, effects, rates)
         for scanner in settings.scanners:
-            diagnosis.shared(scanner)  # raises InputError for wrong settings
+            diagnosis.shared_candidates(scanner)  # raises InputError for wrong settings
         return diagnosis
 
     @property
@@ -127,8 +127,8 @@ class Diagnosis:
         ]
         return sorted(set(names))
 
-    def shared(self, scanner: str) -> list[str]:
-        """Return the candidate effects of a scanner: those of its `effects`, or all that its recordings share.
+    def shared_candidates(self, scanner: str) -> list[str]:
+        """Return the candidate effects of a scanner: its `effects`, or all candidates that its recordings share.
 
         Raises
         ------
@@ -250,7 +250,7 @@ class Diagnosis:
         other = self.settings[name].physics_from
         return {} if other is None else {"physics": self.files("diagnosis", recording=other)}
 
-    def found(self, name: str | None) -> list[str]:
+    def found_physics(self, name: str | None) -> list[str]:
         """Return the file of the diagnosed physics of a recording or scanner; empty if `name` is None."""
         if name is None:
             return []

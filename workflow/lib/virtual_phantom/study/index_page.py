@@ -9,7 +9,7 @@ from .pages import Pages
 
 
 def renew(pages: Pages, config: Mapping) -> Path | None:
-    """Write the index page again if a diagnosis or another page is newer.
+    """Write the index page again if a diagnosis or another page is newer than it.
 
     Diagnoses and other pages have their own targets. They are no inputs of the index page, because every study would
     then make them.

@@ -57,7 +57,7 @@ def job(snakemake) -> Iterator[None]:
         _fail(str(error))
     except MemoryError as error:
         log.error("%s", traceback.format_exc())
-        reason = str(error) or "no more could be had"
+        reason = str(error) or "no more is available"
         _fail(f"not enough memory ({reason}); run fewer jobs at a time, or a smaller grid")
     except Exception as error:
         log.error("%s", traceback.format_exc())

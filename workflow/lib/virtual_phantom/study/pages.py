@@ -20,7 +20,7 @@ from .diagnosis_jobs import Diagnosis
 from .recordings import Comparisons
 from .selections import Selections
 
-WHOLE, SLICES = "All figures and sortable tables in one file", "Viewer of slices"  # titles of pages
+REPORT_TITLE, VIEWER_TITLE = "All figures and sortable tables in one file", "Viewer of slices"
 
 
 @dataclass(frozen=True)
@@ -101,12 +101,12 @@ class Pages:
 
     def links(self) -> dict[str, str]:
         """Return {title: page} for the pages that the report links to."""
-        return {SLICES: BY_NAME["viewer"].pattern} if self.selections.optimal_images() else {}
+        return {VIEWER_TITLE: BY_NAME["viewer"].pattern} if self.selections.optimal_images() else {}
 
     @property
     def other_pages(self) -> dict[str, str]:
         """{title: page} for other pages of the study. They are no inputs of the index page."""
-        return {WHOLE: BY_NAME["report"].pattern, SLICES: BY_NAME["viewer"].pattern}
+        return {REPORT_TITLE: BY_NAME["report"].pattern, VIEWER_TITLE: BY_NAME["viewer"].pattern}
 
     def existing_pages(self) -> dict[str, str]:
         """Return {title: page} for the existing pages of `other_pages`."""
@@ -135,9 +135,9 @@ class Pages:
             commands["Summary of your recordings"] = command("recordings")
         if self.diagnosis.reports():
             commands["Diagnosis: physics that the simulation lacks"] = command("diagnosis")
-        commands[WHOLE] = command("report_page")
+        commands[REPORT_TITLE] = command("report_page")
         if self.selections.optimal_images():
-            commands[SLICES] = command("viewer")
+            commands[VIEWER_TITLE] = command("viewer")
         commands["Expected cost of the configured study"] = command("plan")
         commands["This study again, after a change or for missing files"] = command()
         return commands
@@ -160,7 +160,7 @@ class Pages:
 
     @cached_property
     def exported(self) -> list[tuple[str, str, str]]:
-        """(protocol, noise level, seed) of the exported images, by default those of the figure of scans.
+        """(protocol, noise level, seed) of the exported images, by default of the images in the figure of scans.
 
         Raises
         ------

@@ -11,7 +11,7 @@ from ..config.dependencies import resource, shipped
 from ..config.outputs import Files
 from ..config.plan import Plan
 from ..io.files import files_of
-from ..io.published import PublishedFile, check_listed, named_by, reachable, read_published, resources_folder
+from ..io.published import PublishedFile, check_listed, named_by, read_published, require_reachable, resources_folder
 from ..physics.scenes.object_files import object_path
 
 
@@ -77,7 +77,7 @@ class PhantomSources:
             f"{folder}/example_ct_dicom into {here}/dicom, and save example_seg_dicom.nii.gz from there as "
             f"{here}/labels.nii.gz"
         )
-        return [reachable(f"{folder}/{file.source}", advice) for file in self.absent]
+        return [require_reachable(f"{folder}/{file.source}", advice) for file in self.absent]
 
     def check(self) -> None:
         """Check the published files that exist.

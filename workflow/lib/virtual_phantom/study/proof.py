@@ -131,7 +131,7 @@ class Proof:
         return self._model(self.files("proof_recording", case=case), case, "scan")
 
     def held_out_model(self, case: str) -> FitSettings:
-        """Return the same for the scan of a case with the held-out protocol."""
+        """Return the settings that the fits of a case's scan with the held-out protocol depend on."""
         return self._model(self.files("proof_held_out", case=case), case, "held_out_protocol")
 
     def _model(self, folder: str, case: str, protocol: str) -> FitSettings:

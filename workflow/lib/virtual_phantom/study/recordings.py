@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..base.commands import typed
+from ..base.commands import command_line
 from ..base.names import label
 from ..config.outputs import PICTURES, Files
 from ..config.plan import Plan
 from ..config.public_scans import PublicScans
 from ..config.settings import Comparison
-from ..io.published import reachable
+from ..io.published import require_reachable
 from ..recordings.document import Document
 from .acquisitions import Acquisitions
 
@@ -93,10 +93,10 @@ class Recordings:
             Without a network.
         """
         file = f"htc2022_{disc}_full.mat"
-        advice = "download it on a computer with a network and run " + typed(
+        advice = "download it on a computer with a network and run " + command_line(
             "virtual-phantom-import", "htc2022", file, self.files("sinogram", disc=disc)
         )
-        return reachable(f"{self.plan.study.downloads.htc2022}/{file}", advice)
+        return require_reachable(f"{self.plan.study.downloads.htc2022}/{file}", advice)
 
     def inputs(self, name: str) -> dict:
         """Return the files of a recording, and for images the ROIs transferred from the phantom."""

@@ -41,7 +41,7 @@ class Selections:
 
     @property
     def own_reference(self) -> str | None:
-        """The recording of public scans of the same object as the phantom, which replaces the measured phantom."""
+        """Recording of public scans of the phantom's object, if any. Its scores replace the published ones."""
         study, stability = self.plan.study, self._analyses.stability
         if study.public_scans.phantom is None or stability is None:
             return None
@@ -49,7 +49,7 @@ class Selections:
         return next((name for name in stability.recordings if study.recordings[name] == made), None)
 
     def measured_scores(self) -> str:
-        """Return the measured scores to compare with: those of `own_reference`, or the published ones."""
+        """Return the file of measured scores to compare with: scores of `own_reference`, or published scores."""
         if self.own_reference is not None:
             return self.files("scores", recording=self.own_reference)
         return resource("ct_phantom4radiomics_draws.csv")
@@ -72,7 +72,7 @@ class Selections:
 
     @property
     def cut_offs(self) -> dict | None:
-        """Thresholds of the measures above which a feature is stable."""
+        """Cut-offs of the measures of stability; None without a stability analysis."""
         return to_mapping(self._analyses.stability and self._analyses.stability.cut_offs)
 
     @property
@@ -88,7 +88,7 @@ class Selections:
             (protocol, noise, seed)
             for protocol in self.calibrated
             for noise in levels
-            for seed in self.plan.still(noise)
+            for seed in self.plan.nominal_seeds(noise)
         ]
 
     def calibration_images(self) -> list[str]:

@@ -61,7 +61,7 @@ def box_is_needed(image: Volume, box: list, grid: Grid) -> bool:
 
 
 def within(region: Region, box: Sequence[Sequence[float]]) -> bool:
-    """Whether a region lies completely inside a box of `keep_box`."""
+    """Return whether a region lies completely inside a box of `keep_box`."""
     _, y, x = region.bounds_mm
     return all(low <= edges[0] and edges[1] <= high for edges, (low, high) in zip((x, y), box, strict=True))
 

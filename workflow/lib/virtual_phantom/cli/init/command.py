@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base import commands
-from ...base.commands import typed
+from ...base.commands import command_line
 from ...base.errors import InputError
 from ...figures import axial, proposal, style
 from ...io import files
@@ -98,7 +98,7 @@ def normal_command(
         words += ["--not-checked", ",".join(not_checked)]
     if fill_gaps:
         words += ["--fill-gaps"]
-    return typed(*words, "--size", "normal", "--out", out.with_stem(f"{out.stem}-normal"))
+    return command_line(*words, "--size", "normal", "--out", out.with_stem(f"{out.stem}-normal"))
 
 
 def preview(proposed: Proposal):
@@ -171,9 +171,9 @@ def summary_text(proposed: Proposal, out: str | Path) -> str:
             f"{cost['acquisitions']} scans in {cost['jobs']} jobs: "
             f"{duration_text(cost['core_hours'])} on two idle cores",
             "",
-            f"Next: {typed('virtual-phantom', 'check', out)}",
+            f"Next: {command_line('virtual-phantom', 'check', out)}",
             f"      {commands.snakemake('--cores', '2', '--configfile', out)}",
-            *([needed] if (needed := commands.missing()) else []),
+            *([needed] if (needed := commands.missing_for_snakemake()) else []),
             *([f"Then, for real results: {trial}"] if isinstance(trial, str) else []),
         ]
     )

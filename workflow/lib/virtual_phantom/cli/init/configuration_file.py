@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import yaml
 
-from ...base.commands import snakemake, typed
+from ...base.commands import command_line, snakemake
 from ...study.progress.status import duration_range
 from .propose import Proposal
 from .rois import outline_warning
@@ -52,7 +52,7 @@ def _head(proposal: Proposal, picture: str, name: str) -> str:
         _comment(f"A {proposal.size} study of your CT, proposed by `virtual-phantom init`. Edit it as you need.")
         + _comment(f"First check {picture}: every outline lies on its organ, and the dashed box contains the body.")
         + "#\n"
-        + f"#   {typed('virtual-phantom', 'check', name)}\n"
+        + f"#   {command_line('virtual-phantom', 'check', name)}\n"
         + f"#   {snakemake('--cores', '2', '--configfile', name)}\n"
         + "#\n"
         + _comment(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.data import RESOURCES
-from ...base.errors import InputError, meant
+from ...base.errors import InputError, did_you_mean
 from ...base.geometry import Grid
 from ...base.settings import ScanSettings, from_mapping
 from ...base.units import HU_AIR
@@ -116,7 +116,7 @@ def propose(
         classes.
     """
     if size not in SIZES:
-        raise InputError(f"--size: '{size}' is not known; {meant(size, SIZES)}")
+        raise InputError(f"--size: '{size}' is not known; {did_you_mean(size, SIZES)}")
     defaults = sizes()[size]
     require_known_checks(not_checked)
     ct = read_hu(Path(image), not_checked)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.console import note, progress
-from ...base.errors import InputError, meant
+from ...base.errors import InputError, did_you_mean
 from ...base.geometry import Grid
 from ...base.names import counted
 from ...io.volumes import Volume, suffix_of
@@ -215,7 +215,7 @@ def _find_regions(labels: Path, grid: Grid, fill_gaps: bool, broken: dict[str, s
 
 
 def _same_mask(first: _FoundRegion, second: _FoundRegion) -> bool:
-    """Whether two masks of a folder are equal and their file names differ only in case or suffix."""
+    """Return whether two masks of a folder are equal and their file names differ only in case or suffix."""
     same_name = first.original_name.lower() == second.original_name.lower()
     if first.label is not None or second.label is not None or not same_name:
         return False
@@ -236,7 +236,7 @@ def _selected(
         reason = next((text for name, text in broken.items() if roi in (name, _base(name))), None)
         if reason is not None:
             raise InputError(reason)
-        raise InputError(f"--rois: {labels} has no region '{roi}'; {meant(roi, names, 'there are')}")
+        raise InputError(f"--rois: {labels} has no region '{roi}'; {did_you_mean(roi, names, 'there are')}")
     return [(region, name) for region, name in pairs if not rois or set(rois) & {*region.aliases, name}]
 
 
@@ -278,7 +278,7 @@ def _files(labels: Path) -> list[Path]:
 
 
 def _is_dicom_segmentation(path: Path) -> bool:
-    """Whether a file is a DICOM SEG or RTSTRUCT."""
+    """Return whether a file is a DICOM SEG or RTSTRUCT."""
     try:
         header = None if not_dicom(path) else read_header(path)
     except InputError:

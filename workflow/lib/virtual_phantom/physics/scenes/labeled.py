@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.errors import InputError, meant
+from ...base.errors import InputError, did_you_mean
 from ...base.geometry import Grid
 from ...io.volumes import Volume, read_nifti
 from ..beam.material_names import COMPOUNDS, ELEMENTS, library_name
@@ -60,7 +60,7 @@ def label_materials(entries: Mapping[str, str | Mapping]) -> dict[int, Material]
 def _library_material(name: str) -> str:
     known = [*COMPOUNDS, *ELEMENTS, NOTHING]
     if library_name(name) not in known:
-        raise InputError(f"material '{name}' is unknown; {meant(name, known)}")
+        raise InputError(f"material '{name}' is unknown; {did_you_mean(name, known)}")
     return library_name(name)
 
 

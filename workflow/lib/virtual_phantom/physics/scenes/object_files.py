@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ...base.data import RESOURCES
-from ...base.errors import InputError, meant
+from ...base.errors import InputError, did_you_mean
 
 FOLDER = RESOURCES / "objects"
 
@@ -34,5 +34,7 @@ def object_path(kind: str) -> Path:
             raise InputError(f"{kind}: no such file; give the path of the object's shapes (YAML)")
         return path
     if kind not in object_names():
-        raise InputError(f"there is no object '{kind}'; {meant(kind, object_names())} (a file of yours ends in .yaml)")
+        raise InputError(
+            f"there is no object '{kind}'; {did_you_mean(kind, object_names())} (a file of yours ends in .yaml)"
+        )
     return FOLDER / f"{kind}.yaml"

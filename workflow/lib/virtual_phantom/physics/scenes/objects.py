@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from ...base.data import SCHEMAS
-from ...base.errors import InputError, meant
+from ...base.errors import InputError, did_you_mean
 from ...base.names import same_but_for_case
 from ...base.settings import ShapedRoi, ShapesPhantom
 from ...io.schema import fill_defaults, read_schema, validate
@@ -137,7 +137,7 @@ def _check_roi(roi: ShapedRoi, names) -> None:
     known = [name for name in names if name is not None]
     if roi.shape not in known:
         raise InputError(
-            f"rois: {roi.name} names the shape '{roi.shape}', which does not exist; {meant(roi.shape, known)}"
+            f"rois: {roi.name} names the shape '{roi.shape}', which does not exist; {did_you_mean(roi.shape, known)}"
         )
 
 
@@ -145,7 +145,7 @@ def _values(parameters: Mapping, given: Mapping[str, float | str]) -> dict[str, 
     for name in given:
         if name not in parameters:
             raise InputError(
-                f"there is no parameter '{name}'; {meant(name, parameters) if parameters else 'it has none'}"
+                f"there is no parameter '{name}'; {did_you_mean(name, parameters) if parameters else 'it has none'}"
             )
     missing = [name for name, entry in parameters.items() if name not in given and "default" not in entry]
     if missing:
@@ -207,7 +207,7 @@ def _material(name: str, values: Mapping, materials: Mapping[str, Mixture], wher
     if name == NOTHING or library_name(name) in (*COMPOUNDS, *ELEMENTS):
         return library_name(name)
     known = [*materials, *COMPOUNDS, *ELEMENTS, NOTHING]
-    raise InputError(f"{where}: material '{name}' is unknown; {meant(name, known)}")
+    raise InputError(f"{where}: material '{name}' is unknown; {did_you_mean(name, known)}")
 
 
 def _number(value: float | str, values: Mapping[str, float | str], where: str) -> float:

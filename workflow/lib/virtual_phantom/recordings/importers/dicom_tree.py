@@ -58,7 +58,7 @@ def import_dicom_tree(
     kernel : str, optional
         Import only series with this reconstruction kernel, as in the DICOM header (Br38f/3 for [Br38f, 3]).
     not_checked : collection of str, optional
-        Names of plausible.CHECKS to skip, now and whenever the recording is loaded.
+        Names of plausibility.CHECKS to skip, now and whenever the recording is loaded.
 
     Raises
     ------

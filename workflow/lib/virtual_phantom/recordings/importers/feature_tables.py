@@ -59,7 +59,7 @@ def import_features(csv_file: str | Path, folder: str | Path, phantom: str | Non
 def _group_series(csv_file: Path) -> tuple[pd.DataFrame, dict]:
     table = measured.load_full_table(csv_file)
     image = "scan" + table["scan"].astype(str)
-    absent = [feature for feature in FEATURES if feature not in measured.STUDY_FEATURES]
+    absent = [feature for feature in FEATURES if feature not in measured.PHANTOM4RADIOMICS_FEATURES]
     content = {
         "nominal": {
             # Flouris et al., Sci. Rep. 12, 4732 (2022), methods

@@ -54,7 +54,7 @@ def next_steps(recording: Recording) -> str:
             *lines,
             "",
             f"Then run{condition}: {commands.snakemake(*target, '--cores', '2', '--configfile', file)}",
-            *([needed] if (needed := commands.missing()) else []),
+            *([needed] if (needed := commands.missing_for_snakemake()) else []),
         ]
     )
 

@@ -95,7 +95,7 @@ def fetch_scan(scan: PublicScan, target: str | Path, endpoint: str, bucket: str)
 
 
 def _remove_incomplete(partial: Path) -> None:
-    """Files that s5cmd was writing when it was killed: their names have digits behind .dcm."""
+    """Remove files that s5cmd was writing when it was killed; their names have digits after .dcm."""
     for path in partial.rglob("*"):
         if path.is_file() and path.suffix != ".dcm":
             path.unlink()

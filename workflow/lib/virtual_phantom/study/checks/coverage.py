@@ -159,7 +159,7 @@ def worst_share(scan: ScanSettings, projections: int, grid: Grid, points_mm: np.
 
 
 def rows_for(scan: ScanSettings, projections: int, grid: Grid, points_mm: np.ndarray) -> int | None:
-    """Return the number of rows, above that of the scan, that sees points from every direction of half a turn.
+    """Return a number of detector rows, more than the scan has, that see points from every direction of half a turn.
 
     It is None if no number of rows suffices. Fewer rows may suffice too, because a helix then has more turns. Points
     have the shape (points, 3), (x, y, z) from the isocenter.

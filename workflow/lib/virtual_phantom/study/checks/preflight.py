@@ -11,7 +11,7 @@ from pathlib import Path
 from ...base.errors import InputError, lines_of
 from ...base.settings import from_mapping, to_mapping
 from ...base.streams import Branch, branch
-from ...config.config import inspected
+from ...config.config import inspect_config
 from ...config.outputs import Files
 from ...config.plan import Plan
 from ...config.public_scans import PublicScans, made_folders
@@ -41,7 +41,7 @@ def problems(settings: Mapping, scans: bool = False, keep: bool = False) -> list
     keep : bool, optional
         Whether to cache successful checks (check_cache).
     """
-    lines, config = inspected(settings)
+    lines, config = inspect_config(settings)
     if config:
         study = from_mapping(Study, config)
         phantom = partial(_phantom, keep=keep, rois=_number_of_rois(settings))
@@ -144,7 +144,7 @@ def _source(study: Study) -> str | None:
 
 
 def _has_ct(study: Study) -> bool:
-    """Whether the configuration has a valid CT and valid ROIs."""
+    """Return whether the configuration has a valid CT and valid ROIs."""
     ct = study.phantom.ct
     return ct is not None and ct.image is not None and ct.rois is not None
 

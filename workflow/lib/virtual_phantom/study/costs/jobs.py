@@ -158,7 +158,11 @@ def _phantom(sizes: Sizes) -> Job:
 def _rois(sizes: Sizes) -> Iterator[Job]:
     """Yield the jobs of ROIs on scanner voxels and of ROIs of a re-positioned phantom."""
     plan = sizes.plan
-    used = {(plan.voxels_of(protocol), seed) for protocol, noise in plan.acquisitions() for seed in plan.still(noise)}
+    used = {
+        (plan.voxels_of(protocol), seed)
+        for protocol, noise in plan.acquisitions()
+        for seed in plan.nominal_seeds(noise)
+    }
     for label in sorted({label for label, _ in used if label}):
         files = tuple(path for name in ("voxel_table", "voxel_rois") for path in BY_NAME[name].paths(voxels=label))
         yield _job(BY_NAME["voxel_table"], files, sizes.phantom())
@@ -167,7 +171,7 @@ def _rois(sizes: Sizes) -> Iterator[Job]:
     moved |= {
         (seed, label)
         for protocol, noise in plan.acquisitions()
-        for seed in plan.moved(noise)
+        for seed in plan.repositioned_seeds(noise)
         if (label := plan.voxels_of(protocol))
     }
     for seed, label in sorted(moved):
@@ -213,7 +217,7 @@ def _reconstructions(sizes: Sizes) -> Iterator[Job]:
 
 
 def _extractions(sizes: Sizes, rois: int) -> Iterator[Job]:
-    table, featured = BY_NAME["image_features"], sizes.plan.featured()
+    table, featured = BY_NAME["image_features"], sizes.plan.acquisitions_with_features()
     for batch, levels in sizes.plan.seed_batches().items():
         for protocol, noise in featured:
             if noise in levels:

@@ -55,7 +55,7 @@ def without_reason(jobs: Sequence[dict], more_logs: Sequence[str] = (), message:
 
 
 def ending(message: str) -> str:
-    """Return how a script ended that gave no reason, and what to do, from Snakemake's message."""
+    """Return how a script without a reason in its log ended, and what to do, from Snakemake's message."""
     found = snakemake_messages.ENDED_BY.search(message)
     if found is None:
         return "gave no reason in its log (killed, out of time, or failed at startup)"

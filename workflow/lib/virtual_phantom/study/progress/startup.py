@@ -36,7 +36,7 @@ def terminal_handlers(logger: logging.Logger) -> list[logging.Handler]:
 
 
 def wants_snakemake_output(settings) -> bool:
-    """Whether the options of the run (Snakemake's OutputSettings) set more or fewer lines than usual."""
+    """Return whether the options of the run (Snakemake's OutputSettings) set more or fewer lines than usual."""
     # HOST is set by the default profile. RULES hides the block of each job, as this console does.
     usual = {"HOST"} if settings.dryrun else {"HOST", "RULES"}
     more = settings.verbose or settings.debug_dag or (settings.dryrun and settings.printshellcmds)
