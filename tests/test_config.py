@@ -17,6 +17,7 @@ from virtual_phantom.base.geometry import grid_of, scan_geometry
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.config.config import check, complete, read_study
 from virtual_phantom.config.plan import Plan
+from virtual_phantom.config.read_config import read_configs
 from virtual_phantom.config.settings import Study
 from virtual_phantom.statistics.measured import TISSUE_CLASSES
 
@@ -54,9 +55,9 @@ def refuse(config, message):
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "config").glob("*.yaml")))
 def test_checking_and_completing_change_nothing(name):
     """For every shipped configuration with effects, whose defaults are completed too."""
-    config = copy.deepcopy(DEFAULT)
-    for file in (*BENEATH.get(f"{name}.yaml", ()), f"{name}.yaml"):
-        update_config(config, yaml.safe_load((ROOT / "config" / file).read_text()))
+    files = (*BENEATH.get(f"{name}.yaml", ()), f"{name}.yaml")
+    lines, config = read_configs([ROOT / "config" / file for file in files])
+    assert not lines
     config |= {"physics": {"scatter": None, "reconstruction_kernel": {"sigma_mm": 1.0}}, "measured": {"overlay": False}}
     config["noise"]["model"] = "physical"
     boxed = {name for name, protocol in config["protocols"].items() if protocol and "voxels" in protocol}
@@ -87,6 +88,16 @@ def test_defaults_are_filled_in():
     assert config["scan"]["trajectory"] == "helical"
     assert complete(config) == config
     assert "seed" not in DEFAULT
+
+
+def test_iterative_image_may_be_fbp_with_a_noise_kernel():
+    kernel = {"mtf50_per_cm": 2.98, "mtf10_per_cm": 5.06}
+    protocol = {"algorithm": "fbp", "projections": 150, "kernel": kernel, "noise_kernel": NOISE_KERNEL}
+    config = changed("protocols.proxy", protocol)
+    config["analyses"] |= {"optimal": {"sirt": "proxy", "fbp": "fbp_150", "noise": "dose10"}}
+    assert complete(config)["analyses"]["optimal"]["sirt"] == "proxy"
+    config["protocols"]["proxy"] = protocol | {"voxels": {"spacing_mm": [2.0, 1.0, 1.0], "thickness_mm": 2.0}}
+    refuse(config, "analyses.optimal.sirt")
 
 
 def test_comparison_and_diagnosed_recording_have_different_names():

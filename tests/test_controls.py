@@ -1,4 +1,4 @@
-"""Negative controls of benchmarks/controls.py, and the stored seeds of the default study."""
+"""Negative controls of benchmarks/controls.py, and the stored seeds of the study of the paper's groups."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ def plan(changes=None, *files):
     return Plan(config.read_study(merged))
 
 
-def test_every_control_is_the_default_study_with_its_stated_change(tmp_path):
+def test_every_control_is_the_study_of_the_papers_groups_with_its_stated_change(tmp_path):
     default = plan()
     assert plan(None, "config/controls.yaml").scored_settings() == default.scored_settings() != ""
     studies = controls.studies()
@@ -49,8 +49,8 @@ def test_other_phantom_differs_in_texture_only(tmp_path):
     )
 
 
-def test_stored_seeds_are_of_the_current_default_study():
-    """After a change of the default study, benchmarks/controls.py must run again for the figure's spread."""
+def test_stored_seeds_are_of_the_current_study_of_the_papers_groups():
+    """After a change of config/paper_groups.yaml, benchmarks/controls.py must run again for the figure's spread."""
     seeds = further_seeds.read_seed_scores()
     assert further_seeds.match_settings(seeds, plan().scored_settings())
     assert not further_seeds.match_settings(seeds, plan(None, "config/tiny.yaml").scored_settings())

@@ -35,10 +35,10 @@ def totals(jobs, stage):
     return found
 
 
-def test_default_study_has_its_measured_cost():
+def test_study_of_the_papers_groups_has_its_measured_cost():
     """Each stage within a quarter of its measured seconds, all stages within a tenth.
 
-    Noisy projections are excluded: they were measured on ten files that the default study does not make.
+    Noisy projections are excluded: they were measured on ten files that the study does not make.
     """
     rates = read_rates(RATES)
     measured = {stage: took for stage, took in rates["measured"]["seconds"].items() if stage != "acquire"}
@@ -51,7 +51,7 @@ def test_default_study_has_its_measured_cost():
     assert sum(estimated.values()) == pytest.approx(sum(measured.values()), rel=0.1)
 
 
-def test_default_study_writes_its_measured_size():
+def test_study_of_the_papers_groups_writes_its_measured_size():
     rates = read_rates(RATES)
     _, content = cost_summary(Plan(read_study(DEFAULT)), "cpu", rates)
     for kind, sizes in content["bytes"].items():

@@ -7,9 +7,11 @@ from scipy.integrate import quad
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical
+from virtual_phantom.base.settings import FbpSettings, from_mapping
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction import boxes, slices
 from virtual_phantom.reconstruction.fbp import fbp
+from virtual_phantom.reconstruction.images import reconstruct_hu
 from virtual_phantom.reconstruction.kernel import Kernel, NoiseKernel
 
 SMOOTH, SHARP = Kernel(2.5, 4.2), Kernel(4.0, 7.0)
@@ -115,6 +117,26 @@ def test_noise_kernel_changes_the_noise_and_its_variance_only(scan):
     assert (proxy - without).var() / (noisy - without).var() == pytest.approx(0.5, rel=0.15)
     neighbors = lambda image: np.mean(image[..., 1:] * image[..., :-1]) / np.mean(image**2)  # noqa: E731
     assert neighbors(proxy - without) > neighbors(noisy - without) + 0.05
+
+
+def test_whole_image_with_a_noise_kernel_equals_its_boxes(scan):
+    clean = scan.mean(axis=0)
+    box = (slice(3, 8), slice(8, 32), slice(8, 32))
+    proxy = NoiseKernel(Kernel(SMOOTH.mtf50_per_cm * 0.7, SMOOTH.mtf10_per_cm * 0.7), 0.5)
+    boxed = boxes.fbp_in_boxes(
+        scan, HELIX, WHOLE, [box], mu_water_per_mm=MU, kernel=SMOOTH, noise_kernel=proxy, clean=clean
+    )
+    kernels = {
+        "kernel": {"mtf50_per_cm": SMOOTH.mtf50_per_cm, "mtf10_per_cm": SMOOTH.mtf10_per_cm},
+        "noise_kernel": {
+            "mtf50_per_cm": proxy.kernel.mtf50_per_cm,
+            "mtf10_per_cm": proxy.kernel.mtf10_per_cm,
+            "variance": proxy.variance,
+        },
+    }
+    settings = from_mapping(FbpSettings, {"normalise": "coverage", **kernels})
+    whole = reconstruct_hu(scan, HELIX, WHOLE, "fbp", settings, "cpu", MU, clean=clean)
+    assert np.abs(boxed[:, *box] - whole[:, *box]).max() < 1e-6 * np.ptp(whole)
 
 
 def test_noise_kernel_needs_a_positive_variance():

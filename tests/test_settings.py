@@ -1,17 +1,15 @@
 """Dataclasses of settings: the same keys as the JSON schema, and a conversion that loses nothing."""
 
-import copy
 import typing
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 
 import pytest
-import yaml
-from snakemake.utils import update_config
 from workflow_runs import BENEATH
 
 from virtual_phantom.base.settings import FbpSettings, from_mapping, to_mapping
 from virtual_phantom.config.config import complete
+from virtual_phantom.config.read_config import read_configs
 from virtual_phantom.config.settings import Analyses, Comparison, NoiseLevel, Protocol, Study
 from virtual_phantom.diagnosis.settings import LabelledObject, MaskedObject, RecordingSettings, ShapesObject
 from virtual_phantom.io.schema import SCHEMA, read_schema
@@ -78,9 +76,7 @@ def test_an_object_is_of_one_of_three_kinds():
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "config").glob("*.yaml")))
 def test_a_complete_configuration_is_kept(name):
-    config = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text())
-    for file in (*BENEATH.get(f"{name}.yaml", ()), f"{name}.yaml"):
-        update_config(config, copy.deepcopy(yaml.safe_load((ROOT / "config" / file).read_text())))
+    _, config = read_configs([ROOT / "config" / file for file in (*BENEATH.get(f"{name}.yaml", ()), f"{name}.yaml")])
     whole = complete(config)
     study = from_mapping(Study, whole)
     whole["analyses"] = {"pca": {}, "comparison": {}} | whole["analyses"]

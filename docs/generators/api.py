@@ -11,7 +11,7 @@ FUNCTIONS = ("draw_phantom", "read_phantom", "scan", "reconstruct", "extract", "
 RESULTS = (Phantom, Scan, Diagnosis)
 INTRODUCTION = """# Python API
 
-The steps of the study and the diagnosis as functions. Arguments that you omit are as in the default study.
+The steps of the study and the diagnosis as functions. Arguments that you omit are as in config/paper_groups.yaml.
 
 ```python
 import virtual_phantom as vp

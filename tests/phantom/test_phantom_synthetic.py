@@ -15,7 +15,7 @@ from virtual_phantom.phantom.layout import read_layout
 
 ROOT = Path(__file__).resolve().parents[2]
 REAL = ROOT / "../shared/real"
-MIDDLE = Grid((48, 128, 128), (2.0, 2.35, 2.35))  # the default study's grid
+MIDDLE = Grid((48, 128, 128), (2.0, 2.35, 2.35))  # the grid of config/paper_groups.yaml
 COARSE = Grid((12, 48, 48), (8.0, 6.3, 6.3))
 SEED = np.random.SeedSequence(1, spawn_key=(0,))
 
@@ -78,21 +78,31 @@ def test_rois_have_position_size_and_hu_of_the_printed_phantom(phantom):
         assert phantom.image.array[roi.mask].mean() == pytest.approx(hu, abs=1.0)
 
 
-def test_texture_differs_between_classes_as_in_the_printed_phantom(phantom):
+def stated_sd(name):
+    """SD of the texture of an ROI in the layout, HU: its components are independent."""
+    layout = read_layout()
+    (tissue,) = [roi["tissue"] for roi in layout["rois"] if roi["name"] == name]
+    return np.sqrt(sum(part["sd_hu"] ** 2 for part in layout["tissues"][tissue]["texture"]))
+
+
+def test_texture_differs_between_classes_as_in_the_layout(phantom):
     values = {roi.name: phantom.image.array[roi.mask] for roi in phantom.rois}
-    sd = {name: float(v.std()) for name, v in values.items()}
-    # order of the measured variances (518, 420, 326, 251, cysts); voxels keep most of the texture
-    assert sd["hemangioma"] > sd["normal_1"] > sd["metastasis"] > sd["normal_2"] > sd["cyst_1"] + 2
-    assert sd["hemangioma"] > 0.7 * np.sqrt(518 - 203)
-    assert sd["metastasis"] > 0.7 * np.sqrt(326 - 203)
+    for name, inside in values.items():  # voxels keep most of the texture
+        assert 0.7 * stated_sd(name) < inside.std() < 1.1 * stated_sd(name), name
+    sd = {name: float(inside.std()) for name, inside in values.items()}
+    assert max(sd, key=sd.get) == "hemangioma" and min(sd, key=sd.get) == "cyst_2"  # as the measured variances
     assert pd.Series(values["hemangioma"]).skew() > pd.Series(values["metastasis"]).skew() + 0.3
 
 
-def test_rois_are_well_inside_their_lesions(phantom):
-    """No voxel of a cyst's ROI contains any of the brighter tissue around it."""
-    for roi in phantom.rois:
+def test_rois_are_well_inside_their_lesions():
+    """Without texture, no voxel of a cyst's ROI contains any of the brighter tissue around it."""
+    layout = read_layout()
+    for tissue in layout["tissues"].values():
+        tissue.pop("texture", None)
+    plain = synthetic.build(layout, MIDDLE, 1, SEED)
+    for roi in plain.rois:
         if roi.tissue_class == "cyst":
-            assert np.ptp(phantom.image.array[roi.mask]) < 0.01
+            assert np.ptp(plain.image.array[roi.mask]) < 0.01
 
 
 def test_body_is_an_abdominal_section_in_air(phantom):
@@ -143,23 +153,12 @@ def test_layout_agrees_with_the_tables():
         hu = flat[flat["class"] == short].original_firstorder_Mean.mean() - 1024
         assert tissues[roi["tissue"]]["hu"] == pytest.approx(hu, abs=0.6)
 
-    variance, skewness = high.original_firstorder_Variance, high.original_firstorder_Skewness
-    correlation = high.original_glcm_Correlation
+    # Textures are fitted through the blur of the scanner (benchmarks/phantom_textures.py): before it, they are stronger
+    # than the variance in excess of the noise.
+    variance = high.original_firstorder_Variance
     noise = variance[["cyst_large", "cyst_small"]].mean()
-    noise_covariance = correlation["cyst_large"] * (variance["cyst_large"] + 25**2 / 12)
     for name in ("hemangioma", "metastasis", "normal_1", "normal_2"):
-        (texture,) = tissues[layout[name]["tissue"]]["texture"]
-        total = variance[edge_names[name]]
-        texture_variance = total - noise
-        assert texture["sd_hu"] == pytest.approx(np.sqrt(texture_variance), abs=0.1)
-        if name == "normal_2":  # close to the noise: shape from the other lesion
-            continue
-        assert texture["skewness"] == pytest.approx(
-            skewness[edge_names[name]] * (total / texture_variance) ** 1.5, abs=0.1
-        )
-        covariance = correlation[edge_names[name]] * (total + 25**2 / 12) - noise_covariance
-        length = np.sqrt(-1.2 / (2 * np.log(covariance / (total - variance["cyst_large"]))))
-        assert texture["correlation_mm"] == pytest.approx(length, abs=0.25)
+        assert 1.0 < stated_sd(name) / np.sqrt(variance[edge_names[name]] - noise) < 1.8, name
 
 
 def test_coarsest_study_keeps_every_roi():

@@ -21,7 +21,9 @@ from virtual_phantom.recordings.importers.next_steps import next_steps
 from virtual_phantom.recordings.reading import load_recording
 
 ROOT = Path(__file__).resolve().parents[2]
-DEFAULT = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text())
+STUDIES = {
+    name: yaml.safe_load((ROOT / name).read_text()) for name in ("config/config.yaml", "config/paper_groups.yaml")
+}
 
 PARAMETERS = {
     "distanceSourceOrigin": 410.66,
@@ -196,11 +198,8 @@ def next_step(recording):
     first, overlay, last = re.fullmatch(r"(Next: .+):\n\n(.+)\n\n(Then run.+)", printed, re.DOTALL).groups()
     assert f"save this as {recording.name}.yaml" in first and f"--configfile {recording.name}.yaml" in last
     settings = yaml.safe_load(overlay.replace("DIAMETER", "70").replace("MATERIAL", "acrylic"))
-    return (
-        printed,
-        settings,
-        complete(DEFAULT | {**settings, "analyses": DEFAULT["analyses"] | settings.get("analyses", {})}),
-    )
+    base = STUDIES[settings.get("base", "config/config.yaml")]
+    return printed, settings, complete(base | {**settings, "analyses": base["analyses"] | settings.get("analyses", {})})
 
 
 def test_next_step_of_a_sinogram_is_its_diagnosis(tmp_path):
@@ -237,13 +236,13 @@ def test_remaining_placeholders_are_reported(tmp_path):
     with pytest.raises(
         InputError, match="diagnosis.recordings.disc.disc.diameter_mm: 'DIAMETER' is not of type 'number'"
     ):
-        complete(DEFAULT | settings)
+        complete(STUDIES["config/config.yaml"] | settings)
 
 
 def test_next_step_of_images_is_to_find_the_phantom(tmp_path):
     tree = dicom_tree(tmp_path / "tree", ("Br38f",))
     printed, settings, _ = next_step(import_dicom_tree(tree, tmp_path / "my: scans" / "clinic"))
-    assert settings == {"recordings": {"clinic": f"{tmp_path}/my: scans/clinic"}}
+    assert settings == {"base": "config/paper_groups.yaml", "recordings": {"clinic": f"{tmp_path}/my: scans/clinic"}}
     assert "if the scanned object is the study's phantom: snakemake alignment" in printed
 
 
@@ -257,6 +256,6 @@ def test_next_step_of_the_study_s_own_scans_has_the_object(tmp_path):
 def test_next_step_of_a_table_is_a_comparison(tmp_path):
     folder, content = features_folder(tmp_path / "table")
     _, settings, whole = next_step(load_recording(write_yaml(folder, content | {"origin": {"importer": "features"}})))
-    expected = {"recording": "table", "where": {"dose_mgy": 10}, "protocol": "fbp_300", "noise": "dose10"}
+    expected = {"recording": "table", "where": {"dose_mgy": 10}, "protocol": "group_2", "noise": "mgy10"}
     assert settings["analyses"]["comparison"] == {"table": expected}
     assert whole["analyses"]["comparison"]["table"]["where"] == {"dose_mgy": 10}

@@ -27,11 +27,12 @@ from virtual_phantom.study.checks import preflight, preflight_ct
 from virtual_phantom.study.checks.coverage import columns_for, points_of, rows_for, worst_share
 
 ROOT = Path(__file__).resolve().parents[2]
-DEFAULT = ROOT / "config" / "paper_groups.yaml"
+DEFAULT, PAPER_GROUPS = (ROOT / "config" / f"{name}.yaml" for name in ("config", "paper_groups"))
+BASE = {"base": "config/paper_groups.yaml"}
 SCAN = {"columns": 100, "column_pitch_mm": 2.4, "rows": 30, "row_pitch_mm": 4.0}
 SCAN |= {"source_to_isocentre_mm": 500, "source_to_detector_mm": 1000}
 # The CT of phantom_files: 48 x 40 x 14 voxels (x, y, z) of 2 x 2 x 3 mm, a body of 80 x 64 mm (x, y).
-CT = {
+CT = BASE | {
     "grid": {"shape": [14, 34, 42], "spacing_mm": [3.0, 2.0, 2.0]},
     "scan": SCAN,
     "phantom": {
@@ -55,7 +56,7 @@ def ct(**changes):
 
 
 def changed(settings=None, **changes):
-    settings = copy.deepcopy(settings or {})
+    settings = copy.deepcopy(settings or BASE)
     for path, value in changes.items():
         section = settings
         *parents, last = path.split("__")
@@ -195,10 +196,11 @@ CASES = {
 
 @pytest.fixture
 def desk(tmp_path, monkeypatch):
-    """A working folder with the default configuration, a CT, its label map and a recording."""
+    """A working folder with the two studies to change, a CT, its label map and a recording."""
     monkeypatch.chdir(tmp_path)
     Path("config").mkdir()
-    Path("config/paper_groups.yaml").write_text(DEFAULT.read_text())
+    for file in (DEFAULT, PAPER_GROUPS):
+        (Path("config") / file.name).write_text(file.read_text())
     phantom_files.write_nifti_array(phantom_files.object_hu(), "ct.nii.gz")
     labels = phantom_files.ball("bright") + 2 * phantom_files.ball("dark")
     phantom_files.write_nifti_array(labels.astype(np.uint8), "labels.nii.gz")
@@ -392,7 +394,7 @@ def test_missing_file_is_one_line(desk, capsys):
 
 
 def test_files_are_merged_as_by_snakemake(desk):
-    Path("a.yaml").write_text("protocols: {sirt_150: null, x: {algorithm: sirt, projections: 2}}\nseed: 1\n")
+    Path("a.yaml").write_text("protocols: {group_1: null, x: {algorithm: sirt, projections: 2}}\nseed: 1\n")
     Path("b.yaml").write_text("seed: 2\nprotocols: {x: {projections: 3}}\n")
     lines, settings = read_config.read_configs(["a.yaml", "b.yaml"])
     expected = yaml.safe_load(DEFAULT.read_text())
@@ -412,11 +414,39 @@ def test_every_mistake_of_a_recording_is_named_in_one_run(desk, capsys):
 
 
 def test_folder_without_a_configuration_uses_the_default_study(desk, capsys):
-    Path("config/paper_groups.yaml").unlink()
+    for name in ("config", "paper_groups"):
+        Path(f"config/{name}.yaml").unlink()
     assert read_config.read_configs([]) == ([], yaml.safe_load(DEFAULT.read_text()))
     assert checked(CT, capsys) == (0, ["my.yaml: no errors found"])
     code, lines = checked(changed(CT, protocols__sirt_150={"projection": 3}), capsys)
     assert code == 1 and "unknown key 'projection' in protocols.sirt_150" in lines[0]
+    code, lines = checked({"protocols": {"group_2": {"projection": 3}}}, capsys)
+    assert code == 1 and "unknown key 'projection' in protocols.group_2" in lines[0]
+
+
+def test_base_is_the_study_that_a_configuration_changes(desk):
+    """The last `base` counts; `base` may also be in a file that is changed by others."""
+    Path("a.yaml").write_text("base: config/paper_groups.yaml\nseed: 1\n")
+    Path("b.yaml").write_text("seed: 2\n")
+    Path("c.yaml").write_text("base: config/config.yaml\n")
+    for files, base in ((["b"], DEFAULT), (["a"], PAPER_GROUPS), (["a", "b"], PAPER_GROUPS), (["a", "c"], DEFAULT)):
+        lines, settings = read_config.read_configs([f"{name}.yaml" for name in files])
+        assert not lines and settings["protocols"] == yaml.safe_load(base.read_text())["protocols"], files
+    assert read_config.read_configs([PAPER_GROUPS]) == ([], yaml.safe_load(PAPER_GROUPS.read_text()))
+
+
+@pytest.mark.parametrize(
+    ("base", "problem"),
+    [
+        ("config/tiny.yaml", "is 'config/tiny.yaml'; use one of config/config.yaml, config/paper_groups.yaml"),
+        ("paper_groups", "is 'paper_groups'; use one of config/config.yaml, config/paper_groups.yaml"),
+        (3, "3"),
+        ([], "[]"),
+    ],
+)
+def test_unknown_base_is_named(base, problem, desk, capsys):
+    code, lines = checked({"base": base}, capsys)
+    assert code == 1 and len(lines) == 1 and lines[0].startswith("Error: config: base") and problem in lines[0], lines
 
 
 @pytest.fixture

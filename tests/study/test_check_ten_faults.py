@@ -46,6 +46,7 @@ def roi(name, tissue_class="organ", **more):
 
 
 CONFIG = {
+    "base": "config/paper_groups.yaml",
     "phantom": {
         "source": "ct",
         "ct": {

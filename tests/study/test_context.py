@@ -19,7 +19,10 @@ from virtual_phantom.report import study
 from virtual_phantom.study.context import or_exit, read_context
 
 ROOT = Path(__file__).resolve().parents[2]
-DEFAULT = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text()) | {"engine": "cpu"}
+DEFAULT = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text()) | {
+    "engine": "cpu",
+    "results_dir": "results",
+}
 MEETS = {"recording": "scanner", "where": {"dose_mgy": 1}, "rois": ["cyst_1"], "protocol": "sirt_300"}
 
 
@@ -42,7 +45,7 @@ def context_of(**changes):
 
 @pytest.fixture
 def with_recordings(tmp_path):
-    """The default study with recordings and a noise level that is matched to one of them."""
+    """The paper's groups with recordings and a noise level that is matched to one of them."""
     recordings = {"scanner": recorded(tmp_path, "scanner", "features"), "ct": recorded(tmp_path, "ct", "images")}
     levels = DEFAULT["noise"]["levels"] | {"met": {"repeats": 3, "meets": MEETS}}
     compared = {"recording": "scanner", "where": {"dose_mgy": 1, "kernel": "soft"}, "protocol": "fbp_150"}
@@ -66,7 +69,8 @@ def test_protocols_with_the_same_acquisitions_share_noise():
 
 
 def test_next_commands_name_the_configuration_of_the_study():
-    files = ["config/paper_groups.yaml", str(Path("config/tiny.yaml").absolute()), "my.yaml"]
+    base = "config/paper_groups.yaml"  # Snakemake adds it last
+    files = [str(Path("config/tiny.yaml").absolute()), "my.yaml", base]
     assert context_of(trial=True).pages.commands()["The default study, for real results"] == "snakemake --cores 2"
     larger = "virtual-phantom init ct --labels labels.nii.gz --size normal --out my-normal.yaml"
     assert list(context_of(trial=larger).pages.commands().values())[0] == larger
@@ -75,6 +79,8 @@ def test_next_commands_name_the_configuration_of_the_study():
     commands = list(replace(pages, configured_by=tuple(files)).commands().values())
     assert commands[-1] == "snakemake --cores 2 --configfile config/tiny.yaml my.yaml"
     assert commands[-2] == "snakemake plan --cores 2 --configfile config/tiny.yaml my.yaml"
+    for alone, settings in (("config/config.yaml",), ""), ((str(Path(base).absolute()), base), f" --configfile {base}"):
+        assert list(replace(pages, configured_by=alone).commands().values())[-1] == f"snakemake --cores 2{settings}"
     assert not [command for command in commands if "diagnosis" in command or "recordings" in command]
 
 

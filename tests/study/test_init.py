@@ -36,7 +36,8 @@ def desk(tmp_path, monkeypatch):
     """A working folder with the default configuration, a CT and its regions in every form."""
     monkeypatch.chdir(tmp_path)
     Path("config").mkdir()
-    shutil.copy(ROOT / "config" / "paper_groups.yaml", "config")
+    for name in ("config.yaml", "paper_groups.yaml"):
+        shutil.copy(ROOT / "config" / name, "config")
     slices = phantom_files.ct_slices()
     phantom_files.write_series(slices, Path("dicom"))
     phantom_files.write_nifti_array(phantom_files.object_hu(), "ct.nii.gz")
@@ -233,7 +234,7 @@ def test_legend_of_the_picture_names_what_it_shows(desk):
     assert legend(some, [[x - 20, x + 20] for x in CENTRE[:2]]) == shown
 
 
-def test_size_normal_is_the_default_study():
+def test_size_normal_is_the_study_of_the_papers_groups():
     default, normal = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text()), sizes()["normal"]
     assert normal["protocols"] == default["protocols"] and normal["levels"] == default["noise"]["levels"]
     assert normal["analyses"] == default["analyses"]

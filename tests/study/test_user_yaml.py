@@ -14,6 +14,8 @@ from virtual_phantom.io.yaml_files import read_yaml
 from virtual_phantom.phantom.layout import read_layout
 
 ROOT = Path(__file__).resolve().parents[2]
+PAPER_GROUPS = ROOT / "config" / "paper_groups.yaml"
+BASE = "base: config/paper_groups.yaml\n"
 QUOTES = "write the text in quotes"
 
 
@@ -118,7 +120,7 @@ def test_names_of_a_layout_are_text(name):
 
 
 def test_null_removes_an_entry_and_each_reference_gets_one_line(capsys):
-    code, lines = checked("protocols: {sirt_300: null, fbp_450: null}\n", capsys)
+    code, lines = checked(f"{BASE}protocols: {{sirt_300: null, fbp_450: null}}\n", capsys)
     assert (code, len(lines)) == (1, 5)
     for where, name in (
         ("analyses.optimal.fbp", "fbp_450"),
@@ -161,7 +163,7 @@ def test_null_removes_an_entry_and_each_reference_gets_one_line(capsys):
     ],
 )
 def test_null_is_named_in_every_section(content, line, capsys):
-    code, lines = checked(content, capsys)
+    code, lines = checked(BASE + content, capsys)
     assert code == 1 and sum(line in one for one in lines) == 1, lines
 
 
@@ -176,12 +178,12 @@ def test_null_is_named_in_every_section(content, line, capsys):
 )
 def test_null_that_removes_nothing_is_noted(content, name, advice, capsys, tmp_path):
     path = tmp_path / "my.yaml"
-    path.write_text(content)
+    path.write_text(BASE + content)
     assert main.main(["check", str(path)]) == 0
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"Note: {path}: {name}: null removes nothing, as there is no such entry; ")
     assert line.endswith(advice)
-    read_config.note_idle_nulls([ROOT / "config" / "paper_groups.yaml", path])
+    read_config.note_idle_nulls([path, PAPER_GROUPS])
 
 
 @pytest.mark.parametrize("files", [("tiny",), ("printed_phantom",), ("recordings", "tiny"), ("controls",)])
@@ -206,11 +208,19 @@ def test_removing_a_protocol_as_documented_works(capsys):
 # ---- without a clone ------------------------------------------------------------------------------
 
 
-def test_package_has_the_default_study(monkeypatch, capsys):
+def test_package_has_the_study_of_the_papers_groups(monkeypatch, capsys):
     monkeypatch.setattr(read_config, "clone", lambda: None)
-    assert read_config.read_configs([]) == ([], yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text()))
+    Path("my.yaml").write_text(BASE)
+    assert read_config.read_configs(["my.yaml"]) == ([], yaml.safe_load(PAPER_GROUPS.read_text()))
     assert main.main(["check", str(ROOT / "config" / "tiny.yaml")]) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_default_study_needs_a_clone(monkeypatch, capsys):
+    monkeypatch.setattr(read_config, "clone", lambda: None)
+    line = "config/config.yaml: not in this folder or in a clone; run in a clone, or set base: config/paper_groups.yaml"
+    assert read_config.read_configs([]) == ([line], None)
+    assert checked("seed: 3\n", capsys) == (1, [f"Error: {line}"])
 
 
 def test_clone_of_an_installed_package_is_found(tmp_path, monkeypatch):

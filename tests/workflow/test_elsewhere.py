@@ -47,7 +47,7 @@ def folder(tmp_path):
     """A copy of two files of the configuration."""
     place = tmp_path / "study"
     (place / "config").mkdir(parents=True)
-    for name in ("config.yaml", "tiny.yaml"):
+    for name in ("paper_groups.yaml", "tiny.yaml"):
         shutil.copy(ROOT / "config" / name, place / "config")
     return place
 

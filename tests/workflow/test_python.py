@@ -26,7 +26,7 @@ def section(name, key):
     return yaml.safe_load((CONFIG / name).read_text())[key]
 
 
-def test_defaults_are_those_of_the_default_study():
+def test_defaults_are_those_of_the_papers_groups():
     grid, scan, noise = (section("paper_groups.yaml", key) for key in ("grid", "scan", "noise"))
     assert list(simulated.SHAPE) == grid["shape"] and list(simulated.SPACING_MM) == grid["spacing_mm"]
     assert simulated.STUDY["scan"].items() <= scan.items()

@@ -17,11 +17,11 @@ TABLES = {
 
 def test_targets_of_the_default_study_can_be_planned(tmp_path):
     results = tmp_path / "results"
-    series = results / "dicom" / "fbp_300" / "dose10" / "seed03" / "series"
+    series = results / "dicom" / "whole_fbp" / "mgy3" / "seed02" / "series"
     targets = ("proof", "report_page", "viewer", "dicom", "plan", series)
     jobs = planned(snakemake(*targets, "-n", "--config", f"results_dir={results}"))
     assert {"proof_scan", "proof_score", "study_report", "viewer_page", "plan"} <= set(jobs)
-    assert "protocol=fbp_300, noise=dose10, seed=03" in jobs["dicom_series"] and len(jobs["dicom_series"]) == 3
+    assert "protocol=whole_fbp, noise=mgy3, seed=02" in jobs["dicom_series"] and len(jobs["dicom_series"]) == 3
 
 
 def test_targets_of_the_helsinki_recordings_can_be_planned(tmp_path):

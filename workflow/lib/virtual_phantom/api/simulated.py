@@ -1,4 +1,4 @@
-"""Phantom, scans, images and features: the steps of the study as functions, with the default study's values."""
+"""Phantom, scans, images and features: the steps of a study as functions, by default of config/paper_groups.yaml."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from ..base.home import expand_home
 from ..base.settings import FbpSettings, ScanSettings, SirtSettings, from_mapping
 from ..base.streams import Branch, branch
 from ..features import extraction
-from ..io.default_study import default_study
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
+from ..io.study_sizes import paper_groups
 from ..io.volumes import Volume
 from ..phantom import Phantom, ct, layout, synthetic
 from ..physics.beam.materials import Segmentation
@@ -41,7 +41,7 @@ from .arguments import (
     public,
 )
 
-STUDY = default_study()
+STUDY = paper_groups()
 SHAPE, SPACING_MM = (tuple(STUDY["grid"][key]) for key in ("shape", "spacing_mm"))
 LEVEL = STUDY["analyses"]["stability"]["noise"]
 NOISE_LEVEL = STUDY["levels"][LEVEL]["A"]  # the noise variance of 10 mGy on the printed phantom
@@ -202,9 +202,9 @@ def scan(
         Seed of the noise.
     stream : tuple of (str, str), optional
         Labels of geometry and noise level, which select the random stream of the noise as in a study. None: labels of
-        the default study for this number of projections and "dose10".
+        config/paper_groups.yaml for this number of projections and "dose10".
     **scanner
-        Keys of the configuration's section `scan` that differ from the default study: `trajectory`, `pitch`,
+        Keys of the configuration's section `scan` that differ from config/paper_groups.yaml: `trajectory`, `pitch`,
         `columns`, `rows`, `source_to_isocentre_mm`, ...
 
     Raises

@@ -70,3 +70,8 @@ def acquisition(study_seed: int, geometry: str, noise: str, seed: int) -> Stream
 def common_acquisition(study_seed: int, seed: int) -> Stream:
     """Return the noise stream of one repeat that all geometries, noise levels and physics share."""
     return branch(study_seed, Branch.ACQUISITION, seed)
+
+
+def random_start_angle_deg(study_seed: int, seed: int) -> float:
+    """Return the angle of the first view of a repeat, degrees, the same for all of its scans."""
+    return float(generator(branch(study_seed, Branch.START_ANGLE, seed)).uniform(0, 360))

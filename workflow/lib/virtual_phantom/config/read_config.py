@@ -10,7 +10,7 @@ from pathlib import Path
 from ..base.console import note
 from ..base.data import clone
 from ..base.errors import InputError, did_you_mean, refusing
-from ..io.default_study import default_study
+from ..io.study_sizes import paper_groups
 from ..io.yaml_files import parse_yaml
 
 DEFAULT = "config/config.yaml"  # the default study
@@ -78,12 +78,12 @@ def note_idle_nulls(paths: Sequence[str | Path]) -> None:
 
 
 def base_of(paths: Sequence[str | Path]) -> str:
-    """Return the last key `base` of configuration files, by default the default study."""
+    """Return the last key `base` of configuration files, the default study if it is missing or names no study."""
     base = DEFAULT
     for path in paths:
         with suppress(InputError):  # reported by read_configs
             base = parse_yaml(path, ADVICE, template=_rendered)[0].get("base", base)
-    return base
+    return base if base in (DEFAULT, PAPER_GROUPS) else DEFAULT  # the schema rejects others
 
 
 def _find(base: str) -> Path | None:
@@ -119,17 +119,11 @@ def doubtful_entries(path: str | Path) -> list[str]:
 
 def shipped_paper_groups() -> dict:
     """Return config/paper_groups.yaml from the library's resources, for use without a clone."""
-    study = default_study()
+    study = paper_groups()
     noise = {"model": "astra", "levels": study["levels"]}
     sections = {key: study[key] for key in ("grid", "scan", "protocols", "analyses")}
-    results = "results-paper-groups"
-    return {
-        "base": PAPER_GROUPS,
-        "phantom": {"source": "synthetic"},
-        **sections,
-        "noise": noise,
-        "results_dir": results,
-    }
+    named = {"base": PAPER_GROUPS, "phantom": {"source": "synthetic"}, "results_dir": "results-paper-groups"}
+    return {**named, **sections, "noise": noise}
 
 
 def _rendered(text: str) -> dict:

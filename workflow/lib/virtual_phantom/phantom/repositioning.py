@@ -1,4 +1,4 @@
-"""Differences between repeats: small random shifts and rotations of the phantom, and a random start angle."""
+"""Re-positioned scans: the phantom is shifted and rotated by small random amounts between repeats."""
 
 from __future__ import annotations
 
@@ -23,11 +23,6 @@ def random_pose(study_seed: int, seed: int, shift_mm: float, turn_deg: float) ->
     """
     samples = generator(branch(study_seed, Branch.REPOSITIONING, seed)).uniform(-1, 1, 4)
     return Pose(*map(float, samples * [shift_mm, shift_mm, shift_mm, turn_deg]))
-
-
-def random_start_angle_deg(study_seed: int, seed: int) -> float:
-    """Return the angle of the first view of a repeat, degrees, the same for all of its scans."""
-    return float(generator(branch(study_seed, Branch.START_ANGLE, seed)).uniform(0, 360))
 
 
 def world_to_object(pose: Pose, isocentre_mm: tuple[float, float, float]) -> sitk.Transform:

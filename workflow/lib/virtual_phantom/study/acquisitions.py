@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from ..base.settings import FbpSettings, SirtSettings
+from ..base.streams import random_start_angle_deg
 from ..config.outputs import Files
 from ..config.plan import MOVED, Plan
 from ..config.settings import Effects
-from ..phantom.repositioning import random_start_angle_deg
 
 GRID = "grid"  # wildcard value for the voxels of the study, instead of a label of scanner voxels
 Bundle = tuple[tuple[str, str], ...]  # (noise level, seed) of all images that one job makes

@@ -21,6 +21,7 @@ def configuration_text(proposal: Proposal, picture: str, name: str) -> str:
     parts = [_head(proposal, picture, name)]
     if "trial" in proposal.config:
         parts.append(_trial(proposal.config["trial"]))
+    parts.append(f"base: {_scalar(proposal.config['base'])} # the study whose keys this file changes\n")
     parts += [_phantom(proposal), _grid(proposal), _scan(proposal), _rest(proposal)]
     return "\n".join(parts)
 
@@ -140,22 +141,22 @@ NOTES = {
     "noise": (
         "A is the inverse of the photons per detector pixel in air; repeats are scans with different noise. The values "
         "are taken from {study}; figures/noise_calibration shows the variance that they give for your CT. null removes "
-        "an entry of config/config.yaml."
+        "an entry of {base}."
     ),
     "protocols": (
         "projections: views of the whole scan. group: feature stability is measured between the protocols with a group "
-        "number, each with its own number. null removes an entry of config/config.yaml."
+        "number, each with its own number. null removes an entry of {base}."
     ),
     "analyses": "Analyses of the scans; null instead of a section removes it.",
 }
 
 
 def _rest(proposal: Proposal) -> str:
-    config = proposal.config
-    study = "config/config.yaml" if proposal.size == "normal" else "config/tiny.yaml"
+    config, base = proposal.config, proposal.config["base"]
+    study = base if proposal.size == "normal" else "config/tiny.yaml"
     parts = []
     for section, note in NOTES.items():
-        parts.append(_comment(note.format(study=study)) + f"{section}:\n{_nested(config[section], 1)}")
+        parts.append(_comment(note.format(study=study, base=base)) + f"{section}:\n{_nested(config[section], 1)}")
     parts.append("measured: {overlay: false} # measurements of the printed phantom do not apply to this body\n")
     parts.append(f"results_dir: {_scalar(config['results_dir'])}\n")
     return "\n".join(parts)

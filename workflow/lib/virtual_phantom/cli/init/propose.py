@@ -16,9 +16,10 @@ from ...base.settings import ScanSettings, from_mapping
 from ...base.units import HU_AIR
 from ...config.config import read_study
 from ...config.plan import Plan
+from ...config.read_config import PAPER_GROUPS
 from ...features.extraction import MINIMUM_VOXELS
-from ...io.default_study import sizes
 from ...io.schema import defaults_of
+from ...io.study_sizes import sizes
 from ...io.volumes import Volume
 from ...phantom.ct import kept_columns, make_rois, read_hu, trimmed
 from ...phantom.masks import report_other_frame
@@ -157,6 +158,7 @@ def propose(
         "rois": [roi.setting(common) for roi in selected],
     }
     config = {
+        "base": PAPER_GROUPS,
         "phantom": {"source": "ct", "ct": phantom},
         "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing), "oversampling": oversampling},
         "scan": propose_scan(grid, reach),
@@ -250,7 +252,7 @@ def _rows(config: dict, grid: Grid, masks: Mapping[str, np.ndarray]) -> int:
 
 
 def _with_nulls(config: dict, size: str) -> dict:
-    """Return the configuration with nulls that remove the other protocols and noise levels of config/config.yaml."""
+    """Return the configuration with nulls that remove the other protocols and noise levels of the paper's groups."""
     config, default = copy.deepcopy(config), sizes()["normal"]
     if size != "normal":
         sections = ((config["protocols"], default["protocols"]), (config["noise"]["levels"], default["levels"]))

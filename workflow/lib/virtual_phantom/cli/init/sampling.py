@@ -7,15 +7,15 @@ from collections.abc import Sequence
 
 from ...base.errors import InputError
 from ...base.geometry import Grid
-from ...io.default_study import default_study
+from ...io.study_sizes import paper_groups
 from .regions import Region
 
 STEP_MM = 0.05  # voxel sizes are multiples of it
 PITCH_STEP_MM = 0.5  # pixel pitches of the detector are multiples of it
-SLICE_SHARE = 0.85  # ratio of slice thickness to voxel width, as in config/config.yaml (2 of 2.35 mm)
+SLICE_SHARE = 0.85  # ratio of slice thickness to voxel width, as in config/paper_groups.yaml (2 of 2.35 mm)
 END_MM = 10.0  # also scanned beyond the regions, because the cone angle degrades the ends of an object
 FINEST_OVERSAMPLING, COARSEST_OVERSAMPLING = 2, 4
-_SCAN = default_study()["scan"]
+_SCAN = paper_groups()["scan"]
 RADIUS_MM = _SCAN["source_to_isocentre_mm"]
 MAGNIFICATION = _SCAN["source_to_detector_mm"] / RADIUS_MM
 LARGEST_REACH = 0.6  # radius of a body relative to that of the source's orbit: a fan of 74 degrees

@@ -1,4 +1,4 @@
-"""Settings of the default study, as in config/config.yaml, which an installed package does not contain."""
+"""Settings of the study sizes; an installed package does not contain the folder config."""
 
 from __future__ import annotations
 
@@ -18,6 +18,6 @@ def sizes() -> dict:
     return copy.deepcopy(_read())
 
 
-def default_study() -> dict:
-    """Return the default study: grid, scan, levels, protocols, analyses, without keys that have schema defaults."""
+def paper_groups() -> dict:
+    """Return grid, scan, levels, protocols and analyses of config/paper_groups.yaml."""
     return sizes()["normal"]
