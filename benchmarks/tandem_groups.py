@@ -1,6 +1,6 @@
 """Compare stability and discriminative power of simulated groups with measured ones and with controls (4 minutes).
 
-First run `snakemake --cores 2 --configfile config/largest_section.yaml`. --table is the full table
+First run `snakemake --cores 2`. --table is the full table
 of CT-Phantom4Radiomics (features of the largest section, stored values), --features one table of the study or several
 with different seeds. Measured scores are from random subsets with as many acquisitions as the study has repeats. The
 controls add noise to the clean virtual phantom on the voxels of each group, or perturb it. Prints the tables of
@@ -52,7 +52,7 @@ def read_simulated(path: Path, study: Study, level: str) -> pd.DataFrame:
     if set(table["settings_hash"]) != {read_parameters(None, LARGEST, STORED_OFFSET_HU).hash()}:
         raise InputError(
             f"{path}: has other features than those of the largest section and stored values; run the study with "
-            "config/largest_section.yaml"
+            "features: {section: largest, stored_offset_hu: 1024}"
         )
     table = table[table["noise"] == level]
     table = table.assign(group=table["protocol"].map(Plan(study).groups())).dropna(subset="group")
@@ -269,7 +269,7 @@ def print_spearman(title: str, found: list[pd.Series]) -> None:
 def add_arguments(parser):
     parser.add_argument("--table", type=Path, required=True, help="full table of CT-Phantom4Radiomics")
     parser.add_argument("--features", type=Path, nargs="+", default=[common.ROOT / "results" / "features.csv"])
-    parser.add_argument("--configfile", nargs="+", default=["config/largest_section.yaml"])
+    parser.add_argument("--configfile", nargs="+", default=["config/config.yaml"])
     parser.add_argument("--level", default="mgy10", help="noise level (default mgy10)")
 
 

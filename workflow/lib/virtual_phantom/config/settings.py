@@ -94,7 +94,7 @@ class Protocol:
     @property
     def reconstruction(self) -> str:
         """Name of the reconstruction in titles."""
-        return "Iterative (noise kernel)" if self.noise_kernel else self.algorithm.upper()
+        return "Iterative" if self.noise_kernel else self.algorithm.upper()
 
 
 @dataclass(frozen=True)
