@@ -39,7 +39,7 @@ from virtual_phantom.statistics import measured, repeats, wilcoxon
 SEED = 4732
 RECONSTRUCTIONS = {"fbp": (2, 4, 6, 8), "iterative": (1, 3, 5, 7)}
 SETS = {**RECONSTRUCTIONS, "all": tuple(range(1, 9))}
-FEATURES = measured.STUDY_FEATURES
+FEATURES = measured.PHANTOM4RADIOMICS_FEATURES
 KINDS = ("stability", "discrimination", "same_class")
 SKEWNESS = "original_firstorder_Skewness"
 UNIFORM = "cyst_1"  # its SD in a group is the noise of the controls
