@@ -1,8 +1,8 @@
 """Fit the rates of rates.yaml, by which `snakemake plan` estimates costs, to a completed study (seconds).
 
 Times come from Snakemake's metadata, sizes from the files in the results. Run it after config/paper_groups.yaml on an
-idle machine. To include noisy projections, run the study with `--config keep_projections=True` and some of these files as
-targets. The rates of diagnoses stay: diagnosis_rates.py writes them. Prints measured and estimated totals per stage.
+idle machine. To include noisy projections, run the study with `--config keep_projections=True` and some of these files
+as targets. The rates of diagnoses stay: diagnosis_rates.py writes them. Prints measured and estimated totals per stage.
 """
 
 import base64
