@@ -5,8 +5,8 @@
 The noise is that of the study's images: each image minus the mean of the repeats. The object's texture is blurred by
 the kernel and the slice profile of the scanner, as in the image model (virtual_phantom.image_model). For every region,
 the features of texture plus noise are fitted to those of the dose series at 10 mGy, both reconstructions together.
-Without --fit, prints for each region the correlation of the blurred texture with the mean image of the study (1: the
-blur is that of the scan), and the noise variance in the region.
+Without --fit, prints for each region the correlation of the blurred texture with the mean image of the study, and the
+noise variance in the region. A correlation of 1 means that the blur is that of the scan.
 """
 
 from __future__ import annotations

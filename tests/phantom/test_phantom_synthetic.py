@@ -78,11 +78,22 @@ def test_rois_have_position_size_and_hu_of_the_printed_phantom(phantom):
         assert phantom.image.array[roi.mask].mean() == pytest.approx(hu, abs=1.0)
 
 
-def stated_sd(name):
-    """SD of the texture of an ROI in the layout, HU: its components are independent."""
+def components(name):
+    """SD (HU) and skewness of each component of the texture of an ROI in the layout."""
     layout = read_layout()
     (tissue,) = [roi["tissue"] for roi in layout["rois"] if roi["name"] == name]
-    return np.sqrt(sum(part["sd_hu"] ** 2 for part in layout["tissues"][tissue]["texture"]))
+    return np.array([(part["sd_hu"], part.get("skewness", 0)) for part in layout["tissues"][tissue]["texture"]])
+
+
+def stated_sd(name):
+    """SD of the texture of an ROI in the layout, HU: its components are independent."""
+    return np.sqrt((components(name)[:, 0] ** 2).sum())
+
+
+def stated_skewness(name):
+    """Skewness of the texture of an ROI in the layout: third moments of independent components add."""
+    sd, skewness = components(name).T
+    return (skewness * sd**3).sum() / stated_sd(name) ** 3
 
 
 def test_texture_differs_between_classes_as_in_the_layout(phantom):
@@ -91,7 +102,8 @@ def test_texture_differs_between_classes_as_in_the_layout(phantom):
         assert 0.7 * stated_sd(name) < inside.std() < 1.1 * stated_sd(name), name
     sd = {name: float(inside.std()) for name, inside in values.items()}
     assert max(sd, key=sd.get) == "hemangioma" and min(sd, key=sd.get) == "cyst_2"  # as the measured variances
-    assert pd.Series(values["hemangioma"]).skew() > pd.Series(values["metastasis"]).skew() + 0.3
+    # Smaller regions have too few voxels for the skewness.
+    assert pd.Series(values["hemangioma"]).skew() == pytest.approx(stated_skewness("hemangioma"), abs=0.5)
 
 
 def test_rois_are_well_inside_their_lesions():
@@ -158,7 +170,7 @@ def test_layout_agrees_with_the_tables():
     variance = high.original_firstorder_Variance
     noise = variance[["cyst_large", "cyst_small"]].mean()
     for name in ("hemangioma", "metastasis", "normal_1", "normal_2"):
-        assert 1.0 < stated_sd(name) / np.sqrt(variance[edge_names[name]] - noise) < 1.8, name
+        assert 1.0 < stated_sd(name) / np.sqrt(variance[edge_names[name]] - noise) < 2.2, name
 
 
 def test_coarsest_study_keeps_every_roi():

@@ -1,8 +1,15 @@
 """The study that a configuration changes, and start angles, in dry runs."""
 
+import os
+import sys
+from pathlib import Path
+
 import pytest
 import yaml
-from workflow_runs import planned, snakemake, tiny
+from snakemake.api import SnakemakeApi
+from snakemake.logging import logger
+from snakemake.settings.types import ConfigSettings, OutputSettings, ResourceSettings
+from workflow_runs import ROOT, planned, snakemake, tiny
 
 DEFAULT, PAPER_GROUPS = "config/config.yaml", "config/paper_groups.yaml"
 TABLES = {DEFAULT: "features/group_2/mgy10/seed00.csv", PAPER_GROUPS: "features/fbp_150/dose10/seed00.csv"}
@@ -24,6 +31,24 @@ def test_base_is_the_study_that_a_configuration_changes(base, given, tmp_path):
 def test_study_without_a_configuration_is_the_default_one():
     jobs = planned(snakemake(f"results/{TABLES[DEFAULT]}", "-n", "--forceall"))
     assert [rule for rule in jobs if rule.startswith("extract")]
+
+
+@pytest.mark.parametrize("file", [None, PAPER_GROUPS, "config/tiny.yaml"])
+def test_index_page_shows_the_given_configuration_but_not_its_base(file, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    # The Snakefile changes the path of modules, the environment and the logger.
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(os, "environ", os.environ.copy())
+    monkeypatch.setattr(logger, "handlers", [*logger.handlers])
+    settings = {
+        "config_settings": ConfigSettings(configfiles=[Path(file)] if file else []),
+        "resource_settings": ResourceSettings(cores=1),
+    }
+    with SnakemakeApi(OutputSettings()) as api:
+        workflow = api.workflow(**settings, snakefile=ROOT / "workflow" / "Snakefile")._workflow
+        context = workflow.globals["context"]
+    *_, again = context.pages.commands().values()
+    assert again == "snakemake --cores 2" + (f" --configfile {file}" if file else "")
 
 
 @pytest.mark.parametrize("base", ["config/tiny.yaml", 3])
