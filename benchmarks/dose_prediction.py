@@ -23,6 +23,8 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.streams import Stream, generator, named, root
 from virtual_phantom.features.names import FEATURES, MEAN, VARIANCE
+from virtual_phantom.features.parameters import DEFAULT
+from virtual_phantom.features.table_files import read_table
 from virtual_phantom.image_model.dose import DoseLaw
 from virtual_phantom.image_model.fitting import Measured, fit_noise, fit_region
 from virtual_phantom.image_model.noise import NoiseModel
@@ -37,6 +39,7 @@ SPACING = (1.0, 0.684, 0.684)  # mm, of the dose series
 GRID = Grid((170, 310, 430), SPACING)
 MARGIN = 8  # voxels, for perturbations
 FITTED, DOSES = 10, (1, 3, 10)  # mGy
+LEVELS = {"mgy1": 1, "mgy3": 3, "mgy10": 10}  # of the default study
 REPEATS = 6  # of each control
 PREDICTED = 100  # number of the first noise realization of a prediction; fits use those from 0
 UNIFORM = "cyst_1"
@@ -187,6 +190,17 @@ def perturbed(regions: dict, stream: Stream, repeats: int) -> dict:
     return found
 
 
+def of_studies(paths: list[Path]) -> dict[tuple[str, str, int], pd.Series]:
+    """Mean features of the default study, in 3D, over repeats and studies of other seeds."""
+    tables = pd.concat(map(read_table, paths))
+    if set(tables["settings_hash"]) != {DEFAULT.hash()}:
+        raise InputError(f"{paths[0]}: has other features than 3D features in HU; use config/whole_regions.yaml")
+    protocols = {"group_2": "fbp", "group_1": "iterative"}
+    kept = tables[tables["protocol"].isin(protocols)].assign(dose=tables["noise"].map(LEVELS))
+    means = kept.groupby(["roi", "protocol", "dose"])[list(FEATURES)].mean()
+    return {(roi, protocols[protocol], dose): row for (roi, protocol, dose), row in means.iterrows()}
+
+
 def interpolated(real: dict, model: dict | None = None) -> dict[tuple[str, str, int], pd.Series]:
     """Features at 3 mGy, linear in log dose between 1 and 10 mGy; with a model, its residuals are interpolated."""
     weight = np.log(3) / np.log(10)
@@ -274,6 +288,7 @@ def add_arguments(parser):
     parser.add_argument("--seed", type=int, default=SEED, help=f"of textures and noise, with --fit (default {SEED})")
     parser.add_argument("--fit", type=Path, help="fit the parameters again and write them to this JSON file")
     parser.add_argument("--table", type=Path, help="features_3d.csv of the dose series: compare halves of its repeats")
+    parser.add_argument("--study", type=Path, nargs="+", help="features.csv of default studies with 3D features")
     parser.add_argument("--forecast", type=Path, help="write the features at 6 and 14 mGy to this CSV file")
 
 
@@ -313,6 +328,14 @@ def run(options):
         "image perturbation of the drawn phantom": perturbed(regions, named(stream, "perturbed"), REPEATS),
     }
     print(order_table(orders, real, named(stream, "bootstrap")).to_string())
+    if options.study:
+        studied = of_studies(options.study)
+        table = shares(studied, real)
+        means = table[table["roi"] != UNIFORM].groupby(["dose", "reconstruction"])["percent"].mean()
+        print("\ndefault study, simulated scans\n", means.unstack().round(1))
+        print(table.pivot(index="roi", columns=["dose", "reconstruction"], values="percent").round(0).to_string())
+        if {key[2] for key in studied} == set(DOSES):
+            print(order_table({"default study": studied}, real, named(stream, "bootstrap")).to_string())
     if options.table:
         table = measured.load_full_dose_series(options.table)
         print("\nhalf of the repeats against the other half\n", halves(table, named(stream, "halves")))
