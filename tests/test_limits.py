@@ -11,6 +11,7 @@ from test_config import DEFAULT
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.config.config import read_study
 from virtual_phantom.config.plan import Plan
+from virtual_phantom.config.read_config import read_configs
 from virtual_phantom.study.costs.jobs import Job, Sizes, study_jobs
 from virtual_phantom.study.costs.limits import FLOOR_MINUTES, SAFETY, UNKNOWN_MINUTES, minutes
 from virtual_phantom.study.costs.rates import read_rates, seconds
@@ -26,7 +27,8 @@ STAGES = ("phantom", "project", "reconstruct_sirt", "reconstruct_fbp", "merge_fe
 SHORTEST = dict.fromkeys(STAGES, (10, 10)) | {"extract": (30, 30)}
 LARGE = SHORTEST | {"project": (10, 26), "reconstruct_fbp": (10, 12)}
 LIMITS = {
-    **{(name, "cpu"): SHORTEST for name in ("tiny", "config", "large", "abdomen")},
+    **{(name, "cpu"): SHORTEST for name in ("tiny", "paper_groups", "large", "abdomen")},
+    ("config", "cpu"): {stage: limits for stage, limits in SHORTEST.items() if stage != "reconstruct_sirt"},
     ("recordings", "cpu"): SHORTEST | {"reconstruct_sirt": (10, 14)},
     ("paper", "cpu"): LARGE | {"reconstruct_sirt": (374, 1141)},
     ("paper", "astra_cuda"): LARGE | {"reconstruct_sirt": (94, 286)},
@@ -47,8 +49,10 @@ def sizes(*overlays, engine="cpu"):
 
 def minutes_of(name, engine="cpu"):
     """{stage: minutes of its shortest and longest jobs} for config/<name>.yaml."""
+    lines, config = read_configs([ROOT / "config" / f"{name}.yaml"])
+    assert not lines
     found = {}
-    for job in study_jobs(plan_of(yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text())), engine, rois=1):
+    for job in study_jobs(Plan(read_study(config)), engine, rois=1):
         found.setdefault(job.stage, set()).add(minutes(RATES, job.stage, job.work))
     return {stage: (min(values), max(values)) for stage, values in found.items()}
 

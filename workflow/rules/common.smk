@@ -9,7 +9,6 @@ from virtual_phantom.base.console import check_names, collected_notes, printed_n
 from virtual_phantom.base.errors import InputError, printed
 from virtual_phantom.base.settings import to_mapping
 from virtual_phantom.config.dependencies import code_version, resource
-from virtual_phantom.config.plan import MOVED, STILL
 from virtual_phantom.study.context import read_context
 
 WORKFLOW = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parent

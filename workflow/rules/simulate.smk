@@ -1,3 +1,6 @@
+from virtual_phantom.config.plan import MOVED, STILL
+
+
 rule compile_kernels:
     """Compile the kernels for a number of noise realizations, so that no two jobs compile at the same time."""
     output:
