@@ -120,7 +120,7 @@ class Grid:
         return np.stack([self.affine[:3, 3], self.affine[:3, :3] @ last + self.affine[:3, 3]])
 
     def displacement_by_rotation(self, other: Grid) -> float:
-        """Return the number of voxels by which the different `directions` of two grids move a voxel at most."""
+        """Return the largest displacement of a voxel that the different `directions` of two grids cause, in voxels."""
         spacing = np.array(self.spacing[::-1])
         ends = (np.array(self.shape[::-1]) - 1) / 2 * spacing
         return float((np.abs(self._axes - other._axes) @ ends / spacing).max())
@@ -302,7 +302,7 @@ class OrbitGeometry(ScanGeometry):
         return (along * to_ahead + (self.source_to_isocentre_mm + away) * to_along) / np.hypot(to_along, to_ahead)
 
     def from_spots_mm(self, positions_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return in-plane vectors from spots to column positions, mm: parts along the columns and to the isocenter."""
+        """Return in-plane vectors from spots to column positions, mm: along the columns, and toward the detector."""
         along, away, _ = self.spots_mm.T[..., None]
         across, nearer = self.on_surface_mm(positions_mm)
         return across - along, self.source_to_detector_mm + away - nearer
@@ -326,7 +326,7 @@ class OrbitGeometry(ScanGeometry):
 
 
 def orbit_of(geometry: ScanGeometry, who: str) -> OrbitGeometry:
-    """Return the geometry if it is circular or helical, which `who` (for the message) needs.
+    """Return the geometry unchanged if it is circular or helical. `who` names in the message what needs such a scan.
 
     Raises
     ------
@@ -425,7 +425,7 @@ def grid_of(settings: GridSettings) -> Grid:
 
 
 def scan_geometry(scan: ScanSettings, projections: int, grid: Grid) -> OrbitGeometry:
-    """Return the geometry of a study's scan with this number of projections; a helix covers `grid` along z."""
+    """Return the geometry of a study's scan with this number of projections; without `turns`, a helix covers `grid`."""
     if scan.beam == PARALLEL:
         scan = replace(scan, **parallel_beam())
     detector = {

@@ -71,7 +71,7 @@ def effect_file(name: str) -> Path:
 
 
 def code_hash(*modules: str | Path) -> str:
-    """Return a hash of modules and of all that they import from the library, of 16 hexadecimal digits."""
+    """Return a hash of 16 hexadecimal digits: of modules and of all that they import from the library."""
     known = len(_cache())
     files = sorted({file for module in modules for file in files_behind(module)})
     # The hash includes the names of files in the library, so that moving a module changes it.
@@ -87,9 +87,9 @@ def _relative(path: Path) -> str:
 
 @cache
 def files_behind(script: str | Path) -> tuple[Path, ...]:
-    """Return the script, every file of the library that it imports, also in functions or indirectly, and templates.
+    """Return a script, all files of the library that it imports, and the page templates next to these files, sorted.
 
-    The page templates next to these files are included. Paths are sorted.
+    Indirect imports and imports in functions are included.
     """
     found: set[Path] = set()
     waiting = [Path(script).resolve()]
@@ -126,7 +126,7 @@ def imported(path: Path) -> tuple[Path, ...]:
 
 @cache
 def _files(module: tuple[str, ...]) -> tuple[Path, ...]:
-    """Return a module's file and the __init__ of each package around it; nothing if the last name is no module."""
+    """Return a module's file, if it is one, and the __init__ of each package around it; nothing if WITHOUT_EFFECT."""
     if module in WITHOUT_EFFECT:
         return ()
     base = LIBRARY.joinpath(*module)

@@ -17,7 +17,7 @@ RATES_WITHIN = 2.0  # factor within which estimates from measured rates were rig
 
 
 def configuration_text(proposal: Proposal, picture: str, name: str) -> str:
-    """Return the text of the file at path `name`, with the file name of the picture."""
+    """Return the text of the configuration that is written to path `name`; it names the file `picture`."""
     parts = [_head(proposal, picture, name)]
     if "trial" in proposal.config:
         parts.append(_trial(proposal.config["trial"]))
@@ -129,7 +129,7 @@ def _scan(proposal: Proposal) -> str:
         f"  source_to_isocentre_mm: {scan['source_to_isocentre_mm']}",
         f"  source_to_detector_mm: {scan['source_to_detector_mm']}",
         f"  columns: {scan['columns']} # the body reaches {proposal.reach_mm:.0f} mm from the isocenter",
-        f"  column_pitch_mm: {scan['column_pitch_mm']:g} # about half of it at the isocenter: at most one voxel",
+        f"  column_pitch_mm: {scan['column_pitch_mm']:g} # at the isocenter about half of it, at most one voxel",
         f"  rows: {scan['rows']} # enough to see every ROI from all directions",
         f"  row_pitch_mm: {scan['row_pitch_mm']:g}",
     ]
@@ -137,15 +137,15 @@ def _scan(proposal: Proposal) -> str:
 
 
 NOTES = {
-    "reconstruction": "terms: operator pairs that yield the image of this number of SIRT iterations.",
+    "reconstruction": "terms: operator pairs; they yield the image of SIRT after the number of `iterations`.",
     "noise": (
         "A is the inverse of the photons per detector pixel in air; repeats are scans with different noise. The values "
         "are taken from {study}; figures/noise_calibration shows the variance that they give for your CT. null removes "
         "an entry of {base}."
     ),
     "protocols": (
-        "projections: views of the whole scan. group: feature stability is measured between the protocols with a group "
-        "number, each with its own number. null removes an entry of {base}."
+        "projections: views of the whole scan. group: a number; feature stability is measured between the protocols "
+        "that have one, and no two have the same. null removes an entry of {base}."
     ),
     "analyses": "Analyses of the scans; null instead of a section removes it.",
 }

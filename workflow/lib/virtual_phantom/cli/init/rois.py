@@ -78,7 +78,7 @@ def choose(region: Region, grid: Grid, fill_gaps: bool = False) -> ChosenRegion 
     """
     if reason := unsuitable_reason(region):
         return reason
-    # Pad by one voxel, except where the CT ends: `shrink` treats the end of the array as no surface.
+    # Pad by one voxel, except where the CT ends: for `shrink`, the end of the array is not a surface.
     padding = [(int(s.start > 0), int(s.stop < n)) for s, n in zip(region.box, region.grid.shape, strict=True)]
     padded = np.pad(region.mask, padding)
     padded_grid = Grid(padded.shape, region.grid.spacing)
@@ -98,7 +98,7 @@ def choose(region: Region, grid: Grid, fill_gaps: bool = False) -> ChosenRegion 
 def largest(
     chosen: Sequence[ChosenRegion], most: int, first: Collection[str] = ()
 ) -> tuple[list[ChosenRegion], list[ChosenRegion]]:
-    """Return the `most` largest regions and the others, both in the order of the file.
+    """Return the `most` largest regions and the others, both in the order of `chosen`.
 
     Regions named in `first` are selected before larger regions.
     """

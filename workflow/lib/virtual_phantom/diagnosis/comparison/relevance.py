@@ -22,7 +22,7 @@ from ..selection.forward_selection import Choice
 from ..verdict_text import DIFFERENCES, MATCH, PRACTICAL, UNEXPLAINED, contradiction
 from .agreement import Features, Regions, agreement
 
-# Side of the squares whose mean HU is compared; noise spectra use the same smallest side.
+# Side of the squares whose mean HU is compared; it is also the smallest side of the tiles for noise spectra.
 BLOCK_VOXELS = 8
 
 
@@ -59,7 +59,8 @@ def image_changes(
     features : Features, optional
         None: features are not compared.
     paired : bool, optional
-        Whether both sets have the same noise; errors then come from the spread of their differences.
+        Whether both sets have the same noise. Errors then come from the spread of their differences; those of
+        percentages are 0.
 
     Returns
     -------
@@ -162,9 +163,9 @@ def changes_by_effect(
 def judge_relevance(content: Mapping, thresholds: Mapping[str, float]) -> dict:
     """Apply the relevance thresholds to a diagnosis.
 
-    An effect is named as missing only if it changes images by more than a threshold. If no effect does, and recording
-    and simulation differ by less too, the verdict is a match for practical purposes. A recording without images keeps
-    its verdict.
+    Effects are named as missing only if they change images by more than a threshold, each or all together. If none is
+    named, the verdict is unexplained if recording and simulation differ by more than a threshold, otherwise a match
+    for practical purposes. A match, a contradicted declaration and a recording without images keep their verdict.
 
     Parameters
     ----------
@@ -235,7 +236,7 @@ def _hu(reference: np.ndarray, images: np.ndarray, regions: Regions, paired: boo
 
 
 def _root_mean_square(reference: np.ndarray, images: np.ndarray, regions: Regions, paired: bool) -> ImageChange:
-    """Return the RMS of the mean difference inside the object, corrected for noise: rings and streaks have mean 0."""
+    """Return the RMS of the mean difference inside the object, corrected for noise; it shows rings and streaks."""
     inside = [stack[:, regions.inner] for stack in (reference, images)]
     difference, error = _paired(*inside) if paired else _unpaired(*inside)
     noise = float((error**2).mean())

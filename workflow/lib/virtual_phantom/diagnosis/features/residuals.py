@@ -1,4 +1,4 @@
-"""Test feature differences that exceed the spread of repeats: means and SDs by family and ROI, and order of ROIs."""
+"""Test whether features differ by more than repeats do: means and SDs by family and ROI, and the order of ROIs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ class FeatureLocation:
     feature : str
         Feature with the largest difference.
     z : float
-        Normal quantile of its p-value, positive if the recording is larger (order: if it is larger in the first ROI).
+        Normal quantile of its uncorrected p-value; positive if the recorded value is larger than the simulated one, or,
+        for an order, if the recorded value is larger in the first ROI.
     p : float
         Family-wise p-value over all features, ROIs and domains.
     differing, features : int
@@ -89,8 +90,8 @@ def compare_features(data: Responses, simulated: np.ndarray) -> FeatureLocations
     """Compare simulated features with the recording.
 
     Means are compared by Welch's test, SDs by the Brown-Forsythe test (statistics.comparison.compare). The order of two
-    ROIs differs if simulation and recording both distinguish them with opposite sign. Its p is the larger of both
-    (intersection-union test). All p are corrected over the cells of a domain (Holm) and over domains (Bonferroni).
+    ROIs differs if simulation and recording both distinguish them, with opposite signs. Its p is the larger p of the
+    two tests (intersection-union). All p are corrected over the cells of a domain (Holm) and domains (Bonferroni).
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from ...statistics.comparison import common_features, common_rois, samples, spre
 from .properties import BASELINE, EVERY_FOLD, FOLDS, Property, folds, properties
 
 STEPS = 4  # interpolated steps between two simulated strengths
-SOFT = 4.0  # squared shift over the floor from which a cell has full weight: a shift of two standard errors
+SOFT = 4.0  # excess over the floor, as a ratio, from which a cell has full weight: a shift of 2.2 standard errors
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ def compared(
 ) -> tuple[list[str], dict[str, str]]:
     """Return the comparable features, and {feature: reason} for the others.
 
-    Features that depend on the size of the ROI are comparable only if ROIs have the same number of voxels. Features
-    with other extraction settings than the study are not comparable.
+    Features that depend on the size of the ROI are comparable only if each ROI has the same number of voxels in both
+    tables. Features with other extraction settings than the study are not comparable.
 
     Parameters
     ----------
@@ -199,7 +199,8 @@ def weight(before: np.ndarray, floor: np.ndarray) -> np.ndarray:
 def removed(before: np.ndarray, after: np.ndarray, floor: np.ndarray) -> np.ndarray:
     """Return the share of the excess that is removed from every cell, from -1 (new excess) to 1 (all removed).
 
-    With shares, all cells have the same weight. A few features with little noise would dominate sums of squares.
+    An excess below SOFT times the floor counts less, and no cell counts more than 1. In sums of squares, a few features
+    with little noise would dominate.
 
     Parameters
     ----------

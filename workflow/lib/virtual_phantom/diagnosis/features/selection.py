@@ -4,8 +4,9 @@ The strength of each property is fitted on half of the ROIs and tested on the ot
 repeats would not be a test, because all repeats have the same difference.
 
 Correlated features let a property explain part of an unrelated difference. Each property is therefore also tested on
-random shifts. These are equal in all ROIs and have the feature correlation of repeats. In each cell they have the
-typical size of property responses, and overall the size of the observed difference.
+random shifts. One random vector of features, with the feature correlation of repeats, is used for all ROIs. It is
+multiplied in each ROI and feature by the typical size of property responses, and then scaled as a whole to the size of
+the observed difference.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from ...statistics.multiplicity import holm
 from .properties import FOLDS, Property
 from .responses import Curve, Responses, finer, removed, weight
 
-DRAWS = 999  # random realizations; the smallest p is 0.001
+DRAWS = 999  # random realizations; the smallest p, before correction, is 0.001
 MATERIAL = 0.1  # least share of the excess on held-out ROIs that a property must remove
 AS_GOOD = 0.05  # level of the paired t-test over ROIs, above which a property is an alternative
 # A property without a strength has parameters that are fitted to the recording. Its scale is fitted to random shifts.
@@ -42,7 +43,7 @@ class Trial:
     regions : ndarray, shape (rois,)
         Contribution of each ROI to `held_out`.
     p : float
-        Probability that random shifts are explained as well, corrected over properties (Holm).
+        Probability that random shifts are explained at least equally well, corrected over properties (Holm).
     kept, after : ndarray, shape (repeats, rois, features)
         Features with the strength fitted on the ROI's fold, and on the other fold.
     """
@@ -105,7 +106,7 @@ def shift(data: Responses, values: np.ndarray) -> np.ndarray:
 
 
 def alternatives(found: Mapping[Property, Trial]) -> list[Property]:
-    """Return the properties whose explained share is not significantly smaller than the best (paired t-test)."""
+    """Return the other explanations whose removed share is not significantly smaller than the best (paired t-test)."""
     best = next(iter(found.values()))
     rivals = []
     for changed, trial in list(found.items())[1:]:
@@ -149,7 +150,7 @@ def _assembled(data: Responses, curves: Mapping[int, Curve], chosen: Mapping[int
 
 
 def _p_values(data: Responses, before: np.ndarray, changes: Mapping, seed: int) -> np.ndarray:
-    """Return corrected p-values of all properties: the share of random shifts that they explain as well.
+    """Return corrected p-values of all properties: the share of random shifts that they explain at least equally well.
 
     Parameters
     ----------

@@ -26,8 +26,8 @@ class JointFit:
         In the order given.
     physics, errors : dict of str to dict of str to float
         {effect: {parameter: value or standard error}}, shared by all recordings. In `physics`, parameters of a single
-        scan are neutral. If there are several protocols, `physics` has the parameters of the first recording's
-        protocol. `errors` has neither.
+        scan are neutral, and `errors` omits them. If there are several protocols, `physics` has the parameters of the
+        first recording's protocol, and `errors` has no parameters of a protocol.
     chi_square : float
         Chi-square of all fitted data and the priors.
     free : int
@@ -76,7 +76,8 @@ class JointFitter:
     def fit(self, effects: tuple[str, ...], given: JointFit | None = None) -> JointFit:
         """Fit all parameters of these effects, and the nuisance parameters of every recording.
 
-        A new effect starts from a fit to the first recording of each protocol alone, because that fit tries all starts.
+        With a new effect, physics starts from a fit to the first recording alone, because that fit tries all starts. If
+        an effect has parameters of a protocol, this is done for each protocol.
 
         Parameters
         ----------
@@ -163,6 +164,6 @@ class JointFitter:
 
 
 def parameters_owned_by(owners: Collection[str], name: str, values: Mapping[str, float]) -> dict[str, float]:
-    """Return the values, or errors, of an effect's parameters that belong to scanner, protocol or scan."""
+    """Return the values (or errors) of those parameters of the effect `name` that belong to one of `owners`."""
     own = {parameter.name for parameter in load(name).parameters if parameter.belongs_to in owners}
     return {key: value for key, value in values.items() if key in own}

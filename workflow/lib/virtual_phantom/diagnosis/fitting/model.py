@@ -40,7 +40,7 @@ class Model(ABC):
     Parameters
     ----------
     chain : Chain
-        With the detector's sensor, whose thickness is a prior.
+        Its detector's sensor gives the prior of the sensor thickness.
     tube_kvp : float, optional
         Nominal tube voltage, kV, with a standard deviation of TUBE_KVP_SD.
     fixed : mapping of str to mapping of str to float, optional
@@ -177,15 +177,15 @@ class Model(ABC):
 
     @property
     def distortions(self) -> tuple[str, ...]:
-        """Names of the nuisance parameters that are numerical errors."""
+        """Names of the nuisance parameters that scale numerical errors."""
         return ()
 
     def distortion(self, nuisance: Mapping[str, float], linearization: Linearization = BASE) -> np.ndarray | float:
-        """Return the numerical error that nuisance parameters subtract from the mean, broadcastable to it."""
+        """Return the correction of numerical errors that is added to the mean, broadcastable to it."""
         return 0.0
 
     def errors_of_steps(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
-        """Return the change of the mean by finer discretization, by nuisance parameter; empty if there is none."""
+        """Return {nuisance parameter: change of the mean by finer discretization}; empty if there is none."""
         return {}
 
     @property

@@ -20,9 +20,9 @@ from ..fitting.nuisance import Nuisance, pose_of
 from ..noise.condensed import Prediction
 from .observed import Condenser, ObservedImages
 
-REALIZATIONS = 7  # of noise; one more lane holds the mean
-WATER_SD = 0.3  # of the scale with a spectrum, because scanners set water to 0 HU for every spectrum
-IMAGES_KEPT = 6  # cached settings; a Jacobian needs its point again for every parameter
+REALIZATIONS = 7  # of noise, reconstructed together; the mean is reconstructed separately
+WATER_SD = 0.3  # SD of the scale if attenuation is absolute: scanners set water to 0 HU for every spectrum
+IMAGES_KEPT = 6  # cached settings; a Jacobian uses the images at its central point for every parameter
 EARLIER = 0  # branch of the random stream of the realizations
 
 
