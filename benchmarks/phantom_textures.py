@@ -1,6 +1,6 @@
-"""Fit the textures of the drawn phantom to a real scanner's features, through the scan of the clinical study.
+"""Fit the textures of the drawn phantom to a real scanner's features, through the default study (30 minutes).
 
-    python -m benchmarks run phantom_textures results --fit textures.yaml    # 30 minutes
+Run the default study first, then `python -m benchmarks run phantom_textures results --fit textures.yaml`.
 
 The noise is that of the study's images: each image minus the mean of the repeats. The object's texture is blurred by
 the kernel and the slice profile of the scanner, as in the image model (virtual_phantom.image_model). For every region,

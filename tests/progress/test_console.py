@@ -150,7 +150,7 @@ def test_failure_is_printed_at_once_if_other_jobs_continue(tmp_path):
             ValueError("two\nlines"),
             "unexpected ValueError: two lines; this is a fault of Virtual Phantom: report it with the log",
         ),
-        (MemoryError(), "not enough memory (no more could be had); run fewer jobs at a time, or a smaller grid"),
+        (MemoryError(), "not enough memory (no more is available); run fewer jobs at a time, or a smaller grid"),
     ],
 )
 def test_every_kind_of_failure_has_one_line(error, reason, tmp_path):

@@ -488,7 +488,7 @@ def test_nothing_is_cached_without_a_snakemake_folder(desk, capsys):
 BENEATH = {  # overlays on overlays, as stated in their first lines
     "every_scan": ["printed_phantom"],
     "multicentre": ["printed_phantom"],
-    "printed_groups": ["printed_phantom", "clinical"],
+    "printed_groups": ["printed_phantom"],
 }
 
 

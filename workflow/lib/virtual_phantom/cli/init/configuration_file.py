@@ -144,8 +144,8 @@ NOTES = {
         "an entry of {base}."
     ),
     "protocols": (
-        "projections: views of the whole scan. group: a number; feature stability is measured between the protocols "
-        "that have one, and no two have the same. null removes an entry of {base}."
+        "projections: views of the whole scan. group: a number; feature stability is measured between the protocols that "
+        "have one. No two have the same. null removes an entry of {base}."
     ),
     "analyses": "Analyses of the scans; null instead of a section removes it.",
 }

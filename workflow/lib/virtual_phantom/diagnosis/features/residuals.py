@@ -31,8 +31,8 @@ class FeatureLocation:
     feature : str
         Feature with the largest difference.
     z : float
-        Normal quantile of its uncorrected p-value; positive if the recorded value is larger than the simulated one, or,
-        for an order, if the recorded value is larger in the first ROI.
+        Normal quantile of its uncorrected p-value. It is positive if the recorded value is larger than the simulated
+        one. For an order it is positive if the recorded value is larger in the first ROI.
     p : float
         Family-wise p-value over all features, ROIs and domains.
     differing, features : int

@@ -210,7 +210,7 @@ def _plain(path: Path, tag: tuple[int, int], element):
     with reading(path, "DICOM-CT-PD"):
         if isinstance(value, bytes) and tag in pd.FLOATS:
             value = list(struct.unpack(f"<{len(value) // 4}f", value))
-        elif isinstance(value, bytes) and tag in pd.WHOLE:
+        elif isinstance(value, bytes) and tag in pd.INTEGERS:
             value = list(struct.unpack(f"<{len(value) // 2}H", value))
         elif isinstance(value, bytes):
             value = value.decode("ascii").strip("\0 ")
