@@ -144,7 +144,7 @@ NOTES = {
         "an entry of {base}."
     ),
     "protocols": (
-        "projections: views of the whole scan. group: a number; feature stability is measured between the protocols that "
+        "projections: views of the whole scan. group: a number; feature stability is measured between protocols that "
         "have one. No two have the same. null removes an entry of {base}."
     ),
     "analyses": "Analyses of the scans; null instead of a section removes it.",
