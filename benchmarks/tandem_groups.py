@@ -1,10 +1,12 @@
 """Compare stability and discriminative power of simulated groups with measured ones and with controls (4 minutes).
 
-First run `snakemake --cores 2`. --table is the full table
-of CT-Phantom4Radiomics (features of the largest section, stored values), --features one table of the study or several
-with different seeds. Measured scores are from random subsets with as many acquisitions as the study has repeats. The
-controls add noise to the clean virtual phantom on the voxels of each group, or perturb it. Prints the tables of
-docs/validation/printed-phantom.md.
+First run `snakemake --cores 2`. --table is the full table of CT-Phantom4Radiomics (features of the largest section,
+stored values), --features one table of the study or several with different seeds. Measured scores are from random
+subsets with as many acquisitions as the study has repeats. The controls add noise to the clean virtual phantom on the
+voxels of each group, or perturb it. Prints the tables of docs/validation/printed-phantom.md.
+
+--store reads results folders of default studies with other seeds instead, which --seeds names in the same order. It
+writes default_study_seeds.csv of the library.
 """
 
 from __future__ import annotations
@@ -21,20 +23,23 @@ from scipy import ndimage, stats
 
 from benchmarks import common, dose_prediction
 from benchmarks.common.perturbation import perturb, signed_distance
+from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, grid_of
 from virtual_phantom.base.streams import Branch, Stream, branch, generator, named, root
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.config.settings import Study
-from virtual_phantom.features import extraction
+from virtual_phantom.features import extraction, names
 from virtual_phantom.features.hu_offset import STORED_OFFSET_HU, convert_to_hu
 from virtual_phantom.features.names import MEAN, VARIANCE
 from virtual_phantom.features.parameters import LARGEST, read_parameters
 from virtual_phantom.features.table_files import read_table
+from virtual_phantom.features.tables import read_groups
+from virtual_phantom.io.files import replacing
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.reconstruction.boxes import voxels_over
-from virtual_phantom.statistics import measured, repeats, wilcoxon
+from virtual_phantom.statistics import further_seeds, measured, repeats, wilcoxon
 
 SEED = 4732
 RECONSTRUCTIONS = {"fbp": (2, 4, 6, 8), "iterative": (1, 3, 5, 7)}
@@ -49,16 +54,40 @@ MARGIN = 8  # voxels, for perturbations
 def read_simulated(path: Path, study: Study, level: str) -> pd.DataFrame:
     """Features of stored values, with the columns group, roi, tissue_class and seed; InputError for other features."""
     table = read_table(path)
-    if set(table["settings_hash"]) != {read_parameters(None, LARGEST, STORED_OFFSET_HU).hash()}:
-        raise InputError(
-            f"{path}: has other features than those of the largest section and stored values; run the study with "
-            "features: {section: largest, stored_offset_hu: 1024}"
-        )
+    require_published_features(table, path)
     table = table[table["noise"] == level]
     table = table.assign(group=table["protocol"].map(Plan(study).groups())).dropna(subset="group")
     if missing := set(SETS["all"]) - set(table["group"]):
         raise InputError(f"{path}: lacks group {min(missing)} at noise level {level}; choose another with --level")
     return convert_to_hu(table, -STORED_OFFSET_HU)
+
+
+def require_published_features(table: pd.DataFrame, path: Path) -> None:
+    """InputError for other features than those of the largest section and stored values."""
+    if set(table["settings_hash"]) != {read_parameters(None, LARGEST, STORED_OFFSET_HU).hash()}:
+        raise InputError(
+            f"{path}: has other features than those of the largest section and stored values; run the study with "
+            "features: {section: largest, stored_offset_hu: 1024}"
+        )
+
+
+def seed_scores(folders: list[Path], seeds: list[int], plan: Plan) -> pd.DataFrame:
+    """Scores of finished studies that differ in their seed only: the content of default_study_seeds.csv."""
+    if len(seeds) < 2 or len(folders) != len(seeds) or len(set(seeds)) != len(seeds) or plan.study.seed in seeds:
+        raise InputError(
+            f"--seeds: {seeds} for {len(folders)} folders of --store; give one seed per folder, at least two, all "
+            f"different and none of them {plan.study.seed}, the seed of the default study"
+        )
+    noise, found = plan.study.analyses.stability.noise, []
+    for folder, seed in zip(folders, seeds, strict=True):
+        path = folder / "features.csv"
+        table = read_groups(path, plan.groups(), noise=noise, seeds=plan.repeats([noise]))
+        require_published_features(table, path)
+        rows = wilcoxon.scores(table, names.FEATURES)[["feature", "stability_percent", "discrimination_percent"]]
+        rows.insert(0, "settings", plan.scored_settings())
+        rows.insert(1, "seed", seed)
+        found.append(rows.round(6))
+    return pd.concat(found, ignore_index=True)
 
 
 def scores(table: pd.DataFrame, features=FEATURES) -> pd.DataFrame:
@@ -267,7 +296,10 @@ def print_spearman(title: str, found: list[pd.Series]) -> None:
 
 
 def add_arguments(parser):
-    parser.add_argument("--table", type=Path, required=True, help="full table of CT-Phantom4Radiomics")
+    inputs = parser.add_mutually_exclusive_group(required=True)
+    inputs.add_argument("--table", type=Path, help="full table of CT-Phantom4Radiomics")
+    inputs.add_argument("--store", type=Path, nargs="+", metavar="FOLDER", help="results folders of further seeds")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[], help="seed of each folder")
     parser.add_argument("--features", type=Path, nargs="+", default=[common.ROOT / "results" / "features.csv"])
     parser.add_argument("--configfile", nargs="+", default=["config/config.yaml"])
     parser.add_argument("--level", default="mgy10", help="noise level (default mgy10)")
@@ -275,6 +307,12 @@ def add_arguments(parser):
 
 def run(options):
     study = common.configuration(*options.configfile)
+    if options.store:
+        found = seed_scores(options.store, options.seeds, Plan(study))
+        with replacing(RESOURCES / "default_study_seeds.csv", checksum=False) as temporary:
+            found.to_csv(temporary, index=False, lineterminator="\n")
+        print("SD of the mean scores over seeds, percent:", further_seeds.sd_over_seeds(found))
+        return
     simulated = [read_simulated(path, study, options.level) for path in options.features]
     count = simulated[0].groupby(["group", "roi"]).size().min()
     full = measured.load_full_table(options.table)

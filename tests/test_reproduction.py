@@ -8,6 +8,7 @@ from benchmarks import common, reproduction
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.features.names import FEATURES
 from virtual_phantom.io.files import read_csv
+from virtual_phantom.statistics import measured
 
 PLAN = Plan(common.configuration(reproduction.CONFIG))
 
@@ -44,6 +45,24 @@ def test_pairs_of_one_class_without_a_difference_exceed_one_as_often_as_by_chanc
     table["tissue_class"] = table["roi"].map({"a": "one", "b": "one", "c": "other"})
     # 31.5 % for ten repeats, by all arrangements of the ranks.
     assert reproduction.same_class_percent(table) == pytest.approx(31.5, abs=4)
+
+
+def test_list_is_compared_with_measured_ones_of_as_many_repeats():
+    """The printed phantom's own feature order agrees with its realizations far above chance; a random one does not."""
+    rng = np.random.default_rng(np.random.SeedSequence(3))
+    rows = pd.DataFrame(
+        rng.normal(size=(8 * 6 * 4, len(measured.PHANTOM4RADIOMICS_FEATURES))),
+        columns=list(measured.PHANTOM4RADIOMICS_FEATURES),
+    )
+    rois = np.tile(np.repeat(list(measured.TISSUE_CLASSES), 4), 8)
+    rows = rows.assign(
+        group=np.repeat(np.arange(8), 24), roi=rois, tissue_class=[measured.TISSUE_CLASSES[roi] for roi in rois]
+    )
+    row = reproduction.headline(rows, measured.load_score_draws(4), measured.PHANTOM4RADIOMICS_FEATURES)
+    assert row["repeats"] == 4
+    assert 60 < row["stability_percent"] < 75  # |z| < 1 in 68 % without a difference
+    assert row["stability_area"] < row["stability_area_chance"] < 0.6
+    assert row["stability_above"] < 30
 
 
 def test_interval_of_the_mean_is_that_of_student():

@@ -21,9 +21,7 @@ def test_order_and_distance_of_simple_values():
     assert found["distance"].tolist() == pytest.approx(
         [22.5 / np.sqrt(5 / 3), 2 / np.sqrt(5 / 3), np.inf, 0.5 / np.sqrt(5 / 3)]
     )
-    agreement = roi_profiles.profile_agreement(found)
-    assert agreement["order"] == pytest.approx(0.2) and agreement["alike_percent"] == 25
-    assert roi_profiles.profile_agreement(roi_profiles.compare_profiles(truth, truth))["distance"] == 0
+    assert (roi_profiles.compare_profiles(truth[["up", "swapped"]], truth)["distance"] == 0).all()
 
 
 def test_only_common_features_are_compared():
@@ -35,11 +33,6 @@ def test_only_common_features_are_compared():
         roi_profiles.compare_profiles(truth.rename(columns={"x": "z", "y": "w"}), truth)
 
 
-def test_profiles_are_means_over_repeats():
-    rows = pd.DataFrame({"roi": ["a", "a", "b"], "f": [1.0, 3.0, 5.0]})
-    assert roi_profiles.profiles(rows, ["f"])["f"].to_dict() == {"a": 2, "b": 5}
-
-
 def test_another_reconstruction_of_the_same_scans_orders_rois_equally():
     """Two reconstructions of the printed phantom at 10 mGy, as an ideal simulation would be."""
     rows = measured.load_dose_series().query("dose_mgy == 10")
@@ -47,9 +40,10 @@ def test_another_reconstruction_of_the_same_scans_orders_rois_equally():
         part.pivot(index="roi", columns="feature", values="mean")[list(FEATURES)]
         for _, part in rows.groupby("reconstruction")
     )
-    agreement = roi_profiles.profile_agreement(roi_profiles.compare_profiles(one, other))
-    assert agreement["order"] > 0.9 and agreement["alike_percent"] > 85
+    order = roi_profiles.compare_profiles(one, other)["order"]
+    # With six ROIs and at most one adjacent pair swapped, the coefficient is at least 0.94.
+    assert order.mean() > 0.9 and (order >= 0.9).mean() > 0.85
     # The same values of each feature, assigned to ROIs at random: no agreement remains.
     rng = np.random.default_rng(2)
     mixed = other.apply(lambda column: rng.permutation(column.to_numpy()))
-    assert abs(roi_profiles.profile_agreement(roi_profiles.compare_profiles(one, mixed))["order"]) < 4 / np.sqrt(5 * 86)
+    assert abs(roi_profiles.compare_profiles(one, mixed)["order"].mean()) < 4 / np.sqrt(5 * 86)

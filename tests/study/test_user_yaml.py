@@ -186,7 +186,7 @@ def test_null_that_removes_nothing_is_noted(content, name, advice, capsys, tmp_p
     read_config.note_idle_nulls([path, PAPER_GROUPS])
 
 
-@pytest.mark.parametrize("files", [("tiny",), ("printed_phantom",), ("recordings", "tiny"), ("controls",)])
+@pytest.mark.parametrize("files", [("tiny",), ("printed_phantom",), ("recordings", "tiny"), ("stability_only",)])
 def test_nulls_of_the_shipped_configurations_remove_something(files, capsys):
     read_config.read_configs([ROOT / "config" / f"{file}.yaml" for file in files])
     assert "null removes nothing" not in capsys.readouterr().err

@@ -15,6 +15,8 @@ from .settings import Analyses, Effects, Protocol, Study
 # Keys of a scan that are newer than the saved scores. With these values they are not part of the hash of the settings.
 NEWER_KEYS = {"beam": "divergent", "detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None}
 
+WHOLE_REGIONS = {"parameters": None, "section": "whole", "stored_offset_hu": 0}  # features by default
+
 MOVED, STILL = "seed", "angle"  # in file names: re-positioned repeats, and others with their own start angle
 NO_PHYSICS = {"physics": None, "image_physics": None, "physics_from": None}
 WITHOUT_PHYSICS = "_without_physics"  # suffix of protocols that are copies without effects
@@ -220,6 +222,8 @@ class Plan:
         }
         if self.study.repeats.repositioned or self.study.repeats.start_angle == "random":
             settings["repeats"] = study["repeats"]
+        if study["features"] != WHOLE_REGIONS:
+            settings["features"] = study["features"]
         return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:16]
 
     def acquisitions(self) -> list[tuple[str, str]]:

@@ -6,23 +6,14 @@ ranking. The values of a feature over ROIs depend on the object and the scan.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pandas as pd
 
 from ..base.errors import InputError
 
-ALIKE = 0.9  # Spearman's coefficient; with six ROIs, at most one adjacent pair is swapped (0.94)
-
-
-def profiles(table: pd.DataFrame, features: Sequence[str]) -> pd.DataFrame:
-    """Mean over repeats of every feature (columns) in every ROI (rows)."""
-    return table.groupby("roi")[list(features)].mean()
-
 
 def compare_profiles(simulated: pd.DataFrame, measured: pd.DataFrame) -> pd.DataFrame:
-    """Compare two sets of `profiles`, for every feature that both have.
+    """Compare two tables of features (columns) by ROI (rows), for every feature that both have.
 
     Returns
     -------
@@ -50,12 +41,3 @@ def compare_profiles(simulated: pd.DataFrame, measured: pd.DataFrame) -> pd.Data
         distance = ((simulated - measured).abs() / measured.std(ddof=1)).median()
     order = simulated.rank().corrwith(measured.rank()).fillna(0)
     return pd.DataFrame({"feature": features, "order": order.to_numpy(), "distance": distance.to_numpy()})
-
-
-def profile_agreement(compared: pd.DataFrame) -> dict[str, float]:
-    """Mean order, percentage of features with an order of at least ALIKE, and median distance."""
-    return {
-        "order": float(compared["order"].mean()),
-        "alike_percent": float(100 * (compared["order"] >= ALIKE).mean()),
-        "distance": float(compared["distance"].median()),
-    }
