@@ -217,7 +217,7 @@ def _plain(path: Path, tag: tuple[int, int], element):
         if isinstance(value, list | tuple | MultiValue):
             value = tuple(map(float, value))
             value = value[0] if len(value) == 1 and tag not in (pd.CENTRAL, pd.PHOTONS) else value
-        if tag in pd.WHOLE and value is not None:
+        if tag in pd.INTEGERS and value is not None:
             return int(value)
         if isinstance(value, tuple) or value is None:
             return value
