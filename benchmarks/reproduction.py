@@ -298,6 +298,8 @@ def summary(stored: pd.DataFrame, study: str) -> pd.DataFrame:
 def text(row: Mapping[str, float], digits: int) -> str:
     if row["seeds"] < 2:
         return f"{row['mean']:.{digits}f}"
+    if row["seeds"] == 2:  # the interval would be twelve times as wide as the SD
+        return f"{row['mean']:.{digits}f} ± {row['sd']:.{digits}f}"
     return f"{row['mean']:.{digits}f} ± {row['sd']:.{digits}f} ({row['low']:.{digits}f} to {row['high']:.{digits}f})"
 
 
