@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 
 from ..base.console import note
@@ -51,44 +50,46 @@ def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
         None if a file cannot be read.
     """
     lines: list[str] = []
-    base = base_of(paths)
-    found = _find(base)
-    if found is None and base != PAPER_GROUPS:
+    contents = {path: _read(path, lines) for path in paths}
+    base = study_changed_by({key: value for content in contents.values() for key, value in (content or {}).items()})
+    found = next((path for path in (Path(base), (clone() or Path()) / base) if path.exists()), None)
+    if found:
+        before: list[str] = []
+        contents = {found: _read(found, before)} | {
+            path: content for path, content in contents.items() if content is None or not Path(path).samefile(found)
+        }
+        lines, settings = before + lines, {}
+    elif base == PAPER_GROUPS:
+        settings = shipped_paper_groups()
+    else:
         return [f"{base}: not in this folder or in a clone; run in a clone, or set base: {PAPER_GROUPS}"], None
-    settings: dict = {} if found else shipped_paper_groups()
-    readable = True
-    for path in [*([found] if found else []), *paths]:
-        try:
-            content, doubtful = parse_yaml(path, ADVICE, template=_rendered)
-        except InputError as error:
-            lines.append(str(error))
-            readable = False
-            continue
-        lines += doubtful
-        for line in _idle_nulls(settings, content):
+    for path, content in contents.items():
+        for line in _idle_nulls(settings, content or {}):
             note(f"{path}: {line}")
-        settings = _updated(settings, content)
-    return lines, settings if readable else None
+        settings = _updated(settings, content or {})
+    return lines, None if None in contents.values() else settings
 
 
 def note_idle_nulls(paths: Sequence[str | Path]) -> None:
     """Print a note for each null that removes nothing, in configurations that Snakemake has read."""
-    found = _find(base_of(paths))
-    read_configs([path for path in paths if found is None or not Path(path).samefile(found)])
+    read_configs(paths)
 
 
-def base_of(paths: Sequence[str | Path]) -> str:
-    """Return the last key `base` of configuration files, the default study if it is missing or names no study."""
-    base = DEFAULT
-    for path in paths:
-        with suppress(InputError):  # reported by read_configs
-            base = parse_yaml(path, ADVICE, template=_rendered)[0].get("base", base)
+def study_changed_by(settings: Mapping) -> str:
+    """Return the file of the study that a configuration changes, the default study unless its key `base` names one."""
+    base = settings.get("base")
     return base if base in (DEFAULT, PAPER_GROUPS) else DEFAULT  # the schema rejects others
 
 
-def _find(base: str) -> Path | None:
-    """Return the path of a base in the current folder or in the clone, if any."""
-    return next((path for path in (Path(base), (clone() or Path()) / base) if path.exists()), None)
+def _read(path: str | Path, lines: list[str]) -> dict | None:
+    """Return the content of a file, None if it cannot be read; add its errors to `lines`."""
+    try:
+        content, doubtful = parse_yaml(path, ADVICE, template=_rendered)
+    except InputError as error:
+        lines.append(str(error))
+        return None
+    lines += doubtful
+    return content
 
 
 def _idle_nulls(settings: Mapping, content: Mapping) -> Iterator[str]:
