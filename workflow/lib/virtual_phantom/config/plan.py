@@ -130,21 +130,19 @@ class Plan:
 
     def own_scans(self) -> list[tuple[str, str, str]]:
         """Return (geometry, position, seed) of all own noise-free projections that an analysis needs, sorted."""
-        scans = {
-            (self.geometry_of(protocol), self.position(noise, seed), seed)
-            for protocol, noise in self.acquisitions()
-            for seed in self.seeds(noise)
-        }
-        return sorted(scan for scan in scans if scan[1])
+        return [scan for scan in self._scans() if scan[1]]
 
     def shared_scans(self) -> list[str]:
         """Return the geometries with noise-free projections that several repeats share, sorted."""
-        wanted = self.acquisitions()
+        return sorted({geometry for geometry, position, _ in self._scans() if not position})
+
+    def _scans(self) -> list[tuple[str, str, str]]:
+        """Return (geometry, `position`, seed) of all scans that an analysis needs, sorted."""
         return sorted(
             {
-                self.geometry_of(protocol)
-                for protocol, noise in wanted
-                if any(not self.position(noise, seed) for seed in self.seeds(noise))
+                (self.geometry_of(protocol), self.position(noise, seed), seed)
+                for protocol, noise in self.acquisitions()
+                for seed in self.seeds(noise)
             }
         )
 

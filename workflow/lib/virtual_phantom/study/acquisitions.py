@@ -58,10 +58,7 @@ class Acquisitions:
 
     def rois_on_grid(self, position: str, seed: str) -> tuple[str, str]:
         """Return table and masks of the ROIs on the study's grid, for a repeat with its own projections."""
-        if position == MOVED:
-            known = {"seed": seed, "voxels": GRID}
-            return self.files("moved_table", **known), self.files("moved_rois", **known)
-        return self.files("phantom_table"), self.files("phantom_rois")
+        return self._rois(position, seed, None)
 
     def positions(self) -> list[dict]:
         """Return all repeats of all noise levels, and whether the phantom is re-positioned."""
@@ -148,8 +145,11 @@ class Acquisitions:
 
     def rois(self, protocol: str, noise: str, seed: str) -> tuple[str, str]:
         """Return table and masks of the ROIs on the voxels of an image, at the phantom's position in that image."""
-        label = self.plan.voxels_of(protocol)
-        if seed in self.plan.repositioned_seeds(noise):
+        return self._rois(self.plan.position(noise, seed), seed, self.plan.voxels_of(protocol))
+
+    def _rois(self, position: str, seed: str, label: str | None) -> tuple[str, str]:
+        """Return table and masks of the ROIs for a position of Plan.position, on scanner voxels or the study's grid."""
+        if position == MOVED:
             known = {"seed": seed, "voxels": label or GRID}
             return self.files("moved_table", **known), self.files("moved_rois", **known)
         if label:
