@@ -18,12 +18,11 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from scipy.optimize import minimize
 
 from benchmarks.dose_prediction import BLUR, FITTED, UNIFORM, series
 from virtual_phantom.base.streams import Branch, Stream, branch, named, root
 from virtual_phantom.features.names import MEAN
-from virtual_phantom.image_model.fitting import SKEWNESS_LIMIT, Measured
+from virtual_phantom.image_model.fitting import SKEWNESS_LIMIT, Measured, search
 from virtual_phantom.image_model.noise import periodic_shape
 from virtual_phantom.image_model.scanner import features_of
 from virtual_phantom.io.volumes import read_repeats
@@ -128,11 +127,9 @@ def fit(region: Region, real: dict[str, Measured], start: tuple[Component, Compo
 
     first = [start[0].sd_hu, start[0].correlation_mm, start[1].sd_hu, start[1].correlation_mm]
     x = np.append(np.log(first), start[0].skewness)
-    simplex = x + np.vstack([np.zeros(5), np.diag([0.2, 0.2, 0.3, 0.3, 0.4])])
-    options = {"maxfev": EVALUATIONS, "initial_simplex": simplex}
-    result = minimize(cost, x, method="Nelder-Mead", options=options)
-    print(region.name, components(result.x), f"misfit {cost(x):.2f} -> {result.fun:.2f}", flush=True)
-    return components(result.x)
+    best = search(cost, x, np.array([0.2, 0.2, 0.3, 0.3, 0.4]), EVALUATIONS)
+    print(region.name, components(best), f"misfit {cost(x):.2f} -> {cost(best):.2f}", flush=True)
+    return components(best)
 
 
 def add_arguments(parser):

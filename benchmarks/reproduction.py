@@ -12,7 +12,6 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -22,13 +21,14 @@ import yaml
 
 from benchmarks import common
 from virtual_phantom import phantom
+from virtual_phantom.base import streams
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.features import extraction, tables
 from virtual_phantom.features.names import FEATURES, VARIANCE
 from virtual_phantom.io import volumes
 from virtual_phantom.io.files import read_csv, replacing, write_csv
-from virtual_phantom.io.volumes import Volume
-from virtual_phantom.statistics import measured, noise, ranking, repeats, wilcoxon
+from virtual_phantom.phantom.white_noise import add_white_noise
+from virtual_phantom.statistics import controls, measured, noise, ranking, repeats, wilcoxon
 from virtual_phantom.statistics.dose_series import dose_variance
 
 CONFIG = "config/reproduction.yaml"
@@ -37,7 +37,7 @@ STORED, PAGE = (common.ROOT / f"docs/validation/reproduction.{suffix}" for suffi
 STUDY, CONTROL = "reproduction", "white noise"
 SEEDS = (2023, 2024, 2025, 2026, 2027)
 WHITE_STREAM = 1
-UNIFORM = "cyst_1"  # ROI without texture, so that its fixed pattern contains only errors of sampling
+UNIFORM = "cyst_1"  # the ROI with the least texture: the printed pattern of the cyst
 PUBLISHED = ("simulator", "phantom")  # the two lists of the paper's appendix
 
 
@@ -151,9 +151,8 @@ def white_noise(plan: Plan, folder: Path) -> pd.DataFrame:
     image = volumes.read_nifti(folder / "phantom/image.nii.gz")
     rois, masks = phantom.read_masks(folder / "phantom/rois.csv", image.grid)
     classes = dict(zip(rois["roi"], rois["tissue_class"], strict=True))
-    means = measured.group_means().query("roi == 'cyst_1'").set_index("group")
-    sd = np.sqrt(means["original_firstorder_Variance"])
-    seed = np.random.SeedSequence(plan.study.seed, spawn_key=(WHITE_STREAM,))
+    means = measured.group_means().query("roi == @UNIFORM").set_index("group")
+    seed = streams.branch(plan.study.seed, WHITE_STREAM)
     count, rows = {"sirt": 0, "fbp": 0}, []
     for protocol in plan.groups():
         settings = plan.study.protocols[protocol]
@@ -161,8 +160,8 @@ def white_noise(plan: Plan, folder: Path) -> pd.DataFrame:
         group = 2 * count[algorithm] + (1 if algorithm == "sirt" else 2)
         count[algorithm] += 1
         for number, stream in enumerate(seed.spawn(plan.repeats(["dose10"]))):
-            noise = np.random.default_rng(stream).normal(0, sd[group], image.array.shape)
-            noisy = Volume((image.array + noise).astype(np.float32), image.grid)
+            variance = dict.fromkeys(masks, means.loc[group, VARIANCE])
+            noisy = add_white_noise(image, masks, variance, stream)
             acquisition = {
                 "protocol": protocol,
                 "algorithm": algorithm,
@@ -173,17 +172,6 @@ def white_noise(plan: Plan, folder: Path) -> pd.DataFrame:
             }
             rows.append(tables.add_acquisition(extraction.extract(noisy, masks), classes, acquisition))
     return tables.merge_tables(rows)
-
-
-def same_class_percent(table: pd.DataFrame) -> float:
-    """Percentage of pairs of ROIs of one tissue class with W > 1, over groups and features."""
-    class_of = dict(zip(table["roi"], table["tissue_class"], strict=True))
-    pairs = [(a, b) for a, b in combinations(class_of, 2) if class_of[a] == class_of[b]]
-    found = []
-    for _, rows in table.groupby("group"):
-        values = {roi: part[list(FEATURES)].to_numpy() for roi, part in rows.groupby("roi")}
-        found += [wilcoxon.ranksum_z(values[a], values[b]) > 1 for a, b in pairs]
-    return float(100 * np.mean(found))
 
 
 def published_overlap(scores: pd.DataFrame) -> dict[str, float]:
@@ -203,9 +191,8 @@ def groups_of(path: Path, plan: Plan) -> pd.DataFrame:
     return tables.read_groups(path, plan.groups(), noise="dose10", seeds=plan.repeats(["dose10"]))
 
 
-def headline(table: pd.DataFrame, draws: pd.DataFrame, features=FEATURES) -> dict[str, float]:
-    """Scores and overlap of a table with column group, against measured scores of equal repeats."""
-    scores = wilcoxon.scores(table, features)
+def headline(table: pd.DataFrame, scores: pd.DataFrame, draws: pd.DataFrame, features=FEATURES) -> dict[str, float]:
+    """Mean `scores` of a table with column group, and their overlap with measured scores of equal repeats."""
     overlap = ranking.overlap(scores, draws, ranking.shared_variance(table, features))
     row = {"repeats": int(draws["repeats"].iloc[0])}
     for kind in ranking.KINDS:
@@ -225,10 +212,11 @@ def score_values(table: pd.DataFrame) -> dict[str, float]:
     """Values from a table of features with the column group."""
     scores = wilcoxon.scores(table, FEATURES)
     draws = measured.load_score_draws(table["seed"].nunique())
-    row = headline(table, draws) | published_overlap(scores)
+    row = headline(table, scores, draws) | published_overlap(scores)
     row["low_stability"] = 100 * (scores["stability_percent"] < 50).mean()
     row["high_discrimination"] = 100 * (scores["discrimination_percent"] > 50).mean()
-    row["same_class_percent"] = same_class_percent(table)
+    shares = controls.controls(table, FEATURES).set_index(["score", "control"])["percent"]
+    row["same_class_percent"] = shares["discrimination", controls.SAME_CLASS]
     return row
 
 

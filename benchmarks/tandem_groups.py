@@ -40,6 +40,7 @@ from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.reconstruction.boxes import voxels_over
 from virtual_phantom.statistics import further_seeds, measured, repeats, wilcoxon
+from virtual_phantom.statistics.rank_sum import differing_probability
 
 SEED = 4732
 RECONSTRUCTIONS = {"fbp": (2, 4, 6, 8), "iterative": (1, 3, 5, 7)}
@@ -108,26 +109,9 @@ def scores(table: pd.DataFrame, features=FEATURES) -> pd.DataFrame:
 
 def same_class(table: pd.DataFrame, features=FEATURES) -> pd.Series:
     """Percent of pairs of regions of the same tissue class with |W| > 1, by feature."""
-    pairs = [
-        wilcoxon.scores(rows.assign(tissue_class=rows["roi"]), features).set_index("feature")["discrimination_percent"]
-        for _, rows in table.groupby("tissue_class")
-        if rows["roi"].nunique() > 1
-    ]
-    return sum(pairs) / len(pairs)
-
-
-def chance_level(n: int, threshold: float = 1.0) -> float:
-    """Probability of |W| > threshold for two samples of n values without ties from one distribution."""
-    counts = np.zeros((n + 1, n * n + 1))  # ways to reach a sum U of ranks with k values
-    counts[0, 0] = 1
-    for rank in range(2 * n):
-        for k in range(min(rank + 1, n), 0, -1):
-            shift = rank - (k - 1)  # values of the other sample below this one
-            if shift <= n:
-                counts[k, shift:] += counts[k - 1, : counts.shape[1] - shift]
-    u = np.arange(n * n + 1)
-    w = np.abs(u - n * n / 2) / np.sqrt(n * n * (2 * n + 1) / 12)
-    return float(counts[n][w > threshold].sum() / counts[n].sum())
+    found = wilcoxon.comparisons(table, features)
+    differing = np.concatenate([found.differing[pair] for pair in found.pairs(same_class=True)])
+    return pd.Series(np.where(found.varies, 100 * differing.mean(axis=0), np.nan), features)
 
 
 def paired_and_independent(table: pd.DataFrame, unit: str, draws: int = 30, features=FEATURES) -> pd.DataFrame:
@@ -136,7 +120,7 @@ def paired_and_independent(table: pd.DataFrame, unit: str, draws: int = 30, feat
     Each draw splits the acquisitions that all groups have into two halves. Paired: both groups of a comparison have the
     first half. Independent: the second group has the other half.
     """
-    shared = sorted(set.intersection(*(set(rows[unit]) for _, rows in table.groupby("group"))))
+    shared = repeats.shared_units(table, unit)
     size, rows = len(shared) // 2, []
     values = {key: part.set_index(unit)[list(features)] for key, part in table.groupby(["group", "roi"])}
     for stream in root(SEED).spawn(draws):
@@ -253,7 +237,7 @@ def control(
 
 def halves(table: pd.DataFrame, draws: int = 30) -> Iterator[tuple[pd.DataFrame, pd.DataFrame]]:
     """Random halves of the acquisitions that all groups have."""
-    shared = sorted(set.intersection(*(set(rows["acquisition"]) for _, rows in table.groupby("group"))))
+    shared = repeats.shared_units(table, "acquisition")
     for stream in root(SEED).spawn(draws):
         order = generator(stream).permutation(shared)
         size = len(shared) // 2
@@ -333,7 +317,7 @@ def run(options):
     predicted = {"simulated": [scores(table) for table in simulated]}
     predicted |= {title: [scores(table)] for title, table in controls.items()}
 
-    chance = 100 * chance_level(count)
+    chance = 100 * differing_probability(count, count)
     print(f"{count} repeats; percent, mean over {len(FEATURES)} features; chance level of |W| > 1: {chance:.1f} %")
     for title, found in draws.items():
         overall = mean_and_sd([means(one) for one in found], count / available[title])

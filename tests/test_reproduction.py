@@ -8,7 +8,7 @@ from benchmarks import common, reproduction
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.features.names import FEATURES
 from virtual_phantom.io.files import read_csv
-from virtual_phantom.statistics import measured
+from virtual_phantom.statistics import measured, wilcoxon
 
 PLAN = Plan(common.configuration(reproduction.CONFIG))
 
@@ -44,7 +44,8 @@ def test_pairs_of_one_class_without_a_difference_exceed_one_as_often_as_by_chanc
     table = table.assign(group=[group for group, _ in keys], roi=[roi for _, roi in keys])
     table["tissue_class"] = table["roi"].map({"a": "one", "b": "one", "c": "other"})
     # 31.5 % for ten repeats, by all arrangements of the ranks.
-    assert reproduction.same_class_percent(table) == pytest.approx(31.5, abs=4)
+    found = reproduction.score_values(table.assign(seed=np.tile(np.arange(10), 24)))
+    assert found["same_class_percent"] == pytest.approx(31.5, abs=4)
 
 
 def test_list_is_compared_with_measured_ones_of_as_many_repeats():
@@ -58,7 +59,8 @@ def test_list_is_compared_with_measured_ones_of_as_many_repeats():
     rows = rows.assign(
         group=np.repeat(np.arange(8), 24), roi=rois, tissue_class=[measured.TISSUE_CLASSES[roi] for roi in rois]
     )
-    row = reproduction.headline(rows, measured.load_score_draws(4), measured.PHANTOM4RADIOMICS_FEATURES)
+    features = measured.PHANTOM4RADIOMICS_FEATURES
+    row = reproduction.headline(rows, wilcoxon.scores(rows, features), measured.load_score_draws(4), features)
     assert row["repeats"] == 4
     assert 60 < row["stability_percent"] < 75  # |z| < 1 in 68 % without a difference
     assert row["stability_area"] < row["stability_area_chance"] < 0.6

@@ -15,6 +15,7 @@ from virtual_phantom.features.hu_offset import STORED_OFFSET_HU, convert_to_hu
 from virtual_phantom.features.names import FEATURES, MEAN, VARIANCE
 from virtual_phantom.features.parameters import DEFAULT, LARGEST, read_parameters
 from virtual_phantom.statistics import measured, wilcoxon
+from virtual_phantom.statistics.rank_sum import differing_probability
 
 TABLE = Path(__file__).resolve().parents[1] / "../shared/real/ct_phantom4radiomics/features_2d.csv"
 NAMES = [f"original_firstorder_{name}" for name in ("Mean", "Variance", "Entropy")]
@@ -37,9 +38,9 @@ def normal(seed):
 
 @pytest.mark.parametrize(("repeats", "percent"), [(10, 31.5), (5, 31.0), (4, 34.3)])
 def test_chance_level_is_that_of_equal_distributions(repeats, percent):
-    assert 100 * tandem.chance_level(repeats) == pytest.approx(percent, abs=0.05)
+    assert 100 * differing_probability(repeats, repeats) == pytest.approx(percent, abs=0.05)
     samples = generator(1).normal(size=(2, repeats, 20000))
-    assert np.mean(wilcoxon.ranksum_z(*samples) > 1) == pytest.approx(tandem.chance_level(repeats), abs=0.01)
+    assert np.mean(wilcoxon.ranksum_z(*samples) > 1) == pytest.approx(differing_probability(repeats, repeats), abs=0.01)
 
 
 def test_table_compared_with_itself_has_equal_scores_and_order():
@@ -59,7 +60,7 @@ def test_regions_of_one_class_are_counted_apart_from_those_of_different_classes(
     )
     overall = tandem.means(found)
     assert (overall["discrimination"] == 100).all()
-    assert overall.loc["all", "same_class"] == pytest.approx(50 + 50 * tandem.chance_level(10), abs=4)
+    assert overall.loc["all", "same_class"] == pytest.approx(50 + 50 * differing_probability(10, 10), abs=4)
 
 
 def test_sets_of_groups_have_their_own_stability():
@@ -68,7 +69,7 @@ def test_sets_of_groups_have_their_own_stability():
     apart = dict.fromkeys((2, 4, 6, 8), 0) | {group: 100 * group for group in (1, 3, 5, 7)}
     study = table(lambda group, roi, shape: apart[group] + random.normal(size=shape), features=FEATURES[:40])
     overall = tandem.means(tandem.scores(study, FEATURES[:40]))["stability"]
-    expected = 100 * (1 - tandem.chance_level(10))
+    expected = 100 * (1 - differing_probability(10, 10))
     assert overall["fbp"] == pytest.approx(expected, abs=4)
     assert overall["iterative"] == 0 and overall["all"] == pytest.approx(expected * 6 / 28, abs=1)
 
@@ -79,7 +80,7 @@ def test_shared_acquisitions_make_equal_groups_stable():
     study = table(lambda group, roi, shape: once[roi], repeats=18, unit="acquisition")
     found = tandem.paired_and_independent(study, "acquisition", draws=20, features=NAMES)
     assert (found["acquisitions"] == 9).all() and (found["paired"] == 100).all()
-    assert found["independent"].mean() == pytest.approx(100 * (1 - tandem.chance_level(9)), abs=6)
+    assert found["independent"].mean() == pytest.approx(100 * (1 - differing_probability(9, 9)), abs=6)
 
 
 @pytest.fixture

@@ -40,7 +40,8 @@ class Measured:
         return float(np.sqrt(1 + z**2).mean())
 
 
-def _search(cost: Callable[[np.ndarray], float], start: np.ndarray, steps: np.ndarray, evaluations: int) -> np.ndarray:
+def search(cost: Callable[[np.ndarray], float], start: np.ndarray, steps: np.ndarray, evaluations: int) -> np.ndarray:
+    """Return the variables with the lowest cost that a simplex search finds in a number of evaluations."""
     simplex = start + np.vstack([np.zeros(len(start)), np.diag(steps)])
     options = {"maxfev": evaluations, "initial_simplex": simplex}
     return minimize(cost, start, method="Nelder-Mead", options=options).x
@@ -94,7 +95,7 @@ def fit_noise(
     first = [start.mtf50_per_cm, start.mtf10_per_cm / start.mtf50_per_cm - 1, start.low_frequency_per_cm]
     first += [start.slice_sd_mm, start.log_amplitude_sd]
     first += [] if pattern else [0.5 * np.sqrt(variance), 12.0]
-    return model(_search(cost, np.log(first), np.full(len(first), 0.25), evaluations))
+    return model(search(cost, np.log(first), np.full(len(first), 0.25), evaluations))
 
 
 def fit_region(
@@ -139,4 +140,4 @@ def fit_region(
     fine, coarse = start.fine, start.coarse
     first = [start.noise_factor, fine.sd_hu, fine.correlation_mm, coarse.sd_hu, coarse.correlation_mm, start.contrast]
     steps = np.array([0.15, 0.2, 0.2, 0.3, 0.3, 0.05, 0.4])
-    return model(_search(cost, np.append(np.log(first), fine.skewness), steps, evaluations))
+    return model(search(cost, np.append(np.log(first), fine.skewness), steps, evaluations))

@@ -18,6 +18,11 @@ DRAWS = 30  # subsamples; the relative error of their SD is 13 %, 1 / sqrt(2 (30
 SEED = 4732  # seed of the subsamples, the same in every study
 
 
+def shared_units(table: pd.DataFrame, unit: str) -> np.ndarray:
+    """Return the sorted values of the column `unit` that all groups (column group) have."""
+    return np.array(sorted(set.intersection(*(set(rows[unit]) for _, rows in table.groupby("group")))))
+
+
 def subsamples(table: pd.DataFrame, repeats: int, unit: str, shared: bool) -> Iterator[tuple[pd.DataFrame, int]]:
     """Draw repeats of every group at random, without replacement: DRAWS times, or once if all are needed.
 
@@ -42,7 +47,7 @@ def subsamples(table: pd.DataFrame, repeats: int, unit: str, shared: bool) -> It
     """
     units = {group: np.sort(rows[unit].unique()) for group, rows in table.groupby("group")}
     if shared:
-        common = np.array(sorted(set.intersection(*map(set, units.values()))))
+        common = shared_units(table, unit)
         units = dict.fromkeys(units, common)
     available = min(map(len, units.values()))
     repeats = min(repeats, available)
