@@ -190,15 +190,23 @@ def perturbed(regions: dict, stream: Stream, repeats: int) -> dict:
     return found
 
 
-def of_studies(paths: list[Path]) -> dict[tuple[str, str, int], pd.Series]:
-    """Mean features of the default study, in 3D, over repeats and studies of other seeds."""
+def read_studies(paths: list[Path]) -> pd.DataFrame:
+    """3D features of the default study at the doses of the series, with the columns reconstruction and dose."""
     tables = pd.concat(map(read_table, paths))
     if set(tables["settings_hash"]) != {DEFAULT.hash()}:
         raise InputError(f"{paths[0]}: has other features than 3D features in HU; use config/whole_regions.yaml")
     protocols = {"group_2": "fbp", "group_1": "iterative"}
-    kept = tables[tables["protocol"].isin(protocols)].assign(dose=tables["noise"].map(LEVELS))
-    means = kept.groupby(["roi", "protocol", "dose"])[list(FEATURES)].mean()
-    return {(roi, protocols[protocol], dose): row for (roi, protocol, dose), row in means.iterrows()}
+    kept = tables[tables["protocol"].isin(protocols)]
+    return kept.assign(reconstruction=kept["protocol"].map(protocols), dose=kept["noise"].map(LEVELS))
+
+
+def over_repeats(studies: pd.DataFrame, real: dict, feature: str) -> pd.DataFrame:
+    """Mean and SD over repeats of a feature in each region, simulated and measured."""
+    rows = studies.groupby(["dose", "reconstruction", "roi"])[feature].agg(["mean", "std"])
+    known = [real[roi, name, dose] for dose, name, roi in rows.index]
+    rows["measured mean"] = [one.mean[feature] for one in known]
+    rows["measured SD"] = [one.sd[feature] for one in known]
+    return rows.round(2)
 
 
 def interpolated(real: dict, model: dict | None = None) -> dict[tuple[str, str, int], pd.Series]:
@@ -329,11 +337,14 @@ def run(options):
     }
     print(order_table(orders, real, named(stream, "bootstrap")).to_string())
     if options.study:
-        studied = of_studies(options.study)
+        studies = read_studies(options.study)
+        studied = dict(studies.groupby(["roi", "reconstruction", "dose"])[list(FEATURES)].mean().iterrows())
         table = shares(studied, real)
         means = table[table["roi"] != UNIFORM].groupby(["dose", "reconstruction"])["percent"].mean()
         print("\ndefault study, simulated scans\n", means.unstack().round(1))
         print(table.pivot(index="roi", columns=["dose", "reconstruction"], values="percent").round(0).to_string())
+        for feature in (MEAN, VARIANCE):
+            print(f"\n{feature} over repeats\n{over_repeats(studies, real, feature).to_string()}")
         if {key[2] for key in studied} == set(DOSES):
             print(order_table({"default study": studied}, real, named(stream, "bootstrap")).to_string())
     if options.table:
