@@ -71,7 +71,7 @@ def effect_file(name: str) -> Path:
 
 
 def code_hash(*modules: str | Path) -> str:
-    """Return a hash of 16 hexadecimal digits: of modules and of all that they import from the library."""
+    """Return a hash of 16 hexadecimal digits: of modules and everything they import from the library."""
     known = len(_cache())
     files = sorted({file for module in modules for file in files_behind(module)})
     # The hash includes the names of files in the library, so that moving a module changes it.

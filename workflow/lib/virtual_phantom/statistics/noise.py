@@ -77,10 +77,8 @@ def fixed_pattern(
 
     Parameters
     ----------
-    images : iterable of ndarray, shape (z, y, x)
-        HU, one per repeat. Only voxels of ROIs are kept in memory.
-    name : str, optional
-        Start of error messages.
+    images, masks, name
+        As for `repeat_variance`.
 
     Returns
     -------

@@ -14,7 +14,7 @@ SURE = 5.0
 # Philos. Trans. R. Soc. A 210, 307, 1911).
 # - rays: the change by twice as many rays is expected to equal the change by all further rays.
 # - voxels: voxels of edge h, with linear interpolation, blur by a variance of h^2/4. Voxels twice as large add 3/4 h^2.
-#   The true object has a blur of its own: 0 (ratio 0.33), h^2/24 for voxels half as large (0.28), or h^2/12 for sharp
+#   The true object also has a blur: 0 (ratio 0.33), h^2/24 for voxels half as large (0.28), or h^2/12 for sharp
 #   voxels of edge h (0.22).
 NUMERICAL = {"rays": (1.0, 1 / 3), "voxels": (0.28, 0.06)}
 NOMINAL_PHOTONS_SD = 0.02  # of the logarithm of a stated number of photons

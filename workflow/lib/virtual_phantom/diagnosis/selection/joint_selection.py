@@ -30,8 +30,8 @@ class JointChoice:
     baseline, chosen : JointFit
         Nuisance parameters alone, and with the effects; fitted to all recordings.
     before, left_out : dict of str to Fit
-        By recording, a fit of its own nuisance parameters. Declared physics (`before`) or all physics (`left_out`) is
-        fixed at the values fitted to the recordings outside of its fold.
+        By recording, a fit of the nuisance parameters of this recording. Declared physics (`before`) or all physics
+        (`left_out`) is fixed at the values fitted to the recordings outside of its fold.
     scores : dict of str to dict of str to float
         By recording, log score on its held-out data: "before", and "after" with the physics of the others.
     gains : dict of str to float
