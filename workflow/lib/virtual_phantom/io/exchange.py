@@ -150,7 +150,7 @@ def _write(file, data, geometry):
     acquisition.create_dataset("source_z_mm", data=geometry.source_z_mm)
     # Degrees do not convert back to exactly the same radians, which the reconstruction must use.
     acquisition.create_dataset("angles_rad", data=geometry.angles_rad)
-    if geometry.flies:
+    if geometry.has_focal_spot_offset:
         acquisition.create_dataset("spots_mm", data=geometry.spots_mm)
     for name in _SCALARS:
         if (value := getattr(geometry, name)) is not None:
