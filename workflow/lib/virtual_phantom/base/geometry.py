@@ -441,7 +441,7 @@ def scan_geometry(scan: ScanSettings, projections: int, grid: Grid) -> OrbitGeom
             "row_offset_px",
         )
     }
-    detector |= surface_of(to_mapping(scan))
+    detector |= detector_and_spot_fields(to_mapping(scan))
     start = math.radians(scan.start_angle_deg)
     if scan.trajectory == "circular":
         geometry = circular(views=projections, turns=scan.turns or 1.0, start_angle_rad=start, **detector)
@@ -457,14 +457,14 @@ def scan_geometry(scan: ScanSettings, projections: int, grid: Grid) -> OrbitGeom
     return replace(geometry, view_interval_ms=scan.rotation_time_ms / geometry.views_per_rotation)
 
 
-def surface_of(scan: dict) -> dict:
+def detector_and_spot_fields(scan: dict) -> dict:
     """Return the detector surface and focal spots of a `scan` section as fields of OrbitGeometry, with defaults."""
     surface, radius = scan.get("detector", FLAT), scan.get("arc_radius_mm")
     spots = [[spot.get(key, 0.0) for key in SPOT_KEYS] for spot in scan.get("flying_focal_spot") or [{}]]
     return {"surface": surface, "arc_radius_mm": radius, "spots_mm": np.array(spots, float)}
 
 
-def stated_surface(geometry: OrbitGeometry) -> dict:
+def detector_and_spot_keys(geometry: OrbitGeometry) -> dict:
     """Return beam, detector surface and focal spots of a geometry as keys of a recording's `scan` section."""
     stated = {"beam": PARALLEL} if geometry.parallel else {}
     stated |= {"detector": geometry.surface}
