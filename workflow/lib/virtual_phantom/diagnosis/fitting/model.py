@@ -184,7 +184,7 @@ class Model(ABC):
         """Return the correction of numerical errors that is added to the mean, broadcastable to it."""
         return 0.0
 
-    def errors_of_steps(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
+    def discretization_errors(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
         """Return {nuisance parameter: change of the mean by finer discretization}; empty if there is none."""
         return {}
 

@@ -76,10 +76,10 @@ class ScansModel(Model):
         """See Model.distortion."""
         if self.numerical is None:
             return 0.0
-        return sum(nuisance[name] * change for name, change in self.errors_of_steps(linearization).items())
+        return sum(nuisance[name] * change for name, change in self.discretization_errors(linearization).items())
 
-    def errors_of_steps(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
-        """See Model.errors_of_steps."""
+    def discretization_errors(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
+        """See Model.discretization_errors."""
         return {} if self.numerical is None else self.numerical.at(linearization.errors)
 
     @property
