@@ -61,7 +61,7 @@ class ScansModel(Model):
     def with_piece(self, number: Nuisance, piece: Piece) -> ScansModel:
         """Return the model with one more piece of the object, whose excess attenuation is the nuisance parameter."""
         found = copy.copy(self)
-        found.nuisances = (*self.nuisances, number)
+        found.base_nuisances = (*self.base_nuisances, number)
         found.pieces = {**self.pieces, number.name: Inclusion(piece.shape, piece)}
         if self.numerical is not None:
             found.numerical = self.numerical.with_pieces(found.pieces)
