@@ -126,7 +126,7 @@ def imported(path: Path) -> tuple[Path, ...]:
 
 @cache
 def _files(module: tuple[str, ...]) -> tuple[Path, ...]:
-    """Return a module's file, if it is one, and the __init__ of each package around it; nothing for a neutral module."""
+    """Return a module's file, if it is one, and the __init__ of each package around it; nothing if it is neutral."""
     if module in RESULT_NEUTRAL_MODULES:
         return ()
     base = LIBRARY.joinpath(*module)
