@@ -80,7 +80,7 @@ def read_physics(path: str | Path) -> tuple[Physics, OrbitGeometry] | None:
     Raises
     ------
     InputError
-        For a missing, broken or other file.
+        If the file is missing, damaged or of another kind.
     """
     with opened(path) as file:
         if "physics" not in file:
@@ -115,7 +115,7 @@ def read_line_integrals(path: str | Path) -> tuple[np.ndarray, OrbitGeometry]:
     Raises
     ------
     InputError
-        For a missing, broken or other file.
+        If the file is missing, damaged or of another kind.
     """
     with opened(path) as file:
         data = file["exchange/data"]
@@ -130,7 +130,7 @@ def read_counts(path: str | Path) -> tuple[Counts, OrbitGeometry]:
     Raises
     ------
     InputError
-        For a missing, broken or other file.
+        If the file is missing, damaged or of another kind.
     """
     with opened(path) as file:
         data = file["exchange/data"]

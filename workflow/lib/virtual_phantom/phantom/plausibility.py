@@ -355,7 +355,7 @@ def _lengths(array: np.ndarray, grid: Grid) -> Iterator[str]:
         yield f"has voxels of {size} mm (x, y, z); are its lengths in mm?"
     elif _is_identity(grid):
         yield (
-            "has voxels of 1 x 1 x 1 mm with the first at (0, 0, 0), as files have whose voxel size was lost; write "
+            "has voxels of 1 x 1 x 1 mm with the first at (0, 0, 0), so its voxel size was lost; write "
             "the CT's affine into it, and into files of its regions"
         )
     elif max(wide) < NARROWEST_VIEW_MM and 0 < (body := _width_mm(array, grid)) < NARROWEST_BODY_MM:
