@@ -51,7 +51,7 @@ FIELDS = (
 def left_over(prepared_data, physics, fit):
     """Hidden physics that a fit does not explain, without noise: size in SDs, and domains where it is significant."""
     fitter, held_out = prepared_data.fitter, prepared_data.held_out
-    place = {one.name: one.expected for one in fitter.model.nuisances}
+    place = {one.name: one.expected for one in fitter.model.base_nuisances}
     truth = fitter.model.predict(physics, place, held_out, Linearization(*2 * (LinearizationPoint.of(physics, place),)))
     gain = fitter.model.chain.state(physics).gain
     found = fitter.model.predict(fit.physics, fit.nuisance, held_out, fit.linearization)

@@ -1,13 +1,13 @@
 """Compare the numbers and figures of the paper with its reproduction at five seeds (2 hours on two cores).
 
 Runs config/reproduction.yaml for each seed in results-reproduction, with white noise on the same phantom as a control.
-Writes the values of each seed to docs/validation/reproduction.csv, and tables to the page of that name. --stability
-runs only the stability analysis (a quarter of the time). Rows of other analyses then use the seeds that have them.
+Writes the values of each seed to docs/validation/reproduction.csv, and the tables of that page to other CSV files.
+--stability runs only the stability analysis (a quarter of the time). Rows of other analyses then use the seeds that
+have them.
 """
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -291,27 +291,23 @@ def text(row: Mapping[str, float], digits: int) -> str:
     return f"{row['mean']:.{digits}f} ± {row['sd']:.{digits}f} ({row['low']:.{digits}f} to {row['high']:.{digits}f})"
 
 
-def markdown(ours: pd.DataFrame, white: pd.DataFrame) -> str:
+def numbers_table(ours: pd.DataFrame, white: pd.DataFrame) -> pd.DataFrame:
     """Table of ROWS."""
-    lines = [
-        "| quantity | paper | reproduction | white noise, no scan | seeds | reason for the difference |",
-        "|---" * 6 + "|",
-    ]
-    paper = paper_overlap()
+    cells, paper = [], paper_overlap()
     for row in ROWS:
         if row.key not in ours.index:
             continue
-        control = text(white.loc[row.key], row.digits) if row.key in white.index else ""
-        stated = f"{paper[row.key]} (its simulator)" if row.key in paper else row.paper
-        cells = [
-            row.quantity,
-            stated,
-            text(ours.loc[row.key], row.digits),
-            control,
-            f"{ours.loc[row.key, 'seeds']:.0f}",
-        ]
-        lines.append(f"| {' | '.join([*cells, row.reason])} |")
-    return "\n".join(lines)
+        cells.append(
+            {
+                "quantity": row.quantity,
+                "paper": f"{paper[row.key]} (its simulator)" if row.key in paper else row.paper,
+                "reproduction": text(ours.loc[row.key], row.digits),
+                "white noise, no scan": text(white.loc[row.key], row.digits) if row.key in white.index else "",
+                "seeds": f"{ours.loc[row.key, 'seeds']:.0f}",
+                "reason for the difference": row.reason,
+            }
+        )
+    return pd.DataFrame(cells)
 
 
 def paper_overlap() -> dict[str, int]:
@@ -321,21 +317,29 @@ def paper_overlap() -> dict[str, int]:
     return {f"{kind}_ten_phantom": len(lists[kind, "simulator"] & lists[kind, "phantom"]) for kind in ranking.KINDS}
 
 
-def pattern_markdown(ours: pd.DataFrame, protocols: list[str]) -> str:
+def pattern_table(ours: pd.DataFrame, protocols: list[str]) -> pd.DataFrame:
     """Table of the fixed pattern and noise of the uniform ROI."""
-    lines = ["| protocol | fixed pattern, HU² | noise, HU² | share of the pattern, % |", "|---" * 4 + "|"]
+    cells = []
     for protocol in protocols:
         pattern, noisy = (ours.loc[f"{protocol} {part}"] for part in ("pattern", "noise"))
         share = 100 * pattern["mean"] / (pattern["mean"] + noisy["mean"])
-        lines.append(f"| `{protocol}` | {text(pattern, 0)} | {text(noisy, 0)} | {share:.0f} |")
-    return "\n".join(lines)
+        cells.append(
+            {
+                "protocol": protocol,
+                "fixed pattern, HU²": text(pattern, 0),
+                "noise, HU²": text(noisy, 0),
+                "share of the pattern, %": f"{share:.0f}",
+            }
+        )
+    return pd.DataFrame(cells)
 
 
-def page_tables(stored: pd.DataFrame) -> dict[str, str]:
-    """The tables that the page marks by their names, from the values of all seeds."""
+def page_tables(stored: pd.DataFrame) -> dict[Path, pd.DataFrame]:
+    """The tables of the page by their files, from the values of all seeds."""
     ours, white = (summary(stored, study) for study in (STUDY, CONTROL))
     groups = Plan(common.configuration(CONFIG)).groups()
-    return {"numbers": markdown(ours, white), "pattern": pattern_markdown(ours, list(groups))}
+    tables = {"numbers": numbers_table(ours, white), "pattern": pattern_table(ours, list(groups))}
+    return {STORED.with_name(f"{STORED.stem}_{name}.csv"): table for name, table in tables.items()}
 
 
 def add_arguments(parser):
@@ -366,13 +370,10 @@ def run(options):
         sys.exit("no study is finished; run without --keep")
     with replacing(STORED, checksum=False) as temporary:
         pd.DataFrame(rows).to_csv(temporary, index=False, lineterminator="\n", float_format="%.6g")
-    page = PAGE.read_text(encoding="utf-8")
-    for name, lines in page_tables(read_csv(STORED)).items():
-        page = re.sub(
-            rf"(<!-- table: {name} -->\n\n).*?(?=\n\n)", lambda found, new=lines: found[1] + new, page, flags=re.S
-        )
-        print(lines, end="\n\n")
-    PAGE.write_text(page, encoding="utf-8")
+    for path, table in page_tables(read_csv(STORED)).items():
+        lines = table.to_csv(index=False, lineterminator="\n")
+        path.write_text(lines, encoding="utf-8")
+        print(lines)
     for acquisitions in measured.ACQUISITIONS:
         draws = measured.load_score_draws(10, acquisitions)
         texts = ["{:.1f} ± {:.1f} %".format(*repeats.mean_over_features(draws, kind)) for kind in ranking.KINDS]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from virtual_phantom.config import dependencies
-from virtual_phantom.config.dependencies import LIBRARY, WITHOUT_EFFECT, code_version, files_behind, imported
+from virtual_phantom.config.dependencies import LIBRARY, RESULT_NEUTRAL_MODULES, code_version, files_behind, imported
 
 SCRIPTS = LIBRARY.parents[1] / "scripts"
 
@@ -32,8 +32,12 @@ def test_no_loaded_module_is_missed(module, tmp_path):
         check=True,
     ).stdout.split()
     expected = {Path(file) for file in loaded} - {LIBRARY / "__init__.py"}
-    expected -= {LIBRARY.joinpath(*module).with_suffix(".py") for module in WITHOUT_EFFECT}
+    expected -= {LIBRARY.joinpath(*module).with_suffix(".py") for module in RESULT_NEUTRAL_MODULES}
     assert expected and expected <= set(files_behind(script))
+
+
+def test_result_neutral_modules_exist():
+    assert all(LIBRARY.joinpath(*module).with_suffix(".py").is_file() for module in RESULT_NEUTRAL_MODULES)
 
 
 def test_imports_inside_a_script_and_inside_functions_count():
@@ -59,7 +63,7 @@ def named(path):
             around = package[: len(package) - node.level + 1] if node.level else ()
             parts = (*around, *filter(None, (node.module or "").split(".")))
             modules |= {parts} | {(*parts, alias.name) for alias in node.names}
-    return {module[1:] for module in modules if module[:1] == (LIBRARY.name,)} - set(WITHOUT_EFFECT)
+    return {module[1:] for module in modules if module[:1] == (LIBRARY.name,)} - set(RESULT_NEUTRAL_MODULES)
 
 
 @pytest.mark.parametrize("folder", [LIBRARY, SCRIPTS], ids=["library", "scripts"])

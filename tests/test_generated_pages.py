@@ -8,7 +8,7 @@ from generators import PAGES, configuration, effects, licenses, thresholds
 from site_pages import ROOT
 
 import virtual_phantom
-from virtual_phantom.base.data import SCHEMAS
+from virtual_phantom.base.data import RESOURCES, SCHEMAS
 from virtual_phantom.config.outputs import OUTPUTS
 from virtual_phantom.physics.effect import PER_SCAN, Parameter, Reach, load, names
 
@@ -79,6 +79,12 @@ def test_effects_page_has_every_effect_with_equation_and_source():
 def test_range_of_a_rate_is_the_change_over_the_scan(unit, shown):
     rate = Parameter("rate", unit, "rate", -20.0, 20.0, 0.0, 1.0, reach=Reach(PER_SCAN, -5.0, 5.0, 0.0, 0.5))
     assert effects.parameter_line(rate).endswith(f"(-20 to 20; off at 0); in a fit {shown}")
+
+
+def test_objects_page_has_every_object():
+    page = PAGES["reference/objects.md"]()
+    kinds = [path.stem for path in (RESOURCES / "objects").glob("*.yaml")]
+    assert len(kinds) > 5 and all(f"\n## {kind}\n" in page for kind in kinds)
 
 
 def test_files_page_has_every_output():

@@ -76,10 +76,11 @@ def test_interval_of_the_mean_is_that_of_student():
 
 
 def test_page_has_the_tables_of_the_stored_values_of_the_current_settings():
-    """After a change of the reproduction, run the benchmark again; it writes the tables to the page."""
+    """After a change of the reproduction, run the benchmark again; it writes the tables of the page."""
     stored = read_csv(reproduction.STORED)
     assert set(stored["settings"]) == {PLAN.scored_settings()}
     assert set(stored["seed"]) <= set(reproduction.SEEDS) and PLAN.study.seed not in set(stored["seed"])
     page = reproduction.PAGE.read_text(encoding="utf-8")
-    for name, lines in reproduction.page_tables(stored).items():
-        assert f"<!-- table: {name} -->\n\n{lines}\n" in page, name
+    for path, table in reproduction.page_tables(stored).items():
+        assert path.read_text(encoding="utf-8") == table.to_csv(index=False, lineterminator="\n"), path.name
+        assert f"<!-- table: {path.name} -->\n" in page, path.name

@@ -113,7 +113,7 @@ def stated(physics, model, random=None):
 def signal_to_noise(prepared_data, physics):
     """Signal-to-noise ratio of physics beyond the alignment, from a fit of the alignment to noise-free data."""
     fitter = prepared_data.fitter
-    place = {one.name: one.expected for one in fitter.model.nuisances}
+    place = {one.name: one.expected for one in fitter.model.base_nuisances}
     data, known_physics = fitter.data, stated_physics(fitter.model.declared)
     there = Linearization(*2 * (LinearizationPoint.of(known_physics, place),)) if known_physics else BASE
     there = fitter.model.predict(known_physics | physics, place, data, there)

@@ -6,9 +6,12 @@ import virtual_phantom
 from virtual_phantom.api.simulated import Scan
 from virtual_phantom.diagnosis.verdict.verdict import Diagnosis
 from virtual_phantom.phantom import Phantom
+from virtual_phantom.physics.effect import Effect, Parameter, Reach
+from virtual_phantom.physics.state import State
 
 FUNCTIONS = ("draw_phantom", "read_phantom", "scan", "reconstruct", "extract", "diagnose")
 RESULTS = (Phantom, Scan, Diagnosis)
+EFFECT_CLASSES = (Effect, Parameter, Reach, State)
 INTRODUCTION = """# Python API
 
 The steps of the study and the diagnosis as functions. Arguments that you omit are as in config/paper_groups.yaml.
@@ -45,6 +48,8 @@ def page() -> str:
         parts.append(entry(name, function, f"vp.{name}(\n{parameters},\n)\n\n"))
     parts.append("## Returned objects\n")
     parts += [entry(kind.__name__, kind) for kind in RESULTS]
+    parts.append("## Classes of effects\n\n[New effects](../how-to/add-an-effect.md) use these classes.\n")
+    parts += [entry(kind.__name__, kind) for kind in EFFECT_CLASSES]
     return "\n".join(parts)
 
 

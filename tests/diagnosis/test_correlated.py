@@ -272,7 +272,7 @@ def test_halves_share_no_noise_if_weights_are_measured():
             scans(chain, {}, np.random.default_rng(draw)), None, chain, nominal_photons=PHOTONS
         )
         fitter = prepared_data.fitter
-        place = {one.name: one.expected for one in fitter.model.nuisances}
+        place = {one.name: one.expected for one in fitter.model.base_nuisances}
         parts = [
             data.residuals(fitter.model.predict({}, place, data))
             for data in (prepared_data.data, prepared_data.held_out)

@@ -259,7 +259,7 @@ def test_effect_declares_its_priors_and_its_owner(scene, leaking):
     kvp = next(unknown for unknown in fitter.model.unknowns(("leakage",)) if unknown.name == "kvp")
     assert (kvp.expected, kvp.sd, kvp.low, kvp.high, kvp.starts) == (100.0, 1.0, 95.0, 105.0, (100.0,))
     scale, free = (
-        next(one for one in fitter.model.alignment(names) if one.name == "scale") for names in (("leakage",), ())
+        next(one for one in fitter.model.nuisances_for(names) if one.name == "scale") for names in (("leakage",), ())
     )
     assert (scale.expected, scale.sd) == (fitter.model.density[0], min(free.sd, fitter.model.density[1]))
     share, _, width = leaking.parameters

@@ -204,7 +204,7 @@ def test_single_repeat_states_the_source_of_its_noise(scene):
 def test_noise_does_not_depend_on_earlier_calls(scene):
     """The position of the object at which the noise is computed is part of the linearization."""
     fresh, used = (prepared(scene, {}).fitter.model for _ in range(2))
-    expected = {one.name: one.expected for one in fresh.nuisances}
+    expected = {one.name: one.expected for one in fresh.base_nuisances}
     moved = expected | {"x_mm": 4.0}
     there = Linearization(LinearizationPoint({}, {"x_mm": 4.0}))
     used.images({}, moved)

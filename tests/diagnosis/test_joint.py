@@ -135,7 +135,7 @@ def _at(fitter, physics, given):
     """Chi-square with fitted alignment at fixed physics."""
     model = fitter.model
     fitter.model = type(model)(
-        model.chain, model.nuisances, anode=model.anode, fixed=physics, numerical=model.numerical
+        model.chain, model.base_nuisances, anode=model.anode, fixed=physics, numerical=model.numerical
     )
     try:
         return fitter.fit(("scatter",), given).chi_square

@@ -90,8 +90,8 @@ def test_nonuniform_discretization_errors_shift_parameters_by_the_counted_error(
     fit = trial(fitter, ()).fit
     share = 0.5
     whole = harmonics(fitter.model.source_angles_rad, fitter.data.mean.shape)
-    steps = fitter.model.errors_of_steps(fit.linearization)
-    monkeypatch.setattr(type(fitter.model), "errors_of_steps", lambda *_: {name: steps[name]})
+    steps = fitter.model.discretization_errors(fit.linearization)
+    monkeypatch.setattr(type(fitter.model), "discretization_errors", lambda *_: {name: steps[name]})
     monkeypatch.setattr(model_error, "shapes", lambda mean: {})
     monkeypatch.setattr(model_error, "harmonics", lambda *_: {"sin 2": whole["sin 2"]})
     counted = model_error.errors_with_models(fitter, fit, {}, {"default": 0.0, "numerical": share}).nuisance

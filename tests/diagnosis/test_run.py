@@ -107,7 +107,7 @@ SETTINGS = (
 
 def test_predictions_do_not_depend_on_earlier_calls(scene):
     fresh, used = (ready(scene, {}) for _ in range(2))
-    expected = {one.name: one.expected for one in fresh.fitter.model.nuisances}
+    expected = {one.name: one.expected for one in fresh.fitter.model.base_nuisances}
     points = [LinearizationPoint(physics, {"x_mm": 0.4, **off}) for physics, off in SETTINGS[:2]]
     places = [BASE, *(Linearization(BASE.errors, rays) for rays in points)]
 

@@ -276,10 +276,10 @@ def doubted(physics, nuisance=None, sensor=None, pulled=None, **known):
     """Doubts and advice for a fit with these parameters, all of them well constrained."""
     chain = Chain(SCENE, GEOMETRY, PHOTONS, sensor=sensor or sensors.sensor_from_label())
     model = ScansModel(chain, nuisances(np.log(PHOTONS), 0.02, {}), **known)
-    values = {one.name: one.expected for one in model.nuisances} | (nuisance or {})
+    values = {one.name: one.expected for one in model.base_nuisances} | (nuisance or {})
     errors = {name: dict.fromkeys(numbers, 1e-6) for name, numbers in physics.items()}
     if pulled is None:
-        pulled = {one.name: one.off(values[one.name]) for one in model.alignment(tuple(physics))}
+        pulled = {one.name: one.off(values[one.name]) for one in model.nuisances_for(tuple(physics))}
     fit = SimpleNamespace(effects=tuple(physics), physics=physics, errors=errors, nuisance=values, pulled=pulled)
     choice = SimpleNamespace(chosen=SimpleNamespace(fit=fit))
     return doubts(choice, model, {}), advice(fit, model)

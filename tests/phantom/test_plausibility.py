@@ -103,13 +103,13 @@ WRONG = {
     "HU + 1024, padded by GE": (lambda: padded(chest() + 1024, -2000), "hu", "1000 or 1024 was added to HU"),
     "HU + 1024, padded with air": (lambda: padded(chest() + 1024, -1000), "hu", "1000 or 1024 was added to HU"),
     "HU + 1000, noise below 0": (lambda: chest(30, None) + 1000, "hu", "1000 or 1024 was added to HU"),
-    "HU - 1024": (lambda: chest() - 1024, "hu", "the air in it is at about -2024, not -1000 HU; add 1024 first"),
-    "HU - 1024, no noise": (lambda: cylinder(0) - 1024, "hu", "perhaps HU - 1000 or HU - 1024: add that first"),
-    "HU + 500": (lambda: chest() + 500, "hu", "what surrounds the body is at -500 HU"),
+    "HU - 1024": (lambda: chest() - 1024, "hu", "air is at about -2024, not -1000 HU; add 1024"),
+    "HU - 1024, no noise": (lambda: cylinder(0) - 1024, "hu", "perhaps HU - 1000 or HU - 1024: add 1000 or 1024"),
+    "HU + 500": (lambda: chest() + 500, "hu", "the surroundings of the body are at -500 HU"),
     "HU / 1000": (lambda: chest() / 1000, "hu", "perhaps HU / 1000: multiply by 1000"),
     "HU / 10": (lambda: chest() / 10, "hu", "perhaps the scale was lost"),
-    "HU * 10": (lambda: chest(20, None) * 10, "hu", "the air in it is at about -10000"),
-    "half the slope": (lambda: chest() / 2, "hu", "what surrounds the body is at -500 HU"),
+    "HU * 10": (lambda: chest(20, None) * 10, "hu", "air is at about -10000"),
+    "half the slope": (lambda: chest() / 2, "hu", "the surroundings of the body are at -500 HU"),
     "mu per mm": (lambda: MU_WATER * (1 + chest() / 1000), "hu", "perhaps attenuation mu"),
     "mu per cm, noise": (lambda: 10 * MU_WATER * (1 + chest(60, None) / 1000), "hu", "perhaps attenuation mu"),
     "mu per m": (lambda: 1000 * MU_WATER * (1 + chest(20, None) / 1000), "hu", "perhaps the scale was lost"),
@@ -135,7 +135,11 @@ WRONG = {
     "twice HU + 1000": (lambda: 2 * chest(20, None) + 2500, "hu", "denser than bone|has no value below 0"),
     "a mask": (lambda: OUTLINE * 1.0, "hu", "has 2 different whole numbers up to 1, as a label map or mask"),
     "labels": (lambda: np.rint(cylinder(0) + 1000) / 1000 * 117, "hu", "up to 117, as a label map or mask: give the"),
-    "outside set to 0": (lambda: np.where(OUTLINE, chest(), 0), "window", "what is outside of the body was set to it"),
+    "outside set to 0": (
+        lambda: np.where(OUTLINE, chest(), 0),
+        "window",
+        "the surroundings of the body were set to this value",
+    ),
 }
 
 SIZES = {

@@ -127,8 +127,8 @@ def test_file_on_the_page_is_an_object(tmp_path):
     (tmp_path / "bottle.yaml").write_text(block)
     shaped = read_object(str(tmp_path / "bottle.yaml"), {"wide_mm": 40})
     assert [shape.around[2] for shape in shaped.shapes[:2]] == pytest.approx([21, 20], abs=0.01)
-    listed = page.split("## An object")[0]
-    assert set(object_names()) == set(re.findall(r"^\| `(\w+)` \| .* \| .* \|$", listed, re.MULTILINE))
+    listed = page.split("## Included objects")[1].split("## ")[0]
+    assert set(object_names()) == set(re.findall(r"`(\w+)`", listed))
 
 
 def test_shipped_cylinder_equals_its_discs():

@@ -121,12 +121,12 @@ def test_time_left_follows_the_forecast_until_fits_take_longer(tmp_path):
     run.look()
     assert run.lines()[-1] == "0 of 1 jobs done, 8 min to 1.5 h left; now: diagnose (0 of 1 done)"
     run.now = 540.0
-    write_status(run.log, JobStatus("bench", "1 of 6 fits made", seconds_left=3000.0))
+    write_status(run.log, JobStatus("bench", "1 of 6 fits made", min_seconds_left=3000.0))
     run.look()
     assert run.lines()[-1] == (
         "0 of 1 jobs done, 50 min to 2 h left; now: diagnose (0 of 1 done); bench: 1 of 6 fits made"
     )
-    write_status(run.log, JobStatus("bench", "verdict found", seconds_left=0.0, most_left=100.0))
+    write_status(run.log, JobStatus("bench", "verdict found", min_seconds_left=0.0, max_seconds_left=100.0))
     run.now += 60.0
     run.look()
     assert run.lines()[-1] == "0 of 1 jobs done, under 2 min left; now: diagnose (0 of 1 done); bench: verdict found"
@@ -135,37 +135,37 @@ def test_time_left_follows_the_forecast_until_fits_take_longer(tmp_path):
 def test_time_left_is_small_after_the_verdict():
     times = [0.0]
     progress = DiagnosisProgress(clock=lambda: times[-1])
-    assert progress.most_left is None
+    assert progress.max_seconds_left is None
     times.append(50.0)
     for rounds in (1, 2, 3):
         progress.begin(FITTED, 2)
-        assert progress.most_left == pytest.approx(50 * LEFT_AFTER[FITTED] / rounds)
+        assert progress.max_seconds_left == pytest.approx(50 * LEFT_AFTER[FITTED] / rounds)
     times.append(100.0)
     progress.reached(JUDGED)
-    assert progress.most_left == pytest.approx(100 * LEFT_AFTER[JUDGED])
+    assert progress.max_seconds_left == pytest.approx(100 * LEFT_AFTER[JUDGED])
     progress.reached(COMPARED)
-    assert progress.most_left == pytest.approx(100 * LEFT_AFTER[COMPARED])
+    assert progress.max_seconds_left == pytest.approx(100 * LEFT_AFTER[COMPARED])
 
 
 def test_time_of_remaining_fits_follows_recent_ones():
     times = [0.0]
     progress = DiagnosisProgress(clock=lambda: times[-1])
-    assert progress.seconds_left is None
+    assert progress.min_seconds_left is None
     progress.reached(ALIGNED)
     done = progress.begin(FITTED, 4)
-    assert progress.seconds_left is None
+    assert progress.min_seconds_left is None
     for now in (10.0, 30.0):
         times.append(now)
         done()
-    assert progress.seconds_left == pytest.approx(2 * 15.0)
+    assert progress.min_seconds_left == pytest.approx(2 * 15.0)
     done()
     done()
-    assert progress.seconds_left == 0
+    assert progress.min_seconds_left == 0
     times.append(100.0)
     done = progress.begin(FITTED, 3)
     times.append(107.0)
     done()
-    assert progress.seconds_left == pytest.approx(2 * 7.0)
+    assert progress.min_seconds_left == pytest.approx(2 * 7.0)
     assert progress.words == "alignment fitted; 5 of 7 fits made"
 
 

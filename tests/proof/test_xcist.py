@@ -90,7 +90,7 @@ def test_line_integrals_of_a_ball_follow_the_geometry(plain):
 
 @pytest.mark.parametrize("wobble_mm", [0.0, 8.0])
 def test_arc_and_flying_focal_spot_follow_the_geometry(wobble_mm, plain):
-    """XCIST's third-generation detector is an arc of small modules; its focal spot flies along the columns."""
+    """XCIST's third-generation detector is an arc of small modules; its focal spot is deflected along the columns."""
     mean = lines(scan(repeats=12, surface="cylindrical", wobble_mm=wobble_mm)).mean(axis=0)
     scene = ShapesScene([ellipsoid("water", CENTRE, 3 * (RADIUS,))])
     finer = {"columns": 200, "rows": 20, "column_pitch_mm": 1.0, "row_pitch_mm": 1.0}

@@ -171,7 +171,7 @@ def test_impossible_values_are_reported_and_omitted(tmp_path, caplog):
     ("change", "check", "words"),
     [
         ({"RescaleIntercept": 0}, "hu", "has no value below 0, so these are not HU"),
-        ({"RescaleIntercept": -2048}, "hu", "the air in it is at about -202"),
+        ({"RescaleIntercept": -2048}, "hu", "air is at about -202"),
         ({"PixelSpacing": [0.2, 0.2]}, "size", "where at least 60 mm are expected"),
     ],
 )

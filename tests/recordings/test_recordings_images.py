@@ -107,7 +107,7 @@ def test_stored_values_are_rejected(scanner, offset, padding):
         (lambda hu: 1000 - hu, "hu", "two.nii.gz: has no value below 0"),
         (lambda hu: -hu, "hu", "the values are inverted; multiply by -1"),
         (lambda hu: hu / 1000, "hu", "perhaps HU / 1000: multiply by 1000"),
-        (lambda hu: hu - 1024, "hu", "perhaps HU - 1000 or HU - 1024: add that first"),
+        (lambda hu: hu - 1024, "hu", "perhaps HU - 1000 or HU - 1024: add 1000 or 1024"),
     ],
 )
 def test_images_are_checked_like_a_ct_unless_the_check_is_named(scanner, spoil, check, message):

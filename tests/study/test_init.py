@@ -148,7 +148,7 @@ def test_ct_without_air_is_noted(desk, capsys):
     phantom_files.write_nifti_array(hu, "ct.nii.gz", grid=grid)
     phantom_files.write_nifti_array(labels, "labels.nii.gz", grid=grid)
     settings = initialised("ct.nii.gz", "--labels", "labels.nii.gz")
-    note = "Note: ct.nii.gz: shows no air (-1000 HU); it is taken as cropped within the body"
+    note = "Note: ct.nii.gz: shows no air (-1000 HU), so it is treated as cropped within the body"
     assert note in capsys.readouterr().err and "keep_mm" not in settings["phantom"]["ct"]
 
 

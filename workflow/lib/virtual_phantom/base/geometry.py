@@ -192,8 +192,8 @@ class OrbitGeometry(ScanGeometry):
             )
 
     @property
-    def flies(self) -> bool:
-        """Whether the focal spot flies or has an offset from the focal center."""
+    def has_focal_spot_offset(self) -> bool:
+        """Whether a focal spot is away from the focal center: a flying or a displaced focal spot."""
         return bool(self.spots_mm.any())
 
     @property
@@ -211,19 +211,19 @@ class OrbitGeometry(ScanGeometry):
         """Position of the source, mm, shape (views, 3)."""
         sine, cosine = np.sin(self.angles_rad), np.cos(self.angles_rad)
         radius = self.source_to_isocentre_mm
-        return np.stack([-radius * sine, radius * cosine, self.source_z_mm], axis=1) + self._flown_mm
+        return np.stack([-radius * sine, radius * cosine, self.source_z_mm], axis=1) + self._spot_offset_mm
 
     @cached_property
     def toward_mm(self) -> np.ndarray:
         """Vector from the source to the detector's reference point, mm, shape (views, 3)."""
         sine, cosine = np.sin(self.angles_rad), np.cos(self.angles_rad)
         distance = self.source_to_detector_mm
-        return np.stack([distance * sine, -distance * cosine, np.zeros(self.views)], axis=1) - self._flown_mm
+        return np.stack([distance * sine, -distance * cosine, np.zeros(self.views)], axis=1) - self._spot_offset_mm
 
     @cached_property
-    def _flown_mm(self) -> np.ndarray | float:
-        """Vector from the focal center to the source, mm, shape (views, 3); 0 if the spot does not fly."""
-        if not self.flies:
+    def _spot_offset_mm(self) -> np.ndarray | float:
+        """Vector from the focal center to the source, mm, shape (views, 3); 0 without an offset."""
+        if not self.has_focal_spot_offset:
             return 0.0
         along, away, up = self.spots_mm[self.spot_of_view].T[..., None]
         return along * self.column_direction - away * self.normal + up * self.row_direction
@@ -285,7 +285,7 @@ class OrbitGeometry(ScanGeometry):
     def field_of_view_radius_mm(self) -> float:
         """Radius of the cylinder around the isocenter that is completely in the fan of every view."""
         half = self.columns / 2 - abs(self.column_offset_px)
-        if self.surface == FLAT and not self.flies:
+        if self.surface == FLAT and not self.has_focal_spot_offset:
             fan = math.atan(half * self.column_pitch_mm / self.source_to_detector_mm)
             return self.source_to_isocentre_mm * math.sin(fan)
         edges = (self.columns / 2 * np.array([-1, 1]) + self.column_offset_px) * self.column_pitch_mm
@@ -314,7 +314,7 @@ class OrbitGeometry(ScanGeometry):
 
     def solid_angles(self) -> np.ndarray:
         """Return ScanGeometry.solid_angles; shape (1, rows, columns) if all views are equal."""
-        if self.surface != FLAT or self.flies:
+        if self.surface != FLAT or self.has_focal_spot_offset:
             if len(self.spots_mm) > 1:
                 return super().solid_angles()
             first = replace(
@@ -441,7 +441,7 @@ def scan_geometry(scan: ScanSettings, projections: int, grid: Grid) -> OrbitGeom
             "row_offset_px",
         )
     }
-    detector |= surface_of(to_mapping(scan))
+    detector |= detector_and_spot_fields(to_mapping(scan))
     start = math.radians(scan.start_angle_deg)
     if scan.trajectory == "circular":
         geometry = circular(views=projections, turns=scan.turns or 1.0, start_angle_rad=start, **detector)
@@ -457,20 +457,20 @@ def scan_geometry(scan: ScanSettings, projections: int, grid: Grid) -> OrbitGeom
     return replace(geometry, view_interval_ms=scan.rotation_time_ms / geometry.views_per_rotation)
 
 
-def surface_of(scan: dict) -> dict:
+def detector_and_spot_fields(scan: dict) -> dict:
     """Return the detector surface and focal spots of a `scan` section as fields of OrbitGeometry, with defaults."""
     surface, radius = scan.get("detector", FLAT), scan.get("arc_radius_mm")
     spots = [[spot.get(key, 0.0) for key in SPOT_KEYS] for spot in scan.get("flying_focal_spot") or [{}]]
     return {"surface": surface, "arc_radius_mm": radius, "spots_mm": np.array(spots, float)}
 
 
-def stated_surface(geometry: OrbitGeometry) -> dict:
+def detector_and_spot_keys(geometry: OrbitGeometry) -> dict:
     """Return beam, detector surface and focal spots of a geometry as keys of a recording's `scan` section."""
     stated = {"beam": PARALLEL} if geometry.parallel else {}
     stated |= {"detector": geometry.surface}
     if geometry.surface != FLAT and geometry.arc_radius_mm != geometry.source_to_detector_mm:
         stated["arc_radius_mm"] = geometry.arc_radius_mm
-    if geometry.flies:
+    if geometry.has_focal_spot_offset:
         stated["flying_focal_spot"] = [dict(zip(SPOT_KEYS, spot, strict=True)) for spot in geometry.spots_mm.tolist()]
     return stated
 

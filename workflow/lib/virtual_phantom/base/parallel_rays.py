@@ -128,7 +128,7 @@ class ParallelRays:
         )
         self._interleaved = [self._between(geometry, spots) for spots in levels]
         self.level_ahead_mm = np.full((len(levels), len(self.t_mm)), float(geometry.source_to_detector_mm))
-        if geometry.surface != FLAT or geometry.flies:
+        if geometry.surface != FLAT or geometry.has_focal_spot_offset:
             for level, spots in enumerate(levels):
                 lengths = [np.interp(self.t_mm, self._from_axis[spot], self._ahead[spot]) for spot in spots]
                 sine = np.clip(self.t_mm / self.level_radius_mm[level], -1, 1)
@@ -137,7 +137,7 @@ class ParallelRays:
     def _between(self, geometry, spots) -> _Interleaved:
         last, number = geometry.columns - 1, np.arange(len(self.t_mm))
         fans = [np.arcsin(np.clip(self.t_mm / self._radius[spot], -1, 1)) + self._turn[spot] for spot in spots]
-        if geometry.surface == FLAT and not geometry.flies:
+        if geometry.surface == FLAT and not geometry.has_focal_spot_offset:
             columns = np.tan(fans[0]) * geometry.source_to_detector_mm / geometry.column_pitch_mm
             columns = (columns + last / 2 - geometry.column_offset_px)[None]
         else:
@@ -166,7 +166,7 @@ class ParallelRays:
 
     def _widest_rad(self, geometry) -> float:
         """Return the largest fan angle of a measured ray."""
-        if geometry.surface == FLAT and not geometry.flies:
+        if geometry.surface == FLAT and not geometry.has_focal_spot_offset:
             return float(np.arctan(np.abs(geometry.column_positions_mm()).max() / geometry.source_to_detector_mm))
         fans = np.arcsin(np.clip(self._from_axis / self._radius[:, None], -1, 1)) + self._turn[:, None]
         return float(np.abs(fans).max())

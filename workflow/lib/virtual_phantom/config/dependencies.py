@@ -26,9 +26,9 @@ EFFECTS = LIBRARY / "physics" / "effects"
 HOOKS = LIBRARY / "proof" / "hiding" / "hooks"
 TEMPLATES = "templates"  # folder of page templates, next to the modules that use them
 # Modules that word errors, write logs or report progress. No result depends on them.
-WITHOUT_EFFECT = (
+RESULT_NEUTRAL_MODULES = (
     *(("base", "errors"), ("study", "job")),
-    *(("study", "costs", "forecast"), ("study", "progress", "said"), ("diagnosis", "selection", "progress")),
+    *(("study", "costs", "forecast"), ("study", "progress", "job_status"), ("diagnosis", "selection", "progress")),
 )
 MOST_PARSED = 5000  # files in the cache; the library and the scripts of one checkout are about 500
 WITH_DOCSTRING = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
@@ -126,8 +126,8 @@ def imported(path: Path) -> tuple[Path, ...]:
 
 @cache
 def _files(module: tuple[str, ...]) -> tuple[Path, ...]:
-    """Return a module's file, if it is one, and the __init__ of each package around it; nothing if WITHOUT_EFFECT."""
-    if module in WITHOUT_EFFECT:
+    """Return a module's file, if it is one, and the __init__ of each package around it; nothing if it is neutral."""
+    if module in RESULT_NEUTRAL_MODULES:
         return ()
     base = LIBRARY.joinpath(*module)
     candidates = [base.with_suffix(".py")] if module else []

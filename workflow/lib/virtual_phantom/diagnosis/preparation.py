@@ -11,7 +11,7 @@ from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
 from ..recordings.scan import view_time_note
 from .comparison.scans import agreement_of_scans
-from .fitting.priors import BASELINE, declared
+from .fitting.priors import BASELINE_CONFIG_KEY, declared
 from .images.setting import agreement_of_images, prepare_images
 from .projections.discretization import model_and_floor
 from .projections.lost_rays import check_scans
@@ -69,7 +69,7 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         nominal_photons=settings.nominal_photons or recording.nominal.get("photons"),
         known=settings.alignment,
         location=settings.location,
-        declared=declared(settings.baseline, BASELINE),
+        declared=declared(settings.baseline, BASELINE_CONFIG_KEY),
         floor_chain=floor,
         coarse_chain=coarse,
         step=step,

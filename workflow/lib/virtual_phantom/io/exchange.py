@@ -80,7 +80,7 @@ def read_physics(path: str | Path) -> tuple[Physics, OrbitGeometry] | None:
     Raises
     ------
     InputError
-        For a missing, broken or other file.
+        If the file is missing, damaged or of another kind.
     """
     with opened(path) as file:
         if "physics" not in file:
@@ -115,7 +115,7 @@ def read_line_integrals(path: str | Path) -> tuple[np.ndarray, OrbitGeometry]:
     Raises
     ------
     InputError
-        For a missing, broken or other file.
+        If the file is missing, damaged or of another kind.
     """
     with opened(path) as file:
         data = file["exchange/data"]
@@ -130,7 +130,7 @@ def read_counts(path: str | Path) -> tuple[Counts, OrbitGeometry]:
     Raises
     ------
     InputError
-        For a missing, broken or other file.
+        If the file is missing, damaged or of another kind.
     """
     with opened(path) as file:
         data = file["exchange/data"]
@@ -150,7 +150,7 @@ def _write(file, data, geometry):
     acquisition.create_dataset("source_z_mm", data=geometry.source_z_mm)
     # Degrees do not convert back to exactly the same radians, which the reconstruction must use.
     acquisition.create_dataset("angles_rad", data=geometry.angles_rad)
-    if geometry.flies:
+    if geometry.has_focal_spot_offset:
         acquisition.create_dataset("spots_mm", data=geometry.spots_mm)
     for name in _SCALARS:
         if (value := getattr(geometry, name)) is not None:

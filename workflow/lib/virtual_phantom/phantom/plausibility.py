@@ -132,7 +132,7 @@ def has_air(array: np.ndarray) -> bool:
 def note_without_air(array: np.ndarray, source: object) -> None:
     """Print a note if an image (HU) has no air, as it was cropped within the body."""
     if not has_air(array):
-        note(f"{source}: shows no air (-1000 HU); it is taken as cropped within the body, and what is outside as air")
+        note(f"{source}: shows no air (-1000 HU), so it is treated as cropped within the body, with air outside")
 
 
 def _thinned(array: np.ndarray) -> np.ndarray:
@@ -215,8 +215,8 @@ def _shifted(image: _Values) -> str | None:
     padding = image.array.size - image.values.size
     if padding and np.count_nonzero(image.values > HU_BODY) < LEAST_DENSE * image.values.size:
         return (
-            f"apart from {image.lowest:g} nothing in it is denser than {HU_BODY:g}; perhaps HU - 1000 or HU - 1024: "
-            "add that first"
+            f"apart from {image.lowest:g}, no voxels are denser than {HU_BODY:g}; perhaps HU - 1000 or HU - 1024: "
+            "add 1000 or 1024"
         )
     air, body, explained = _levels(image.values)
     shows_air = image.share(*AIR_HU) > SOME_AIR and not _is_padding_only(image)
@@ -232,7 +232,7 @@ def _shifted(image: _Values) -> str | None:
         if air < AIR_HU[0] or (air > -400 and not shows_air):
             shift = air - HU_AIR
             advice = f"subtract {shift:.0f}" if shift > 0 else f"add {-shift:.0f}"
-            return f"the air in it is at about {air:.0f}, not {HU_AIR:g} HU; {advice} first"
+            return f"air is at about {air:.0f}, not {HU_AIR:g} HU; {advice}"
     if explained > SEPARATE and not shows_air and body > DENSEST_LEVEL_HU:
         upper = np.count_nonzero(image.values > (air + body) / 2) / image.values.size
         if upper > MOST_DENSE:
@@ -241,7 +241,7 @@ def _shifted(image: _Values) -> str | None:
                 f"{HU_AIR:g}; correct offset and slope"
             )
     if explained > SEPARATE and air < LOWEST_AIR_HU:
-        return f"the air in it is at about {air:.0f}, not {HU_AIR:g} HU; correct offset and slope"
+        return f"air is at about {air:.0f}, not {HU_AIR:g} HU; correct offset and slope"
     faint = contrast < FAINT_HU or (contrast < FAT_HU and np.mean(_rim(image.array) < (air + body) / 2) > ALL_AROUND)
     if explained > SEPARATE and 0 < contrast and faint and not image.noise_free:
         return (
@@ -252,7 +252,7 @@ def _shifted(image: _Values) -> str | None:
     rim = rim[rim >= BELOW_AIR_HU] if image.lowest < BELOW_AIR_HU else rim
     level = float(np.median(rim)) if rim.size else HU_AIR
     if -800 < level < -250 and np.mean(np.abs(rim - level) < 100) > 0.9:
-        return f"what surrounds the body is at {level:.0f} HU, where air is {HU_AIR:g}; correct offset and slope"
+        return f"the surroundings of the body are at {level:.0f} HU, but air is {HU_AIR:g}; correct offset and slope"
     return None
 
 
@@ -320,8 +320,8 @@ def _range(image: _Values) -> Iterator[str]:
     share = counts.max() / image.array.size
     if most > AIR_HU[1] and share > MASKED and image.lowest < most < image.highest and _spike(image, most, MASKED_NEAR):
         yield (
-            f"{100 * share:.0f} % of the voxels are exactly {most:g}: what is outside of the body was set to it; set "
-            f"it to {HU_AIR:g}"
+            f"{100 * share:.0f} % of the voxels are exactly {most:g}: the surroundings of the body were set to this "
+            f"value; set them to {HU_AIR:g}"
         )
     body = np.count_nonzero(image.values > HU_BODY)
     at_high = np.count_nonzero(image.values == image.highest)
@@ -355,7 +355,7 @@ def _lengths(array: np.ndarray, grid: Grid) -> Iterator[str]:
         yield f"has voxels of {size} mm (x, y, z); are its lengths in mm?"
     elif _is_identity(grid):
         yield (
-            "has voxels of 1 x 1 x 1 mm with the first at (0, 0, 0), as files have whose voxel size was lost; write "
+            "has voxels of 1 x 1 x 1 mm with the first at (0, 0, 0), so its voxel size was lost; write "
             "the CT's affine into it, and into files of its regions"
         )
     elif max(wide) < NARROWEST_VIEW_MM and 0 < (body := _width_mm(array, grid)) < NARROWEST_BODY_MM:

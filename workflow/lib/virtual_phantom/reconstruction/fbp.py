@@ -62,8 +62,8 @@ def fbp(
 
 def _fdk(projector, line_integrals):
     geometry = orbit_of(projector.geometry, "filtered back-projection")
-    if geometry.surface != FLAT or geometry.flies:
-        odd = "a focal spot that flies" if geometry.surface == FLAT else f"a {geometry.surface} detector"
+    if geometry.surface != FLAT or geometry.has_focal_spot_offset:
+        odd = "a flying focal spot" if geometry.surface == FLAT else f"a {geometry.surface} detector"
         raise InputError(f"fbp: FDK does not support {odd}; set reconstruction.fbp.normalise: coverage")
     u, v = geometry.column_positions_mm(), geometry.row_positions_mm()
     distance = geometry.source_to_detector_mm

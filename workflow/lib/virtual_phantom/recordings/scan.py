@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..base.errors import InputError
-from ..base.geometry import PARALLEL, OrbitGeometry, surface_of, with_beam
+from ..base.geometry import PARALLEL, OrbitGeometry, detector_and_spot_fields, with_beam
 from ..base.vectors import CYLINDRICAL, FLAT
 
 DETECTOR = ("source_to_isocentre_mm", "source_to_detector_mm", "columns", "rows", "column_pitch_mm", "row_pitch_mm")
@@ -67,7 +67,7 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
         views_per_rotation=scan["views_per_rotation"],
         column_offset_px=scan.get("column_offset_px", 0.0),
         row_offset_px=scan.get("row_offset_px", 0.0),
-        **surface_of(scan),
+        **detector_and_spot_fields(scan),
         view_interval_ms=interval,
         exposure_ms=exposure,
     )

@@ -123,7 +123,7 @@ def comparable(
         if other := (other_settings or {}).get(feature):
             verdict = "no", f"extracted with other settings: {other}"
         elif stored_offset != 0 and alike != feature:
-            verdict = "no", "a filtered image of another offset"
+            verdict = "no", "extracted from a filtered image with another HU offset"
         elif row["depends_on_size"] and not (same_voxels and recording_dimensions == 3):
             verdict = "no", "grows with the ROI"
         elif row["depends_on_dimensions"] and counted:

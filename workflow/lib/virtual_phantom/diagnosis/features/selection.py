@@ -44,7 +44,7 @@ class Trial:
         Contribution of each ROI to `held_out`.
     p : float
         Probability that random shifts are explained at least equally well, corrected over properties (Holm).
-    kept, after : ndarray, shape (repeats, rois, features)
+    fitted_features, held_out_features : ndarray, shape (repeats, rois, features)
         Features with the strength fitted on the ROI's fold, and on the other fold.
     """
 
@@ -53,8 +53,8 @@ class Trial:
     held_out: float
     regions: np.ndarray
     p: float
-    kept: np.ndarray
-    after: np.ndarray
+    fitted_features: np.ndarray
+    held_out_features: np.ndarray
 
     @property
     def is_explanation(self) -> bool:

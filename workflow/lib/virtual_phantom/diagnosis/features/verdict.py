@@ -61,7 +61,7 @@ def diagnose_features(
     best, trial = next(iter(found.items()))
     differ = bool(before.significant)
     chosen = differ and trial.is_explanation
-    after = compare_features(data, trial.after) if chosen else before
+    after = compare_features(data, trial.held_out_features) if chosen else before
     left = after.significant
     verdict = VERDICTS[(2 if left else 1) if chosen else (3 if differ else 0)]
     rivals = [rival.name for rival in alternatives(found)] if chosen else []
@@ -93,7 +93,7 @@ def diagnose_features(
                 "p": test.p,
                 "strengths": {str(fold): value for fold, value in test.strengths.items()},
                 "regions": dict(zip(data.rois, test.regions.tolist(), strict=True)),
-                "families": misses(data, test.after, margin_sd),
+                "families": misses(data, test.held_out_features, margin_sd),
             }
             for tested, test in found.items()
         },
@@ -190,7 +190,7 @@ def _strength(data: Responses, chosen: Property):
 def _metrics(data: Responses, trial: Trial | None, held_out: bool) -> dict:
     """Return squared and absolute standardized shifts of the means: before, after, and for noise alone."""
     before = shift(data, data.baseline)
-    after = before if trial is None else shift(data, trial.after if held_out else trial.kept)
+    after = before if trial is None else shift(data, trial.held_out_features if held_out else trial.fitted_features)
     half = stats.norm.ppf(0.75)  # median of |x| of a standard normal distribution
     shifts = {"before": before, "after": after}
     squares = {name: float((values**2).mean()) for name, values in shifts.items()}

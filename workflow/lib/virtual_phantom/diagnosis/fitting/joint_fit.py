@@ -132,28 +132,30 @@ class JointFitter:
         if not self.with_declared_effects(effects):
             return {name: given.fits[name] if not given.effects else self.fitters[name].fit(()) for name in names}
         others = self.without(names).fit(effects, given)
-        return self.held(others, {name: given.fits[name] for name in names})
+        return self.fit_with_fixed_physics(others, {name: given.fits[name] for name in names})
 
-    def held(self, others: JointFit, starts: Mapping[str, Fit]) -> dict[str, Fit]:
+    def fit_with_fixed_physics(self, others: JointFit, starts: Mapping[str, Fit]) -> dict[str, Fit]:
         """Fit recordings with physics that was fitted to others, as `left_out` does."""
         rest = self.without([name for name in self.fitters if name not in others.fits])
-        return {name: self._held(name, start, rest, others) for name, start in starts.items()}
+        return {name: self._fit_one_with_fixed_physics(name, start, rest, others) for name, start in starts.items()}
 
-    def _held(self, name: str, start: Fit, rest: JointFitter, others: JointFit) -> Fit:
+    def _fit_one_with_fixed_physics(self, name: str, start: Fit, rest: JointFitter, others: JointFit) -> Fit:
         """Fit one recording with physics that was fitted to others."""
         fitter, effects = self.fitters[name], others.effects
         alike = [other for other in rest.fitters if rest.protocols[other] == self.protocols[name]]
         owners = NOT_OF_SCAN if alike else (OF_SCANNER,)
         source = others.fits[(alike or list(rest.fitters))[0]]
-        held = fitter.of(copy.copy(fitter.model))
+        fixed_fitter = fitter.of(copy.copy(fitter.model))
         whole = self.with_declared_effects(effects)
-        held.model.fixed = {effect: parameters_owned_by(owners, effect, source.physics[effect]) for effect in whole}
+        fixed_fitter.model.fixed = {
+            effect: parameters_owned_by(owners, effect, source.physics[effect]) for effect in whole
+        }
         physics, errors = {}, {}
         for effect in whole:
             own = start.physics.get(effect, {})
-            physics[effect] = others.physics[effect] | own | held.model.fixed[effect]
+            physics[effect] = others.physics[effect] | own | fixed_fitter.model.fixed[effect]
             errors[effect] = parameters_owned_by(owners, effect, source.errors[effect])
-        fit = held.fit(effects, replace(start, effects=effects, physics=physics))
+        fit = fixed_fitter.fit(effects, replace(start, effects=effects, physics=physics))
         errors = {effect: fit.errors[effect] | errors[effect] for effect in whole}
         return replace(fit, errors=errors, directions=source.directions)
 

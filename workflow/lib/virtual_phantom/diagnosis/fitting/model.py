@@ -62,22 +62,22 @@ class Model(ABC):
         density: tuple[float, float] = (1.0, DENSITY_SD),
         declared: Mapping[str, Mapping[str, Statement]] | None = None,
     ):
-        self.chain, self.nuisances, self.anode, self.tube_kvp = chain, nuisances, anode, tube_kvp
+        self.chain, self.base_nuisances, self.anode, self.tube_kvp = chain, nuisances, anode, tube_kvp
         self.fixed, self.density, self.declared = fixed or {}, density, declared or {}
         self._near = LRUCache(NEAR_KEPT)
 
-    def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
+    def nuisances_for(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """Return the nuisance parameters of a model with these effects.
 
         The scale of line integrals is the density of the object if an effect determines attenuation absolutely.
         Otherwise it also includes the error of the assumed energy.
         """
         if not absolute_attenuation(self.with_declared_effects(effects)):
-            return self.nuisances
+            return self.base_nuisances
         value, sd = self.density
         return tuple(
             replace(number, expected=value, sd=min(number.sd, sd)) if number.name == "scale" else number
-            for number in self.nuisances
+            for number in self.base_nuisances
         )
 
     def with_declared_effects(self, effects: tuple[str, ...]) -> tuple[str, ...]:
@@ -123,7 +123,7 @@ class Model(ABC):
     @property
     def nominal(self) -> Linearization:
         """Linearization before anything is fitted: BASE, or the object at its expected position."""
-        place = {number.name: number.expected for number in self.nuisances if number.name in LOCATION}
+        place = {number.name: number.expected for number in self.base_nuisances if number.name in LOCATION}
         if not any(place.values()):
             return BASE
         return Linearization(LinearizationPoint({}, place), LinearizationPoint({}, place))
@@ -184,7 +184,7 @@ class Model(ABC):
         """Return the correction of numerical errors that is added to the mean, broadcastable to it."""
         return 0.0
 
-    def errors_of_steps(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
+    def discretization_errors(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
         """Return {nuisance parameter: change of the mean by finer discretization}; empty if there is none."""
         return {}
 

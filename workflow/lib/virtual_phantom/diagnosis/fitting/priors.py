@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from ...base.errors import InputError
 from ...physics.effect import Parameter, checked, load
 
-BASELINE = "diagnosis.recordings: baseline"  # prefix of messages that are about no recording in particular
+BASELINE_CONFIG_KEY = "diagnosis.recordings: baseline"  # prefix of messages that are about no recording in particular
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ class Problem:
         self.linearization, self.linearized = self.model.nominal if given is None else given.linearization, 0
         self.all_effects = self.model.with_declared_effects(self.effects)
         self.unknowns = self.model.unknowns(self.all_effects)
-        self.nuisances = self.model.alignment(self.effects if beside is None else (*self.effects, beside))
+        self.nuisances = self.model.nuisances_for(self.effects if beside is None else (*self.effects, beside))
         self.fresh = [given is None or unknown.effect not in given.physics for unknown in self.unknowns]
         values = [
             unknown.start if fresh else unknown.of(given.physics[unknown.effect][unknown.name])

@@ -55,13 +55,13 @@ class ImagesModel(Model):
         self.condenser: Condenser | None = None
         self._means, self._noises = LRUCache(IMAGES_KEPT), LRUCache(IMAGES_KEPT)
 
-    def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
+    def nuisances_for(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """Return the nuisance parameters. With absolute attenuation, the scale has the wide prior of WATER_SD."""
         if not absolute_attenuation(self.with_declared_effects(effects)):
-            return self.nuisances
+            return self.base_nuisances
         return tuple(
             replace(number, sd=max(number.sd, WATER_SD)) if number.name == "scale" else number
-            for number in self.nuisances
+            for number in self.base_nuisances
         )
 
     def predict(self, physics, nuisance, data: ObservedImages, linearization: Linearization = BASE) -> Prediction:

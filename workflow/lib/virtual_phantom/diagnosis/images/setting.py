@@ -17,7 +17,7 @@ from ..comparison.regions import ScannedVolume, complete, phantom_regions
 from ..comparison.relevance import agreement_and_changes
 from ..fitting.fit import Fit
 from ..fitting.nuisance import pose_of
-from ..fitting.priors import BASELINE, declared
+from ..fitting.priors import BASELINE_CONFIG_KEY, declared
 from ..projections.discretization import model_and_floor
 from ..request import DiagnosisRequest, NominalSettings
 from ..scanned_object import scene_of
@@ -76,7 +76,7 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         tube_kvp=nominal.tube_kvp,
         nominal_photons=settings.nominal_photons,
         known=settings.alignment,
-        declared=declared(settings.baseline, BASELINE),
+        declared=declared(settings.baseline, BASELINE_CONFIG_KEY),
     )
 
 

@@ -155,7 +155,7 @@ class FurtherScan:
                 for parameter in further.parameters(name) if name in physics else ():
                     if parameter.neutral is not None:
                         physics[name][parameter.name] = parameter.neutral
-            expected = {number.name: number.expected for number in further.alignment(fit.effects)}
+            expected = {number.name: number.expected for number in further.nuisances_for(fit.effects)}
             nuisance = {name: one.nuisance[name] if again else value for name, value in expected.items()}
             return replace(one, effects=fit.effects, physics=physics, nuisance=nuisance, linearization=model.nominal)
 
@@ -179,7 +179,7 @@ class FurtherScan:
 
     def _aligned(self, model: ScansModel, fit: Fit) -> tuple[Nuisance, ...]:
         found = []
-        for number in model.nuisances:
+        for number in model.base_nuisances:
             if number.name in model.distortions:
                 continue  # more rays and smaller voxels make them small
             expected = number.expected

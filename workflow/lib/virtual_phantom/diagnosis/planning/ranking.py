@@ -65,7 +65,7 @@ class RankedMeasurement:
         Expected gain of information about the ambiguous effects, nats (information.information_gain).
     scores : dict of tuple of str to float
         {pair of effects: expected difference in held-out log score of all recordings together}. It is the smaller of
-        two values: either effect is assumed to be the true one.
+        the two values with either effect as the true one.
     alike : dict of tuple of str to float
         {pair of effects: |correlation|} for all recordings together.
     """
@@ -275,7 +275,10 @@ def effect_similarity(
 
 
 def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Sequence[str]) -> MeasurementInformation:
-    """Return the information about alignment and effects, which are at neutral values, or at typical ones."""
+    """Return the information about nuisance parameters and effects.
+
+    Parameters of effects have their neutral value, or a typical value if there is none.
+    """
     model, conditions = prepared.fitter.model, conditions_of(prepared)
     scan = existing_scan(recording, model)
     weak = [name for name in names if varied(model.parameters(name)) and name not in fit.physics]

@@ -61,7 +61,7 @@ class ScansModel(Model):
     def with_piece(self, number: Nuisance, piece: Piece) -> ScansModel:
         """Return the model with one more piece of the object, whose excess attenuation is the nuisance parameter."""
         found = copy.copy(self)
-        found.nuisances = (*self.nuisances, number)
+        found.base_nuisances = (*self.base_nuisances, number)
         found.pieces = {**self.pieces, number.name: Inclusion(piece.shape, piece)}
         if self.numerical is not None:
             found.numerical = self.numerical.with_pieces(found.pieces)
@@ -76,10 +76,10 @@ class ScansModel(Model):
         """See Model.distortion."""
         if self.numerical is None:
             return 0.0
-        return sum(nuisance[name] * change for name, change in self.errors_of_steps(linearization).items())
+        return sum(nuisance[name] * change for name, change in self.discretization_errors(linearization).items())
 
-    def errors_of_steps(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
-        """See Model.errors_of_steps."""
+    def discretization_errors(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
+        """See Model.discretization_errors."""
         return {} if self.numerical is None else self.numerical.at(linearization.errors)
 
     @property

@@ -123,7 +123,9 @@ class PreparedScans(Prepared):
         for _ in range(MOST_MOVES):
             corrected = self._with(name, moved)
             if name not in fit.nuisance:  # the alignment was biased by the mismatch
-                expected = {number.name: number.expected for number in corrected.fitter.model.alignment(fit.effects)}
+                expected = {
+                    number.name: number.expected for number in corrected.fitter.model.nuisances_for(fit.effects)
+                }
                 fit = replace(fit, nuisance=expected)
             fit = corrected.fitter.fit(fit.effects, fit)
             gained, least = least - fit.chi_square, min(least, fit.chi_square)

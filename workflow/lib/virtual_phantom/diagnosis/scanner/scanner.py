@@ -145,10 +145,10 @@ class _TestRecordings:
     @classmethod
     def of(cls, every: JointFitter, choice: JointChoice, names: Sequence[str]) -> _TestRecordings:
         """Judge recordings by the effects that were chosen on the others."""
-        before = every.held(choice.baseline, {name: every.fitters[name].fit(()) for name in names})
+        before = every.fit_with_fixed_physics(choice.baseline, {name: every.fitters[name].fit(()) for name in names})
 
         def beside(fit: JointFit) -> JointFit:
-            return replace(fit, fits=fit.fits | every.held(fit, before))
+            return replace(fit, fits=fit.fits | every.fit_with_fixed_physics(fit, before))
 
         chosen = beside(choice.chosen)
         without = {effect: beside(fit) for effect, fit in choice.without.items()}

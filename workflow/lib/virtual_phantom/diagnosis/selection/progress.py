@@ -68,13 +68,13 @@ class DiagnosisProgress:
         return "; ".join(what if count is None else self._counted(what, count) for what, count in self._parts.items())
 
     @property
-    def seconds_left(self) -> float | None:
+    def min_seconds_left(self) -> float | None:
         """Time left for the fits in progress, s; None if unknown. Others may follow."""
         fits = self._parts.get(FITTED)
         return None if fits is None else fits.seconds_left(self._clock())
 
     @property
-    def most_left(self) -> float | None:
+    def max_seconds_left(self) -> float | None:
         """Upper bound of the time left at the pace so far, s; None before fits are made."""
         share = next((LEFT_AFTER[what] for what in (COMPARED, JUDGED) if what in self._parts), None)
         if share is None and self._rounds:

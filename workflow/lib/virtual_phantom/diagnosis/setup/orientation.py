@@ -29,7 +29,7 @@ INSIDE = 2  # coarse voxels below the surface, where kernels have no influence
 # REMOVED times the share for the stated orientation. In the default study, the share is 1 to 22 % for correct
 # orientations (largest for few views) and 51 to 94 % for wrong ones.
 MOST_LEFT, REMOVED = 0.3, 0.5
-LEAST_CONTRAST = 20.0  # HU, least SD within the body that shows an orientation
+LEAST_CONTRAST = 20.0  # HU, smallest SD within the body at which the orientation can be determined
 SHAPES = (0, 1, 2, 3)  # powers of HU, for hardening, another energy and a wrong scale
 SAME_BODY = 0.6  # Dice overlap of the bodies below which the object is another one
 
@@ -97,6 +97,8 @@ class Registered:
     ----------
     share : float
         Share of the variance inside the body beyond noise that the phantom does not explain; 1 without enough overlap.
+    overlap : float
+        Dice overlap of the bodies.
     off_mm : tuple of 3 float
         Offset of the images from the isocenter (z, y, x), mm.
     correlation : float

@@ -287,7 +287,7 @@ def kernel_error(parameter: Parameter, share: float) -> float:
 def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distortions:
     """Yield changes by non-uniform discretization errors; the size of uniform ones is fitted."""
     share, data = accuracy.get(NUMERICAL, 0.0), fitter.data
-    errors = fitter.model.errors_of_steps(fit.linearization) if share else {}
+    errors = fitter.model.discretization_errors(fit.linearization) if share else {}
     if not errors:
         return
     here = fitter.predicted(fit)

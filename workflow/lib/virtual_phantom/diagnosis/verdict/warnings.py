@@ -147,7 +147,7 @@ def advice(fit: Fit, model: Model) -> list[str]:
 def _pulled(fit: Fit, model: Model) -> list[Nuisance]:
     """Return the nuisance parameters at their bounds."""
     most = SURE * (1 - AT_BOUND)
-    return [number for number in model.alignment(fit.effects) if abs(fit.pulled.get(number.name, 0.0)) > most]
+    return [number for number in model.nuisances_for(fit.effects) if abs(fit.pulled.get(number.name, 0.0)) > most]
 
 
 def _quantity(parameter: Parameter, value: float) -> tuple[str, str]:

@@ -299,9 +299,9 @@ def _spots(source: Path, common: dict, positions: dict, swapped: bool) -> list[d
     along, outward = -(radius + away) * np.sin(angle), (radius + away) * np.cos(angle) - radius
     moved = np.stack([along, outward, z], axis=1)
     far = np.abs(angle).max() > FARTHEST_SPOT_RAD
-    flies = {"plane": np.ptp(along) > POSITION_TOLERANCE_MM, "z": np.ptp(z) > POSITION_TOLERANCE_MM}
+    deflected = {"plane": np.ptp(along) > POSITION_TOLERANCE_MM, "z": np.ptp(z) > POSITION_TOLERANCE_MM}
     expected = {"plane": "XY" in mode, "z": mode.endswith("Z")}
-    if far or (flies != expected and flies == {"plane": expected["z"], "z": expected["plane"]}):
+    if far or (deflected != expected and deflected == {"plane": expected["z"], "z": expected["plane"]}):
         advice = "import without --swapped-shifts" if swapped else "import with --swapped-shifts if they are"
         raise InputError(
             f"{source}: the focal spot's shifts, {np.abs(angle).max():.3g} rad and {np.abs(z).max():.3g} mm at most, "
@@ -312,7 +312,7 @@ def _spots(source: Path, common: dict, positions: dict, swapped: bool) -> list[d
             f"{source}: the focal spot is {np.abs(moved).max():.3g} mm from the focal center; check that all lengths "
             "are in mm"
         )
-    if flies != expected:
+    if deflected != expected:
         raise InputError(
             f"{source}: the focal spot mode is {mode} (7033,100E), but its shifts vary by {np.ptp(along):.3g} mm in "
             f"the plane and {np.ptp(z):.3g} mm along z; correct one of them"

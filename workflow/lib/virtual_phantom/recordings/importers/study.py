@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import InputError
-from ...base.geometry import OrbitGeometry, stated_surface
+from ...base.geometry import OrbitGeometry, detector_and_spot_keys
 from ...io.exchange import read_counts
 from ..recording import Recording
 from ..scan import DISTANCES
@@ -55,7 +55,7 @@ def scan_section(geometry: OrbitGeometry) -> dict:
     helical = geometry.feed_per_rotation_mm != 0
     return {
         "trajectory": "helical" if helical else "circular",
-        **stated_surface(geometry),
+        **detector_and_spot_keys(geometry),
         **({} if geometry.parallel else {name: getattr(geometry, name) for name in DISTANCES}),
         "columns": geometry.columns,
         "rows": geometry.rows,

@@ -23,14 +23,14 @@ class JobStatus:
         Name of the recording or scanner that the job works on.
     words : str
         Steps done so far, in words.
-    seconds_left, most_left : float or None
+    min_seconds_left, max_seconds_left : float or None
         Lower and upper estimate of the remaining wall time, s; None if unknown.
     """
 
     name: str
     words: str
-    seconds_left: float | None = None
-    most_left: float | None = None
+    min_seconds_left: float | None = None
+    max_seconds_left: float | None = None
 
     def __str__(self) -> str:
         return f"{self.name}: {self.words}"
@@ -54,7 +54,7 @@ def write_status(log: str | Path, status: JobStatus) -> None:
 def status_writer(log: str | Path, name: str) -> Callable[[Any], None]:
     """Return a callback for `diagnosis.selection.progress.DiagnosisProgress` that writes the status of a job."""
     return lambda progress: write_status(
-        log, JobStatus(name, progress.words, progress.seconds_left, progress.most_left)
+        log, JobStatus(name, progress.words, progress.min_seconds_left, progress.max_seconds_left)
     )
 
 

@@ -343,9 +343,9 @@ def _left(
             )
         else:
             high = spent
-    if status is not None and status.seconds_left is not None:
-        low, high = status.seconds_left, max(high, 2 * status.seconds_left)
-    if status is not None and status.most_left is not None:
-        low = status.seconds_left or 0.0
-        high = max(status.most_left, low)
+    if status is not None and status.min_seconds_left is not None:
+        low, high = status.min_seconds_left, max(high, 2 * status.min_seconds_left)
+    if status is not None and status.max_seconds_left is not None:
+        low = status.min_seconds_left or 0.0
+        high = max(status.max_seconds_left, low)
     return max(low, 0.0), max(high, 0.0)
