@@ -5,12 +5,11 @@ from dataclasses import replace
 import astra
 import pytest
 from scanner import SCANNER
-from test_config import DEFAULT
 
+from benchmarks import common
 from virtual_phantom import projectors
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.config.config import read_study
 
 GEOMETRY = circular(views=4, **SCANNER, columns=6, rows=2, column_pitch_mm=6.0, row_pitch_mm=6.0)
 GRID = Grid((2, 2, 2), (1.0, 1.0, 1.0))
@@ -63,7 +62,7 @@ def test_engine_supports_the_algorithms_that_are_used(monkeypatch, needs, messag
 
 
 def test_study_needs_an_engine_for_its_algorithms():
-    study = read_study(DEFAULT)
+    study = common.configuration()
     curved = replace(study.scan, detector="cylindrical")
     by = {
         algorithm: {name: one for name, one in study.protocols.items() if one.algorithm == algorithm}
