@@ -4,8 +4,8 @@ First run `pip install -r environment-gpu.txt`. Runs the GPU tests and prints, f
 config/paper.yaml, the difference of the forward projections and the times of Chebyshev SIRT and of its projections. For
 plain SIRT iterations of ASTRA, it prints the time, the image difference relative to noise, and memory.
 
-With --fbp, it prints seconds per image of filtered back-projection in the default study instead, by stage, the
-differences from the CPU engine in HU, and the times of ASTRA's FDK_CUDA and RTK's FDK (3 minutes).
+With --fbp, it compares filtered back-projection in the default study instead (3 minutes). It prints seconds per image
+by stage, the differences from the CPU engine in HU, and the times of ASTRA's FDK_CUDA and RTK's FDK.
 """
 
 import resource
