@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from astra import experimental
 from astra.log import AstraError
+from on_device import OnDevice
 from scanner import SCANNER
 
 from virtual_phantom import projectors
@@ -45,47 +46,6 @@ def test_cone_vectors_describe_the_same_rays():
         along = theirs[1] + (column - 29.5) * theirs[2] + (row - 7.5) * theirs[3]
         np.testing.assert_allclose(theirs[0], source, atol=1e-9)
         np.testing.assert_allclose(along, pixel, atol=1e-9)
-
-
-class OnDevice(np.lib.mixins.NDArrayOperatorsMixin):
-    """Array with the supported operations of CuPy: never mixed with NumPy arrays or converted implicitly."""
-
-    def __init__(self, held_out):
-        self.held = held_out
-
-    shape = property(lambda self: self.held.shape)
-
-    def __array__(self, *_, **__):
-        raise TypeError("leaves the device unasked")
-
-    def __array_ufunc__(self, ufunc, method, *inputs, out=(), **settings):
-        assert method == "__call__" and not settings, f"CuPy has no {ufunc.__name__} with {settings}"
-        result = ufunc(*map(_held, inputs), **({"out": tuple(map(_held, out))} if out else {}))
-        return out[0] if out else OnDevice(result)
-
-    def __array_function__(self, function, types, arguments, settings):
-        assert function is np.where and not settings, f"{function.__name__} is not known to be CuPy's too"
-        return OnDevice(function(*map(_held, arguments)))
-
-    def __getitem__(self, key):
-        return OnDevice(self.held[key])
-
-    def __setitem__(self, key, value):
-        self.held[key] = _held(value)
-
-    def max(self):
-        return OnDevice(self.held.max())
-
-    def __float__(self):
-        return float(self.held)
-
-
-def _held(value):
-    """The array that a device would compute with."""
-    if isinstance(value, OnDevice):
-        return value.held
-    assert isinstance(value, float | int | np.generic), f"{type(value)} is not on the device"
-    return value
 
 
 @pytest.fixture

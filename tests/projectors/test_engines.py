@@ -1,9 +1,12 @@
 """Choosing an engine."""
 
+from dataclasses import replace
+
 import astra
 import pytest
 from scanner import SCANNER
 
+from benchmarks import common
 from virtual_phantom import projectors
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
@@ -26,12 +29,50 @@ def test_unknown_engine():
         (True, "auto", "adjoint", "cpu"),
         (True, "cpu", "voxel", "cpu"),
         (True, "astra_cuda", "voxel", "astra_cuda"),
+        (True, "astra_cuda", None, "astra_cuda"),
+        (True, "auto", None, "astra_cuda"),
+        (False, "auto", None, "cpu"),
     ],
 )
 def test_suitable_engine_is_chosen(monkeypatch, cuda, engine, backprojector, expected):
     monkeypatch.setattr(astra, "use_cuda", lambda: cuda)
     monkeypatch.setattr(projectors, "cupy_installed", lambda: True)
     assert projectors.choose_engine(engine, backprojector) == expected
+
+
+@pytest.mark.parametrize(
+    "needs, message",
+    [
+        ({"backprojector": "voxel", "flat": False}, "neither cylindrical detectors nor parallel beams"),
+        ({"backprojector": "adjoint"}, "no adjoint"),
+        ({"normalise": "none"}, "does not support `normalise: none`"),
+        ({"normalise": "coverage", "flat": False}, None),
+    ],
+)
+def test_engine_supports_the_algorithms_that_are_used(monkeypatch, needs, message):
+    """FBP on the device supports all detectors; only SIRT depends on ASTRA."""
+    monkeypatch.setattr(astra, "use_cuda", lambda: True)
+    monkeypatch.setattr(projectors, "cupy_installed", lambda: True)
+    assert projectors.choose_engine("auto", **needs) == ("cpu" if message else "astra_cuda")
+    if message:
+        with pytest.raises(InputError, match=message):
+            projectors.choose_engine("astra_cuda", **needs)
+    else:
+        assert projectors.choose_engine("astra_cuda", **needs) == "astra_cuda"
+
+
+def test_study_needs_an_engine_for_its_algorithms():
+    study = common.configuration()
+    curved = replace(study.scan, detector="cylindrical")
+    by = {
+        algorithm: {name: one for name, one in study.protocols.items() if one.algorithm == algorithm}
+        for algorithm in ("sirt", "fbp")
+    }
+    both = {"backprojector": "adjoint", "normalise": "coverage", "flat": True}
+    assert study.engine_needs == both
+    assert replace(study, protocols=by["fbp"]).engine_needs == both | {"backprojector": None}
+    assert replace(study, protocols=by["sirt"]).engine_needs == both | {"normalise": None}
+    assert replace(study, scan=curved).engine_needs == both | {"flat": False}
 
 
 def test_unsuitable_astra_cuda_is_rejected(monkeypatch):

@@ -58,7 +58,7 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
             * context.minutes(
                 *context.sizes.reconstruction(wildcards.protocol, len(bundle))
             ),
-            gpu=lambda wildcards: acquisitions.gpus(wildcards.protocol, context.engine),
+            gpu=int(context.engine == "astra_cuda"),
         params:
             **acquisitions.noise,
             algorithm=lambda wildcards: acquisitions.algorithm(wildcards.protocol),

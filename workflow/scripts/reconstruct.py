@@ -109,6 +109,7 @@ def main(
                 settings,
                 clean=noise_free.get(paths[lanes[0]]),
                 thickness_mm=voxels.thickness_mm,
+                engine=engine,
                 mu_water_per_mm=mu_water_per_mm,
                 threads=threads,
             )

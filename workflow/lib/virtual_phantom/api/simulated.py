@@ -268,7 +268,6 @@ def reconstruct(
     ----------
     algorithm : {"fbp", "sirt"}, optional
     engine : {"auto", "cpu", "astra_cuda"}, optional
-        Projector of SIRT.
     **settings
         Settings of the algorithm, as under `reconstruction` in the configuration: `iterations`, `solver`,
         `normalise`, ...
@@ -289,16 +288,18 @@ def reconstruct(
     settings = _plain(settings)
     validate(settings, schema_of("reconstruction", algorithm), algorithm)
     check_made_by(scan, Scan, "scan", "vp.scan")
+    chosen = known[algorithm] | settings
     threads, engine = check_integer(threads, "threads", 1), check_text(engine, "engine")
     return images_of.reconstruct(
         scan.line_integrals,
         scan.geometry,
         scan.grid,
         algorithm,
-        from_mapping({"sirt": SirtSettings, "fbp": FbpSettings}[algorithm], known[algorithm] | settings),
+        from_mapping({"sirt": SirtSettings, "fbp": FbpSettings}[algorithm], chosen),
         engine=choose_engine(
             engine,
-            (known["sirt"] | settings).get("backprojector"),
+            backprojector=chosen.get("backprojector"),
+            normalise=chosen.get("normalise"),
             flat=astra_projects(scan.geometry),
         ),
         mu_water_per_mm=scan.mu_water_per_mm,

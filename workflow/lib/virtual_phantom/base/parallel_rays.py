@@ -17,7 +17,7 @@ SAME_MM = 1e-6  # smaller differences of focal spot positions are ignored
 ANGLE_TOLERANCE = 1e-3
 
 
-class _Interleaved(NamedTuple):
+class Interleaved(NamedTuple):
     """Neighboring samples of each t for spots whose rays interleave. Tuples have one array for each of the two samples.
 
     Attributes
@@ -69,6 +69,8 @@ class ParallelRays:
         Fractional view of the central ray of each angle.
     periodic : bool
         True for whole turns in one plane, where view 0 follows the last view.
+    interleaved : list of Interleaved
+        Neighboring samples of each level.
     level_z_mm, level_radius_mm, level_turn_rad : ndarray, shape (levels,)
         Means over the spots of a level: height above the focal center, distance from the axis, and rotation about the
         axis relative to the focal center.
@@ -126,7 +128,7 @@ class ParallelRays:
         self.level_z_mm, self.level_radius_mm, self.level_turn_rad = (
             np.array([values[spots].mean() for spots in levels]) for values in (z, self._radius, self._turn)
         )
-        self._interleaved = [self._between(geometry, spots) for spots in levels]
+        self.interleaved = [self._between(geometry, spots) for spots in levels]
         self.level_ahead_mm = np.full((len(levels), len(self.t_mm)), float(geometry.source_to_detector_mm))
         if geometry.surface != FLAT or geometry.has_focal_spot_offset:
             for level, spots in enumerate(levels):
@@ -134,7 +136,7 @@ class ParallelRays:
                 sine = np.clip(self.t_mm / self.level_radius_mm[level], -1, 1)
                 self.level_ahead_mm[level] = np.mean(lengths, axis=0) * np.sqrt(1 - sine**2)
 
-    def _between(self, geometry, spots) -> _Interleaved:
+    def _between(self, geometry, spots) -> Interleaved:
         last, number = geometry.columns - 1, np.arange(len(self.t_mm))
         fans = [np.arcsin(np.clip(self.t_mm / self._radius[spot], -1, 1)) + self._turn[spot] for spot in spots]
         if geometry.surface == FLAT and not geometry.has_focal_spot_offset:
@@ -156,7 +158,7 @@ class ParallelRays:
             lowest, highest = lower[chosen[0], number], upper[chosen[1], number]
             share = (self.t_mm - lowest) / (highest - lowest)
         fans = np.array(fans)
-        return _Interleaved(
+        return Interleaved(
             known,
             tuple(spots[index] for index in chosen),
             (left[chosen[0], number], left[chosen[1], number] + 1),
@@ -176,13 +178,18 @@ class ParallelRays:
         """Number of heights of focal spots above the focal center."""
         return len(self.level_z_mm)
 
-    def weighted_by_cone_angle(self, stack: np.ndarray) -> np.ndarray:
-        """Return projections (views, rows, columns), each ray times the cosine of its angle with the x-y plane."""
+    @property
+    def cone_cosine(self) -> np.ndarray:
+        """Cosine of the angle between a ray and the x-y plane, (spots, rows, columns), float32."""
         geometry = self.geometry
         along, ahead = geometry.from_spots_mm(geometry.column_positions_mm())
         flat = (ahead**2 + along**2)[:, None]
         up = geometry.row_positions_mm() - geometry.spots_mm[:, 2:]
-        cosine = np.sqrt(flat / (flat + up[..., None] ** 2)).astype(np.float32)
+        return np.sqrt(flat / (flat + up[..., None] ** 2)).astype(np.float32)
+
+    def weighted_by_cone_angle(self, stack: np.ndarray) -> np.ndarray:
+        """Return projections (views, rows, columns), each ray times the cosine of its angle with the x-y plane."""
+        cosine = self.cone_cosine
         spots = len(cosine)
         if spots == 1:
             return stack * cosine[0]
@@ -199,7 +206,7 @@ class ParallelRays:
         ndarray, shape (rows, t)
             Projections [row, t] of the next angle; 0 where unknown.
         """
-        known, spot, column, right_share, fan = self._interleaved[level]
+        known, spot, column, right_share, fan = self.interleaved[level]
         (left, right), right_share = column, right_share[:, None]
         for central in self.view_of_angle:
             low, high, later_share = self._views_about(spot[0], central - fan[0] / self.view_step)

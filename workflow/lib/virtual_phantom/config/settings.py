@@ -275,10 +275,15 @@ class Study:
     analyses: Analyses
 
     @property
-    def flat_detectors(self) -> bool:
-        """Whether all scans have flat detectors and divergent beams, as the GPU engine requires."""
+    def engine_needs(self) -> dict:
+        """Return the settings that decide which engines are possible: arguments of projectors.choose_engine."""
+        algorithms = {protocol.algorithm for protocol in self.protocols.values()}
         scans = [scan for scan in (self.scan, *self.scans.values()) if scan is not None]
-        return all(scan.detector == FLAT and scan.beam != PARALLEL for scan in scans)
+        return {
+            "backprojector": self.reconstruction.sirt.backprojector if "sirt" in algorithms else None,
+            "normalise": self.reconstruction.fbp.normalise if "fbp" in algorithms else None,
+            "flat": all(scan.detector == FLAT and scan.beam != PARALLEL for scan in scans),
+        }
 
     @property
     def results(self) -> str:

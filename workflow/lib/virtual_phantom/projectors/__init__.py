@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from ..base.errors import InputError
 from ..base.geometry import Grid, ScanGeometry
@@ -28,6 +32,7 @@ def cupy_installed() -> bool:
 
 
 UNSUPPORTED_BY_ASTRA = "engine: astra_cuda supports neither cylindrical detectors nor parallel beams; set engine: cpu"
+NO_FDK = "engine: astra_cuda does not support `normalise: none`; set engine: cpu or `normalise: coverage`"
 NO_CUPY = "astra_cuda needs CuPy, which cannot be imported: pip install -r environment-gpu.txt"
 
 
@@ -36,34 +41,37 @@ def astra_projects(geometry: ScanGeometry) -> bool:
     return geometry.surface == FLAT and not geometry.parallel
 
 
-def choose_engine(name: str, backprojector: str, check: bool = True, flat: bool = True) -> str:
-    """Return the engine for the configured name; "auto" selects CUDA where it is available and supports the scan.
+def choose_engine(
+    name: str, backprojector: str | None = None, normalise: str | None = None, check: bool = True, flat: bool = True
+) -> str:
+    """Return the engine for the configured name; "auto" selects CUDA where it is available and supports all algorithms.
 
     Warns if CUDA is available but unused because CuPy is missing.
 
     Parameters
     ----------
-    backprojector : {"voxel", "adjoint"}
-        Back-projector of SIRT; ASTRA has no "adjoint".
+    backprojector : {"voxel", "adjoint"}, optional
+        Back-projector of SIRT; None: no image is made by SIRT. ASTRA has no "adjoint".
+    normalise : {"coverage", "none"}, optional
+        Normalization of FBP; None: no image is made by FBP. The kernels of FBP do not support "none".
     check : bool, optional
         False: do not check for a device if the name is astra_cuda; `projector` checks it later.
     flat : bool, optional
-        Whether ASTRA supports the scan: all detectors are flat and no beam is parallel.
+        Whether ASTRA supports the scan, which SIRT needs: all detectors are flat and no beam is parallel.
 
     Raises
     ------
     InputError
-        For an unknown engine, or astra_cuda without a CUDA device or CuPy, with "adjoint", a curved detector or a
-        parallel beam.
+        For an unknown engine, or astra_cuda without a CUDA device or CuPy, for SIRT with "adjoint", a curved detector
+        or a parallel beam, or for FBP with "none".
     """
     if name not in ENGINES:
         raise InputError(f"engine '{name}' is unknown; use one of {', '.join(ENGINES)}")
-    if name == "cpu" or (name == "auto" and (backprojector == "adjoint" or not flat)):
+    unsupported = _unsupported(backprojector, normalise, flat)
+    if name == "cpu" or (name == "auto" and unsupported):
         return "cpu"
-    if not flat:
-        raise InputError(UNSUPPORTED_BY_ASTRA)
-    if backprojector == "adjoint":
-        raise InputError("engine: astra_cuda has no adjoint; set reconstruction.sirt.backprojector: voxel")
+    if unsupported:
+        raise InputError(unsupported)
     if name == "auto":
         if not cuda_available():
             return "cpu"
@@ -72,8 +80,17 @@ def choose_engine(name: str, backprojector: str, check: bool = True, flat: bool 
         warnings.warn(f"engine: auto uses the CPU although a CUDA device is available: {NO_CUPY}", stacklevel=2)
         return "cpu"
     if check:
-        _check_device()
+        check_device()
     return "astra_cuda"
+
+
+def _unsupported(backprojector, normalise, flat):
+    """Return the message about what astra_cuda does not support; None if it supports everything."""
+    if backprojector is not None and not flat:
+        return UNSUPPORTED_BY_ASTRA
+    if backprojector == "adjoint":
+        return "engine: astra_cuda has no adjoint; set reconstruction.sirt.backprojector: voxel"
+    return NO_FDK if normalise == "none" else None
 
 
 def projector(engine: str, geometry: ScanGeometry, grid: Grid, lanes: int = 1, threads: int = 1):
@@ -88,13 +105,55 @@ def projector(engine: str, geometry: ScanGeometry, grid: Grid, lanes: int = 1, t
         from .cpu import CpuProjector
 
         return CpuProjector(geometry, grid, lanes, threads)
-    _check_device()
+    check_device()
     from .astra_cuda import AstraCudaProjector
 
     return AstraCudaProjector(geometry, grid, lanes)
 
 
-def _check_device():
+def parallel_projector(
+    engine: str,
+    geometry: ScanGeometry,
+    grid: Grid,
+    lanes: int = 1,
+    threads: int = 1,
+    centre_mm: ArrayLike = (0.0, 0.0, 0.0),
+):
+    """Return the projector of an engine with `back_parallel`, for filtered back-projection; see `projector`.
+
+    Parameters
+    ----------
+    centre_mm : array_like, shape (3,), optional
+        Center of the grid relative to the isocenter (x, y, z), mm.
+    """
+    if engine == "cpu":
+        from .cpu import CpuProjector
+
+        return CpuProjector(geometry, grid, lanes, threads, centre_mm)
+    from .parallel_cuda import ParallelCudaProjector
+
+    return ParallelCudaProjector(geometry, grid, centre_mm)
+
+
+def in_parts(engine: str, reconstruct: Callable[[np.ndarray], np.ndarray], line_integrals: np.ndarray) -> np.ndarray:
+    """Return reconstruct(line_integrals) of all realizations.
+
+    On the CPU, all realizations are reconstructed together, one per lane of the vector registers, for speed. On a GPU
+    this has no advantage and needs memory, so they are reconstructed one by one.
+    """
+    if engine == "cpu" or len(line_integrals) == 1:
+        return reconstruct(line_integrals)
+    return np.concatenate([reconstruct(one[None]) for one in line_integrals])
+
+
+def check_device() -> None:
+    """Check that astra_cuda can be used.
+
+    Raises
+    ------
+    InputError
+        Without a CUDA device or CuPy.
+    """
     if not cuda_available():
         raise InputError("engine: astra_cuda needs a CUDA device, but ASTRA finds none; set engine: cpu or auto")
     if not cupy_installed():

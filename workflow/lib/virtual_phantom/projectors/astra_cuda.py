@@ -48,7 +48,7 @@ class AstraCudaProjector:
 
     Packed volumes are [lane, z, y, x] and packed projections [lane, row, view, column], float32, as in ASTRA. `pack_*`
     copies NumPy arrays to the device, `unpack_*` copies them back. `back` is ASTRA's voxel-driven back-projection with
-    ASTRA's own scale. SIRT divides by its weights, which removes this scale. FDK always runs on the CPU engine.
+    ASTRA's own scale. SIRT divides by its weights, which removes this scale. FBP on the device: parallel_cuda.py.
 
     Parameters
     ----------

@@ -36,6 +36,7 @@ class CpuProjector:
         If the geometry is not upright, or the grid's corners are outside the source's orbit.
     """
 
+    engine = "cpu"
     views_per_block = VIEWS_PER_BLOCK
 
     def __init__(

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from ..base.geometry import Grid, ScanGeometry
 from ..base.units import HU_AIR, attenuation_to_hu
-from ..projectors.cpu import CpuProjector
+from ..projectors import in_parts, parallel_projector
 from .fbp import ParallelProjections, with_noise_kernel
 from .kernel import Kernel, NoiseKernel
 from .slices import thin_slices
@@ -55,6 +55,7 @@ def fbp_in_boxes(
     kernel: Kernel | None = None,
     noise_kernel: NoiseKernel | None = None,
     clean: np.ndarray | None = None,
+    engine: str = "cpu",
     threads: int = 1,
 ) -> np.ndarray:
     """Return images of every acquisition in HU, not rounded; voxels outside of the boxes are air.
@@ -72,6 +73,7 @@ def fbp_in_boxes(
         Kernel of the noise, which is the difference from `clean`. `kernel` and `clean` must then be given.
     clean : ndarray, shape (views, rows, columns), optional
         Noise-free line integrals of all acquisitions.
+    engine : {"cpu", "astra_cuda"}, optional
 
     Returns
     -------
@@ -82,11 +84,16 @@ def fbp_in_boxes(
     InputError
         For the scans that fbp.fbp refuses.
     """
-    if noise_kernel is None:
-        rays = ParallelProjections.of(line_integrals, geometry, kernel)
-    else:
-        rays = with_noise_kernel(line_integrals, clean, geometry, kernel, noise_kernel)
-    return back_in_boxes(rays, grid, boxes, mu_water_per_mm=mu_water_per_mm, thickness_mm=thickness_mm, threads=threads)
+
+    def images(some):
+        if noise_kernel is None:
+            rays = ParallelProjections.of(some, geometry, kernel, engine)
+        else:
+            rays = with_noise_kernel(some, clean, geometry, kernel, noise_kernel, engine)
+        settings = {"mu_water_per_mm": mu_water_per_mm, "thickness_mm": thickness_mm, "threads": threads}
+        return back_in_boxes(rays, grid, boxes, **settings)
+
+    return in_parts(engine, images, line_integrals)
 
 
 def back_in_boxes(
@@ -115,8 +122,7 @@ def back_in_boxes(
     -------
     ndarray of float32, shape (acquisitions, z, y, x)
     """
-    lanes = rays.packed.shape[-1]
-    images = np.full((lanes, *grid.shape), HU_AIR, np.float32)
+    images = np.full((rays.lanes, *grid.shape), HU_AIR, np.float32)
     for box in boxes:
         shape = tuple(part.stop - part.start for part in box)
         centre_mm = [
@@ -127,7 +133,7 @@ def back_in_boxes(
         if thickness_mm is not None:
             weights, thin, thin_mm = thin_slices(shape[0], grid.spacing[0], thickness_mm)
         part = Grid((thin, *shape[1:]), (thin_mm, *grid.spacing[1:]))
-        made = rays.back(CpuProjector(rays.rays.geometry, part, lanes, threads, centre_mm))
+        made = rays.back(parallel_projector(rays.engine, rays.rays.geometry, part, rays.lanes, threads, centre_mm))
         if weights is not None:
             made = np.einsum("st,ltyx->lsyx", weights, made, optimize=True)
         images[:, *box] = attenuation_to_hu(made, mu_water_per_mm)

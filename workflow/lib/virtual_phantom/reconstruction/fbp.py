@@ -12,6 +12,7 @@ from ..base.errors import InputError
 from ..base.geometry import ScanGeometry, orbit_of
 from ..base.parallel_rays import ParallelRays
 from ..base.vectors import FLAT
+from ..projectors import NO_FDK, parallel_cuda
 from ..projectors.cpu import parallel_stack
 from .kernel import Kernel, NoiseKernel
 
@@ -44,7 +45,8 @@ def fbp(
     ------
     InputError
         For an unknown `normalise`, or a scan that is neither circular nor helical. With "coverage" also for a scan that
-        ParallelRays refuses, with "none" for a kernel, a curved detector or a flying focal spot.
+        ParallelRays refuses, with "none" for a kernel, a curved detector, a flying focal spot or another engine than
+        the CPU.
 
     References
     ----------
@@ -56,11 +58,13 @@ def fbp(
             raise InputError("fbp: a kernel needs reconstruction.fbp.normalise: coverage")
         return _fdk(projector, line_integrals)
     if normalise == "coverage":
-        return ParallelProjections.of(line_integrals, projector.geometry, kernel).back(projector)
+        return ParallelProjections.of(line_integrals, projector.geometry, kernel, projector.engine).back(projector)
     raise InputError(f"fbp: reconstruction.fbp.normalise '{normalise}' is unknown; use 'coverage' or 'none'")
 
 
 def _fdk(projector, line_integrals):
+    if projector.engine != "cpu":
+        raise InputError(NO_FDK)
     geometry = orbit_of(projector.geometry, "filtered back-projection")
     if geometry.surface != FLAT or geometry.has_focal_spot_offset:
         odd = "a flying focal spot" if geometry.surface == FLAT else f"a {geometry.surface} detector"
@@ -78,45 +82,52 @@ def _fdk(projector, line_integrals):
 
 
 class ParallelProjections:
-    """Projections rebinned to parallel rays and filtered, in the layout of projectors.cpu.parallel_stack."""
+    """Projections rebinned to parallel rays and filtered, in the layout of the engine's `back_parallel`."""
 
-    def __init__(self, rays: ParallelRays, packed: np.ndarray):
-        self.rays, self.packed = rays, packed
+    def __init__(self, rays: ParallelRays, packed, lanes: int, engine: str):
+        self.rays, self.packed, self.lanes, self.engine = rays, packed, lanes, engine
 
     @classmethod
     def of(
-        cls, line_integrals: np.ndarray, geometry: ScanGeometry, kernel: Kernel | None = None
+        cls, line_integrals: np.ndarray, geometry: ScanGeometry, kernel: Kernel | None = None, engine: str = "cpu"
     ) -> ParallelProjections:
         """Rebin and filter line integrals, (lanes, views, rows, columns); without a kernel, the ramp is not apodized.
 
         Raises
         ------
         InputError
-            For the scans that ParallelRays refuses.
+            For the scans that ParallelRays refuses, or astra_cuda without a device or with too little memory.
         """
         rays = ParallelRays(geometry)
+        if engine != "cpu":
+            return cls(rays, _filtered_on_device(rays, line_integrals, kernel), len(line_integrals), engine)
         packed = parallel_stack(rays, len(line_integrals))
         for lane, stack in enumerate(line_integrals):
             stack = rays.weighted_by_cone_angle(stack)
             images = chain.from_iterable(rays.rebin(stack, level) for level in range(rays.levels))
             for i, image in enumerate(images):
                 packed[i, 1:-1, 1:-1, lane] = ramp_filter(image, rays.t_pitch_mm, kernel).T
-        return cls(rays, packed)
+        return cls(rays, packed, len(line_integrals), engine)
 
     def back(self, projector) -> np.ndarray:
         """Return the back-projection, 1/mm, (lanes, z, y, x). The projector's geometry and lanes must agree."""
-        volume = projector.back_parallel(self.packed, self.rays, FULL_ROWS)
+        volume = projector.unpack_volume(projector.back_parallel(self.packed, self.rays, FULL_ROWS))
         # Projections are truncated outside this radius. Scanners also show air there.
         centre_x, centre_y, _ = projector.centre_mm
         _, y, x = projector.grid.axes_mm()
         y, x = y + centre_y, x + centre_x
         inside = np.hypot(y[:, None], x[None, :]) <= self.rays.geometry.field_of_view_radius_mm
-        volume[1:-1, 1:-1] *= (np.pi * inside).astype(np.float32)[..., None, None]
-        return projector.unpack_volume(volume)
+        volume *= (np.pi * inside).astype(np.float32)
+        return volume
 
 
 def with_noise_kernel(
-    line_integrals: np.ndarray, clean: np.ndarray, geometry: ScanGeometry, kernel: Kernel, noise_kernel: NoiseKernel
+    line_integrals: np.ndarray,
+    clean: np.ndarray,
+    geometry: ScanGeometry,
+    kernel: Kernel,
+    noise_kernel: NoiseKernel,
+    engine: str = "cpu",
 ) -> ParallelProjections:
     """Rebin and filter the object with one kernel and the noise with another one.
 
@@ -126,18 +137,39 @@ def with_noise_kernel(
     clean : ndarray, shape (views, rows, columns)
         Noise-free line integrals of all lanes.
     """
-    rays = ParallelProjections.of(line_integrals - clean, geometry, noise_kernel.kernel)
+    rays = ParallelProjections.of(line_integrals - clean, geometry, noise_kernel.kernel, engine)
     rays.packed *= np.float32(noise_kernel.gain(kernel))
-    rays.packed += ParallelProjections.of(clean[None], geometry, kernel).packed
+    rays.packed += ParallelProjections.of(clean[None], geometry, kernel, engine).packed
     return rays
+
+
+def _filtered_on_device(rays, line_integrals, kernel):
+    """Return [lane, image, row, t] of parallel_cuda.py."""
+    arrays, samples = parallel_cuda.device_arrays(), len(rays.t_mm)
+    n = _padded(samples)
+    with parallel_cuda.memory_errors():
+        ramp = arrays.asarray(_ramp(n, rays.t_pitch_mm, kernel))
+        shape = (len(line_integrals), rays.levels * len(rays.angles_rad), rays.geometry.rows, samples)
+        filtered = arrays.zeros(shape, dtype=np.float32)
+        for lane, stack in enumerate(line_integrals):
+            for images, block in parallel_cuda.rebin(rays, stack, n):
+                spectrum = arrays.fft.rfft(block, axis=-1)
+                spectrum *= ramp
+                filtered[lane, images] = arrays.fft.irfft(spectrum, n, axis=-1)[..., :samples]
+        return filtered
 
 
 def ramp_filter(rows: np.ndarray, pitch_mm: float, kernel: Kernel | None = None) -> np.ndarray:
     """Apply the ramp filter, per mm, along the last axis of samples at a distance of `pitch_mm`."""
     samples = rows.shape[-1]
-    n = fft.next_fast_len(2 * samples, real=True)
+    n = _padded(samples)
     spectrum = fft.rfft(rows.astype(np.float32, copy=False), n, axis=-1) * _ramp(n, pitch_mm, kernel)
     return fft.irfft(spectrum, n, axis=-1)[..., :samples]
+
+
+def _padded(samples):
+    """Return the length of the transforms: a convolution must not wrap around."""
+    return fft.next_fast_len(2 * samples, real=True)
 
 
 @lru_cache(maxsize=4)

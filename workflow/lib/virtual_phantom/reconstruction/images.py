@@ -10,7 +10,7 @@ from ..base.errors import InputError
 from ..base.geometry import Grid, ScanGeometry, circular
 from ..base.settings import FbpSettings, SirtSettings
 from ..base.units import attenuation_to_hu
-from ..projectors import projector
+from ..projectors import in_parts, parallel_projector, projector
 from . import fbp, sirt
 from .kernel import Kernel, NoiseKernel
 
@@ -33,7 +33,6 @@ def reconstruct_hu(
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
     algorithm : {"sirt", "fbp"}
     engine : {"cpu", "astra_cuda"}
-        Engine of SIRT; FBP always uses the CPU engine.
     mu_water_per_mm : float
         Linear attenuation of water, 1/mm.
     clean : ndarray, shape (views, rows, columns), optional
@@ -46,28 +45,27 @@ def reconstruct_hu(
     Raises
     ------
     InputError
-        For an unknown algorithm or a scan that it does not support.
+        For an unknown algorithm, or a scan or setting that it or the engine does not support.
     """
-    count = len(line_integrals)
+    at_once = len(line_integrals) if engine == "cpu" else 1
     if algorithm == "sirt":
-        # On the CPU, all realizations are reconstructed together, one per lane of the vector registers, for speed. On a
-        # GPU this has no advantage and needs memory, so they are reconstructed one by one.
-        at_once = count if engine == "cpu" else 1
         operator = projector(engine, geometry, grid, at_once, threads)
-        images = [
-            sirt.sirt(operator, line_integrals[i : i + at_once], **vars(settings)) for i in range(0, count, at_once)
-        ]
-        attenuation = images[0] if len(images) == 1 else np.concatenate(images)
+
+        def images(some):
+            return sirt.sirt(operator, some, **vars(settings))
+
     elif algorithm == "fbp":
-        # FBP always uses the CPU engine: it is one back-projection, and ASTRA scales its back-projection differently.
-        operator, kernel = projector("cpu", geometry, grid, count, threads), kernel_of(settings)
-        if noise_kernel := noise_kernel_of(settings):
-            attenuation = fbp.with_noise_kernel(line_integrals, clean, geometry, kernel, noise_kernel).back(operator)
-        else:
-            attenuation = fbp.fbp(operator, line_integrals, normalise=settings.normalise, kernel=kernel)
+        operator, kernel = parallel_projector(engine, geometry, grid, at_once, threads), kernel_of(settings)
+        noise_kernel = noise_kernel_of(settings)
+
+        def images(some):
+            if noise_kernel is None:
+                return fbp.fbp(operator, some, normalise=settings.normalise, kernel=kernel)
+            return fbp.with_noise_kernel(some, clean, geometry, kernel, noise_kernel, engine).back(operator)
+
     else:
         raise InputError(f"algorithm '{algorithm}' is unknown; use sirt or fbp")
-    return attenuation_to_hu(attenuation, mu_water_per_mm)
+    return attenuation_to_hu(in_parts(engine, images, line_integrals), mu_water_per_mm)
 
 
 def noise_kernel_of(settings: FbpSettings) -> NoiseKernel | None:

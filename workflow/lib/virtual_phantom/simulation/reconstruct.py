@@ -84,6 +84,7 @@ def reconstruct_in_boxes(
     settings: FbpSettings,
     *,
     thickness_mm: float,
+    engine: str,
     mu_water_per_mm: float,
     clean: np.ndarray | None = None,
     threads: int = 1,
@@ -96,7 +97,7 @@ def reconstruct_in_boxes(
     boxes : sequence of tuple of 3 slice
     settings : FbpSettings
         Only the kernels are used.
-    thickness_mm, mu_water_per_mm, clean
+    thickness_mm, engine, mu_water_per_mm, clean
         As boxes.fbp_in_boxes takes them.
 
     Returns
@@ -119,6 +120,7 @@ def reconstruct_in_boxes(
         kernel=kernel_of(settings),
         noise_kernel=noise_kernel_of(settings),
         clean=clean,
+        engine=engine,
         threads=threads,
     )
     return [Volume(_to_int16(image), grid) for image in hu]

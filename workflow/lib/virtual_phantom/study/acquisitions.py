@@ -159,7 +159,3 @@ class Acquisitions:
     def algorithm(self, protocol: str) -> str:
         """Return the algorithm of a protocol's reconstruction."""
         return self.plan.study.protocols[protocol].algorithm
-
-    def gpus(self, protocol: str, engine: str) -> int:
-        """Return the number of GPUs that a protocol's reconstruction needs."""
-        return int(engine == "astra_cuda" and self.algorithm(protocol) == "sirt")

@@ -239,8 +239,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
     study = read_study(config)
     plan = Plan(study)
     # Without `here`, do not look for devices: a cluster node of a job may have none.
-    backprojector = study.reconstruction.sirt.backprojector
-    engine = choose_engine(study.engine, backprojector, check=here, flat=study.flat_detectors)
+    engine = choose_engine(study.engine, **study.engine_needs, check=here)
     rates = read_rates(RESOURCES / "rates.yaml")
     outputs = Files(study.results)
     sources = PhantomSources(plan)

@@ -72,8 +72,7 @@ def _results(study: Study) -> Iterator[str]:
 
 
 def _engine(study: Study) -> Iterator[str]:
-    backprojector = study.reconstruction.sirt.backprojector
-    yield from _messages(choose_engine, study.engine, backprojector, True, study.flat_detectors)
+    yield from _messages(partial(choose_engine, **study.engine_needs), study.engine)
 
 
 def _layout(study: Study) -> Iterator[str]:

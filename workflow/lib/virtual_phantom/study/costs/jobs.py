@@ -121,7 +121,7 @@ class Sizes:
         """Return stage and work of the images of a protocol for a number of realizations."""
         settings = self.plan.study.protocols[protocol]
         image_voxels = lanes * self.voxels
-        if settings.algorithm == "fbp":
+        if settings.algorithm == "fbp":  # on a GPU, the rate of the CPU is an upper limit
             work = {"image_voxel": image_voxels, "image_voxel_view": image_voxels * settings.projections}
             return "reconstruct_fbp", {"job": 1, **work}
         sirt = self.plan.study.reconstruction.sirt
