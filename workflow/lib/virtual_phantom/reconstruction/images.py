@@ -60,14 +60,38 @@ def reconstruct_hu(
         attenuation = images[0] if len(images) == 1 else np.concatenate(images)
     elif algorithm == "fbp":
         # FBP always uses the CPU engine: it is one back-projection, and ASTRA scales its back-projection differently.
-        operator, kernel = projector("cpu", geometry, grid, count, threads), kernel_of(settings)
-        if noise_kernel := noise_kernel_of(settings):
-            attenuation = fbp.with_noise_kernel(line_integrals, clean, geometry, kernel, noise_kernel).back(operator)
+        operator = projector("cpu", geometry, grid, count, threads)
+        if settings.normalise == "coverage":
+            attenuation = filtered(line_integrals, geometry, settings, clean).back(operator)
         else:
-            attenuation = fbp.fbp(operator, line_integrals, normalise=settings.normalise, kernel=kernel)
+            attenuation = fbp.fbp(operator, line_integrals, normalise=settings.normalise, kernel=kernel_of(settings))
     else:
         raise InputError(f"algorithm '{algorithm}' is unknown; use sirt or fbp")
     return attenuation_to_hu(attenuation, mu_water_per_mm)
+
+
+def filtered(
+    line_integrals: np.ndarray, geometry: ScanGeometry, settings: FbpSettings, clean: np.ndarray | None = None
+) -> fbp.ParallelProjections:
+    """Return rebinned and filtered projections, from which several images may be back-projected.
+
+    Parameters
+    ----------
+    line_integrals : ndarray, shape (acquisitions, views, rows, columns)
+    settings : FbpSettings
+        Only the kernels are used.
+    clean : ndarray, shape (views, rows, columns), optional
+        Noise-free line integrals of all acquisitions, for a noise kernel.
+
+    Raises
+    ------
+    InputError
+        For the scans that fbp.fbp refuses.
+    """
+    kernel, noise_kernel = kernel_of(settings), noise_kernel_of(settings)
+    if noise_kernel is None:
+        return fbp.ParallelProjections.of(line_integrals, geometry, kernel)
+    return fbp.with_noise_kernel(line_integrals, clean, geometry, kernel, noise_kernel)
 
 
 def noise_kernel_of(settings: FbpSettings) -> NoiseKernel | None:
