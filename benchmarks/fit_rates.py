@@ -27,7 +27,7 @@ STAGE_UNITS = {
     "phantom": ["job", "fine_voxel"],
     "project": ["job", "ray_step"],
     "acquire": ["job", "ray"],
-    "reconstruct_fbp": ["job", "image_voxel", "image_voxel_view"],
+    "reconstruct_fbp": ["job", "ray", "image_voxel_view"],
     "reconstruct_sirt": ["ray_step", "ray_step_lane", "image_voxel"],
     "extract": ["job", "image_voxel"],
     "merge_features": ["job", "image"],

@@ -457,13 +457,43 @@ def test_plan_of_the_paper():
     ) not in plan.acquisitions_with_features()
 
 
-def test_every_seed_is_in_one_batch():
-    config = changed("seeds_per_job", 4)
+def images_of(jobs):
+    return [(protocol, noise, seed) for bundle, protocols in jobs for protocol in protocols for noise, seed in bundle]
+
+
+@pytest.mark.parametrize("seeds_per_job", [1, 4, 16])
+@pytest.mark.parametrize("together", [(), ("fbp_150", "fbp_200", "second")])
+def test_every_image_and_every_table_is_in_one_job(seeds_per_job, together):
+    """Protocols with a common job and the same scan share their jobs."""
+    config = changed("seeds_per_job", seeds_per_job)
+    config["protocols"]["second"] = {**config["protocols"]["fbp_150"], "group": 9}
+    for name in together:
+        config["protocols"][name]["job"] = "one"
     plan = Plan(read_study(config))
-    for noise in plan.study.noise.levels:
-        batches = [batch for batch, levels in plan.seed_batches().items() if noise in levels]
-        assert sorted(seed for batch in batches for seed in batch) == plan.seeds(noise)
-        assert all(len(batch) <= 4 for batch in batches)
+    for wanted in (plan.acquisitions(), plan.acquisitions_with_features()):
+        jobs = plan.jobs(wanted)
+        expected = [(protocol, noise, seed) for protocol, noise in wanted for seed in plan.seeds(noise)]
+        assert sorted(images_of(jobs)) == sorted(expected)
+        assert all(len(bundle) <= seeds_per_job for bundle, _ in jobs)
+        shared = {tuple(protocols) for _, protocols in jobs if len(protocols) > 1}
+        assert shared == ({("fbp_150", "second")} if together else set())
+
+
+def test_new_protocol_leaves_the_jobs_of_the_default_study_unchanged():
+    study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
+    before = Plan(read_study(study)).jobs()
+    assert len(before) == 20
+    study["protocols"]["mine"] = {key: value for key, value in study["protocols"]["group_2"].items() if key != "job"}
+    study["protocols"]["mine"]["group"] = 9
+    after = Plan(read_study(study)).jobs()
+    new = [((("mgy10", f"{seed:02d}"),), ["mine"]) for seed in range(10)]
+    assert [job for job in after if job not in before] == new and all(job in after for job in before)
+
+
+def test_common_job_is_for_fbp():
+    config = changed("protocols.sirt_150.job", "one")
+    with pytest.raises(InputError, match="protocols.sirt_150.job is for algorithm fbp"):
+        read_study(config)
 
 
 def test_bundles_contain_every_acquisition_once_and_keep_levels_whole():

@@ -92,8 +92,9 @@ def test_large_study_is_one():
 def test_more_repeats_are_more_images_and_jobs():
     config = changed("noise.levels.dose10.repeats", 20)
     before, after = (totals(jobs_of(one), "extract") for one in (DEFAULT, config))
-    # Ten protocols have the level; sixteen repeats fit into a job.
-    assert after["job"] - before["job"] == 10
+    # Sixteen repeats fit into a job. The other four need one more in eight of ten protocols; in sirt_200 and sirt_250
+    # they share the job of another level.
+    assert after["job"] - before["job"] == 8
     assert (after["image_voxel"] - before["image_voxel"]) / (48 * 128 * 128) == 100
 
 

@@ -25,7 +25,7 @@ ON_CPU = {"reconstruction": {"sirt": {"backprojector": "adjoint"}}}
 # {(configuration, engine)}: minutes of the shortest and the longest job of each stage.
 STAGES = ("phantom", "project", "reconstruct_sirt", "reconstruct_fbp", "merge_features", "noise_calibration")
 SHORTEST = dict.fromkeys(STAGES, (10, 10)) | {"extract": (30, 30)}
-LARGE = SHORTEST | {"project": (10, 26), "reconstruct_fbp": (10, 12)}
+LARGE = SHORTEST | {"project": (10, 26), "reconstruct_fbp": (10, 13)}
 LIMITS = {
     **{(name, "cpu"): SHORTEST for name in ("tiny", "paper_groups", "large", "abdomen")},
     ("config", "cpu"): {stage: limits for stage, limits in SHORTEST.items() if stage != "reconstruct_sirt"},
@@ -71,11 +71,13 @@ def minutes_of(name, engine="cpu"):
 )
 def test_larger_jobs_get_more_time(overlay):
     before, after = sizes(PAPER, ON_CPU), sizes(PAPER, ON_CPU, overlay)
-    sirt = [minutes(RATES, *one.reconstruction("sirt_150", 16)) for one in (before, after)]
+    sirt = [minutes(RATES, *one.reconstruction(["sirt_150"], 16)) for one in (before, after)]
     assert FLOOR_MINUTES < sirt[0] < sirt[1]
-    fbp = [minutes(RATES, *one.reconstruction("fbp_450", 64)) for one in (before, after)]
+    fbp = [minutes(RATES, *one.reconstruction(["fbp_450"], 64)) for one in (before, after)]
     grown = after.voxels > before.voxels
-    assert FLOOR_MINUTES < fbp[0] < fbp[1] if grown else fbp[0] == fbp[1]
+    # Noise and filters take time per ray, in FBP much less than the back-projection.
+    more_rays = after.rays(after.plan.geometry_of("fbp_450")) > before.rays(before.plan.geometry_of("fbp_450"))
+    assert FLOOR_MINUTES < fbp[0] < fbp[1] if grown else fbp[0] == fbp[1] or (more_rays and fbp[0] < fbp[1])
     geometries = [one.plan.geometry_of("sirt_150") for one in (before, after)]
     steps = [one.rays(name) * one.across for one, name in zip((before, after), geometries, strict=True)]
     projection = [minutes(RATES, *one.projection(name)) for one, name in zip((before, after), geometries, strict=True)]
@@ -84,7 +86,7 @@ def test_larger_jobs_get_more_time(overlay):
 
 def test_more_realizations_get_more_time():
     paper = sizes(PAPER, ON_CPU)
-    images = [minutes(RATES, *paper.reconstruction("sirt_450", lanes)) for lanes in (1, 8, 16, 17, 64)]
+    images = [minutes(RATES, *paper.reconstruction(["sirt_450"], lanes)) for lanes in (1, 8, 16, 17, 64)]
     assert images == sorted(set(images))
     # One more realization than fits into a pass of the projector takes another pass.
     assert images[3] > 1.8 * images[2]
@@ -95,8 +97,8 @@ def test_more_realizations_get_more_time():
 
 def test_small_jobs_get_the_minimum_and_others_a_multiple():
     small, large = sizes(), sizes(PAPER, ON_CPU)
-    assert minutes(RATES, *small.reconstruction("sirt_450", 16)) == FLOOR_MINUTES
-    stage, work = large.reconstruction("sirt_450", 10)
+    assert minutes(RATES, *small.reconstruction(["sirt_450"], 16)) == FLOOR_MINUTES
+    stage, work = large.reconstruction(["sirt_450"], 10)
     measured = seconds(Job("reconstruct", stage, (), work), RATES) / 60
     assert SAFETY * measured <= minutes(RATES, stage, work) < SAFETY * measured + 1
 
@@ -106,10 +108,11 @@ def test_unmeasured_stages_use_similar_measured_ones():
 
     A stage without any measurement gets more than the minimum.
     """
-    stage, work = sizes(PAPER, ON_CPU).reconstruction("sirt_300", 10)
+    stage, work = sizes(PAPER, ON_CPU).reconstruction(["sirt_300"], 10)
     adjoint = minutes(RATES, stage, work)
     voxel, gpu = (
-        minutes(RATES, *sizes(PAPER, engine=engine).reconstruction("sirt_300", 10)) for engine in ("cpu", "astra_cuda")
+        minutes(RATES, *sizes(PAPER, engine=engine).reconstruction(["sirt_300"], 10))
+        for engine in ("cpu", "astra_cuda")
     )
     assert voxel == adjoint
     assert gpu == pytest.approx(adjoint / SAFETY, abs=1)
@@ -125,7 +128,7 @@ def test_unmeasured_stages_use_similar_measured_ones():
 
 
 def test_user_rates_have_priority():
-    stage, work = sizes(PAPER, engine="astra_cuda").reconstruction("sirt_450", 10)
+    stage, work = sizes(PAPER, engine="astra_cuda").reconstruction(["sirt_450"], 10)
     user_rates = {"seconds": RATES["seconds"] | {stage: {"ray_step_lane": 60 / work["ray_step_lane"]}}}
     assert minutes(user_rates, stage, work) == FLOOR_MINUTES
     user_rates["seconds"][stage]["job"] = 3540.0

@@ -11,7 +11,7 @@ from virtual_phantom.base.settings import FbpSettings, from_mapping
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction import boxes, slices
 from virtual_phantom.reconstruction.fbp import fbp
-from virtual_phantom.reconstruction.images import reconstruct_hu
+from virtual_phantom.reconstruction.images import filtered, reconstruct_hu
 from virtual_phantom.reconstruction.kernel import Kernel, NoiseKernel
 
 SMOOTH, SHARP = Kernel(2.5, 4.2), Kernel(4.0, 7.0)
@@ -24,6 +24,18 @@ MU = 0.02
 
 def hu(attenuation):
     return 1000 * (attenuation / MU - 1)
+
+
+def fbp_settings(kernel, noise_kernel=None):
+    settings = {"normalise": "coverage", "kernel": kernel and vars(kernel)}
+    if noise_kernel is not None:
+        settings["noise_kernel"] = {**vars(noise_kernel.kernel), "variance": noise_kernel.variance}
+    return from_mapping(FbpSettings, settings)
+
+
+def in_boxes(lines, grid, made, kernel=None, noise_kernel=None, clean=None, thickness_mm=None):
+    projections = filtered(lines, HELIX, fbp_settings(kernel, noise_kernel), clean)
+    return boxes.back_in_boxes(projections, grid, made, mu_water_per_mm=MU, thickness_mm=thickness_mm)
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +99,7 @@ def test_boxes_are_parts_of_the_whole_volume(scan, kernel):
     masks[0, 4:7, 10:20, 8:15] = masks[1, 0:3, 30:40, 20:22] = True
     made = boxes.boxes_around(masks, WHOLE, margin_mm=3.0)
     assert made == [(slice(2, 9), slice(8, 22), slice(6, 17)), (slice(0, 5), slice(28, 40), slice(18, 24))]
-    images = boxes.fbp_in_boxes(scan, HELIX, WHOLE, made, mu_water_per_mm=MU, kernel=kernel)
+    images = in_boxes(scan, WHOLE, made, kernel)
     whole = hu(fbp(CpuProjector(HELIX, WHOLE, 2), scan, kernel=kernel))
     left = np.ones(WHOLE.shape, bool)
     for box in made:
@@ -104,8 +116,7 @@ def test_noise_kernel_changes_the_noise_and_its_variance_only(scan):
     box = (slice(3, 8), slice(8, 32), slice(8, 32))
 
     def images(lines, **settings):
-        made = boxes.fbp_in_boxes(lines, HELIX, WHOLE, [box], mu_water_per_mm=MU, kernel=SMOOTH, **settings)
-        return made[:, *box]
+        return in_boxes(lines, WHOLE, [box], SMOOTH, **settings)[:, *box]
 
     half = NoiseKernel(Kernel(SMOOTH.mtf50_per_cm * 0.7, SMOOTH.mtf10_per_cm * 0.7), 0.5)
     without = images(clean + 0 * noise)
@@ -123,19 +134,10 @@ def test_whole_image_with_a_noise_kernel_equals_its_boxes(scan):
     clean = scan.mean(axis=0)
     box = (slice(3, 8), slice(8, 32), slice(8, 32))
     proxy = NoiseKernel(Kernel(SMOOTH.mtf50_per_cm * 0.7, SMOOTH.mtf10_per_cm * 0.7), 0.5)
-    boxed = boxes.fbp_in_boxes(
-        scan, HELIX, WHOLE, [box], mu_water_per_mm=MU, kernel=SMOOTH, noise_kernel=proxy, clean=clean
-    )
-    kernels = {
-        "kernel": {"mtf50_per_cm": SMOOTH.mtf50_per_cm, "mtf10_per_cm": SMOOTH.mtf10_per_cm},
-        "noise_kernel": {
-            "mtf50_per_cm": proxy.kernel.mtf50_per_cm,
-            "mtf10_per_cm": proxy.kernel.mtf10_per_cm,
-            "variance": proxy.variance,
-        },
-    }
-    settings = from_mapping(FbpSettings, {"normalise": "coverage", **kernels})
+    boxed = in_boxes(scan, WHOLE, [box], SMOOTH, noise_kernel=proxy, clean=clean)
+    settings = fbp_settings(SMOOTH, proxy)
     whole = reconstruct_hu(scan, HELIX, WHOLE, "fbp", settings, "cpu", MU, clean=clean)
+    assert np.array_equal(in_boxes(scan, WHOLE, boxes.whole(WHOLE), SMOOTH, noise_kernel=proxy, clean=clean), whole)
     assert np.abs(boxed[:, *box] - whole[:, *box]).max() < 1e-6 * np.ptp(whole)
 
 
@@ -147,7 +149,7 @@ def test_noise_kernel_needs_a_positive_variance():
 def test_thick_slices_are_means_of_thin_ones(scan):
     grid = Grid((6, 20, 20), (1.0, 2.0, 2.0))
     box = (slice(2, 4), slice(4, 16), slice(0, 9))
-    thick = boxes.fbp_in_boxes(scan, HELIX, grid, [box], mu_water_per_mm=MU, thickness_mm=2.0)[:, *box]
+    thick = in_boxes(scan, grid, [box], thickness_mm=2.0)[:, *box]
     thin = hu(fbp(CpuProjector(HELIX, Grid((12, 20, 20), (0.5, 2.0, 2.0)), 2), scan))
     expected = np.stack([thin[:, 3:7, 4:16, :9].mean(axis=1), thin[:, 5:9, 4:16, :9].mean(axis=1)], axis=1)
     assert np.abs(thick - expected).max() < 1e-6 * np.ptp(expected)

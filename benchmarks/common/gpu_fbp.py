@@ -17,7 +17,7 @@ from virtual_phantom.base.units import HU_AIR
 from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.projectors import parallel_cuda
 from virtual_phantom.projectors.astra_cuda import AstraCudaProjector, volume_geometry
-from virtual_phantom.reconstruction.boxes import back_in_boxes, boxes_around, fbp_in_boxes, voxels_over
+from virtual_phantom.reconstruction.boxes import back_in_boxes, boxes_around, voxels_over
 from virtual_phantom.reconstruction.fbp import ParallelProjections
 from virtual_phantom.reconstruction.images import kernel_of
 
@@ -112,7 +112,7 @@ def print_protocol(config, name, lines, geometry, grid):
     settings = dict(mu_water_per_mm=config.mu_water_per_mm, thickness_mm=thickness_mm)
 
     def on_gpu():
-        return fbp_in_boxes(lines, geometry, fine, boxes, kernel=kernel, engine="astra_cuda", **settings)
+        return back_in_boxes(ParallelProjections.of(lines, geometry, kernel, "astra_cuda"), fine, boxes, **settings)
 
     on_gpu()  # CuPy compiles
     seconds, image = seconds_of(on_gpu, REPEATS)
@@ -200,7 +200,8 @@ def print_rivals(geometry, grid, object_, kernel):
     box = [tuple(slice(0, count) for count in grid.shape)]
 
     def ours():
-        return fbp_in_boxes(lines, scan, cubes, box, kernel=kernel, engine="astra_cuda", mu_water_per_mm=0.02)
+        projections = ParallelProjections.of(lines, scan, kernel, "astra_cuda")
+        return back_in_boxes(projections, cubes, box, mu_water_per_mm=0.02)
 
     ours()
     seconds, image = seconds_of(ours, REPEATS)

@@ -92,7 +92,7 @@ def test_dry_run_has_a_line_for_each_stage(monkeypatch):
     logger.info("1", extra=job(1, "project", changed, "clean.h5"))
     for seed in (0, 1):
         follows = f"Missing output files: {seed}.csv; Input files updated by another job: clean.h5"
-        logger.info("2", extra=job(2 + seed, f"extract_seeds_{seed}_to_{seed}", follows, f"{seed}.csv", f"{seed}.txt"))
+        logger.info("2", extra=job(2 + seed, f"extract_{seed}", follows, f"{seed}.csv", f"{seed}.txt"))
     logger.info("3", extra=job(9, "all", "Input files updated by another job: 1.csv"))
     logger.info("Would remove temporary output clean.h5")
     begun(logger)

@@ -14,7 +14,6 @@ from virtual_phantom.base.units import HU_AIR
 from virtual_phantom.projectors import parallel_cuda
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction import boxes, images
-from virtual_phantom.reconstruction.kernel import Kernel, NoiseKernel
 
 needs_cuda = pytest.mark.skipif(
     not (astra.use_cuda() and projectors.cupy_installed()), reason="ASTRA finds no CUDA device here, or no CuPy"
@@ -93,9 +92,9 @@ def test_realizations_and_kernels_of_object_and_noise(device):
 
 def thick_slices(engine, lines, clean):
     made = [(slice(2, 9), slice(8, 22), slice(6, 17)), (slice(0, 5), slice(28, 40), slice(18, 24))]
-    proxy = NoiseKernel(Kernel(SOFTER["mtf50_per_cm"], SOFTER["mtf10_per_cm"]), SOFTER["variance"])
-    settings = {"kernel": Kernel(**SMOOTH), "noise_kernel": proxy, "clean": clean, "thickness_mm": 2.4}
-    return boxes.fbp_in_boxes(lines, HELIX, GRID, made, mu_water_per_mm=MU, engine=engine, **settings)
+    settings = from_mapping(FbpSettings, {"normalise": "coverage", "kernel": SMOOTH, "noise_kernel": SOFTER})
+    projections = images.filtered(lines, HELIX, settings, clean, engine)
+    return boxes.back_in_boxes(projections, GRID, made, mu_water_per_mm=MU, thickness_mm=2.4)
 
 
 def test_boxes_of_thick_slices(device):

@@ -103,7 +103,7 @@ def test_matched_level_is_an_input(with_recordings):
     assert one == {"noise": "dose10", "noise_level": DEFAULT["noise"]["levels"]["dose10"]["A"], "seed": 3}
     assert found["noise_level"] is None
     assert with_recordings.acquisitions.level_files(["dose10", "met", "met"]) == ["results/noise/met.json"]
-    groups = {noise: with_recordings.acquisitions.group_of("fbp_150", noise, "00") for noise in ("dose10", "met")}
+    groups = {noise: with_recordings.acquisitions.group(((noise, "00"),)) for noise in ("dose10", "met")}
     assert groups == {"dose10": "acquisitions", "met": "matched_acquisitions"}
     assert with_recordings.comparisons.noise_target_features("met") == "results/recordings/scanner/features.csv"
 

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from virtual_phantom.base.geometry import Grid, scan_geometry
-from virtual_phantom.base.settings import FbpSettings, ScanSettings, SirtSettings, from_mapping
+from virtual_phantom.base.settings import FbpSettings, ImageSettings, ScanSettings, SirtSettings, from_mapping
 from virtual_phantom.base.streams import random_start_angle_deg
 from virtual_phantom.config.config import read_study
 from virtual_phantom.config.plan import GeometrySettings, Plan
@@ -62,7 +62,7 @@ def plan(**repeats):
 def projected(chosen):
     """Files of the projection jobs of a plan, sorted."""
     jobs = study_jobs(chosen, "cpu", 6)
-    return sorted(path for job in jobs if job.rule in ("project", "project_repeat") for path in job.outputs)
+    return sorted(path for job in jobs if job.rule == "project" for path in job.outputs)
 
 
 def test_every_repeat_has_its_own_projections():
@@ -142,13 +142,9 @@ def test_repeats_of_one_job_are_reconstructed_with_their_own_start_angle(scans, 
             roi_files=[],
             physics_files=[],
             outputs=outputs,
-            protocol=algorithm,
-            algorithm=algorithm,
-            settings=settings,
+            images=[ImageSettings(algorithm, algorithm, settings, {})],
             geometry_name="views60",
             acquisitions=[{"noise": "low", "noise_level": 1e-8, "seed": lane} for lane in range(len(seeds))],
-            image_physics={},
-            voxels=None,
             engine="cpu",
             model="astra",
             draws="independent",

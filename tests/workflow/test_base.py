@@ -66,6 +66,5 @@ def test_each_repeat_with_a_start_angle_has_a_projection_job(start_angle, tmp_pa
     folder = tmp_path / "r"
     tables = [folder / "features" / "fbp_150" / "dose10" / f"seed0{seed}.csv" for seed in range(3)]
     jobs = planned(tiny(folder, *tables, "-n", overlay={"repeats": {"start_angle": start_angle}}))
-    own = [f"geometry=views150, position=angle, seed=0{seed}" for seed in range(3)]
-    assert sorted(jobs.get("project_repeat", [])) == (own if start_angle == "random" else [])
-    assert jobs.get("project", []) == ([] if start_angle == "random" else ["geometry=views150"])
+    scans = [f"clean_angle0{seed}" for seed in range(3)] if start_angle == "random" else ["clean"]
+    assert sorted(jobs["project"]) == [f"geometry=views150, scan={scan}" for scan in scans]

@@ -77,7 +77,7 @@ def test_its_physics_is_an_overlay_for_images_only(scanner):
     process = tiny(scanner / "made", "-n", overlay=overlay, config_folder=scanner / "richer")
     assert process.returncode == 0, process.stderr[-2000:]
     jobs = planned(process)
-    assert jobs["reconstruct_0"] == ["protocol=bench"] and "geometry=views60" not in jobs["project"]
+    assert jobs["reconstruct_0"] == ["protocol=bench"] and "geometry=views60, scan=clean" not in jobs["project"]
 
 
 def test_bad_settings_are_one_line(scanner):

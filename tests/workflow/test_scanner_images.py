@@ -76,3 +76,17 @@ def test_only_boxes_are_made(made):
     image = read_nifti(made / "images" / "boxed" / "dose10" / "seed00.nii.gz")
     assert image.grid.spacing == pytest.approx(VOXELS["spacing_mm"]) and image.grid.shape == (32, 150, 150)
     assert 0.02 < np.mean(image.array != -1000) < 0.6
+
+
+def test_common_job_makes_the_same_images(made, tmp_path):
+    """Protocols with a common job share noise and filtered projections; each file has the same bytes as without it."""
+    protocols = OVERLAY["protocols"]
+    shared = {name: {**protocols[name], "job": "one"} for name in ("whole", "boxed")}
+    folder = tmp_path / "results"
+    images = [f"images/{name}/dose10/seed{seed}.nii.gz" for name in shared for seed in ("00", "02")]
+    overlay = {**OVERLAY, "protocols": {**protocols, **shared}}
+    process = tiny(folder, *(folder / image for image in images), overlay=overlay)
+    assert process.returncode == 0, process.stderr[-4000:]
+    assert len(list((folder / "logs" / "reconstruct").glob("*.log"))) == 1
+    for image in images:
+        assert (folder / image).read_bytes() == (made / image).read_bytes(), image

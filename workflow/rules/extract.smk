@@ -1,55 +1,53 @@
-for batch, levels in context.plan.seed_batches().items():
+# One rule for each bundle and each set of protocols, as in reconstruct.smk.
+for number, (bundle, protocols, constraint) in enumerate(
+    acquisitions.rules(context.plan.acquisitions_with_features())
+):
 
     rule:
         name:
-            f"extract_seeds_{batch[0]}_to_{batch[-1]}"
+            f"extract_{number}"
         input:
+            unpack(
+                lambda wildcards, bundle=bundle, protocols=protocols: acquisitions.image_rois(
+                    named(protocols, wildcards), bundle
+                )
+            ),
             images=[
-                results(f"images/{{protocol}}/{{noise}}/seed{seed}.nii.gz")
-                for seed in batch
+                results(f"images/{protocol}/{noise}/seed{seed}.nii.gz")
+                for protocol in protocols
+                for noise, seed in bundle
             ],
-            levels=lambda wildcards: context.acquisitions.level_files([wildcards.noise]),
-            rois=lambda wildcards, batch=batch: [
-                context.acquisitions.rois(wildcards.protocol, wildcards.noise, seed)[0]
-                for seed in batch
-            ],
-            masks=lambda wildcards, batch=batch: [
-                context.acquisitions.rois(wildcards.protocol, wildcards.noise, seed)[1]
-                for seed in batch
-            ],
+            levels=acquisitions.level_files(noise for noise, _ in bundle),
             parameters=context.parameter_files,
         output:
             [
-                results(f"features/{{protocol}}/{{noise}}/seed{seed}.csv")
-                for seed in batch
+                results(f"features/{protocol}/{noise}/seed{seed}.csv")
+                for protocol in protocols
+                for noise, seed in bundle
             ],
         log:
-            results(
-                f"logs/extract/{{protocol}}/{{noise}}/seed{batch[0]}_to_{batch[-1]}.log"
-            ),
+            results(f"logs/extract/{protocols[0]}_{number}.log"),
         wildcard_constraints:
-            noise="|".join(levels),
+            protocol=constraint,
         group:
-            # The group of the images and of all their tables, since no batch of seeds is in two bundles.
-            lambda wildcards, batch=batch: context.acquisitions.group_of(
-                wildcards.protocol, wildcards.noise, batch[0]
-            )
+            acquisitions.group(bundle)
         resources:
             mem_mb=context.megabytes(volumes=12),
-            runtime=lambda wildcards, attempt, batch=batch: attempt
-            * context.minutes("extract", context.sizes.images(len(batch))),
+            runtime=lambda wildcards, attempt, images=len(bundle) * len(
+                protocols
+            ): attempt
+            * context.minutes("extract", context.sizes.images(images)),
         params:
             parameters=context.parameters,
-            protocol=lambda wildcards: wildcards.protocol,
-            algorithm=lambda wildcards: context.study.protocols[
-                wildcards.protocol
-            ].algorithm,
-            projections=lambda wildcards: context.study.protocols[
-                wildcards.protocol
-            ].projections,
-            acquisitions=lambda wildcards, batch=batch: [
-                context.acquisitions.acquisition(wildcards.noise, seed)
-                for seed in batch
+            images=lambda wildcards, bundle=bundle, protocols=protocols: [
+                {
+                    "protocol": protocol,
+                    "algorithm": context.study.protocols[protocol].algorithm,
+                    "projections": context.study.protocols[protocol].projections,
+                    **acquisitions.acquisition(noise, seed),
+                }
+                for protocol in named(protocols, wildcards)
+                for noise, seed in bundle
             ],
             code=code("extract.py"),
         script:

@@ -1,84 +1,88 @@
-# One rule for each bundle of noise levels and seeds: one job makes all images of a bundle.
+# Rules of the images: one for each bundle of noise levels and seeds, and one for each set of protocols with a common job.
 acquisitions = context.acquisitions
 
 
-for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
+def named(protocols, wildcards):
+    """Return the protocols of a job: those of its rule, or the one of the wildcard."""
+    return [name.format(**wildcards) for name in protocols]
+
+
+for number, (bundle, protocols, constraint) in enumerate(acquisitions.rules()):
 
     rule:
         name:
             f"reconstruct_{number}"
         input:
-            clean=lambda wildcards, bundle=bundle: [
+            unpack(
+                lambda wildcards, bundle=bundle, protocols=protocols: acquisitions.image_rois(
+                    named(protocols, wildcards), bundle, boxes=True
+                )
+            ),
+            clean=lambda wildcards, bundle=bundle, protocols=protocols: [
                 acquisitions.clean(
-                    context.plan.geometry_of(wildcards.protocol), noise, seed
+                    context.plan.geometry_of(named(protocols, wildcards)[0]),
+                    noise,
+                    seed,
                 )
                 for noise, seed in bundle
             ],
             levels=acquisitions.level_files(noise for noise, _ in bundle),
             phantom=rules.phantom.output.image,
-            rois=lambda wildcards, bundle=bundle: acquisitions.box_rois(
-                wildcards.protocol, bundle
-            )[0],
-            masks=lambda wildcards, bundle=bundle: acquisitions.box_rois(
-                wildcards.protocol, bundle
-            )[1],
             kernels=results(f"logs/kernels/{len(bundle)}.txt"),
-            physics=lambda wildcards: context.diagnosis.found_physics(
-                context.study.protocols[wildcards.protocol].physics_from
+            physics=lambda wildcards, protocols=protocols: context.diagnosis.found_physics(
+                context.study.protocols[named(protocols, wildcards)[0]].physics_from
             ),
         output:
             [
-                (
-                    results(f"images/{{protocol}}/{noise}/seed{seed}.nii.gz")
-                    if context.study.keep_images
-                    else temp(
-                        results(f"images/{{protocol}}/{noise}/seed{seed}.nii.gz")
-                    )
-                )
+                path if context.study.keep_images else temp(path)
+                for protocol in protocols
                 for noise, seed in bundle
+                for path in [results(f"images/{protocol}/{noise}/seed{seed}.nii.gz")]
             ],
         log:
-            results(f"logs/reconstruct/{{protocol}}_{number}.log"),
+            results(f"logs/reconstruct/{protocols[0]}_{number}.log"),
         benchmark:
-            results(f"logs/reconstruct/{{protocol}}_{number}.benchmark.tsv")
+            results(f"logs/reconstruct/{protocols[0]}_{number}.benchmark.tsv")
         wildcard_constraints:
-            protocol="|".join(protocols),
+            protocol=constraint,
         group:
             acquisitions.group(bundle)
         threads: context.study.threads
         resources:
-            mem_mb=lambda wildcards, bundle=bundle: context.megabytes(
+            mem_mb=lambda wildcards, bundle=bundle, protocols=protocols: context.megabytes(
                 volumes=6,
                 volume_lanes=len(bundle),
                 projections=2,
                 projection_lanes=len(bundle) + 4,
-                geometry=context.plan.geometry_of(wildcards.protocol),
+                geometry=context.plan.geometry_of(named(protocols, wildcards)[0]),
             ),
-            runtime=lambda wildcards, attempt, bundle=bundle: attempt
+            runtime=lambda wildcards, attempt, bundle=bundle, protocols=protocols: attempt
             * context.minutes(
-                *context.sizes.reconstruction(wildcards.protocol, len(bundle))
+                *context.sizes.reconstruction(named(protocols, wildcards), len(bundle))
             ),
             gpu=int(context.engine == "astra_cuda"),
         params:
             **acquisitions.noise,
-            algorithm=lambda wildcards: acquisitions.algorithm(wildcards.protocol),
-            settings=lambda wildcards: to_mapping(
-                acquisitions.settings(wildcards.protocol)
+            images=lambda wildcards, protocols=protocols: [
+                to_mapping(acquisitions.reconstruction(protocol))
+                for protocol in named(protocols, wildcards)
+            ],
+            geometry=lambda wildcards, protocols=protocols: context.plan.geometry_of(
+                named(protocols, wildcards)[0]
             ),
-            geometry=lambda wildcards: context.plan.geometry_of(wildcards.protocol),
             acquisitions=[
                 acquisitions.acquisition(noise, seed) for noise, seed in bundle
             ],
-            physics=lambda wildcards: acquisitions.image_physics(wildcards.protocol),
-            voxels=lambda wildcards: to_mapping(
-                context.study.protocols[wildcards.protocol].voxels
-            ),
             engine=context.engine,
             mu_water_per_mm=context.study.mu_water_per_mm,
             zero_counts_as=context.study.noise.zero_counts_as,
-            code=lambda wildcards: code(
+            code=lambda wildcards, protocols=protocols: code(
                 "reconstruct.py",
-                acquisitions.image_physics(wildcards.protocol),
+                {
+                    name
+                    for protocol in named(protocols, wildcards)
+                    for name in acquisitions.reconstruction(protocol).physics
+                },
             ),
         script:
             "../scripts/reconstruct.py"

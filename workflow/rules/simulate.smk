@@ -20,74 +20,31 @@ rule compile_kernels:
         "../scripts/compile_kernels.py"
 
 
+def own(wildcards):
+    """Return position (Plan.position) and seed in the file name of noise-free line integrals; "" in shared ones."""
+    name = wildcards.scan.removeprefix("clean").removeprefix("_")
+    return name[:-2], name[-2:]
+
+
 rule project:
-    """Noise-free line integrals of one geometry, shared by all its noise levels, seeds and algorithms."""
+    """Noise-free line integrals of a geometry, or of a repeat with its own position or start angle."""
     input:
         phantom=rules.phantom.output.fine,
         image=rules.phantom.output.image,
-        rois=rules.phantom.output.table,
-        masks=rules.phantom.output.rois,
+        rois=lambda wildcards: context.acquisitions.rois_on_grid(*own(wildcards))[0],
+        masks=lambda wildcards: context.acquisitions.rois_on_grid(*own(wildcards))[1],
         kernels=results("logs/kernels/1.txt"),
         physics=lambda wildcards: context.diagnosis.found_physics(
             context.plan.geometry_settings(wildcards.geometry).physics_from
         ),
     output:
-        results("projections/{geometry}/clean.h5"),
+        results("projections/{geometry}/{scan}.h5"),
     log:
-        results("logs/project/{geometry}.log"),
+        results("logs/project/{geometry}_{scan}.log"),
     benchmark:
-        results("logs/project/{geometry}.benchmark.tsv")
-    group:
-        "preparation"
-    threads: context.study.threads
-    resources:
-        mem_mb=lambda wildcards: context.megabytes(
-            # Each material has a volume, packed and unpacked.
-            fine=9 if context.plan.has_physics(wildcards.geometry) else 3,
-            projections=8,
-            geometry=wildcards.geometry,
-        ),
-        runtime=lambda wildcards, attempt: attempt
-        * context.minutes(*context.sizes.projection(wildcards.geometry)),
-    params:
-        geometry=lambda wildcards: to_mapping(
-            context.plan.geometry_settings(wildcards.geometry)
-        ),
-        mu_water_per_mm=context.study.mu_water_per_mm,
-        materials=to_mapping(context.study.materials),
-        sensor=to_mapping(context.study.sensor),
-        pose=None,
-        start_angle_deg=0.0,
-        code=lambda wildcards: code(
-            "project.py", context.diagnosis.effects_of(wildcards.geometry)
-        ),
-    script:
-        "../scripts/project.py"
-
-
-rule project_repeat:
-    """Noise-free line integrals of a re-positioned repeat or a start angle, shared by noise levels and algorithms."""
-    input:
-        phantom=rules.phantom.output.fine,
-        image=rules.phantom.output.image,
-        rois=lambda wildcards: context.acquisitions.rois_on_grid(
-            wildcards.position, wildcards.seed
-        )[0],
-        masks=lambda wildcards: context.acquisitions.rois_on_grid(
-            wildcards.position, wildcards.seed
-        )[1],
-        kernels=results("logs/kernels/1.txt"),
-        physics=lambda wildcards: context.diagnosis.found_physics(
-            context.plan.geometry_settings(wildcards.geometry).physics_from
-        ),
-    output:
-        results("projections/{geometry}/clean_{position}{seed}.h5"),
-    log:
-        results("logs/project/{geometry}_{position}{seed}.log"),
-    benchmark:
-        results("logs/project/{geometry}_{position}{seed}.benchmark.tsv")
+        results("logs/project/{geometry}_{scan}.benchmark.tsv")
     wildcard_constraints:
-        position=f"{MOVED}|{STILL}",
+        scan=f"clean(_({MOVED}|{STILL})[0-9]{{2}})?",
     group:
         "preparation"
     threads: context.study.threads
@@ -108,12 +65,14 @@ rule project_repeat:
         materials=to_mapping(context.study.materials),
         sensor=to_mapping(context.study.sensor),
         pose=lambda wildcards: (
-            context.acquisitions.pose(wildcards.seed)
-            if wildcards.position == MOVED
+            context.acquisitions.pose(own(wildcards)[1])
+            if own(wildcards)[0] == MOVED
             else None
         ),
-        start_angle_deg=lambda wildcards: context.acquisitions.start_angle_deg(
-            wildcards.seed
+        start_angle_deg=lambda wildcards: (
+            context.acquisitions.start_angle_deg(own(wildcards)[1])
+            if own(wildcards)[0]
+            else 0.0
         ),
         code=lambda wildcards: code(
             "project.py", context.diagnosis.effects_of(wildcards.geometry)

@@ -1,4 +1,4 @@
-"""Extract the features of all ROIs of the images of one protocol and noise level, one table per image."""
+"""Extract the features of all ROIs of images, one table per image."""
 
 from collections.abc import Mapping, Sequence
 
@@ -17,17 +17,14 @@ def main(
     levels: Sequence[str],
     roi_files: Sequence[str],
     outputs: Sequence[str],
-    protocol: str,
-    algorithm: str,
-    projections: int,
-    acquisition_settings: Sequence[Mapping],
+    acquisitions: Sequence[Mapping],
     extraction_settings: Mapping,
 ) -> None:
-    images = list(image_files)
-    acquisitions = resolve(acquisition_settings, levels)
     parameters = read_parameters(**extraction_settings)
     drawn = None
-    for path, acquired, place, output in zip(images, acquisitions, roi_files, outputs, strict=True):
+    for path, acquired, place, output in zip(
+        image_files, resolve(acquisitions, levels), roi_files, outputs, strict=True
+    ):
         image = volumes.read_nifti(path)
         if place != drawn:
             rois, masks = phantom.read_masks(place, image.grid)
@@ -35,14 +32,8 @@ def main(
             grid, drawn = image.grid, place
         if not image.grid.matches(grid):
             raise InputError(f"{path}: is on another grid ({image.grid}) than the ROIs ({grid})")
-        acquisition = {
-            "protocol": protocol,
-            "algorithm": algorithm,
-            "projections": projections,
-            **acquired,
-        }
         found = extraction.extract(image, masks, name=str(path), parameters=parameters)
-        table = tables.add_acquisition(found, classes, acquisition)
+        table = tables.add_acquisition(found, classes, acquired)
         files.write_csv(table, output)
         log.info("%s: %d ROIs", path, len(table))
 
@@ -54,9 +45,6 @@ if "snakemake" in globals():
             levels=snakemake.input.levels,
             roi_files=snakemake.input.rois,
             outputs=snakemake.output,
-            protocol=snakemake.params.protocol,
-            algorithm=snakemake.params.algorithm,
-            projections=snakemake.params.projections,
-            acquisition_settings=snakemake.params.acquisitions,
+            acquisitions=snakemake.params.images,
             extraction_settings=snakemake.params.parameters,
         )

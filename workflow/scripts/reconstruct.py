@@ -1,8 +1,8 @@
-"""Reconstruct images of one protocol, from as many acquisitions together as the job has outputs."""
+"""Reconstruct the images of all protocols and acquisitions of a job."""
 
 from collections.abc import Mapping, Sequence
 
-from virtual_phantom.base.settings import FbpSettings, SirtSettings, VoxelSettings, from_mapping
+from virtual_phantom.base.settings import ImageSettings, from_mapping
 from virtual_phantom.study.job import job, log
 
 
@@ -14,13 +14,9 @@ def main(
     roi_files: Sequence[str],
     physics_files: Sequence[str],
     outputs: Sequence[str],
-    protocol: str,
-    algorithm: str,
-    settings: SirtSettings | FbpSettings,
+    images: Sequence[ImageSettings],
     geometry_name: str,
     acquisitions: Sequence[Mapping],
-    image_physics: Mapping,
-    voxels: VoxelSettings | None,
     engine: str,
     model: str,
     draws: str,
@@ -29,6 +25,8 @@ def main(
     zero_counts_as: float,
     threads: int,
 ) -> None:
+    from dataclasses import replace
+
     import numpy as np
 
     from virtual_phantom.base.errors import InputError
@@ -36,28 +34,31 @@ def main(
     from virtual_phantom.io.volumes import read_nifti, write_nifti
     from virtual_phantom.phantom import read_masks
     from virtual_phantom.physics.stored_state import read_state
-    from virtual_phantom.reconstruction.boxes import boxes_around, voxels_over
+    from virtual_phantom.reconstruction.boxes import boxes_around, voxels_over, whole
+    from virtual_phantom.reconstruction.images import filtered
     from virtual_phantom.simulation.acquire import acquire
     from virtual_phantom.simulation.project import read_diagnosed_physics
-    from virtual_phantom.simulation.reconstruct import reconstruct, reconstruct_in_boxes
+    from virtual_phantom.simulation.reconstruct import back_project, reconstruct
     from virtual_phantom.study.matched_noise import resolve
 
     grid = read_nifti(phantom_file).grid
     paths = list(clean_files)
-    physics = image_physics
     if physics_files:
-        _, physics = read_diagnosed_physics(*physics_files)
-    if physics and voxels is not None:
-        raise InputError(
-            f"{physics_files[0]}: {min(physics)} acts on whole images, and those of protocol "
-            f"{protocol} are made in boxes; take its voxels out"
-        )
+        _, found = read_diagnosed_physics(*physics_files)
+        images = [replace(image, physics=found) for image in images]
+    for image in images:
+        if image.physics and image.voxels is not None:
+            raise InputError(
+                f"{physics_files[0]}: {min(image.physics)} acts on whole images, and those of protocol "
+                f"{image.protocol} are made in boxes; take its voxels out"
+            )
+    keep_clean = any(image.algorithm == "fbp" and image.settings.noise_kernel for image in images)
     noisy, read, noise_free, geometries = None, None, {}, []
     for lane, (acquisition, path) in enumerate(zip(resolve(acquisitions, levels), paths, strict=True)):
         if path != read:
             clean, geometry = read_line_integrals(path)
             state, read = read_state(path), path
-            if algorithm == "fbp" and settings.noise_kernel is not None:
+            if keep_clean:
                 noise_free[path] = clean
         geometries.append(geometry)
         if noisy is None:
@@ -76,45 +77,46 @@ def main(
             "%s: fewest counts %d, pixels without any %d", acquisition, counts.data.min(), (counts.data == 0).sum()
         )
     del clean, counts
-    if voxels is not None:
-        grid = voxels_over(grid, voxels.spacing_mm)
-    # Lanes of one reconstruction share the start angle, and the position or the noise-free scan if it is needed.
-    alike = [
-        (float(scan.angles_rad[0]), *roi_files[lane : lane + 1], paths[lane] if noise_free else None)
-        for lane, scan in enumerate(geometries)
-    ]
-    for kind in dict.fromkeys(alike):
-        lanes = [lane for lane, other in enumerate(alike) if other == kind]
-        line_integrals = noisy if len(lanes) == len(alike) else noisy[lanes]
-        if voxels is None:
-            volumes = reconstruct(
-                line_integrals,
-                geometries[lanes[0]],
-                grid,
-                algorithm,
-                settings,
-                engine=engine,
-                mu_water_per_mm=mu_water_per_mm,
-                physics=physics,
-                clean=noise_free.get(paths[lanes[0]]),
-                threads=threads,
-            )
+    common = {"mu_water_per_mm": mu_water_per_mm, "threads": threads}
+    roi_tables = iter(roi_files)
+    tables = {image.protocol: [next(roi_tables) for _ in paths] for image in images if image.voxels}
+    files = {image.protocol: outputs[i * len(paths) :][: len(paths)] for i, image in enumerate(images)}
+    for settings in dict.fromkeys(image.settings for image in images):
+        alike = [image for image in images if image.settings == settings]
+        filters_first = alike[0].algorithm == "fbp" and settings.normalise == "coverage"
+        # Lanes of one reconstruction share the start angle; for FBP, also the position and the noise-free scan. On a
+        # GPU, filtered projections of one lane at a time save memory.
+        if not filters_first:
+            keys = [float(scan.angles_rad[0]) for scan in geometries]
         else:
-            _, masks = read_masks(roi_files[lanes[0]], grid)
-            volumes = reconstruct_in_boxes(
-                line_integrals,
-                geometries[lanes[0]],
-                grid,
-                boxes_around(masks.values(), grid),
-                settings,
-                clean=noise_free.get(paths[lanes[0]]),
-                thickness_mm=voxels.thickness_mm,
-                engine=engine,
-                mu_water_per_mm=mu_water_per_mm,
-                threads=threads,
-            )
-        for lane, volume in zip(lanes, volumes, strict=True):
-            write_nifti(volume, outputs[lane])
+            keys = paths if engine == "cpu" else range(len(paths))
+        for key in dict.fromkeys(keys):
+            lanes = [lane for lane, other in enumerate(keys) if other == key]
+            line_integrals, geometry = noisy if len(lanes) == len(keys) else noisy[lanes], geometries[lanes[0]]
+            if filters_first:
+                projections = filtered(line_integrals, geometry, settings, noise_free.get(paths[lanes[0]]), engine)
+            for image in alike:
+                if not filters_first:
+                    volumes = reconstruct(
+                        line_integrals,
+                        geometry,
+                        grid,
+                        image.algorithm,
+                        settings,
+                        engine=engine,
+                        physics=image.physics,
+                        **common,
+                    )
+                elif image.voxels is None:
+                    volumes = back_project(projections, grid, whole(grid), physics=image.physics, **common)
+                else:
+                    voxels = voxels_over(grid, image.voxels.spacing_mm)
+                    _, masks = read_masks(tables[image.protocol][lanes[0]], voxels)
+                    boxes = boxes_around(masks.values(), voxels)
+                    volumes = back_project(projections, voxels, boxes, thickness_mm=image.voxels.thickness_mm, **common)
+                for lane, volume in zip(lanes, volumes, strict=True):
+                    write_nifti(volume, files[image.protocol][lane])
+            projections = None  # frees memory before the next filter
 
 
 if "snakemake" in globals():
@@ -126,13 +128,9 @@ if "snakemake" in globals():
             roi_files=snakemake.input.rois,
             physics_files=snakemake.input.physics,
             outputs=snakemake.output,
-            protocol=snakemake.wildcards.protocol,
-            algorithm=snakemake.params.algorithm,
-            settings=from_mapping(SirtSettings | FbpSettings, snakemake.params.settings),
+            images=[from_mapping(ImageSettings, image) for image in snakemake.params.images],
             geometry_name=snakemake.params.geometry,
             acquisitions=snakemake.params.acquisitions,
-            image_physics=snakemake.params.physics,
-            voxels=from_mapping(VoxelSettings, snakemake.params.voxels),
             engine=snakemake.params.engine,
             model=snakemake.params.model,
             draws=snakemake.params.draws,

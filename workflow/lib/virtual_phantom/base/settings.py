@@ -239,3 +239,14 @@ class FbpSettings:
     normalise: str
     kernel: KernelSettings | None = None
     noise_kernel: NoiseKernelSettings | None = None
+
+
+@dataclass(frozen=True)
+class ImageSettings:
+    """Reconstruction of the images of a protocol. `physics` has the effects of stage "image" and their parameters."""
+
+    protocol: str
+    algorithm: str
+    settings: SirtSettings | FbpSettings
+    physics: dict
+    voxels: VoxelSettings | None = None

@@ -255,11 +255,11 @@ class Rules:
         """Check that kernels and scanner voxels are used with filtered back-projection, and for features only."""
         normalise = self.config["reconstruction"]["fbp"]["normalise"]
         for name, protocol in self.protocols.items():
-            for key in ("kernel", "noise_kernel", "voxels"):
+            for key in ("job", "kernel", "noise_kernel", "voxels"):
                 where = f"config: protocols.{name}.{key}"
                 if key in protocol and protocol["algorithm"] != "fbp":
                     yield f"{where} is for algorithm fbp, and this protocol's is {protocol['algorithm']}; remove it"
-                elif key in protocol and normalise != "coverage":
+                elif key in protocol and key != "job" and normalise != "coverage":
                     yield f"{where} needs reconstruction.fbp.normalise: coverage"
             for key in ("kernel", "noise_kernel"):
                 kernel = protocol.get(key)

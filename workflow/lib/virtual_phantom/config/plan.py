@@ -15,6 +15,8 @@ from .settings import Analyses, Effects, Protocol, Study
 # Keys of a scan that are newer than the saved scores. With these values they are not part of the hash of the settings.
 NEWER_KEYS = {"beam": "divergent", "detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None}
 
+Bundle = tuple[tuple[str, str], ...]  # (noise level, seed) of all realizations that one job computes
+
 WHOLE_REGIONS = {"parameters": None, "section": "whole", "stored_offset_hu": 0}  # features by default
 
 MOVED, STILL = "seed", "angle"  # in file names: re-positioned repeats, and others with their own start angle
@@ -146,23 +148,18 @@ class Plan:
             }
         )
 
-    def seed_batches(self) -> dict[tuple[str, ...], list[str]]:
-        """Return {batch of seeds of one job: noise levels that have it}."""
-        size = self.study.seeds_per_job
-        batches: dict[tuple[str, ...], list[str]] = {}
-        for noise in self.study.noise.levels:
-            seeds = self.seeds(noise)
-            for start in range(0, len(seeds), size):
-                batches.setdefault(tuple(seeds[start : start + size]), []).append(noise)
-        return batches
-
-    def bundles(self) -> dict[tuple[tuple[str, str], ...], list[str]]:
+    def bundles(self, wanted: Iterable[tuple[str, str]] | None = None) -> dict[Bundle, list[str]]:
         """Return {bundle of (noise level, seed) that one job reconstructs: protocols that have it}.
 
         Realizations are lanes of vector registers, so that full bundles cost no more. A noise level stays in one bundle
         if seeds_per_job allows, and levels fill the bundles in the order of noise.levels. The grouping is the same for
         all protocols, so that a further analysis does not change existing bundles. Levels whose A is matched to other
         images are never in one bundle with those images.
+
+        Parameters
+        ----------
+        wanted : iterable of (str, str), optional
+            Protocols and noise levels. Default: `acquisitions`.
         """
         size = self.study.seeds_per_job
         levels = self.study.noise.levels
@@ -176,13 +173,30 @@ class Plan:
                     last += part
                 else:
                     together.append(part)
-        wanted = self.acquisitions()
-        bundles: dict[tuple[tuple[str, str], ...], list[str]] = {}
+        wanted = set(self.acquisitions() if wanted is None else wanted)
+        bundles: dict[Bundle, list[str]] = {}
         for protocol in self.study.protocols:
             for group in together:
                 if bundle := tuple((noise, seed) for noise, seed in group if (protocol, noise) in wanted):
                     bundles.setdefault(bundle, []).append(protocol)
         return bundles
+
+    def jobs(self, wanted: Iterable[tuple[str, str]] | None = None) -> list[tuple[Bundle, list[str]]]:
+        """Return bundle and protocols of every job that reconstructs images or extracts their features.
+
+        Protocols share a job if they have the same `job`, scan and bundle.
+
+        Parameters
+        ----------
+        wanted : iterable of (str, str), optional
+            See `bundles`.
+        """
+        jobs: dict[tuple, list[str]] = {}
+        for bundle, protocols in self.bundles(wanted).items():
+            for name in protocols:
+                job = self.study.protocols[name].job
+                jobs.setdefault((bundle, job or name, self.geometry_of(name) if job else None), []).append(name)
+        return [(bundle, protocols) for (bundle, *_), protocols in jobs.items()]
 
     def repeats(self, noise: Iterable[str]) -> int:
         """Return the number of seeds that all of these noise levels have."""
@@ -212,7 +226,7 @@ class Plan:
         settings["noise"]["level"] = levels[self.study.analyses.stability.noise]
         settings["protocols"] = {
             name: {
-                **study["protocols"][name],
+                **{key: value for key, value in study["protocols"][name].items() if key != "job"},
                 **to_mapping(self.geometry_settings(self.geometry_of(name))),
                 "scan": _without_newer_keys(self.scan_of(name)),
             }

@@ -84,6 +84,7 @@ class Protocol:
     projections: int
     group: int | None = None
     scan: str | None = None
+    job: str | None = None
     kernel: KernelSettings | None = None
     noise_kernel: NoiseKernelSettings | None = None
     voxels: VoxelSettings | None = None

@@ -11,16 +11,20 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from scipy import ndimage
 
-from ..base.geometry import Grid, ScanGeometry
+from ..base.geometry import Grid
 from ..base.units import HU_AIR, attenuation_to_hu
-from ..projectors import in_parts, parallel_projector
-from .fbp import ParallelProjections, with_noise_kernel
-from .kernel import Kernel, NoiseKernel
+from ..projectors import parallel_projector
+from .fbp import ParallelProjections
 from .slices import thin_slices
 
 MARGIN_MM = 3.0  # margin for figures; features of the region do not need it
 
 Box = tuple[slice, slice, slice]
+
+
+def whole(grid: Grid) -> list[Box]:
+    """Return one box that contains the whole grid."""
+    return [tuple(slice(0, count) for count in grid.shape)]
 
 
 def voxels_over(grid: Grid, spacing_mm: Sequence[float]) -> Grid:
@@ -44,58 +48,6 @@ def boxes_around(masks: Iterable[np.ndarray], grid: Grid, margin_mm: float = MAR
     return boxes
 
 
-def fbp_in_boxes(
-    line_integrals: np.ndarray,
-    geometry: ScanGeometry,
-    grid: Grid,
-    boxes: Sequence[Box],
-    *,
-    mu_water_per_mm: float,
-    thickness_mm: float | None = None,
-    kernel: Kernel | None = None,
-    noise_kernel: NoiseKernel | None = None,
-    clean: np.ndarray | None = None,
-    engine: str = "cpu",
-    threads: int = 1,
-) -> np.ndarray:
-    """Return images of every acquisition in HU, not rounded; voxels outside of the boxes are air.
-
-    Parameters
-    ----------
-    line_integrals : ndarray, shape (acquisitions, views, rows, columns)
-    geometry : ScanGeometry
-        Circular or helical.
-    grid, boxes, mu_water_per_mm, thickness_mm, threads
-        See `back_in_boxes`.
-    kernel : Kernel, optional
-        None: the ramp filter without apodization.
-    noise_kernel : NoiseKernel, optional
-        Kernel of the noise, which is the difference from `clean`. `kernel` and `clean` must then be given.
-    clean : ndarray, shape (views, rows, columns), optional
-        Noise-free line integrals of all acquisitions.
-    engine : {"cpu", "astra_cuda"}, optional
-
-    Returns
-    -------
-    ndarray of float32, shape (acquisitions, z, y, x)
-
-    Raises
-    ------
-    InputError
-        For the scans that fbp.fbp refuses.
-    """
-
-    def images(some):
-        if noise_kernel is None:
-            rays = ParallelProjections.of(some, geometry, kernel, engine)
-        else:
-            rays = with_noise_kernel(some, clean, geometry, kernel, noise_kernel, engine)
-        settings = {"mu_water_per_mm": mu_water_per_mm, "thickness_mm": thickness_mm, "threads": threads}
-        return back_in_boxes(rays, grid, boxes, **settings)
-
-    return in_parts(engine, images, line_integrals)
-
-
 def back_in_boxes(
     rays: ParallelProjections,
     grid: Grid,
@@ -105,7 +57,7 @@ def back_in_boxes(
     thickness_mm: float | None = None,
     threads: int = 1,
 ) -> np.ndarray:
-    """Return images in HU from rebinned and filtered projections, which several slice thicknesses may share.
+    """Return images in HU, not rounded, from rebinned and filtered projections; voxels outside of the boxes are air.
 
     Parameters
     ----------

@@ -55,17 +55,45 @@ def reconstruct_hu(
             return sirt.sirt(operator, some, **vars(settings))
 
     elif algorithm == "fbp":
-        operator, kernel = parallel_projector(engine, geometry, grid, at_once, threads), kernel_of(settings)
-        noise_kernel = noise_kernel_of(settings)
+        operator = parallel_projector(engine, geometry, grid, at_once, threads)
 
         def images(some):
-            if noise_kernel is None:
-                return fbp.fbp(operator, some, normalise=settings.normalise, kernel=kernel)
-            return fbp.with_noise_kernel(some, clean, geometry, kernel, noise_kernel, engine).back(operator)
+            if settings.normalise == "coverage":
+                return filtered(some, geometry, settings, clean, engine).back(operator)
+            return fbp.fbp(operator, some, normalise=settings.normalise, kernel=kernel_of(settings))
 
     else:
         raise InputError(f"algorithm '{algorithm}' is unknown; use sirt or fbp")
     return attenuation_to_hu(in_parts(engine, images, line_integrals), mu_water_per_mm)
+
+
+def filtered(
+    line_integrals: np.ndarray,
+    geometry: ScanGeometry,
+    settings: FbpSettings,
+    clean: np.ndarray | None = None,
+    engine: str = "cpu",
+) -> fbp.ParallelProjections:
+    """Return rebinned and filtered projections, from which several images may be back-projected.
+
+    Parameters
+    ----------
+    line_integrals : ndarray, shape (acquisitions, views, rows, columns)
+    settings : FbpSettings
+        Only the kernels are used.
+    clean : ndarray, shape (views, rows, columns), optional
+        Noise-free line integrals of all acquisitions, for a noise kernel.
+    engine : {"cpu", "astra_cuda"}, optional
+
+    Raises
+    ------
+    InputError
+        For the scans that ParallelProjections.of refuses.
+    """
+    kernel, noise_kernel = kernel_of(settings), noise_kernel_of(settings)
+    if noise_kernel is None:
+        return fbp.ParallelProjections.of(line_integrals, geometry, kernel, engine)
+    return fbp.with_noise_kernel(line_integrals, clean, geometry, kernel, noise_kernel, engine)
 
 
 def noise_kernel_of(settings: FbpSettings) -> NoiseKernel | None:

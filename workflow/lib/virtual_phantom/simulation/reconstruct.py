@@ -13,8 +13,9 @@ from ..base.units import rounded_hu
 from ..io.volumes import Volume
 from ..physics.effect import image_effects, load
 from ..physics.image_state import ImageState
-from ..reconstruction.boxes import Box, fbp_in_boxes
-from ..reconstruction.images import kernel_of, noise_kernel_of, reconstruct_hu
+from ..reconstruction.boxes import Box, back_in_boxes
+from ..reconstruction.fbp import ParallelProjections
+from ..reconstruction.images import reconstruct_hu
 
 
 def apply_image_effects(
@@ -49,7 +50,6 @@ def reconstruct(
     engine: str,
     mu_water_per_mm: float,
     physics: dict | None = None,
-    clean: np.ndarray | None = None,
     threads: int = 1,
 ) -> list[Volume]:
     """Reconstruct one image per acquisition.
@@ -57,7 +57,7 @@ def reconstruct(
     Parameters
     ----------
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
-    algorithm, settings, engine, mu_water_per_mm, clean
+    algorithm, settings, engine, mu_water_per_mm
         As reconstruction.images.reconstruct_hu takes them.
     physics : dict, optional
         Effects of stage "image", {effect: {parameter: value}}.
@@ -72,58 +72,44 @@ def reconstruct(
     InputError
         For an unknown algorithm or a scan that it cannot use.
     """
-    hu = reconstruct_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads, clean)
-    return [Volume(_to_int16(apply_image_effects(image, grid.spacing, physics or {})), grid) for image in hu]
+    hu = reconstruct_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads)
+    return _volumes(hu, grid, physics)
 
 
-def reconstruct_in_boxes(
-    line_integrals: np.ndarray,
-    geometry: ScanGeometry,
+def back_project(
+    projections: ParallelProjections,
     grid: Grid,
     boxes: Sequence[Box],
-    settings: FbpSettings,
     *,
-    thickness_mm: float,
-    engine: str,
     mu_water_per_mm: float,
-    clean: np.ndarray | None = None,
+    thickness_mm: float | None = None,
+    physics: Mapping[str, Mapping[str, float]] | None = None,
     threads: int = 1,
 ) -> list[Volume]:
-    """Reconstruct one image per acquisition by filtered back-projection, with air outside of the boxes.
+    """Return one image per acquisition from filtered projections, with air outside of the boxes.
 
     Parameters
     ----------
-    line_integrals : ndarray, shape (acquisitions, views, rows, columns)
-    boxes : sequence of tuple of 3 slice
-    settings : FbpSettings
-        Only the kernels are used.
-    thickness_mm, engine, mu_water_per_mm, clean
-        As boxes.fbp_in_boxes takes them.
+    projections : ParallelProjections
+        See reconstruction.images.filtered.
+    boxes, mu_water_per_mm, thickness_mm
+        As boxes.back_in_boxes takes them.
+    physics : mapping, optional
+        As `reconstruct` takes it.
 
     Returns
     -------
     list of Volume
         int16 HU on `grid`.
-
-    Raises
-    ------
-    InputError
-        For a scan that filtered back-projection cannot use.
     """
-    hu = fbp_in_boxes(
-        line_integrals,
-        geometry,
-        grid,
-        boxes,
-        mu_water_per_mm=mu_water_per_mm,
-        thickness_mm=thickness_mm,
-        kernel=kernel_of(settings),
-        noise_kernel=noise_kernel_of(settings),
-        clean=clean,
-        engine=engine,
-        threads=threads,
+    hu = back_in_boxes(
+        projections, grid, boxes, mu_water_per_mm=mu_water_per_mm, thickness_mm=thickness_mm, threads=threads
     )
-    return [Volume(_to_int16(image), grid) for image in hu]
+    return _volumes(hu, grid, physics)
+
+
+def _volumes(hu, grid, physics):
+    return [Volume(_to_int16(apply_image_effects(image, grid.spacing, physics or {})), grid) for image in hu]
 
 
 def _to_int16(image: np.ndarray) -> np.ndarray:
@@ -135,6 +121,6 @@ def _to_int16(image: np.ndarray) -> np.ndarray:
         limits = np.iinfo(np.int16)
         warnings.warn(
             f"reconstruction: {beyond} voxels are beyond {limits.min} to {limits.max} HU and are set to these limits",
-            stacklevel=3,
+            stacklevel=4,
         )
     return whole

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
-from ..base.settings import FbpSettings, SirtSettings
+from ..base.settings import FbpSettings, ImageSettings, SirtSettings
 from ..base.streams import random_start_angle_deg
 from ..config.outputs import Files
-from ..config.plan import MOVED, Plan
-from ..config.settings import Effects
+from ..config.plan import MOVED, Bundle, Plan
 
 GRID = "grid"  # wildcard value for the voxels of the study, instead of a label of scanner voxels
-Bundle = tuple[tuple[str, str], ...]  # (noise level, seed) of all images that one job makes
 
 
 @dataclass(frozen=True)
@@ -104,12 +101,34 @@ class Acquisitions:
         """Return the files of the matched noise levels among these levels."""
         return [self.files("matched_level", noise=noise) for noise in dict.fromkeys(levels) if noise in self.matched()]
 
-    def box_rois(self, protocol: str, bundle: Bundle) -> tuple[list[str], list[str]]:
-        """Return tables and masks of the ROIs in boxes, one for each image; empty without boxes."""
-        if self.plan.study.protocols[protocol].voxels is None:
-            return [], []
-        tables, masks = zip(*(self.rois(protocol, noise, seed) for noise, seed in bundle), strict=True)
-        return list(tables), list(masks)
+    def rules(self, wanted: Iterable[tuple[str, str]] | None = None) -> list[tuple[Bundle, list[str], str]]:
+        """Return the rules that make or read images: their bundle, the protocols in their paths, and a constraint.
+
+        A rule for protocols with jobs of their own has the wildcard protocol, and a constraint for it.
+
+        Parameters
+        ----------
+        wanted : iterable of (str, str), optional
+            See Plan.bundles.
+        """
+        rules: list[tuple[Bundle, list[str], str]] = []
+        single: dict[Bundle, list[str]] = {}
+        for bundle, protocols in self.plan.jobs(wanted):
+            if len(protocols) > 1:
+                rules.append((bundle, protocols, "none"))
+            else:
+                single.setdefault(bundle, []).extend(protocols)
+        return [(bundle, ["{protocol}"], "|".join(names)) for bundle, names in single.items()] + rules
+
+    def image_rois(self, protocols: Iterable[str], bundle: Bundle, boxes: bool = False) -> dict[str, list[str]]:
+        """Return {rois: tables, masks: masks}, one for each image; with `boxes`, only of protocols with own voxels."""
+        found = [
+            self.rois(protocol, noise, seed)
+            for protocol in protocols
+            if self.plan.study.protocols[protocol].voxels or not boxes
+            for noise, seed in bundle
+        ]
+        return {"rois": [table for table, _ in found], "masks": [masks for _, masks in found]}
 
     def group(self, bundle: Bundle) -> str:
         """Return the group of cluster jobs of a bundle.
@@ -119,29 +138,13 @@ class Acquisitions:
         matched = self.level_files(noise for noise, _ in bundle)
         return "matched_acquisitions" if matched else "acquisitions"
 
-    def group_of(self, protocol: str, noise: str, seed: str) -> str:
-        """Return the group of the bundle of one image."""
-        return self.group(self._bundles[protocol, noise, seed])
-
-    @cached_property
-    def _bundles(self) -> Mapping[tuple[str, str, str], Bundle]:
-        return {
-            (protocol, noise, seed): bundle
-            for bundle, protocols in self.plan.bundles().items()
-            for protocol in protocols
-            for noise, seed in bundle
-        }
-
-    def image_physics(self, protocol: str) -> Effects:
-        """Return the effects that act on the images of a protocol."""
-        return self.plan.study.protocols[protocol].image_physics or {}
-
-    def settings(self, protocol: str) -> SirtSettings | FbpSettings:
-        """Return the settings of a protocol's reconstruction."""
+    def reconstruction(self, protocol: str) -> ImageSettings:
+        """Return the settings of the images of a protocol."""
         reconstruction, settings = self.plan.study.reconstruction, self.plan.study.protocols[protocol]
-        if settings.algorithm == "sirt":
-            return reconstruction.sirt
-        return replace(reconstruction.fbp, kernel=settings.kernel, noise_kernel=settings.noise_kernel)
+        solver: SirtSettings | FbpSettings = reconstruction.sirt
+        if settings.algorithm == "fbp":
+            solver = replace(reconstruction.fbp, kernel=settings.kernel, noise_kernel=settings.noise_kernel)
+        return ImageSettings(protocol, settings.algorithm, solver, settings.image_physics or {}, settings.voxels)
 
     def rois(self, protocol: str, noise: str, seed: str) -> tuple[str, str]:
         """Return table and masks of the ROIs on the voxels of an image, at the phantom's position in that image."""
@@ -155,7 +158,3 @@ class Acquisitions:
         if label:
             return self.files("voxel_table", voxels=label), self.files("voxel_rois", voxels=label)
         return self.files("phantom_table"), self.files("phantom_rois")
-
-    def algorithm(self, protocol: str) -> str:
-        """Return the algorithm of a protocol's reconstruction."""
-        return self.plan.study.protocols[protocol].algorithm

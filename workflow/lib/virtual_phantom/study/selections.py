@@ -199,11 +199,12 @@ class Selections:
         if not self.plan.study.measured.overlay:
             return []
         reconstructions = {"sirt": "iterative", "fbp": "fbp"}
+        algorithms = {self.plan.study.protocols[name].algorithm for name in self.calibrated}
         return [
             {
                 "label": f"{dose} mGy, {'FBP' if algorithm == 'fbp' else 'iterative'}",
                 "variance_hu2": dose_variance(reconstructions[algorithm], dose),
             }
-            for algorithm in sorted({self.acquisitions.algorithm(name) for name in self.calibrated}, reverse=True)
+            for algorithm in sorted(algorithms, reverse=True)
             for dose in (1, 3, 10)
         ]

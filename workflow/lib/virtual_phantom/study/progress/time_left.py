@@ -11,8 +11,8 @@ from statistics import NormalDist
 
 from .job_status import JobStatus, read_status
 
-# Rules of one stage differ by a number or by the seeds of a batch.
-NUMBERED = re.compile(r"_\d+$|_seeds_\d+_to_\d+$")
+# Rules of one stage differ by a number.
+NUMBERED = re.compile(r"_\d+$")
 
 # The ratio of actual to expected time is lognormal. SLOWER is its median before any job is done, without the slowdown
 # by other work. RUN_SD, STAGE_SD and JOB_SD are standard deviations of its logarithm: between runs, between stages of a
