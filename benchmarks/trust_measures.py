@@ -36,7 +36,7 @@ from virtual_phantom.statistics.stability_measures import feature_array
 from virtual_phantom.statistics.wilcoxon import ranksum_z
 
 SEED = 52
-DRAWS = 200  # of each bootstrap
+DRAWS = 100  # of each bootstrap
 SUBSAMPLES = 30  # of the measured repeats
 REPEATS_3D = 5  # of each control, as many as the default study has at every dose
 SCAN = Path("images/group_2/mgy10/seed00.nii.gz")  # of a results folder, the scan that is perturbed
@@ -275,29 +275,39 @@ def correlations(
 ) -> Correlations:
     """Spearman's coefficient between each prediction and the scanner, for each measure and kind of change."""
     regions, found = np.arange(scanner.values.shape[1]), {}
+    parts = [regions, *(np.delete(regions, region) for region in regions)]  # all regions, then without each
     for kind, sets in kinds.items():
+        measured_by_repeats = {}
         for title, seeds in predictions.items():
             usable = [scans for scans in seeds if scans.has(sets)]
             if not usable:
                 continue
             number = usable[0].repeats
-            orders = []  # with all regions, then without each
-            for chosen in [regions, *(np.delete(regions, region) for region in regions)]:
-                real = with_repeats(scanner.take(chosen), number, named(stream, kind), sets)
-                orders.append(mean_order([mean_measures(scans.take(chosen), sets) for scans in usable], real))
-            random, drawn = generator(named(stream, kind, title)), []
-            for _ in range(draws):
-                one = usable[random.integers(len(usable))]
-                pair = [
-                    mean_measures(scans.take(repeats=random.integers(scans.repeats, size=number)), sets)
-                    for scans in (one, scanner)
-                ]
-                drawn.append(mean_order(pair[:1], pair[1]))
-            for name, value in orders[0].items():
-                found[kind, name, title] = Coefficient(
-                    value, np.array([one[name] for one in orders[1:]]), np.array([one[name] for one in drawn])
+            if number not in measured_by_repeats:
+                random = generator(named(stream, kind, number))
+                measured_by_repeats[number] = (
+                    [with_repeats(scanner.take(part), number, named(stream, kind), sets) for part in parts],
+                    [resampled(scanner, number, random, sets) for _ in range(draws)],
                 )
+            whole, drawn = measured_by_repeats[number]
+            orders = [
+                mean_order([mean_measures(scans.take(part), sets) for scans in usable], real)
+                for part, real in zip(parts, whole, strict=True)
+            ]
+            random = generator(named(stream, kind, title))
+            orders += [
+                mean_order([resampled(usable[random.integers(len(usable))], number, random, sets)], real)
+                for real in drawn
+            ]
+            for name, value in orders[0].items():
+                values = np.array([one[name] for one in orders])
+                found[kind, name, title] = Coefficient(value, values[1 : len(parts)], values[len(parts) :])
     return found
+
+
+def resampled(scans: Scans, number: int, random: np.random.Generator, sets: list) -> Measures:
+    """Mean measures with repeats drawn with replacement."""
+    return mean_measures(scans.take(repeats=random.integers(scans.repeats, size=number)), sets)
 
 
 def mean_order(predicted: Sequence[Measures], real: Measures) -> dict[str, float]:
@@ -372,8 +382,8 @@ def sign(name: str) -> int:
     return -1 if name in SMALL_IS_ROBUST else 1
 
 
-def lower_bounds(scans: Scans, sets: list, repeats: int, stream: Stream, draws: int = DRAWS) -> Measures:
-    """Bound of each measure that 2.5 % of the bootstrap draws over regions exceed in the direction of less robust."""
+def robust_bounds(scans: Scans, sets: list, repeats: int, stream: Stream, draws: int = DRAWS) -> Measures:
+    """Bound of the 95 % bootstrap interval over regions that is less robust, for each measure."""
     random = generator(stream)
     found = [
         mean_measures(scans.take(chosen, random.choice(scans.repeats, repeats, replace=False)), sets)
@@ -398,36 +408,43 @@ def classes(change: Measures, repeats: Measures) -> dict[tuple[str, float], np.n
     return found
 
 
-def class_agreement(scanner: Scans, predictions: dict[str, list[Scans]], kinds: dict, stream: Stream) -> pd.DataFrame:
+def class_agreement(
+    scanner: Scans, predictions: dict[str, list[Scans]], kinds: dict, stream: Stream, draws: int = DRAWS
+) -> pd.DataFrame:
     """Share of features in the same class as on the scanner, with Cohen's kappa, by kind, measure and prediction."""
-    rows = []
-    (within,) = (sets for kind, sets in kinds.items() if kind in (REPEATS, REPEATS_2D))
-    for kind, sets in kinds.items():
-        if sets is within:
-            continue
-        for title, seeds in predictions.items():
-            usable = next((scans for scans in seeds if scans.has(sets)), None)
-            if usable is None:
-                continue
-            number = usable.repeats
-            predicted, real = (
-                classes(*(lower_bounds(scans, one, number, named(stream, kind, title, who)) for one in (sets, within)))
-                for who, scans in (("prediction", usable), ("scanner", scanner))
-            )
-            for name, cut_off in predicted.keys() & real.keys():
-                counts = [np.bincount(found[name, cut_off], minlength=3) for found in (predicted, real)]
-                rows.append(
-                    {
-                        "kind": kind,
-                        "measure": f"{name}, {cut_off:g}",
-                        "source": title,
-                        "percent": 100 * (predicted[name, cut_off] == real[name, cut_off]).mean(),
-                        "kappa": cohen_kappa_score(predicted[name, cut_off], real[name, cut_off]),
-                        "predicted": " / ".join(map(str, counts[0])),
-                        "scanner": " / ".join(map(str, counts[1])),
-                    }
-                )
+    rows, real = [], {}
+    (repeats,) = (kind for kind in kinds if kind in (REPEATS, REPEATS_2D))
+    for title, seeds in predictions.items():
+        # Some seeds have only one dose.
+        usable = max(seeds, key=lambda scans: sum(scans.has(sets) for sets in kinds.values()))
+        number, bounds = usable.repeats, {}
+        for kind, sets in kinds.items():
+            bounds[kind] = robust_bounds(usable, sets, number, named(stream, kind, title), draws)
+            if (kind, number) not in real:
+                real[kind, number] = robust_bounds(scanner, sets, number, named(stream, kind), draws)
+        for kind in kinds.keys() - {repeats}:
+            predicted = classes(bounds[kind], bounds[repeats])
+            known = classes(real[kind, number], real[repeats, number])
+            rows += [
+                {
+                    "kind": kind,
+                    "measure": f"{name}, {cut_off:g}",
+                    "source": title,
+                    "percent": 100 * (one == known[name, cut_off]).mean(),
+                    "kappa": kappa(one, known[name, cut_off]),
+                    "predicted": " / ".join(map(str, np.bincount(one, minlength=3))),
+                    "scanner": " / ".join(map(str, np.bincount(known[name, cut_off], minlength=3))),
+                }
+                for (name, cut_off), one in predicted.items()
+            ]
     return pd.DataFrame(rows).sort_values(["kind", "measure", "source"], ignore_index=True)
+
+
+def kappa(one: np.ndarray, other: np.ndarray) -> float:
+    """Cohen's kappa of two classifications; NaN if all features are in one class."""
+    if len({*one, *other}) == 1:
+        return np.nan
+    return cohen_kappa_score(one, other)
 
 
 # ----- tables -----
@@ -609,45 +626,32 @@ def run(options):
     sections = {roi: tandem_groups.largest_section(image, mask) for roi, mask in masks.items()}
     controls_2d = group_controls(tandem_groups.clean_sections(study), sections, simulated_2d[0].repeats, stream)
     controls_3d = dose_controls(phantom_regions(study), whole_regions(image, masks), stream)
-    data = {
-        "2D": (
-            group_scans(measured.load_full_table(options.table), "acquisition", str(options.table)),
-            {"simulated": simulated_2d} | controls_2d,
-            KINDS_2D,
-        ),
-        "3D": (dose_scans(options.dose_table), {"simulated": simulated_3d} | controls_3d, KINDS_3D),
-    }
-    report(data, stream)
+    scanner = group_scans(measured.load_full_table(options.table), "acquisition", str(options.table))
+    report("2D", scanner, {"simulated": simulated_2d} | controls_2d, KINDS_2D, stream)
+    report("3D", dose_scans(options.dose_table), {"simulated": simulated_3d} | controls_3d, KINDS_3D, stream)
 
 
-def report(data: dict[str, tuple[Scans, dict[str, list[Scans]], dict]], stream: Stream, draws: int = DRAWS) -> None:
-    """Print all tables; `data` has the scans of the scanner, the predictions and the kinds of change by dimension."""
-    found, reliable, useful, agreement = {}, [], [], []
-    for title, (scanner, predictions, kinds) in data.items():
-        print(f"{title}: {scanner.repeats} measured repeats of {scanner.values.shape[1]} regions")
-        found |= correlations(scanner, predictions, kinds, named(stream, title), draws)
-        reliable.append(reliability(scanner, kinds, named(stream, title, "halves")))
-        useful.append(usefulness(scanner, predictions, kinds, named(stream, title, "identification")))
-        agreement.append(class_agreement(scanner, predictions, kinds, named(stream, title, "classes")))
-    kinds = [kind for _, _, kinds in data.values() for kind in kinds]
-    print("\nSpearman's coefficient over features with the scanner; 95 % intervals: regions, repeats and seeds")
-    for title in dict.fromkeys(title for _, _, title in found):
-        print(f"\n{title}\n{correlation_table(found, kinds, title).to_string()}")
-    print(f"\nSimulated scans less control, mean of changes\n{differences(found, kinds).to_string()}")
-    changes = [kind for kind in kinds if kind not in (REPEATS, REPEATS_2D)]
+def report(
+    title: str, scanner: Scans, predictions: dict[str, list[Scans]], kinds: dict, stream: Stream, draws: int = DRAWS
+) -> None:
+    """Print all tables of one dimension."""
+    print(f"\n{title}: {scanner.repeats} measured repeats of {scanner.values.shape[1]} regions")
+    found = correlations(scanner, predictions, kinds, named(stream, title), draws)
+    print("Spearman's coefficient over features with the scanner; 95 % intervals: regions, repeats and seeds")
+    for source in predictions:
+        print(f"\n{source}\n{correlation_table(found, list(kinds), source).to_string()}")
+    print(f"\nsimulated scans less control, mean of changes\n{differences(found, list(kinds)).to_string()}")
 
-    def wide(tables, columns, value):
-        rows = pd.concat(tables)
-        table = rows.pivot(index=["measure", columns], columns="kind", values=value).reindex(columns=kinds)
-        return table.assign(**{"mean of changes": table[changes].mean(axis=1)}).round(2)
+    def wide(rows: pd.DataFrame, columns: str, value: str) -> str:
+        table = rows.pivot(index=["measure", columns], columns="kind", values=value).reindex(columns=list(kinds))
+        changes = table.drop(columns=[REPEATS, REPEATS_2D], errors="ignore")
+        return table.assign(**{"mean of changes": changes.mean(axis=1)}).round(2).to_string()
 
-    print(
-        f"\nThe same between halves of the scanner's repeats or regions\n"
-        f"{wide(reliable, 'halves', 'order').to_string()}"
-    )
-    print(f"\nRobustness and measured identification of regions\n{wide(useful, 'source', 'order').to_string()}")
+    reliable = reliability(scanner, kinds, named(stream, title, "halves"), draws)
+    print(f"\nbetween halves of the scanner's repeats or regions\n{wide(reliable, 'halves', 'order')}")
+    useful = usefulness(scanner, predictions, kinds, named(stream, title, "identification"))
+    print(f"\nrobustness and measured identification of regions\n{wide(useful, 'source', 'order')}")
+    agreement = class_agreement(scanner, predictions, kinds, named(stream, title, "classes"), draws)
     for value in ("percent", "kappa"):
-        print(
-            f"\nFeatures in the same class as on the scanner, {value}\n{wide(agreement, 'source', value).to_string()}"
-        )
-    print(f"\nClasses: {' / '.join(CLASSES)}\n{pd.concat(agreement).to_string()}")
+        print(f"\nfeatures in the same class as on the scanner, {value}\n{wide(agreement, 'source', value)}")
+    print(f"\nclasses: {' / '.join(CLASSES)}\n{agreement.to_string()}")

@@ -49,11 +49,11 @@ def test_shifted_settings_lower_the_agreement_of_settings_but_not_that_of_repeat
     repeats = trust.mean_measures(shifted, KINDS[trust.REPEATS])
     assert repeats[trust.ICC_SETTINGS].min() > 0.95
     # robust without a shift; only within one protocol with it
-    bounds = [trust.lower_bounds(one, KINDS["dose, FBP"], 8, root(1), 40) for one in (scans(2, np.ones(40)), shifted)]
-    within = trust.lower_bounds(shifted, KINDS[trust.REPEATS], 8, root(1), 40)
+    bounds = [trust.robust_bounds(one, KINDS["dose, FBP"], 8, root(1), 40) for one in (scans(2, np.ones(40)), shifted)]
+    within = trust.robust_bounds(shifted, KINDS[trust.REPEATS], 8, root(1), 40)
     for change, expected in zip(bounds, (0, 1), strict=True):
         assert (trust.classes(change, within)[trust.ICC_SETTINGS, 0.75] == expected).all()
-    noisy = trust.lower_bounds(scans(3, np.full(FEATURES, 100.0)), KINDS["dose, FBP"], 8, root(1), 40)
+    noisy = trust.robust_bounds(scans(3, np.full(FEATURES, 100.0)), KINDS["dose, FBP"], 8, root(1), 40)
     assert (trust.classes(noisy, noisy)[trust.ICC_SETTINGS, 0.75] == 2).all()
 
 
@@ -83,7 +83,7 @@ def test_a_prediction_with_the_same_spread_has_the_same_order_and_classes():
             assert found[kind, name, "reversed"].value < -0.95
             assert abs(found[kind, name, "chance"].value) < 0.5
     assert (trust.REPEATS, trust.W_MEAN, "simulated") not in found
-    agreement = trust.class_agreement(scanner, predictions, KINDS, root(2)).set_index(["measure", "source"])
+    agreement = trust.class_agreement(scanner, predictions, KINDS, root(2), 40).set_index(["measure", "source"])
     assert agreement.loc[(f"{trust.ICC_SETTINGS}, 0.9", "simulated"), "percent"] > 80
     assert agreement.loc[(f"{trust.ICC_SETTINGS}, 0.9", "reversed"), "kappa"] < 0.1
     useful = trust.usefulness(scanner, predictions, KINDS, root(3)).set_index(["measure", "source", "kind"])["order"]
@@ -145,10 +145,10 @@ def test_report_prints_every_table(capsys):
         "white noise": [scans(18)],
         "perturbation": [trust.Scans(scans(19).values[:, :, :1], ())],
     }
-    trust.report({"3D": (scans(20), predictions, KINDS)}, root(8), 5)
+    trust.report("3D", scans(20), predictions, KINDS, root(8), 5)
     text = capsys.readouterr().out
     assert "3D: 8 measured repeats of 6 regions" in text
-    for line in ("simulated", "Simulated scans less control", "halves", "identification", "kappa", "Classes: robust"):
+    for line in ("simulated", "simulated scans less control", "halves", "identification", "kappa", "classes: robust"):
         assert line in text
 
 
