@@ -32,6 +32,7 @@ from virtual_phantom.io.volumes import Volume, read_nifti
 from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.statistics import measured
 from virtual_phantom.statistics.agreement_measures import coefficient_of_variation, concordance, icc_agreement
+from virtual_phantom.statistics.comparability import grows_with_roi
 from virtual_phantom.statistics.stability_measures import feature_array
 from virtual_phantom.statistics.wilcoxon import ranksum_z
 
@@ -214,14 +215,18 @@ def with_repeats(scans: Scans, repeats: int, stream: Stream, sets: list) -> Meas
     return {name: np.mean([draw[name] for draw in draws], axis=0) for name in draws[0]}
 
 
-def region_draws(regions: int, stream: Stream, draws: int) -> list[np.ndarray]:
-    """Regions drawn with replacement, of which at least three differ."""
-    random, found = generator(stream), []
-    while len(found) < draws:
-        chosen = random.integers(regions, size=regions)
-        if len(set(chosen)) >= min(3, regions):
-            found.append(chosen)
-    return found
+def draw_again(available: int, number: int, random: np.random.Generator) -> np.ndarray:
+    """Regions or repeats drawn with replacement, of which at least three (or all, if fewer) differ."""
+    while True:
+        chosen = random.integers(available, size=number)
+        if len(set(chosen)) >= min(3, available, number):
+            return chosen
+
+
+def region_draws(regions: int, draws: int) -> list[np.ndarray]:
+    """The same regions for the scanner and all predictions, in 2D and 3D."""
+    random = generator(root(SEED))
+    return [draw_again(regions, regions, random) for _ in range(draws)]
 
 
 @dataclass(frozen=True)
@@ -232,39 +237,23 @@ class Coefficient:
     ----------
     value : float
         Mean over simulated seeds.
-    without_region : ndarray, shape (regions,)
-        The same without each region.
     draws : ndarray
-        The same with repeats drawn again with replacement, and one simulated seed for each draw.
+        Bootstrap draws of regions, repeats and simulated seeds.
     """
 
     value: float
-    without_region: np.ndarray
     draws: np.ndarray
 
     def __sub__(self, other: Coefficient) -> Coefficient:
-        return Coefficient(
-            self.value - other.value, self.without_region - other.without_region, self.draws - other.draws
-        )
+        return Coefficient(self.value - other.value, self.draws - other.draws)
 
-    def text(self, difference: bool = False) -> str:
-        """Value with its 95 % interval.
-
-        The variance is that of the jackknife over regions plus that of the draws. Student's t has the degrees of
-        freedom of the regions. Intervals of coefficients, but not of differences, use Fisher's transformation.
-        """
-        there, back = (np.array, np.array) if difference else (np.arctanh, np.tanh)
-        number = len(self.without_region)
-        jackknife = (number - 1) * there(self.without_region).var()
-        width = stats.t.ppf(0.975, number - 1) * np.sqrt(jackknife + there(self.draws).var(ddof=1))
-        low, high = (back(there(self.value) + side * width) for side in (-1, 1))
+    def __str__(self) -> str:
+        low, high = np.percentile(self.draws, [2.5, 97.5])
         return f"{self.value:.2f} ({low:.2f} to {high:.2f})"
 
 
 def mean_coefficient(found: Sequence[Coefficient]) -> Coefficient:
-    return Coefficient(
-        *(np.mean([getattr(one, name) for one in found], axis=0) for name in Coefficient.__annotations__)
-    )
+    return Coefficient(np.mean([one.value for one in found]), np.mean([one.draws for one in found], axis=0))
 
 
 Correlations = dict[tuple[str, str, str], Coefficient]  # by kind, measure and prediction
@@ -273,41 +262,39 @@ Correlations = dict[tuple[str, str, str], Coefficient]  # by kind, measure and p
 def correlations(
     scanner: Scans, predictions: dict[str, list[Scans]], kinds: dict, stream: Stream, draws: int = DRAWS
 ) -> Correlations:
-    """Spearman's coefficient between each prediction and the scanner, for each measure and kind of change."""
-    regions, found = np.arange(scanner.values.shape[1]), {}
-    parts = [regions, *(np.delete(regions, region) for region in regions)]  # all regions, then without each
+    """Spearman's coefficient between each prediction and the scanner, for each measure and kind of change.
+
+    A draw has the same regions in both and own repeats. It takes one of the simulated seeds.
+    """
+    regions, found = region_draws(scanner.values.shape[1], draws), {}
+
+    def drawn(seeds: list[Scans], number: int, sets: list, own: Stream) -> list[Measures]:
+        random = generator(own)
+        return [
+            mean_measures(one.take(chosen, draw_again(one.repeats, number, random)), sets)
+            for chosen in regions
+            for one in [seeds[random.integers(len(seeds))]]
+        ]
+
     for kind, sets in kinds.items():
-        measured_by_repeats = {}
+        known = {}
         for title, seeds in predictions.items():
             usable = [scans for scans in seeds if scans.has(sets)]
             if not usable:
                 continue
             number = usable[0].repeats
-            if number not in measured_by_repeats:
-                random = generator(named(stream, kind, number))
-                measured_by_repeats[number] = (
-                    [with_repeats(scanner.take(part), number, named(stream, kind), sets) for part in parts],
-                    [resampled(scanner, number, random, sets) for _ in range(draws)],
-                )
-            whole, drawn = measured_by_repeats[number]
+            if number not in known:
+                own = named(stream, kind, number)
+                known[number] = with_repeats(scanner, number, own, sets), drawn([scanner], number, sets, own)
+            real, real_draws = known[number]
+            values = mean_order([mean_measures(scans, sets) for scans in usable], real)
             orders = [
-                mean_order([mean_measures(scans.take(part), sets) for scans in usable], real)
-                for part, real in zip(parts, whole, strict=True)
+                mean_order([one], other)
+                for one, other in zip(drawn(usable, number, sets, named(stream, kind, title)), real_draws, strict=True)
             ]
-            random = generator(named(stream, kind, title))
-            orders += [
-                mean_order([resampled(usable[random.integers(len(usable))], number, random, sets)], real)
-                for real in drawn
-            ]
-            for name, value in orders[0].items():
-                values = np.array([one[name] for one in orders])
-                found[kind, name, title] = Coefficient(value, values[1 : len(parts)], values[len(parts) :])
+            for name, value in values.items():
+                found[kind, name, title] = Coefficient(value, np.array([one[name] for one in orders]))
     return found
-
-
-def resampled(scans: Scans, number: int, random: np.random.Generator, sets: list) -> Measures:
-    """Mean measures with repeats drawn with replacement."""
-    return mean_measures(scans.take(repeats=random.integers(scans.repeats, size=number)), sets)
 
 
 def mean_order(predicted: Sequence[Measures], real: Measures) -> dict[str, float]:
@@ -387,7 +374,7 @@ def robust_bounds(scans: Scans, sets: list, repeats: int, stream: Stream, draws:
     random = generator(stream)
     found = [
         mean_measures(scans.take(chosen, random.choice(scans.repeats, repeats, replace=False)), sets)
-        for chosen in region_draws(scans.values.shape[1], root(SEED), draws)
+        for chosen in region_draws(scans.values.shape[1], draws)
     ]
     return {
         name: np.nanpercentile([one[name] for one in found], 97.5 if name in SMALL_IS_ROBUST else 2.5, axis=0)
@@ -580,14 +567,31 @@ def phantom_regions(study) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 # ----- results -----
 
 
+def without_size(
+    scanner: Scans, predictions: dict[str, list[Scans]], kinds: dict, features: Sequence[str]
+) -> pd.DataFrame:
+    """Mean coefficient over kinds of change without the features that grow with the region, by measure."""
+    kept = np.array([not grows_with_roi(feature) for feature in features])
+    changes = {kind: sets for kind, sets in kinds.items() if kind not in (REPEATS, REPEATS_2D)}
+    found = {}
+    for kind, sets in changes.items():
+        real = {name: values[kept] for name, values in mean_measures(scanner, sets).items()}
+        for title, seeds in predictions.items():
+            tables = [mean_measures(scans, sets) for scans in seeds if scans.has(sets)]
+            if tables:
+                cut = [{name: values[kept] for name, values in one.items()} for one in tables]
+                found[kind, title] = mean_order(cut, real)
+    return pd.DataFrame(found).T.groupby(level=1, sort=False).mean().T.round(2)
+
+
 def correlation_table(found: Correlations, kinds: Sequence[str], title: str) -> pd.DataFrame:
     """Text "value (interval)" of one prediction by measure (rows) and kind, and the mean over kinds of change."""
     rows = {}
     for name in CUT_OFFS:
         cells = {kind: found[kind, name, title] for kind in kinds if (kind, name, title) in found}
-        rows[name] = {kind: cell.text() for kind, cell in cells.items()}
+        rows[name] = {kind: str(cell) for kind, cell in cells.items()}
         if changes := [cell for kind, cell in cells.items() if kind not in (REPEATS, REPEATS_2D)]:
-            rows[name]["mean of changes"] = mean_coefficient(changes).text()
+            rows[name]["mean of changes"] = str(mean_coefficient(changes))
     return pd.DataFrame(rows).T
 
 
@@ -602,7 +606,7 @@ def differences(found: Correlations, kinds: Sequence[str]) -> pd.DataFrame:
                 if kind not in (REPEATS, REPEATS_2D) and (kind, name, title) in found
             ]
             if pairs:
-                difference = mean_coefficient([one - other for one, other in pairs]).text(difference=True)
+                difference = str(mean_coefficient([one - other for one, other in pairs]))
                 rows.append({"measure": name, "control": title, "difference": difference})
     return pd.DataFrame(rows).pivot(index="measure", columns="control", values="difference").reindex(list(CUT_OFFS))
 
@@ -627,27 +631,38 @@ def run(options):
     controls_2d = group_controls(tandem_groups.clean_sections(study), sections, simulated_2d[0].repeats, stream)
     controls_3d = dose_controls(phantom_regions(study), whole_regions(image, masks), stream)
     scanner = group_scans(measured.load_full_table(options.table), "acquisition", str(options.table))
-    report("2D", scanner, {"simulated": simulated_2d} | controls_2d, KINDS_2D, stream)
-    report("3D", dose_scans(options.dose_table), {"simulated": simulated_3d} | controls_3d, KINDS_3D, stream)
+    predictions = {"simulated": simulated_2d} | controls_2d
+    report("2D", scanner, predictions, KINDS_2D, tandem_groups.FEATURES, stream)
+    predictions = {"simulated": simulated_3d} | controls_3d
+    report("3D", dose_scans(options.dose_table), predictions, KINDS_3D, FEATURES, stream)
 
 
 def report(
-    title: str, scanner: Scans, predictions: dict[str, list[Scans]], kinds: dict, stream: Stream, draws: int = DRAWS
+    title: str,
+    scanner: Scans,
+    predictions: dict[str, list[Scans]],
+    kinds: dict,
+    features: Sequence[str],
+    stream: Stream,
+    draws: int = DRAWS,
 ) -> None:
     """Print all tables of one dimension."""
     print(f"\n{title}: {scanner.repeats} measured repeats of {scanner.values.shape[1]} regions")
     found = correlations(scanner, predictions, kinds, named(stream, title), draws)
-    print("Spearman's coefficient over features with the scanner; 95 % intervals: regions, repeats and seeds")
+    print("Spearman's coefficient over features with the scanner; 95 % bootstrap intervals: regions, repeats and seeds")
     for source in predictions:
         print(f"\n{source}\n{correlation_table(found, list(kinds), source).to_string()}")
     print(f"\nsimulated scans less control, mean of changes\n{differences(found, list(kinds)).to_string()}")
+
+    rest = without_size(scanner, predictions, kinds, features)
+    print(f"\nwithout features that grow with the region, mean of changes\n{rest.to_string()}")
 
     def wide(rows: pd.DataFrame, columns: str, value: str) -> str:
         table = rows.pivot(index=["measure", columns], columns="kind", values=value).reindex(columns=list(kinds))
         changes = table.drop(columns=[REPEATS, REPEATS_2D], errors="ignore")
         return table.assign(**{"mean of changes": changes.mean(axis=1)}).round(2).to_string()
 
-    reliable = reliability(scanner, kinds, named(stream, title, "halves"), draws)
+    reliable = reliability(scanner, kinds, named(stream, title, "halves"))
     print(f"\nbetween halves of the scanner's repeats or regions\n{wide(reliable, 'halves', 'order')}")
     useful = usefulness(scanner, predictions, kinds, named(stream, title, "identification"))
     print(f"\nrobustness and measured identification of regions\n{wide(useful, 'source', 'order')}")
