@@ -1,4 +1,4 @@
-"""Find the measure of trust that predicts the scanner best, in simulations and image perturbations (10 minutes).
+"""Find the measure of trust that predicts the scanner best, in simulations and image perturbations (3 minutes).
 
 First run `snakemake --cores 2`, copy results/features.csv, and run it again with config/whole_regions.yaml. Give the
 2D features of one or several seeds with --features, and the 3D features with --whole-features. The measured tables are
