@@ -166,12 +166,12 @@ def clean_sections(study: Study) -> dict[int, dict[str, Section]]:
         spacing = tuple(protocol.voxels.spacing_mm)
         if spacing not in on_voxels:
             phantom = synthetic.build(drawn, voxels_over(grid_of(study.grid), spacing), 1, stream)
-            on_voxels[spacing] = {roi.name: _section(phantom.image, roi.mask) for roi in phantom.rois}
+            on_voxels[spacing] = {roi.name: largest_section(phantom.image, roi.mask) for roi in phantom.rois}
         found[protocol.group] = on_voxels[spacing]
     return found
 
 
-def _section(image: Volume, mask: np.ndarray) -> Section:
+def largest_section(image: Volume, mask: np.ndarray) -> Section:
     height = int(np.count_nonzero(mask, axis=(1, 2)).argmax())
     (box,) = ndimage.find_objects(mask[height].astype(np.uint8))
     plane = tuple(slice(part.start - MARGIN, part.stop + MARGIN) for part in box)
