@@ -366,73 +366,84 @@ def test_overlap_draws_both_curves_and_their_bands(overlap):
 def test_a_marker_for_every_row(make_pca, names, measured):
     table = make_pca(names, measured)
     figure = pca.draw(table, "title")
-    for axes in figure.axes[:2]:
+    assert_text_fits(figure)
+    for axes, rows in zip(figure.axes, (table, table[table["source"] == "simulated"]), strict=True):
         drawn = np.concatenate(points(axes))
-        assert sorted(map(tuple, drawn)) == sorted(map(tuple, table[["pc1", "pc2"]].to_numpy()))
+        assert sorted(map(tuple, drawn)) == sorted(map(tuple, rows[["pc1", "pc2"]].to_numpy()))
     words = texts(figure)
-    assert {style.label(name) for name in names} <= set(words)
+    assert {style.label(name) for name in table["tissue_class"]} <= set(words)
+    assert ({style.label(name) for name in names} <= set(words)) or len(names) > pca.MOST_NAMED
     assert "PC 1 (61.2 % of variance)" in words and "PC 2 (17.5 % of variance)" in words
-    assert "number of projections" in words and "noise level A = 1/I₀ (10⁻⁴)" in words
-    assert {"150", "450", "0.8", "1.4"} <= set(words)
-    assert ("black: measured" in words) == bool(measured)
+    assert {f"SIRT {count}: {count} projections" for count in range(150, 451, 50)} <= set(words)
+    assert {f"noise level A = {level} ×10⁻⁴" for level in ("0.8", "1", "1.2", "1.4")} <= set(words)
+    assert any("measured" in text for text in words) == bool(measured)
+    assert any("simulated" in text for text in words) == bool(measured)
 
 
-def test_measured_rows_have_the_color_of_their_condition(make_pca):
-    """One color per scanner in the markers and in the legend, none of them black."""
+def of_points(axes, table, columns):
+    """{(pc1, pc2): (row, shape, fill, edge, size)} of the points of a panel."""
+    rows = {(row["pc1"], row["pc2"]): row for _, row in table[columns].iterrows()}
+    found = {}
+    for collection in axes.findobj(PathCollection):
+        count = len(collection.get_offsets())
+        faces, edges = (
+            [None] * count if not len(given) else [to_hex(color) for color in np.resize(given, (count, 4))]
+            for given in (collection.get_facecolors(), collection.get_edgecolors())
+        )
+        for place, path, *look in zip(
+            collection.get_offsets(), collection.get_paths(), faces, edges, collection.get_sizes(), strict=True
+        ):
+            found[tuple(place)] = (rows[tuple(place)], path.vertices.tobytes(), *look)
+    return list(found.values())
+
+
+def test_tissue_gives_the_color_and_protocol_the_shape(make_pca):
+    table = make_pca(measured=3)
+    columns = ["pc1", "pc2", "tissue_class", "source", "protocol", "noise_level"]
+    drawn = of_points(pca.draw(table).axes[0], table, columns)
+    colors, shapes = {}, {}
+    for row, shape, face, edge, _ in drawn:
+        simulated = row["source"] == "simulated"
+        assert (face is not None) == simulated  # measured points are hollow
+        colors.setdefault(row["tissue_class"], set()).add(face if simulated else edge)
+        shapes.setdefault(row["protocol"] if simulated else "measured", set()).add(shape)
+    assert all(len(found) == 1 for found in [*colors.values(), *shapes.values()])
+    assert len(set.union(*colors.values())) == 4 and len(set.union(*shapes.values())) == 7
+
+
+def test_noise_gives_size_and_fill(make_pca):
+    table = make_pca(("a",), 0)
+    table = table[table["protocol"] == "sirt_150"]
+    figure = pca.draw(table)
+    assert len(figure.axes) == 1  # all points are of one protocol and simulated
+    found = {}
+    for row, _, face, _, size in of_points(figure.axes[0], table, ["pc1", "pc2", "noise_level"]):
+        found.setdefault(row["noise_level"], set()).add((size, face))
+    assert all(len(look) == 1 for look in found.values())
+    sizes, faces = zip(*(found[level].copy().pop() for level in sorted(found)), strict=True)
+    brightness = [sum(matplotlib.colors.to_rgb(face)) for face in faces]
+    assert list(sizes) == sorted(sizes) and len(set(sizes)) == 4
+    assert brightness == sorted(brightness) and len(set(brightness)) == 4
+    one = pca.draw(table[table["noise_level"] == 1e-4])
+    assert len(one.axes) == 1 and "noise level A = 1 ×10⁻⁴" in texts(one)
+
+
+def test_measured_rows_have_the_shape_of_their_condition(make_pca):
     table = make_pca(("a", "b"), 4)
     table.loc[table["source"] == "measured", "condition"] = ["A1", "B1"] * 4
     figure = pca.draw(table)
-    drawn = {
-        to_hex(colour)
-        for one in figure.axes[0].findobj(PathCollection)
-        if not len(one.get_facecolors())
-        for colour in one.get_edgecolors()
-    }
-    (legend,) = figure.legends
-    colours = {
-        text.get_text(): to_hex(handle.get_color())
-        for text, handle in zip(legend.get_texts(), legend.legend_handles, strict=True)
-        if text.get_text() in ("A1", "B1")
-    }
-    assert set(colours) == {"A1", "B1"} and set(colours.values()) == drawn and "#000000" not in drawn
-
-
-def test_measured_rows_have_the_shape_of_their_roi(make_pca):
-    table = make_pca(("a", "b"), 3)
-    collections = pca.draw(table).axes[0].findobj(PathCollection)
     shapes = {}
-    for collection in collections:
-        filled = len(collection.get_facecolors()) > 0
-        for (pc1, pc2), path in zip(np.asarray(collection.get_offsets()), collection.get_paths(), strict=True):
-            row = table[(table["pc1"] == pc1) & (table["pc2"] == pc2)].iloc[0]
-            shapes.setdefault(row["roi"], set()).add(path.vertices.tobytes())
-            assert filled == (row["source"] == "simulated")
-    assert len(shapes["a"]) == len(shapes["b"]) == 1 and shapes["a"] != shapes["b"]
-
-
-def test_color_follows_the_parameter(make_pca):
-    table = make_pca(("a",), 0)
-    for axes, column in zip(pca.draw(table).axes[:2], ("projections", "noise_level"), strict=True):
-        (collection,) = axes.findobj(PathCollection)
-        colour = dict(
-            zip(
-                map(tuple, np.asarray(collection.get_offsets())),
-                map(tuple, collection.get_facecolors()),
-                strict=True,
-            )
-        )
-        of_value = {
-            value: {colour[tuple(row)] for row in rows[["pc1", "pc2"]].to_numpy()}
-            for value, rows in table.groupby(column)
-        }
-        assert all(len(colours) == 1 for colours in of_value.values())
-        assert len(set.union(*of_value.values())) == table[column].nunique()
+    for row, shape, face, *_ in of_points(figure.axes[0], table, ["pc1", "pc2", "source", "protocol", "condition"]):
+        assert (face is None) == (row["source"] == "measured")
+        shapes.setdefault(row["condition"] if row["source"] == "measured" else row["protocol"], set()).add(shape)
+    assert all(len(found) == 1 for found in shapes.values()) and len(set.union(*shapes.values())) == 9
+    assert {"A1", "B1"} <= set(texts(figure)) and "measured" not in texts(figure)
 
 
 def test_thousands_of_projections_are_printed_in_full(make_pca):
     table = make_pca(("a",), 0)
     words = texts(pca.draw(table.assign(projections=10 * table["projections"])))
-    assert {"1500", "4500"} <= set(words) and not any("e+" in text for text in words)
+    assert {"SIRT 150: 1500 projections", "SIRT 450: 4500 projections"} <= set(words)
 
 
 def test_many_measured_rows_lie_below_with_means_on_top(make_pca):

@@ -1,7 +1,7 @@
 """Common style of all figures: widths, fonts, colors, markers and output files.
 
 Categories have the colors of Okabe and Ito (Color Universal Design, 2008), which readers with common color vision
-deficiencies can distinguish. A marker or a name repeats the information. Ordered parameters use viridis.
+deficiencies can distinguish. A marker or a name repeats the information.
 """
 
 import contextlib
@@ -17,7 +17,6 @@ import pandas
 import seaborn
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import FuncFormatter
@@ -252,10 +251,3 @@ def noise_sentence(levels: Mapping[str, float | None]) -> str:
     """Return `noise_levels` as a sentence."""
     text = noise_levels(levels)
     return f"{text[0].upper()}{text[1:]}."
-
-
-def ordered_colors(values: Iterable[float]) -> dict[float, str]:
-    """Return {value: color} of viridis in ascending order, without its lightest tenth, which is invisible on white."""
-    distinct = sorted(set(values))
-    colors = matplotlib.colormaps["viridis"](np.linspace(0, 0.9, len(distinct)))
-    return dict(zip(distinct, map(to_hex, colors), strict=True))
