@@ -74,5 +74,5 @@ def test_example_names_the_hidden_effect():
     figure = before_after.draw(np.zeros((30, 20)), np.ones((30, 20)), "images", "heel (weak)", "bowtie and heel")
     assert_text_fits(figure)
     found = texts(figure)
-    assert "hidden: heel (weak), found: bowtie and heel" in found and {"row", "column"} <= set(found)
+    assert "hidden: heel (weak); found: bowtie and heel" in found and {"row", "column"} <= set(found)
     assert len({image.get_clim() for axes in figure.axes for image in axes.images}) == 1

@@ -19,7 +19,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import FuncFormatter
-from matplotlib.transforms import Bbox
+from matplotlib.transforms import Bbox, ScaledTranslation
 from numpy.typing import ArrayLike
 from seaborn.utils import relative_luminance
 
@@ -178,9 +178,12 @@ def letter_panel(axes: Axes, index: int, title: str | None = None) -> None:
     """Write the letter of a panel, a for index 0, and to its right a title of any number of lines."""
     letter = "abcdefghijklmnopqrstuvwxyz"[index % 26]
     if title is not None:
-        axes.set_title(title, ha="left", x=0.06)
         letter += "\n" * title.count("\n")  # in the first line
     axes.set_title(letter, loc="left", fontweight="bold")
+    if title is not None:
+        text = axes.set_title(title, ha="left", x=0)
+        shift = ScaledTranslation(2 * FONT_POINTS / 72, 0, axes.get_figure().dpi_scale_trans)
+        text.set_transform(text.get_transform() + shift)
 
 
 def write_columns(figure: Figure, columns: Sequence[tuple[str, Sequence[str]]], note: str) -> None:
