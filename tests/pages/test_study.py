@@ -4,13 +4,13 @@ import base64
 import hashlib
 import io
 import re
-from html import escape
 from html.parser import HTMLParser
 
 import numpy as np
 import pandas as pd
 import pytest
 from browser import opened, outside_resources
+from markupsafe import escape
 from PIL import Image
 from resolved import resolved
 
