@@ -29,7 +29,7 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     """Draw principal components, with the color of the tissue class and the shape of the protocol.
 
     The first panel shows all points: filled if simulated, hollow if measured. The second panel shows the simulated
-    points, larger and paler for more noise. A panel is left out if it would show nothing new. Measured points lie on
+    points, larger and paler for more noise. A panel that would show nothing new is not drawn. Measured points lie on
     top; if there are more than FEW_MEASURED, they lie below, with larger markers for the means of the ROIs on top. At
     most MOST_NAMED ROIs are named.
 

@@ -150,6 +150,6 @@ def _stability(config: Mapping) -> list[str]:
     unit = "ROI" if statistics["compare"] == "roi" else "tissue class"
     return [
         f"Stability was the percentage of pairs of {groups} protocol groups in which the repeats of one {unit} had a "
-        f"rank-sum statistic |W| < {_exact(statistics['threshold'])}{level}; features with a 95 % interval of "
+        f"rank-sum statistic |W| < {_exact(statistics['threshold'])}{level}. Features whose 95 % interval was "
         f"at least {_exact(cut_off)} % were called stable."
     ]

@@ -20,9 +20,9 @@ SHOWN_FIRST = ("strong", "medium", "weak", None)
 def example(cases: Sequence[Case]) -> Case:
     """Return a typical case with an exactly right verdict.
 
-    Candidates are cases with one hidden effect of the largest available strength, whose verdict names precisely this
-    effect and leaves nothing unexplained, and whose effect changes the mean, because maps show the mean. Conditions
-    that no case meets are ignored. The result has the median of the excess removed (the lower of two).
+    Candidates are cases with one hidden effect of the largest available strength. The verdict names precisely this
+    effect and leaves nothing unexplained. The effect changes the mean, because maps show the mean. Conditions that no
+    case meets are ignored. The result has the median of the excess removed (the lower of two).
 
     Raises
     ------
