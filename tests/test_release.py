@@ -7,6 +7,7 @@ from pathlib import Path
 import yaml
 
 import virtual_phantom
+from virtual_phantom.report.methods import REFERENCE
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -18,6 +19,14 @@ def test_version_is_the_same_everywhere():
     released = re.fullmatch(r"\d{4}-\d\d-\d\d", heading[2])
     assert released or heading[2] == "not released"
     assert ("date-released" in citation) == bool(released)
+
+
+def test_software_and_paper_are_cited():
+    """A `preferred-citation` would replace the citation of the software itself."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["type"] == "software" and citation["abstract"] and "preferred-citation" not in citation
+    paper = next(entry for entry in citation["references"] if entry["type"] == "article")
+    assert paper["doi"] in REFERENCE and {"data", "software"} <= {entry["type"] for entry in citation["references"]}
 
 
 def test_container_installs_from_the_lock_with_the_same_command():

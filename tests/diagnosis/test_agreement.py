@@ -1,6 +1,7 @@
 """Agreement tables: images with known differences, and a scan with a hidden blur."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from simulated_scans import body, chosen, noisy_lines
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.comparison.agreement import Features, Regions, agreement, share_within
 from virtual_phantom.diagnosis.comparison.regions import ScannedVolume, complete, image_grid, phantom_regions
+from virtual_phantom.diagnosis.comparison.relevance import middle_profile
 from virtual_phantom.diagnosis.comparison.scans import Reconstruction, agreement_of_repeats, filled, held_out_repeats
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.beam.materials import Segmentation
@@ -88,6 +90,22 @@ def test_features_within_a_repeat_sd_are_counted():
     assert entry["floor"] == pytest.approx(t / np.sqrt(2 + t**2))
 
 
+def test_profile_through_the_middle_shows_cupping():
+    """Images of 0.01 x^2 HU with noise of 1 HU, whose first slices are incomplete."""
+    regions = disc_regions()
+    valid = regions.valid.copy()
+    valid[0] = False
+    regions = replace(regions, valid=valid)
+    x = (np.arange(valid.shape[2]) - (valid.shape[2] - 1) / 2) * regions.spacing[2]
+    images = np.random.default_rng(3).normal(0, 1, (20, *valid.shape)) + 0.01 * x**2
+    images[:, 0] = 1e6
+    x_mm, hu = middle_profile(images, regions)
+    rows = np.flatnonzero(regions.inner.any(axis=(0, 2)))
+    assert set(x_mm) <= set(x) and abs(x_mm).max() < rows.size * regions.spacing[1] / 2 + 1
+    np.testing.assert_allclose(hu, 0.01 * x_mm**2, atol=0.7)
+    assert not middle_profile(images, replace(regions, valid=np.zeros_like(valid)))[0].size
+
+
 GEOMETRY = circular(
     views=90,
     source_to_isocentre_mm=570.0,
@@ -132,6 +150,8 @@ def test_hidden_blur_disagrees_before_the_fit_and_agrees_within_noise_after(scan
     for name in METRICS:
         assert abs(metrics[name]["after"]["relative_difference"]) < 4 * metrics[name]["floor"], name
     assert metrics["features"]["after"]["value"] > metrics["features"]["before"]["value"]
+    profile = found["profile"]
+    assert len({len(values) for values in profile.values()}) == 1 and max(profile["recorded"]) > 400  # through bone
     assert metrics["contrast"]["recorded"] == pytest.approx(880, rel=0.02)  # well within bone and fat
     html = agreement_table(found)
     assert "resolution (frequency at MTF 0.5)" in html and "64 × 64" in html and "Not measured" not in html

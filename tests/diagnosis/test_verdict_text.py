@@ -370,7 +370,7 @@ def test_figures_use_the_numbers_of_the_recording(stepped, monkeypatch):
     _, found = stepped
     drawn = {}
     monkeypatch.setattr(report, "PIXELS_ACROSS", 32)
-    for name in ("draw_maps", "draw_profiles"):
+    for name in ("draw_data", "draw_maps", "draw_profiles"):
         real = getattr(report.figures, name)
         monkeypatch.setattr(
             report.figures, name, lambda *a, _real=real, _name=name, **k: drawn.setdefault(_name, _real(*a, **k))
@@ -379,6 +379,16 @@ def test_figures_use_the_numbers_of_the_recording(stepped, monkeypatch):
     (image,) = drawn["draw_maps"].axes[0].get_images()
     assert image.get_array().shape == (24, 32) and image.get_extent() == [-0.5, 63.5, 47.5, -0.5]
     assert np.abs(image.get_array()).max(axis=1).argmax() == 10
+    recorded, modeled, before, after = (panel.get_images()[0] for panel in drawn["draw_data"].axes[:4])
+    assert recorded.get_array().shape == (24, 64) and recorded.get_extent() == [-0.5, 63.5, 47.5, -0.5]
+    fitter = found.prepared.fitter
+    mean = found.prepared.held_out.mean[:, 0]
+    np.testing.assert_allclose(recorded.get_array(), mean, rtol=1e-6)
+    model = fitter.predicted(found.choice.chosen.fit, held_out=True).mean.reshape(mean.shape)
+    np.testing.assert_allclose(recorded.get_array() - after.get_array(), model, atol=1e-5)
+    np.testing.assert_allclose(modeled.get_array(), model, atol=1e-5)
+    letters = [panel.get_title(loc="left") for figure in drawn.values() for panel in figure.axes]
+    assert [letter for letter in letters if letter] == list("abcdefghi")
     columns, views = (panel.get_lines()[0].get_xdata() for panel in drawn["draw_profiles"].axes[:2])
     assert columns.max() <= 63 and set(views) <= set(range(0, 48, 2)) and views.max() == 46
     assert "<h2>Cautions</h2>" in page and page.index("<h2>Cautions") < page.index("<h2>Residuals")

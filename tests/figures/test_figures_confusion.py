@@ -1,4 +1,4 @@
-"""Confusion matrix: every case is counted once, in its cell, and legible."""
+"""Confusion matrix: every case is counted once, in its cell, and legible; maps before and after a diagnosis."""
 
 import numpy as np
 from figure_checks import assert_text_fits, texts
@@ -18,45 +18,61 @@ def cell(row, column, strength, count, **outcomes):
 
 def matrix(cells):
     return {
-        "rows": [*NAMES, "nothing", "rotation_blur (not in library)", "off_focal_radiation (not in library)"],
+        "rows": [*NAMES, "nothing", "rotation_blur (not in library)"],
         "columns": [*NAMES, "nothing", "no effect fits"],
         "cells": cells,
     }
 
 
-def faces(figure):
-    """{(x, y) of the corner: color} of the rectangles over the grid."""
+def drawn(figure):
+    """{(row label, column label): (text, color of the fill)} of the cells, and both lists of labels."""
     (axes,) = figure.axes
-    found = {}
-    for patch in axes.patches:
-        if isinstance(patch, Rectangle) and patch.get_zorder() == 2:
-            found[round(patch.get_x(), 2), round(patch.get_y(), 2)] = to_hex(patch.get_facecolor()).upper()
-    return found
+    rows, columns = (
+        [text.get_text() for text in labels] for labels in (axes.get_yticklabels(), axes.get_xticklabels())
+    )
+    boxes = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+    fills = {(round(box.get_center()[0]), round(box.get_center()[1])): box.get_facecolor() for box in boxes}
+    cells = {}
+    for text in axes.texts:
+        x, y = map(round, text.get_position())
+        cells[rows[y], columns[x]] = text.get_text(), to_hex(fills.pop((x, y))).upper()
+    assert not fills
+    return cells, rows, columns
 
 
-def test_cells_are_at_their_positions():
+def test_cells_show_shares_in_sorted_rows():
     cells = [
-        cell(NAMES[3], NAMES[3], "strong", 7, right=7),
-        cell(NAMES[3], NAMES[5], "weak", 4, right=0, wrong=1, stand_in=3),
+        cell(NAMES[3], NAMES[3], "strong", 6, right=6),
+        cell(NAMES[3], NAMES[3], "weak", 2, right=2),
+        cell(NAMES[3], NAMES[5], "weak", 4, wrong=1, stand_in=3),
         cell(NAMES[0], NAMES[1], "strong", 2, stand_in=2),
+        cell(NAMES[7], NAMES[7], "medium", 3, right=3),
         cell("nothing", "nothing", None, 11, right=11),
+        cell("nothing", NAMES[5], None, 1, wrong=1),
+        cell("rotation_blur (not in library)", "no effect fits", None, 1, right=1),
     ]
     figure = draw(matrix(cells))
     assert_text_fits(figure)
-    assert {"7", "4", "2", "11", "effect number 19", "off focal radiation (not in library)"} <= set(texts(figure))
-    drawn = faces(figure)
-    assert len(drawn) == 4
-    assert drawn[round(3 - 0.46 + 0.92 * 2 / 3, 2), 2.54] == style.BLUE
-    assert drawn[0.54 + round(0.92 * 2 / 3, 2), -0.46] == "#FFFFFF"
-    assert drawn[19.54, 19.54] == style.BLUE
-    weak = np.array([int(drawn[4.54, 2.54][i : i + 2], 16) for i in (1, 3, 5)])
-    full = np.array([int(style.VERMILLION[i : i + 2], 16) for i in (1, 3, 5)])
-    assert (weak >= full).all() and weak.sum() > full.sum()  # lighter; one wrong answer among alternatives counts
+    found, rows, columns = drawn(figure)
+    first, third, seventh = (f"effect number {number}" for number in (0, 3, 7))
+    lacking = "rotation blur (not in library) (n = 1)"
+    assert rows == [f"{first} (n = 2)", f"{third} (n = 12)", f"{seventh} (n = 3)", "nothing (n = 12)", lacking]
+    assert columns == ["the hidden effect", "effect number 5", "effect number 1", "nothing", "no effect fits"]
+    wrong = "#F6C9A8"
+    assert found == {
+        (rows[0], "effect number 1"): ("100 %", "#FFFFFF"),
+        (rows[1], "the hidden effect"): ("67 %", style.BLUE),
+        (rows[1], "effect number 5"): ("33 %", wrong),  # one wrong answer among alternatives counts
+        (rows[2], "the hidden effect"): ("100 %", style.BLUE),
+        (rows[3], "nothing"): ("92 %", style.BLUE),
+        (rows[3], "effect number 5"): ("8 %", wrong),
+        (rows[4], "no effect fits"): ("100 %", style.BLUE),
+    }
 
 
 def test_example_names_the_hidden_effect():
     figure = before_after.draw(np.zeros((30, 20)), np.ones((30, 20)), "images", "heel (weak)", "bowtie and heel")
     assert_text_fits(figure)
     found = texts(figure)
-    assert "hidden: heel (weak), found: bowtie and heel" in found and {"row", "column"} <= set(found)
+    assert "hidden: heel (weak); found: bowtie and heel" in found and {"row", "column"} <= set(found)
     assert len({image.get_clim() for axes in figure.axes for image in axes.images}) == 1

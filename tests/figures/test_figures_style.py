@@ -87,20 +87,6 @@ def test_markers_repeat_for_many_names():
     assert len({assigned[f"roi_{index}"] for index in range(len(style.MARKERS))}) == len(style.MARKERS)
 
 
-@pytest.mark.parametrize("count", [2, 7, 12, 40])
-def test_colors_of_a_parameter_are_distinct_ordered_and_visible_on_white(count):
-    values = np.linspace(150, 450, count)
-    colours = style.ordered_colors(np.tile(values[::-1], 3))
-    assert list(colours) == values.tolist()
-    brightness = [luminance(colour) for colour in colours.values()]
-    assert np.all(np.diff(brightness) > 0.01 * min(1, 7 / count))
-    assert brightness[-1] < 0.65
-
-
-def test_one_value_of_a_parameter():
-    assert list(style.ordered_colors(np.array([300.0, 300.0]))) == [300]
-
-
 @pytest.mark.parametrize("colours", ["Blues", "RdBu_r"])
 def test_letters_on_a_heat_map_contrast_with_their_cells(colours):
     values = pandas.DataFrame(np.linspace(-1, 1, 60).reshape(6, 10)).mask(lambda cell: cell > 0.95)

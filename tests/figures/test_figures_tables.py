@@ -15,7 +15,14 @@ from scipy.stats import hypergeom
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures import noise_calibration, pca, stability_discrimination, style
 from virtual_phantom.figures import overlap as overlap_figure
+from virtual_phantom.statistics.controls import headline
 from virtual_phantom.statistics.noise import EVERY_ROI
+
+
+def listed(figure):
+    """Names of the numbered features, in the order of their numbers."""
+    words = [text.get_text() for text in figure.texts]
+    return words[words.index("feature") + 1 : words.index("feature") + 1 + words[1:].index("feature")]
 
 
 def points(axes):
@@ -161,25 +168,58 @@ def test_means_and_best_features():
         }
     )
     figure = stability_discrimination.draw(table, 1.5)
-    assert "means: 30.0 % stable, 100.0 % discriminated" in figure.axes[0].get_title()
-    assert "1  GLCM F6\n2  GLCM F5\n3  GLCM F4\n4  GLCM F3\n5  GLCM F2" in texts(figure)
+    assert figure.axes[0].get_title(loc="left").splitlines()[1:] == ["stable: 30.0 %", "discriminated: 100.0 %"]
+    assert listed(figure) == ["GLCM F6", "GLCM F5", "GLCM F4", "GLCM F3", "GLCM F2"]
     assert "stability: pairs of groups with |W| < 1.5 (%)" in texts(figure)
 
 
 def test_numbered_features_have_their_stability_interval(stability):
-    chosen = stability_discrimination.best(stability)
+    chosen = stability.set_index("feature").loc[stability_discrimination.best(stability)]
     ends = {"ci95_low": stability["stability_percent"] * 0.5, "ci95_high": stability["stability_percent"] + 10}
     intervals = stability[["feature"]].assign(**ends)
     figure = stability_discrimination.draw(stability, 1.0, intervals=intervals)
     (bars,) = figure.axes[0].findobj(LineCollection)
-    drawn = [(line[0][0], line[1][0]) for line in bars.get_segments()]
+    drawn = sorted((line[0][0], line[1][0]) for line in bars.get_segments())
     value = chosen["stability_percent"].to_numpy()
-    assert np.allclose(drawn, np.stack([value * 0.5, value + 10], axis=1))
-    words = next(text for text in texts(figure) if text.startswith("1  ")).splitlines()
-    assert [line.partition(", ")[2] for line in words] == [f"{one / 2:.0f} to {one + 10:.0f} %" for one in value]
+    assert np.allclose(drawn, sorted(zip(value * 0.5, value + 10, strict=True)))
+    assert [text for text in texts(figure) if " to " in text] == [f"{x / 2:.0f} to {x + 10:.0f} %" for x in value]
     # One repeat per group gives no interval.
     none = stability_discrimination.draw(stability, 1.0, intervals=intervals.assign(ci95_low=np.nan))
     assert not [text for text in texts(none) if " to " in text]
+
+
+def test_numbers_label_the_same_feature_in_both_panels(stability, draws):
+    """The measured scores are those of `stability` in reverse order, so each panel has its own best features."""
+    reverse = draws.assign(**{name: draws[name].to_numpy()[::-1] for name in stability_discrimination.SCORES})
+    figure = stability_discrimination.draw(stability, 1.0, reverse)
+    means = reverse.groupby("feature", as_index=False)[stability_discrimination.SCORES].mean()
+    expected = list(dict.fromkeys(stability_discrimination.best(stability) + stability_discrimination.best(means)))
+    assert listed(figure) == [style.feature_label(name) for name in expected] and len(expected) > 5
+    assert_text_fits(figure)
+    for axes, scores in zip(figure.axes, (stability, means), strict=True):
+        numbers = [text for text in axes.texts if text.get_text()[0].isdigit()]
+        assert sorted(", ".join(text.get_text() for text in numbers).split(", "), key=int) == [
+            str(number) for number in range(1, 1 + len(expected))
+        ]
+        where = axes.transData.transform(scores.set_index("feature").loc[expected, stability_discrimination.SCORES])
+        for text in numbers:
+            near = [where[int(number) - 1] for number in text.get_text().split(", ")]
+            label = axes.transData.transform(text.get_position())
+            assert np.linalg.norm(np.mean(near, axis=0) - label) < 40 * style.DOTS_PER_INCH / 72
+
+
+def test_stability_without_discrimination_is_drawn_by_family(stability):
+    figure = stability_discrimination.draw(
+        stability.assign(discrimination_percent=np.nan), 1.0, repeats=3, sd=(1.0, np.nan)
+    )
+    (axes,) = figure.axes
+    assert_text_fits(figure)
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["First order", "GLCM", "GLDM", "GLRLM", "GLSZM"]
+    (drawn,) = axes.findobj(PathCollection)
+    rows = np.unique(drawn.get_offsets()[:, 1])
+    assert rows.tolist() == [0, 1, 2, 3, 4] and not any("discr" in text for text in texts(figure))
+    title = f"Simulated: 86 features, 3 repeats per group\nstable: {stability['stability_percent'].mean():.1f} ± 1.0 %"
+    assert axes.get_title(loc="left") == title
 
 
 def test_both_panels_state_their_repeats_and_spreads(stability, draws):
@@ -188,34 +228,41 @@ def test_both_panels_state_their_repeats_and_spreads(stability, draws):
         for axes in stability_discrimination.draw(stability, 1.0, draws, repeats=10, sd=(0.25, 1.5)).axes
     )
     stable, difference = stability["stability_percent"].mean(), stability["discrimination_percent"].mean()
-    assert simulated.startswith("Simulated, 86 features, 10 repeats per group\n")
-    assert simulated.endswith(f"means: {stable:.1f} ± 0.2 % stable, {difference:.1f} ± 1.5 % discriminated")
+    assert simulated.splitlines() == [
+        "Simulated: 86 features, 10 repeats per group",
+        f"stable: {stable:.1f} ± 0.2 %",
+        f"discriminated: {difference:.1f} ± 1.5 %",
+    ]
     stable, difference = (draws[f"{kind}_percent"].mean() for kind in ("stability", "discrimination"))
     # Means of the two realizations differ by 2: SD sqrt(2), for 4 of 12 repeats divided by sqrt(1 - 1 / 3)
-    assert measured == (
-        f"Measured, 85 features, 4 repeats per group\n"
-        f"means: {stable:.1f} ± 1.7 % stable, {difference:.1f} ± 1.7 % discriminated"
-    )
+    assert measured.splitlines() == [
+        "Measured: 85 features, 4 repeats per group",
+        f"stable: {stable:.1f} ± 1.7 %",
+        f"discriminated: {difference:.1f} ± 1.7 %",
+    ]
     assert "±" not in stability_discrimination.draw(stability, 1.0, draws[draws["draw"] == 1]).axes[1].get_title()
 
 
-def test_titles_state_the_controls(stability, controls, draws):
+def test_titles_state_the_controls_as_the_index_page(stability, controls, draws):
     ten = draws.assign(repeats=10)
+    own = [stability[f"{kind}_percent"].mean() for kind in ("stability", "discrimination")]
+    for name, value in zip(("protocols", "different classes"), own, strict=True):
+        controls.loc[controls["control"] == name, "percent"] = value
     simulated, measured = (
         axes.get_title()
         for axes in stability_discrimination.draw(stability, 1.0, ten, repeats=10, controls=controls).axes
     )
-    assert simulated.splitlines()[2:] == [
-        "by chance: 68.5 % stable, 31.5 % discriminated",
-        "pairs of one tissue class: 89.0 % discriminated",
-    ]
-    assert measured.splitlines()[2] == "by chance: 68.5 % stable, 31.5 % discriminated"
+    words = headline(controls)
+    assert words["discrimination"].endswith("(pairs of one tissue class: 89.0 %; by chance: 31.5 %)")
+    expected = f"stable: {words['stability']} discriminated: {words['discrimination']}"
+    assert " ".join(simulated.split()).endswith(expected)
+    assert measured.count("by chance") == 2 and "by chance: 31.5 %" in measured and "tissue class" not in measured
     # Chance depends on the number of repeats.
     other = stability_discrimination.draw(stability, 1.0, ten, repeats=3, controls=controls).axes[1].get_title()
     assert "chance" not in other
     controls.loc[controls["control"] == "same class", "percent"] = np.nan
     (axes,) = stability_discrimination.draw(stability, 1.0, repeats=10, controls=controls).axes
-    assert axes.get_title().endswith("no tissue class with two ROIs")
+    assert "no control of one tissue class" in " ".join(axes.get_title(loc="left").split())
 
 
 def test_user_measured_scores_have_families(stability, draws):
@@ -230,7 +277,7 @@ def test_user_measured_scores_have_families(stability, draws):
 
 def test_noise_level_is_stated(stability):
     words = " ".join(texts(stability_discrimination.draw(stability, 1.0, noise={"dose10": 1.24e-6})))
-    assert "Noise level dose10 (A = 1.24 ×10⁻⁶).\nLarger markers: several features." in words
+    assert "Larger markers: features with equal scores. Noise level dose10 (A = 1.24 ×10⁻⁶)." in words
     assert style.noise_levels({"a": 2e-4, "met": None}) == "noise levels a (A = 2 ×10⁻⁴), met"
 
 
@@ -260,7 +307,7 @@ def test_almost_coincident_features_share_a_label():
         {
             "feature": list("abc"),
             "family": "glcm",
-            "stability_percent": [50.0, 50.5, 10],
+            "stability_percent": [50.0, 50.5, 4],
             "discrimination_percent": [90.0, 90, 60],
         }
     )
@@ -281,6 +328,7 @@ def test_bad_stability_tables_are_rejected(stability, draws):
 def test_overlap_draws_both_curves_and_their_bands(overlap):
     figure = overlap_figure.draw(overlap.sample(frac=1, random_state=1))
     assert [axes.get_title() for axes in figure.axes] == ["Stability", "Discriminative power"]
+    assert all({overlap_figure.BAND, overlap_figure.BELOW} <= set(texts(axes)) for axes in figure.axes)
     for axes, kind in zip(figure.axes, ("stability", "discrimination"), strict=True):
         drawn = [line.get_xydata() for line in axes.lines]
         for column in (f"overlap_{kind}_percent", f"expected_{kind}_percent"):
@@ -296,6 +344,9 @@ def test_overlap_draws_both_curves_and_their_bands(overlap):
     for (x, bottom), (_, top) in bars:
         assert (top - bottom) / 2 == pytest.approx(sd[x])
     assert "features in both lists (% of the length)" in texts(figure)
+    areas = {"area_stability": 0.84, "area_stability_expected": 0.54, "area_stability_upper": 0.74}
+    title = overlap_figure.draw(overlap.assign(**areas)).axes[0].get_title()
+    assert title == "Stability\narea 0.84 (by chance: 0.54, 97.5 % of lists < 0.74)"
     with pytest.raises(InputError, match="no rows"):
         overlap_figure.draw(overlap.iloc[:0])
 
@@ -315,73 +366,84 @@ def test_overlap_draws_both_curves_and_their_bands(overlap):
 def test_a_marker_for_every_row(make_pca, names, measured):
     table = make_pca(names, measured)
     figure = pca.draw(table, "title")
-    for axes in figure.axes[:2]:
+    assert_text_fits(figure)
+    for axes, rows in zip(figure.axes, (table, table[table["source"] == "simulated"]), strict=True):
         drawn = np.concatenate(points(axes))
-        assert sorted(map(tuple, drawn)) == sorted(map(tuple, table[["pc1", "pc2"]].to_numpy()))
+        assert sorted(map(tuple, drawn)) == sorted(map(tuple, rows[["pc1", "pc2"]].to_numpy()))
     words = texts(figure)
-    assert {style.label(name) for name in names} <= set(words)
+    assert {style.label(name) for name in table["tissue_class"]} <= set(words)
+    assert ({style.label(name) for name in names} <= set(words)) or len(names) > pca.MOST_NAMED
     assert "PC 1 (61.2 % of variance)" in words and "PC 2 (17.5 % of variance)" in words
-    assert "number of projections" in words and "noise level A = 1/I₀ (10⁻⁴)" in words
-    assert {"150", "450", "0.8", "1.4"} <= set(words)
-    assert ("black: measured" in words) == bool(measured)
+    assert {f"SIRT {count}: {count} projections" for count in range(150, 451, 50)} <= set(words)
+    assert {f"noise level A = {level} ×10⁻⁴" for level in ("0.8", "1", "1.2", "1.4")} <= set(words)
+    assert any("measured" in text for text in words) == bool(measured)
+    assert any("simulated" in text for text in words) == bool(measured)
 
 
-def test_measured_rows_have_the_color_of_their_condition(make_pca):
-    """One color per scanner in the markers and in the legend, none of them black."""
+def of_points(axes, table, columns):
+    """{(pc1, pc2): (row, shape, fill, edge, size)} of the points of a panel."""
+    rows = {(row["pc1"], row["pc2"]): row for _, row in table[columns].iterrows()}
+    found = {}
+    for collection in axes.findobj(PathCollection):
+        count = len(collection.get_offsets())
+        faces, edges = (
+            [None] * count if not len(given) else [to_hex(color) for color in np.resize(given, (count, 4))]
+            for given in (collection.get_facecolors(), collection.get_edgecolors())
+        )
+        for place, path, *look in zip(
+            collection.get_offsets(), collection.get_paths(), faces, edges, collection.get_sizes(), strict=True
+        ):
+            found[tuple(place)] = (rows[tuple(place)], path.vertices.tobytes(), *look)
+    return list(found.values())
+
+
+def test_tissue_gives_the_color_and_protocol_the_shape(make_pca):
+    table = make_pca(measured=3)
+    columns = ["pc1", "pc2", "tissue_class", "source", "protocol", "noise_level"]
+    drawn = of_points(pca.draw(table).axes[0], table, columns)
+    colors, shapes = {}, {}
+    for row, shape, face, edge, _ in drawn:
+        simulated = row["source"] == "simulated"
+        assert (face is not None) == simulated  # measured points are hollow
+        colors.setdefault(row["tissue_class"], set()).add(face if simulated else edge)
+        shapes.setdefault(row["protocol"] if simulated else "measured", set()).add(shape)
+    assert all(len(found) == 1 for found in [*colors.values(), *shapes.values()])
+    assert len(set.union(*colors.values())) == 4 and len(set.union(*shapes.values())) == 7
+
+
+def test_noise_gives_size_and_fill(make_pca):
+    table = make_pca(("a",), 0)
+    table = table[table["protocol"] == "sirt_150"]
+    figure = pca.draw(table)
+    assert len(figure.axes) == 1  # all points are of one protocol and simulated
+    found = {}
+    for row, _, face, _, size in of_points(figure.axes[0], table, ["pc1", "pc2", "noise_level"]):
+        found.setdefault(row["noise_level"], set()).add((size, face))
+    assert all(len(look) == 1 for look in found.values())
+    sizes, faces = zip(*(found[level].copy().pop() for level in sorted(found)), strict=True)
+    brightness = [sum(matplotlib.colors.to_rgb(face)) for face in faces]
+    assert list(sizes) == sorted(sizes) and len(set(sizes)) == 4
+    assert brightness == sorted(brightness) and len(set(brightness)) == 4
+    one = pca.draw(table[table["noise_level"] == 1e-4])
+    assert len(one.axes) == 1 and "noise level A = 1 ×10⁻⁴" in texts(one)
+
+
+def test_measured_rows_have_the_shape_of_their_condition(make_pca):
     table = make_pca(("a", "b"), 4)
     table.loc[table["source"] == "measured", "condition"] = ["A1", "B1"] * 4
     figure = pca.draw(table)
-    drawn = {
-        to_hex(colour)
-        for one in figure.axes[0].findobj(PathCollection)
-        if not len(one.get_facecolors())
-        for colour in one.get_edgecolors()
-    }
-    (legend,) = figure.legends
-    colours = {
-        text.get_text(): to_hex(handle.get_color())
-        for text, handle in zip(legend.get_texts(), legend.legend_handles, strict=True)
-        if text.get_text() in ("A1", "B1")
-    }
-    assert set(colours) == {"A1", "B1"} and set(colours.values()) == drawn and "#000000" not in drawn
-
-
-def test_measured_rows_have_the_shape_of_their_roi(make_pca):
-    table = make_pca(("a", "b"), 3)
-    collections = pca.draw(table).axes[0].findobj(PathCollection)
     shapes = {}
-    for collection in collections:
-        filled = len(collection.get_facecolors()) > 0
-        for (pc1, pc2), path in zip(np.asarray(collection.get_offsets()), collection.get_paths(), strict=True):
-            row = table[(table["pc1"] == pc1) & (table["pc2"] == pc2)].iloc[0]
-            shapes.setdefault(row["roi"], set()).add(path.vertices.tobytes())
-            assert filled == (row["source"] == "simulated")
-    assert len(shapes["a"]) == len(shapes["b"]) == 1 and shapes["a"] != shapes["b"]
-
-
-def test_color_follows_the_parameter(make_pca):
-    table = make_pca(("a",), 0)
-    for axes, column in zip(pca.draw(table).axes[:2], ("projections", "noise_level"), strict=True):
-        (collection,) = axes.findobj(PathCollection)
-        colour = dict(
-            zip(
-                map(tuple, np.asarray(collection.get_offsets())),
-                map(tuple, collection.get_facecolors()),
-                strict=True,
-            )
-        )
-        of_value = {
-            value: {colour[tuple(row)] for row in rows[["pc1", "pc2"]].to_numpy()}
-            for value, rows in table.groupby(column)
-        }
-        assert all(len(colours) == 1 for colours in of_value.values())
-        assert len(set.union(*of_value.values())) == table[column].nunique()
+    for row, shape, face, *_ in of_points(figure.axes[0], table, ["pc1", "pc2", "source", "protocol", "condition"]):
+        assert (face is None) == (row["source"] == "measured")
+        shapes.setdefault(row["condition"] if row["source"] == "measured" else row["protocol"], set()).add(shape)
+    assert all(len(found) == 1 for found in shapes.values()) and len(set.union(*shapes.values())) == 9
+    assert {"A1", "B1"} <= set(texts(figure)) and "measured" not in texts(figure)
 
 
 def test_thousands_of_projections_are_printed_in_full(make_pca):
     table = make_pca(("a",), 0)
     words = texts(pca.draw(table.assign(projections=10 * table["projections"])))
-    assert {"1500", "4500"} <= set(words) and not any("e+" in text for text in words)
+    assert {"SIRT 150: 1500 projections", "SIRT 450: 4500 projections"} <= set(words)
 
 
 def test_many_measured_rows_lie_below_with_means_on_top(make_pca):

@@ -15,6 +15,7 @@ import yaml
 from browser import opened, outside_resources
 from PIL import Image
 from recording_folders import projections_folder
+from resolved import resolved
 from test_study import Balanced
 
 from virtual_phantom.base.settings import to_mapping
@@ -23,7 +24,7 @@ from virtual_phantom.statistics.stability_measures import CUT_OFFS
 from virtual_phantom.study.context import read_context
 from virtual_phantom.study.index_page import renew
 
-CONFIG = {"seed": 2022, "results_dir": "r <1>", "trial": False, "statistics": {"threshold": 1.0, "compare": "roi"}}
+CONFIG = resolved("paper_groups.yaml") | {"results_dir": "r <1>"}
 FEATURES = ["original_glcm_Idn", "original_firstorder_Mean", "original_glszm_ZoneEntropy"]
 TRUST = pd.DataFrame(
     {

@@ -10,12 +10,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from browser import opened, outside_resources
+from markupsafe import escape
 from PIL import Image
+from resolved import resolved
 
 from virtual_phantom.report import study
+from virtual_phantom.report.methods import how_to_report
 
 VOID = {"meta", "img", "input", "br", "link"}
-CONFIG = {"trial": False, "seed": 2022, "results_dir": "r <1>", "statistics": {"threshold": 1.5}}
+CONFIG = resolved("paper_groups.yaml") | {"results_dir": "r <1>"}
+CONFIG["statistics"] = CONFIG["statistics"] | {"threshold": 1.5}
 STABLE = pd.DataFrame(
     {
         "feature": ["original_glcm_Idn", "original_firstorder_Mean", "original_glszm_ZoneEntropy"],
@@ -93,6 +97,11 @@ def test_provenance_is_included(page, files):
         assert hashlib.sha256(path.read_bytes()).hexdigest() in page
     assert f"numpy\n{np.__version__}" in page
     assert "threshold: 1.5" in page and "results_dir: r &lt;1&gt;" in page
+
+
+def test_text_for_a_methods_section_is_included(page):
+    text = how_to_report(CONFIG, study.packages(), study.__version__)
+    assert "|W| < 1.5" in text and f"<blockquote>{escape(text)}</blockquote>" in page
 
 
 def test_long_tables_are_linked(page):

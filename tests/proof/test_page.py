@@ -133,8 +133,15 @@ def test_example_is_the_median_of_the_strongest():
         for i, (strength, removed) in enumerate([("strong", 0.9), ("strong", 0.2), ("strong", 1.0), ("weak", 0.95)])
     ]
     assert example(cases).name == "c0" and example(cases[1:3]).name == "c1" and example(cases[3:]).name == "c3"
-    shown = Case(truth("c9", "single", {"scatter": {}}, "weak", ["projections"]), cases[0].diagnosis)
-    assert example([*cases, shown]).name == "c9"  # the effect in the mean, before a stronger one
+    of_mean = truth("c9", "single", {"scatter": {}}, "weak", ["projections"])
+    right = Case(of_mean, diagnosis("c9", "mismatch explained", {"scatter": {}}, removed=0.5))
+    assert example([*cases, right]).name == "c9"  # the effect in the mean, before a stronger one
+    wrong, unexplained = (
+        Case(of_mean, diagnosis("c9", verdict, named, removed=0.5))
+        for verdict, named in (("mismatch explained", {"heel": {}}), ("mismatch partly explained", {"scatter": {}}))
+    )
+    assert example([*cases, wrong, unexplained]).name == "c0"
+    assert example([wrong]).name == "c9"  # the only one
     assert in_words(cases[0]) == ("heel (strong)", "heel")
     with pytest.raises(InputError, match="no cases"):
         example([])

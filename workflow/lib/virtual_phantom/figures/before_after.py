@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
-from .diagnosis import MAP_LIMIT, draw_maps
+from .diagnosis import MapAxes, draw_maps
 
+MAP_LIMIT = 6.0  # standard deviations; the color scale of thumbnails ends there
 AXES = {"projections": ("detector column", "view"), "images": ("column", "row")}  # across, down
 
 
@@ -19,12 +20,11 @@ def draw(before: np.ndarray, after: np.ndarray, kind: str, hidden: str, found: s
 
     The kind is "projections" or "images". The title names the hidden effects and those that the diagnosis found.
     """
-    title = f"hidden: {hidden}, found: {found}"
-    return draw_maps(before, after, title, *AXES[kind], image=kind == "images")
+    return draw_maps(before, after, f"hidden: {hidden}; found: {found}", MapAxes(*AXES[kind], kind == "images"))
 
 
 def thumbnail(values: np.ndarray) -> bytes:
-    """Return a residual map as a PNG image, one pixel per value, with the color scale of `draw`."""
+    """Return a residual map as a PNG image, one pixel per value, red and blue up to MAP_LIMIT."""
     steps = np.arange(256)
     palette = (255 * matplotlib.colormaps["RdBu_r"](steps)[:, :3]).round().astype(np.uint8)
     index = np.clip((values / MAP_LIMIT + 1) / 2, 0, 1) * steps[-1]

@@ -2,86 +2,89 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 
-import numpy as np
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from . import style
 
-STRENGTHS = ("weak", "medium", "strong")  # thirds of a cell, from the left
-CELL_MM, LABELS_MM, HEAD_MM = 5.5, 60.0, 42.0
-RIGHT, WRONG, ALTERNATIVE = style.BLUE, style.VERMILLION, "#FFFFFF"
-INK = {"weak": 0.4, "medium": 0.75}  # fraction of the full color
-DIAGONAL = "#EAEAEA"
+CELL_MM, HEAD_MM, LEGEND_MM = 4.2, 32.0, 12.0  # height of a row, of the column labels and of the legend
+ITSELF = "the hidden effect"  # first column
+LOOK = {  # outcome: color of fill, edge and text; also different without color
+    "right": (style.BLUE, style.BLUE, "white"),
+    "stand-in": ("white", style.BLUE, "black"),
+    "wrong": ("#F6C9A8", style.VERMILLION, "black"),
+}
 
 
 def worst(outcomes: Mapping[str, int]) -> str:
     """Return the outcome that a group of cases is drawn with: the worst of its cases."""
-    return next(name for name in ("wrong", "stand-in", "right") if outcomes[name])
+    return next(name for name in ("wrong", "stand-in", "right") if outcomes.get(name))
 
 
 @style.styled()
 def draw(matrix: Mapping) -> Figure:
-    """Draw the confusion matrix.
+    """Draw the shares of each row's cases by the effect that was ranked first; other cells are empty.
 
-    A cell contains the counts of weak (light), medium and strong cases from left to right, or a single count without
-    strengths. Filled blue is right and filled vermillion is wrong. A blue frame means that the hidden effect was
-    reported as an alternative explanation.
+    The first column holds the cases whose hidden effect was ranked first. Other columns are the effects that were
+    ranked first instead, the most frequent first. Rows are sorted by the share of right cases, the worst first: hidden
+    effects of the library, nothing, and effects that the library lacks.
 
     Parameters
     ----------
     matrix : mapping
-        Keys rows, columns and cells. A cell has the keys row, column, strength, count and outcomes, and `outcomes`
-        counts the cases of each outcome of proof.scoring.confusion.
+        Keys rows, columns and cells. The last two columns are for nothing and for differences without a named effect;
+        the row of nothing has the name of its column. A cell has the keys row, column, count and outcomes, and
+        `outcomes` counts the cases of each outcome of proof.scoring.confusion.
     """
-    rows, columns = list(matrix["rows"]), list(matrix["columns"])
-    width = max(style.DOUBLE_COLUMN_MM, LABELS_MM + CELL_MM * len(columns))
-    figure = style.figure(width, HEAD_MM + CELL_MM * len(rows))
-    axes = figure.subplots()
-    for index, row in enumerate(rows):
-        if row in columns:
-            axes.add_patch(
-                Rectangle((columns.index(row) - 0.5, index - 0.5), 1, 1, facecolor=DIAGONAL, edgecolor="none")
-            )
+    nothing, nothing_fits = matrix["columns"][-2:]
+    counts: Counter = Counter()  # by row, column and outcome
     for cell in matrix["cells"]:
-        _cell(axes, columns.index(cell["column"]), rows.index(cell["row"]), cell)
-    axes.set(xlim=(-0.5, len(columns) - 0.5), ylim=(len(rows) - 0.5, -0.5), aspect="equal")
-    axes.set_xticks(range(len(columns)), [style.label(name) for name in columns], rotation=55, ha="left")
-    for text in axes.get_xticklabels():
-        text.set_rotation_mode("anchor")
-    axes.xaxis.set_ticks_position("top")
-    axes.xaxis.set_label_position("top")
-    axes.set_yticks(range(len(rows)), [style.label(name) for name in rows])
-    axes.set(xlabel="ranked first", ylabel="hidden effect")
-    for edge in range(len(columns) + 1):
-        axes.axvline(edge - 0.5, color="#CCCCCC", linewidth=0.4, zorder=0.5)
+        column = ITSELF if cell["row"] == cell["column"] != nothing else cell["column"]
+        for outcome, count in cell["outcomes"].items():
+            counts[cell["row"], column, outcome] += count
+    counts = +counts
+    total, right, named = Counter(), Counter(), Counter()
+    for (row, column, outcome), count in counts.items():
+        total[row] += count
+        right[row] += count * (outcome == "right")
+        named[column] += count
+
+    def place(row: str) -> tuple:
+        return row == nothing or 2 * (row not in matrix["columns"]), right[row] / total[row], row
+
+    rows = sorted((row for row in matrix["rows"] if total[row]), key=place)
+    others = sorted(set(named) - {ITSELF, nothing, nothing_fits}, key=lambda column: (-named[column], column))
+    columns = [ITSELF, *others, nothing, nothing_fits]
+
+    figure = style.figure(style.DOUBLE_COLUMN_MM, HEAD_MM + LEGEND_MM + CELL_MM * len(rows))
+    axes = figure.subplots()
     for edge in range(len(rows) + 1):
-        axes.axhline(edge - 0.5, color="#CCCCCC", linewidth=0.4, zorder=0.5)
+        axes.axhline(edge - 0.5, color="#DDDDDD", linewidth=0.4, zorder=0.5)
+    for y, row in enumerate(rows):
+        for x, column in enumerate(columns):
+            outcomes = {name: counts[row, column, name] for name in LOOK}
+            if count := sum(outcomes.values()):
+                face, edge, color = LOOK[worst(outcomes)]
+                box = {"facecolor": face, "edgecolor": edge, "linewidth": 0.8, "zorder": 2}
+                axes.add_patch(Rectangle((x - 0.47, y - 0.42), 0.94, 0.84, **box))
+                share = f"{100 * count / total[row]:.0f} %"
+                axes.text(x, y, share, ha="center", va="center_baseline", color=color, zorder=3)
+    axes.set(xlim=(-0.5, len(columns) - 0.5), ylim=(len(rows) - 0.5, -0.5))
+    axes.set_xticks(range(len(columns)), map(style.label, columns), rotation=45, ha="left", rotation_mode="anchor")
+    axes.xaxis.tick_top()
+    axes.xaxis.set_label_position("top")
+    axes.set_yticks(range(len(rows)), [f"{style.label(row)} (n = {total[row]})" for row in rows])
+    axes.set(xlabel="ranked first", ylabel="hidden")
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
-    keys = [
-        Patch(facecolor=RIGHT, label="right (unknown effect: reported as unexplained)"),
-        Patch(facecolor=ALTERNATIVE, edgecolor=RIGHT, label="hidden effect reported as alternative"),
-        Patch(facecolor=WRONG, label="wrong"),
-    ]
-    title = "number of cases; thirds of a cell: weak (light), medium and strong effect"
-    figure.legend(handles=keys, loc="outside lower center", ncols=3, title=title)
+    meaning = {
+        "right": "right (not in library: reported as unexplained)",
+        "stand-in": "hidden effect reported as alternative",
+        "wrong": "wrong",
+    }
+    keys = [Patch(facecolor=face, edgecolor=edge, label=meaning[name]) for name, (face, edge, _) in LOOK.items()]
+    figure.legend(handles=keys, loc="outside lower center", ncols=3, title="share of the cases in a row")
     return figure
-
-
-def _cell(axes, column: int, row: int, cell: Mapping) -> None:
-    strength = cell["strength"]
-    left, width = (-0.46, 0.92) if strength is None else (-0.46 + 0.92 * STRENGTHS.index(strength) / 3, 0.92 / 3)
-    outcome = worst(cell["outcomes"])
-    ink = INK.get(strength, 1.0)
-    full = np.array(to_rgb({"right": RIGHT, "wrong": WRONG, "stand-in": ALTERNATIVE}[outcome]))
-    face = tuple(1 - ink * (1 - full))
-    edge = RIGHT if outcome == "stand-in" else "white"
-    axes.add_patch(
-        Rectangle((column + left, row - 0.46), width, 0.92, facecolor=face, edgecolor=edge, linewidth=0.8, zorder=2)
-    )
-    color, middle = "black" if outcome == "stand-in" or strength == "weak" else "white", column + left + width / 2
-    axes.text(middle, row, str(cell["count"]), ha="center", va="center_baseline", color=color, zorder=3)

@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import seaborn
 from matplotlib.axes import Axes
+from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator, NullLocator
 
 from ..io.volumes import Volume
 from . import axial, style
+from .scans import round_up
 
-MAP_LIMIT = 6.0  # standard deviations; the color scale ends there
 BEFORE, AFTER = style.VERMILLION, style.BLUE
+LINES = {
+    "before": {"color": BEFORE, "linestyle": "--", "label": "alignment only"},
+    "after": {"color": AFTER, "label": "with the effects found"},
+}
 MOST_RANKED = 18
 LINEAR_SD = 5.0  # residuals; the axis is linear below
 LINEAR_GAIN = 1.0  # log score; the axis of improvements is linear below
+ADDED = {"color": "black", "markeredgecolor": "white", "markersize": 5}  # marker of an effect beside the others
 FIRST_ORDER_ALPHA = 0.4  # of bars of first-order estimates
 LINE_INTEGRALS = "line integrals"  # kind of residuals in draw_setup
 
@@ -72,49 +80,131 @@ def draw_setup(stated: np.ndarray, best: np.ndarray, title: str, quantity: str =
     return figure
 
 
+@dataclass(frozen=True)
+class MapAxes:
+    """Axes of maps of a recording.
+
+    Attributes
+    ----------
+    across, down : str
+        Labels.
+    image : bool
+        Whether both axes have the same length unit, which gives square pixels.
+    steps : tuple of 2 int
+        Size of a map pixel in pixels of the recording, down and across. The axes count pixels of the recording.
+    """
+
+    across: str
+    down: str
+    image: bool = False
+    steps: tuple[int, int] = (1, 1)
+
+    def show(self, panel: Axes, values: np.ndarray, **look) -> AxesImage:
+        """Draw a map, shape (down, across)."""
+        down_end, across_end = (step * n - 0.5 for step, n in zip(self.steps, values.shape, strict=True))
+        place = {"aspect": "equal" if self.image else "auto", "extent": (-0.5, across_end, down_end, -0.5)}
+        return panel.imshow(values, interpolation="nearest", **place, **look)
+
+
+def _unsaturated(before: np.ndarray, after: np.ndarray) -> tuple[SymLogNorm, list[float]]:
+    """Return a color scale for residuals before and after, and its ticks.
+
+    It ends beyond the largest residual. It is linear up to twice the RMS after, so that both maps show their structure.
+    """
+    limit = round_up(max(np.nanmax(np.abs(before)), np.nanmax(np.abs(after))))
+    linear = min(max(2 * float(np.sqrt(np.nanmean(after**2))), 1e-3 * limit), limit / 2)
+    linear = 10.0 ** np.floor(np.log10(linear)) * np.floor(linear / 10.0 ** np.floor(np.log10(linear)))
+    return SymLogNorm(linear, vmin=-limit, vmax=limit), [-limit, -linear, 0, linear, limit]
+
+
+def _residuals(panels: Sequence[Axes], axes: MapAxes, before: np.ndarray, after: np.ndarray, unit: str, first: int):
+    """Draw residuals before and after in two panels with one color scale, with letters from index `first`."""
+    norm, ticks = _unsaturated(before, after)
+    for index, (panel, values, name) in enumerate(
+        zip(panels, (before, after), ("alignment only", "with the effects found"), strict=True)
+    ):
+        shown = axes.show(panel, values, cmap="RdBu_r", norm=norm)
+        panel.set_xlabel(axes.across)
+        style.letter_panel(panel, first + index, name)
+    panels[0].set_ylabel(axes.down)
+    bar = panels[0].figure.colorbar(
+        shown, ax=list(panels), label=f"recorded − modeled\n({unit})", ticks=ticks, shrink=0.95, aspect=15
+    )
+    bar.ax.minorticks_off()
+    bar.ax.yaxis.set_major_formatter(style.number_formatter())
+
+
 @style.styled()
-def draw_maps(
-    before: np.ndarray,
-    after: np.ndarray,
-    title: str,
-    across: str,
-    down: str,
-    *,
-    image: bool = False,
-    steps: tuple[int, int] = (1, 1),
+def draw_data(
+    recorded: np.ndarray, before: np.ndarray, after: np.ndarray, title: str, axes: MapAxes, unit: str
 ) -> Figure:
+    """Draw a recording, its model with the effects found, and the residuals before and after the diagnosis.
+
+    Parameters
+    ----------
+    recorded, before, after : ndarray, shape (down, across)
+        Recorded data, and recorded minus modeled data, in `unit`. NaN is not drawn.
+    """
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 116)
+    (top, bottom) = figure.subplots(2, 2, sharex=True, sharey=True)
+    low, high = axial.WINDOW_HU if axes.image else (np.nanmin(recorded), np.nanmax(recorded))
+    for index, (panel, values, name) in enumerate(
+        zip(top, (recorded, recorded - after), ("recorded", "modeled, with the effects found"), strict=True)
+    ):
+        shown = axes.show(panel, values, cmap="gray", vmin=low, vmax=high)
+        style.letter_panel(panel, index, name)
+    top[0].set_ylabel(axes.down)
+    figure.colorbar(shown, ax=list(top), label=unit, shrink=0.95, aspect=15)
+    _residuals(bottom, axes, before, after, unit, 2)
+    figure.suptitle(title)
+    return figure
+
+
+@style.styled()
+def draw_maps(before: np.ndarray, after: np.ndarray, title: str | None, axes: MapAxes, first: int = 0) -> Figure:
     """Draw the standardized residuals before and after the diagnosis, on one color scale.
 
     Parameters
     ----------
     before, after : ndarray, shape (down, across)
         Residuals in standard deviations.
-    across, down : str
-        Labels of the axes.
-    image : bool, optional
-        Whether both axes have the same length unit, which gives square pixels.
-    steps : tuple of 2 int, optional
-        Size of a map pixel in pixels of the recording, down and across. The axes count pixels of the recording.
+    first : int, optional
+        Index of the first panel's letter.
     """
-    figure = style.figure(style.DOUBLE_COLUMN_MM, 68)
-    axes = figure.subplots(1, 2, sharey=True)
-    down_end, across_end = (step * n - 0.5 for step, n in zip(steps, before.shape, strict=True))
-    for index, (panel, values, name) in enumerate(
-        zip(axes, (before, after), ("alignment only", "with the effects found"), strict=True)
-    ):
-        look = {"cmap": "RdBu_r", "vmin": -MAP_LIMIT, "vmax": MAP_LIMIT, "interpolation": "nearest"}
-        extent = (-0.5, across_end, down_end, -0.5)
-        residuals = panel.imshow(values, aspect="equal" if image else "auto", extent=extent, **look)
-        panel.set(xlabel=across, title=name)
-        style.letter_panel(panel, index)
-    axes[0].set_ylabel(down)
-    figure.colorbar(residuals, ax=axes, label="recorded − modeled (standard deviations)", extend="both", shrink=0.9)
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 64)
+    _residuals(figure.subplots(1, 2, sharey=True), axes, before, after, "standard deviations", first)
     figure.suptitle(title)
     return figure
 
 
 @style.styled(grid=True)
-def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
+def draw_image_profile(profile: Mapping[str, Sequence[float]], first: int = 0) -> Figure:
+    """Draw the reconstructed profile through the object before and after the diagnosis, and its differences.
+
+    Parameters
+    ----------
+    profile : mapping of str to sequence of float
+        From `diagnosis.comparison.relevance.middle_profile` by image: x_mm, recorded, before, after (HU).
+    first : int, optional
+        Index of the first panel's letter.
+    """
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 62)
+    panels = figure.subplots(1, 2, sharex=True)
+    x, recorded = (np.array(profile[name]) for name in ("x_mm", "recorded"))
+    panels[0].plot(x, recorded, color="black", label="recorded")
+    panels[1].axhline(0, color="black")
+    for name, look in LINES.items():
+        panels[0].plot(x, profile[name], **look)
+        panels[1].plot(x, recorded - np.array(profile[name]), **look)
+    for index, (axes, label) in enumerate(zip(panels, ("mean CT number (HU)", "recorded − modeled (HU)"), strict=True)):
+        axes.set(xlabel="x through the middle of the object (mm)", ylabel=label)
+        style.letter_panel(axes, first + index)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure
+
+
+@style.styled(grid=True)
+def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]], first: int = 0) -> Figure:
     """Draw profiles of the residuals before and after the diagnosis.
 
     Parameters
@@ -122,6 +212,8 @@ def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) 
     panels : list of tuple
         (label of x, x, before, after) of each panel: a str and three ndarrays of shape (points,), with the residuals in
         standard deviations. Points where both residuals are 0 are not drawn.
+    first : int, optional
+        Index of the first panel's letter.
     """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 58)
     for index, (axes, (label, x, before, after)) in enumerate(
@@ -129,35 +221,37 @@ def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) 
     ):
         axes.axhspan(-2, 2, color="#EEEEEE")
         evaluated = (before != 0) | (after != 0)  # fitted views and rows without a ray have residuals of 0
-        axes.plot(x[evaluated], before[evaluated], color=BEFORE, label="alignment only")
-        axes.plot(x[evaluated], after[evaluated], color=AFTER, label="with the effects found")
+        for values, look in zip((before, after), LINES.values(), strict=True):
+            axes.plot(x[evaluated], values[evaluated], **look)
         axes.set_yscale("symlog", linthresh=LINEAR_SD)
         axes.set_yticks(_residual_ticks(*axes.get_ylim()))
         axes.yaxis.set_minor_locator(NullLocator())
         axes.yaxis.set_major_formatter(style.number_formatter())
         axes.set(xlabel=label, ylabel="recorded − modeled (SD)" if index == 0 else None)
-        style.letter_panel(axes, index)
+        style.letter_panel(axes, first + index)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
 @style.styled(grid=True)
-def draw_ranking(gains: Mapping[str, float], chosen: tuple[str, ...], fitted: Container[str]) -> Figure:
+def draw_ranking(gains: Mapping[str, float], added: Mapping[str, float], fitted: Container[str]) -> Figure:
     """Draw the improvement in held-out log score of every candidate alone, the largest first.
 
     Parameters
     ----------
     gains : dict of str to float
         Improvement of each candidate. The MOST_RANKED largest are drawn.
-    chosen : tuple of str
-        Candidates in the verdict, drawn in blue.
+    added : dict of str to float
+        Improvement by each effect in the verdict when it is added to the others. These effects are drawn in blue.
     fitted : container of str
         Candidates that were fitted. The others have first-order estimates and are drawn pale.
     """
     names = sorted(gains, key=lambda name: -gains[name])[:MOST_RANKED]
     figure = style.figure(style.DOUBLE_COLUMN_MM, 18 + 4.6 * len(names))
     axes = figure.subplots()
-    bars(axes, {name: gains[name] for name in names}, chosen)
+    bars(axes, {name: gains[name] for name in names}, tuple(added))
+    marked = [name for name in names if name in added]
+    axes.plot([added[name] for name in marked], [names.index(name) for name in marked], "D", **ADDED)
     for bar in axes.patches:  # not in the order of names: seaborn draws the chosen candidates last
         name = names[round(bar.get_y() + bar.get_height() / 2)]
         bar.set_alpha(1.0 if name in fitted else FIRST_ORDER_ALPHA)
@@ -166,7 +260,8 @@ def draw_ranking(gains: Mapping[str, float], chosen: tuple[str, ...], fitted: Co
     axes.xaxis.get_major_locator().set_params(numticks=6)
     axes.xaxis.set_major_formatter(style.number_formatter())
     axes.set_xlabel(
-        "improvement in held-out log score, each effect alone\nblue: in the verdict; pale: first-order estimate"
+        "improvement in held-out log score, each effect alone (pale: first-order estimate)\n"
+        "blue: in the verdict; diamond: added to the other effects of the verdict"
     )
     return figure
 

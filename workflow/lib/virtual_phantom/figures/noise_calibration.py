@@ -17,7 +17,7 @@ from . import style, tables
 
 MEASURED_LINES = ("--", "-.", ":", (0, (6, 2, 1, 2, 1, 2)))
 OVER_REPEATS, AMONG_VOXELS = "variance_hu2", "spatial_variance_hu2"  # columns of the table
-LEGEND_CHARACTERS = 61  # characters per line of the legend
+LEGEND_CHARACTERS = 56  # characters per line of the legend
 
 
 def crossing(line: LinearFit, variance_hu2: float) -> float | None:

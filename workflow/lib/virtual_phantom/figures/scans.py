@@ -55,7 +55,7 @@ def draw(
     box = axial.body_box_mm(phantom, [z])
     columns = 1 + len(differences)
     panel_height_mm = style.DOUBLE_COLUMN_MM / columns * (box[3] - box[2]) / (box[1] - box[0])
-    figure = style.figure(style.DOUBLE_COLUMN_MM, 2 * panel_height_mm + 16)
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 2 * panel_height_mm + 18)
     panels = figure.subplots(2, columns)
     for index, (title, volume) in enumerate({"Input": phantom, **reconstructions}.items()):
         image = axial.show(panels[0, index], volume.array[z], phantom.grid, box)

@@ -1,7 +1,7 @@
 """Common style of all figures: widths, fonts, colors, markers and output files.
 
 Categories have the colors of Okabe and Ito (Color Universal Design, 2008), which readers with common color vision
-deficiencies can distinguish. A marker or a name repeats the information. Ordered parameters use viridis.
+deficiencies can distinguish. A marker or a name repeats the information.
 """
 
 import contextlib
@@ -10,17 +10,16 @@ import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-import matplotlib
 import matplotlib.style
 import numpy as np
 import pandas
 import seaborn
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.textpath import TextPath
 from matplotlib.ticker import FuncFormatter
-from matplotlib.transforms import Bbox
+from matplotlib.transforms import Bbox, ScaledTranslation
 from numpy.typing import ArrayLike
 from seaborn.utils import relative_luminance
 
@@ -28,12 +27,15 @@ from ..base.names import label
 from ..features.names import is_feature
 from ..io.files import replacing
 
-SINGLE_COLUMN_MM = 90.0
-DOUBLE_COLUMN_MM = 180.0
+SINGLE_COLUMN_MM = 85.0
+DOUBLE_COLUMN_MM = 170.0
 DOTS_PER_INCH = 200
 FONT_POINTS = 7.0
 MILLIMETRES_PER_INCH = 25.4
 MILLIMETRES_PER_POINT = MILLIMETRES_PER_INCH / 72
+LINE = 1.45  # distance of lines of text, relative to the font size
+COLUMN_GAP = 8.0  # between columns of text, points
+LINE_MM = LINE * FONT_POINTS * MILLIMETRES_PER_POINT
 
 ORANGE, SKY_BLUE, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
 BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
@@ -172,9 +174,37 @@ def by_family(families: Sequence[str]) -> dict:
     return {"hue": "family", "hue_order": families, "style": "family", **look}
 
 
-def letter_panel(axes: Axes, index: int) -> None:
-    """Write the letter of a panel: a for index 0."""
-    axes.set_title("abcdefghijklmnopqrstuvwxyz"[index % 26], loc="left", fontweight="bold")
+def letter_panel(axes: Axes, index: int, title: str | None = None) -> None:
+    """Write the letter of a panel, a for index 0, and to its right a title of any number of lines."""
+    letter = "abcdefghijklmnopqrstuvwxyz"[index % 26]
+    if title is not None:
+        letter += "\n" * title.count("\n")  # in the first line
+    axes.set_title(letter, loc="left", fontweight="bold")
+    if title is not None:
+        text = axes.set_title(title, ha="left", x=0)
+        shift = ScaledTranslation(2 * FONT_POINTS / 72, 0, axes.get_figure().dpi_scale_trans)
+        text.set_transform(text.get_transform() + shift)
+
+
+def write_columns(figure: Figure, columns: Sequence[tuple[str, Sequence[str]]], note: str) -> None:
+    """Write columns of text, each with its heading, and a note at the bottom of a figure; the panels stay above."""
+    width, height = 72 * figure.get_size_inches()
+    rows, notes = max(len(texts) for _, texts in columns), note.splitlines()
+    top = (1 + rows + len(notes)) * LINE * FONT_POINTS
+    figure.get_layout_engine().set(rect=(0, top / height, 1, 1 - top / height))
+
+    def write(text: str, left: float, line: int, color: str) -> None:
+        y = (top - (line + 0.75) * LINE * FONT_POINTS) / height
+        figure.text(left / width, y, text, color=color, va="baseline")
+
+    left = COLUMN_GAP / 2
+    for heading, texts in columns:
+        for line, text in enumerate([heading, *texts]):
+            write(text, left, line, "black" if line else GREY)
+        widths = [TextPath((0, 0), text, size=FONT_POINTS).get_extents().width for text in [heading, *texts] if text]
+        left += COLUMN_GAP + max(widths)
+    for line, text in enumerate(notes, 1 + rows):
+        write(text, COLUMN_GAP / 2, line, GREY)
 
 
 def heat_map(axes: Axes, values: pandas.DataFrame, words: ArrayLike, **options) -> QuadMesh:
@@ -223,10 +253,3 @@ def noise_sentence(levels: Mapping[str, float | None]) -> str:
     """Return `noise_levels` as a sentence."""
     text = noise_levels(levels)
     return f"{text[0].upper()}{text[1:]}."
-
-
-def ordered_colors(values: Iterable[float]) -> dict[float, str]:
-    """Return {value: color} of viridis in ascending order, without its lightest tenth, which is invisible on white."""
-    distinct = sorted(set(values))
-    colors = matplotlib.colormaps["viridis"](np.linspace(0, 0.9, len(distinct)))
-    return dict(zip(distinct, map(to_hex, colors), strict=True))

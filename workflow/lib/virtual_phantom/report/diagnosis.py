@@ -18,6 +18,7 @@ from .html import picture, render_diagnosis
 from .words import DOMAINS, NUISANCES, ONE_SIDED
 
 STEPPED = "views"  # domain with one location per fitted view
+QUANTITIES = {"line_integral": "line integral", "hu": "HU"}  # by unit of the residuals
 PIXELS_ACROSS = 120  # of the residual map: with more, a block holds too few rays
 
 
@@ -57,14 +58,13 @@ def diagnosis_page(diagnosis: Diagnosis, maps: tuple[np.ndarray, np.ndarray]) ->
     image = diagnosis.scanned and diagnosis.scanned.fine
     pieces = content.get("object", {}).get("pieces", [])
     fit = choice.chosen.fit
-    residuals = figures.draw_maps(
-        *maps,
-        f"{content['recording']}: mean over {('slices', 'rows')[display.summed]}",
-        display.across,
-        display.down,
-        image=display.summed == 0,
-        steps=_steps(prepared),
-    )
+    axes = figures.MapAxes(display.across, display.down, display.summed == 0, _steps(prepared))
+    profile = (content.get("agreement") or {}).get("profile")
+    title = f"{content['recording']}: mean over {('slices', 'rows')[display.summed]}"
+    data = _data_maps(diagnosis)
+    every = prepared.step * round(prepared.held_out.usable.shape[1 - display.summed] / len(data[0]))
+    of_data = figures.MapAxes(display.across, display.down, display.summed == 0, (every, 1))
+    profiles, letters = _profiles(diagnosis), len(data) + 1 + len(maps)  # one letter for each panel of the page
     return render_diagnosis(
         "diagnosis",
         content,
@@ -73,10 +73,12 @@ def diagnosis_page(diagnosis: Diagnosis, maps: tuple[np.ndarray, np.ndarray]) ->
         places=[(location, after[location.domain]) for location in diagnosis.before],
         alpha=ALPHA,
         agreement=agreement_table(content.get("agreement")),
-        maps=picture(residuals),
-        profiles=picture(figures.draw_profiles(_profiles(diagnosis))),
+        data=picture(figures.draw_data(*data, title, of_data, QUANTITIES[display.unit])),
+        maps=picture(figures.draw_maps(*maps, None, axes, len(data) + 1)),
+        profiles=picture(figures.draw_profiles(profiles, letters)),
+        profile=picture(figures.draw_image_profile(profile, letters + len(profiles))) if profile else None,
         one_repeat=display.one_repeat,
-        ranking=picture(figures.draw_ranking(choice.alone, fit.effects, choice.singles)) if choice.alone else None,
+        ranking=picture(figures.draw_ranking(choice.alone, choice.gains, choice.singles)) if choice.alone else None,
         pieces=picture(figures.draw_pieces(image, pieces)) if pieces and image is not None else None,
         object=None if image is None else picture(figures.draw_object(image)),
         domains=DOMAINS,
@@ -104,6 +106,25 @@ def residual_maps(diagnosis: Diagnosis) -> tuple[np.ndarray, np.ndarray]:
     """Return maps of the standardized held-out residuals, with the baseline and the chosen model, (down, across)."""
     choice = diagnosis.choice
     return tuple(_residual_map(trial.fit, diagnosis.prepared) for trial in (choice.baseline, choice.chosen))
+
+
+def _data_maps(diagnosis: Diagnosis) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return maps of the held-out data and of their residuals before and after, in the unit of the recording.
+
+    If every second view was held out, the other views are dropped. Pixels without data are NaN.
+    """
+    prepared, choice = diagnosis.prepared, diagnosis.choice
+    usable, maps = prepared.held_out.usable, []
+    differences = (prepared.difference(trial.fit, held_out=True) for trial in (choice.baseline, choice.chosen))
+    for values in (prepared.recorded(held_out=True), *differences):
+        whole = np.zeros(usable.shape)
+        whole[usable] = values
+        counts = usable.sum(axis=prepared.display.summed)
+        mean = np.where(counts > 0, whole.sum(axis=prepared.display.summed) / np.maximum(counts, 1), np.nan)
+        held_out = (counts > 0).any(axis=1)
+        halves = [mean[first::2] for first in (0, 1) if not held_out[1 - first :: 2].any()]
+        maps.append(halves[0] if halves else mean)
+    return tuple(maps)
 
 
 def _residual_map(fit: Fit, prepared: Prepared) -> np.ndarray:

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..base.errors import InputError
 from ..figures import confusion
-from ..figures.before_after import thumbnail
-from ..figures.diagnosis import MAP_LIMIT
+from ..figures.before_after import MAP_LIMIT, thumbnail
 from .agreement_table import NAMES
 from .html import COLORS, OTHER_COLOR, data_url, number, picture, render
 

@@ -23,6 +23,7 @@ from ..figures import style
 from ..io.files import read_csv, sha256
 from ..statistics.trust import percent
 from .html import data_url, number, render
+from .methods import how_to_report
 
 PACKAGES = (  # packages that results depend on
     *("snakemake", "numpy", "scipy", "numba", "pandas", "pyradiomics", "SimpleITK", "nibabel", "scikit-learn"),
@@ -110,14 +111,16 @@ def report_page(
 
 def render_study(template: str, config: Mapping, **values) -> str:
     """Render a page of a study with its complete configuration and the versions of the packages."""
+    versions = packages()
     return render(
         template,
         {"cell": cell, "percent": percent},
+        methods=how_to_report(config, versions, __version__),
         trial=config["trial"],
         TRIAL=style.TRIAL,
         config=yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True),
         version=__version__,
-        packages=packages(),
+        packages=versions,
         **values,
     )
 

@@ -6,7 +6,7 @@ often as pairs of different classes, W distinguishes ROIs and not tissues. Chanc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,8 @@ from .wilcoxon import Comparisons, comparisons
 
 DIFFERENT_CLASSES, SAME_CLASS, PROTOCOLS, CHANCE = "different classes", "same class", "protocols", "chance"
 WHITE_NOISE = "white noise"
+IN_WORDS = {SAME_CLASS: "pairs of one tissue class", WHITE_NOISE: "noise without a scan", CHANCE: "by chance"}
+NO_CONTROL = "no control of one tissue class"
 ONE_ROI_PER_CLASS = "Not possible: no tissue class has two ROIs."
 POOLED = "Not possible: statistics.compare pools the ROIs of a class."
 
@@ -98,33 +100,28 @@ def _share(found: Comparisons, results: Sequence[np.ndarray]) -> tuple[float, in
     return (100 * count / total if total else np.nan), count, total
 
 
-def headline(table: pd.DataFrame) -> dict[str, str]:
-    """Describe the mean scores with their controls.
+def headline(table: pd.DataFrame, sd: Mapping[str, float] | None = None) -> dict[str, str]:
+    """Describe the mean scores with their controls, as shown on pages and in figures.
 
     Parameters
     ----------
     table : DataFrame
-        From `controls`.
+        From `controls`. Rows may be missing.
+    sd : mapping of str to float, optional
+        {score: standard deviation of the mean score}.
 
     Returns
     -------
     dict of str to str
         {score: text}, such as "92.4 % (pairs of one tissue class: 89.0 %; by chance: 31.5 %)".
     """
-    value = {(row.score, row.control): row.percent for row in table.itertuples()}
-
-    def text(number: float) -> str:
-        return f"{number:.1f} %"
-
-    def noise(score: str) -> str:
-        alone = value.get((score, WHITE_NOISE))
-        return "" if alone is None else f"noise without a scan: {text(alone)}; "
-
-    same = value["discrimination", SAME_CLASS]
-    same = "no control of one tissue class" if np.isnan(same) else f"pairs of one tissue class: {text(same)}"
-    return {
-        "stability": f"{text(value['stability', PROTOCOLS])} ({noise('stability')}by chance: "
-        f"{text(value['stability', CHANCE])})",
-        "discrimination": f"{text(value['discrimination', DIFFERENT_CLASSES])} ({same}; {noise('discrimination')}"
-        f"by chance: {text(value['discrimination', CHANCE])})",
-    }
+    percent = {(row.score, row.control): row.percent for row in table.itertuples()}
+    texts = {}
+    for score, mean in (("stability", PROTOCOLS), ("discrimination", DIFFERENT_CLASSES)):
+        if (score, mean) not in percent:
+            continue
+        spread = f" ± {sd[score]:.1f}" if sd else ""
+        found = {name: percent[score, name] for name in IN_WORDS if (score, name) in percent}
+        words = [NO_CONTROL if np.isnan(value) else f"{IN_WORDS[name]}: {value:.1f} %" for name, value in found.items()]
+        texts[score] = f"{percent[score, mean]:.1f}{spread} %" + (f" ({'; '.join(words)})" if words else "")
+    return texts

@@ -24,6 +24,7 @@ from .agreement import Features, Regions, agreement
 
 # Side of the squares whose mean HU is compared; it is also the smallest side of the tiles for noise spectra.
 BLOCK_VOXELS = 8
+PROFILE_BAND = 0.1
 
 
 @dataclass(frozen=True)
@@ -108,13 +109,42 @@ def agreement_and_changes(
     Returns
     -------
     dict
-        Result of agreement.agreement with rois (names), repeats (number) and `practice`.
+        Result of agreement.agreement with rois (names), repeats (number), profile (x_mm, and mean HU of the recorded
+        images and of those before and after the diagnosis) and `practice`.
     """
     simulated = {"before": images(choice.baseline.fit), "after": images(choice.chosen.fit)}
     found = agreement(recorded, simulated, regions, features=features)
     if with_changes:
         found["practice"] = changes_by_effect(recorded, simulated, images, choice, regions, features)
+    profiles = {name: middle_profile(stack, regions) for name, stack in {"recorded": recorded, **simulated}.items()}
+    if len(profiles["recorded"][0]):
+        found["profile"] = {"x_mm": profiles["recorded"][0].tolist()}
+        found["profile"] |= {name: values.tolist() for name, (_, values) in profiles.items()}
     return found | {"rois": list(regions.rois), "repeats": len(recorded)}
+
+
+def middle_profile(images: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:
+    """Return the profile along x through the middle of the object, away from its edge.
+
+    It is the mean over repeats, slices and the rows around the middle (PROFILE_BAND of the height of the object).
+
+    Returns
+    -------
+    x_mm, hu : ndarray, shape (columns,)
+        Position from the center of the image, and mean HU; empty if the object has no inner region.
+    """
+    inner = regions.inner
+    rows = np.flatnonzero(inner.any(axis=(0, 2)))
+    if not rows.size:
+        return np.empty(0), np.empty(0)
+    middle, half = rows.mean(), max(PROFILE_BAND * rows.size / 2, 0.5)
+    band = [row for row in rows if abs(row - middle) <= half]
+    weight = inner[:, band].astype(float)
+    counts = weight.sum(axis=(0, 1))
+    sums = (images[:, :, band].mean(axis=0) * weight).sum(axis=(0, 1))
+    columns = np.flatnonzero(counts)
+    x_mm = (columns - (inner.shape[2] - 1) / 2) * regions.spacing[2]
+    return x_mm, sums[columns] / counts[columns]
 
 
 def changes_by_effect(

@@ -59,9 +59,10 @@ class PreparedImages(Prepared):
         """See Prepared.domains."""
         return domain_tests(half, fitted, more)
 
-    def recorded(self) -> np.ndarray:
+    def recorded(self, held_out: bool = False) -> np.ndarray:
         """See Prepared.recorded."""
-        return self.data.hu[self.data.usable]
+        data = self.held_out if held_out else self.data
+        return data.hu[data.usable]
 
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
         """See Prepared.difference."""

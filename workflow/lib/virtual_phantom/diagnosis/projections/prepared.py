@@ -164,9 +164,10 @@ class PreparedScans(Prepared):
         lengths = left.lengths_mm(piece).reshape(-1, 1)
         return PieceOfScan(piece.words(energy_kev), piece.content(energy_kev), lengths, piece)
 
-    def recorded(self) -> np.ndarray:
+    def recorded(self, held_out: bool = False) -> np.ndarray:
         """See Prepared.recorded."""
-        return self.data.mean[self.data.usable]
+        data = self.held_out if held_out else self.data
+        return data.mean[data.usable]
 
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
         """See Prepared.difference."""

@@ -173,8 +173,8 @@ class Prepared(ABC):
         return ()
 
     @abstractmethod
-    def recorded(self) -> np.ndarray:
-        """Return the fitted data in the unit of `display`, one-dimensional."""
+    def recorded(self, held_out: bool = False) -> np.ndarray:
+        """Return the fitted or the held-out data in the unit of `display`, one-dimensional."""
 
     @abstractmethod
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:

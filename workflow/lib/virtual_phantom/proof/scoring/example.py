@@ -11,18 +11,18 @@ from ...base.errors import InputError
 from ...base.names import label
 from ...diagnosis.selection.store import RESIDUAL_MAPS
 from ...io.files import check_unchanged
-from ..hiding.case import Case
+from ..hiding.case import EXPLAINED, Case
 
 MEAN = "projections"  # the domain of the mean, ray by ray
 SHOWN_FIRST = ("strong", "medium", "weak", None)
 
 
 def example(cases: Sequence[Case]) -> Case:
-    """Return a typical case.
+    """Return a typical case with an exactly right verdict.
 
-    Candidates are cases with one effect of the largest available strength that changes the mean, because maps show the
-    mean. If there are none, all cases are candidates. The result has the median of the excess removed (the lower of
-    two). The choice does not depend on the correctness of the answer.
+    Candidates are cases with one hidden effect of the largest available strength. The verdict names precisely this
+    effect and leaves nothing unexplained. The effect changes the mean, because maps show the mean. Conditions that no
+    case meets are ignored. The result has the median of the excess removed (the lower of two).
 
     Raises
     ------
@@ -32,6 +32,7 @@ def example(cases: Sequence[Case]) -> Case:
     if not cases:
         raise InputError("proof: there are no cases to score; set proof.effects or proof.none")
     candidates = [case for case in cases if case.category == "single"] or list(cases)
+    candidates = [case for case in candidates if case.exact and case.verdict == EXPLAINED] or candidates
     candidates = [case for case in candidates if MEAN in case.truth["where"]] or candidates
     strength = next(strength for strength in SHOWN_FIRST if any(case.strength == strength for case in candidates))
     candidates = [case for case in candidates if case.strength == strength]
