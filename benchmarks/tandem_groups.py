@@ -48,6 +48,7 @@ SETS = {**RECONSTRUCTIONS, "all": tuple(range(1, 9))}
 FEATURES = measured.PHANTOM4RADIOMICS_FEATURES
 KINDS = ("stability", "discrimination", "same_class")
 SKEWNESS = "original_firstorder_Skewness"
+CORRELATION = "original_glcm_Correlation"
 UNIFORM = "cyst_1"  # its SD in a group is the noise of the controls
 MARGIN = 8  # voxels, for perturbations
 
@@ -266,11 +267,12 @@ def mean_and_sd(tables: list[pd.DataFrame], fraction: float = 0.0) -> pd.DataFra
 
 
 def regions_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Mean HU of each region and SD within it, by group: mean over repeats, and SD over repeats."""
-    rows = table.assign(mean=table[MEAN] - STORED_OFFSET_HU, sd=np.sqrt(table[VARIANCE]))
-    found = rows.groupby(["roi", "group"])[["mean", "sd"]].agg(["mean", "std"])
-    found.columns = ["mean", "mean, SD over repeats", "SD", "SD, SD over repeats"]
-    return found.unstack("group").stack(level=0, future_stack=True).round(2)
+    """Mean HU, SD and GLCM correlation of each region, by group: mean over repeats, and SD over repeats."""
+    rows = table.assign(mean=table[MEAN] - STORED_OFFSET_HU, sd=np.sqrt(table[VARIANCE]), grain=table[CORRELATION])
+    found = rows.groupby(["roi", "group"])[["mean", "sd", "grain"]].agg(["mean", "std"])
+    names_of = ("mean", "SD", "GLCM correlation")
+    found.columns = [name + suffix for name in names_of for suffix in ("", ", SD over repeats")]
+    return found.unstack("group").stack(level=0, future_stack=True).round(3)
 
 
 def print_spearman(title: str, found: list[pd.Series]) -> None:

@@ -17,7 +17,9 @@ def overlaps(offsets: np.ndarray, half: float) -> np.ndarray:
 def thin_slices(count: int, spacing_mm: float, thickness_mm: float) -> tuple[np.ndarray, int, float]:
     """Return the weights that average thin slices to `count` thick ones, and the number and spacing of thin slices.
 
-    A thick slice has a box-shaped profile. The thin slices extend beyond the stack if slices overlap.
+    A thick slice has a box-shaped profile. The stack of thin slices begins with the first box and ends with the last
+    one. A thickness that is a multiple of their spacing therefore has whole thin slices. Thin slices are samples of the
+    image: one that counts for half would widen the box and reduce the noise.
 
     Returns
     -------
@@ -30,9 +32,9 @@ def thin_slices(count: int, spacing_mm: float, thickness_mm: float) -> tuple[np.
     """
     parts = max(1, math.ceil(spacing_mm / THIN_MM - 1e-9))
     thin_mm = spacing_mm / parts
-    beyond = math.ceil(max(thickness_mm - spacing_mm, 0) / 2 / thin_mm - 1e-9)
-    thin = count * parts + 2 * beyond
-    at = (np.arange(thin) - (thin - 1) / 2) * thin_mm
-    centres = (np.arange(count) - (count - 1) / 2) * spacing_mm
-    weights = overlaps((at - centres[:, None]) / thin_mm, thickness_mm / thin_mm / 2)
+    within = thickness_mm / thin_mm
+    thin = (count - 1) * parts + max(1, math.ceil(within - 1e-9))
+    at = np.arange(thin) - (thin - 1) / 2
+    centres = (np.arange(count) - (count - 1) / 2) * parts
+    weights = overlaps(at - centres[:, None], within / 2)
     return (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32), thin, thin_mm
