@@ -1,8 +1,8 @@
 """Heat map of features and kinds of change, as a Vega-Lite specification for pages, PNG and PDF [1]_.
 
-One specification gives the figure for papers and the interactive chart of the page. The chart has a choice of measure and
-region, details on hover, and the values of the selected feature. vl-convert-python contains Vega-Lite and draws PNG and
-PDF without a browser.
+One specification gives the figure for papers and the interactive chart of the page. The chart has a choice of measure
+and region, details on hover, and the values of the selected feature. vl-convert-python contains Vega-Lite and draws PNG
+and PDF without a browser.
 
 References
 ----------
@@ -324,6 +324,7 @@ def _curves() -> dict:
     legend = {"orient": "bottom", "columns": 3, "title": None, "symbolOpacity": 1}
     region = {"field": "region", "type": "nominal", "sort": None, "legend": legend}
     color = {**region, "scale": {"range": list(style.ON_WHITE)}}
+    unlisted = {**color, "legend": None}  # the legend has the symbols of the points
     x = {
         "field": "name",
         "type": "nominal",
@@ -337,12 +338,13 @@ def _curves() -> dict:
         "transform": chosen_values,
         "width": CURVE_WIDTH,
         "height": CURVE_HEIGHT,
-        "encoding": {"x": x, "color": color},
+        "encoding": {"x": x},
         "layer": [
             {
                 "mark": {"type": "line", "strokeWidth": 1.2},
                 "encoding": {
                     "y": y,
+                    "color": unlisted,
                     "detail": detail,
                     "strokeDash": {"field": "context", "type": "nominal", "sort": None, "legend": None},
                 },
@@ -352,6 +354,7 @@ def _curves() -> dict:
                 "encoding": {
                     "y": {"field": "below", "type": "quantitative"},
                     "y2": {"field": "above"},
+                    "color": unlisted,
                     "detail": detail,
                 },
             },
@@ -359,6 +362,7 @@ def _curves() -> dict:
                 "mark": {"type": "point", "filled": True, "size": 35, "opacity": 1},
                 "encoding": {
                     "y": y,
+                    "color": color,
                     "shape": region,
                     "tooltip": [
                         {"field": "region"},

@@ -88,8 +88,6 @@ class Agreement:
         By MEASURES. W as a share; `repeatability` is small for robust features.
     by_class : dict of str to dict of str to ndarray
         {measure: {tissue class: values}}: differences of the class alone, relative to the spread of all regions.
-    exchanged : ndarray, shape (features, exchanges)
-        Control: ICC after exchanges of the regions in one setting.
     largest : ndarray of int, shape (features,)
         Pair of settings with the largest differences.
     percent, deviations : ndarray, shape (features,)
@@ -99,7 +97,6 @@ class Agreement:
 
     measures: dict[str, Estimate]
     by_class: dict[str, dict[str, np.ndarray]]
-    exchanged: np.ndarray
     largest: np.ndarray
     percent: np.ndarray
     deviations: np.ndarray
@@ -130,9 +127,7 @@ def agreement(changes: Sequence[Change], classes: Sequence[str], threshold: floa
     """
     names = list(dict.fromkeys(classes))
     member = np.array([[one == name for one in classes] for name in names], dtype=np.float64)
-    center = np.mean([(one.a.mean(axis=(1, 2)) + one.b.mean(axis=(1, 2))) / 2 for one in changes], axis=0)
-    size = np.mean([((one.a**2).mean(axis=(1, 2)) + (one.b**2).mean(axis=(1, 2))) / 2 for one in changes], axis=0)
-    moments = [_moments(one, center[:, None, None], size) for one in changes]
+    center, moments = _centered_moments(changes)
     shared = np.mean([one.covariance for one in moments], axis=0)
     squares = np.mean([one.squares for one in moments], axis=0)
     error = _mean_over(squares) / 2
@@ -171,7 +166,14 @@ def agreement(changes: Sequence[Change], classes: Sequence[str], threshold: floa
     with np.errstate(divide="ignore", invalid="ignore"):
         percent = np.where(one_sign, 100 * shift / np.abs(first.mean(axis=1)), np.nan)
         deviations = shift / np.sqrt(np.maximum(shared[:, 0], 0))
-    return Agreement(found, by_class, _exchanged(moments), largest, percent, deviations)
+    return Agreement(found, by_class, largest, percent, deviations)
+
+
+def _centered_moments(changes: Sequence[Change]) -> tuple[np.ndarray, list[_Moments]]:
+    """Return the mean of each feature, and the moments of all changes about it."""
+    center = np.mean([(one.a.mean(axis=(1, 2)) + one.b.mean(axis=(1, 2))) / 2 for one in changes], axis=0)
+    size = np.mean([((one.a**2).mean(axis=(1, 2)) + (one.b**2).mean(axis=(1, 2))) / 2 for one in changes], axis=0)
+    return center, [_moments(one, center[:, None, None], size) for one in changes]
 
 
 def _moments(change: Change, center: np.ndarray, size: np.ndarray) -> _Moments:
@@ -284,8 +286,9 @@ def _orders(regions: int) -> np.ndarray:
     return np.array([rng.permutation(regions) for _ in range(EXCHANGES)])
 
 
-def _exchanged(moments: Sequence[_Moments]) -> np.ndarray:
-    """ICC after exchanges of the regions of the second setting, shape (features, exchanges)."""
+def exchanged_icc(changes: Sequence[Change]) -> np.ndarray:
+    """Return the ICC after exchanges of the regions of the second setting, a control: shape (features, exchanges)."""
+    _, moments = _centered_moments(changes)
     regions = moments[0].squares.shape[1]
     orders = _orders(regions)
     shared, error = 0.0, 0.0

@@ -12,7 +12,7 @@ from ..base.names import enumerated
 from ..features.names import family
 from ..features.tables import finite_values
 from . import ANY_PROTOCOL, REPEATS, REPOSITIONING
-from .changes import Agreement, Change, agreement
+from .changes import Agreement, Change, agreement, exchanged_icc
 from .comparability import SHAPES, grows_with_roi
 from .stability_measures import UNVARYING
 from .trust import percent, verdicts
@@ -172,7 +172,7 @@ def _rows(
             "ci95_high": 100 * w.high,
             "stable": verdicts(100 * w.low, 100 * w.high, cut_offs["w_stability_percent"]),
             "cut_off_percent": float(cut_offs["w_stability_percent"]),
-            "exchanged_percent": _exchanged_percent(found.exchanged, cut_offs["icc"]),
+            "exchanged_percent": _exchanged_percent(exchanged_icc(changes), cut_offs["icc"]),
             "change_from": [one.first if shifts else None for one in largest],
             "change_to": [one.second if shifts else None for one in largest],
             "change_percent": found.percent if shifts else np.nan,
