@@ -38,8 +38,12 @@ NAMES = {
 COLUMNS = {"icc": "icc", "ccc": "ccc", "repeatability": "repeatability", "w": "stability"}
 ROW, COLUMN = 11, 30  # pixels
 FONT = 10
-CURVE_WIDTH, CURVE_HEIGHT = 300, 260
+CURVE_WIDTH, CURVE_HEIGHT = 420, 260
+# In a narrow window, the curves are below the map and start this far to the left of its cells, below the names.
+NARROW_LEFT, NARROW_WIDTH = 165, 290
 WRAPPED = 62  # characters per line of text below the curves
+SHORT_LEGEND = 150  # pixels; shorter legends have fewer numbers
+FEW_ROWS = 6  # the name of a class with fewer features is horizontal
 MOST_LINES = 2  # contexts of a change, such as protocols with several noise levels, whose curves are shown
 FEW_DIGITS = 4  # significant digits of values on the page
 COEFFICIENT = 1.96 * np.sqrt(2)  # of repeatability, which is this number times sqrt(1 / ICC - 1) for equal spreads
@@ -152,12 +156,24 @@ def page_chart(trust: pd.DataFrame, limits: Mapping[str, float], curves: Mapping
     resolve = {"scale": {"color": "independent", "shape": "independent"}}
     first = _first_cell(trust)
     specifications = {}
-    for name, columns, size in (("wide", 2, {}), ("narrow", 1, {"column": 20, "angle": -90})):
-        views = [_map(trust, first, **size), _curves()]
+    narrow = {"column": 20, "angle": -90}
+    for name, columns, size, curve in (("wide", 2, {}, ()), ("narrow", 1, narrow, (NARROW_WIDTH, NARROW_LEFT))):
+        views = [_map(trust, first, **size), _curves(*curve)]
         content = {"concat": views, "columns": columns, "spacing": 30, "align": "none", "resolve": resolve}
         specification = _specification(limits, params, content, FONT if columns == 2 else FONT - 1)
-        specifications[name] = vl_convert.vegalite_to_vega(specification, vl_version=VEGA_LITE)
+        specifications[name] = _with_colored_shapes(vl_convert.vegalite_to_vega(specification, vl_version=VEGA_LITE))
     return specifications | {"data": {"cells": cells(trust), **curves}}
+
+
+def _with_colored_shapes(group: dict) -> dict:
+    """Give the legend of shapes in a Vega specification the colors of the same regions; Vega-Lite draws two legends."""
+    for legend in group.get("legends", []):
+        if "shape" in legend:
+            legend["fill"] = legend["shape"].replace("shape", "color")
+            legend["encode"]["symbols"]["update"] = {"opacity": {"value": 1}}
+    for mark in group.get("marks", []):
+        _with_colored_shapes(mark)
+    return group
 
 
 def _specification(limits: Mapping[str, float], params: list[dict], content: dict, font: int) -> dict:
@@ -238,13 +254,14 @@ def _map(trust: pd.DataFrame, chosen: dict | None = None, *, column: int = COLUM
         {"field": "pairs", "title": "pairs of settings"},
         {"field": "sentence", "title": "in words"},
     ]
+    length = max(100, column * trust["change"].nunique())
     legend = {
-        "title": "shade: agreement (value of the measure)",
+        "title": ["shade: agreement", "(value of the measure)"],
         "orient": "bottom",
-        "gradientLength": 180,
+        "gradientLength": length,
         "titleLimit": 320,
         "labelExpr": tick,
-        "values": [0, 0.25, 0.5, 0.75, 1],
+        "values": [0, 0.25, 0.5, 0.75, 1] if length > SHORT_LEGEND else [0, 0.5, 1],
     }
     rectangle = {
         "mark": {"type": "rect", "stroke": "white", "strokeWidth": 0.5, "tooltip": True},
@@ -292,7 +309,7 @@ def _map(trust: pd.DataFrame, chosen: dict | None = None, *, column: int = COLUM
                 "header": {
                     "title": None,
                     "labelOrient": "left",
-                    "labelAngle": -90,
+                    "labelAngle": -90 if trust.groupby("family")["feature"].nunique().min() >= FEW_ROWS else 0,
                     "labelAlign": "center",
                     "labelPadding": 4,
                 },
@@ -309,8 +326,11 @@ def _map(trust: pd.DataFrame, chosen: dict | None = None, *, column: int = COLUM
     }
 
 
-def _curves() -> dict:
-    """Return the panel with the values of the selected feature in all settings of the selected change."""
+def _curves(width: int = CURVE_WIDTH, left: int = 0) -> dict:
+    """Return the panel with the values of the selected feature in all settings of the selected change.
+
+    A grid of charts aligns their left edges, so that the content starts `left` pixels before the edge.
+    """
     picked = {"filter": {"param": "picked", "empty": False}}
     chosen_values = [
         {"filter": "datum.feature == (picked.feature || [''])[0]"},
@@ -321,22 +341,23 @@ def _curves() -> dict:
         {"calculate": "datum.mean - datum.sd", "as": "below"},
         {"calculate": "datum.mean + datum.sd", "as": "above"},
     ]
-    legend = {"orient": "bottom", "columns": 3, "title": None, "symbolOpacity": 1}
-    region = {"field": "region", "type": "nominal", "sort": None, "legend": legend}
-    color = {**region, "scale": {"range": list(style.ON_WHITE)}}
-    unlisted = {**color, "legend": None}  # the legend has the symbols of the points
+    legend = {"orient": "bottom", "columns": 2 if left else 3, "title": None}
+    region = {"field": "region", "type": "nominal", "sort": None}
+    color = {**region, "scale": {"range": list(style.ON_WHITE)}, "legend": None}
     x = {
         "field": "name",
         "type": "nominal",
         "sort": {"field": "place", "op": "min"},
-        "axis": {"title": None, "labelAngle": -30},
+        "axis": {"title": None, "labelAngle": -30, "labelLimit": 120},
+        "scale": {"range": [-left, width - left]},
     }
     detail = [{"field": "region"}, {"field": "context"}]
-    y = {"field": "mean", "type": "quantitative", "scale": {"zero": False}, "axis": {"title": "mean ± SD of repeats"}}
+    axis = {"title": "mean ± SD of repeats", "offset": left, "grid": False}
+    y = {"field": "mean", "type": "quantitative", "scale": {"zero": False}, "axis": axis}
     panel = {
         "data": {"name": "curves"},
         "transform": chosen_values,
-        "width": CURVE_WIDTH,
+        "width": width - left,
         "height": CURVE_HEIGHT,
         "encoding": {"x": x},
         "layer": [
@@ -344,7 +365,7 @@ def _curves() -> dict:
                 "mark": {"type": "line", "strokeWidth": 1.2},
                 "encoding": {
                     "y": y,
-                    "color": unlisted,
+                    "color": color,
                     "detail": detail,
                     "strokeDash": {"field": "context", "type": "nominal", "sort": None, "legend": None},
                 },
@@ -354,7 +375,7 @@ def _curves() -> dict:
                 "encoding": {
                     "y": {"field": "below", "type": "quantitative"},
                     "y2": {"field": "above"},
-                    "color": unlisted,
+                    "color": color,
                     "detail": detail,
                 },
             },
@@ -363,7 +384,7 @@ def _curves() -> dict:
                 "encoding": {
                     "y": y,
                     "color": color,
-                    "shape": region,
+                    "shape": {**region, "legend": legend},
                     "tooltip": [
                         {"field": "region"},
                         {"field": "name", "title": "setting"},
@@ -378,20 +399,20 @@ def _curves() -> dict:
     heading = {
         "data": {"name": "cells"},
         "transform": [picked],
-        "width": CURVE_WIDTH,
+        "width": width - left,
         "height": 14,
-        "mark": {"type": "text", "align": "left", "x": 0, "fontSize": FONT + 2, "fontWeight": "bold", "limit": 340},
+        "mark": {"type": "text", "align": "left", "x": -left, "fontSize": FONT + 2, "fontWeight": "bold", "limit": 340},
         "encoding": {"text": {"field": "heading"}},
     }
     reason = {
         "data": {"name": "cells"},
         "transform": [picked],
-        "width": CURVE_WIDTH,
+        "width": width - left,
         "height": 110,
         "mark": {
             "type": "text",
             "align": "left",
-            "x": 0,
+            "x": -left,
             "y": 0,
             "baseline": "top",
             "fontSize": FONT,

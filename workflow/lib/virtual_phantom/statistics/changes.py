@@ -12,8 +12,8 @@ one kind are pooled: variances are averaged over the pairs of settings. With a a
 * W: share of comparisons with |W| below the threshold, as in the paper.
 
 Intervals come from the jackknife over regions, with Student's t and n - 1 degrees of freedom, on Fisher's z of ICC and
-CCC and on the logarithm of the repeatability [4]_. With six regions they cover a true ICC in 93 to 95 % of cases, while
-percentiles of the bootstrap cover 77 to 81 % (`python -m benchmarks run change_intervals`).
+CCC and on the logarithm of the repeatability [4]_. With six regions they cover a true ICC in 94 to 95 % of cases, while
+percentiles of the bootstrap cover 74 to 80 % (`python -m benchmarks run change_intervals`).
 
 References
 ----------
