@@ -131,7 +131,7 @@ def test_page_is_well_formed_and_all_links_lead_to_files(page, results):
     chart = {"figures/trust_map.png", "figures/trust_map.pdf", "tables/robust_features.yaml"}
     assert files == {"figures/rois.png", "diagnosis/disc/report.html", *(f"{name}.csv" for name in TABLES)} | chart
     assert all((results / link).exists() for link in files)
-    # The libraries of the chart load nothing by themselves: test_chart_works_without_a_network.
+    # The libraries of the chart contain addresses but load nothing: test_page_fits_a_browser_without_horizontal_scrolling.
     own = page.replace(trust_map.bundle(), "")
     assert outside_resources(own) == ["figures/trust_map.png", "figures/rois.png"]
 
@@ -275,6 +275,7 @@ const wider = document.documentElement.scrollWidth > innerWidth;
 for (const one of document.querySelectorAll("details")) one.open = true;
 return {wider, opened: document.documentElement.scrollWidth > innerWidth,
         cells: document.querySelectorAll("#map path[aria-roledescription='rect mark'], #map .mark-rect path").length,
+        requests: performance.getEntriesByType("resource").filter((one) => one.name.startsWith("http")).length,
         choices: [...document.querySelectorAll("#choices select")].map((one) => one.options.length)};
 """
 
@@ -283,7 +284,7 @@ return {wider, opened: document.documentElement.scrollWidth > innerWidth,
 def test_page_fits_a_browser_without_horizontal_scrolling(page, results, width):
     found = opened(page, results, LOOK, width)
     assert found["cells"] >= 20 and found["choices"] == [4, 4]  # four measures; all regions and three classes
-    assert not found["wider"] and not found["opened"]
+    assert not found["wider"] and not found["opened"] and found["requests"] == 0
     (Path(results) / "opened.html").unlink()
 
 

@@ -201,7 +201,7 @@ def _choice(name: str, options: list[str], labels: list[str]) -> dict:
 
 def _first_cell(trust: pd.DataFrame) -> dict:
     """Return the cell that is selected first: the lowest ICC for a change of settings, if there is one."""
-    moved = trust[trust["change_from"].notna()]
+    moved = trust[trust["change_from"].fillna("") != ""]
     row = (moved if len(moved) else trust).sort_values("icc", kind="stable").iloc[0]
     return {"feature": row["feature"], "change": row["change"]}
 
