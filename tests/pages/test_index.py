@@ -131,7 +131,7 @@ def test_page_is_well_formed_and_all_links_lead_to_files(page, results):
     chart = {"figures/trust_map.png", "figures/trust_map.pdf", "tables/robust_features.yaml"}
     assert files == {"figures/rois.png", "diagnosis/disc/report.html", *(f"{name}.csv" for name in TABLES)} | chart
     assert all((results / link).exists() for link in files)
-    # The libraries of the chart contain addresses but load nothing: test_page_fits_a_browser_without_horizontal_scrolling.
+    # The libraries of the chart contain addresses but load nothing: see `requests` in LOOK.
     own = page.replace(trust_map.bundle(), "")
     assert outside_resources(own) == ["figures/trust_map.png", "figures/rois.png"]
 
