@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from virtual_phantom.features.names import features_of
 from virtual_phantom.features.tables import read_groups
 from virtual_phantom.io import files
-from virtual_phantom.statistics import stability_measures
+from virtual_phantom.statistics import robustness, stability_measures
 from virtual_phantom.study.job import job, log
 
 
@@ -21,7 +21,7 @@ def main(
     cut_offs: Mapping[str, float],
 ) -> None:
     table = read_groups(features_file, groups, noise=noise, seeds=seeds)
-    scores = files.read_csv(trust_file)
+    scores = robustness.between_protocols(files.read_csv(trust_file))
     measured = stability_measures.measure_table(table, scores, features_of(table), cut_offs, features_file)
     features = stability_measures.stable_by_feature(measured)
     files.write_csv(measured, measures_output)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -77,7 +78,7 @@ def tables(plan: Plan) -> list[tuple[Output, dict[str, str]]]:
     """Return (table, wildcards) for all tables of a configuration, features first."""
     outputs = _outputs(plan)
     features = [(output, known) for output, known in outputs if output.name == "features"]
-    return features + [(output, known) for output, known in outputs if output.pattern.startswith("tables/")]
+    return features + [(output, known) for output, known in outputs if re.fullmatch(r"tables/.*\.csv", output.pattern)]
 
 
 def _outputs(plan: Plan) -> list[tuple[Output, dict[str, str]]]:
@@ -91,7 +92,8 @@ def _job(*names: str, images: int = 0, **known: str) -> AnalysisJob:
 def _stability(stability: Stability, overlay: bool) -> Iterator[AnalysisJob]:
     yield _job("stability", "controls")
     yield _job("stability_measures", "stable_features")
-    yield _job("trust")
+    yield _job("trust", "robust_features")
+    yield _job("figure_trust_map")
     yield _job("top_features")
     yield _job("figure_stability_discrimination")
     if overlay:
