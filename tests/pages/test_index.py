@@ -16,7 +16,7 @@ from browser import opened, outside_resources
 from PIL import Image
 from recording_folders import projections_folder
 from resolved import resolved
-from robust_study import CUT_OFFS, feature_table, robustness_table, setting_pairs
+from robust_study import feature_table, robustness_table, setting_pairs
 from test_study import Balanced
 
 from virtual_phantom.base.settings import to_mapping
