@@ -52,12 +52,18 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
         yield _job("noise_calibration", images=images)
         yield _job("figure_noise_calibration")
     if analyses.stability and analyses.stability.noise_control:
-        images = len(plan.groups()) * len(plan.seeds(analyses.stability.noise))
+        images = sum(len(plan.seeds(noise)) for noise in plan.compared_levels().values())
         yield _job("noise_control", images=images)
     if analyses.stability:
         yield from _stability(analyses.stability, plan.study.measured.overlay)
-        if noise := plan.pattern_noise():
-            yield _job("fixed_pattern", images=len(plan.groups()) * len(plan.nominal_seeds(noise)))
+        if levels := plan.pattern_noise():
+            yield _job("fixed_pattern", images=sum(len(plan.nominal_seeds(noise)) for noise in levels.values()))
+    if plan.variations:
+        for setting in plan.variations:
+            for protocol, noise in plan.extracted_images():
+                known = {"setting": setting, "protocol": protocol, "noise": noise}
+                yield _job("setting_features", images=plan.extracted_repeats(), **known)
+        yield _job("extraction_features", "extraction_settings", "extraction_choice")
     for name in analyses.pca:
         yield _job("pca", "separability", pca=name)
         yield _job(f"figure_pca_{name}")

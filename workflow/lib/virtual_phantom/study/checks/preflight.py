@@ -180,11 +180,20 @@ def _ct(study: Study) -> Iterator[str]:
 
 
 def _parameters(study: Study) -> Iterator[str]:
-    """Check the parameter file of features."""
+    """Check the parameter file of features, and the settings that are compared with it."""
     if file := study.features and study.features.parameters:
         from ...features.parameters import read_parameters  # slow import (pyradiomics)
 
-        yield from _messages(read_parameters, file)
+        if lines := _messages(read_parameters, file):
+            yield from lines
+            return
+    if study.features and study.analyses.extraction:
+        if lines := _messages(lambda: Plan(study).variations):
+            yield from lines
+        elif not Plan(study).variations:
+            yield (
+                "config: analyses.extraction has only the settings of features; add a value that differs, or remove it"
+            )
 
 
 def _scans(study: Study) -> Iterator[str]:
