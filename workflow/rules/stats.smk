@@ -111,7 +111,7 @@ rule stability_measures:
     """ICC, CCC and coefficients of variation besides W; stable features by each measure."""
     input:
         features=rules.merge_features.output[0],
-        trust=rules.trust.output[0],
+        trust=rules.trust.output[0] if context.plan.compares_protocols else [],
     output:
         measures=reported("tables/stability_measures.csv"),
         features=reported("tables/stable_features.csv"),

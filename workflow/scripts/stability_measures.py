@@ -12,7 +12,7 @@ from virtual_phantom.study.job import job, log
 def main(
     *,
     features_file: str,
-    trust_file: str,
+    trust_file: str | None,
     measures_output: str,
     features_output: str,
     groups: Mapping[str, int],
@@ -21,7 +21,7 @@ def main(
     cut_offs: Mapping[str, float],
 ) -> None:
     table = read_groups(features_file, groups, noise=noise, seeds=seeds)
-    scores = files.read_csv(trust_file)
+    scores = files.read_csv(trust_file) if trust_file else None  # a single protocol has no W
     measured = stability_measures.measure_table(table, scores, features_of(table), cut_offs, features_file)
     features = stability_measures.stable_by_feature(measured)
     files.write_csv(measured, measures_output)
@@ -43,7 +43,7 @@ if "snakemake" in globals():
     with job(snakemake):
         main(
             features_file=snakemake.input.features,
-            trust_file=snakemake.input.trust,
+            trust_file=snakemake.input.get("trust") or None,
             measures_output=snakemake.output.measures,
             features_output=snakemake.output.features,
             groups=snakemake.params.groups,

@@ -316,9 +316,11 @@ class Rules:
                 )
         invalid = set(self.names.protocols) - set(self.protocols)
         grouped = [protocol for protocol in self.protocols.values() if "group" in protocol]
-        if len({protocol["group"] for protocol in grouped}) < 2 and not invalid:
-            yield "config: analyses.stability needs at least two protocols with a group number"
+        if not grouped and not invalid:
+            yield "config: analyses.stability needs a protocol with a group number, better several; add group to them"
         if self.analyses["stability"]["without_physics"] and not invalid:
+            if len(grouped) == 1:
+                yield "config: analyses.stability.without_physics needs at least two protocols with a group; remove it"
             if not any(protocol.get("physics", self.config["physics"]) for protocol in grouped):
                 where = "config: analyses.stability.without_physics"
                 yield f"{where}: no protocol with a group has physics; add physics, or remove this key"

@@ -13,6 +13,7 @@ from ..base.settings import ScanSettings, to_mapping
 from ..features.variations import Variation, variations
 from ..statistics import MINIMUM_REPEATS
 from .settings import Analyses, Effects, Protocol, Study
+from .tissue_classes import tissue_classes
 
 # Keys of a scan that are newer than the saved scores. With these values they are not part of the hash of the settings.
 NEWER_KEYS = {"beam": "divergent", "detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None}
@@ -212,6 +213,21 @@ class Plan:
         """Return {protocol: group number} of the stability analysis."""
         protocols = self.study.protocols.items()
         return {name: protocol.group for name, protocol in protocols if protocol.group is not None}
+
+    @cached_property
+    def tissue_classes(self) -> dict[str, str]:
+        """{ROI: tissue class}; empty if a file of the phantom has an error."""
+        return tissue_classes(self.study.phantom)
+
+    @property
+    def compares_protocols(self) -> bool:
+        """Whether the stability analysis has at least two protocols."""
+        return len(self.groups()) > 1
+
+    @property
+    def compares_classes(self) -> bool:
+        """Whether the ROIs have at least two tissue classes."""
+        return len(set(self.tissue_classes.values())) != 1
 
     def groups_without_physics(self) -> dict[str, int]:
         """Return {protocol: group number} with each protocol replaced by its copy without effects, if it has one."""

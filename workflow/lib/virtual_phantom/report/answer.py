@@ -53,6 +53,26 @@ def stability_answer(trust: pd.DataFrame, measures: pd.DataFrame | None) -> dict
     }
 
 
+def repeatability_answer(measures: pd.DataFrame) -> dict:
+    """Summarize how many features repeat well, for a study of one protocol.
+
+    Parameters
+    ----------
+    measures : DataFrame
+        From `statistics.stability_measures.stable_by_feature`.
+
+    Returns
+    -------
+    dict
+        * features: number of features
+        * counts: {measure other than W that is defined for a feature: number of stable features}
+    """
+    columns = {name: measures[f"stable_{name}"] for name in CUT_OFFS if name != "w_stability_percent"}
+    defined = {name: column for name, column in columns.items() if column.isin(["yes", "no"]).any()}
+    counts = {name: int((column == "yes").sum()) for name, column in defined.items()}
+    return {"features": len(measures), "counts": counts}
+
+
 def controls_answer(controls: pd.DataFrame) -> dict:
     """Summarize the mean scores and their controls.
 
@@ -69,6 +89,7 @@ def controls_answer(controls: pd.DataFrame) -> dict:
         * features, repeats: numbers of features and of values per sample
         * noise: whether there is a control with white noise
         * impossible: why pairs of one class are not compared, or None
+        * discriminates: whether pairs of different classes are compared
     """
     rows = controls[controls["score"] == "discrimination"].set_index("control")
     same = rows.loc[SAME_CLASS]
@@ -78,6 +99,7 @@ def controls_answer(controls: pd.DataFrame) -> dict:
         "repeats": int(same["repeats"]),
         "noise": (controls["control"] == WHITE_NOISE).any(),
         "impossible": same["meaning"] if pd.isna(same["percent"]) else None,
+        "discriminates": pd.notna(rows.loc[DIFFERENT_CLASSES, "percent"]),
     }
 
 

@@ -14,7 +14,15 @@ import pandas as pd
 from ..features.extraction import MINIMUM_GREY_LEVELS, MINIMUM_VOXELS
 from ..io.documents import DIAGNOSIS, read_document
 from ..io.files import read_csv
-from .answer import MOST_FEATURES, agreement_text, controls_answer, stability_answer, stability_by_tissue
+from .answer import (
+    MOST_FEATURES,
+    agreement_text,
+    controls_answer,
+    repeatability_answer,
+    stability_answer,
+    stability_by_tissue,
+)
+from .extraction import extraction_answer
 from .html import COLORS, OTHER_COLOR
 from .study import ReportFigure, caption, render_study
 
@@ -42,6 +50,7 @@ def index_page(
     config: Mapping,
     commands: Mapping[str, str],
     other_pages: Mapping[str, str] | None = None,
+    impossible: Sequence[str] = (),
 ) -> str:
     """Render the page as HTML.
 
@@ -60,6 +69,8 @@ def index_page(
         {purpose: command}, next steps first.
     other_pages : mapping of str to str, optional
         {title: address} of other pages in the same folder.
+    impossible : sequence of str, optional
+        A sentence for each requested analysis that the study does not allow.
     """
     frames = {table.path.stem: read_csv(table.path) for table in tables}
     addresses = {table.path.stem: relative(table.path, folder) for table in tables}
@@ -75,6 +86,7 @@ def index_page(
             entry["comparison"] = {"id": name, "text": text, "table": addresses[table]}
             comparisons[name] = figure.title
         sections.setdefault(figure.section, []).append(entry)
+    stable_alone = trust is None and "stable_features" in frames  # one protocol: measures between its repeats
     answer = None
     if trust is not None:
         tissues = stability_by_tissue(trust, frames.get("stability"), features, config["statistics"]["compare"])
@@ -87,6 +99,11 @@ def index_page(
         MOST_CLASSES=MOST_CLASSES,
         answer=answer,
         controls=controls_answer(frames["controls"]) if "controls" in frames else None,
+        impossible=impossible,
+        repeatability=repeatability_answer(frames["stable_features"]) if stable_alone else None,
+        extraction=extraction_answer(frames["extraction_settings"], frames["extraction_choice"])
+        if "extraction_settings" in frames
+        else None,
         comparisons=comparisons,
         verdicts=[verdict(path, folder) for path in diagnoses],
         warnings=[] if features is None else study_warnings(features, trust),

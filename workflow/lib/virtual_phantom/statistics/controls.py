@@ -121,7 +121,7 @@ def headline(table: pd.DataFrame) -> dict[str, str]:
     value = {(row.score, row.control): row.percent for row in table.itertuples()}
 
     def text(number: float) -> str:
-        return f"{number:.1f} %"
+        return "not possible" if np.isnan(number) else f"{number:.1f} %"
 
     def noise(score: str) -> str:
         alone = value.get((score, WHITE_NOISE))

@@ -160,12 +160,6 @@ def _phantom(study: Study, keep: bool, rois: int) -> Iterator[str]:
     """Check a CT and its ROIs; `rois` is the number of entries before invalid ones were removed."""
     if _source(study) != "ct" or not _has_ct(study):
         return
-    classes = {roi.tissue_class for roi in study.phantom.ct.rois}
-    if len(classes) == 1 and len(study.phantom.ct.rois) == rois and study.analyses.stability:
-        yield (
-            f"config: phantom.ct.rois all have tissue_class {min(classes)}; analyses.stability compares at least two "
-            "classes, so add ROIs of another class or set analyses.stability: null"
-        )
     sources = PhantomSources(Plan(study))
     if damaged := _messages(sources.check):
         yield from damaged
