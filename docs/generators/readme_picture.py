@@ -9,7 +9,7 @@ from pathlib import Path
 
 from virtual_phantom.figures import stability_discrimination, style
 from virtual_phantom.io import files
-from virtual_phantom.statistics import further_seeds, measured
+from virtual_phantom.statistics import further_seeds, measured, robustness
 
 OUT = Path(__file__).resolve().parents[1] / "images" / "stability_discrimination.png"
 WIDTH_MM, HEIGHT_MM = 205, 74
@@ -19,7 +19,7 @@ NAMES = (0.03, 0.47), (0.66, 0.985)  # upper left corner of the list of the best
 def main(results: Path) -> None:
     """Draw the picture from the tables of a study."""
     table = files.read_csv(results / "tables" / "stability.csv")
-    trust = files.read_csv(results / "tables" / "trust.csv")
+    trust = robustness.between_protocols(files.read_csv(results / "tables" / "trust.csv"))
     sd = further_seeds.sd_over_seeds(further_seeds.read_seed_scores())
     repeats = int(measured.load_score_draws(10)["repeats"].iloc[0])
     figure = stability_discrimination.draw(

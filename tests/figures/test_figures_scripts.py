@@ -8,9 +8,11 @@ import matplotlib.image
 import numpy as np
 import pandas
 import pytest
+from robust_study import CUT_OFFS, robustness_table
 
 from virtual_phantom.io.files import write_csv
 from virtual_phantom.io.volumes import Volume, write_nifti
+from virtual_phantom.statistics import ANY_PROTOCOL
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "workflow" / "scripts" / "figures"
 
@@ -84,6 +86,7 @@ def test_scans(run, phantom_folder):
         ),
         ("overlap", {}),
         ("pca", {"title": "SIRT"}),
+        ("trust_map", {"cut_offs": CUT_OFFS}),
     ],
 )
 def test_tables(run, tmp_path, calibration, stability, controls, overlap, make_pca, name, params):
@@ -92,9 +95,11 @@ def test_tables(run, tmp_path, calibration, stability, controls, overlap, make_p
         "stability_discrimination": stability,
         "overlap": overlap,
         "pca": make_pca(),
+        "trust_map": robustness_table(),
     }
     write_csv(tables[name], tmp_path / "table.csv")
-    write_csv(stability[["feature"]].assign(ci95_low=1.0, ci95_high=99.0), tmp_path / "trust.csv")
+    intervals = stability[["feature"]].assign(change=ANY_PROTOCOL, ci95_low=1.0, ci95_high=99.0)
+    write_csv(intervals, tmp_path / "trust.csv")
     write_csv(controls, tmp_path / "controls.csv")
     inputs = {one: tmp_path / f"{one}.csv" for one in ("table", "trust", "controls")}
     heights = []
@@ -111,7 +116,8 @@ def test_measured_scores_are_shown_with_simulated_ones(run, tmp_path, controls):
 
     scores = measured.load_scores()
     write_csv(scores.assign(family=scores["feature"].map(family)), tmp_path / "table.csv")
-    write_csv(scores[["feature"]].assign(ci95_low=1.0, ci95_high=99.0), tmp_path / "trust.csv")
+    intervals = scores[["feature"]].assign(change=ANY_PROTOCOL, ci95_low=1.0, ci95_high=99.0)
+    write_csv(intervals, tmp_path / "trust.csv")
     write_csv(controls, tmp_path / "controls.csv")
     paths = run(
         "stability_discrimination",

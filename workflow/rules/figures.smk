@@ -71,6 +71,27 @@ rule figure_noise_calibration:
         "../scripts/figures/noise_calibration.py"
 
 
+rule figure_trust_map:
+    input:
+        table=rules.trust.output.table,
+    output:
+        png=reported("figures/trust_map.png"),
+        pdf=results("figures/trust_map.pdf"),
+    log:
+        results("logs/figure_trust_map.log"),
+    group:
+        "analyses"
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        cut_offs=selections.cut_offs,
+        trial=bool(context.study.trial),
+        code=code("figures/trust_map.py"),
+    script:
+        "../scripts/figures/trust_map.py"
+
+
 rule figure_stability_discrimination:
     input:
         table=rules.stability.output.scores,

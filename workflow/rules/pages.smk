@@ -87,6 +87,7 @@ rule index_page:
         diagnoses=context.diagnosis.reports(),
         commands=pages.commands(),
         other_pages=pages.other_pages,
+        pairs=pages.setting_pairs(),
         impossible=pages.impossible(),
         config=to_mapping(context.study),
         code=code("index_page.py"),

@@ -59,11 +59,13 @@ rule stability:
 
 
 rule trust:
-    """Stability of each feature with its interval, and the expected effect of more repeats."""
+    """Robustness of each feature against each kind of change; parameter file of the robust features."""
     input:
         features=rules.merge_features.output[0],
+        parameters=context.parameter_files,
     output:
-        reported("tables/trust.csv"),
+        table=reported("tables/trust.csv"),
+        features=results("tables/robust_features.yaml"),
     log:
         results("logs/trust.log"),
     group:
@@ -76,6 +78,8 @@ rule trust:
         statistics=to_mapping(context.study.statistics),
         cut_offs=selections.cut_offs,
         sharing=selections.sharing(),
+        pairs=context.pages.setting_pairs(),
+        parameters=context.parameters,
         code=code("trust.py"),
     script:
         "../scripts/trust.py"
@@ -111,7 +115,7 @@ rule stability_measures:
     """ICC, CCC and coefficients of variation besides W; stable features by each measure."""
     input:
         features=rules.merge_features.output[0],
-        trust=rules.trust.output[0] if context.plan.compares_protocols else [],
+        trust=rules.trust.output.table,
     output:
         measures=reported("tables/stability_measures.csv"),
         features=reported("tables/stable_features.csv"),

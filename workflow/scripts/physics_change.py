@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from virtual_phantom.features.names import features_of
 from virtual_phantom.features.tables import read_groups
 from virtual_phantom.io import files
-from virtual_phantom.statistics import physics_change, trust
+from virtual_phantom.statistics import physics_change, robustness, trust
 from virtual_phantom.study.job import job, log
 
 
@@ -31,7 +31,7 @@ def main(
         compare=statistics["compare"],
         source=features_file,
     )
-    found = physics_change.stability_change(files.read_csv(trust_file), without)
+    found = physics_change.stability_change(robustness.between_protocols(files.read_csv(trust_file)), without)
     files.write_csv(found, output)
     log.info("%d of %d features change", (found["changed"] == "yes").sum(), len(found))
 

@@ -5,14 +5,14 @@ from collections.abc import Mapping
 from virtual_phantom.features.names import features_of
 from virtual_phantom.features.tables import read_groups
 from virtual_phantom.io import files
-from virtual_phantom.statistics import stability_measures
+from virtual_phantom.statistics import robustness, stability_measures
 from virtual_phantom.study.job import job, log
 
 
 def main(
     *,
     features_file: str,
-    trust_file: str | None,
+    trust_file: str,
     measures_output: str,
     features_output: str,
     groups: Mapping[str, int],
@@ -21,7 +21,7 @@ def main(
     cut_offs: Mapping[str, float],
 ) -> None:
     table = read_groups(features_file, groups, noise=noise, seeds=seeds)
-    scores = files.read_csv(trust_file) if trust_file else None  # a single protocol has no W
+    scores = robustness.between_protocols(files.read_csv(trust_file))
     measured = stability_measures.measure_table(table, scores, features_of(table), cut_offs, features_file)
     features = stability_measures.stable_by_feature(measured)
     files.write_csv(measured, measures_output)
@@ -43,7 +43,7 @@ if "snakemake" in globals():
     with job(snakemake):
         main(
             features_file=snakemake.input.features,
-            trust_file=snakemake.input.get("trust") or None,
+            trust_file=snakemake.input.trust,
             measures_output=snakemake.output.measures,
             features_output=snakemake.output.features,
             groups=snakemake.params.groups,

@@ -1,44 +1,57 @@
-"""Write the table trust.csv: stability of each feature with its interval, the compared groups, and a sentence."""
+"""Write the table trust.csv (robustness of each feature against each change) and a parameter file of pyradiomics."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from virtual_phantom.features.names import features_of
-from virtual_phantom.features.tables import read_groups
+from virtual_phantom.features.selected import selected_parameters
+from virtual_phantom.features.settings import read_extraction
+from virtual_phantom.features.tables import read_features, read_groups
 from virtual_phantom.io import files
-from virtual_phantom.statistics import trust
-from virtual_phantom.statistics.stability_measures import UNVARYING
+from virtual_phantom.statistics import robustness, trust
 from virtual_phantom.study.job import job, log
 
 
 def main(
     *,
     features_file: str,
-    output: str,
+    table_output: str,
+    features_output: str,
     groups: Mapping[str, int],
     noise: Mapping[str, str],
     seeds: int,
     statistics: Mapping,
     cut_offs: Mapping[str, float],
     sharing: Mapping[str, str],
+    pairs: Sequence[Mapping],
+    parameters: Mapping,
 ) -> None:
-    table = read_groups(features_file, groups, noise=noise, seeds=seeds)
-    labels = {groups[protocol]: label for protocol, label in sharing.items()}
-    found = trust.trust_table(
-        table,
-        features_of(table),
-        labels,
-        cut_offs["w_stability_percent"],
-        threshold=statistics["threshold"],
-        compare=statistics["compare"],
-        source=features_file,
+    every_image = read_features(features_file)
+    found = robustness.robustness_table(
+        every_image, features_of(every_image), pairs, cut_offs, threshold=statistics["threshold"], source=features_file
     )
-    files.write_csv(found, output)
-    counts = found["stable"].value_counts()
+    if len(groups) > 1:
+        table = read_groups(features_file, groups, noise=noise, seeds=seeds)
+        labels = {groups[protocol]: label for protocol, label in sharing.items()}
+        stability = trust.trust_table(
+            table,
+            features_of(table),
+            labels,
+            cut_offs["w_stability_percent"],
+            threshold=statistics["threshold"],
+            compare=statistics["compare"],
+            source=features_file,
+        )
+        found = robustness.with_protocols(found, stability)
+    files.write_csv(found, table_output)
+    uses = found.drop_duplicates("feature")
+    robust = list(uses.loc[uses["use"] == robustness.ROBUST, "feature"])
+    text = selected_parameters(robust, read_extraction(parameters["path"]), parameters)
+    files.write_text(text, features_output)
     log.info(
-        "%d features: %d stable, %d not stable, %d undecided, %d without variation; stability by chance %.1f %%",
-        len(found),
-        *(counts.get(verdict, 0) for verdict in ("yes", "no", "undecided", UNVARYING)),
-        found["if_equal_percent"].iloc[0],
+        "%d features, %d kinds of change: %s",
+        len(uses),
+        found["change"].nunique(),
+        ", ".join(f"{count} {use}" for use, count in uses["use"].value_counts().items()),
     )
 
 
@@ -46,11 +59,14 @@ if "snakemake" in globals():
     with job(snakemake):
         main(
             features_file=snakemake.input.features,
-            output=snakemake.output[0],
+            table_output=snakemake.output.table,
+            features_output=snakemake.output.features,
             groups=snakemake.params.groups,
             noise=snakemake.params.noise,
             seeds=snakemake.params.seeds,
             statistics=snakemake.params.statistics,
             cut_offs=snakemake.params.cut_offs,
             sharing=snakemake.params.sharing,
+            pairs=snakemake.params.pairs,
+            parameters=snakemake.params.parameters,
         )

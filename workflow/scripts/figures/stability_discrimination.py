@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from virtual_phantom.figures import stability_discrimination, style
 from virtual_phantom.io import files
-from virtual_phantom.statistics import further_seeds, measured, ranking
+from virtual_phantom.statistics import further_seeds, measured, ranking, robustness
 from virtual_phantom.study.job import job
 
 
@@ -31,7 +31,7 @@ def main(
     table = ranking.assessed(files.read_csv(table_file), table_file)
     seeds = further_seeds.read_seed_scores()
     sd = further_seeds.sd_over_seeds(seeds) if further_seeds.match_settings(seeds, settings) else None
-    intervals = files.read_csv(trust)
+    intervals = robustness.between_protocols(files.read_csv(trust))
     controls = files.read_csv(controls_file)
     figure = stability_discrimination.draw(
         table, threshold, scores, repeats=repeats, sd=sd, intervals=intervals, noise=noise, controls=controls

@@ -1,76 +1,54 @@
-"""Results for the first page of a study: stable features, stability by tissue, and comparisons with recordings."""
+"""Results for the first page of a study: robust features, controls, and comparisons with recordings."""
 
 from __future__ import annotations
 
 import pandas as pd
 
+from ..statistics import REPEATS
 from ..statistics.comparison_summary import MINIMUM_ROIS, MOST, RANK_RIGHT
 from ..statistics.controls import DIFFERENT_CLASSES, SAME_CLASS, WHITE_NOISE, headline
-from ..statistics.stability_measures import CUT_OFFS, UNVARYING
-
-MOST_FEATURES = 10  # features listed by name
-SEVERAL = 2  # measures by which a listed feature is stable; a single one may be insensitive to the studied changes
+from ..statistics.robustness import SIZE, USES, between_protocols
+from ..statistics.stability_measures import UNVARYING
 
 
-def stability_answer(trust: pd.DataFrame, measures: pd.DataFrame | None) -> dict:
-    """Summarize which features are stable.
+def robustness_answer(trust: pd.DataFrame) -> dict:
+    """Summarize which features are robust for which changes.
 
     Parameters
     ----------
     trust : DataFrame
-        From `statistics.trust.trust_table`.
-    measures : DataFrame or None
-        From `statistics.stability_measures.stable_by_feature`.
+        From `statistics.robustness.robustness_table`.
 
     Returns
     -------
     dict
-        * design: numbers that all features share (a row of `trust`)
-        * features: number of features
-        * counts: {verdict: number of features}
-        * unvarying: number of features that do not vary over repeats
-        * best: rows of the most stable features
-        * others: {measure other than W: number of stable features}
-        * several: {feature: number of measures}, for features that are stable by SEVERAL measures, most measures first
+        * changes: kinds of change, without random repeats and re-positioning among the others
+        * considered: number of features that vary and do not grow with the size of the region
+        * uses: {use: [(feature, reason)]}, most robust first
+        * repeats: control, number of considered features that are robust for random repeats; None if not studied
+        * exchanged: control, largest mean percentage over features of exchanges of regions that reach the cut-off
+        * cut_off, rois: of the ICC, and number of regions
+        * stable: number of features that are stable between protocols by W, for a single region; None for one protocol
     """
-    order = trust[trust["stable"] != UNVARYING].sort_values(
-        ["ci95_low", "stability_percent", "feature"], ascending=[False, False, True]
-    )
-    others, several = {}, {}
-    if measures is not None:
-        names = [name for name in CUT_OFFS if name != "w_stability_percent"]
-        others = {name: int((measures[f"stable_{name}"] == "yes").sum()) for name in names}
-        most = measures.sort_values(["stable_by", "feature"], ascending=[False, True])
-        several = {row.feature: int(row.stable_by) for row in most.itertuples() if row.stable_by >= SEVERAL}
+    features = trust.drop_duplicates("feature")
+    lowest = features["feature"].map(trust.groupby("feature")["icc"].min())
+    features = features.assign(lowest=lowest).sort_values("lowest", ascending=False, kind="stable")
+    uses = {use: features[features["use"] == use] for use in USES}
+    considered = trust[~trust["use"].isin([SIZE, UNVARYING])]
+    between = between_protocols(considered)
+    repeats = considered.loc[considered["change"] == REPEATS, "robust"]
     return {
-        "design": trust.iloc[0].to_dict(),
-        "features": len(trust),
-        "counts": {name: int((trust["stable"] == name).sum()) for name in ("yes", "no", "undecided")},
-        "unvarying": int((trust["stable"] == UNVARYING).sum()),
-        "best": order.head(MOST_FEATURES).to_dict("records"),
-        "others": others,
-        "several": several,
+        "changes": list(dict.fromkeys(trust["change"])),
+        "considered": considered["feature"].nunique(),
+        "uses": {
+            use: list(zip(rows["feature"], rows["reason"], strict=True)) for use, rows in uses.items() if len(rows)
+        },
+        "repeats": int((repeats == "yes").sum()) if len(repeats) else None,
+        "exchanged": considered.groupby("change")["exchanged_percent"].mean().max(),
+        "cut_off": float(trust["icc_cut_off"].iloc[0]),
+        "rois": int(trust["rois"].iloc[0]),
+        "stable": int((between["stable"] == "yes").sum()) if len(between) else None,
     }
-
-
-def repeatability_answer(measures: pd.DataFrame) -> dict:
-    """Summarize how many features repeat well, for a study of one protocol.
-
-    Parameters
-    ----------
-    measures : DataFrame
-        From `statistics.stability_measures.stable_by_feature`.
-
-    Returns
-    -------
-    dict
-        * features: number of features
-        * counts: {measure other than W that is defined for a feature: number of stable features}
-    """
-    columns = {name: measures[f"stable_{name}"] for name in CUT_OFFS if name != "w_stability_percent"}
-    defined = {name: column for name, column in columns.items() if column.isin(["yes", "no"]).any()}
-    counts = {name: int((column == "yes").sum()) for name, column in defined.items()}
-    return {"features": len(measures), "counts": counts}
 
 
 def controls_answer(controls: pd.DataFrame) -> dict:
@@ -101,43 +79,6 @@ def controls_answer(controls: pd.DataFrame) -> dict:
         "impossible": same["meaning"] if pd.isna(same["percent"]) else None,
         "discriminates": pd.notna(rows.loc[DIFFERENT_CLASSES, "percent"]),
     }
-
-
-def stability_by_tissue(
-    trust: pd.DataFrame, stability: pd.DataFrame | None, features: pd.DataFrame | None, compare: str
-) -> dict[str, dict]:
-    """Return the stability within each tissue class.
-
-    Parameters
-    ----------
-    trust : DataFrame
-        From `statistics.trust.trust_table`.
-    stability : DataFrame or None
-        From `statistics.wilcoxon.scores`.
-    features : DataFrame or None
-        Features of all images, with columns roi and tissue_class.
-    compare : {"roi", "tissue_class"}
-        What one sample of a comparison is: an ROI, or all ROIs of a tissue class.
-
-    Returns
-    -------
-    dict of str to dict
-        {tissue class: {comparisons: number, percent: {feature: stable share}}}. Empty for a single class, whose values
-        are the pooled ones, or if a table is missing.
-    """
-    if stability is None or features is None:
-        return {}
-    groups = int(trust["groups"].iloc[0])
-    pairs = groups * (groups - 1) // 2
-    classes = {
-        str(name): {
-            "comparisons": pairs * (part["roi"].nunique() if compare == "roi" else 1),
-            "percent": dict(zip(stability["feature"], stability[f"stability_{name}"], strict=True)),
-        }
-        for name, part in features.groupby("tissue_class", sort=False)
-        if f"stability_{name}" in stability
-    }
-    return classes if len(classes) > 1 else {}
 
 
 def agreement_text(summary: pd.DataFrame, cells: pd.DataFrame) -> str:

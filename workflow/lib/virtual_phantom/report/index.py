@@ -5,32 +5,40 @@ The page is in the folder of the results and links to their files.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
+from markupsafe import Markup
 
 from ..features.extraction import MINIMUM_GREY_LEVELS, MINIMUM_VOXELS
+from ..figures import trust_map
 from ..io.documents import DIAGNOSIS, read_document
 from ..io.files import read_csv
-from .answer import (
-    MOST_FEATURES,
-    agreement_text,
-    controls_answer,
-    repeatability_answer,
-    stability_answer,
-    stability_by_tissue,
-)
+from ..statistics.robustness import AVOID, ONE_PROTOCOL, ROBUST, SIZE, UNDECIDED, between_protocols
+from ..statistics.stability_measures import UNVARYING
+from .answer import agreement_text, controls_answer, robustness_answer
 from .extraction import extraction_answer
 from .html import COLORS, OTHER_COLOR
 from .study import ReportFigure, caption, render_study
 
-NAMES = {"icc_2_1": "ICC(2,1)", "icc_3_1": "ICC(3,1)", "ccc": "CCC", "cv": "CV", "qcd": "QCD"}  # measures other than W
+TITLES = {
+    ROBUST: "Robust for every change",
+    ONE_PROTOCOL: "Use within one protocol only",
+    UNDECIDED: "Undecided: study more regions",
+    AVOID: "Avoid: not robust for some change",
+    SIZE: "Grow with the size of the region, not counted",
+    UNVARYING: "Do not vary between the images, not counted",
+}
+SHORT = 10  # longer lists of features are folded
+FEW_ROIS = 10  # with fewer regions, the page says that intervals are wide
+NARROW = 900  # pixels; in narrower windows the curves are below the map
+HEAT_MAP = "trust_map"  # figure of the heat map
 FIRST_ROWS = 5  # rows of each table that the page shows
 # Tables with one row per feature are sorted by the first of these columns that they have, instead of by name.
 MOST_STABLE = ("ci95_low", "stable_by", "stability_percent")
-MOST_CLASSES = 5  # tissue classes in the main table; more would be wider than the page and get a table of their own
 FEW_REPEATS = 5  # with so few repeats, |W| exceeds 2 only if nearly all values of two groups are ordered
 
 
@@ -50,6 +58,7 @@ def index_page(
     config: Mapping,
     commands: Mapping[str, str],
     other_pages: Mapping[str, str] | None = None,
+    pairs: Sequence[Mapping] = (),
     impossible: Sequence[str] = (),
 ) -> str:
     """Render the page as HTML.
@@ -59,8 +68,8 @@ def index_page(
     folder : Path
         Folder of the results and of the page.
     tables : sequence of LinkedTable
-        CSV files. The page summarizes trust.csv, controls.csv, stable_features.csv, stability.csv, features.csv and the
-        tables of comparisons, if they are present.
+        CSV files. The page summarizes trust.csv, controls.csv, features.csv and the tables of comparisons, if they are
+        present.
     diagnoses : sequence of Path
         Reports, each next to its diagnosis.json.
     config : mapping
@@ -69,6 +78,8 @@ def index_page(
         {purpose: command}, next steps first.
     other_pages : mapping of str to str, optional
         {title: address} of other pages in the same folder.
+    pairs : sequence of mapping, optional
+        Pairs of settings in trust.csv (`study.changes.setting_pairs`), for curves of the features.
     impossible : sequence of str, optional
         A sentence for each requested analysis that the study does not allow.
     """
@@ -79,6 +90,8 @@ def index_page(
     comparisons = {}
     for figure in figures:
         name = figure.path.stem
+        if name == HEAT_MAP and trust is not None:
+            continue  # the answer has the interactive one
         entry = {"title": figure.title, "path": relative(figure.path, folder), "caption": caption(figure, config)}
         entry["comparison"] = None
         if (table := f"{name}_features") in frames:
@@ -86,21 +99,26 @@ def index_page(
             entry["comparison"] = {"id": name, "text": text, "table": addresses[table]}
             comparisons[name] = figure.title
         sections.setdefault(figure.section, []).append(entry)
-    stable_alone = trust is None and "stable_features" in frames  # one protocol: measures between its repeats
-    answer = None
+    answer = chart = None
     if trust is not None:
-        tissues = stability_by_tissue(trust, frames.get("stability"), features, config["statistics"]["compare"])
-        answer = stability_answer(trust, frames.get("stable_features")) | {"tissues": tissues}
+        answer = robustness_answer(trust)
+    if answer and (answer["rois"] > 1 or answer["stable"] is not None):
+        limits = trust_map.cut_offs(trust, config["analyses"]["stability"]["cut_offs"]["ccc"])
+        names = list(trust["feature"].unique())
+        curves = trust_map.feature_curves(features, names, pairs if features is not None else ())
+        chart = json.dumps(trust_map.page_chart(trust, limits, curves)).replace("<", r"\u003c")
     return render_study(
         "index",
         config,
-        NAMES=NAMES,
-        MOST_FEATURES=MOST_FEATURES,
-        MOST_CLASSES=MOST_CLASSES,
         answer=answer,
+        TITLES=TITLES,
+        SHORT=SHORT,
+        FEW_ROIS=FEW_ROIS,
+        NARROW=NARROW,
+        chart=chart and Markup(chart),
+        bundle=chart and Markup(trust_map.bundle()),
         controls=controls_answer(frames["controls"]) if "controls" in frames else None,
         impossible=impossible,
-        repeatability=repeatability_answer(frames["stable_features"]) if stable_alone else None,
         extraction=extraction_answer(frames["extraction_settings"], frames["extraction_choice"])
         if "extraction_settings" in frames
         else None,
@@ -126,7 +144,7 @@ def study_warnings(features: pd.DataFrame, trust: pd.DataFrame | None) -> list[s
     features : DataFrame
         Features of all images, with columns roi, n_voxels and grey_levels.
     trust : DataFrame or None
-        From `statistics.trust.trust_table`.
+        From `statistics.robustness.robustness_table`.
     """
     texts = []
     for roi, rows in features.groupby("roi", sort=False):
@@ -142,11 +160,12 @@ def study_warnings(features: pd.DataFrame, trust: pd.DataFrame | None) -> list[s
                 "Its GLCM features are not meaningful in these images: use a smaller bin width."
             )
     if trust is not None:
-        repeats = trust["repeats"].iloc[0]
+        between = between_protocols(trust)
+        repeats = between["repeats"].min() if len(between) else FEW_REPEATS + 1
         if repeats <= FEW_REPEATS:
             texts.append(
-                f"There are {repeats} repeats per group. Features seem more stable than with ten repeats, which detect "
-                "smaller differences between protocols."
+                f"There are {repeats} repeats per group. By W, features seem more stable than with ten repeats, which "
+                "detect smaller differences between protocols."
             )
     return texts
 

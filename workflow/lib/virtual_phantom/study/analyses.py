@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -83,7 +84,7 @@ def tables(plan: Plan) -> list[tuple[Output, dict[str, str]]]:
     """Return (table, wildcards) for all tables of a configuration, features first."""
     outputs = _outputs(plan)
     features = [(output, known) for output, known in outputs if output.name == "features"]
-    return features + [(output, known) for output, known in outputs if output.pattern.startswith("tables/")]
+    return features + [(output, known) for output, known in outputs if re.fullmatch(r"tables/.*\.csv", output.pattern)]
 
 
 def _outputs(plan: Plan) -> list[tuple[Output, dict[str, str]]]:
@@ -126,10 +127,12 @@ def _has_robustness(plan: Plan) -> bool:
 
 def _stability(plan: Plan, stability: Stability) -> Iterator[AnalysisJob]:
     yield _job("stability_measures", "stable_features")
+    yield _job("trust", "robust_features")
+    if plan.compares_protocols or len(plan.tissue_classes) != 1:
+        yield _job("figure_trust_map")
     if not plan.compares_protocols:
         return
     yield _job("stability", "controls")
-    yield _job("trust")
     if stability.without_physics:
         yield _job("physics_change")
         yield _job("figure_physics_change")

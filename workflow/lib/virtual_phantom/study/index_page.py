@@ -47,6 +47,7 @@ def renew(pages: Pages, config: Mapping) -> Path | None:
         config,
         pages.commands(),
         pages.existing_pages(),
+        pages.setting_pairs(),
         pages.impossible(),
     )
     write_text(html, target)

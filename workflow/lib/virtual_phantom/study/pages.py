@@ -11,11 +11,13 @@ from pathlib import Path
 from ..base.commands import snakemake
 from ..base.errors import InputError
 from ..base.names import label
+from ..base.settings import to_mapping
 from ..config.dependencies import shipped
 from ..config.outputs import BY_NAME, OUTPUTS, Files, Output, filled
 from ..config.plan import Plan
 from ..config.read_config import DEFAULT, PAPER_GROUPS
 from . import analyses
+from .changes import setting_pairs
 from .diagnosis_jobs import Diagnosis
 from .recordings import Comparisons
 from .selections import Selections
@@ -115,6 +117,10 @@ class Pages:
     def existing_pages(self) -> dict[str, str]:
         """Return {title: page} for the existing pages of `other_pages`."""
         return {title: page for title, page in self.other_pages.items() if Path(self.files.results, page).exists()}
+
+    def setting_pairs(self) -> list[dict]:
+        """Return the pairs of settings in the table of robust features."""
+        return to_mapping(setting_pairs(self.plan))
 
     def commands(self) -> dict[str, str]:
         """Return {purpose: command} for the next steps, the most useful first."""
