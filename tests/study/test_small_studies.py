@@ -10,6 +10,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.config.config import check, read_study
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.study import analyses
+from virtual_phantom.study.changes import extraction_pairs, setting_pairs
 
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULT = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text())
@@ -119,3 +120,32 @@ def test_levels_of_a_protocol_are_checked(levels, message):
     with pytest.raises(InputError) as error:
         check(config)
     assert message in str(error.value)
+
+
+def test_changes_of_dose_and_of_both_follow_the_levels_of_the_analysis():
+    config = copy.deepcopy(DEFAULT)
+    config["analyses"] = {"stability": {"noise": ["dose10", "double"]}}
+    config["protocols"]["fbp_150"]["noise"] = ["double"]
+    pairs = setting_pairs(Plan(read_study(config)))
+    kinds = {kind: [pair for pair in pairs if pair.kind == kind] for kind in ("dose", "protocol and dose")}
+    assert len(kinds["dose"]) == 7  # of eight protocols, one has a single level
+    assert all(pair.first.where["protocol"] == pair.second.where["protocol"] for pair in kinds["dose"])
+    # Each of the 21 pairs of protocols with both levels twice. fbp_150 is already compared with the others at dose10.
+    assert len(kinds["protocol and dose"]) == 2 * 21
+    for pair in kinds["protocol and dose"]:
+        assert all(pair.first.where[key] != pair.second.where[key] for key in ("protocol", "noise"))
+    one_level = setting_pairs(Plan(read_study(DEFAULT)))
+    assert not [pair for pair in one_level if pair.kind == "protocol and dose"]
+
+
+def test_extraction_settings_are_changes_of_the_same_images():
+    config = copy.deepcopy(DEFAULT)
+    config["analyses"]["extraction"] = {"bin_width": [10, 25, 50], "bin_count": [32], "protocols": ["fbp_150"]}
+    pairs = extraction_pairs(Plan(read_study(config)))
+    names = [(pair.first.where["setting"], pair.second.where["setting"]) for pair in pairs]
+    widths = [("study", "bin_width_10"), ("study", "bin_width_50"), ("bin_width_10", "bin_width_50")]
+    assert names == [*widths, ("study", "bin_count_32")]
+    assert {pair.first.where["noise"] for pair in pairs} == {"dose10"} and {pair.relation for pair in pairs} == {
+        "paired"
+    }
+    assert extraction_pairs(Plan(read_study(DEFAULT))) == ()

@@ -28,10 +28,10 @@ DISK_PROBLEMS = {
 
 # Columns of names. A name may look like a number, a truth value or a missing value: 01, 1e3, true, NA, null.
 NAMES = frozenset(
-    """algorithm change change_from change_to collection condition effect family feature file image kernel kind
-    label_in_file name noise numpy_version pca property protocol pyradiomics_version recording reconstruction region roi
-    scan setting settings settings_hash simpleitk_version source tissue_class use""".split()
-)
+    """algorithm collection condition effect family feature file image kernel kind label_in_file name noise
+    numpy_version pca property protocol pyradiomics_version recording reconstruction region roi scan settings
+    settings_hash simpleitk_version source tissue_class""".split()
+) | {"change", "change_from", "change_to", "setting", "use"}
 # How pandas writes a number or a truth value. Other text, such as 007 or 1e3, is a name.
 VALUE = re.compile(r"-?(?:0|[1-9]\d*)(?:\.\d+)?(?:e[+-]\d\d+)?|-?inf|True|False")
 

@@ -111,7 +111,8 @@ def impossible(plan: Plan) -> list[str]:
             "another tissue."
         )
     if analyses.stability and len(classes) == 1:
-        sentences.append("ICC and CCC: not possible, since they compare several ROIs. Use W, CV or QCD.")
+        others = "W, CV or QCD" if plan.compares_protocols else "CV or QCD"
+        sentences.append(f"ICC and CCC: not possible, since they compare several ROIs. Use {others}.")
     if plan.variations and not _has_robustness(plan):
         sentences.append(
             "Extraction settings: not compared, since one ROI in one protocol and noise level has no measure of "
