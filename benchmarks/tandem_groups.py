@@ -80,10 +80,10 @@ def seed_scores(folders: list[Path], seeds: list[int], plan: Plan) -> pd.DataFra
             f"--seeds: {seeds} for {len(folders)} folders of --store; give one seed per folder, at least two, all "
             f"different and none of them {plan.study.seed}, the seed of the default study"
         )
-    noise, found = plan.study.analyses.stability.noise, []
+    noise, found = plan.compared_levels(), []
     for folder, seed in zip(folders, seeds, strict=True):
         path = folder / "features.csv"
-        table = read_groups(path, plan.groups(), noise=noise, seeds=plan.repeats([noise]))
+        table = read_groups(path, plan.groups(), noise=noise, seeds=plan.repeats(noise.values()))
         require_published_features(table, path)
         rows = wilcoxon.scores(table, names.FEATURES)[["feature", "stability_percent", "discrimination_percent"]]
         rows.insert(0, "settings", plan.scored_settings())

@@ -85,8 +85,6 @@ def test_cube_has_each_value_at_its_position():
 @pytest.mark.parametrize(
     "change, message",
     [
-        (lambda t: t[t["roi"] == "cyst"], "features: 1 ROI; measures of agreement need at least two"),
-        (lambda t: t[t["group"] == 1], "features: 1 group; measures of agreement need at least two"),
         (
             lambda t: t.drop(index=7),
             "features: no row for ROI cyst, group 2, seed 1; every group needs all ROIs and seeds",
@@ -101,3 +99,24 @@ def test_bad_input_is_one_clear_line(change, message):
     with pytest.raises(InputError) as caught:
         stability_measures.measure_table(change(table()), SCORES, FEATURES, CUT_OFFS)
     assert message in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_one_region_has_a_spread_and_no_correlation():
+    one = table()[lambda t: t["roi"] == "liver"]
+    found = stability_measures.measure_table(one, SCORES, FEATURES, CUT_OFFS).set_index(["feature", "measure"])
+    assert set(found.loc[(slice(None), ["icc_2_1", "icc_3_1", "ccc"]), "stable"]) == {"undefined"}
+    values = one[MEAN]
+    assert found.loc[(MEAN, "cv"), "value"] == pytest.approx(values.std() / values.mean())
+    assert found.loc[(MEAN, "w_stability_percent"), "value"] == 90
+
+
+def test_one_group_compares_its_repeats():
+    """The same values with the repeats as groups give the same ICC and CCC."""
+    one = table()[lambda t: t["group"] == 2]
+    found = stability_measures.measure_table(one, None, FEATURES, CUT_OFFS)
+    turned = one.rename(columns={"group": "seed", "seed": "group"})
+    wanted = stability_measures.measure_table(turned, SCORES, FEATURES, CUT_OFFS)
+    for measure in ("icc_2_1", "icc_3_1", "ccc", "cv"):
+        values = [rows.loc[rows["measure"] == measure, "value"].to_numpy() for rows in (found, wanted)]
+        np.testing.assert_allclose(*values)
+    assert found.loc[found["measure"] == "w_stability_percent", "stable"].eq("undefined").all()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.stats import ranksums
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.statistics import measured, wilcoxon
+from virtual_phantom.statistics import measured, repeats, wilcoxon
 
 FEATURE = "original_firstorder_Mean"
 TABLE = Path(__file__).resolve().parents[2] / "../shared/real/ct_phantom4radiomics/features_2d.csv"
@@ -114,8 +114,6 @@ def test_monotonic_transforms_and_the_order_of_repeats_have_no_effect(values, se
             "statistics.compare: 'voxel' is not known; choose from roi, tissue_class",
         ),
         (lambda t: t, {"threshold": 0}, "statistics.threshold: 0 must be positive"),
-        (lambda t: t[t["group"] == 1], {}, "features: 1 group; stability"),
-        (lambda t: t[t["tissue_class"] == "cyst"], {}, "features: 1 tissue class; stability"),
         (lambda t: t[(t["group"] != 2) | (t["roi"] != "cyst_2")], {}, "features: group 2 has no roi cyst_2"),
         # Two protocols with number 1
         (
@@ -134,6 +132,24 @@ def test_bad_input_is_one_clear_line(change, options, message):
     with pytest.raises(InputError) as caught:
         wilcoxon.scores(change(table(lambda g, roi, k: k)), [FEATURE], **options)
     assert message in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_one_group_has_no_stability_and_one_class_no_discrimination():
+    both = table(lambda g, roi, k: k)
+    alone = wilcoxon.scores(both[both["group"] == 1], [FEATURE]).iloc[0]
+    assert np.isnan(alone["stability_percent"]) and alone["discrimination_percent"] == 0
+    assert alone["stability_comparisons"] == 0 and alone["discrimination_comparisons"] > 0
+    cysts = wilcoxon.scores(both[both["tissue_class"] == "cyst"], [FEATURE]).iloc[0]
+    assert cysts["stability_percent"] == 100 and np.isnan(cysts["discrimination_percent"])
+    one = wilcoxon.scores(both[both["roi"] == "cyst_1"], [FEATURE]).iloc[0]
+    assert one["stability_percent"] == 100 and one["stability_comparisons"] == 3
+
+
+@pytest.mark.parametrize("column, value, kind", [("group", 1, "group"), ("tissue_class", "cyst", "tissue class")])
+def test_scores_of_recordings_need_both(column, value, kind):
+    rows = table(lambda g, roi, k: k)
+    with pytest.raises(InputError, match=f"recording: 1 {kind}; stability and discrimination need at least two"):
+        repeats.score_draws(rows[rows[column] == value], [FEATURE], 3, unit="seed", source="recording")
 
 
 @pytest.fixture(scope="module")

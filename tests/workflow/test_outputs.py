@@ -57,7 +57,7 @@ def planned_files(tmp_path_factory):
         snakemake("all", "-n", "--forceall", "--configfile", "config/printed_phantom.yaml", "--config", "results_dir=r")
     )
     moved = {"results_dir": "r", "repeats": {"repositioned": 1, "shift_mm": 1.0}, "physics": {"scatter": None}}
-    moved["analyses"] = {"stability": {"without_physics": True}}
+    moved["analyses"] = {"stability": {"without_physics": True}, "extraction": {"bin_width": [10]}}
     (folder / "moved.yaml").write_text(yaml.safe_dump(moved))
     voxels = made(snakemake("all", "-n", "--forceall", "--configfile", folder / "moved.yaml"))
     alone = made(snakemake("all", "proof", "-n", "--forceall", "--config", "results_dir=r"))

@@ -71,3 +71,35 @@ rule merge_features:
         code=code("merge_features.py"),
     script:
         "../scripts/merge_features.py"
+
+
+rule setting_features:
+    """Features of the images of one protocol and noise level with one extraction setting changed."""
+    input:
+        unpack(
+            lambda wildcards: context.selections.setting_images(
+                wildcards.protocol, wildcards.noise
+            )
+        ),
+        parameters=context.parameter_files,
+    output:
+        results("extraction/{setting}/{protocol}/{noise}.csv"),
+    log:
+        results("logs/setting_features/{setting}/{protocol}/{noise}.log"),
+    wildcard_constraints:
+        setting="|".join(context.plan.variations) or "none",
+    resources:
+        mem_mb=context.megabytes(volumes=12),
+        runtime=lambda wildcards, input, attempt: attempt
+        * context.minutes("extract", context.sizes.images(len(input.images))),
+    params:
+        parameters=context.parameters,
+        variation=lambda wildcards: to_mapping(
+            context.plan.variations[wildcards.setting]
+        ),
+        seeds=lambda wildcards, input: list(range(len(input.images))),
+        boxed=lambda wildcards: context.study.protocols[wildcards.protocol].voxels
+        is not None,
+        code=code("setting_features.py"),
+    script:
+        "../scripts/setting_features.py"

@@ -88,6 +88,7 @@ rule index_page:
         commands=pages.commands(),
         other_pages=pages.other_pages,
         pairs=pages.setting_pairs(),
+        impossible=pages.impossible(),
         config=to_mapping(context.study),
         code=code("index_page.py"),
     script:

@@ -101,7 +101,7 @@ rule physics_change:
         runtime=30,
     params:
         groups=context.plan.groups_without_physics(),
-        noise=selections.compared_images["noise"],
+        noise=context.plan.compared_levels(context.plan.groups_without_physics()),
         seeds=selections.compared_images["seeds"],
         statistics=to_mapping(context.study.statistics),
         cut_offs=selections.cut_offs,
@@ -115,7 +115,7 @@ rule stability_measures:
     """ICC, CCC and coefficients of variation besides W; stable features by each measure."""
     input:
         features=rules.merge_features.output[0],
-        trust=rules.trust.output[0],
+        trust=rules.trust.output.table,
     output:
         measures=reported("tables/stability_measures.csv"),
         features=reported("tables/stable_features.csv"),
@@ -132,6 +132,35 @@ rule stability_measures:
         code=code("stability_measures.py"),
     script:
         "../scripts/stability_measures.py"
+
+
+rule extraction_settings:
+    """Robustness and discriminative power of every feature with every extraction setting."""
+    input:
+        features=rules.merge_features.output[0],
+        settings=selections.setting_tables(),
+        parameters=context.parameter_files,
+    output:
+        features=results("extraction.csv"),
+        settings=reported("tables/extraction_settings.csv"),
+        choice=reported("tables/extraction_choice.csv"),
+    log:
+        results("logs/extraction_settings.log"),
+    group:
+        "analyses"
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        images=context.plan.extracted_images(),
+        seeds=context.plan.extracted_repeats() if context.plan.variations else 0,
+        variations=to_mapping(context.plan.variations),
+        parameters=context.parameters,
+        statistics=to_mapping(context.study.statistics),
+        cut_offs=selections.cut_offs,
+        code=code("extraction_settings.py"),
+    script:
+        "../scripts/extraction_settings.py"
 
 
 rule top_features:

@@ -20,6 +20,7 @@ def main(
     commands: Sequence,
     other_pages: Mapping[str, str],
     pairs: Sequence[Mapping],
+    impossible: Sequence[str],
     config: Mapping,
 ) -> None:
     target = Path(output)
@@ -27,7 +28,8 @@ def main(
     tables = [index.LinkedTable(title, Path(path)) for title, path in zip(table_titles, table_files, strict=True)]
     diagnoses = [Path(path) for path in reports if Path(path).exists()]
     beside = {title: index_page for title, index_page in other_pages.items() if (target.parent / index_page).exists()}
-    index_page = index.index_page(target.parent, figures, tables, diagnoses, config, commands, beside, pairs)
+    beside_pages = (beside, pairs, impossible)
+    index_page = index.index_page(target.parent, figures, tables, diagnoses, config, commands, *beside_pages)
     files.write_text(index_page, target)
     log.info("%d figures, %d tables, %d diagnoses", len(figures), len(tables), len(diagnoses))
 
@@ -45,5 +47,6 @@ if "snakemake" in globals():
             commands=snakemake.params.commands,
             other_pages=snakemake.params.other_pages,
             pairs=snakemake.params.pairs,
+            impossible=snakemake.params.impossible,
             config=snakemake.params.config,
         )

@@ -15,7 +15,7 @@ def main(
     scores: str,
     output: str,
     groups: Mapping[str, int],
-    noise: str,
+    noise: Mapping[str, str],
     seeds: int,
     statistics: Mapping,
     recording: str | None,

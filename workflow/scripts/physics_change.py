@@ -15,7 +15,7 @@ def main(
     trust_file: str,
     output: str,
     groups: Mapping[str, int],
-    noise: str,
+    noise: Mapping[str, str],
     seeds: int,
     statistics: Mapping,
     cut_offs: Mapping[str, float],

@@ -16,7 +16,7 @@ def main(
     output: str,
     controls_output: str,
     groups: Mapping[str, int],
-    noise: str,
+    noise: Mapping[str, str],
     seeds: int,
     statistics: Mapping,
 ) -> None:

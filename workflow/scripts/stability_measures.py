@@ -16,7 +16,7 @@ def main(
     measures_output: str,
     features_output: str,
     groups: Mapping[str, int],
-    noise: str,
+    noise: Mapping[str, str],
     seeds: int,
     cut_offs: Mapping[str, float],
 ) -> None:

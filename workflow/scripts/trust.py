@@ -17,7 +17,7 @@ def main(
     table_output: str,
     features_output: str,
     groups: Mapping[str, int],
-    noise: str,
+    noise: Mapping[str, str],
     seeds: int,
     statistics: Mapping,
     cut_offs: Mapping[str, float],
@@ -25,22 +25,23 @@ def main(
     pairs: Sequence[Mapping],
     parameters: Mapping,
 ) -> None:
-    table = read_groups(features_file, groups, noise=noise, seeds=seeds)
-    labels = {groups[protocol]: label for protocol, label in sharing.items()}
-    stability = trust.trust_table(
-        table,
-        features_of(table),
-        labels,
-        cut_offs["w_stability_percent"],
-        threshold=statistics["threshold"],
-        compare=statistics["compare"],
-        source=features_file,
-    )
     every_image = read_features(features_file)
     found = robustness.robustness_table(
         every_image, features_of(every_image), pairs, cut_offs, threshold=statistics["threshold"], source=features_file
     )
-    found = robustness.with_protocols(found, stability)
+    if len(groups) > 1:
+        table = read_groups(features_file, groups, noise=noise, seeds=seeds)
+        labels = {groups[protocol]: label for protocol, label in sharing.items()}
+        stability = trust.trust_table(
+            table,
+            features_of(table),
+            labels,
+            cut_offs["w_stability_percent"],
+            threshold=statistics["threshold"],
+            compare=statistics["compare"],
+            source=features_file,
+        )
+        found = robustness.with_protocols(found, stability)
     files.write_csv(found, table_output)
     uses = found.drop_duplicates("feature")
     robust = list(uses.loc[uses["use"] == robustness.ROBUST, "feature"])

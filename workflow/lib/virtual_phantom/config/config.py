@@ -171,7 +171,9 @@ def inspect_config(settings: Mapping) -> tuple[list[str], dict]:
     scans = rest.pop("scans", {})
     fill_defaults(rest, schema)
     _take_public_scans(rest)
-    noise = rest.get("noise", {})
+    stability, noise = rest["analyses"].get("stability", {}), rest.get("noise", {})
+    if isinstance(stability.get("noise"), str):
+        stability["noise"] = [stability["noise"]]
     for level in noise.get("levels", {}).values():
         if "photons" in level and "A" not in level and noise.get("model") == "physical":
             level["A"] = 1 / level.pop("photons")

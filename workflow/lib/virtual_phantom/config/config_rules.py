@@ -14,6 +14,7 @@ from ..base.errors import InputError, did_you_mean
 from ..base.geometry import PARALLEL
 from ..base.names import same_but_for_case
 from ..base.vectors import FLAT
+from ..features.variations import FACTORS, UNRESAMPLED
 from ..physics.effect import DIVERGENT_BEAM, check_readings, checked, effects_needing, image_effects
 from ..statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 from .outputs import OUTPUTS, WILDCARD
@@ -110,6 +111,8 @@ class Rules:
             self._protocols,
             self._voxels,
             self._stability,
+            self._restricted,
+            self._extraction,
             self._optimal,
             self._noise_calibration,
             self._physics,
@@ -243,6 +246,8 @@ class Rules:
         for name, protocol in self.protocols.items():
             if "scan" in protocol:
                 yield from self._known(protocol["scan"], self.names.scans, f"protocols.{name}.scan")
+            for level in protocol.get("noise", ()):
+                yield from self._known(level, self.names.levels, f"protocols.{name}.noise")
         groups: dict[int, str] = {}
         for name, protocol in self.protocols.items():
             if "group" in protocol and (other := groups.setdefault(protocol["group"], name)) != name:
@@ -297,15 +302,25 @@ class Rules:
     def _stability(self) -> Iterator[str]:
         if "stability" not in self.analyses:
             return
-        noise = self.analyses["stability"]["noise"]
-        yield from self._known(noise, self.names.levels, "analyses.stability.noise")
+        levels = self.analyses["stability"]["noise"]
         reason = f"analyses.stability needs at least {RANKSUM_REPEATS} for a rank-sum test"
-        yield from self._repeated(noise, RANKSUM_REPEATS, reason)
+        for noise in levels:
+            yield from self._known(noise, self.names.levels, "analyses.stability.noise")
+            yield from self._repeated(noise, RANKSUM_REPEATS, reason)
+        for name, protocol in self.protocols.items():
+            own = protocol.get("noise", levels)
+            if "group" in protocol and not set(own) & set(levels):
+                yield (
+                    f"config: protocols.{name}.noise has none of the levels of analyses.stability.noise, "
+                    f"{', '.join(levels)}; add one of them, or remove the group of {name}"
+                )
         invalid = set(self.names.protocols) - set(self.protocols)
         grouped = [protocol for protocol in self.protocols.values() if "group" in protocol]
-        if len({protocol["group"] for protocol in grouped}) < 2 and not invalid:
-            yield "config: analyses.stability needs at least two protocols with a group number"
+        if not grouped and not invalid:
+            yield "config: analyses.stability needs a protocol with a group number, better several; add group to them"
         if self.analyses["stability"]["without_physics"] and not invalid:
+            if len(grouped) == 1:
+                yield "config: analyses.stability.without_physics needs at least two protocols with a group; remove it"
             if not any(protocol.get("physics", self.config["physics"]) for protocol in grouped):
                 where = "config: analyses.stability.without_physics"
                 yield f"{where}: no protocol with a group has physics; add physics, or remove this key"
@@ -318,13 +333,64 @@ class Rules:
 
         if self.analyses["stability"]["noise_control"]:
             reason = f"analyses.stability.noise_control needs at least {MINIMUM_REPEATS} for the variance"
-            yield from self._repeated(noise, MINIMUM_REPEATS, reason)
+            for noise in levels:
+                yield from self._repeated(noise, MINIMUM_REPEATS, reason)
             for name, protocol in self.protocols.items():
                 if "group" in protocol and protocol.get("voxels"):
                     yield (
                         f"config: analyses.stability.noise_control: protocol {name} has its own voxels; remove "
                         "noise_control, or voxels from all protocols with a group"
                     )
+
+    def _restricted(self) -> Iterator[str]:
+        """Check that analyses name no noise level that `protocols.*.noise` excludes."""
+        uses = []
+        if optimal := self.analyses.get("optimal"):
+            uses.append(("analyses.optimal", [optimal["sirt"], optimal["fbp"]], [optimal["noise"]]))
+        if calibration := self.analyses.get("noise_calibration"):
+            uses.append(("analyses.noise_calibration", calibration["protocols"], calibration["noise"]))
+        for name, selection in self.analyses.get("pca", {}).items():
+            uses.append((f"analyses.pca.{name}", selection["protocols"], selection["noise"]))
+        for name, comparison in self.analyses.get("comparison", {}).items():
+            uses.append((f"analyses.comparison.{name}", [comparison["protocol"]], [comparison["noise"]]))
+        for where, protocols, levels in uses:
+            for name in protocols:
+                own = self.protocols.get(name, {}).get("noise", levels)
+                if missing := [level for level in levels if level not in own]:
+                    yield f"config: {where} needs protocols.{name} at {missing[0]}; add {missing[0]} to its noise"
+
+    def _extraction(self) -> Iterator[str]:
+        if (axis := self.analyses.get("extraction")) is None:
+            return
+        where = "analyses.extraction"
+        if not set(axis) & set(FACTORS):
+            yield f"config: {where} varies no setting; give one of {', '.join(FACTORS)}"
+        if text := [value for value in axis.get("resampled_mm", ()) if isinstance(value, str) and value != UNRESAMPLED]:
+            yield f"config: {where}.resampled_mm holds '{text[0]}'; give lengths in mm or {UNRESAMPLED}"
+        levels = axis.get("noise", self.analyses.get("stability", {}).get("noise", []))
+        grouped = [name for name, protocol in self.protocols.items() if "group" in protocol]
+        protocols = axis.get("protocols", grouped)
+        for key, names in (("protocols", protocols), ("noise", levels)):
+            if not names:
+                yield f"config: {where}.{key} is missing; without analyses.stability and groups, name some"
+        for name in protocols:
+            yield from self._known(name, self.names.protocols, f"{where}.protocols")
+        reason = f"{where} needs at least {RANKSUM_REPEATS} for a rank-sum test"
+        for level in levels:
+            yield from self._known(level, self.names.levels, f"{where}.noise")
+            yield from self._repeated(level, RANKSUM_REPEATS, reason)
+        for name in protocols:
+            protocol = self.protocols.get(name, {})
+            if levels and not set(protocol.get("noise", levels)) & set(levels):
+                yield f"config: protocols.{name}.noise has none of the levels of {where}, {', '.join(levels)}; add one"
+            spacing = protocol.get("voxels", {}).get("spacing_mm") or self.config.get("grid", {}).get("spacing_mm")
+            lengths = [value for value in axis.get("resampled_mm", ()) if not isinstance(value, str)]
+            if spacing and lengths and min(lengths) < min(spacing):
+                yield (
+                    f"config: {where}.resampled_mm holds {min(lengths):g}, less than every voxel side of protocol "
+                    f"{name}; give at least {min(spacing):g} mm, since interpolation adds no detail"
+                )
+                return
 
     def _optimal(self) -> Iterator[str]:
         if "optimal" in self.analyses:

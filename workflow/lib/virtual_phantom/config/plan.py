@@ -6,11 +6,14 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 from ..base.settings import ScanSettings, to_mapping
+from ..features.variations import Variation, variations
 from ..statistics import MINIMUM_REPEATS
 from .settings import Analyses, Effects, Protocol, Study
+from .tissue_classes import tissue_classes
 
 # Keys of a scan that are newer than the saved scores. With these values they are not part of the hash of the settings.
 NEWER_KEYS = {"beam": "divergent", "detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None}
@@ -119,10 +122,28 @@ class Plan:
         """Return the seed labels of a noise level with the phantom at its nominal position."""
         return self.seeds(noise)[: len(self.seeds(noise)) - len(self.repositioned_seeds(noise))]
 
-    def pattern_noise(self) -> str | None:
-        """Return the noise level of the stability analysis; None if it has too few repeats for the fixed pattern."""
-        noise = self.study.analyses.stability and self.study.analyses.stability.noise
-        return noise if noise and len(self.nominal_seeds(noise)) >= MINIMUM_REPEATS else None
+    def levels_of(self, protocol: str, levels: Iterable[str]) -> tuple[str, ...]:
+        """Return those of some noise levels at which a protocol is scanned."""
+        own = self.study.protocols[protocol].noise
+        return tuple(noise for noise in levels if own is None or noise in own)
+
+    def compared_levels(self, protocols: Iterable[str] | None = None) -> dict[str, str]:
+        """Return {protocol: noise level} at which the stability analysis compares protocols.
+
+        Parameters
+        ----------
+        protocols : iterable of str, optional
+            By default those with a group.
+        """
+        stability = self.study.analyses.stability
+        names = self.groups() if protocols is None else protocols
+        return {name: self.levels_of(name, stability.noise)[0] for name in names} if stability else {}
+
+    def pattern_noise(self) -> dict[str, str]:
+        """Return `compared_levels` for the table of the fixed pattern; {} if a level has too few repeats for it."""
+        levels = self.compared_levels()
+        enough = all(len(self.nominal_seeds(noise)) >= MINIMUM_REPEATS for noise in levels.values())
+        return levels if enough else {}
 
     def position(self, noise: str, seed: str) -> str:
         """Return MOVED or STILL for a repeat with own noise-free projections, "" for one with the shared ones."""
@@ -207,6 +228,21 @@ class Plan:
         protocols = self.study.protocols.items()
         return {name: protocol.group for name, protocol in protocols if protocol.group is not None}
 
+    @cached_property
+    def tissue_classes(self) -> dict[str, str]:
+        """{ROI: tissue class}; empty if a file of the phantom has an error."""
+        return tissue_classes(self.study.phantom)
+
+    @property
+    def compares_protocols(self) -> bool:
+        """Whether the stability analysis has at least two protocols."""
+        return len(self.groups()) > 1
+
+    @property
+    def compares_classes(self) -> bool:
+        """Whether the ROIs have at least two tissue classes."""
+        return len(set(self.tissue_classes.values())) != 1
+
     def groups_without_physics(self) -> dict[str, int]:
         """Return {protocol: group number} with each protocol replaced by its copy without effects, if it has one."""
         if not (self.study.analyses.stability and self.study.analyses.stability.without_physics):
@@ -223,7 +259,9 @@ class Plan:
         levels = study["noise"].pop("levels")
         keys = ("phantom", "grid", "mu_water_per_mm", "materials", "reconstruction", "statistics", "noise")
         settings = {key: study[key] for key in keys}
-        settings["noise"]["level"] = levels[self.study.analyses.stability.noise]
+        compared = self.compared_levels()
+        used = [levels[noise] for noise in dict.fromkeys(compared.values())]
+        settings["noise"]["level"] = used[0] if len(used) == 1 else {name: levels[compared[name]] for name in compared}
         settings["protocols"] = {
             name: {
                 **{key: value for key, value in study["protocols"][name].items() if key != "job"},
@@ -245,7 +283,10 @@ class Plan:
     def _acquisitions(self, analyses: Analyses) -> list[tuple[str, str]]:
         wanted = set()
         if stability := analyses.stability:
-            wanted |= {(protocol, stability.noise) for protocol in {**self.groups(), **self.groups_without_physics()}}
+            wanted |= set(self.compared_levels({**self.groups(), **self.groups_without_physics()}).items())
+            wanted |= {(name, noise) for name in self.groups() for noise in self.levels_of(name, stability.noise)}
+        if analyses.extraction:
+            wanted |= set(self.extracted_images())
         if optimal := analyses.optimal:
             wanted |= {(optimal.sirt, optimal.noise), (optimal.fbp, optimal.noise)}
         if calibration := analyses.noise_calibration:
@@ -254,6 +295,27 @@ class Plan:
         for selection in analyses.pca.values():
             wanted |= set(product(selection.protocols, selection.noise))
         return sorted(wanted)
+
+    @cached_property
+    def variations(self) -> dict[str, Variation]:
+        """Extraction settings that `analyses.extraction` compares with those of the study, by name."""
+        axis, features = self.study.analyses.extraction, self.study.features
+        if axis is None:
+            return {}
+        from ..features.settings import read_extraction  # slow import (pandas)
+
+        return variations(to_mapping(axis), read_extraction(features.parameters), features.section)
+
+    def extracted_repeats(self) -> int:
+        """Return the number of seeds of each acquisition of `extracted_images`."""
+        return self.repeats(noise for _, noise in self.extracted_images())
+
+    def extracted_images(self) -> list[tuple[str, str]]:
+        """Return every (protocol, noise level) of the comparison of extraction settings."""
+        axis, stability = self.study.analyses.extraction, self.study.analyses.stability
+        levels = (axis.noise or (stability.noise if stability else ())) if axis else ()
+        protocols = (axis.protocols or self.groups()) if axis else ()
+        return [(protocol, noise) for protocol in protocols for noise in self.levels_of(protocol, levels)]
 
     def acquisitions_with_features(self) -> list[tuple[str, str]]:
         """Return the acquisitions whose features are used: all except those for the noise calibration only."""

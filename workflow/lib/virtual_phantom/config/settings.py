@@ -83,6 +83,7 @@ class Protocol:
     algorithm: str
     projections: int
     group: int | None = None
+    noise: tuple[str, ...] | None = None
     scan: str | None = None
     job: str | None = None
     kernel: KernelSettings | None = None
@@ -175,14 +176,26 @@ class CutOffs:
 
 @dataclass(frozen=True)
 class Stability:
-    """Section `analyses.stability`."""
+    """Section `analyses.stability`; groups are compared at the first level of `noise` that each protocol has."""
 
-    noise: str
+    noise: tuple[str, ...]
     recordings: tuple[str, ...]
     where: dict[str, Conditions]
     without_physics: bool
     noise_control: bool
     cut_offs: CutOffs
+
+
+@dataclass(frozen=True)
+class ExtractionSettings:
+    """Section `analyses.extraction`: values of each setting, and the images to extract."""
+
+    bin_width: tuple[float, ...] | None = None
+    bin_count: tuple[int, ...] | None = None
+    resampled_mm: tuple[float | str, ...] | None = None
+    dimensions: tuple[str, ...] | None = None
+    protocols: tuple[str, ...] | None = None
+    noise: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -231,6 +244,7 @@ class Analyses:
     """Section `analyses`."""
 
     stability: Stability | None = None
+    extraction: ExtractionSettings | None = None
     optimal: Optimal | None = None
     noise_calibration: NoiseCalibration | None = None
     pca: dict[str, Components] = field(default_factory=dict)

@@ -31,7 +31,7 @@ from ..io.volumes import Volume
 from .hu_offset import convert_to_hu
 from .names import FEATURES
 from .parameters import DEFAULT, LARGEST, Parameters
-from .settings import SETTINGS
+from .settings import SETTINGS, STUDY
 
 # In a block of 4 x 4 x 4 voxels, 8 have all of their 26 neighbors in the ROI. Textures of smaller ROIs depend mostly
 # on the shape of the ROI.
@@ -53,7 +53,11 @@ class RadiomicsWarning(UserWarning):
 
 
 def extract(
-    volume: Volume, masks: dict[str, np.ndarray], name: str = "image", parameters: Parameters = DEFAULT
+    volume: Volume,
+    masks: dict[str, np.ndarray],
+    name: str = "image",
+    parameters: Parameters = DEFAULT,
+    boxed: bool = False,
 ) -> pd.DataFrame:
     """Extract the features of every ROI of an image.
 
@@ -67,6 +71,9 @@ def extract(
         On the image's grid, by ROI.
     name : str, optional
         Name of the image in messages.
+    boxed : bool, optional
+        Whether the image was reconstructed only in boxes around the ROIs (reconstruction.boxes). Resampling then
+        repeats the outermost voxels of a box, so that its interpolation does not see the air outside.
 
     Returns
     -------
@@ -97,9 +104,11 @@ def extract(
         n_voxels = int(np.count_nonzero(mask[_largest(mask)] if parameters.section == LARGEST else mask))
         if n_voxels < 2:
             raise InputError(f"{name}: ROI {roi} has {n_voxels} voxels; textures need neighbors; give a larger ROI")
-        image, label = _images(volume, mask, parameters)
+        image, label = _images(volume, mask, parameters, boxed)
         with _pyradiomics_messages(f"{name}, ROI {roi}"):
-            values, levels = _values(image, label, parameters, f"{name}: ROI {roi}")
+            values, levels, resampled = _values(image, label, parameters, f"{name}: ROI {roi}")
+        if parameters.variation is not None:
+            n_voxels = resampled
         rows.append(
             {
                 "roi": roi,
@@ -122,31 +131,37 @@ def extract_repeats(
     return pd.concat([extract(volume, masks, f"{name}, repeat {i}", parameters) for i, volume in enumerate(volumes)])
 
 
-def _values(image: sitk.Image, label: sitk.Image, parameters: Parameters, source: str) -> tuple[dict[str, float], int]:
-    """Return the features by name, and the number of occupied bins."""
-    if parameters.source is None:
+def _values(
+    image: sitk.Image, label: sitk.Image, parameters: Parameters, source: str
+) -> tuple[dict[str, float], int, int]:
+    """Return the features by name, the number of occupied bins, and that of voxels (after resampling)."""
+    if parameters.extraction is STUDY:
         found = parameters.extractor.execute(image, label)
-        return {feature: float(found[feature]) for feature in FEATURES}, _grey_levels(image, label, SETTINGS)
+        values = {feature: float(found[feature]) for feature in FEATURES}
+        return values, _grey_levels(image, label, SETTINGS), _voxels(label)
     extractor = parameters.extractor
     try:
         found = extractor.execute(image, label)
         prepared = extractor.loadImage(image, label, None, **extractor.settings)
     except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())
-        raise InputError(f"{source}: pyradiomics fails with {parameters.source}: {reason[:300]}") from None
+        raise InputError(f"{source}: pyradiomics fails with {parameters.origin}: {reason[:300]}") from None
     except MemoryError:
         raise InputError(
-            f"{source}: the bins set in {parameters.source} need more memory than is available; set a larger "
+            f"{source}: the bins set in {parameters.origin} need more memory than is available; set a larger "
             "binWidth or a smaller binCount"
         ) from None
     if missing := [feature for feature in parameters.features if feature not in found]:
         raise InputError(
-            f"{source}: pyradiomics gives no {missing[0]}, which {parameters.source} requests; the image may be too "
+            f"{source}: pyradiomics gives no {missing[0]}, which {parameters.origin} requests; the image may be too "
             "small for the filter"
         )
-    return {feature: float(found[feature]) for feature in parameters.features}, _grey_levels(
-        *prepared, extractor.settings
-    )
+    values = {feature: float(found[feature]) for feature in parameters.features}
+    return values, _grey_levels(*prepared, extractor.settings), _voxels(prepared[1])
+
+
+def _voxels(label: sitk.Image) -> int:
+    return int(np.count_nonzero(sitk.GetArrayViewFromImage(label)))
 
 
 def _largest(mask: np.ndarray) -> int:
@@ -154,16 +169,24 @@ def _largest(mask: np.ndarray) -> int:
     return int(np.count_nonzero(mask, axis=(1, 2)).argmax())
 
 
-def _images(volume: Volume, mask: np.ndarray, parameters: Parameters) -> tuple[sitk.Image, sitk.Image]:
+def _images(volume: Volume, mask: np.ndarray, parameters: Parameters, boxed: bool) -> tuple[sitk.Image, sitk.Image]:
     """Return image and label, cropped to the ROI if the features depend on nothing else.
 
     Cropping saves most of the time. A margin of one voxel keeps the background in the label that pyradiomics needs.
     Filters, resampling and normalization need the whole image.
     """
     arrays, spacing = (volume.array, mask.astype(np.uint8)), volume.grid.spacing
+    if boxed and parameters.extraction.settings.get("resampledPixelSpacing") is not None:
+        from ..reconstruction.boxes import boxes_around  # slow import (numba)
+
+        (box,) = boxes_around([mask], volume.grid)
+        outside = [(part.start, count - part.stop) for part, count in zip(box, volume.array.shape, strict=True)]
+        arrays = np.pad(volume.array[box], outside, mode="edge"), arrays[1]
     if parameters.section == LARGEST:
         largest = _largest(mask)
-        arrays, spacing = tuple(array[largest] for array in arrays), (1.0, 1.0)
+        arrays, spacing = tuple(array[largest] for array in arrays), spacing[1:]
+        if parameters.in_pixels:
+            spacing = (1.0, 1.0)
     if parameters.stored_offset_hu:
         arrays = arrays[0].astype(np.float64) + parameters.stored_offset_hu, arrays[1]
     if parameters.depends_on_roi_only:

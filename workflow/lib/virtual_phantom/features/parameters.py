@@ -27,8 +27,8 @@ from ..io.yaml_files import read_yaml
 from .names import FEATURES, NAMES, is_feature
 from .parameter_checks import unsupported, without_effect
 from .settings import CUSTOM_PREFIX, SETTINGS, STUDY, Extraction, image_type, read_extraction
+from .variations import LARGEST, WHOLE, Variation
 
-WHOLE, LARGEST = "whole", "largest"
 ADVICE = "give a parameter file of pyradiomics under features.parameters"
 SECTIONS = ("imageType", "featureClass", "setting")
 # Feature names are found by extraction from a noise image. These settings ensure that pyradiomics accepts it.
@@ -60,6 +60,8 @@ class Parameters:
         Part of each region: all of it, in 3D, or the slice with the most voxels, in 2D with pixels of side 1.
     stored_offset_hu : float
         Offset that is added to HU before the extraction.
+    variation : Variation or None
+        The setting that differs from those of the study.
     """
 
     extraction: Extraction
@@ -67,11 +69,25 @@ class Parameters:
     source: str | None = None
     section: str = WHOLE
     stored_offset_hu: float = 0.0
+    variation: Variation | None = None
 
     @property
     def is_custom(self) -> bool:
         """Whether anything differs from the default."""
-        return self.source is not None or self.section != WHOLE or self.stored_offset_hu != 0
+        changed = self.variation is not None or self.section != WHOLE or self.stored_offset_hu != 0
+        return self.source is not None or changed
+
+    @property
+    def origin(self) -> str:
+        """Where the settings come from, for messages."""
+        if self.variation is not None:
+            return f"analyses.extraction ({self.variation.factor}: {self.variation.value})"
+        return self.source or "the default settings"
+
+    @property
+    def in_pixels(self) -> bool:
+        """Whether the pixels of a single slice count as having side 1, whatever their size in mm."""
+        return self.section == LARGEST and not (self.variation and self.variation.factor == "resampled_mm")
 
     @cached_property
     def extractor(self) -> RadiomicsFeatureExtractor:
@@ -120,6 +136,8 @@ class Parameters:
             content["image_types"] = self.extraction.image_types
         if self.section != WHOLE or self.stored_offset_hu:
             content |= {"section": self.section, "stored_offset_hu": float(self.stored_offset_hu)}
+        if self.variation is not None:
+            content["variation"] = self.variation.name
         text = json.dumps(content, sort_keys=True, separators=(",", ":"))
         digits = hashlib.sha256(text.encode()).hexdigest()[:16]
         return CUSTOM_PREFIX + digits if self.is_custom else digits
@@ -172,6 +190,18 @@ def read_parameters(path: str | None, section: str = WHOLE, stored_offset_hu: fl
     if not found.features:
         raise InputError(f"{path}: selects no feature that can be extracted from volumes; name a featureClass")
     return found
+
+
+def vary(parameters: Parameters, variation: Variation) -> Parameters:
+    """Return parameters with one setting changed.
+
+    Raises
+    ------
+    InputError
+        As `Variation.apply`.
+    """
+    extraction, section = variation.apply(parameters.extraction, parameters.section)
+    return replace(parameters, extraction=extraction, section=section, variation=variation)
 
 
 def _check_sigmas(found: Parameters) -> None:

@@ -103,16 +103,25 @@ def select(table: pd.DataFrame, *, protocols: Sequence[str], noise: Sequence[str
     return chosen.reset_index(drop=True)
 
 
-def read_groups(path: str | Path, groups: Mapping[str, int], *, noise: str, seeds: int) -> pd.DataFrame:
-    """Read a feature table and `select` rows; the column group has the number of each protocol in {protocol: number}.
+def read_groups(path: str | Path, groups: Mapping[str, int], *, noise: Mapping[str, str], seeds: int) -> pd.DataFrame:
+    """Read a feature table and `select` rows, with the number of each protocol in the column group.
+
+    Parameters
+    ----------
+    groups : mapping of str to int
+        {protocol: number}.
+    noise : mapping of str to str
+        {protocol: noise level}.
 
     Raises
     ------
     InputError
         As in `read_features` and `select`.
     """
-    chosen = select(read_features(path), protocols=list(groups), noise=[noise], seeds=seeds)
-    return chosen.assign(group=chosen["protocol"].map(dict(groups)))
+    table = read_features(path)
+    chosen = [select(table, protocols=[name], noise=[noise[name]], seeds=seeds) for name in sorted(groups)]
+    found = pd.concat(chosen, ignore_index=True)
+    return found.assign(group=found["protocol"].map(dict(groups)))
 
 
 def require_unique_rows(table: pd.DataFrame, source: str) -> None:

@@ -60,6 +60,11 @@ def cut_offs(trust: pd.DataFrame, ccc: float) -> dict[str, float]:
     }
 
 
+def measures(trust: pd.DataFrame) -> list[str]:
+    """Return the measures that are defined, the default first; a single region has only W."""
+    return list(COLUMNS) if trust["rois"].iloc[0] > 1 else ["w"]
+
+
 def cells(trust: pd.DataFrame) -> list[dict]:
     """Return the cells of the heat map: names, words, and {measure}|{region} with |low and |high."""
     regions = region_names(trust)
@@ -129,7 +134,7 @@ def heat_map(trust: pd.DataFrame, limits: Mapping[str, float], *, trial: bool = 
     limits : mapping of str to float
         From `cut_offs`.
     """
-    chosen = [{"name": "measure", "value": "icc"}, {"name": "region", "value": ALL_REGIONS}]
+    chosen = [{"name": "measure", "value": measures(trust)[0]}, {"name": "region", "value": ALL_REGIONS}]
     title = {"title": {"text": style.TRIAL, "color": style.VERMILLION}} if trial else {}
     resolve = {"scale": {"y": "independent"}}
     content = {**title, **_map(trust), "datasets": {"cells": cells(trust)}, "resolve": resolve}
@@ -150,7 +155,7 @@ def page_chart(trust: pd.DataFrame, limits: Mapping[str, float], curves: Mapping
     """
     regions = [ALL_REGIONS, *region_names(trust)]
     params = [
-        _choice("measure", list(COLUMNS), list(NAMES.values())),
+        _choice("measure", measures(trust), [NAMES[name] for name in measures(trust)]),
         _choice("region", regions, [label(region) for region in regions]),
     ]
     resolve = {"scale": {"color": "independent", "shape": "independent"}}

@@ -7,7 +7,7 @@ import pandas as pd
 from ..statistics import REPEATS
 from ..statistics.comparison_summary import MINIMUM_ROIS, MOST, RANK_RIGHT
 from ..statistics.controls import DIFFERENT_CLASSES, SAME_CLASS, WHITE_NOISE, headline
-from ..statistics.robustness import SIZE, USES
+from ..statistics.robustness import SIZE, USES, between_protocols
 from ..statistics.stability_measures import UNVARYING
 
 
@@ -28,12 +28,14 @@ def robustness_answer(trust: pd.DataFrame) -> dict:
         * repeats: control, number of considered features that are robust for random repeats; None if not studied
         * exchanged: control, largest mean percentage over features of exchanges of regions that reach the cut-off
         * cut_off, rois: of the ICC, and number of regions
+        * stable: number of features that are stable between protocols by W, for a single region; None for one protocol
     """
     features = trust.drop_duplicates("feature")
     lowest = features["feature"].map(trust.groupby("feature")["icc"].min())
     features = features.assign(lowest=lowest).sort_values("lowest", ascending=False, kind="stable")
     uses = {use: features[features["use"] == use] for use in USES}
     considered = trust[~trust["use"].isin([SIZE, UNVARYING])]
+    between = between_protocols(considered)
     repeats = considered.loc[considered["change"] == REPEATS, "robust"]
     return {
         "changes": list(dict.fromkeys(trust["change"])),
@@ -45,6 +47,7 @@ def robustness_answer(trust: pd.DataFrame) -> dict:
         "exchanged": considered.groupby("change")["exchanged_percent"].mean().max(),
         "cut_off": float(trust["icc_cut_off"].iloc[0]),
         "rois": int(trust["rois"].iloc[0]),
+        "stable": int((between["stable"] == "yes").sum()) if len(between) else None,
     }
 
 
@@ -64,6 +67,7 @@ def controls_answer(controls: pd.DataFrame) -> dict:
         * features, repeats: numbers of features and of values per sample
         * noise: whether there is a control with white noise
         * impossible: why pairs of one class are not compared, or None
+        * discriminates: whether pairs of different classes are compared
     """
     rows = controls[controls["score"] == "discrimination"].set_index("control")
     same = rows.loc[SAME_CLASS]
@@ -73,6 +77,7 @@ def controls_answer(controls: pd.DataFrame) -> dict:
         "repeats": int(same["repeats"]),
         "noise": (controls["control"] == WHITE_NOISE).any(),
         "impossible": same["meaning"] if pd.isna(same["percent"]) else None,
+        "discriminates": pd.notna(rows.loc[DIFFERENT_CLASSES, "percent"]),
     }
 
 

@@ -20,6 +20,7 @@ from ..io.files import read_csv
 from ..statistics.robustness import AVOID, ONE_PROTOCOL, ROBUST, SIZE, UNDECIDED, between_protocols
 from ..statistics.stability_measures import UNVARYING
 from .answer import agreement_text, controls_answer, robustness_answer
+from .extraction import extraction_answer
 from .html import COLORS, OTHER_COLOR
 from .study import ReportFigure, caption, render_study
 
@@ -58,6 +59,7 @@ def index_page(
     commands: Mapping[str, str],
     other_pages: Mapping[str, str] | None = None,
     pairs: Sequence[Mapping] = (),
+    impossible: Sequence[str] = (),
 ) -> str:
     """Render the page as HTML.
 
@@ -78,6 +80,8 @@ def index_page(
         {title: address} of other pages in the same folder.
     pairs : sequence of mapping, optional
         Pairs of settings in trust.csv (`study.changes.setting_pairs`), for curves of the features.
+    impossible : sequence of str, optional
+        A sentence for each requested analysis that the study does not allow.
     """
     frames = {table.path.stem: read_csv(table.path) for table in tables}
     addresses = {table.path.stem: relative(table.path, folder) for table in tables}
@@ -98,6 +102,7 @@ def index_page(
     answer = chart = None
     if trust is not None:
         answer = robustness_answer(trust)
+    if answer and (answer["rois"] > 1 or answer["stable"] is not None):
         limits = trust_map.cut_offs(trust, config["analyses"]["stability"]["cut_offs"]["ccc"])
         names = list(trust["feature"].unique())
         curves = trust_map.feature_curves(features, names, pairs if features is not None else ())
@@ -113,6 +118,10 @@ def index_page(
         chart=chart and Markup(chart),
         bundle=chart and Markup(trust_map.bundle()),
         controls=controls_answer(frames["controls"]) if "controls" in frames else None,
+        impossible=impossible,
+        extraction=extraction_answer(frames["extraction_settings"], frames["extraction_choice"])
+        if "extraction_settings" in frames
+        else None,
         comparisons=comparisons,
         verdicts=[verdict(path, folder) for path in diagnoses],
         warnings=[] if features is None else study_warnings(features, trust),

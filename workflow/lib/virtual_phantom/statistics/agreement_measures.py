@@ -58,6 +58,14 @@ def mean_squares(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
+def icc_agreement_value(x: np.ndarray) -> np.ndarray:
+    """Value of `icc_agreement`, without its interval."""
+    n, k = x.shape[-3:-1]
+    msr, msc, mse = mean_squares(x)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return (msr - mse) / (msr + (k - 1) * mse + k * (msc - mse) / n)
+
+
 def icc_agreement(x: np.ndarray) -> Icc:
     """ICC(2,1) of Shrout and Fleiss, ICC(A,1) of McGraw and Wong: random subjects and conditions, absolute agreement.
 
@@ -66,8 +74,8 @@ def icc_agreement(x: np.ndarray) -> Icc:
     """
     n, k = x.shape[-3:-1]
     msr, msc, mse = mean_squares(x)
+    value = icc_agreement_value(x)
     with np.errstate(divide="ignore", invalid="ignore"):
-        value = (msr - mse) / (msr + (k - 1) * mse + k * (msc - mse) / n)
         a, b = k * value / (n * (1 - value)), 1 + k * value * (n - 1) / (n * (1 - value))
         freedom = (a * msc + b * mse) ** 2 / ((a * msc) ** 2 / (k - 1) + (b * mse) ** 2 / ((n - 1) * (k - 1)))
         above = scipy.stats.f.ppf((1 + CONFIDENCE) / 2, n - 1, freedom)

@@ -20,6 +20,8 @@ IN_WORDS = {SAME_CLASS: "pairs of one tissue class", WHITE_NOISE: "noise without
 NO_CONTROL = "no control of one tissue class"
 ONE_ROI_PER_CLASS = "Not possible: no tissue class has two ROIs."
 POOLED = "Not possible: statistics.compare pools the ROIs of a class."
+ONE_CLASS = "Not possible: all ROIs are of one tissue class."
+ONE_PROTOCOL = "Not possible: the study has one protocol."
 
 
 def controls(
@@ -44,7 +46,7 @@ def controls(
 
         * score: stability (share of comparisons with |W| below the threshold) or discrimination (above it)
         * control: protocols and different classes (the scores of the study), same class, chance
-        * percent: 100 times count / comparisons; NaN for a control that is not possible. For chance, the exact
+        * percent: 100 times count / comparisons; NaN for a score or control that is not possible. For chance, the exact
           probability for continuous values and independent samples.
         * count, comparisons: over all features; NaN for chance
         * pairs: pairs of groups in each ROI (stability), or pairs of ROIs in each group (discrimination)
@@ -56,19 +58,24 @@ def controls(
     groups, across, within = len(found.groups), found.pairs(same_class=False), found.pairs(same_class=True)
     stable = np.concatenate(list(found.stable.values()))
     equal = np.mean([stable_probability(size, threshold) for size in found.sizes.values()])
-    differing = np.mean([differing_probability(found.sizes[a], found.sizes[b], threshold) for a, b in across])
+    probabilities = [differing_probability(found.sizes[a], found.sizes[b], threshold) for a, b in across]
+    differing = np.mean(probabilities) if across else np.nan
     impossible = ONE_ROI_PER_CLASS if compare == "roi" else POOLED
     rows = [
         ("stability", PROTOCOLS, *_share(found, [stable]), groups * (groups - 1) // 2)
-        + (f"Pairs of protocols with |W| < {threshold:g}, for the same ROI.",),
+        + (f"Pairs of protocols with |W| < {threshold:g}, for the same ROI." if groups > 1 else ONE_PROTOCOL,),
         ("stability", CHANCE, 100 * equal, np.nan, np.nan, np.nan)
         + (f"Probability of |W| < {threshold:g} if no protocol changes the feature.",),
         ("discrimination", DIFFERENT_CLASSES, *_share(found, [found.differing[pair] for pair in across]), len(across))
-        + (f"Pairs of ROIs of different tissue classes with |W| > {threshold:g}, for the same protocol.",),
+        + (
+            f"Pairs of ROIs of different tissue classes with |W| > {threshold:g}, for the same protocol."
+            if across
+            else ONE_CLASS,
+        ),
         ("discrimination", SAME_CLASS, *_share(found, [found.differing[pair] for pair in within]), len(within))
         + (f"Pairs of ROIs of one tissue class with |W| > {threshold:g}." if within else impossible,),
         ("discrimination", CHANCE, 100 * differing, np.nan, np.nan, np.nan)
-        + (f"Probability of |W| > {threshold:g} if the ROIs do not differ.",),
+        + (f"Probability of |W| > {threshold:g} if the ROIs do not differ." if across else ONE_CLASS,),
     ]
     columns = ["score", "control", "percent", "count", "comparisons", "pairs", "meaning"]
     result = pd.DataFrame(rows, columns=columns).astype(dict.fromkeys(columns[3:6], "Int64"))
@@ -119,6 +126,9 @@ def headline(table: pd.DataFrame, sd: Mapping[str, float] | None = None) -> dict
     texts = {}
     for score, mean in (("stability", PROTOCOLS), ("discrimination", DIFFERENT_CLASSES)):
         if (score, mean) not in percent:
+            continue
+        if np.isnan(percent[score, mean]):
+            texts[score] = "not possible"
             continue
         spread = f" ± {sd[score]:.1f}" if sd else ""
         found = {name: percent[score, name] for name in IN_WORDS if (score, name) in percent}

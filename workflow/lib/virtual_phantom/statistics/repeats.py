@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pandas as pd
 
+from ..base.errors import InputError
 from ..base.streams import generator, root
 from . import wilcoxon
 
@@ -78,7 +79,16 @@ def score_draws(
     DataFrame
         One row per draw and feature: repeats, of (number of repeats drawn from), draw (1, 2, ...), and the columns of
         `wilcoxon.scores`.
+
+    Raises
+    ------
+    InputError
+        For fewer than two groups or tissue classes, and as `wilcoxon.scores`.
     """
+    for kind, column in (("group", "group"), ("tissue class", "tissue_class")):
+        if (number := table[column].nunique()) < 2:
+            source = options.get("source", "features")
+            raise InputError(f"{source}: {number} {kind}; stability and discrimination need at least two")
     draws = []
     for draw, (chosen, available) in enumerate(subsamples(table, repeats, unit, shared), 1):
         scores = wilcoxon.scores(chosen, features, **options)

@@ -31,19 +31,22 @@ UNVARYING = "does not vary"  # result for features whose repeats have the same v
 
 def measure_table(
     table: pd.DataFrame,
-    scores: pd.DataFrame,
+    scores: pd.DataFrame | None,
     features: Sequence[str],
     cut_offs: Mapping[str, float],
     source: str = "features",
 ) -> pd.DataFrame:
     """Compute every measure of every feature.
 
+    With a single group, ICC and CCC compare repeats instead of groups. With a single ROI, both are undefined.
+
     Parameters
     ----------
     table : DataFrame
         One row per image and ROI, with columns group, roi, seed and `features`.
-    scores : DataFrame
-        Scores of the same images, from `trust.trust_table` (with intervals) or `wilcoxon.scores`.
+    scores : DataFrame or None
+        Scores of the same images, from `trust.trust_table` (with intervals) or `wilcoxon.scores`. None for a single
+        group, which has no W.
     cut_offs : mapping of str to float
         w_stability_percent, icc, ccc (stable if at least), cv, qcd (stable if at most).
     source : str, optional
@@ -59,18 +62,25 @@ def measure_table(
     Raises
     ------
     InputError
-        If a group lacks a seed of an ROI, or there are fewer than two groups or ROIs.
+        If a group lacks a seed of an ROI.
     """
     x = feature_array(table, features, source)
     columns = ["stability_percent", "ci95_low", "ci95_high"]
+    scores = pd.DataFrame({"feature": list(features)}) if scores is None else scores
     w = scores.set_index("feature").reindex(index=list(features), columns=columns).to_numpy(dtype=np.float64).T
-    agreement, consistency = agreement_measures.icc_agreement(x), agreement_measures.icc_consistency(x)
+    if x.shape[2] < 2:
+        x = x.swapaxes(2, 3)
     missing = np.full(len(features), np.nan)
+    agreement = consistency = agreement_measures.Icc(missing, missing, missing)
+    concordance = missing
+    if x.shape[1] > 1:
+        agreement, consistency = agreement_measures.icc_agreement(x), agreement_measures.icc_consistency(x)
+        concordance = agreement_measures.concordance(x)
     values = {
         "w_stability_percent": tuple(w),
         "icc_2_1": (agreement.value, agreement.low, agreement.high),
         "icc_3_1": (consistency.value, consistency.low, consistency.high),
-        "ccc": (agreement_measures.concordance(x), missing, missing),
+        "ccc": (concordance, missing, missing),
         "cv": (agreement_measures.coefficient_of_variation(x), missing, missing),
         "qcd": (agreement_measures.quartile_dispersion(x), missing, missing),
     }
@@ -120,9 +130,6 @@ def feature_array(table: pd.DataFrame, features: Sequence[str], source: str = "f
     keys = ["roi", "group", "seed"]
     levels = [table["roi"].unique(), np.sort(table["group"].unique()), np.sort(table["seed"].unique())]
     shape = tuple(map(len, levels))
-    for kind, number in (("ROI", shape[0]), ("group", shape[1])):
-        if number < 2:
-            raise InputError(f"{source}: {number} {kind}; measures of agreement need at least two")
     wanted = pd.MultiIndex.from_product(levels, names=keys)
     rows = pd.MultiIndex.from_frame(table[keys])
     require_unique_rows(table, source)

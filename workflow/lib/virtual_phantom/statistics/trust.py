@@ -62,11 +62,13 @@ def trust_table(
     Raises
     ------
     InputError
-        For an unknown `compare`, a group that lacks a seed of an ROI, or fewer than two groups or ROIs.
+        For an unknown `compare`, a group that lacks a seed of an ROI, or fewer than two groups.
     """
     if compare not in COMPARE:
         raise InputError(f"statistics.compare: {compare!r} is not known; choose from {', '.join(COMPARE)}")
     x = feature_array(features_table, features, source)
+    if x.shape[2] < 2:
+        raise InputError(f"{source}: 1 group; stability needs at least two")
     class_of = dict(zip(features_table["roi"], features_table[compare], strict=True))
     unit_of = list(class_of.values())
     units = [[index for index, unit in enumerate(unit_of) if unit == name] for name in dict.fromkeys(unit_of)]

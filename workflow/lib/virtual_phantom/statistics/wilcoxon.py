@@ -112,9 +112,8 @@ def comparisons(
     samples = {key: values[rows] for key, rows in table.groupby(["group", compare]).indices.items()}
     class_of = dict(zip(table[compare], table["tissue_class"], strict=True))  # in order of appearance
     groups = sorted(table["group"].unique())
-    for kind, names in (("group", groups), ("tissue class", set(class_of.values()))):
-        if len(names) < 2:
-            raise InputError(f"{source}: {len(names)} {kind}; stability and discrimination need at least two")
+    if not len(groups):
+        raise InputError(f"{source}: has no rows; make the table again")
     for group in groups:
         for unit in class_of:
             if (group, unit) not in samples:
@@ -127,7 +126,10 @@ def comparisons(
         class_of=class_of,
         sizes={unit: len(samples[groups[0], unit]) for unit in class_of},
         stable={
-            unit: np.array([w(samples[a, unit], samples[b, unit]) for a, b in combinations(groups, 2)]) < threshold
+            unit: np.array([w(samples[a, unit], samples[b, unit]) for a, b in combinations(groups, 2)]).reshape(
+                -1, len(features)
+            )
+            < threshold
             for unit in class_of
         },
         differing={
@@ -172,6 +174,7 @@ def scores(
 
     Stability: percentage of pairs of groups, over all ROIs (or classes, see `compare`), with W below `threshold`.
     Discrimination: percentage of pairs of ROIs (or classes) of different classes, over all groups, with W above it.
+    A percentage without comparisons is NaN: stability of a single group, discrimination of a single class.
 
     Parameters
     ----------
@@ -194,18 +197,20 @@ def scores(
     Raises
     ------
     InputError
-        For an unknown test or `compare`, fewer than two groups or classes, a missing ROI, a repeated seed, or values
-        that are not finite.
+        For an unknown test or `compare`, an empty table, a missing ROI, a repeated seed, or values that are not finite.
     """
     found = comparisons(table, features, test=test, threshold=threshold, compare=compare, source=source)
     all_stable = np.concatenate(list(found.stable.values()))
-    discriminated = np.concatenate([found.differing[pair] for pair in found.pairs(same_class=False)])
+    none = np.empty((0, len(features)), dtype=bool)
+    discriminated = np.concatenate([none, *(found.differing[pair] for pair in found.pairs(same_class=False))])
     by_class = {
         name: np.concatenate([stable for unit, stable in found.stable.items() if found.class_of[unit] == name])
         for name in dict.fromkeys(found.class_of.values())
     }
 
     def percent(successes: np.ndarray) -> np.ndarray:
+        if not len(successes):
+            return np.full(len(features), np.nan)
         return np.where(found.varies, 100 * successes.sum(axis=0) / len(successes), np.nan)
 
     return pd.DataFrame(

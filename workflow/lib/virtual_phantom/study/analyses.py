@@ -52,14 +52,20 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
         images = len(calibration.protocols) * sum(len(plan.nominal_seeds(noise)) for noise in calibration.noise)
         yield _job("noise_calibration", images=images)
         yield _job("figure_noise_calibration")
-    if analyses.stability and analyses.stability.noise_control:
-        images = len(plan.groups()) * len(plan.seeds(analyses.stability.noise))
+    if analyses.stability and analyses.stability.noise_control and plan.compares_protocols:
+        images = sum(len(plan.seeds(noise)) for noise in plan.compared_levels().values())
         yield _job("noise_control", images=images)
     if analyses.stability:
-        yield from _stability(analyses.stability, plan.study.measured.overlay)
-        if noise := plan.pattern_noise():
-            yield _job("fixed_pattern", images=len(plan.groups()) * len(plan.nominal_seeds(noise)))
-    for name in analyses.pca:
+        yield from _stability(plan, analyses.stability)
+        if levels := plan.pattern_noise():
+            yield _job("fixed_pattern", images=sum(len(plan.nominal_seeds(noise)) for noise in levels.values()))
+    if plan.variations and _has_robustness(plan):
+        for setting in plan.variations:
+            for protocol, noise in plan.extracted_images():
+                known = {"setting": setting, "protocol": protocol, "noise": noise}
+                yield _job("setting_features", images=plan.extracted_repeats(), **known)
+        yield _job("extraction_features", "extraction_settings", "extraction_choice")
+    for name in analyses.pca if plan.compares_classes else ():
         yield _job("pca", "separability", pca=name)
         yield _job(f"figure_pca_{name}")
     with_recordings = list(_recording_jobs(plan))
@@ -89,19 +95,55 @@ def _job(*names: str, images: int = 0, **known: str) -> AnalysisJob:
     return AnalysisJob(tuple(BY_NAME[name] for name in names), known, images)
 
 
-def _stability(stability: Stability, overlay: bool) -> Iterator[AnalysisJob]:
-    yield _job("stability", "controls")
+def impossible(plan: Plan) -> list[str]:
+    """Return a sentence for each analysis that the configuration requests and its ROIs or protocols do not allow."""
+    analyses, classes, sentences = plan.study.analyses, plan.tissue_classes, []
+    if analyses.stability and not plan.compares_protocols:
+        sentences.append(
+            f"Stability between protocols: not possible, since only {next(iter(plan.groups()))} has a group. The "
+            "measures compare its repeats. Give a second protocol a group."
+        )
+    if not plan.compares_classes and (analyses.stability or analyses.pca):
+        name = next(iter(classes.values()))
+        reason = "the study has one ROI" if len(classes) == 1 else f"all ROIs have the tissue class {name}"
+        sentences.append(
+            f"Discriminative power, rankings and principal components: not possible, since {reason}. Add an ROI of "
+            "another tissue."
+        )
+    if analyses.stability and len(classes) == 1:
+        others = "W, CV or QCD" if plan.compares_protocols else "CV or QCD"
+        sentences.append(f"ICC and CCC: not possible, since they compare several ROIs. Use {others}.")
+    if plan.variations and not _has_robustness(plan):
+        sentences.append(
+            "Extraction settings: not compared, since one ROI in one protocol and noise level has no measure of "
+            "robustness."
+        )
+    return sentences
+
+
+def _has_robustness(plan: Plan) -> bool:
+    """Return whether extraction settings can be compared: with several ROIs, or several conditions."""
+    return len(plan.tissue_classes) != 1 or len(plan.extracted_images()) > 1
+
+
+def _stability(plan: Plan, stability: Stability) -> Iterator[AnalysisJob]:
     yield _job("stability_measures", "stable_features")
     yield _job("trust", "robust_features")
-    yield _job("figure_trust_map")
-    yield _job("top_features")
-    yield _job("figure_stability_discrimination")
-    if overlay:
-        yield _job("overlap")
-        yield _job("figure_overlap")
+    if plan.compares_protocols or len(plan.tissue_classes) != 1:
+        yield _job("figure_trust_map")
+    if not plan.compares_protocols:
+        return
+    yield _job("stability", "controls")
     if stability.without_physics:
         yield _job("physics_change")
         yield _job("figure_physics_change")
+    if not plan.compares_classes:
+        return
+    yield _job("top_features")
+    yield _job("figure_stability_discrimination")
+    if plan.study.measured.overlay:
+        yield _job("overlap")
+        yield _job("figure_overlap")
     for name in stability.recordings:
         yield _job("scores", recording=name)
         yield _job("stability_beside", recording=name)

@@ -8,9 +8,11 @@ from itertools import combinations
 
 from ..config.plan import Plan
 from ..config.settings import Protocol
+from ..features.variations import OWN
 from ..statistics import ANY_PROTOCOL, REPEATS, REPOSITIONING
 
 DOSE, PROJECTIONS, SLICES, PIXELS = "dose", "projections", "slice thickness", "pixel size"
+PROTOCOL_AND_DOSE, EXTRACTION = "protocol and dose", "extraction settings"
 RECONSTRUCTION, KERNEL, SCANNER, PHYSICS = "reconstruction", "kernel", "scanner", "physics"
 
 
@@ -54,7 +56,7 @@ def setting_pairs(plan: Plan) -> tuple[SettingPair, ...]:
     groups = plan.groups()
     images = [(protocol, noise) for protocol, noise in plan.acquisitions_with_features() if protocol in groups]
     images.sort(key=lambda image: (list(groups).index(image[0]), _dose_order(plan, image[1])))
-    return (*_repeats(plan, images), *_single_changes(plan, images), *_protocols(plan))
+    return (*_repeats(plan, images), *_single_changes(plan, images), *_both(plan), *_protocols(plan))
 
 
 def _repeats(plan: Plan, images: list[tuple[str, str]]) -> Iterator[SettingPair]:
@@ -89,10 +91,48 @@ def _single_changes(plan: Plan, images: list[tuple[str, str]]) -> Iterator[Setti
 
 
 def _protocols(plan: Plan) -> Iterator[SettingPair]:
-    noise = plan.study.analyses.stability.noise
+    levels = plan.compared_levels()
     for first, second in combinations(plan.groups(), 2):
-        settings = (_setting(protocol, noise, plan.seeds(noise), protocol) for protocol in (first, second))
-        yield SettingPair(ANY_PROTOCOL, *settings, "paired")
+        settings = (_setting(name, levels[name], plan.seeds(levels[name]), name) for name in (first, second))
+        yield SettingPair(ANY_PROTOCOL, *settings, "paired" if levels[first] == levels[second] else "independent")
+
+
+def _both(plan: Plan) -> Iterator[SettingPair]:
+    """Yield the pairs of protocols with different noise levels, if the stability analysis has several levels."""
+    levels = plan.study.analyses.stability.noise
+    compared = set(plan.compared_levels().items()) if len(set(plan.compared_levels().values())) > 1 else set()
+    images = [(protocol, noise) for protocol in plan.groups() for noise in plan.levels_of(protocol, levels)]
+    for first, second in combinations(images, 2):
+        if first[0] != second[0] and first[1] != second[1] and not {first, second} <= compared:
+            settings = (
+                _setting(*image, plan.nominal_seeds(image[1]) or plan.seeds(image[1]), ", ".join(image))
+                for image in (first, second)
+            )
+            yield SettingPair(PROTOCOL_AND_DOSE, *settings, "independent")
+
+
+def extraction_pairs(plan: Plan) -> tuple[SettingPair, ...]:
+    """Return the pairs of values of one extraction setting on the same images; the study's own value is one of them.
+
+    The column setting of the table of all settings (`statistics.extraction_settings.long_table`) has their names.
+    """
+    factors: dict[str, list[str]] = {}
+    for name, variation in plan.variations.items():
+        factors.setdefault(variation.factor, [OWN]).append(name)
+    seeds = tuple(range(plan.extracted_repeats())) if factors else ()
+    return tuple(
+        SettingPair(
+            EXTRACTION,
+            *(
+                Setting(name, {"protocol": protocol, "noise": noise, "setting": name}, seeds)
+                for name in (first, second)
+            ),
+            "paired",
+        )
+        for protocol, noise in plan.extracted_images()
+        for names in factors.values()
+        for first, second in combinations(names, 2)
+    )
 
 
 def _setting(protocol: str, noise: str, seeds: list[str], label: str) -> Setting:

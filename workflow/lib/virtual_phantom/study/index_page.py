@@ -48,6 +48,7 @@ def renew(pages: Pages, config: Mapping) -> Path | None:
         pages.commands(),
         pages.existing_pages(),
         pages.setting_pairs(),
+        pages.impossible(),
     )
     write_text(html, target)
     return target

@@ -93,6 +93,10 @@ class Pages:
             for output, known in self._tables
         ]
 
+    def impossible(self) -> list[str]:
+        """Return a sentence for each requested analysis that the ROIs or protocols do not allow."""
+        return analyses.impossible(self.plan)
+
     def diagnoses(self) -> dict[str, float]:
         """Return {page: time of change, s since the epoch} for the existing diagnoses.
 

@@ -11,7 +11,7 @@ from ..config.dependencies import resource
 from ..config.outputs import PCA, Files
 from ..config.plan import Plan
 from ..config.public_scans import COMPARED, made_folders
-from ..config.settings import Analyses, Conditions, Optimal, Stability
+from ..config.settings import Analyses, Conditions
 from ..statistics.dose_series import dose_variance
 from .acquisitions import Acquisitions
 from .phantom_sources import present
@@ -32,8 +32,9 @@ class Selections:
     @property
     def compared_images(self) -> dict:
         """Images whose features the stability analysis compares between groups of protocols."""
-        noise = self._analyses.stability and self._analyses.stability.noise
-        return {"groups": self.plan.groups(), "noise": noise, "seeds": self.plan.repeats([noise]) if noise else 0}
+        levels = self.plan.compared_levels()
+        repeats = self.plan.repeats(levels.values()) if levels else 0
+        return {"groups": self.plan.groups(), "noise": levels, "seeds": repeats}
 
     @property
     def noise_control(self) -> bool:
@@ -44,8 +45,23 @@ class Selections:
         """Return {protocol: images of all repeats without re-positioning} of the control with white noise."""
         if not self.noise_control:
             return {}
-        noise = self._analyses.stability.noise
-        return {protocol: self.acquisitions.images(protocol, noise) for protocol in self.plan.groups()}
+        levels = self.plan.compared_levels()
+        return {protocol: self.acquisitions.images(protocol, noise) for protocol, noise in levels.items()}
+
+    def setting_images(self, protocol: str, noise: str) -> dict[str, list[str]]:
+        """Return the images that one job extracts with another setting, with the ROIs of each (inputs of a rule)."""
+        seeds = self.plan.seeds(noise)[: self.plan.extracted_repeats()]
+        rois, masks = zip(*(self.acquisitions.rois(protocol, noise, seed) for seed in seeds), strict=True)
+        images = [self.files("image", protocol=protocol, noise=noise, seed=seed) for seed in seeds]
+        return {"images": images, "rois": list(rois), "masks": list(masks)}
+
+    def setting_tables(self) -> list[str]:
+        """Return the features of all compared extraction settings other than the study's."""
+        return [
+            self.files("setting_features", setting=name, protocol=protocol, noise=noise)
+            for name in self.plan.variations
+            for protocol, noise in self.plan.extracted_images()
+        ]
 
     def score_conditions(self, recording: str) -> Conditions:
         """Return the values of condition columns that select the images for the scores of a recording."""
@@ -69,17 +85,17 @@ class Selections:
     def sharing(self, groups: Mapping[str, int] | None = None) -> dict[str, str]:
         """Return {protocol: label}, with the same label for protocols that share their noise.
 
-        Protocols that reconstruct the same acquisitions share their noise. With common draws, all protocols do.
+        Protocols that reconstruct the same acquisitions share their noise. With common draws, all do.
 
         Parameters
         ----------
         groups : mapping of str to int, optional
             {protocol: group}; by default those of the stability analysis.
         """
-        draws = self.acquisitions.noise["draws"]
+        draws, levels = self.acquisitions.noise["draws"], self.plan.compared_levels(groups)
         return {
-            protocol: draws if draws == "common" else self.plan.geometry_of(protocol)
-            for protocol in (self.plan.groups() if groups is None else groups)
+            protocol: draws if draws == "common" else f"{self.plan.geometry_of(protocol)}/{noise}"
+            for protocol, noise in levels.items()
         }
 
     @property
@@ -125,27 +141,27 @@ class Selections:
     def pattern_images(self) -> dict[str, list[str]]:
         """Return {protocol: images} of the groups of the stability analysis, with the phantom at its nominal position.
 
-        Empty if the noise level has too few of these images for the table of the fixed pattern.
+        Empty if a noise level has too few of these images for the table of the fixed pattern.
         """
-        noise = self.plan.pattern_noise()
-        return {name: self.acquisitions.images(name, noise) for name in self.plan.groups()} if noise else {}
+        return {name: self.acquisitions.images(name, noise) for name, noise in self.plan.pattern_noise().items()}
 
     def pattern_rois(self) -> dict[str, tuple[str, str]]:
         """Return {protocol: table and masks of the ROIs} for `pattern_images`."""
-        noise = self.plan.pattern_noise()
-        groups = self.plan.groups() if noise else ()
-        return {name: self.acquisitions.rois(name, noise, self.plan.nominal_seeds(noise)[0]) for name in groups}
+        return {
+            name: self.acquisitions.rois(name, noise, self.plan.nominal_seeds(noise)[0])
+            for name, noise in self.plan.pattern_noise().items()
+        }
 
     def compared_noise(self) -> dict[str, float | None]:
         """Return {noise level: A} of the stability analysis; A is None if a job determines it."""
-        return self._levels(self._analyses.stability)
+        return self._levels(*self.plan.compared_levels().values())
 
     def scan_noise(self) -> dict[str, float | None]:
         """Return {noise level: A} of the figure of scans; A is None if a job determines it."""
-        return self._levels(self._analyses.optimal)
+        return self._levels(self._analyses.optimal.noise) if self._analyses.optimal else {}
 
-    def _levels(self, analysis: Stability | Optimal | None) -> dict[str, float | None]:
-        return {analysis.noise: self.plan.study.noise.levels[analysis.noise].A} if analysis else {}
+    def _levels(self, *names: str) -> dict[str, float | None]:
+        return {name: self.plan.study.noise.levels[name].A for name in names}
 
     def study_levels(self) -> dict[str, float]:
         """Return {noise level: A} of the stability analysis if the configuration gives A."""

@@ -140,14 +140,14 @@ def propose(
     elif unfit:
         region, reason = unfit[0]
         raise InputError(f"--rois: {region.name} {reason}; remove it, or use --size normal or a finer CT")
-    _require_classes(selected, labels)
+    _require_region(selected, labels)
     grid, oversampling = propose_grid(ct.grid, box, [roi.region for roi in selected], defaults["voxels_across"])
     common = None if Path(labels).is_dir() else str(labels)
     keep = box_is_needed(ct, box, grid)
     body = trimmed(ct, box) if keep else ct
     selected, found, lost = _on_grid(selected, common, ct.grid, grid, kept_columns(box, ct.grid))
     rejected += lost
-    _require_classes(selected, labels)
+    _require_region(selected, labels)
     reach = reach_mm(body, grid)
     phantom = {
         "image": str(image),
@@ -199,15 +199,9 @@ def _choose_all(
     )
 
 
-def _require_classes(selected: Sequence[ChosenRegion], labels: str | Path) -> None:
-    """Require two tissue classes: the study compares features between classes."""
-    classes = sorted({roi.region.tissue_class for roi in selected})
-    if len(classes) < 2:
-        problem = f"only the tissue class {classes[0]} is suitable" if classes else "no region is suitable"
-        raise InputError(
-            f"{labels}: {problem}, and the study compares at least two classes; draw more regions, or give them "
-            "different names by --names LABEL=NAME"
-        )
+def _require_region(selected: Sequence[ChosenRegion], labels: str | Path) -> None:
+    if not selected:
+        raise InputError(f"{labels}: no region is suitable; draw larger regions")
 
 
 def _on_grid(

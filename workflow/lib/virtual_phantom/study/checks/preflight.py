@@ -159,12 +159,6 @@ def _phantom(study: Study, keep: bool, rois: int) -> Iterator[str]:
     """Check a CT and its ROIs; `rois` is the number of entries before invalid ones were removed."""
     if _source(study) != "ct" or not _has_ct(study):
         return
-    classes = {roi.tissue_class for roi in study.phantom.ct.rois}
-    if len(classes) == 1 and len(study.phantom.ct.rois) == rois and study.analyses.stability:
-        yield (
-            f"config: phantom.ct.rois all have tissue_class {min(classes)}; analyses.stability compares at least two "
-            "classes, so add ROIs of another class or set analyses.stability: null"
-        )
     sources = PhantomSources(Plan(study))
     if damaged := _messages(sources.check):
         yield from damaged
@@ -179,11 +173,20 @@ def _ct(study: Study) -> Iterator[str]:
 
 
 def _parameters(study: Study) -> Iterator[str]:
-    """Check the parameter file of features."""
+    """Check the parameter file of features, and the settings that are compared with it."""
     if file := study.features and study.features.parameters:
         from ...features.parameters import read_parameters  # slow import (pyradiomics)
 
-        yield from _messages(read_parameters, file)
+        if lines := _messages(read_parameters, file):
+            yield from lines
+            return
+    if study.features and study.analyses.extraction:
+        if lines := _messages(lambda: Plan(study).variations):
+            yield from lines
+        elif not Plan(study).variations:
+            yield (
+                "config: analyses.extraction has only the settings of features; add a value that differs, or remove it"
+            )
 
 
 def _scans(study: Study) -> Iterator[str]:

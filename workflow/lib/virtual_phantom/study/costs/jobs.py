@@ -144,9 +144,9 @@ class Sizes:
 
     def intervals(self, rois: int) -> dict[str, float]:
         """Return the work of the intervals of the stability analysis, for the 86 features."""
-        noise = self.plan.study.analyses.stability.noise
         pairs = math.comb(len(set(self.plan.groups().values())), 2)
-        return {"job": 1, "comparison": len(FEATURES) * rois * pairs * self.plan.repeats([noise])}
+        repeats = self.plan.repeats(self.plan.compared_levels().values())
+        return {"job": 1, "comparison": len(FEATURES) * rois * pairs * repeats}
 
     def images(self, count: int) -> dict[str, float]:
         """Return the work of a job that reads a number of images or data from them."""
