@@ -42,7 +42,7 @@ def draw(table: pandas.DataFrame) -> Figure:
             "errorevery": max(1, len(table) // 20),
             "elinewidth": 0.8,
         }
-        text = "simulated and measured lists; bars: SD over draws of measured scans"
+        text = "simulated and measured lists; bars: SD of random samples"
         axes.errorbar(percent, overlap, color=color, label=text, **bars)
         axes.set(xlim=(0, 100), ylim=(0, 103), xlabel="length of both lists (% of the features)", title=title)
         style.letter_panel(axes, index)
