@@ -42,8 +42,9 @@ PHYSICS = (
 )
 KINDS = (
     *("none", "direction", "start angle", "mirrored columns", "mirrored rows", "swapped rows and columns"),
-    *("pitch at the isocenter", "swapped distances", "distance from the isocenter", "last view at the first"),
-    *("sign of the columns' offset", "transmissions", "decadic logarithm"),
+    *("pitch at the isocenter", "swapped distances", "distance from the isocenter"),
+    *("last view at the angle of the first", "sign of the detector offset along columns"),
+    *("transmissions", "decadic logarithm"),
 )
 
 
@@ -111,8 +112,8 @@ def mistaken(kind, scan, lines, random):
         },
         "swapped distances": {"source_to_isocentre_mm": detector - isocentre},
         "distance from the isocenter": {"source_to_detector_mm": detector - isocentre},
-        "last view at the first": {"views_per_rotation": scan["views"]},
-        "sign of the columns' offset": {"column_offset_px": -scan["column_offset_px"]},
+        "last view at the angle of the first": {"views_per_rotation": scan["views"]},
+        "sign of the detector offset along columns": {"column_offset_px": -scan["column_offset_px"]},
     }
     data = {
         "mirrored columns": lambda: lines[..., ::-1],
@@ -172,7 +173,7 @@ def run(options):
             if kind == "hidden":
                 objects[0] = scene("disc", random)
                 pose = Pose()
-            if kind == "last view at the first":
+            if kind == "last view at the angle of the first":
                 scan["views_per_rotation"] -= 1
             lines = scanned(objects[0], scan, physics, random, pose)
             made = str(random.choice(["direction", "start angle"])) if kind == "hidden" else kind

@@ -151,9 +151,9 @@ def test_hu_refer_to_water():
     piece = Piece((1.0, 2.0, 3.0), 4.0, False, -0.1 * water)
     assert piece.more_hu(kev) == pytest.approx(-100)
     assert piece.words(kev) == (
-        "is like a piece of the object, 8 mm wide at x 1, y 2, z 3 mm, that has 100 HU less than stated"
+        "is like a ball in the object, 8 mm wide at x 1, y 2, z 3 mm, that has 100 HU less than stated"
     )
-    assert "a rod along z of the object" in Piece((1.0, 2.0, 3.0), 4.0, True).words(kev)
+    assert "a rod along z in the object" in Piece((1.0, 2.0, 3.0), 4.0, True).words(kev)
     assert Piece((1.0, 2.0, 3.0), 4.0, True).content(kev)["z_mm"] is None
 
 

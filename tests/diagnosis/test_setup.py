@@ -83,10 +83,10 @@ MISTAKES = {
     "pitch at the isocenter": (PITCHES, None, "scan.column_pitch_mm: 11, scan.row_pitch_mm: 14 (at the detector)"),
     "swapped distances": ({"source_to_isocentre_mm": 600.0}, None, "scan.source_to_isocentre_mm: 500"),
     "distance from the isocenter": ({"source_to_detector_mm": 600.0}, None, "scan.source_to_detector_mm: 1100"),
-    "sign of the columns' offset": ({"column_offset_px": -1.5}, None, "scan.column_offset_px: 1.5"),
+    "sign of the detector offset along columns": ({"column_offset_px": -1.5}, None, "scan.column_offset_px: 1.5"),
     "transmissions": ({}, lambda data: np.exp(-data), "store -ln(data)"),
     "decadic logarithm": ({}, lambda data: data / np.log(10), "ln 10"),
-    "half a turn for one": ({"views_per_rotation": 30}, None, "scan.views_per_rotation: 60"),
+    "half a turn instead of one": ({"views_per_rotation": 30}, None, "scan.views_per_rotation: 60"),
 }
 
 
@@ -124,7 +124,7 @@ def test_swapped_rows_and_columns_are_named():
 def test_duplicate_end_angle_is_named():
     """The most common mistake: angles from 0 to 360 degrees, both included."""
     found = finding(scanned(scan={**SCAN, "views_per_rotation": 59}))
-    assert (found.kind, found.best.name) == ("description", "last view at the first")
+    assert (found.kind, found.best.name) == ("description", "last view at the angle of the first")
 
 
 def test_centered_disc_has_no_start_angle():

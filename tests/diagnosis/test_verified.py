@@ -175,7 +175,7 @@ def test_wrong_density_removes_less(other):
         (None, "is no diagnosis"),
         ("{", "is no diagnosis"),
         (json.dumps({"recording": "disc", "effects": []}), "is no diagnosis"),
-        (json.dumps(found_on("disc", 1.0, {})), "found no effect to validate on another recording"),
+        (json.dumps(found_on("disc", 1.0, {})), "found no effect to test on another recording"),
         (json.dumps(found_on("disc", 1.0, {"scatter": {"amount": 7.0}})), "is out of the plausible range"),
     ],
 )
@@ -461,5 +461,5 @@ def test_effect_of_each_scan_is_fitted_with_transferred_physics(tmp_path):
 
 def test_diagnosis_without_effects_declares_none(tmp_path):
     (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, {})))
-    with pytest.raises(InputError, match="d.json: knows no effect of the scanner; take baseline_from out"):
+    with pytest.raises(InputError, match="d.json: has no effect of the scanner; remove baseline_from"):
         with_declared(NOTHING_STATED, tmp_path / "d.json")

@@ -11,15 +11,15 @@ from .settings import CHANGES, DEFAULT_VALUES, ONLY_WITH
 # "5" for 5.
 TEXT = frozenset({"interpolator", "resegmentMode", "wavelet", "lbp2DMethod", "weightingNorm"})
 # Settings that apply before filters. pyradiomics ignores them in the section of an image type.
-OF_ALL_IMAGES = frozenset(
+BEFORE_FILTERS = frozenset(
     "minimumROIDimensions minimumROISize geometryTolerance correctMask additionalInfo normalize normalizeScale "
     "removeOutliers resampledPixelSpacing interpolator padDistance resegmentRange resegmentMode resegmentShape "
     "preCrop label label_channel".split()
 )
 # Settings about mask files. Here each region is one mask on the voxels of the image, so they have no effect.
-OF_FILES = frozenset("geometryTolerance correctMask additionalInfo label label_channel preCrop".split())
+FOR_MASK_FILES = frozenset("geometryTolerance correctMask additionalInfo label label_channel preCrop".split())
 # Default values. No note if a file states them.
-USUAL = DEFAULT_VALUES | {"correctMask": False, "additionalInfo": False, "label": 1, "label_channel": 0}
+DEFAULTS = DEFAULT_VALUES | {"correctMask": False, "additionalInfo": False, "label": 1, "label_channel": 0}
 # Image type that each setting of a filter needs.
 FILTER = {
     "sigma": "LoG",
@@ -49,7 +49,7 @@ def unsupported(content: Mapping, flat: bool) -> Iterator[str]:
     ):
         for key, value in section.items():
             yield from _number(f"{where}.{key}", key, value)
-            if where != "setting" and key in OF_ALL_IMAGES:
+            if where != "setting" and key in BEFORE_FILTERS:
                 yield f"{where}.{key} is ignored by pyradiomics, which reads it under setting only; move it there"
         if (section.get("binCount") or 0) > MOST_BINS:
             yield f"{where}.binCount is {section['binCount']}, which needs too much memory; give {MOST_BINS} at most"
@@ -81,9 +81,9 @@ def without_effect(content: Mapping) -> Iterator[str]:
     features = [f"{family}_{name}" for family, names in classes.items() for name in names or ()]
     complete = [family for family, names in classes.items() if not names]  # classes with all their features
     for key, value in settings.items():
-        if value == USUAL.get(key, math.nan):
+        if value == DEFAULTS.get(key, math.nan):
             continue
-        if key in OF_FILES:
+        if key in FOR_MASK_FILES:
             yield f"{key} (regions are masks on the image's own voxels)"
         elif (needs := ONLY_WITH.get(key)) and not stated.get(needs):
             yield f"{key} (without {needs})"
@@ -100,6 +100,7 @@ def without_effect(content: Mapping) -> Iterator[str]:
 
 
 def _changes(key: str, features: list[str], complete: list[str]) -> bool:
+    """Return whether a setting changes any of the features or of the classes with all features."""
     return any(
         part in complete
         or part.partition("_")[0] in complete

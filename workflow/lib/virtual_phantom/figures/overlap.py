@@ -45,7 +45,7 @@ def draw(table: pandas.DataFrame) -> Figure:
             "errorevery": max(1, len(table) // 20),
             "elinewidth": 0.8,
         }
-        text = "overlap of simulated and measured list; bars: SD over random subsets of the measured scans"
+        text = "overlap of simulated and measured lists; bars: SD over random samples of scans"
         axes.errorbar(percent, overlap, color=style.BLUE, label=text, **bars)
         axes.set(xlim=(0, 100), ylim=(0, 103), xlabel="length of both lists (% of the features)")
         _explain(axes, percent, expected, lower, upper)

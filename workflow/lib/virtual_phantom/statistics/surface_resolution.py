@@ -9,7 +9,7 @@ from ..base.errors import InputError
 from ..io.volumes import Volume
 from .resolution import mtf_half, signed_distance_mm
 
-FINER = 5  # samples per voxel side for locating the surface; odd
+SAMPLES = 5  # along each side, to locate the surface; odd
 MOST_SLICES = 16  # evenly spaced slices that are used; their surfaces have thousands of voxels
 SURFACE_HU = -500.0  # about halfway between air and soft tissue
 
@@ -32,11 +32,11 @@ def edge_mtf_half(image: Volume) -> float:
     chosen = np.unique(np.linspace(0, len(image.array) - 1, MOST_SLICES).round().astype(int))
     planes = image.array[chosen]
     _, rows, columns = planes.shape
-    y, x = (np.arange(size * FINER) / FINER - (FINER - 1) / (2 * FINER) for size in (rows, columns))
+    y, x = (np.arange(size * SAMPLES) / SAMPLES - (SAMPLES - 1) / (2 * SAMPLES) for size in (rows, columns))
     positions = np.meshgrid(y, x, indexing="ij")
     fine = [ndimage.map_coordinates(plane, positions, order=1, mode="nearest") > SURFACE_HU for plane in planes]
     inside = np.stack([ndimage.binary_fill_holes(plane) for plane in fine])
     if not inside.any() or inside.all():
-        raise InputError("own blur: the scans show no surface between object and air; set public_scans.own_blur: kept")
-    distance = signed_distance_mm(inside, image.grid.spacing, FINER)
+        raise InputError("public_scans: scans show no surface between object and air; set public_scans.own_blur: kept")
+    distance = signed_distance_mm(inside, image.grid.spacing, SAMPLES)
     return mtf_half(planes[None], distance, image.grid.spacing, np.ones(planes.shape, bool)).value

@@ -29,7 +29,7 @@ def read_responses(
     Parameters
     ----------
     properties, recorded : str or Path
-        CSV files of `changes.property_tables` and of the features of the recording.
+        CSV files: features of the changed images (`changes.property_tables`), and features of the recording.
     image : str or Path
         NIfTI file of a simulated image, for the voxel size.
     recording : str
@@ -45,6 +45,8 @@ def read_responses(
 
     Returns
     -------
+    responses : Responses
+        Responses of the compared features.
     not_compared : dict of str to str
         {feature: reason}.
 

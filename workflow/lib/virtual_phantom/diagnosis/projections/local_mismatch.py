@@ -1,7 +1,7 @@
 """Local object mismatch: the ball or rod whose projections explain most of the residual of a fit.
 
-A missing insert or a bubble projects consistently into all views. A piece is limited to a small part of the object,
-because beam hardening, scatter and glare change the whole object.
+A missing insert or a bubble projects consistently into all views. A *piece* (ball or rod) is limited to a small part of
+the object, because beam hardening, scatter and glare change the whole object.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ ACROSS = 64  # voxels across the object in the grid of the first search
 RADII = (1.0, 2.0, 4.0, 8.0)  # voxels, tried in the first search, up to a quarter of the object's width
 # Largest radius over the object's radius. A larger piece could describe hardening and scatter.
 LARGEST = 0.25
-ATTENUATES = 0.02  # of the largest line integral; less is noise or scatter outside the object
-MOST_RAYS, FEWEST_VIEWS = 100_000, 24  # of the views that determine place and radius
-STEPS = 120  # of the simplex for place and radius
-NEAR = 0.1  # of its radius, first step of a piece that was found before
-FEWEST_VOXELS = 0.5  # radius of the smallest piece, as rays miss smaller ones
+LEAST_ATTENUATION = 0.02  # of rays through the object, over the largest line integral; less is noise or scatter
+MOST_RAYS, FEWEST_VIEWS = 100_000, 24  # used to fit position and radius
+STEPS = 120  # of the simplex method for position and radius
+NEAR = 0.1  # first step when a piece is refined, relative to its radius
+FEWEST_VOXELS = 0.5  # radius of the smallest piece, in voxels of the first search, as rays miss smaller ones
 # Sum of squared path lengths over the sum of path lengths for radius 1: ball, and rod seen from the side.
-OF_BALL, OF_ROD = 1.5, 16 / (3 * np.pi)
+BALL_RATIO, ROD_RATIO = 1.5, 16 / (3 * np.pi)
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ class Piece:
     ) -> np.ndarray:
         """Return path lengths in the piece, mean over the rays of each pixel, shape (views, rows, columns)."""
         scene, total = ShapesScene([self.shape]), np.zeros(geometry.shape)
-        for beside, weights in supersampled(geometry, samples):
-            total += average_rays(scene.path_lengths(beside, pose, motion_mm)[0].astype(np.float64), weights)
+        for sampled, weights in supersampled(geometry, samples):
+            total += average_rays(scene.path_lengths(sampled, pose, motion_mm)[0].astype(np.float64), weights)
         return total
 
     def more_hu(self, energy_kev: float) -> float:
@@ -81,10 +81,10 @@ class Piece:
         """Return the piece in words, as a verb phrase."""
         x, y, z = self.place_mm
         where = f"x {x:.0f}, y {y:.0f}" + ("" if self.rod else f", z {z:.0f}") + " mm"
-        what = "a rod along z" if self.rod else "a piece"
+        what = "a rod along z" if self.rod else "a ball"
         hu = self.more_hu(energy_kev)
         return (
-            f"is like {what} of the object, {2 * self.radius_mm:.2g} mm wide at {where}, that has {abs(hu):.0f} HU "
+            f"is like {what} in the object, {2 * self.radius_mm:.2g} mm wide at {where}, that has {abs(hu):.0f} HU "
             f"{'more' if hu > 0 else 'less'} than stated"
         )
 
@@ -93,7 +93,7 @@ def object_radius_mm(lines: np.ndarray, geometry: ScanGeometry) -> float:
     """Return the radius of the attenuating object about the axis, mm; at most the half-width of the detector."""
     across = np.abs(geometry.column_positions_mm()) / geometry.magnification
     largest = lines.max(axis=(0, 1))
-    return float(across[largest > ATTENUATES * largest.max()].max(initial=across.min()))
+    return float(across[largest > LEAST_ATTENUATION * largest.max()].max(initial=across.min()))
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class FitResidual:
         return FEWEST_VOXELS * 2 * self.reach_mm / ACROSS
 
     @property
-    def fewer(self) -> FitResidual:
+    def view_subset(self) -> FitResidual:
         """A subset of the views: hundreds of trials with all views of a large scan would take minutes."""
         # If every second view is held out, the held-out views have no weight.
         views = np.flatnonzero(self.weight.any(axis=(1, 2)))
@@ -154,7 +154,7 @@ def best_piece(left: FitResidual) -> Piece | None:
 
     The result is None for geometries without back-projection, and if no piece explains anything.
     """
-    some = replace(left, samples=1).fewer  # several rays per pixel matter for the last millimeter only
+    some = replace(left, samples=1).view_subset  # several rays per pixel matter for the last millimeter only
     begun = [_optimized(start, some, start.radius_mm / 2, 0.3) for start in _coarse_search(left)]
     if not begun:
         return None
@@ -163,15 +163,15 @@ def best_piece(left: FitResidual) -> Piece | None:
 
 def refined_piece(start: Piece, left: FitResidual) -> Piece | None:
     """Return the piece near a given one that explains most of a residual; None if nothing is explained."""
-    piece = _optimized(start, left.fewer, NEAR * start.radius_mm, NEAR)
+    piece = _optimized(start, left.view_subset, NEAR * start.radius_mm, NEAR)
     explained, more = _explained(piece, left)
     return replace(piece, more_per_mm=more) if explained > 0 else None
 
 
-def _optimized(start: Piece, left: FitResidual, by_mm: float, widened: float) -> Piece:
+def _optimized(start: Piece, left: FitResidual, step_mm: float, step_log_radius: float) -> Piece:
     """Optimize position and radius of a piece by the simplex method.
 
-    The first steps are `by_mm` for the position and `widened` for the logarithm of the radius.
+    The first steps are `step_mm` for the position and `step_log_radius` for the logarithm of the radius.
     """
     free = [0, 1] if start.rod else [0, 1, 2]
 
@@ -182,13 +182,13 @@ def _optimized(start: Piece, left: FitResidual, by_mm: float, widened: float) ->
         return Piece((float(place[0]), float(place[1]), float(place[2])), radius, start.rod)
 
     first = np.array([*np.array(start.place_mm)[free], np.log(start.radius_mm)])
-    spread = [by_mm] * len(free) + [widened]
+    spread = [step_mm] * len(free) + [step_log_radius]
     simplex = np.vstack([first, *(first + np.eye(len(first))[k] * spread[k] for k in range(len(first)))])
     result = minimize(
         lambda numbers: -_explained(piece(numbers), left)[0],
         first,
         method="Nelder-Mead",
-        options={"initial_simplex": simplex, "maxfev": STEPS, "xatol": by_mm / 50, "fatol": 0.1},
+        options={"initial_simplex": simplex, "maxfev": STEPS, "xatol": step_mm / 50, "fatol": 0.1},
     )
     return piece(result.x)
 
@@ -230,7 +230,7 @@ def _coarse_search(left: FitResidual) -> list[Piece]:
         along, weighed = (signal.fftconvolve(volume, ball, mode="same") for volume in back)
         flat, flat_weighed = (signal.fftconvolve(volume.sum(axis=0), disc, mode="same") for volume in back)
         width = radius * spacing
-        for rod, product, norm, shape in ((False, along, weighed, OF_BALL), (True, flat, flat_weighed, OF_ROD)):
+        for rod, product, norm, shape in ((False, along, weighed, BALL_RATIO), (True, flat, flat_weighed, ROD_RATIO)):
             seen = norm > 1e-3 * norm.max()
             gain = np.where(seen, product**2 / np.where(seen, shape * width * norm, 1.0), 0.0)
             at = np.unravel_index(int(np.argmax(gain)), gain.shape)

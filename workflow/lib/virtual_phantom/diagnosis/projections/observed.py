@@ -24,15 +24,15 @@ from ..noise.whitening import WHITE, Correlations, Whitening
 
 PARTS = (12, 4, 8)  # blocks along views, rows and columns
 LEAST_TRANSMISSION = 1e-5  # rays with less are not used
-VIEW_PARTS = (12, 1, 1)  # blocks whose relative noise a single repeat determines
-NOISE_OF_VIEWS = 0.03  # relative error of the model's noise from view to view, for a single repeat
+VIEW_PARTS = (12, 1, 1)  # blocks for the relative noise variance of a single repeat
+NOISE_OF_VIEWS = 0.03  # relative error of the modeled noise variance between views, for a single repeat
 MEDIAN_SQUARE = 0.45494  # median of chi-square with one degree of freedom
-OF_MEAN, OF_MEDIAN = 2.0, 5.443  # n times the relative variance of mean and median of n squares
-ENOUGH_FOR_MEDIAN = 500  # rays of a block; the median has 1.65 times the SD of the mean, here 10 %
-PLATEAU = 0.001  # share of rays with the same value by chance, as integer counts in air repeat
+VARIANCE_OF_MEAN, VARIANCE_OF_MEDIAN = 2.0, 5.443  # relative, of n squares of normal noise, times n
+ENOUGH_FOR_MEDIAN = 500  # rays of a block; the relative SD of the median is then 10 %, of the mean 6 %
+PLATEAU = 0.001  # share of rays that have the highest signal by chance, as integer counts in air repeat
 WHITE_COLUMNS, WHITE_ROWS = 4, 2  # highest orders of the white field's shape
-FEW_PIXELS = 3  # along an axis, where only the outermost pixels determine the curvature of a white field
-WHITE_TOLERANCE = 0.005  # of the white field's shape, from sensitivities that vary smoothly
+FEW_PIXELS = 3  # up to this number along an axis, only the outermost pixels determine the white field's curvature
+WHITE_TOLERANCE = 0.005  # SD of the coefficients of the white field, from sensitivities that vary smoothly
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def saturated(signal: np.ndarray) -> np.ndarray:
 class ObservedScans(Observed):
     """Observed line integrals, shape (views, rows, columns).
 
-    `correlation` is that of neighboring columns, rows and views; NaN along axes with one pixel.
+    `correlation` has an entry for neighboring columns, rows and views; NaN along axes with one pixel.
 
     Attributes
     ----------
@@ -117,12 +117,16 @@ def observe(
     correlations: Correlations = WHITE,
     whitening: Whitening | None = None,
 ) -> ObservedScans:
-    """Condense repeats.
+    """Condense repeats to a mean, variances and correlations.
 
     Parameters
     ----------
     reference : ndarray, shape (views, rows, columns)
         Variance of a first model. Variances are divided by it, so that they vary little within a block.
+    blocks : Blocks or None
+        None: as many blocks as PARTS.
+    correlations : Correlations
+        Noise correlations, which increase the standard errors.
 
     Raises
     ------
@@ -141,9 +145,9 @@ def observe(
         rays = blocks.sum(taken.usable)
         deviations = [(repeat - mean) * np.sqrt(weight) for repeat in taken.repeats]
         square = sum(deviation**2 for deviation in deviations)
-        together, within = _fewer(correlations, blocks)
-        half = rays * (n - 1) / 2 / within
-        alone = within / together
+        of_all, of_block = _variance_factors(correlations, blocks)
+        half = rays * (n - 1) / 2 / of_block  # of the degrees of freedom
+        alone = of_block / of_all
         with np.errstate(invalid="ignore", divide="ignore"):
             # The mean logarithm of a sample variance is below the logarithm of the variance. Without this correction,
             # the bias over all blocks would be one standard error.
@@ -163,8 +167,8 @@ def observe(
                 for d in deviations
             )
             correlation[index] = products / (pairs * square[taken.usable].mean())
-            fewer = correlations.variance_of_neighbors(axis, taken.usable.shape)
-            correlation_error[index] = np.sqrt(fewer / (pairs * (n - 1)))
+            factor = correlations.variance_of_neighbors(axis, taken.usable.shape)
+            correlation_error[index] = np.sqrt(factor / (pairs * (n - 1)))
     return ObservedScans(
         mean=mean,
         n=n,
@@ -182,30 +186,32 @@ def observe(
 
 
 def neighbors(usable: np.ndarray, axis: int) -> np.ndarray:
-    """Return the pairs of usable neighbors along an axis, one position shorter than the rays."""
+    """Return which pairs of neighbors along an axis are usable; this axis is one shorter than in `usable`."""
     first, second = (np.take(usable, range(start, usable.shape[axis] - 1 + start), axis) for start in (0, 1))
     return first & second
 
 
 def with_noise_of_views(data: ObservedScans, squares: np.ndarray, together: float) -> ObservedScans:
-    """Return the data of a single repeat with the noise variance of blocks of views, and unknown correlations.
+    """Add the noise variance by block of views to the data of a single repeat; correlations stay unknown.
 
     Parameters
     ----------
     squares : ndarray, shape (views, rows, columns)
-        Squared differences, whose mean is the variance of the noise over the reference; NaN without a signal.
+        Squared second differences, scaled so that their mean is the noise variance over the reference; NaN without
+        a signal.
     together : float
-        Variance of the sum of squares, relative to that of independent squares.
+        Variance of the sum of squares, relative to the sum of independent squares.
     """
     fine, blocks = data.blocks, Blocks.of(data.usable.shape, VIEW_PARTS)
     squares = np.where(data.usable, squares, np.nan)
     level, counts = mean_squares(squares, fine)
-    of_views = blocks.index.ravel()[np.unique(fine.index, return_index=True)[1]]
-    rays = np.bincount(of_views, counts, blocks.count)
-    varies = np.where(counts < ENOUGH_FOR_MEDIAN, OF_MEAN, OF_MEDIAN) * together
+    # Number of the block of views that contains each fine block.
+    coarse = blocks.index.ravel()[np.unique(fine.index, return_index=True)[1]]
+    rays = np.bincount(coarse, counts, blocks.count)
+    spread = np.where(counts < ENOUGH_FOR_MEDIAN, VARIANCE_OF_MEAN, VARIANCE_OF_MEDIAN) * together
     with np.errstate(invalid="ignore", divide="ignore"):
-        variance = np.bincount(of_views, counts * level, blocks.count) / rays
-        error = np.sqrt(np.bincount(of_views, counts * varies, blocks.count) / rays**2 + NOISE_OF_VIEWS**2)
+        variance = np.bincount(coarse, counts * level, blocks.count) / rays
+        error = np.sqrt(np.bincount(coarse, counts * spread, blocks.count) / rays**2 + NOISE_OF_VIEWS**2)
     missing = np.full(3, np.nan)
     known = {"variance": variance, "variance_error": error, "correlation": missing, "correlation_error": missing}
     return replace(data, coarser=blocks, **known)
@@ -241,33 +247,33 @@ def _mean_square(squares: np.ndarray) -> float:
     return float(np.median(squares)) / MEDIAN_SQUARE
 
 
-def _fewer(correlations: Correlations, blocks: Blocks) -> tuple[float, np.ndarray]:
-    """Return the factor by which noise correlation increases the variance of sums of squares.
+def _variance_factors(correlations: Correlations, blocks: Blocks) -> tuple[float, np.ndarray]:
+    """Return the factors by which noise correlation increases the variance of sums of squares.
 
     Returns
     -------
-    together : float
+    of_all : float
         For all rays.
-    within : ndarray, shape (blocks,)
+    of_block : ndarray, shape (blocks,)
         For each block.
     """
     if correlations.white:
         return 1.0, np.ones(blocks.count)
     shape = blocks.index.shape
-    together = np.prod([correlations.variance_of_squares(axis, length) for axis, length in enumerate(shape)])
-    within = []
+    of_all = np.prod([correlations.variance_of_squares(axis, length) for axis, length in enumerate(shape)])
+    of_part = []  # by axis
     for axis, (length, parts) in enumerate(zip(shape, blocks.shape, strict=True)):
         ends = [-(-length * i // parts) for i in range(parts + 1)]  # as Blocks.of divides them
         places = (slice(*pair) for pair in pairwise(ends))
-        within.append([correlations.variance_of_squares(axis, length, place) for place in places])
-    return float(together), np.multiply.outer(np.multiply.outer(*within[:2]), within[2]).ravel()
+        of_part.append([correlations.variance_of_squares(axis, length, place) for place in places])
+    return float(of_all), np.multiply.outer(np.multiply.outer(*of_part[:2]), of_part[2]).ravel()
 
 
 def white_shape(white: np.ndarray) -> np.ndarray:
     """Return coefficients of the logarithm of a white field in Legendre polynomials of columns, then of rows.
 
-    The constant and pixels without signal are omitted. So are the outermost columns and rows, as their crosstalk
-    depends on the design of the detector. Axes with three or fewer pixels have only a slope.
+    The constant and pixels without signal are omitted. The outermost columns and rows are omitted too, as their
+    crosstalk depends on the design of the detector. Axes with three or fewer pixels have only a slope.
 
     Parameters
     ----------
@@ -286,7 +292,7 @@ def _inner(rows: int, columns: int) -> np.ndarray:
     return inside
 
 
-def _most(highest: int, length: int) -> int:
+def _highest_order(highest: int, length: int) -> int:
     """Return the highest order that this number of pixels determines."""
     return min(highest, length - 3) if length > FEW_PIXELS else min(1, length - 1)
 
@@ -294,8 +300,8 @@ def _most(highest: int, length: int) -> int:
 @cache
 def _shapes(rows: int, columns: int) -> np.ndarray:
     """Return the constant and the polynomials of columns and of rows, shape (polynomials, rows, columns)."""
-    terms = [(0, order) for order in range(1, _most(WHITE_COLUMNS, columns) + 1)]
-    terms += [(order, 0) for order in range(1, _most(WHITE_ROWS, rows) + 1)]
+    terms = [(0, order) for order in range(1, _highest_order(WHITE_COLUMNS, columns) + 1)]
+    terms += [(order, 0) for order in range(1, _highest_order(WHITE_ROWS, rows) + 1)]
 
     def polynomial(length, order):
         position = np.linspace(-1, 1, length) if length > 1 else np.zeros(1)

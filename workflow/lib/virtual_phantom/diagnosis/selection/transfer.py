@@ -35,9 +35,9 @@ class Physics:
     units : dict of str to dict of str to str
         {effect: {parameter: unit}}.
     scale : tuple of 2 float, or None
-        Density scale and its standard error, where attenuation is absolute.
+        Density scale and its standard error, if an effect determines attenuation absolutely.
     not_taken : tuple of str
-        Effects of one scan: patterns of its pixels, which diagnosis.json does not hold.
+        Effects that apply to one scan only: patterns of its pixels, which are not in diagnosis.json.
     noise : dict of str to dict of str to float
         Standard errors for noise alone, where they differ from `errors`.
     """
@@ -60,10 +60,10 @@ class Physics:
             If it is missing or broken, or found no effect, unless `allow_empty`.
         """
         kinds = (OSError, ValueError, KeyError, TypeError)
-        with refusing(f"{path}: is no diagnosis", *kinds, advice="make it again"):
+        with refusing(f"{path}: is no diagnosis", *kinds, advice="run the diagnosis again"):
             content = read_document(path, DIAGNOSIS)
             if "alignment" not in content:  # nothing was fitted
-                raise InputError(f"{path}: {content['sentence']} Physics cannot be taken from it; correct that first")
+                raise InputError(f"{path}: {content['sentence']} No physics was fitted; correct this first")
             found = {effect["name"]: effect["parameters"] for effect in content["effects"]}
             recording, scale = content["recording"], content["alignment"]["scale"]
             taken = {name: values for name, values in found.items() if not load(name).pattern}
@@ -73,21 +73,21 @@ class Physics:
             units = {n: {k: v["unit"] for k, v in values.items()} for n, values in taken.items()}
             density = (scale["value"], _error(scale)) if absolute_attenuation(effects) else None
         if not (allow_empty or effects):
-            raise InputError(f"{path}: found no effect to validate on another recording; drop physics_from")
+            raise InputError(f"{path}: found no effect to test on another recording; remove physics_from")
         return cls(recording, effects, errors, units, density, tuple(sorted(set(found) - set(taken))), noise)
 
 
 def with_declared(model: FitSettings, path: str | Path | None) -> FitSettings:
-    """Return a recording's model with physics of another recording's diagnosis as declarations.
+    """Return the settings of a fit with the effects of another recording's diagnosis added to its baseline.
 
-    The baseline of its settings gets value and SD of all effects that the other diagnosis found or declared, except for
-    effects that the settings declare themselves. Parameters of one scan get their neutral value, with an SD that
-    includes their value in the other scan.
+    All effects that the other diagnosis found or declared are added with value and SD, except effects that the
+    baseline has already. Parameters of one scan get their neutral value, with an SD that includes their value in the
+    other scan.
 
     Parameters
     ----------
     path : str, Path or None
-        A diagnosis.json; None: the model as it is.
+        A diagnosis.json. None: the model is returned unchanged.
 
     Raises
     ------
@@ -108,12 +108,12 @@ def with_declared(model: FitSettings, path: str | Path | None) -> FitSettings:
             if key in values:
                 values[key] = {"value": neutral, "sd": abs(values[key]["value"] - neutral) + values[key]["sd"]}
     if not known:
-        raise InputError(f"{path}: knows no effect of the scanner; take baseline_from out")
+        raise InputError(f"{path}: has no effect of the scanner; remove baseline_from")
     return replace(model, settings=replace(model.settings, baseline=known | model.settings.baseline))
 
 
 def _error(parameter: dict, interval: str = "ci95") -> float:
-    """Return the standard error by the longer side of an interval: the other may be cut at a bound."""
+    """Return the standard error from the longer side of an interval, as the other side may end at a bound."""
     low, high = parameter.get(interval, parameter["ci95"])
     return max(high - parameter["value"], parameter["value"] - low) / NORMAL_95
 
@@ -129,12 +129,13 @@ def fit_with_fixed_physics(fitter: Fitter, baseline: Trial, physics: Physics, sa
     baseline : Trial
         Nuisance parameters alone.
     same_material : bool
-        Whether the objects are of the same material: with absolute attenuation, the density scale is then a prior.
+        Whether both objects have the same material. If attenuation is absolute, the density scale of the other
+        recording is then the prior.
 
     Raises
     ------
     InputError
-        For a parameter in a unit that this recording does not have.
+        If a parameter has another unit in this recording.
     """
     for name, units in physics.units.items():
         counted = {parameter.name for parameter in load(name).parameters if READOUT_UNITS in parameter.unit}
@@ -144,8 +145,8 @@ def fit_with_fixed_physics(fitter: Fitter, baseline: Trial, physics: Physics, sa
                     f"{physics.recording}: {parameter.name} of its {name} is in {units[parameter.name]}, and this "
                     f"recording's in {parameter.unit}; take the physics from a recording of the same kind"
                 )
-    fixed = fitter.of(copy.copy(fitter.model))  # of projections or of images
-    fixed.model.fixed = _not_of_scan(physics.effects)
+    fixed = fitter.of(copy.copy(fitter.model))  # a fitter of the same kind, projections or images
+    fixed.model.fixed = _without_scan_parameters(physics.effects)
     if physics.scale is not None and same_material:
         fixed.model.density = physics.scale
     chosen = trial(fixed, tuple(physics.effects), baseline)
@@ -154,20 +155,20 @@ def fit_with_fixed_physics(fitter: Fitter, baseline: Trial, physics: Physics, sa
         rest = without_effect(tuple(physics.effects), name)
         without[name] = trial(fixed, rest, chosen) if rest else baseline
     gains = {name: chosen.score - rest.score for name, rest in without.items()}
-    whole, noise = (
-        {name: chosen.fit.errors[name] | values for name, values in _not_of_scan(errors).items()}
+    total, noise = (
+        {name: chosen.fit.errors[name] | values for name, values in _without_scan_parameters(errors).items()}
         for errors in (physics.errors, physics.errors | physics.noise)
     )
     chosen = replace(chosen, fit=replace(chosen.fit, errors=noise))
-    errors = Errors(whole, chosen.fit.nuisance_errors)
+    errors = Errors(total, chosen.fit.nuisance_errors)
     fits = {name: rest.fit for name, rest in without.items()}
     numerical = defaults_of("diagnosis", "model_accuracy")["numerical"]
     p = dict.fromkeys(physics.effects)
     return Choice(baseline, {}, {}, chosen, gains, {}, p, without=fits, numerical=numerical, errors=errors)
 
 
-def _not_of_scan(physics: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
-    """Return the parameters of effects that do not belong to one scan."""
+def _without_scan_parameters(physics: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+    """Return {effect: {parameter: value}} without the parameters that belong to one scan."""
     return {name: parameters_owned_by(NOT_OF_SCAN, name, values) for name, values in physics.items()}
 
 

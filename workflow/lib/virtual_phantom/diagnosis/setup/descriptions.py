@@ -118,14 +118,14 @@ def _views(scan: Mapping) -> Iterator[Description]:
     turn = scan["views_per_rotation"]
     if scan["views"] == turn:
         note = " (the last view has the angle of the first)"
-        yield _corrected("last view at the first", scan, {"views_per_rotation": turn - 1}, note)
+        yield _corrected("last view at the angle of the first", scan, {"views_per_rotation": turn - 1}, note)
     elif scan["views"] == turn + 1:
         note = " (the last view has another angle than the first)"
-        yield _corrected("last view before the first", scan, {"views_per_rotation": turn + 1}, note)
+        yield _corrected("last view one step before the first", scan, {"views_per_rotation": turn + 1}, note)
     for factor, words in ((2, "half a turn"), (0.5, "two turns")):
         if turn * factor >= 8:
             note = f" (the views cover {words} instead of one turn)"
-            yield _corrected(f"{words} for one", scan, {"views_per_rotation": turn * factor}, note)
+            yield _corrected(f"{words} instead of one", scan, {"views_per_rotation": turn * factor}, note)
     if scan["trajectory"] == "helical":
         turned = {key: -scan[key] for key in ("table_feed_mm", "start_z_mm")}
         yield _corrected("direction of the table", scan, turned)
@@ -149,7 +149,7 @@ def _surface(scan: Mapping) -> Iterator[Description]:
 def _offsets(scan: Mapping) -> Iterator[Description]:
     for key, name in (("column_offset_px", "columns"), ("row_offset_px", "rows")):
         if offset := scan.get(key, 0.0):
-            yield _corrected(f"sign of the {name}' offset", scan, {key: -offset}, shifts=True)
+            yield _corrected(f"sign of the detector offset along {name}", scan, {key: -offset}, shifts=True)
 
 
 def _line_integrals(scan: Mapping, largest: float) -> Iterator[Description]:

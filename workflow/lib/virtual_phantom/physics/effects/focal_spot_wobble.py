@@ -9,7 +9,7 @@ from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    """Set the source displacement in every view."""
+    """Add the source displacement of every view."""
     times = state.geometry.view_times
     odd = np.round(times - times[0]).astype(int) % 2  # parity of the scanner's views, also if only some are used
     side = np.where(odd, 0.5, -0.5)

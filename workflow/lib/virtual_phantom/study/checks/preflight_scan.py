@@ -1,4 +1,4 @@
-"""Check that the scans of a configuration cover the whole body and every ROI, and compute what is missing."""
+"""Check that the scans of a configuration cover the body and every ROI, and compute missing columns and rows."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def blind_spots(
     Parameters
     ----------
     study : Study
-        Sections may be None.
+        Sections that the schema refuses are None.
     reach_mm : float
         Largest distance of the body from the axis of rotation.
     masks : mapping of str to ndarray of bool
         ROIs on the grid.
     slack_mm : float, optional
-        Tolerance of `reach_mm`, because it is measured on other voxels than the scanned ones.
+        Tolerance of `reach_mm`, which is measured on other voxels than the scanned ones.
     """
     points = points_of(grid, masks)
     for where, scan, views in _scans(study):
@@ -80,7 +80,7 @@ def _unseen(
     """Yield a line that names all ROIs that some protocol does not see from every direction."""
     if not points:
         return
-    worst, hidden, of_views = 1.0, {}, views[0]
+    worst, hidden, worst_views = 1.0, {}, views[0]
     for projections in views:
         try:
             shares = {name: worst_share(scan, projections, grid, of_roi) for name, of_roi in points.items()}
@@ -91,7 +91,7 @@ def _unseen(
             if share < 1:
                 hidden[name] = None
                 if share < worst:
-                    worst, of_views = share, projections
+                    worst, worst_views = share, projections
     if not hidden:
         return
     together = np.concatenate([points[name] for name in hidden])
@@ -111,5 +111,5 @@ def _unseen(
         )
     yield (
         f"{where}: {names} not seen from every direction: in the worst case from {100 * worst:.0f} % of half a "
-        f"turn, with {of_views} projections; {advice}"
+        f"turn, with {worst_views} projections; {advice}"
     )
