@@ -479,15 +479,18 @@ def test_every_image_and_every_table_is_in_one_job(seeds_per_job, together):
         assert shared == ({("fbp_150", "second")} if together else set())
 
 
-def test_new_protocol_leaves_the_jobs_of_the_default_study_unchanged():
+def test_new_protocol_as_documented_leaves_the_jobs_of_the_default_study_unchanged():
+    page = (ROOT / "docs" / "how-to" / "protocols.md").read_text(encoding="utf-8")
+    (block,) = [part for part in page.split("```yaml\n")[1:] if "thick_slices" in part.partition("```")[0]]
     study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
-    before = Plan(read_study(study)).jobs()
-    assert len(before) == 20
-    study["protocols"]["mine"] = {key: value for key, value in study["protocols"]["group_2"].items() if key != "job"}
-    study["protocols"]["mine"]["group"] = 9
-    after = Plan(read_study(study)).jobs()
-    new = [((("mgy10", f"{seed:02d}"),), ["mine"]) for seed in range(10)]
-    assert [job for job in after if job not in before] == new and all(job in after for job in before)
+    before = Plan(read_study(study))
+    assert len(before.jobs()) == 20
+    study["protocols"] |= yaml.safe_load(block.partition("```")[0])["protocols"]
+    after = Plan(read_study(study))
+    new = [((("mgy10", f"{seed:02d}"),), ["thick_slices"]) for seed in range(10)]
+    assert [job for job in after.jobs() if job not in before.jobs()] == new
+    assert all(job in after.jobs() for job in before.jobs())
+    assert after.own_scans() == before.own_scans() and after.shared_scans() == before.shared_scans()
 
 
 def test_common_job_is_for_fbp():

@@ -235,7 +235,7 @@ def test_impossible_arcs_and_spots(changes, message):
 def test_astra_supports_no_arcs_and_no_parallel_beams(beam):
     from virtual_phantom.projectors.astra_cuda import AstraCudaProjector
 
-    message = "astra_cuda supports neither cylindrical detectors nor parallel beams; set engine: cpu"
+    message = "SIRT on astra_cuda needs flat detectors and divergent beams; set engine: cpu"
     with pytest.raises(InputError, match=message):
         AstraCudaProjector(circular(views=9, **(ARC | beam)), Grid((2, 2, 2), (1.0, 1.0, 1.0)), arrays=np)
     vectors = circular(views=9, **(ARC | {"surface": "flat"})).by_vectors()

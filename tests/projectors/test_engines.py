@@ -43,9 +43,9 @@ def test_suitable_engine_is_chosen(monkeypatch, cuda, engine, backprojector, exp
 @pytest.mark.parametrize(
     "needs, message",
     [
-        ({"backprojector": "voxel", "flat": False}, "neither cylindrical detectors nor parallel beams"),
+        ({"backprojector": "voxel", "flat": False}, "SIRT on astra_cuda needs flat detectors and divergent beams"),
         ({"backprojector": "adjoint"}, "no adjoint"),
-        ({"normalise": "none"}, "does not support `normalise: none`"),
+        ({"normalise": "none"}, "no FDK"),
         ({"normalise": "coverage", "flat": False}, None),
     ],
 )

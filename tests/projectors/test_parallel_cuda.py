@@ -128,7 +128,7 @@ def test_full_memory_is_reported(device, monkeypatch):
 
 def test_fdk_needs_the_cpu_engine(device):
     settings = from_mapping(FbpSettings, {"normalise": "none"})
-    with pytest.raises(InputError, match="astra_cuda does not support `normalise: none`; set engine"):
+    with pytest.raises(InputError, match="no FDK; set engine: cpu or reconstruction.fbp.normalise: coverage"):
         images.reconstruct_hu(lines_of(HELIX)[0], HELIX, GRID, "fbp", settings, "astra_cuda", MU)
 
 

@@ -122,6 +122,15 @@ def test_levels_of_a_protocol_are_checked(levels, message):
     assert message in str(error.value)
 
 
+def test_unknown_level_of_a_protocol_is_the_only_mistake():
+    config = copy.deepcopy(DEFAULT)
+    config["protocols"]["fbp_150"]["noise"] = ["dose"]
+    with pytest.raises(InputError) as error:
+        check(config)
+    line = "config: protocols.fbp_150.noise names 'dose', which does not exist; did you mean 'dose10'?"
+    assert str(error.value) == line
+
+
 def test_changes_of_dose_and_of_both_follow_the_levels_of_the_analysis():
     config = copy.deepcopy(DEFAULT)
     config["analyses"] = {"stability": {"noise": ["dose10", "double"]}}

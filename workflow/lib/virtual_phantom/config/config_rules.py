@@ -299,6 +299,11 @@ class Rules:
                     "voxels"
                 )
 
+    def _levels_of(self, name: str, levels: Collection[str]) -> Collection[str]:
+        """Return the noise levels of a protocol, `levels` by default or if it names one that does not exist."""
+        own = self.protocols.get(name, {}).get("noise", levels)
+        return own if all(level in self.names.levels for level in own) else levels
+
     def _stability(self) -> Iterator[str]:
         if "stability" not in self.analyses:
             return
@@ -308,8 +313,7 @@ class Rules:
             yield from self._known(noise, self.names.levels, "analyses.stability.noise")
             yield from self._repeated(noise, RANKSUM_REPEATS, reason)
         for name, protocol in self.protocols.items():
-            own = protocol.get("noise", levels)
-            if "group" in protocol and not set(own) & set(levels):
+            if "group" in protocol and not set(self._levels_of(name, levels)) & set(levels):
                 yield (
                     f"config: protocols.{name}.noise has none of the levels of analyses.stability.noise, "
                     f"{', '.join(levels)}; add one of them, or remove the group of {name}"
@@ -355,8 +359,8 @@ class Rules:
             uses.append((f"analyses.comparison.{name}", [comparison["protocol"]], [comparison["noise"]]))
         for where, protocols, levels in uses:
             for name in protocols:
-                own = self.protocols.get(name, {}).get("noise", levels)
-                if missing := [level for level in levels if level not in own]:
+                own = self._levels_of(name, levels)
+                if missing := [level for level in levels if level in self.names.levels and level not in own]:
                     yield f"config: {where} needs protocols.{name} at {missing[0]}; add {missing[0]} to its noise"
 
     def _extraction(self) -> Iterator[str]:
@@ -381,7 +385,7 @@ class Rules:
             yield from self._repeated(level, RANKSUM_REPEATS, reason)
         for name in protocols:
             protocol = self.protocols.get(name, {})
-            if levels and not set(protocol.get("noise", levels)) & set(levels):
+            if levels and not set(self._levels_of(name, levels)) & set(levels):
                 yield f"config: protocols.{name}.noise has none of the levels of {where}, {', '.join(levels)}; add one"
             spacing = protocol.get("voxels", {}).get("spacing_mm") or self.config.get("grid", {}).get("spacing_mm")
             lengths = [value for value in axis.get("resampled_mm", ()) if not isinstance(value, str)]

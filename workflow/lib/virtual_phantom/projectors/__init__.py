@@ -31,8 +31,8 @@ def cupy_installed() -> bool:
     return True
 
 
-UNSUPPORTED_BY_ASTRA = "engine: astra_cuda supports neither cylindrical detectors nor parallel beams; set engine: cpu"
-NO_FDK = "engine: astra_cuda does not support `normalise: none`; set engine: cpu or `normalise: coverage`"
+UNSUPPORTED_BY_ASTRA = "engine: SIRT on astra_cuda needs flat detectors and divergent beams; set engine: cpu"
+NO_FDK = "engine: astra_cuda has no FDK; set engine: cpu or reconstruction.fbp.normalise: coverage"
 NO_CUPY = "astra_cuda needs CuPy, which cannot be imported: pip install -r environment-gpu.txt"
 
 
