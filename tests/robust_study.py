@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from virtual_phantom.statistics import ANY_PROTOCOL, REPEATS, REPOSITIONING, robustness, trust
+from virtual_phantom.statistics import ANY_PROTOCOL, EXTRACTION, REPEATS, REPOSITIONING, robustness, trust
 
 ROBUST = "original_firstorder_Mean"  # far larger differences between regions than between images
 DOSE = "original_firstorder_Entropy"  # rises by 8 % at low dose
@@ -66,3 +66,18 @@ def robustness_table(table=None):
     stability = trust.trust_table(compared, FEATURES, {1: "a", 2: "b"}, CUT_OFFS["w_stability_percent"])
     found = robustness.robustness_table(table, FEATURES, setting_pairs(), CUT_OFFS)
     return robustness.with_protocols(found, stability)
+
+
+def extracted_table():
+    """Features of thin, high with two extraction settings: the other one doubles NOISE; shapes are not extracted."""
+    own = feature_table()
+    own = own[(own["protocol"] == "thin") & (own["noise"] == "high")].drop(columns=SHAPE)
+    return pd.concat([own.assign(setting="study"), own.assign(setting="bin_width_10", **{NOISE: 2 * own[NOISE]})])
+
+
+def extraction_pairs():
+    ends = [
+        {"label": name, "where": {"protocol": "thin", "noise": "high", "setting": name}, "seeds": list(range(4))}
+        for name in ("study", "bin_width_10")
+    ]
+    return [{"kind": EXTRACTION, "first": ends[0], "second": ends[1], "relation": "paired"}]

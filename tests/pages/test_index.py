@@ -16,12 +16,22 @@ from browser import opened, outside_resources
 from PIL import Image
 from recording_folders import projections_folder
 from resolved import resolved
-from robust_study import feature_table, robustness_table, setting_pairs
+from robust_study import (
+    CUT_OFFS,
+    NOISE,
+    extracted_table,
+    extraction_pairs,
+    feature_table,
+    robustness_table,
+    setting_pairs,
+)
 from test_study import Balanced
 
 from virtual_phantom.base.settings import to_mapping
 from virtual_phantom.figures import trust_map
 from virtual_phantom.report import answer, index, study
+from virtual_phantom.statistics import robustness
+from virtual_phantom.statistics.extraction_settings import long_table
 from virtual_phantom.study.context import read_context
 from virtual_phantom.study.index_page import renew
 
@@ -146,6 +156,36 @@ def test_answer_comes_first_with_its_reasons(page):
     assert "First order Entropy. Not robust for dose. Lowest for dose: ICC" in page_words
     assert "rises by 8.0 % from 10 mGy to 3 mGy." in page_words
     assert "estimated from 6 regions. These are few, so intervals are wide." in page_words
+
+
+def test_extraction_settings_are_shown_but_do_not_count(page, results, tmp_path):
+    names = ("trust", "features")
+    trust = robustness.with_extraction(TRUST, extracted_table(), extraction_pairs(), CUT_OFFS)
+    extracted = {name: rows.drop(columns="setting") for name, rows in extracted_table().groupby("setting")}
+    for name, frame in zip(("extraction", *names), (long_table(extracted, {}), trust, ALL), strict=True):
+        frame.to_csv(tmp_path / f"{name}.csv", index=False)
+    tables = [index.LinkedTable(name, tmp_path / f"{name}.csv") for name in names]
+    pairs = [*setting_pairs(), *extraction_pairs()]
+    changed = index.index_page(tmp_path, [], tables, [], CONFIG, COMMANDS, pairs=pairs)
+    sentence = "Extraction settings are in the map and do not count for “robust”, because you choose them once."
+    assert sentence in text(changed) and sentence not in text(page)
+    headline = text(page)[text(page).index("1 of 3 features") : text(page).index("Controls:")]
+    assert headline in text(changed) and "extraction settings" not in headline
+    (chart,) = re.findall(r"const {wide, narrow, data} = (.*);\n", changed)
+    data = json.loads(chart)["data"]
+    settings = {row["name"]: row for row in data["settings"] if row["key"].startswith("extraction settings|")}
+    assert list(settings) == ["study", "bin_width_10"] and settings["study"]["context"] == "thin, high"
+    keys = [row["key"] for row in data["settings"]]
+    assert len(set(keys)) == len(keys)
+    number = int(settings["bin_width_10"]["key"].split("|")[1])
+    (curve,) = (
+        row
+        for row in data["curves"]
+        if row["feature"] == NOISE and row["region"] == "liver 1" and number in row["number"]
+    )
+    own = extracted_table()
+    own = own[(own["setting"] == "bin_width_10") & (own["roi"] == "liver_1") & (own["seed"] < 4)]
+    assert curve["mean"][curve["number"].index(number)] == pytest.approx(own[NOISE].mean(), rel=1e-3)
 
 
 def test_controls_are_next_to_the_answer(page):

@@ -13,6 +13,7 @@ from browser import opened, outside_resources
 from markupsafe import escape
 from PIL import Image
 from resolved import resolved
+from robust_study import robustness_table
 
 from virtual_phantom.report import study
 from virtual_phantom.report.methods import how_to_report
@@ -70,7 +71,9 @@ def page(files):
     figure = study.ReportFigure(
         files / "rois.png", "Phantom", "Regions <1>", files / "rois.rst", {"threshold": 1.5}, {"recording": "a <b>"}
     )
-    tables = {"Stable features": files / "tables" / "stable_features.csv", "Long": files / "tables" / "long.csv"}
+    robustness_table().to_csv(files / "tables" / "trust.csv", index=False)
+    names = {"Stable features": "stable_features", "Long": "long", "Trust": "trust"}
+    tables = {title: files / "tables" / f"{name}.csv" for title, name in names.items()}
     return study.report_page([figure], tables, {"disc": files / "report.html"}, {"Slices": "viewer.html"}, CONFIG)
 
 
@@ -107,6 +110,12 @@ def test_text_for_a_methods_section_is_included(page):
 def test_long_tables_are_linked(page):
     assert "This table is too long for the page." in page and 'href="tables/long.csv"' in page
     assert page.count("<tbody>") == 2  # for the short table, and for the table of checksums
+
+
+def test_use_of_each_feature_replaces_the_rows_of_trust(page):
+    box = page[page.index('id="table-trust"') : page.index('id="provenance"')]
+    assert "20 rows" in box and 'href="tables/trust.csv"' in box and "<tbody>" not in box.partition('id="diagnoses"')[0]
+    assert "Robust for every change" in box and "<b>First order Entropy.</b> Not robust for dose." in box
 
 
 @pytest.mark.parametrize(

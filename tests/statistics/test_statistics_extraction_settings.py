@@ -6,7 +6,7 @@ import pytest
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.statistics import extraction_settings
-from virtual_phantom.statistics.extraction_settings import choice_table, long_table, settings_table
+from virtual_phantom.statistics.extraction_settings import choice_table, long_table, settings_table, wide_table
 
 FEATURE, OTHER = "original_firstorder_Mean", "original_glcm_Idn"
 # Shrout and Fleiss (Psychol. Bull. 86, 420, 1979), Table 2: six targets (rows), four judges; ICC(2,1) is 0.29.
@@ -44,8 +44,9 @@ def test_robustness_is_the_published_icc(compared):
     assert rows.loc["study", "robustness"] == pytest.approx(0.29, abs=0.005)
     assert rows.loc["bin_width_10", "robustness"] == 1 and set(rows["robust_by"]) == {"ICC(2,1)"}
     assert rows.loc["bin_width_10", "change"] == pytest.approx(0.71, abs=0.005)
-    low, high = rows.loc["bin_width_10", ["change_low", "change_high"]]
-    assert 0 < low < 0.71 < high <= 2  # settings differ for every choice of ROIs
+    low, z, high = rows.loc["bin_width_10", ["change_z_low", "change_z", "change_z_high"]]
+    assert 0 < low < z < high  # settings differ without any of the ROIs
+    assert z == pytest.approx(np.arctanh(1 - 1e-12) - np.arctanh(rows.loc["study", "robustness"]))
     assert list(rows["rois"]) == [6, 6] and list(rows["conditions"]) == [4, 4]
 
 
@@ -82,7 +83,7 @@ def test_one_region_is_judged_by_ranks():
     rows = settings_table({"study": one, "bin_width_10": table(np.ones((1, 4)), repeats=3)})
     assert set(rows["robust_by"]) == {"W stability"} and rows["discrimination_percent"].isna().all()
     assert rows.set_index(["feature", "setting"]).loc[(FEATURE, "bin_width_10"), "robustness"] == 100
-    assert rows["change_low"].isna().all() and set(choice_table(rows)["more_robust"]) == {"undecided"}
+    assert rows["change_z_low"].isna().all() and set(choice_table(rows)["more_robust"]) == {"undecided"}
 
 
 def test_one_region_in_one_condition_is_refused():
@@ -95,17 +96,17 @@ def test_other_images_are_refused():
         settings_table({"study": table(JUDGED), "bin_width_10": table(JUDGED[:5])})
 
 
-def test_intervals_cover_the_true_change():
-    """ROIs and conditions from normal distributions: of 40 studies, about 38 intervals hold the change of the ICC."""
-    rng, held = np.random.default_rng(7), 0
-    for _ in range(40):
-        regions, noise = rng.normal(0, 1, (24, 1)), rng.normal(0, 1, (2, 24, 4))
-        first, second = regions + noise[0], regions + 0.5 * noise[1]  # ICC 1 / 2 and 1 / 1.25
-        x = [values[None, :, :, None] for values in (first, second)]
-        draws = [extraction_settings._resampled(values) for values in x]
-        (low,), (high,) = extraction_settings._quantiles(draws[1] - draws[0])
-        held += low <= 0.8 - 0.5 <= high
-    assert held >= 34
+@pytest.mark.parametrize("rois", [6, 24])
+def test_intervals_cover_the_true_change(rois):
+    """ROIs and conditions from normal distributions: of 1000 features, about 950 intervals hold the change."""
+    rng = np.random.default_rng(7)
+    regions, noise = rng.normal(0, 1, (1000, rois, 1, 1)), rng.normal(0, 1, (2, 1000, rois, 4, 1))
+    settings = regions + noise[0], regions + 0.5 * noise[1]  # ICC 1 / 2 and 1 / 1.25
+    found = extraction_settings.z_change(*map(extraction_settings._without_each, settings))
+    true = np.arctanh(1 / 1.25) - np.arctanh(1 / 2)
+    held = (found.low <= true) & (true <= found.high)
+    assert 0.93 < held.mean() < 0.97
+    assert (found.high < 0).mean() < 0.01
 
 
 def test_long_table_has_every_value_once():
@@ -114,3 +115,13 @@ def test_long_table_has_every_value_once():
     assert len(rows) == 2 * 24 * 2 and not rows.duplicated(["setting", "protocol", "seed", "roi", "feature"]).any()
     chosen = rows[(rows["setting"] == "bin_width_10") & (rows["roi"] == "roi_2") & (rows["protocol"] == "p3")]
     assert set(chosen["value"]) == {9.0} and set(chosen["setting_value"]) == {"10"}
+
+
+def test_wide_table_restores_the_features_of_all_settings():
+    tables = {"study": table(JUDGED), "bin_width_10": table(JUDGED + 1).drop(columns=OTHER)}
+    wide = wide_table(long_table(tables, {"bin_width_10": {"factor": "bin_width", "value": 10}}))
+    assert list(wide) == ["setting", "protocol", "noise", "seed", "roi", "tissue_class", FEATURE]
+    for name, one in tables.items():
+        keys = ["protocol", "roi"]
+        rows = wide[wide["setting"] == name].set_index(keys)[FEATURE]
+        assert len(rows) == 24 and rows.to_dict() == one.set_index(keys)[FEATURE].to_dict()

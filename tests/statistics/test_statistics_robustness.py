@@ -11,13 +11,15 @@ from robust_study import (
     ROBUST,
     SHAPE,
     SIZED,
+    extracted_table,
+    extraction_pairs,
     feature_table,
     robustness_table,
     setting_pairs,
 )
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.statistics import ANY_PROTOCOL, REPEATS, REPOSITIONING, robustness
+from virtual_phantom.statistics import ANY_PROTOCOL, EXTRACTION, REPEATS, REPOSITIONING, robustness
 
 
 @pytest.fixture(scope="module")
@@ -99,3 +101,16 @@ def test_missing_images_are_named():
         robustness.robustness_table(without, FEATURES, setting_pairs(), CUT_OFFS)
     with pytest.raises(InputError, match="two rows for protocol thin, noise high"):
         robustness.robustness_table(pd.concat([table, table]), FEATURES, setting_pairs(), CUT_OFFS)
+
+
+def test_extraction_settings_are_rows_that_do_not_count(found):
+    changed = robustness.with_extraction(found, extracted_table(), extraction_pairs(), CUT_OFFS)
+    pd.testing.assert_frame_equal(robustness.acquisition_changes(changed), found)
+    rows = changed[changed["change"] == EXTRACTION].set_index("feature")
+    assert set(rows.index) == set(FEATURES) - {SHAPE}
+    assert rows.loc[ROBUST, "robust"] == "yes" and rows.loc[ROBUST, "icc"] == 1
+    assert (
+        rows.loc[NOISE, "robust"] == "no" and "rises by 100 % from study to bin_width_10" in rows.loc[NOISE, "sentence"]
+    )
+    assert (rows["use"] == [use(found, feature)[0] for feature in rows.index]).all()
+    assert list(changed["feature"].unique()) == list(FEATURES)

@@ -312,13 +312,14 @@ def captions_of(context, **config):
 
 
 def test_captions_mention_the_printed_phantom_only_where_it_is_shown():
-    words = ("Flouris", "Cancer Imaging", "printed phantom", "Black", "paper")
+    words = ("Flouris", "Cancer Imaging", "printed phantom", "Black", "Hollow", "paper")
     settings = {"phantom": {"source": "ct", "ct": {}}}
     for name, caption in captions_of(context_of(measured={"overlay": False}), **settings).items():
         assert not [word for word in words if word in caption], name
     shown = captions_of(context_of())
     assert [name for name, caption in shown.items() if "Flouris" not in caption] == ["trust_map"]  # no figure of theirs
-    assert all("Black" in shown[name] for name in ("noise_calibration", "pca_sirt", "pca_fbp", "pca_multicentre"))
+    assert "Black horizontal lines" in shown["noise_calibration"]
+    assert all("Hollow markers" in shown[name] for name in ("pca_sirt", "pca_fbp", "pca_multicentre"))
     assert "Figure 2 of" in shown["scans"] and "built-in phantom" in shown["rois"]
 
 

@@ -7,13 +7,14 @@ from virtual_phantom.features.selected import selected_parameters
 from virtual_phantom.features.settings import read_extraction
 from virtual_phantom.features.tables import read_features, read_groups
 from virtual_phantom.io import files
-from virtual_phantom.statistics import robustness, trust
+from virtual_phantom.statistics import EXTRACTION, extraction_settings, robustness, trust
 from virtual_phantom.study.job import job, log
 
 
 def main(
     *,
     features_file: str,
+    extraction_file: str | None,
     table_output: str,
     features_output: str,
     groups: Mapping[str, int],
@@ -26,8 +27,10 @@ def main(
     parameters: Mapping,
 ) -> None:
     every_image = read_features(features_file)
+    threshold = statistics["threshold"]
+    acquired = [pair for pair in pairs if pair["kind"] != EXTRACTION]
     found = robustness.robustness_table(
-        every_image, features_of(every_image), pairs, cut_offs, threshold=statistics["threshold"], source=features_file
+        every_image, features_of(every_image), acquired, cut_offs, threshold=threshold, source=features_file
     )
     if len(groups) > 1:
         table = read_groups(features_file, groups, noise=noise, seeds=seeds)
@@ -37,11 +40,17 @@ def main(
             features_of(table),
             labels,
             cut_offs["w_stability_percent"],
-            threshold=statistics["threshold"],
+            threshold=threshold,
             compare=statistics["compare"],
             source=features_file,
         )
         found = robustness.with_protocols(found, stability)
+    if extraction_file:
+        settings = extraction_settings.wide_table(files.read_csv(extraction_file))
+        extracted = [pair for pair in pairs if pair["kind"] == EXTRACTION]
+        found = robustness.with_extraction(
+            found, settings, extracted, cut_offs, threshold=threshold, source=extraction_file
+        )
     files.write_csv(found, table_output)
     uses = found.drop_duplicates("feature")
     robust = list(uses.loc[uses["use"] == robustness.ROBUST, "feature"])
@@ -59,6 +68,7 @@ if "snakemake" in globals():
     with job(snakemake):
         main(
             features_file=snakemake.input.features,
+            extraction_file=snakemake.input.get("extraction") or None,
             table_output=snakemake.output.table,
             features_output=snakemake.output.features,
             groups=snakemake.params.groups,

@@ -24,7 +24,7 @@ import vl_convert
 from ..base.names import label
 from ..io.files import replacing
 from ..statistics.changes import REPEATABILITY_CUT_OFF
-from ..statistics.robustness import SIZE, USES
+from ..statistics.robustness import SIZE, USES, acquisition_changes
 from . import style
 
 VEGA_LITE = "6.4"  # version of the specification, in vl-convert-python
@@ -104,7 +104,7 @@ def _short(value):
 
 def order(trust: pd.DataFrame) -> tuple[list[str], list[str]]:
     """Return families and names of features, most robust first: by use, robust changes, then lowest ICC."""
-    grouped = trust.groupby("feature", sort=False)
+    grouped = acquisition_changes(trust).groupby("feature", sort=False)
     one = grouped.agg(
         family=("family", "first"),
         use=("use", "first"),
@@ -206,6 +206,7 @@ def _choice(name: str, options: list[str], labels: list[str]) -> dict:
 
 def _first_cell(trust: pd.DataFrame) -> dict:
     """Return the cell that is selected first: the lowest ICC for a change of settings, if there is one."""
+    trust = acquisition_changes(trust)
     moved = trust[trust["change_from"].fillna("") != ""]
     row = (moved if len(moved) else trust).sort_values("icc", kind="stable").iloc[0]
     return {"feature": row["feature"], "change": row["change"]}
@@ -432,7 +433,9 @@ def _curves(width: int = CURVE_WIDTH, left: int = 0) -> dict:
     }
 
 
-def feature_curves(table: pd.DataFrame, features: Sequence[str], pairs: Sequence[Mapping]) -> dict[str, list[dict]]:
+def feature_curves(
+    table: pd.DataFrame, features: Sequence[str], pairs: Sequence[Mapping], start: int = 0
+) -> dict[str, list[dict]]:
     """Return the data sets of the curves: values of every feature in all settings.
 
     Parameters
@@ -441,6 +444,8 @@ def feature_curves(table: pd.DataFrame, features: Sequence[str], pairs: Sequence
         One row per image and ROI, with columns roi, seed, the columns in `where` of the pairs, and `features`.
     pairs : sequence of mapping
         As in `statistics.robustness.robustness_table`.
+    start : int, optional
+        Number of the first setting.
 
     Returns
     -------
@@ -453,9 +458,9 @@ def feature_curves(table: pd.DataFrame, features: Sequence[str], pairs: Sequence
     for kind, chains in _chains(pairs).items():
         for chain in sorted(chains, key=len, reverse=True)[:MOST_LINES]:
             first = next(iter(chain.values()))
-            context = ", ".join(map(str, first["where"].values()))
+            context = ", ".join(str(value) for column, value in first["where"].items() if column != "setting")
             for place, (key, setting) in enumerate(chain.items()):
-                number = numbers.setdefault(key, len(numbers))
+                number = numbers.setdefault(key, start + len(numbers))
                 settings.append(
                     {"key": f"{kind}|{number}", "name": setting["label"], "context": context, "place": place}
                 )

@@ -4,11 +4,29 @@ from __future__ import annotations
 
 import pandas as pd
 
-from ..statistics import REPEATS
+from ..statistics import EXTRACTION, REPEATS
 from ..statistics.comparison_summary import MINIMUM_ROIS, MOST, RANK_RIGHT
 from ..statistics.controls import DIFFERENT_CLASSES, SAME_CLASS, WHITE_NOISE, headline
-from ..statistics.robustness import SIZE, USES, between_protocols
+from ..statistics.robustness import (
+    AVOID,
+    ONE_PROTOCOL,
+    ROBUST,
+    SIZE,
+    UNDECIDED,
+    USES,
+    acquisition_changes,
+    between_protocols,
+)
 from ..statistics.stability_measures import UNVARYING
+
+TITLES = {
+    ROBUST: "Robust for every change",
+    ONE_PROTOCOL: "Use within one protocol only",
+    UNDECIDED: "Undecided: study more regions",
+    AVOID: "Avoid: not robust for some change",
+    SIZE: "Grow with the size of the region, not counted",
+    UNVARYING: "Do not vary between the images, not counted",
+}
 
 
 def robustness_answer(trust: pd.DataFrame) -> dict:
@@ -22,7 +40,8 @@ def robustness_answer(trust: pd.DataFrame) -> dict:
     Returns
     -------
     dict
-        * changes: kinds of change, without random repeats and re-positioning among the others
+        * changes: kinds of change that count for `use`
+        * extraction: whether there are rows of extraction settings, which do not count
         * considered: number of features that vary and do not grow with the size of the region
         * uses: {use: [(feature, reason)]}, most robust first
         * repeats: control, number of considered features that are robust for random repeats; None if not studied
@@ -30,6 +49,8 @@ def robustness_answer(trust: pd.DataFrame) -> dict:
         * cut_off, rois: of the ICC, and number of regions
         * stable: number of features that are stable between protocols by W, for a single region; None for one protocol
     """
+    extraction = EXTRACTION in set(trust["change"])
+    trust = acquisition_changes(trust)
     features = trust.drop_duplicates("feature")
     lowest = features["feature"].map(trust.groupby("feature")["icc"].min())
     features = features.assign(lowest=lowest).sort_values("lowest", ascending=False, kind="stable")
@@ -39,6 +60,7 @@ def robustness_answer(trust: pd.DataFrame) -> dict:
     repeats = considered.loc[considered["change"] == REPEATS, "robust"]
     return {
         "changes": list(dict.fromkeys(trust["change"])),
+        "extraction": extraction,
         "considered": considered["feature"].nunique(),
         "uses": {
             use: list(zip(rows["feature"], rows["reason"], strict=True)) for use, rows in uses.items() if len(rows)

@@ -33,8 +33,8 @@ def extraction_answer(settings: pd.DataFrame, choice: pd.DataFrame) -> dict:
             {
                 "setting": name,
                 "best": int((part["most_robust"] == "yes").sum()),
-                "more": int((part["change_low"] > 0).sum()),
-                "less": int((part["change_high"] < 0).sum()),
+                "more": int((part["change_z_low"] > 0).sum()),
+                "less": int((part["change_z_high"] < 0).sum()),
                 "robustness": part["robustness"].median(),
                 "discrimination": part["discrimination_percent"].mean(),
             }
@@ -43,7 +43,7 @@ def extraction_answer(settings: pd.DataFrame, choice: pd.DataFrame) -> dict:
     certain = choice[choice["more_robust"] == "yes"].sort_values("change", ascending=False)
     return {
         **settings.iloc[0][["robust_by", "rois", "conditions", "repeats"]].to_dict(),
-        "intervals": bool(settings["change_low"].notna().any()),
+        "intervals": bool(settings["change_z_low"].notna().any()),
         "discriminates": bool(settings["discrimination_percent"].notna().any()),
         "settings": rows,
         "certain": len(certain),

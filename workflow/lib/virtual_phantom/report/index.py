@@ -17,25 +17,19 @@ from ..features.extraction import MINIMUM_GREY_LEVELS, MINIMUM_VOXELS
 from ..figures import trust_map
 from ..io.documents import DIAGNOSIS, read_document
 from ..io.files import read_csv
-from ..statistics.robustness import AVOID, ONE_PROTOCOL, ROBUST, SIZE, UNDECIDED, between_protocols
-from ..statistics.stability_measures import UNVARYING
-from .answer import agreement_text, controls_answer, robustness_answer
+from ..statistics import EXTRACTION
+from ..statistics.extraction_settings import wide_table
+from ..statistics.robustness import between_protocols
+from .answer import TITLES, agreement_text, controls_answer, robustness_answer
 from .extraction import extraction_answer
 from .html import COLORS, OTHER_COLOR
 from .study import ReportFigure, caption, render_study
 
-TITLES = {
-    ROBUST: "Robust for every change",
-    ONE_PROTOCOL: "Use within one protocol only",
-    UNDECIDED: "Undecided: study more regions",
-    AVOID: "Avoid: not robust for some change",
-    SIZE: "Grow with the size of the region, not counted",
-    UNVARYING: "Do not vary between the images, not counted",
-}
 SHORT = 10  # longer lists of features are folded
 FEW_ROIS = 10  # with fewer regions, the page says that intervals are wide
 NARROW = 900  # pixels; in narrower windows the curves are below the map
 HEAT_MAP = "trust_map"  # figure of the heat map
+EXTRACTED = "extraction.csv"  # features with all extraction settings
 FIRST_ROWS = 5  # rows of each table that the page shows
 # Tables with one row per feature are sorted by the first of these columns that they have, instead of by name.
 MOST_STABLE = ("ci95_low", "stable_by", "stability_percent")
@@ -79,7 +73,8 @@ def index_page(
     other_pages : mapping of str to str, optional
         {title: address} of other pages in the same folder.
     pairs : sequence of mapping, optional
-        Pairs of settings in trust.csv (`study.changes.setting_pairs`), for curves of the features.
+        Pairs of settings in trust.csv (`study.changes`), for curves of the features. Pairs of extraction settings need
+        extraction.csv in `folder`.
     impossible : sequence of str, optional
         A sentence for each requested analysis that the study does not allow.
     """
@@ -105,7 +100,7 @@ def index_page(
     if answer and (answer["rois"] > 1 or answer["stable"] is not None):
         limits = trust_map.cut_offs(trust, config["analyses"]["stability"]["cut_offs"]["ccc"])
         names = list(trust["feature"].unique())
-        curves = trust_map.feature_curves(features, names, pairs if features is not None else ())
+        curves = _curves(features, names, pairs if features is not None else (), folder)
         chart = json.dumps(trust_map.page_chart(trust, limits, curves)).replace("<", r"\u003c")
     return render_study(
         "index",
@@ -134,6 +129,20 @@ def index_page(
         other_pages=other_pages or {},
         folder=str(folder),
     )
+
+
+def _curves(
+    features: pd.DataFrame | None, names: Sequence[str], pairs: Sequence[Mapping], folder: Path
+) -> dict[str, list[dict]]:
+    """Return the data sets of the curves in all settings, extraction settings among them."""
+    extracted = [pair for pair in pairs if pair["kind"] == EXTRACTION]
+    curves = trust_map.feature_curves(features, names, [pair for pair in pairs if pair["kind"] != EXTRACTION])
+    if extracted:
+        table = wide_table(read_csv(folder / EXTRACTED))
+        known = [name for name in names if name in table]
+        more = trust_map.feature_curves(table, known, extracted, start=len(curves["settings"]))
+        curves = {name: [*rows, *more[name]] for name, rows in curves.items()}
+    return curves
 
 
 def study_warnings(features: pd.DataFrame, trust: pd.DataFrame | None) -> list[str]:

@@ -22,6 +22,7 @@ from ..features.names import is_feature
 from ..figures import style
 from ..io.files import read_csv, sha256
 from ..statistics.trust import percent
+from .answer import TITLES, robustness_answer
 from .html import data_url, number, render
 from .methods import how_to_report
 
@@ -30,6 +31,7 @@ PACKAGES = (  # packages that results depend on
     *("scikit-image", "xraylib", "spekpy", "matplotlib", "seaborn"),
 )
 MOST_ROWS = 1000  # longer tables are linked but not shown
+TRUST = "trust"  # table with a row per feature and change, of which the report shows the use of each feature
 
 
 @dataclass(frozen=True)
@@ -100,13 +102,22 @@ def report_page(
         config,
         sections=sections,
         tables=[
-            {"title": title, "name": tables[title].stem, "frame": frame, "shown": len(frame) <= MOST_ROWS}
+            {"title": title, "name": tables[title].stem, "frame": frame}
+            | {"shown": tables[title].stem != TRUST and len(frame) <= MOST_ROWS}
             for title, frame in frames.items()
         ],
+        counts=_uses(frames, tables),
+        TITLES=TITLES,
         embedded={title: path.read_text(encoding="utf-8") for title, path in embedded.items()},
         links=links,
         checksums={str(path): sha256(path) for path in tables.values()},
     )
+
+
+def _uses(frames: Mapping[str, pd.DataFrame], tables: Mapping[str, Path]) -> dict[str, list[tuple[str, str]]]:
+    """Return {use: [(feature, reason)]}; none without the table, or for a single region."""
+    found = [frame for title, frame in frames.items() if tables[title].stem == TRUST and frame["rois"].iloc[0] > 1]
+    return robustness_answer(found[0])["uses"] if found else {}
 
 
 def render_study(template: str, config: Mapping, **values) -> str:

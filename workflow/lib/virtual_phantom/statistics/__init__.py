@@ -12,3 +12,4 @@ RANKSUM_REPEATS = 2  # repeats for a rank-sum test (wilcoxon)
 REPEATS = "random repeats"  # nothing but noise and start angle
 REPOSITIONING = "re-positioning"
 ANY_PROTOCOL = "any two protocols"  # all pairs of protocols of the stability analysis
+EXTRACTION = "extraction settings"  # of the same images

@@ -137,10 +137,10 @@ def agreement(changes: Sequence[Change], classes: Sequence[str], threshold: floa
     concordances = np.mean([one.concordance for one in moments], axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         found = {
-            "icc": _interval(shared / (shared + error), _fisher, np.tanh),
-            "ccc": _interval(concordances, _fisher, np.tanh),
-            "repeatability": _interval(_coefficient(error) / spread, _logarithm, np.exp),
-            "w": _interval(_mean_over(stable), clip=(0.0, 1.0)),
+            "icc": jackknife_interval(shared / (shared + error), fisher, np.tanh),
+            "ccc": jackknife_interval(concordances, fisher, np.tanh),
+            "repeatability": jackknife_interval(_coefficient(error) / spread, _logarithm, np.exp),
+            "w": jackknife_interval(_mean_over(stable), clip=(0.0, 1.0)),
         }
         by_class = {measure: {} for measure in MEASURES}
         for name, chosen in zip(names, member, strict=True):
@@ -252,7 +252,8 @@ def _stable(change: Change, threshold: float) -> np.ndarray:
     return (z < threshold).astype(np.float64)
 
 
-def _fisher(x: np.ndarray) -> np.ndarray:
+def fisher(x: np.ndarray) -> np.ndarray:
+    """Return Fisher's z of correlations; finite for -1 and 1."""
     return np.arctanh(np.clip(x, -NEARLY_ONE, NEARLY_ONE))
 
 
@@ -260,13 +261,23 @@ def _logarithm(x: np.ndarray) -> np.ndarray:
     return np.log(np.maximum(x, 1 - NEARLY_ONE))
 
 
-def _interval(
+def jackknife_interval(
     x: np.ndarray,
     forward: Callable[[np.ndarray], np.ndarray] = np.asarray,
     backward: Callable[[np.ndarray], np.ndarray] = np.asarray,
     clip: tuple[float, float] = (-np.inf, np.inf),
 ) -> Estimate:
-    """Jackknife interval of the first column of x (features, 1 + regions), on the scale of `forward`."""
+    """Compute jackknife intervals over regions.
+
+    Parameters
+    ----------
+    x : ndarray, shape (features, 1 + regions)
+        Values from all regions, then without each region.
+    forward, backward : callable, optional
+        Transformation of the values to the scale of the interval, and its inverse.
+    clip : tuple of float, optional
+        Possible values of the limits.
+    """
     value, left_out = forward(x)[:, 0], forward(x)[:, 1:]
     regions = left_out.shape[1]
     if regions < 3:  # no degree of freedom, or no variance without one region

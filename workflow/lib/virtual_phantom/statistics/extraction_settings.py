@@ -2,12 +2,8 @@
 
 Robustness is the ICC(2,1) of single scans between conditions (protocols and noise levels), with ROIs as subjects. A
 study of one condition has the ICC between repeats instead, and a study of one ROI the stability by W. Discriminative
-power is that of `wilcoxon.scores`. A change of the ICC has an interval from a bootstrap over ROIs [1]_, which keeps the
-pairs of settings.
-
-References
-----------
-.. [1] Efron and Tibshirani, An Introduction to the Bootstrap, 1993.
+power is that of `wilcoxon.scores`. Changes of the ICC have an interval on the scale of Fisher's z, from the jackknife
+over ROIs of `changes`. Differences of the ICC itself, whose error depends on its value, are detected less often.
 """
 
 from __future__ import annotations
@@ -18,16 +14,13 @@ import numpy as np
 import pandas as pd
 
 from ..base.errors import InputError
-from ..base.streams import generator
 from ..features.names import family, features_of
 from ..features.variations import OWN
 from . import agreement_measures, wilcoxon
+from .changes import Estimate, fisher, jackknife_interval
 from .stability_measures import feature_array
 
 BETWEEN_CONDITIONS, BETWEEN_REPEATS, BY_RANKS = "ICC(2,1)", "ICC(2,1) between repeats", "W stability"
-DRAWS = 1000  # resampled sets of ROIs: the error of a 2.5 % quantile is 0.5 %
-SEED = 4734  # seed of the resampled ROIs, the same in every study
-TAIL = 0.025  # tail probability on either side of a 95 % interval
 ROUNDING = 1e-9  # rounding error of a measure
 
 
@@ -51,7 +44,8 @@ def settings_table(tables: Mapping[str, pd.DataFrame], **options) -> pd.DataFram
         * has_effect: whether any value of the feature differs from that with the study's setting
         * robust_by: the measure of robustness, see the module's docstring
         * robustness, ci95_low, ci95_high: its value, with the interval of the ICC
-        * change, change_low, change_high: robustness minus that with the study's setting, with its interval (ICC only)
+        * change: robustness minus that with the study's setting
+        * change_z, change_z_low, change_z_high: change of Fisher's z of the ICC with its 95 % interval (ICC only)
         * discrimination_percent, discrimination_change (percentage points); NaN for a single tissue class
         * most_robust: yes for the setting with the largest robustness, of equal ones the study's or the first
         * rois, conditions, repeats: sample sizes
@@ -78,17 +72,18 @@ def settings_table(tables: Mapping[str, pd.DataFrame], **options) -> pd.DataFram
     else:
         robust_by = BETWEEN_CONDITIONS
     scores = {name: wilcoxon.scores(table, features, **options) for name, table in tables.items()}
-    draws = {name: _resampled(values) for name, values in x.items()} if rois > 1 else {}
+    own_icc = _without_each(x[OWN]) if rois > 1 else None
     parts = []
     for name, values in x.items():
         missing = np.full(len(features), np.nan)
-        change_low = change_high = low = high = missing
+        low = high = missing
+        z = Estimate(missing, missing, missing)
         robustness = scores[name]["stability_percent"].to_numpy()
         before = scores[OWN]["stability_percent"].to_numpy()
         if rois > 1:
-            icc, before = agreement_measures.icc_agreement(values), agreement_measures.icc_agreement(x[OWN]).value
+            icc, before = agreement_measures.icc_agreement(values), own_icc[:, 0]
             robustness, low, high = icc.value, icc.low, icc.high
-            change_low, change_high = _quantiles(draws[name] - draws[OWN])
+            z = z_change(own_icc, _without_each(values))
         power = scores[name]["discrimination_percent"]
         parts.append(
             pd.DataFrame(
@@ -102,8 +97,9 @@ def settings_table(tables: Mapping[str, pd.DataFrame], **options) -> pd.DataFram
                     "ci95_low": low,
                     "ci95_high": high,
                     "change": robustness - before,
-                    "change_low": change_low,
-                    "change_high": change_high,
+                    "change_z": z.value,
+                    "change_z_low": z.low,
+                    "change_z_high": z.high,
                     "discrimination_percent": power,
                     "discrimination_change": power - scores[OWN]["discrimination_percent"],
                     "rois": rois,
@@ -140,8 +136,8 @@ def choice_table(table: pd.DataFrame) -> pd.DataFrame:
         One row per feature with a robustness:
 
         * feature, family, setting, robust_by
-        * robustness_study, robustness, change, change_low, change_high
-        * more_robust: yes if the interval of the change is above 0, no if the study's setting is the best, else
+        * robustness_study, robustness, change, change_z, change_z_low, change_z_high
+        * more_robust: yes if the interval of change_z is above 0, no if the study's setting is the best, else
           undecided
         * discrimination_study_percent, discrimination_percent, discrimination_change
     """
@@ -149,9 +145,9 @@ def choice_table(table: pd.DataFrame) -> pd.DataFrame:
     own = table[table["setting"] == OWN].set_index("feature")
     found = best[["feature", "family", "setting", "robust_by"]].reset_index(drop=True)
     found["robustness_study"] = own["robustness"].loc[best["feature"]].to_numpy()
-    for name in ("robustness", "change", "change_low", "change_high"):
+    for name in ("robustness", "change", "change_z", "change_z_low", "change_z_high"):
         found[name] = best[name].to_numpy()
-    certain = np.where(found["change_low"] > 0, "yes", "undecided")
+    certain = np.where(found["change_z_low"] > 0, "yes", "undecided")
     found["more_robust"] = np.where(found["setting"] == OWN, "no", certain)
     found["discrimination_study_percent"] = own["discrimination_percent"].loc[best["feature"]].to_numpy()
     for name in ("discrimination_percent", "discrimination_change"):
@@ -186,19 +182,29 @@ def long_table(tables: Mapping[str, pd.DataFrame], factors: Mapping[str, Mapping
     return pd.concat(parts, ignore_index=True)
 
 
-def _resampled(x: np.ndarray) -> np.ndarray:
-    """ICC(2,1) of every feature for DRAWS sets of ROIs drawn with replacement, the same for all settings."""
-    rng = generator(SEED)
-    chosen = rng.integers(x.shape[1], size=(DRAWS, x.shape[1]))
-    return np.array([agreement_measures.icc_agreement_value(x[:, rois]) for rois in chosen])
+def wide_table(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table from `long_table` with one row per setting, image and ROI; features that all settings have."""
+    settings = table["setting"].nunique()
+    features = [name for name, rows in table.groupby("feature", sort=False) if rows["setting"].nunique() == settings]
+    keys = ["setting", "protocol", "noise", "seed", "roi", "tissue_class"]
+    wide = table.pivot(index=keys, columns="feature", values="value")[features].reset_index()
+    order = {roi: place for place, roi in enumerate(table["roi"].unique())}
+    return wide.sort_values("roi", key=lambda names: names.map(order), kind="stable", ignore_index=True)
 
 
-def _quantiles(draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Limits of the 95 % interval of every column; NaN for a column without finite values."""
-    finite = np.isfinite(draws)
-    draws = np.where(finite | ~finite.any(axis=0), draws, np.nan)
-    with np.errstate(invalid="ignore"):
-        some = finite.any(axis=0)
-        low, high = np.full(draws.shape[1], np.nan), np.full(draws.shape[1], np.nan)
-        low[some], high[some] = np.nanquantile(draws[:, some], [TAIL, 1 - TAIL], axis=0)
-    return low, high
+def z_change(before: np.ndarray, after: np.ndarray) -> Estimate:
+    """Compute the change of Fisher's z of an ICC, with its interval.
+
+    Parameters
+    ----------
+    before, after : ndarray, shape (features, 1 + ROIs)
+        ICC of all ROIs, then without each ROI.
+    """
+    return jackknife_interval(fisher(after) - fisher(before))
+
+
+def _without_each(x: np.ndarray) -> np.ndarray:
+    """ICC(2,1) of every feature: of all ROIs, then without each ROI if two remain; shape (features, 1 + ROIs)."""
+    rois = x.shape[1]
+    others = [np.delete(x, roi, axis=1) for roi in range(rois)] if rois > 2 else []
+    return np.stack([agreement_measures.icc_agreement_value(values) for values in (x, *others)], axis=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,7 @@ from ..base.errors import InputError
 from ..base.names import enumerated
 from ..features.names import family
 from ..features.tables import finite_values
-from . import ANY_PROTOCOL, REPEATS, REPOSITIONING
+from . import ANY_PROTOCOL, EXTRACTION, REPEATS, REPOSITIONING
 from .changes import Agreement, Change, agreement, exchanged_icc
 from .comparability import SHAPES, grows_with_roi
 from .stability_measures import UNVARYING
@@ -70,6 +71,22 @@ def robustness_table(
     InputError
         If a setting has no row of an ROI and seed, or values that are not finite.
     """
+    changes = _changes(table, features, pairs, source)
+    found = _rows_of_kinds(features, changes, cut_offs, threshold)
+    uses = {name: _use(rows) for name, rows in found.groupby("feature", sort=False)}
+    found.insert(3, "use", found["feature"].map({name: use for name, (use, _) in uses.items()}))
+    found.insert(4, "reason", found["feature"].map({name: reason for name, (_, reason) in uses.items()}))
+    return found
+
+
+@dataclass(frozen=True)
+class _Changes:
+    kinds: dict[str, list[Change]]
+    classes: list[str]  # of the regions
+    varies: np.ndarray  # whether a feature varies over repeats; False for shape features
+
+
+def _changes(table: pd.DataFrame, features: Sequence[str], pairs: Sequence[Mapping], source: str) -> _Changes:
     values = finite_values(table, features, source)
     rois = list(dict.fromkeys(table["roi"]))
     class_of = dict(zip(table["roi"], table["tissue_class"], strict=True))
@@ -93,17 +110,60 @@ def robustness_table(
     for one in arrays.values():
         varies |= (np.ptp(one, axis=-1) > 0).any(axis=1) if one.shape[-1] > 1 else True
     varies &= [family(feature) not in SHAPES for feature in features]
+    return _Changes(kinds, classes, varies)
+
+
+def _rows_of_kinds(
+    features: Sequence[str], of: _Changes, cut_offs: Mapping[str, float], threshold: float
+) -> pd.DataFrame:
     parts = [
-        _rows(features, kind, changes, agreement(changes, classes, threshold), classes, varies, cut_offs)
-        for kind, changes in kinds.items()
+        _rows(features, kind, changes, agreement(changes, of.classes, threshold), of.classes, of.varies, cut_offs)
+        for kind, changes in of.kinds.items()
     ]
-    found = pd.concat(parts, ignore_index=True)
+    return _by_feature(pd.concat(parts, ignore_index=True), features)
+
+
+def _by_feature(found: pd.DataFrame, features: Sequence[str]) -> pd.DataFrame:
     order = {feature: place for place, feature in enumerate(features)}
-    found = found.sort_values("feature", key=lambda names: names.map(order), kind="stable", ignore_index=True)
-    uses = {name: _use(rows) for name, rows in found.groupby("feature", sort=False)}
-    found.insert(3, "use", found["feature"].map({name: use for name, (use, _) in uses.items()}))
-    found.insert(4, "reason", found["feature"].map({name: reason for name, (_, reason) in uses.items()}))
-    return found
+    return found.sort_values("feature", key=lambda names: names.map(order), kind="stable", ignore_index=True)
+
+
+def with_extraction(
+    found: pd.DataFrame,
+    table: pd.DataFrame,
+    pairs: Sequence[Mapping],
+    cut_offs: Mapping[str, float],
+    *,
+    threshold: float = 1.0,
+    source: str = "features",
+) -> pd.DataFrame:
+    """Add rows of EXTRACTION to a robustness table.
+
+    Users choose extraction settings once, so a change of these settings does not enter `use` and `reason`.
+
+    Parameters
+    ----------
+    found : DataFrame
+        From `robustness_table`.
+    table, pairs, cut_offs, threshold
+        As in `robustness_table`; features that `table` lacks have no row.
+
+    Raises
+    ------
+    InputError
+        As in `robustness_table`.
+    """
+    features = [feature for feature in found["feature"].unique() if feature in table]
+    rows = _rows_of_kinds(features, _changes(table, features, pairs, source), cut_offs, threshold)
+    uses = found.drop_duplicates("feature").set_index("feature")
+    for place, name in enumerate(("use", "reason"), 3):
+        rows.insert(place, name, rows["feature"].map(uses[name]))
+    return _by_feature(pd.concat([found, rows], ignore_index=True), list(uses.index))
+
+
+def acquisition_changes(found: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of a robustness table that enter `use`: all except those of extraction settings."""
+    return found[found["change"] != EXTRACTION].reset_index(drop=True)
 
 
 def with_protocols(found: pd.DataFrame, stability: pd.DataFrame) -> pd.DataFrame:

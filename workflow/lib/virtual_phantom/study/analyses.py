@@ -59,7 +59,7 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
         yield from _stability(plan, analyses.stability)
         if levels := plan.pattern_noise():
             yield _job("fixed_pattern", images=sum(len(plan.nominal_seeds(noise)) for noise in levels.values()))
-    if plan.variations and _has_robustness(plan):
+    if compares_extraction(plan):
         for setting in plan.variations:
             for protocol, noise in plan.extracted_images():
                 known = {"setting": setting, "protocol": protocol, "noise": noise}
@@ -113,7 +113,7 @@ def impossible(plan: Plan) -> list[str]:
     if analyses.stability and len(classes) == 1:
         others = "W, CV or QCD" if plan.compares_protocols else "CV or QCD"
         sentences.append(f"ICC and CCC: not possible, since they compare several ROIs. Use {others}.")
-    if plan.variations and not _has_robustness(plan):
+    if plan.variations and not compares_extraction(plan):
         sentences.append(
             "Extraction settings: not compared, since one ROI in one protocol and noise level has no measure of "
             "robustness."
@@ -121,9 +121,9 @@ def impossible(plan: Plan) -> list[str]:
     return sentences
 
 
-def _has_robustness(plan: Plan) -> bool:
-    """Return whether extraction settings can be compared: with several ROIs, or several conditions."""
-    return len(plan.tissue_classes) != 1 or len(plan.extracted_images()) > 1
+def compares_extraction(plan: Plan) -> bool:
+    """Return whether extraction settings are compared, which needs several ROIs or several conditions."""
+    return bool(plan.variations) and (len(plan.tissue_classes) != 1 or len(plan.extracted_images()) > 1)
 
 
 def _stability(plan: Plan, stability: Stability) -> Iterator[AnalysisJob]:

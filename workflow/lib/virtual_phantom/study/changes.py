@@ -6,13 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
+from ..base.names import label
 from ..config.plan import Plan
 from ..config.settings import Protocol
 from ..features.variations import OWN
-from ..statistics import ANY_PROTOCOL, REPEATS, REPOSITIONING
+from ..statistics import ANY_PROTOCOL, EXTRACTION, REPEATS, REPOSITIONING
 
 DOSE, PROJECTIONS, SLICES, PIXELS = "dose", "projections", "slice thickness", "pixel size"
-PROTOCOL_AND_DOSE, EXTRACTION = "protocol and dose", "extraction settings"
+PROTOCOL_AND_DOSE = "protocol and dose"
 RECONSTRUCTION, KERNEL, SCANNER, PHYSICS = "reconstruction", "kernel", "scanner", "physics"
 
 
@@ -124,7 +125,7 @@ def extraction_pairs(plan: Plan) -> tuple[SettingPair, ...]:
         SettingPair(
             EXTRACTION,
             *(
-                Setting(name, {"protocol": protocol, "noise": noise, "setting": name}, seeds)
+                Setting(label(name), {"protocol": protocol, "noise": noise, "setting": name}, seeds)
                 for name in (first, second)
             ),
             "paired",

@@ -17,7 +17,7 @@ from ..config.outputs import BY_NAME, OUTPUTS, Files, Output, filled
 from ..config.plan import Plan
 from ..config.read_config import DEFAULT, PAPER_GROUPS
 from . import analyses
-from .changes import setting_pairs
+from .changes import extraction_pairs, setting_pairs
 from .diagnosis_jobs import Diagnosis
 from .recordings import Comparisons
 from .selections import Selections
@@ -120,7 +120,10 @@ class Pages:
 
     def setting_pairs(self) -> list[dict]:
         """Return the pairs of settings in the table of robust features."""
-        return to_mapping(setting_pairs(self.plan))
+        pairs = setting_pairs(self.plan)
+        if pairs and analyses.compares_extraction(self.plan):
+            pairs = (*pairs, *extraction_pairs(self.plan))
+        return to_mapping(pairs)
 
     def commands(self) -> dict[str, str]:
         """Return {purpose: command} for the next steps, the most useful first."""
