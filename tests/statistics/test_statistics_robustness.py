@@ -99,3 +99,14 @@ def test_missing_images_are_named():
         robustness.robustness_table(without, FEATURES, setting_pairs(), CUT_OFFS)
     with pytest.raises(InputError, match="two rows for protocol thin, noise high"):
         robustness.robustness_table(pd.concat([table, table]), FEATURES, setting_pairs(), CUT_OFFS)
+
+
+def test_single_images_beside_repeats_do_not_make_a_constant_feature_vary():
+    pairs = setting_pairs()
+    for pair in pairs:
+        if pair["kind"] == REPOSITIONING:
+            pair["second"]["seeds"] = [4]
+    table = feature_table().assign(**{NOISE: 3.0})
+    found = robustness.robustness_table(table, FEATURES, pairs, CUT_OFFS)
+    assert use(found, NOISE) == ["does not vary", "Has the same value in all repeats."]
+    assert use(found, ROBUST)[0] == "robust"

@@ -11,9 +11,10 @@ one kind are pooled: variances are averaged over the pairs of settings. With a a
   the difference that two scans of one region have in 5 % of cases.
 * W: share of comparisons with |W| below the threshold, as in the paper, with the interval of Clopper and Pearson.
 
-The other intervals come from the jackknife over regions, with Student's t and n - 1 degrees of freedom, on Fisher's z
-of ICC and CCC and on the logarithm of the repeatability [4]_. With six regions they cover a true ICC in 94 to 95 % of
-cases, while percentiles of the bootstrap cover 74 to 80 % (`python -m benchmarks run change_intervals`).
+The other intervals come from the jackknife over regions, with Student's t and n - 1 degrees of freedom [4]_. They are
+computed for Fisher's z of ICC and CCC and for the logarithm of the repeatability. With six regions they cover a true
+ICC in 94 to 95 % of cases, while percentiles of the bootstrap cover 74 to 80 % (`python -m benchmarks run
+change_intervals`).
 
 References
 ----------

@@ -16,6 +16,7 @@ from .changes import Agreement, Change, agreement, exchanged_icc
 from .comparability import SHAPES, grows_with_roi
 from .stability_measures import UNVARYING
 from .trust import percent, verdicts
+from .wilcoxon import repeats_differ
 
 ROBUST, ONE_PROTOCOL, UNDECIDED, AVOID, SIZE = "robust", "one protocol", "undecided", "avoid", "region size"
 USES = (ROBUST, ONE_PROTOCOL, UNDECIDED, AVOID, SIZE, UNVARYING)  # in the order of the page
@@ -89,10 +90,7 @@ def robustness_table(
             pair["kind"], first["label"], second["label"], array(first), array(second), relation=pair["relation"]
         )
         kinds.setdefault(pair["kind"], []).append(change)
-    varies = np.zeros(len(features), dtype=bool)
-    for one in arrays.values():
-        varies |= (np.ptp(one, axis=-1) > 0).any(axis=1) if one.shape[-1] > 1 else True
-    varies &= [family(feature) not in SHAPES for feature in features]
+    varies = repeats_differ([one.T for one in arrays.values()], features)
     parts = [
         _rows(features, kind, changes, agreement(changes, classes, threshold), classes, varies, cut_offs)
         for kind, changes in kinds.items()
