@@ -110,3 +110,19 @@ def test_single_images_beside_repeats_do_not_make_a_constant_feature_vary():
     found = robustness.robustness_table(table, FEATURES, pairs, CUT_OFFS)
     assert use(found, NOISE) == ["does not vary", "Has the same value in all repeats."]
     assert use(found, ROBUST)[0] == "robust"
+
+
+@pytest.mark.parametrize(
+    ("percent", "sd", "text"),
+    [
+        (8.04, 1.0, "rises by 8.0 % from 10 mGy to 3 mGy"),
+        (-12.4, -1.0, "falls by 12 % from 10 mGy to 3 mGy"),
+        (-0.02, -0.3, "changes by less than 0.1 % from 10 mGy to 3 mGy"),
+        (np.nan, -0.3, "falls by 0.3 SD between regions from 10 mGy to 3 mGy"),
+        (np.nan, 0.01, "changes by less than 0.1 SD between regions from 10 mGy to 3 mGy"),
+        (np.nan, np.nan, ""),
+    ],
+)
+def test_mean_changes_in_words(percent, sd, text):
+    row = {"change": "dose", "change_percent": percent, "change_sd": sd}
+    assert robustness.changed(row | {"change_from": "10 mGy", "change_to": "3 mGy"}) == text

@@ -20,6 +20,7 @@ from .wilcoxon import repeats_differ
 
 ROBUST, ONE_PROTOCOL, UNDECIDED, AVOID, SIZE = "robust", "one protocol", "undecided", "avoid", "region size"
 USES = (ROBUST, ONE_PROTOCOL, UNDECIDED, AVOID, SIZE, UNVARYING)  # in the order of the page
+SMALLEST_CHANGE = 0.05  # smaller mean changes (percent, or SD) are 0.0 in texts
 WITHIN_PROTOCOL = (REPEATS, REPOSITIONING)  # changes without another setting
 
 
@@ -215,7 +216,7 @@ def agreement_text(row: Mapping) -> str:
     if np.isnan(row["icc"]):
         return "ICC not defined"
     if np.isnan(row["icc_low"]):
-        return f"ICC {row['icc']:.2f} (no interval: {row['rois']} regions)"
+        return f"ICC {row['icc']:.2f} (no interval; {row['rois']} regions)"
     return f"ICC {row['icc']:.2f} ({row['icc_low']:.2f} to {row['icc_high']:.2f}; {row['rois']} regions)"
 
 
@@ -224,10 +225,13 @@ def changed(row: Mapping) -> str:
     if row["change"] in WITHIN_PROTOCOL or np.isnan(row["change_sd"] if np.isnan(row["change_percent"]) else 0):
         return ""
     if np.isnan(row["change_percent"]):
-        amount, sign = f"{abs(row['change_sd']):.1f} SD between regions", row["change_sd"]
+        change, number, unit = row["change_sd"], f"{abs(row['change_sd']):.1f}", "SD between regions"
     else:
-        amount, sign = f"{percent(abs(row['change_percent']))} %", row["change_percent"]
-    return f"{'rises' if sign > 0 else 'falls'} by {amount} from {row['change_from']} to {row['change_to']}"
+        change, number, unit = row["change_percent"], percent(abs(row["change_percent"])), "%"
+    verb = "rises" if change > 0 else "falls"
+    if abs(change) < SMALLEST_CHANGE:
+        verb, number = "changes", "less than 0.1"
+    return f"{verb} by {number} {unit} from {row['change_from']} to {row['change_to']}"
 
 
 def _use(rows: pd.DataFrame) -> tuple[str, str]:
@@ -239,7 +243,7 @@ def _use(rows: pd.DataFrame) -> tuple[str, str]:
         return UNVARYING, "Has the same value in all repeats."
     worst = rows.loc[rows["icc"].fillna(-np.inf).idxmin()]
     if grows_with_roi(feature):
-        return SIZE, f"Grows with the size of the region: agreement shows mostly that sizes differ. {_worst(worst)}"
+        return SIZE, f"Grows with the size of the region: agreement may only show that sizes differ. {_worst(worst)}"
     if (rows["robust"] == "yes").all():
         return ROBUST, f"Above the cut-off for every change. {_worst(worst)}"
     within = rows[rows["change"].isin(WITHIN_PROTOCOL)]
