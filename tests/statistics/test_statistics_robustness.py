@@ -126,3 +126,13 @@ def test_single_images_beside_repeats_do_not_make_a_constant_feature_vary():
 def test_mean_changes_in_words(percent, sd, text):
     row = {"change": "dose", "change_percent": percent, "change_sd": sd}
     assert robustness.changed(row | {"change_from": "10 mGy", "change_to": "3 mGy"}) == text
+
+
+def test_any_name_of_a_tissue_class_keeps_the_intervals(found):
+    table = feature_table()
+    named = table.assign(tissue_class=table["tissue_class"].map({"cyst": "low", "liver": "high", "met": "percent"}))
+    renamed = robustness.robustness_table(named, FEATURES, setting_pairs(), CUT_OFFS)
+    same = ["icc", "icc_low", "icc_high", "stability_percent"]
+    rows = found["change"] != ANY_PROTOCOL  # their columns of W are those of trust_table
+    assert renamed.loc[rows, same].equals(found.loc[rows, same])
+    assert renamed["icc_of_low"].equals(found["icc_of_cyst"])

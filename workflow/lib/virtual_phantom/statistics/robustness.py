@@ -65,7 +65,8 @@ def robustness_table(
         * exchanged_percent: control, share of exchanges of regions with an ICC at or above the cut-off
         * change_from, change_to: settings that differ most; change_percent, change_sd: the mean change between them,
           in percent and in SDs between regions
-        * icc_{class}, ccc_{class}, repeatability_{class}, stability_{class}: differences in this tissue class alone
+        * icc_of_{class}, ccc_of_{class}, repeatability_of_{class}, stability_of_{class}: differences in this tissue
+          class alone
 
     Raises
     ------
@@ -177,11 +178,11 @@ def _rows(
             "change_percent": found.percent if shifts else np.nan,
             "change_sd": found.deviations if shifts else np.nan,
             **{
-                f"{measure}_{name}": found.by_class[measure][name]
+                f"{measure}_of_{name}": found.by_class[measure][name]
                 for measure in ("icc", "ccc", "repeatability")
                 for name in dict.fromkeys(classes)
             },
-            **{f"stability_{name}": 100 * found.by_class["w"][name] for name in dict.fromkeys(classes)},
+            **{f"stability_of_{name}": 100 * found.by_class["w"][name] for name in dict.fromkeys(classes)},
         }
     )
     text = ("feature", "family", "change", "robust", "sentence", "stable", "change_from", "change_to")
