@@ -47,6 +47,7 @@ CHANGES = {  # path of a setting: (changed value, its text, text that the change
     "statistics.compare": ("tissue_class", "repeats of one tissue class", "repeats of one ROI"),
     "analyses.stability.noise": ("mgy3", "at noise level mgy3", "at noise level mgy10"),
     "analyses.stability.cut_offs.w_stability_percent": (60, "at least 60 % were called stable", "50 %"),
+    "analyses.stability.cut_offs.icc": (0.9, "over ROIs) was at least 0.9 for", "at least 0.75"),
     "analyses.stability": (None, "Software", "rank-sum"),
 }
 
@@ -69,6 +70,13 @@ def test_every_number_comes_from_the_configuration(path):
     assert stated in text and replaced not in text
     assert path in ("features.stored_offset_hu", "repeats.repositioned") or stated not in report(before) or not value
     assert replaced in report(before) or replaced == "no such text"
+
+
+def test_single_protocol_has_no_stability_between_protocols():
+    config = resolved("config.yaml")
+    for name, protocol in config["protocols"].items():
+        protocol["group"] = 1 if name == "group_1" else None
+    assert "called robust" in report(config) and "rank-sum" not in report(config)
 
 
 def test_versions_are_those_installed():
