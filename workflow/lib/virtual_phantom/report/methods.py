@@ -150,8 +150,8 @@ def _stability(config: Mapping) -> list[str]:
     unit = "ROI" if statistics["compare"] == "roi" else "tissue class"
     robust = (
         "Features were called robust if the 95 % interval of the intraclass correlation (between settings: ICC(2,1), "
-        f"between repeats: ICC(1,1); jackknife over ROIs) was at least {_exact(stability['cut_offs']['icc'])} for every "
-        "kind of change."
+        f"between repeats: ICC(1,1); jackknife over ROIs) was at least {_exact(stability['cut_offs']['icc'])} for "
+        "every kind of change."
     )
     if groups < 2:
         return [robust]
@@ -159,5 +159,5 @@ def _stability(config: Mapping) -> list[str]:
         robust,
         f"Stability was the percentage of pairs of {groups} protocol groups in which the repeats of one {unit} had a "
         f"rank-sum statistic |W| < {_exact(statistics['threshold'])}{level}. Features whose 95 % interval was "
-        f"at least {_exact(cut_off)} % were called stable."
+        f"at least {_exact(cut_off)} % were called stable.",
     ]
