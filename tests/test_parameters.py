@@ -214,7 +214,10 @@ def test_every_setting_of_pyradiomics_is_known():
     """From the schema of the installed version: a new setting needs a decision."""
     schema = yaml.safe_load(Path(getParameterValidationFiles()[0]).read_text())["mapping"]
     known = (
-        settings.DEFAULT_VALUES.keys() | settings.HARMLESS | parameter_checks.FILTER.keys() | parameter_checks.OF_FILES
+        settings.DEFAULT_VALUES.keys()
+        | settings.HARMLESS
+        | parameter_checks.FILTER.keys()
+        | parameter_checks.FOR_MASK_FILES
     )
     assert schema["setting"]["mapping"].keys() <= known
     assert set(schema) == {"setting", "voxelSetting", "featureClass", "imageType"}

@@ -23,10 +23,14 @@ CHANGES = {  # path of a setting: (changed value, its text, text that the change
     "scan.source_to_detector_mm": (949, "source-to-detector distance 949 mm", "distance 1085.6 mm"),
     "scan.rows": (16, "detector of 16 × 450 pixels", "64 × 450"),
     "scan.column_pitch_mm": (1.1, "of 1.0947 × 1.1 mm", "1.0947 × 1.2858 mm"),
-    "noise.levels.mgy10.A": (2e-5, "mgy10 (A = 1/I0 = 2e-05, 10 repeats)", "3.27e-05"),
-    "noise.levels.mgy1.repeats": (9, "mgy1 (A = 1/I0 = 0.000137, 9 repeats)", "0.000137, 5 repeats"),
+    "noise.levels.mgy10.A": (2e-5, "mgy10 (50000 photons per pixel and view without an object, 10 repeats)", "44600"),
+    "noise.levels.mgy1.repeats": (
+        9,
+        "mgy1 (10850 photons per pixel and view without an object, 9 repeats)",
+        "mgy1 (10850 photons per pixel and view without an object, 5",
+    ),
     "repeats.shift_mm": (2.5, "re-positioned by up to 2.5 mm", "1.5 mm and"),
-    "repeats.repositioned": (0, "A = 1/I0", "re-positioned"),
+    "repeats.repositioned": (0, "44600 photons", "re-positioned"),
     "protocols.group_1.projections": (
         1234,
         "group_1 (1234 projections, kernel",
@@ -37,7 +41,7 @@ CHANGES = {  # path of a setting: (changed value, its text, text that the change
     "protocols.group_7.kernel.mtf50_per_cm": (
         3.21,
         "group_7 (kernel with MTF50 3.21/cm",
-        "group_7 (kernel with MTF50 2.8/cm",
+        "group_7 (kernel with MTF50 3.1/cm",
     ),
     "physics": ({"scatter": {"amount": 0.04}}, "Simulated physical effects: scatter (amount = 0.04).", "No physical"),
     "features.section": ("whole", "each ROI (3D)", "largest slice"),
@@ -47,6 +51,7 @@ CHANGES = {  # path of a setting: (changed value, its text, text that the change
     "statistics.compare": ("tissue_class", "repeats of one tissue class", "repeats of one ROI"),
     "analyses.stability.noise": ("mgy3", "at noise level mgy3", "at noise level mgy10"),
     "analyses.stability.cut_offs.w_stability_percent": (60, "at least 60 % were called stable", "50 %"),
+    "analyses.stability.cut_offs.icc": (0.9, "over ROIs) was at least 0.9 for", "at least 0.75"),
     "analyses.stability": (None, "Software", "rank-sum"),
 }
 
@@ -69,6 +74,13 @@ def test_every_number_comes_from_the_configuration(path):
     assert stated in text and replaced not in text
     assert path in ("features.stored_offset_hu", "repeats.repositioned") or stated not in report(before) or not value
     assert replaced in report(before) or replaced == "no such text"
+
+
+def test_single_protocol_has_no_stability_between_protocols():
+    config = resolved("config.yaml")
+    for name, protocol in config["protocols"].items():
+        protocol["group"] = 1 if name == "group_1" else None
+    assert "called robust" in report(config) and "rank-sum" not in report(config)
 
 
 def test_versions_are_those_installed():

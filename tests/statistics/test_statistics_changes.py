@@ -122,3 +122,31 @@ def test_few_regions_and_constant_values():
     equal = agreement(all_pairs(np.repeat(x[:, :, :1], 2, axis=2)), CLASSES).measures
     constant = agreement(all_pairs(np.full_like(x, 7.0)), CLASSES).measures
     assert np.isnan(constant["icc"].value).all() and equal["w"].value.tolist() == [1, 1]
+
+
+def test_interval_of_w_counts_each_region_once():
+    """scipy.stats.binomtest(6, 6) and (0, 6), method exact: 0.541 to 1 and 0 to 0.459."""
+    same = np.tile(np.arange(5.0), (1, 6, 1))
+    found = agreement([Change("test", "a", "b", same, same + 0.1)], CLASSES).measures["w"]
+    assert (found.value, found.low, found.high) == (1, pytest.approx(0.541, abs=5e-4), 1)
+    found = agreement([Change("test", "a", "b", same, same + 9)], CLASSES).measures["w"]
+    assert (found.value, found.low, found.high) == (0, 0, pytest.approx(0.459, abs=5e-4))
+
+
+def test_w_needs_two_repeats():
+    x = drawn(11, 3, 6, 2, 4, 1.0, 0.1, 0.1)
+    single = Change("test", "a", "b", x[:, :, 0, :1], x[:, :, 1, :1])
+    assert np.isnan(agreement([single], CLASSES).measures["w"].value).all()
+    both = agreement([single, *all_pairs(x)], CLASSES).measures["w"].value
+    assert both == pytest.approx(agreement(all_pairs(x), CLASSES).measures["w"].value)
+
+
+@pytest.mark.filterwarnings("error")
+def test_mean_change_in_sd_needs_a_variance_between_regions():
+    x = drawn(12, 200, 6, 2, 3, 0.0, 1.0, 0.1)
+    found = agreement(all_pairs(x), CLASSES)
+    assert np.array_equal(np.isnan(found.deviations), found.measures["icc"].value <= 0)
+    alone = agreement(all_pairs(x[:, :1]), CLASSES[:1])
+    assert np.isnan(alone.deviations).all() and np.isnan(alone.measures["ccc"].value).all()
+    constant = agreement(all_pairs(np.full_like(x, 7.0)), CLASSES)
+    assert np.isnan(constant.by_class["ccc"]["a"]).all()

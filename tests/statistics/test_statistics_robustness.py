@@ -114,3 +114,40 @@ def test_extraction_settings_are_rows_that_do_not_count(found):
     )
     assert (rows["use"] == [use(found, feature)[0] for feature in rows.index]).all()
     assert list(changed["feature"].unique()) == list(FEATURES)
+
+
+def test_single_images_beside_repeats_do_not_make_a_constant_feature_vary():
+    pairs = setting_pairs()
+    for pair in pairs:
+        if pair["kind"] == REPOSITIONING:
+            pair["second"]["seeds"] = [4]
+    table = feature_table().assign(**{NOISE: 3.0})
+    found = robustness.robustness_table(table, FEATURES, pairs, CUT_OFFS)
+    assert use(found, NOISE) == ["does not vary", "Has the same value in all repeats."]
+    assert use(found, ROBUST)[0] == "robust"
+
+
+@pytest.mark.parametrize(
+    ("percent", "sd", "text"),
+    [
+        (8.04, 1.0, "rises by 8.0 % from 10 mGy to 3 mGy"),
+        (-12.4, -1.0, "falls by 12 % from 10 mGy to 3 mGy"),
+        (-0.02, -0.3, "changes by less than 0.1 % from 10 mGy to 3 mGy"),
+        (np.nan, -0.3, "falls by 0.3 SD between regions from 10 mGy to 3 mGy"),
+        (np.nan, 0.01, "changes by less than 0.1 SD between regions from 10 mGy to 3 mGy"),
+        (np.nan, np.nan, ""),
+    ],
+)
+def test_mean_changes_in_words(percent, sd, text):
+    row = {"change": "dose", "change_percent": percent, "change_sd": sd}
+    assert robustness.changed(row | {"change_from": "10 mGy", "change_to": "3 mGy"}) == text
+
+
+def test_any_name_of_a_tissue_class_keeps_the_intervals(found):
+    table = feature_table()
+    named = table.assign(tissue_class=table["tissue_class"].map({"cyst": "low", "liver": "high", "met": "percent"}))
+    renamed = robustness.robustness_table(named, FEATURES, setting_pairs(), CUT_OFFS)
+    same = ["icc", "icc_low", "icc_high", "stability_percent"]
+    rows = found["change"] != ANY_PROTOCOL  # their columns of W are those of trust_table
+    assert renamed.loc[rows, same].equals(found.loc[rows, same])
+    assert renamed["icc_of_low"].equals(found["icc_of_cyst"])

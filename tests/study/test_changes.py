@@ -87,6 +87,16 @@ def test_repositioned_repeats_are_compared_with_the_others_only(default):
             assert len(pair.first.seeds) in (3, 8)  # of 5 and 10 repeats, without the re-positioned ones
 
 
+def test_repositioned_repeats_alone_are_no_random_repeats():
+    def reposition(config):
+        config["repeats"]["repositioned"] = max(level["repeats"] for level in config["noise"]["levels"].values())
+        config["analyses"] = {"stability": config["analyses"]["stability"]}
+
+    found = pairs(reposition)
+    assert {pair.kind for pair in found if pair.relation == "repeats"} == {"re-positioning"}
+    assert "random repeats" not in {pair.kind for pair in found}
+
+
 def test_projections_and_algorithm_of_the_paper():
     counts = Counter(pair.kind for pair in pairs(file="paper_groups.yaml"))
     assert counts["projections"] and counts["reconstruction"] and not counts["slice thickness"]

@@ -82,15 +82,14 @@ def cells(trust: pd.DataFrame) -> list[dict]:
             key = f"{measure}|{ALL_REGIONS}"
             cell |= {key: row[own] / scale, f"{key}|low": row[low] / scale, f"{key}|high": row[high] / scale}
             for region in regions:
-                cell[f"{measure}|{region}"] = row[f"{column}_{region}"] / scale
+                cell[f"{measure}|{region}"] = row[f"{column}_of_{region}"] / scale
         rows.append({key: _short(value) for key, value in cell.items() if not _missing(value)})
     return rows
 
 
 def region_names(trust: pd.DataFrame) -> list[str]:
     """Return the tissue classes of a robustness table; none if there is only one."""
-    found = [name.removeprefix("icc_") for name in trust if name.startswith("icc_")]
-    found = [name for name in found if f"stability_{name}" in trust]
+    found = [name.removeprefix("icc_of_") for name in trust if name.startswith("icc_of_")]
     return found if len(found) > 1 else []
 
 

@@ -76,9 +76,12 @@ def _scan(name: str, scan: Mapping) -> str:
 def _noise(config: Mapping) -> str:
     levels = []
     for name, level in config["noise"]["levels"].items():
-        amount = f"A = 1/I0 = {level['A']:.3g}" if level.get("A") else "A fitted to the noise of a recording"
-        if level.get("photons"):
-            amount = f"{_exact(level['photons'])} photons per pixel and view"
+        if not level.get("A"):
+            amount = "A fitted to the noise of a recording"
+        elif config["noise"]["model"] == "physical":
+            amount = f"{1 / level['A']:.0f} photons per pixel and view without an object"
+        else:
+            amount = f"A = 1/I0 = {level['A']:.3g}"
         levels.append(f"{name} ({amount}, {level['repeats']} repeats)")
     text = f"Noise levels ({NOISE[config['noise']['model']]}): {enumerated(levels)}."
     repeats = config["repeats"]
@@ -148,8 +151,16 @@ def _stability(config: Mapping) -> list[str]:
     level = f" at noise level {noise if isinstance(noise, str) else enumerated(list(noise))}" if noise else ""
     cut_off = stability["cut_offs"]["w_stability_percent"]
     unit = "ROI" if statistics["compare"] == "roi" else "tissue class"
+    robust = (
+        "Features were called robust if the 95 % interval of the intraclass correlation (between settings: ICC(2,1), "
+        f"between repeats: ICC(1,1); jackknife over ROIs) was at least {_exact(stability['cut_offs']['icc'])} for "
+        "every kind of change."
+    )
+    if groups < 2:
+        return [robust]
     return [
+        robust,
         f"Stability was the percentage of pairs of {groups} protocol groups in which the repeats of one {unit} had a "
         f"rank-sum statistic |W| < {_exact(statistics['threshold'])}{level}. Features whose 95 % interval was "
-        f"at least {_exact(cut_off)} % were called stable."
+        f"at least {_exact(cut_off)} % were called stable.",
     ]

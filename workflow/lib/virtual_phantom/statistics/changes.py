@@ -9,11 +9,12 @@ one kind are pooled: variances are averaged over the pairs of settings. With a a
 * Repeatability: the repeatability coefficient 1.96 sqrt(2) sqrt(d / 2) [3]_ (between settings: reproducibility
   coefficient) divided by the SD of the means of tissue classes. Below 1, a difference of one SD between tissues exceeds
   the difference that two scans of one region have in 5 % of cases.
-* W: share of comparisons with |W| below the threshold, as in the paper.
+* W: share of comparisons with |W| below the threshold, as in the paper, with the interval of Clopper and Pearson.
 
-Intervals come from the jackknife over regions, with Student's t and n - 1 degrees of freedom, on Fisher's z of ICC and
-CCC and on the logarithm of the repeatability [4]_. With six regions they cover a true ICC in 94 to 95 % of cases, while
-percentiles of the bootstrap cover 74 to 80 % (`python -m benchmarks run change_intervals`).
+The other intervals come from the jackknife over regions, with Student's t and n - 1 degrees of freedom [4]_. They are
+computed for Fisher's z of ICC and CCC and for the logarithm of the repeatability. With six regions they cover a true
+ICC in 94 to 95 % of cases, while percentiles of the bootstrap cover 74 to 80 % (`python -m benchmarks run
+change_intervals`).
 
 References
 ----------
@@ -33,6 +34,7 @@ import numpy as np
 import scipy
 
 from ..base.streams import generator, root
+from . import RANKSUM_REPEATS
 from .agreement_measures import CONFIDENCE
 from .rank_sum import stable_probability
 
@@ -92,7 +94,7 @@ class Agreement:
         Pair of settings with the largest differences.
     percent, deviations : ndarray, shape (features,)
         Mean change of this pair in percent of the first setting (NaN if values differ in sign), and in SDs between
-        regions.
+        regions (NaN if their variance is not positive).
     """
 
     measures: dict[str, Estimate]
@@ -133,14 +135,15 @@ def agreement(changes: Sequence[Change], classes: Sequence[str], threshold: floa
     error = _mean_over(squares) / 2
     level = np.mean([sum(one.means) / 2 for one in moments], axis=0)
     spread = _spread(level, member)
-    stable = np.mean([_stable(one, threshold) for one in changes], axis=0)
+    tested = [_stable(one, threshold) for one in changes if min(one.a.shape[-1], one.b.shape[-1]) >= RANKSUM_REPEATS]
+    stable = np.mean(tested, axis=0) if tested else np.full(level.shape, np.nan)
     concordances = np.mean([one.concordance for one in moments], axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         found = {
             "icc": jackknife_interval(shared / (shared + error), fisher, np.tanh),
             "ccc": jackknife_interval(concordances, fisher, np.tanh),
             "repeatability": jackknife_interval(_coefficient(error) / spread, _logarithm, np.exp),
-            "w": jackknife_interval(_mean_over(stable), clip=(0.0, 1.0)),
+            "w": _proportion(stable),
         }
         by_class = {measure: {} for measure in MEASURES}
         for name, chosen in zip(names, member, strict=True):
@@ -148,14 +151,12 @@ def agreement(changes: Sequence[Change], classes: Sequence[str], threshold: floa
             by_class["icc"][name] = shared[:, 0] / (shared[:, 0] + own)
             # CCC = 1 - d / (d + 2 covariance), with d of the class in the numerator.
             ratio = (1 - concordances[:, 0]) / error[:, 0]
-            by_class["ccc"][name] = 1 - np.where(error[:, 0] > 0, ratio * own, 0.0)
+            by_class["ccc"][name] = np.where(error[:, 0] > 0, 1 - ratio * own, concordances[:, 0])
             by_class["repeatability"][name] = _coefficient(own) / spread[:, 0]
             by_class["w"][name] = stable @ chosen / chosen.sum()
-    if changes[0].relation == "repeats":  # nothing to compare: the share that is expected by chance
-        chance = np.mean([stable_probability(one.a.shape[-1], threshold) for one in changes])
+    if all(one.relation == "repeats" for one in changes):  # the value is the probability by chance
         nothing = np.full(len(center), np.nan)
-        found["w"] = Estimate(np.full(len(center), chance), nothing, nothing)
-        by_class["w"] = dict.fromkeys(names, found["w"].value)
+        found["w"] = Estimate(found["w"].value, nothing, nothing)
     largest = np.argmax([one.squares.mean(axis=1) for one in moments], axis=0)
     first, second = (
         np.stack([one.means[place] for one in moments])[largest, np.arange(len(center))] + center[:, None]
@@ -165,7 +166,7 @@ def agreement(changes: Sequence[Change], classes: Sequence[str], threshold: floa
     one_sign = ((first > 0) & (second > 0)).all(axis=1) | ((first < 0) & (second < 0)).all(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         percent = np.where(one_sign, 100 * shift / np.abs(first.mean(axis=1)), np.nan)
-        deviations = shift / np.sqrt(np.maximum(shared[:, 0], 0))
+        deviations = shift / np.sqrt(np.where(shared[:, 0] > 0, shared[:, 0], np.nan))
     return Agreement(found, by_class, largest, percent, deviations)
 
 
@@ -191,12 +192,12 @@ def _moments(change: Change, center: np.ndarray, size: np.ndarray) -> _Moments:
         repeats = a.shape[-1]
         products = (repeats * mean_a**2 - power / 2) / (repeats - 1)
         total = _left_out(mean_a) ** 2 + _left_out(products - mean_a**2)
-    squares = power - 2 * products
+    squares = ((a - b) ** 2).mean(axis=-1) if change.relation == "paired" else power - 2 * products
     squares[squares <= ROUNDING * size[:, None]] = 0.0
     number = _numbers(squares.shape[1])
     with np.errstate(divide="ignore", invalid="ignore"):
-        covariance = (_left_out(products) - total / number) / (number - 1)
-        lin = _mean_over(products) - _mean_over(mean_a) * _mean_over(mean_b)
+        covariance = (_left_out(products) - total / number) / np.where(number > 1, number - 1, np.nan)
+        lin = _mean_over(products) - _mean_over(mean_a) * _mean_over(mean_b) + np.where(number > 1, 0.0, np.nan)
         lin[np.abs(lin) <= ROUNDING * size[:, None]] = 0.0
         covariance[np.abs(covariance) <= ROUNDING * size[:, None]] = 0.0
         concordance = 2 * lin / (_mean_over(squares) + 2 * lin)
@@ -245,11 +246,34 @@ def _spread(level: np.ndarray, member: np.ndarray) -> np.ndarray:
 
 
 def _stable(change: Change, threshold: float) -> np.ndarray:
-    """Whether |W| is below the threshold, 1 or 0, shape (features, regions); `wilcoxon.ranksum_z` for many samples."""
+    """Whether |W| is below the threshold, 1 or 0, shape (features, regions); `wilcoxon.ranksum_z` for many samples.
+
+    For repeats of one setting, the probability by chance.
+    """
     n, m = change.a.shape[-1], change.b.shape[-1]
+    if change.relation == "repeats":
+        return np.full(change.a.shape[:2], stable_probability(n, threshold))
     rank_sum = scipy.stats.rankdata(np.concatenate([change.a, change.b], axis=-1), axis=-1)[..., :n].sum(axis=-1)
     z = np.abs(rank_sum - n * (n + m + 1) / 2) / np.sqrt(n * m * (n + m + 1) / 12)
     return (z < threshold).astype(np.float64)
+
+
+def _proportion(stable: np.ndarray) -> Estimate:
+    """Share of stable comparisons with its interval of Clopper and Pearson [1]_.
+
+    Comparisons in one region depend on each other, so that the interval counts each region once. A jackknife would have
+    no width if all comparisons agree.
+
+    References
+    ----------
+    .. [1] Clopper and Pearson, Biometrika 26, 404, 1934.
+    """
+    regions, value = stable.shape[1], stable.mean(axis=1)
+    number, tail = regions * value, (1 - CONFIDENCE) / 2
+    beta = scipy.stats.beta
+    low = np.where(value > 0, beta.ppf(tail, number, regions - number + 1), value)
+    high = np.where(value < 1, beta.ppf(1 - tail, number + 1, regions - number), value)
+    return Estimate(value, low, high)
 
 
 def fisher(x: np.ndarray) -> np.ndarray:
@@ -265,7 +289,6 @@ def jackknife_interval(
     x: np.ndarray,
     forward: Callable[[np.ndarray], np.ndarray] = np.asarray,
     backward: Callable[[np.ndarray], np.ndarray] = np.asarray,
-    clip: tuple[float, float] = (-np.inf, np.inf),
 ) -> Estimate:
     """Compute jackknife intervals over regions.
 
@@ -275,8 +298,6 @@ def jackknife_interval(
         Values from all regions, then without each region.
     forward, backward : callable, optional
         Transformation of the values to the scale of the interval, and its inverse.
-    clip : tuple of float, optional
-        Possible values of the limits.
     """
     value, left_out = forward(x)[:, 0], forward(x)[:, 1:]
     regions = left_out.shape[1]
@@ -286,7 +307,7 @@ def jackknife_interval(
     deviations = left_out - left_out.mean(axis=1, keepdims=True)
     error = np.sqrt((regions - 1) / regions * (deviations**2).sum(axis=1))
     half = scipy.stats.t.ppf((1 + CONFIDENCE) / 2, regions - 1) * error
-    return Estimate(x[:, 0], np.clip(backward(value - half), *clip), np.clip(backward(value + half), *clip))
+    return Estimate(x[:, 0], backward(value - half), backward(value + half))
 
 
 def _orders(regions: int) -> np.ndarray:

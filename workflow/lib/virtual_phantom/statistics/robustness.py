@@ -17,9 +17,11 @@ from .changes import Agreement, Change, agreement, exchanged_icc
 from .comparability import SHAPES, grows_with_roi
 from .stability_measures import UNVARYING
 from .trust import percent, verdicts
+from .wilcoxon import repeats_differ
 
 ROBUST, ONE_PROTOCOL, UNDECIDED, AVOID, SIZE = "robust", "one protocol", "undecided", "avoid", "region size"
 USES = (ROBUST, ONE_PROTOCOL, UNDECIDED, AVOID, SIZE, UNVARYING)  # in the order of the page
+SMALLEST_CHANGE = 0.05  # smaller mean changes (percent, or SD) are 0.0 in texts
 WITHIN_PROTOCOL = (REPEATS, REPOSITIONING)  # changes without another setting
 
 
@@ -64,7 +66,8 @@ def robustness_table(
         * exchanged_percent: control, share of exchanges of regions with an ICC at or above the cut-off
         * change_from, change_to: settings that differ most; change_percent, change_sd: the mean change between them,
           in percent and in SDs between regions
-        * icc_{class}, ccc_{class}, repeatability_{class}, stability_{class}: differences in this tissue class alone
+        * icc_of_{class}, ccc_of_{class}, repeatability_of_{class}, stability_of_{class}: differences in this tissue
+          class alone
 
     Raises
     ------
@@ -106,10 +109,7 @@ def _changes(table: pd.DataFrame, features: Sequence[str], pairs: Sequence[Mappi
             pair["kind"], first["label"], second["label"], array(first), array(second), relation=pair["relation"]
         )
         kinds.setdefault(pair["kind"], []).append(change)
-    varies = np.zeros(len(features), dtype=bool)
-    for one in arrays.values():
-        varies |= (np.ptp(one, axis=-1) > 0).any(axis=1) if one.shape[-1] > 1 else True
-    varies &= [family(feature) not in SHAPES for feature in features]
+    varies = repeats_differ([one.T for one in arrays.values()], features)
     return _Changes(kinds, classes, varies)
 
 
@@ -238,11 +238,11 @@ def _rows(
             "change_percent": found.percent if shifts else np.nan,
             "change_sd": found.deviations if shifts else np.nan,
             **{
-                f"{measure}_{name}": found.by_class[measure][name]
+                f"{measure}_of_{name}": found.by_class[measure][name]
                 for measure in ("icc", "ccc", "repeatability")
                 for name in dict.fromkeys(classes)
             },
-            **{f"stability_{name}": 100 * found.by_class["w"][name] for name in dict.fromkeys(classes)},
+            **{f"stability_of_{name}": 100 * found.by_class["w"][name] for name in dict.fromkeys(classes)},
         }
     )
     text = ("feature", "family", "change", "robust", "sentence", "stable", "change_from", "change_to")
@@ -277,7 +277,7 @@ def agreement_text(row: Mapping) -> str:
     if np.isnan(row["icc"]):
         return "ICC not defined"
     if np.isnan(row["icc_low"]):
-        return f"ICC {row['icc']:.2f} (no interval: {row['rois']} regions)"
+        return f"ICC {row['icc']:.2f} (no interval; {row['rois']} regions)"
     return f"ICC {row['icc']:.2f} ({row['icc_low']:.2f} to {row['icc_high']:.2f}; {row['rois']} regions)"
 
 
@@ -286,10 +286,13 @@ def changed(row: Mapping) -> str:
     if row["change"] in WITHIN_PROTOCOL or np.isnan(row["change_sd"] if np.isnan(row["change_percent"]) else 0):
         return ""
     if np.isnan(row["change_percent"]):
-        amount, sign = f"{abs(row['change_sd']):.1f} SD between regions", row["change_sd"]
+        change, number, unit = row["change_sd"], f"{abs(row['change_sd']):.1f}", "SD between regions"
     else:
-        amount, sign = f"{percent(abs(row['change_percent']))} %", row["change_percent"]
-    return f"{'rises' if sign > 0 else 'falls'} by {amount} from {row['change_from']} to {row['change_to']}"
+        change, number, unit = row["change_percent"], percent(abs(row["change_percent"])), "%"
+    verb = "rises" if change > 0 else "falls"
+    if abs(change) < SMALLEST_CHANGE:
+        verb, number = "changes", "less than 0.1"
+    return f"{verb} by {number} {unit} from {row['change_from']} to {row['change_to']}"
 
 
 def _use(rows: pd.DataFrame) -> tuple[str, str]:
@@ -301,7 +304,7 @@ def _use(rows: pd.DataFrame) -> tuple[str, str]:
         return UNVARYING, "Has the same value in all repeats."
     worst = rows.loc[rows["icc"].fillna(-np.inf).idxmin()]
     if grows_with_roi(feature):
-        return SIZE, f"Grows with the size of the region: agreement shows mostly that sizes differ. {_worst(worst)}"
+        return SIZE, f"Grows with the size of the region: agreement may only show that sizes differ. {_worst(worst)}"
     if (rows["robust"] == "yes").all():
         return ROBUST, f"Above the cut-off for every change. {_worst(worst)}"
     within = rows[rows["change"].isin(WITHIN_PROTOCOL)]

@@ -17,7 +17,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -155,8 +155,14 @@ def varying(table: pd.DataFrame, features: Sequence[str], source: str = "feature
     ndarray of bool, shape (features,)
     """
     values = finite_values(table, features, source)
-    samples = [values[rows] for rows in table.groupby(["group", "roi"]).indices.values()]
-    repeated = [np.ptp(sample, axis=0) > 0 for sample in samples if len(sample) > 1]
+    return repeats_differ([values[rows] for rows in table.groupby(["group", "roi"]).indices.values()], features)
+
+
+def repeats_differ(samples: Iterable[np.ndarray], features: Sequence[str]) -> np.ndarray:
+    """Return the result of `varying` for arrays with repeats on the first axis and features on the last."""
+    repeated = [
+        (np.ptp(sample, axis=0) > 0).reshape(-1, len(features)).any(axis=0) for sample in samples if len(sample) > 1
+    ]
     shape = np.array([family(feature) in SHAPES for feature in features], dtype=bool)
     return ~shape & (np.any(repeated, axis=0) if repeated else True)
 

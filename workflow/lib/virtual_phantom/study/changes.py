@@ -65,7 +65,8 @@ def _repeats(plan: Plan, images: list[tuple[str, str]]) -> Iterator[SettingPair]
         nominal, moved = plan.nominal_seeds(noise), plan.repositioned_seeds(noise)
         if len(nominal or moved) > 1:
             one = _setting(protocol, noise, nominal or moved, f"{protocol}, {noise}")
-            yield SettingPair(REPEATS, one, one, "repeats")
+            # Re-positioned repeats differ in position too, also from one another.
+            yield SettingPair(REPEATS if nominal else REPOSITIONING, one, one, "repeats")
         if nominal and moved:
             labels = {"nominal position": nominal, "re-positioned": moved}
             ends = (_setting(protocol, noise, seeds, label) for label, seeds in labels.items())
