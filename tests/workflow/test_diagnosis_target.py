@@ -144,7 +144,7 @@ def twin(bench, *arguments, of="bench"):
             "fewer": {"algorithm": "fbp", "projections": 48, "group": 2},
         },
         "analyses": {
-            **dict.fromkeys(("optimal", "noise_calibration", "pca")),
+            **dict.fromkeys(("optimal", "noise_calibration", "pca", "extraction")),
             "stability": {"noise": "bench", "without_physics": True},
         },
         "measured": {"overlay": False},
@@ -280,7 +280,7 @@ def test_wrong_scan_description_ends_in_the_line_to_change(bench):
     assert shown(found, html.unescape(page)) and "check_setup: false" in page
     overlay["diagnosis"]["recordings"]["bench"] = {"samples": 1, "physics_from": "wrong"}
     process = tiny(bench / "results", "diagnosis", overlay=overlay, config_folder=bench / "wrong_overlay")
-    assert process.returncode == 1 and "Physics cannot be taken from it" in process.stdout + process.stderr
+    assert process.returncode == 1 and "No physics was fitted; correct this first" in process.stdout + process.stderr
     process = twin(bench, of="wrong")
     assert process.returncode == 1
     assert "wrong/physics.yaml: names no effect (" in process.stdout + process.stderr

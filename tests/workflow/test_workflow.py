@@ -278,7 +278,9 @@ AFTER_STABILITY = {
     "figure_stability_discrimination",
     "default",
 }
-STABILITY_RULES = AFTER_STABILITY | analysis_rules() - analysis_rules(stability=None)  # and those of new outputs
+STABILITY_RULES = (
+    AFTER_STABILITY | {"extraction_settings"} | analysis_rules() - analysis_rules(stability=None)
+)  # and new ones
 BEFORE_FEATURES = {"figure_rois", "figure_scans", "noise_calibration", "figure_noise_calibration"}  # without features
 AFTER_FEATURES = STABILITY_RULES | analysis_rules() - BEFORE_FEATURES
 

@@ -24,6 +24,8 @@ from .agreement import Features, Regions, agreement
 
 # Side of the squares whose mean HU is compared; it is also the smallest side of the tiles for noise spectra.
 BLOCK_VOXELS = 8
+# Height of the band of rows of an image profile, relative to the object: it averages noise, but stays near the center,
+# where cupping is largest. For figures only.
 PROFILE_BAND = 0.1
 
 
