@@ -91,6 +91,20 @@ def test_one_region_in_one_condition_is_refused():
         settings_table({"study": table(JUDGED[:1, :1], repeats=3)})
 
 
+def test_feature_that_a_setting_leaves_undefined_has_no_results_with_it():
+    changed = table(JUDGED, JUDGED)
+    changed.loc[3, FEATURE] = np.nan  # such as an ROI of two voxels after resampling
+    tables = {"study": table(JUDGED), "resampled_mm_8": changed}
+    rows = settings_table(tables)
+    undefined = rows[(rows["feature"] == FEATURE) & (rows["setting"] == "resampled_mm_8")].iloc[0]
+    assert undefined[list(extraction_settings.RESULTS)].isna().all() and undefined["most_robust"] == "no"
+    others = rows.drop(undefined.name)
+    assert others["robustness"].to_numpy() == pytest.approx(0.29, abs=0.005)
+    assert choice_table(rows).set_index("feature").loc[FEATURE, "setting"] == "study"
+    factors = {"resampled_mm_8": {"factor": "resampled_mm", "value": 8}}
+    assert OTHER in wide_table(long_table(tables, factors)) and FEATURE not in wide_table(long_table(tables, factors))
+
+
 def test_other_images_are_refused():
     with pytest.raises(InputError, match="setting bin_width_10: has other ROIs or images than the study's features"):
         settings_table({"study": table(JUDGED), "bin_width_10": table(JUDGED[:5])})

@@ -22,6 +22,10 @@ from .stability_measures import feature_array
 
 BETWEEN_CONDITIONS, BETWEEN_REPEATS, BY_RANKS = "ICC(2,1)", "ICC(2,1) between repeats", "W stability"
 ROUNDING = 1e-9  # rounding error of a measure
+RESULTS = ("robustness", "ci95_low", "ci95_high", "change", "change_z", "change_z_low", "change_z_high") + (
+    "discrimination_percent",
+    "discrimination_change",
+)
 
 
 def settings_table(tables: Mapping[str, pd.DataFrame], **options) -> pd.DataFrame:
@@ -31,7 +35,9 @@ def settings_table(tables: Mapping[str, pd.DataFrame], **options) -> pd.DataFram
     ----------
     tables : mapping of str to DataFrame
         {setting: features}, the study's own setting (`OWN`) among them: one row per image and ROI, with columns group
-        (the condition), roi, tissue_class, seed and features. Features that are not in all tables are ignored.
+        (the condition), roi, tissue_class, seed and features. Features that are not in all tables are ignored. A
+        feature that a setting leaves undefined (NaN) in some ROI, such as one with too few voxels after resampling, has
+        no results with this setting.
     **options
         Options of `wilcoxon.scores`.
 
@@ -57,6 +63,11 @@ def settings_table(tables: Mapping[str, pd.DataFrame], **options) -> pd.DataFram
     """
     own = tables[OWN]
     features = [name for name in features_of(own) if all(name in table for table in tables.values())]
+    undefined = {name: table[features].isna().any().to_numpy() & (name != OWN) for name, table in tables.items()}
+    # Zeros are no result: all results of these features are set to NaN below.
+    tables = {
+        name: table.fillna(dict.fromkeys(np.array(features)[undefined[name]], 0.0)) for name, table in tables.items()
+    }
     x = {name: feature_array(table, features, f"setting {name}") for name, table in tables.items()}
     _, rois, conditions, repeats = x[OWN].shape
     for name, values in x.items():
@@ -85,29 +96,29 @@ def settings_table(tables: Mapping[str, pd.DataFrame], **options) -> pd.DataFram
             robustness, low, high = icc.value, icc.low, icc.high
             z = z_change(own_icc, _without_each(values))
         power = scores[name]["discrimination_percent"]
-        parts.append(
-            pd.DataFrame(
-                {
-                    "feature": features,
-                    "family": [family(feature) for feature in features],
-                    "setting": name,
-                    "has_effect": np.any(values != x[OWN], axis=(1, 2, 3)),
-                    "robust_by": robust_by,
-                    "robustness": robustness,
-                    "ci95_low": low,
-                    "ci95_high": high,
-                    "change": robustness - before,
-                    "change_z": z.value,
-                    "change_z_low": z.low,
-                    "change_z_high": z.high,
-                    "discrimination_percent": power,
-                    "discrimination_change": power - scores[OWN]["discrimination_percent"],
-                    "rois": rois,
-                    "conditions": conditions,
-                    "repeats": repeats,
-                }
-            )
+        rows = pd.DataFrame(
+            {
+                "feature": features,
+                "family": [family(feature) for feature in features],
+                "setting": name,
+                "has_effect": np.any(values != x[OWN], axis=(1, 2, 3)),
+                "robust_by": robust_by,
+                "robustness": robustness,
+                "ci95_low": low,
+                "ci95_high": high,
+                "change": robustness - before,
+                "change_z": z.value,
+                "change_z_low": z.low,
+                "change_z_high": z.high,
+                "discrimination_percent": power,
+                "discrimination_change": power - scores[OWN]["discrimination_percent"],
+                "rois": rois,
+                "conditions": conditions,
+                "repeats": repeats,
+            }
         )
+        rows.loc[undefined[name], list(RESULTS)] = np.nan
+        parts.append(rows)
     table = pd.concat(parts, ignore_index=True)
     order = {feature: index for index, feature in enumerate(features)}
     table = table.sort_values("feature", key=lambda names: names.map(order), kind="stable", ignore_index=True)
@@ -183,9 +194,9 @@ def long_table(tables: Mapping[str, pd.DataFrame], factors: Mapping[str, Mapping
 
 
 def wide_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table from `long_table` with one row per setting, image and ROI; features that all settings have."""
-    settings = table["setting"].nunique()
-    features = [name for name, rows in table.groupby("feature", sort=False) if rows["setting"].nunique() == settings]
+    """Return a table from `long_table` with one row per setting, image and ROI; features defined with all settings."""
+    settings, groups = table["setting"].nunique(), table.groupby("feature", sort=False)
+    features = [n for n, rows in groups if rows["setting"].nunique() == settings and rows["value"].notna().all()]
     keys = ["setting", "protocol", "noise", "seed", "roi", "tissue_class"]
     wide = table.pivot(index=keys, columns="feature", values="value")[features].reset_index()
     order = {roi: place for place, roi in enumerate(table["roi"].unique())}
