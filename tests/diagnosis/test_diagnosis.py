@@ -255,7 +255,7 @@ def test_fits_are_read_from_files_and_the_report_states_the_findings(scene, tmp_
     with pytest.raises(InputError, match="is no fit of a diagnosis"):
         read_trial(tmp_path / "fit.json")
     text = diagnosis_page(found, residual_maps(found))
-    assert found.content["verdict"] in text and "gain pattern" in text and text.count("data:image/png;base64,") == 3
+    assert found.content["verdict"] in text and "gain pattern" in text and text.count("data:image/png;base64,") == 4
     assert "http" not in text  # one file, no external resources
     json.dumps(found.content, allow_nan=False)
 

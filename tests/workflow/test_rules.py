@@ -13,7 +13,7 @@ from workflow_runs import ROOT
 from virtual_phantom.config.outputs import OUTPUTS, PCA, PICTURES
 
 FILES = [ROOT / "workflow" / "Snakefile", *sorted((ROOT / "workflow" / "rules").glob("*.smk"))]
-SHARED = {"context", "results", "reported", "code", "resource", "to_mapping"}
+SHARED = {"named", "context", "results", "reported", "code", "resource", "to_mapping"}
 
 
 def compiled(path):
@@ -103,9 +103,13 @@ def test_paths_of_rules_are_those_of_the_table():
     table = rows(path for output in OUTPUTS for path in output.paths())
     rule_paths = rows(stated())
     # An input whose wildcard has one value, and figures that the table lists by name.
-    assert rule_paths - table == {"logs/kernels/1.txt"} | {"figures/pca_*.png", "figures/pca_*.pdf"}
+    pictures = {"figures/pca_*.png", "figures/pca_*.pdf"}
+    assert rule_paths - table == {"logs/kernels/1.txt", "projections/*/*.h5"} | pictures
     functions = {"proof/verdicts/*.json", "*.parquet"}  # lists made by the context
-    assert table - rule_paths == functions | {f"figures/pca_{name}{suffix}" for name in PCA for suffix in PICTURES}
+    scans = {"projections/*/clean.h5", "projections/*/clean_**.h5"}  # {scan} of the rule project
+    assert table - rule_paths == functions | scans | {
+        f"figures/pca_{name}{suffix}" for name in PCA for suffix in PICTURES
+    }
 
 
 def test_rules_do_not_contain_the_results_folder():

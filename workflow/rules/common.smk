@@ -37,6 +37,11 @@ def reported(path):
     return report(results(path), **context.reported(path))
 
 
+def named(protocols, wildcards):
+    """Return the protocols of a job: those of its rule, or the one of the wildcard."""
+    return [name.format(**wildcards) for name in protocols]
+
+
 def code(script, effects=(), hooks=False):
     """Return a hash of the code of a script: a job runs again if the hash changes."""
     return code_version(WORKFLOW / "scripts" / script, effects, hooks)

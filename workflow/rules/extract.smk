@@ -1,6 +1,6 @@
 # One rule for each bundle and each set of protocols, as in reconstruct.smk.
 for number, (bundle, protocols, constraint) in enumerate(
-    acquisitions.rules(context.plan.acquisitions_with_features())
+    context.acquisitions.rules(context.plan.acquisitions_with_features())
 ):
 
     rule:
@@ -8,7 +8,7 @@ for number, (bundle, protocols, constraint) in enumerate(
             f"extract_{number}"
         input:
             unpack(
-                lambda wildcards, bundle=bundle, protocols=protocols: acquisitions.image_rois(
+                lambda wildcards, bundle=bundle, protocols=protocols: context.acquisitions.image_rois(
                     named(protocols, wildcards), bundle
                 )
             ),
@@ -17,7 +17,7 @@ for number, (bundle, protocols, constraint) in enumerate(
                 for protocol in protocols
                 for noise, seed in bundle
             ],
-            levels=acquisitions.level_files(noise for noise, _ in bundle),
+            levels=context.acquisitions.level_files(noise for noise, _ in bundle),
             parameters=context.parameter_files,
         output:
             [
@@ -30,7 +30,7 @@ for number, (bundle, protocols, constraint) in enumerate(
         wildcard_constraints:
             protocol=constraint,
         group:
-            acquisitions.group(bundle)
+            context.acquisitions.group(bundle)
         resources:
             mem_mb=context.megabytes(volumes=12),
             runtime=lambda wildcards, attempt, images=len(bundle) * len(
@@ -44,7 +44,7 @@ for number, (bundle, protocols, constraint) in enumerate(
                     "protocol": protocol,
                     "algorithm": context.study.protocols[protocol].algorithm,
                     "projections": context.study.protocols[protocol].projections,
-                    **acquisitions.acquisition(noise, seed),
+                    **context.acquisitions.acquisition(noise, seed),
                 }
                 for protocol in named(protocols, wildcards)
                 for noise, seed in bundle

@@ -1,32 +1,24 @@
 # Rules of the images: one for each bundle of noise levels and seeds, and one for each set of protocols with a common job.
-acquisitions = context.acquisitions
-
-
-def named(protocols, wildcards):
-    """Return the protocols of a job: those of its rule, or the one of the wildcard."""
-    return [name.format(**wildcards) for name in protocols]
-
-
-for number, (bundle, protocols, constraint) in enumerate(acquisitions.rules()):
+for number, (bundle, protocols, constraint) in enumerate(context.acquisitions.rules()):
 
     rule:
         name:
             f"reconstruct_{number}"
         input:
             unpack(
-                lambda wildcards, bundle=bundle, protocols=protocols: acquisitions.image_rois(
+                lambda wildcards, bundle=bundle, protocols=protocols: context.acquisitions.image_rois(
                     named(protocols, wildcards), bundle, boxes=True
                 )
             ),
             clean=lambda wildcards, bundle=bundle, protocols=protocols: [
-                acquisitions.clean(
+                context.acquisitions.clean(
                     context.plan.geometry_of(named(protocols, wildcards)[0]),
                     noise,
                     seed,
                 )
                 for noise, seed in bundle
             ],
-            levels=acquisitions.level_files(noise for noise, _ in bundle),
+            levels=context.acquisitions.level_files(noise for noise, _ in bundle),
             phantom=rules.phantom.output.image,
             kernels=results(f"logs/kernels/{len(bundle)}.txt"),
             physics=lambda wildcards, protocols=protocols: context.diagnosis.found_physics(
@@ -46,7 +38,7 @@ for number, (bundle, protocols, constraint) in enumerate(acquisitions.rules()):
         wildcard_constraints:
             protocol=constraint,
         group:
-            acquisitions.group(bundle)
+            context.acquisitions.group(bundle)
         threads: context.study.threads
         resources:
             mem_mb=lambda wildcards, bundle=bundle, protocols=protocols: context.megabytes(
@@ -62,16 +54,16 @@ for number, (bundle, protocols, constraint) in enumerate(acquisitions.rules()):
             ),
             gpu=int(context.engine == "astra_cuda"),
         params:
-            **acquisitions.noise,
+            **context.acquisitions.noise,
             images=lambda wildcards, protocols=protocols: [
-                to_mapping(acquisitions.reconstruction(protocol))
+                to_mapping(context.acquisitions.reconstruction(protocol))
                 for protocol in named(protocols, wildcards)
             ],
             geometry=lambda wildcards, protocols=protocols: context.plan.geometry_of(
                 named(protocols, wildcards)[0]
             ),
             acquisitions=[
-                acquisitions.acquisition(noise, seed) for noise, seed in bundle
+                context.acquisitions.acquisition(noise, seed) for noise, seed in bundle
             ],
             engine=context.engine,
             mu_water_per_mm=context.study.mu_water_per_mm,
@@ -81,7 +73,7 @@ for number, (bundle, protocols, constraint) in enumerate(acquisitions.rules()):
                 {
                     name
                     for protocol in named(protocols, wildcards)
-                    for name in acquisitions.reconstruction(protocol).physics
+                    for name in context.acquisitions.reconstruction(protocol).physics
                 },
             ),
         script:

@@ -120,9 +120,11 @@ def _protocol(protocol: Mapping, reconstruction: Mapping) -> list[str]:
 
 
 def _physics(config: Mapping) -> str:
-    texts = [
-        f"{name} ({', '.join(f'{key} = {value}' for key, value in values.items())})"
-        for name, values in config["physics"].items()
+    effects = dict(config["physics"])
+    recording = effects.pop("from", None)
+    texts = [f"those of the diagnosis of {recording}"] if recording else []
+    texts += [
+        f"{name} ({', '.join(f'{key} = {value}' for key, value in values.items())})" for name, values in effects.items()
     ]
     own = {name for protocol in config["protocols"].values() for name in protocol.get("physics") or ()}
     texts += [f"{name} (in some protocols)" for name in sorted(own)]
