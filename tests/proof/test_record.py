@@ -195,7 +195,9 @@ def test_docs_have_the_pooled_counts():
     shown = summary(read_proof_record(RECORD))
     for name, share in shown["pooled"].items():
         assert f"| {share['count']} of {share['n']} ({percent(share['share'])}; " in page, name
-    assert all(f"seed {seed['seed']}" in page or f"seeds {seed['seed']}" in page for seed in shown["seeds"])
+    named = re.search(r"Unseen seeds ([^:]*), as first scored", page)[1]
+    named = re.sub(r"\([^)]*\)", "", named)  # numbers of cases
+    assert [int(number) for number in re.findall(r"\d+", named)] == [seed["seed"] for seed in shown["seeds"]]
 
 
 def test_pages_state_the_number_of_effects():
