@@ -1,5 +1,6 @@
 """Record of the blind validation: pooled seeds, added scores, and coverage of intervals."""
 
+import re
 import runpy
 import sys
 from html import unescape
