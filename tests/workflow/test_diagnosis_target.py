@@ -164,7 +164,7 @@ def test_study_runs_on_the_diagnosed_scanner(bench):
     process = twin(bench)
     assert process.returncode == 0, process.stderr[-4000:]
     results = bench / "results"
-    log = (results / "logs" / "project" / f"views{VIEWS}_physics_of_bench.log").read_text()
+    log = (results / "logs" / "project" / f"views{VIEWS}_physics_of_bench_clean.log").read_text()
     found = yaml.safe_load(content_before)["physics"]
     assert f"effects: {found}" in log
     table = pd.read_csv(results / "tables" / "physics_change.csv").set_index("feature")
