@@ -78,7 +78,7 @@ def test_one_command_makes_every_figure(made):
     assert len(list((project / "results" / "logs" / "fetch").glob("*.log"))) == 2 * len(NAMES)
     figures = project / "results" / "figures"
     expected = {"rois", "stability_discrimination", "overlap", "overlap_printed_phantom", "pca_fbp"}
-    expected |= {"comparison_group_8", "noise_calibration"}
+    expected |= {"comparison_group_8", "noise_calibration", "trust_map"}
     assert {path.stem for path in figures.glob("*.png")} == expected
     assert (project / "results" / "index.html").stat().st_size > 0
 

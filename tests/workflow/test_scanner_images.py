@@ -26,7 +26,8 @@ OVERLAY = {
     },
     "repeats": {"repositioned": 1, "shift_mm": 6.0, "turn_deg": 4.0},
     "features": {"section": "largest", "stored_offset_hu": 1024},
-    "analyses": {"stability": {"noise": "dose10"}, "optimal": None, "noise_calibration": None, "pca": None},
+    "analyses": {"stability": {"noise": "dose10"}, "optimal": None, "noise_calibration": None, "pca": None}
+    | {"extraction": None},
 }
 
 

@@ -20,19 +20,17 @@ rule compile_kernels:
         "../scripts/compile_kernels.py"
 
 
-def own(wildcards):
-    """Return position (Plan.position) and seed in the file name of noise-free line integrals; "" in shared ones."""
-    name = wildcards.scan.removeprefix("clean").removeprefix("_")
-    return name[:-2], name[-2:]
-
-
 rule project:
     """Noise-free line integrals of a geometry, or of a repeat with its own position or start angle."""
     input:
         phantom=rules.phantom.output.fine,
         image=rules.phantom.output.image,
-        rois=lambda wildcards: context.acquisitions.rois_on_grid(*own(wildcards))[0],
-        masks=lambda wildcards: context.acquisitions.rois_on_grid(*own(wildcards))[1],
+        rois=lambda wildcards: context.acquisitions.rois_on_grid(
+            *context.acquisitions.position_and_seed(wildcards.scan)
+        )[0],
+        masks=lambda wildcards: context.acquisitions.rois_on_grid(
+            *context.acquisitions.position_and_seed(wildcards.scan)
+        )[1],
         kernels=results("logs/kernels/1.txt"),
         physics=lambda wildcards: context.diagnosis.found_physics(
             context.plan.geometry_settings(wildcards.geometry).physics_from
@@ -65,13 +63,17 @@ rule project:
         materials=to_mapping(context.study.materials),
         sensor=to_mapping(context.study.sensor),
         pose=lambda wildcards: (
-            context.acquisitions.pose(own(wildcards)[1])
-            if own(wildcards)[0] == MOVED
+            context.acquisitions.pose(
+                context.acquisitions.position_and_seed(wildcards.scan)[1]
+            )
+            if context.acquisitions.position_and_seed(wildcards.scan)[0] == MOVED
             else None
         ),
         start_angle_deg=lambda wildcards: (
-            context.acquisitions.start_angle_deg(own(wildcards)[1])
-            if own(wildcards)[0]
+            context.acquisitions.start_angle_deg(
+                context.acquisitions.position_and_seed(wildcards.scan)[1]
+            )
+            if context.acquisitions.position_and_seed(wildcards.scan)[0]
             else 0.0
         ),
         code=lambda wildcards: code(

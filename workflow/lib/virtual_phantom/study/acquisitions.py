@@ -53,6 +53,12 @@ class Acquisitions:
         study = self.plan.study
         return random_start_angle_deg(study.seed, int(seed)) if study.repeats.start_angle == "random" else 0.0
 
+    @staticmethod
+    def position_and_seed(scan: str) -> tuple[str, str]:
+        """Return position (see Plan.position) and seed in the file name of noise-free projections; "" if shared."""
+        name = scan.removeprefix("clean").removeprefix("_")
+        return name[:-2], name[-2:]
+
     def rois_on_grid(self, position: str, seed: str) -> tuple[str, str]:
         """Return table and masks of the ROIs on the study's grid, for a repeat with its own projections."""
         return self._rois(position, seed, None)
