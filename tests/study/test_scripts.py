@@ -56,6 +56,9 @@ def test_script_passes_every_argument_of_its_main(path):
         def __int__(self):
             return 1
 
+        def __iter__(self):
+            return iter(())  # with __getitem__ alone, iteration would not end
+
         def __call__(self, *arguments):
             return self
 
