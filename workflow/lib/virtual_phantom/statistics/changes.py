@@ -37,6 +37,7 @@ from ..base.streams import generator, root
 from . import RANKSUM_REPEATS
 from .agreement_measures import CONFIDENCE
 from .rank_sum import stable_probability
+from .wilcoxon import ranksum_z
 
 REPEATABILITY_CUT_OFF = 1.0  # largest repeatability coefficient of a robust feature, in SDs between tissues
 MEASURES = ("icc", "ccc", "repeatability", "w")
@@ -246,15 +247,13 @@ def _spread(level: np.ndarray, member: np.ndarray) -> np.ndarray:
 
 
 def _stable(change: Change, threshold: float) -> np.ndarray:
-    """Whether |W| is below the threshold, 1 or 0, shape (features, regions); `wilcoxon.ranksum_z` for many samples.
+    """Whether |W| is below the threshold, 1 or 0, shape (features, regions).
 
     For repeats of one setting, the probability by chance.
     """
-    n, m = change.a.shape[-1], change.b.shape[-1]
     if change.relation == "repeats":
-        return np.full(change.a.shape[:2], stable_probability(n, threshold))
-    rank_sum = scipy.stats.rankdata(np.concatenate([change.a, change.b], axis=-1), axis=-1)[..., :n].sum(axis=-1)
-    z = np.abs(rank_sum - n * (n + m + 1) / 2) / np.sqrt(n * m * (n + m + 1) / 12)
+        return np.full(change.a.shape[:2], stable_probability(change.a.shape[-1], threshold))
+    z = ranksum_z(np.moveaxis(change.a, -1, 0), np.moveaxis(change.b, -1, 0))
     return (z < threshold).astype(np.float64)
 
 
