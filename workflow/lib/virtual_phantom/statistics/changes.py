@@ -36,6 +36,7 @@ import scipy
 from ..base.streams import generator, root
 from . import RANKSUM_REPEATS
 from .agreement_measures import CONFIDENCE
+from .jackknife import standard_error
 from .rank_sum import stable_probability
 from .wilcoxon import ranksum_z
 
@@ -303,9 +304,7 @@ def jackknife_interval(
     if regions < 3:  # no degree of freedom, or no variance without one region
         nothing = np.full(len(x), np.nan)
         return Estimate(x[:, 0], nothing, nothing)
-    deviations = left_out - left_out.mean(axis=1, keepdims=True)
-    error = np.sqrt((regions - 1) / regions * (deviations**2).sum(axis=1))
-    half = scipy.stats.t.ppf((1 + CONFIDENCE) / 2, regions - 1) * error
+    half = scipy.stats.t.ppf((1 + CONFIDENCE) / 2, regions - 1) * standard_error(left_out)
     return Estimate(x[:, 0], backward(value - half), backward(value + half))
 
 

@@ -11,6 +11,7 @@ import scipy
 
 from ..base.errors import InputError
 from . import MINIMUM_LEVELS, MINIMUM_REPEATS
+from .jackknife import standard_error
 
 EVERY_ROI = "all ROIs"  # cannot be the name of an ROI, which has no spaces
 
@@ -59,7 +60,7 @@ def repeat_variance(
                 "roi": roi,
                 "repeats": n,
                 "variance_hu2": squares[inside].mean() / (n - 1),
-                "standard_error": _jackknife_error(jackknife),
+                "standard_error": standard_error(jackknife),
                 "spatial_variance_hu2": values[:, inside].var(axis=1).mean(),
             }
         )
@@ -115,7 +116,7 @@ def fixed_pattern(
                 "spatial_variance_hu2": spatial,
                 "noise_variance_hu2": n * (spatial - of_mean) / (n - 1),
                 "pattern_variance_hu2": pattern,
-                "standard_error": _jackknife_error(jackknife),
+                "standard_error": standard_error(jackknife),
                 "pattern_percent": 100 * max(pattern, 0.0) / spatial if spatial else 0.0,
             }
         )
@@ -146,12 +147,6 @@ def _inside(mask: np.ndarray, union: np.ndarray, roi: str, name: str) -> np.ndar
     if not inside.any():
         raise InputError(f"{name}: ROI {roi} is empty; draw it again")
     return inside
-
-
-def _jackknife_error(without_one: np.ndarray) -> float:
-    """Standard error from estimates that each leave out one repeat."""
-    n = len(without_one)
-    return np.sqrt((n - 1) / n * ((without_one - without_one.mean()) ** 2).sum())
 
 
 @dataclass(frozen=True)
