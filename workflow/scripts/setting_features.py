@@ -8,7 +8,7 @@ from virtual_phantom import phantom
 from virtual_phantom.features import extraction
 from virtual_phantom.features.parameters import read_parameters, vary
 from virtual_phantom.features.variations import Variation
-from virtual_phantom.io import files, volumes
+from virtual_phantom.io import files
 from virtual_phantom.study.job import job, log
 
 
@@ -24,10 +24,8 @@ def main(
 ) -> None:
     parameters = vary(read_parameters(**extraction_settings), Variation(**variation))
     tables = []
-    for path, place, seed in zip(image_files, roi_files, seeds, strict=True):
-        image = volumes.read_nifti(path)
-        rois, masks = phantom.read_masks(place, image.grid)
-        classes = dict(zip(rois["roi"], rois["tissue_class"], strict=True))
+    every_image = phantom.images_with_rois(image_files, roi_files)
+    for path, (image, masks, classes), seed in zip(image_files, every_image, seeds, strict=True):
         found = extraction.extract(image, masks, name=str(path), parameters=parameters, boxed=boxed)
         found.insert(0, "seed", seed)
         found.insert(2, "tissue_class", found["roi"].map(classes))

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -118,6 +118,30 @@ def read_masks(rois_csv: str | Path, grid: Grid) -> tuple[pd.DataFrame, dict[str
             raise InputError(f"{path}: is on another grid ({mask.grid}) than the images ({grid})")
         masks[roi] = mask.array > 0
     return table, masks
+
+
+def images_with_rois(
+    image_files: Sequence[str | Path], rois_files: Sequence[str | Path]
+) -> Iterator[tuple[Volume, dict[str, np.ndarray], dict[str, str]]]:
+    """Read images with the masks and tissue classes of their ROIs, {ROI: mask} and {ROI: class}.
+
+    ROIs are read again only for an image with another table than the one before.
+
+    Raises
+    ------
+    InputError
+        As `read_masks`, or if an image is on another grid than its ROIs.
+    """
+    known = None
+    for path, rois_csv in zip(image_files, rois_files, strict=True):
+        image = read_nifti(path)
+        if rois_csv != known:
+            table, masks = read_masks(rois_csv, image.grid)
+            classes = dict(zip(table["roi"], table["tissue_class"], strict=True))
+            grid, known = image.grid, rois_csv
+        if not image.grid.matches(grid):
+            raise InputError(f"{path}: is on another grid ({image.grid}) than the ROIs ({grid})")
+        yield image, masks, classes
 
 
 def read_rois(rois_csv: str | Path, grid: Grid) -> tuple[Roi, ...]:
