@@ -25,12 +25,8 @@ rule project:
     input:
         phantom=rules.phantom.output.fine,
         image=rules.phantom.output.image,
-        rois=lambda wildcards: context.acquisitions.rois_on_grid(
-            *context.acquisitions.position_and_seed(wildcards.scan)
-        )[0],
-        masks=lambda wildcards: context.acquisitions.rois_on_grid(
-            *context.acquisitions.position_and_seed(wildcards.scan)
-        )[1],
+        rois=lambda wildcards: context.acquisitions.scan_rois(wildcards.scan)[0],
+        masks=lambda wildcards: context.acquisitions.scan_rois(wildcards.scan)[1],
         kernels=results("logs/kernels/1.txt"),
         physics=lambda wildcards: context.diagnosis.found_physics(
             context.plan.geometry_settings(wildcards.geometry).physics_from
@@ -62,19 +58,9 @@ rule project:
         mu_water_per_mm=context.study.mu_water_per_mm,
         materials=to_mapping(context.study.materials),
         sensor=to_mapping(context.study.sensor),
-        pose=lambda wildcards: (
-            context.acquisitions.pose(
-                context.acquisitions.position_and_seed(wildcards.scan)[1]
-            )
-            if context.acquisitions.position_and_seed(wildcards.scan)[0] == MOVED
-            else None
-        ),
-        start_angle_deg=lambda wildcards: (
-            context.acquisitions.start_angle_deg(
-                context.acquisitions.position_and_seed(wildcards.scan)[1]
-            )
-            if context.acquisitions.position_and_seed(wildcards.scan)[0]
-            else 0.0
+        pose=lambda wildcards: context.acquisitions.scan_pose(wildcards.scan),
+        start_angle_deg=lambda wildcards: context.acquisitions.scan_start_angle_deg(
+            wildcards.scan
         ),
         code=lambda wildcards: code(
             "project.py", context.diagnosis.effects_of(wildcards.geometry)

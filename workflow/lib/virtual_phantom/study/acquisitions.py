@@ -53,15 +53,19 @@ class Acquisitions:
         study = self.plan.study
         return random_start_angle_deg(study.seed, int(seed)) if study.repeats.start_angle == "random" else 0.0
 
-    @staticmethod
-    def position_and_seed(scan: str) -> tuple[str, str]:
-        """Return position (see Plan.position) and seed in the file name of noise-free projections; "" if shared."""
-        name = scan.removeprefix("clean").removeprefix("_")
-        return name[:-2], name[-2:]
+    def scan_rois(self, scan: str) -> tuple[str, str]:
+        """Return table and masks of the ROIs on the study's grid, for the file name of noise-free projections."""
+        return self._rois(*_position_and_seed(scan), None)
 
-    def rois_on_grid(self, position: str, seed: str) -> tuple[str, str]:
-        """Return table and masks of the ROIs on the study's grid, for a repeat with its own projections."""
-        return self._rois(position, seed, None)
+    def scan_pose(self, scan: str) -> dict | None:
+        """Return `pose` for the file name of noise-free projections; None at the nominal position."""
+        position, seed = _position_and_seed(scan)
+        return self.pose(seed) if position == MOVED else None
+
+    def scan_start_angle_deg(self, scan: str) -> float:
+        """Return `start_angle_deg` for the file name of noise-free projections; 0 for shared ones."""
+        _, seed = _position_and_seed(scan)
+        return self.start_angle_deg(seed) if seed else 0.0
 
     def positions(self) -> list[dict]:
         """Return all repeats of all noise levels, and whether the phantom is re-positioned."""
@@ -164,3 +168,9 @@ class Acquisitions:
         if label:
             return self.files("voxel_table", voxels=label), self.files("voxel_rois", voxels=label)
         return self.files("phantom_table"), self.files("phantom_rois")
+
+
+def _position_and_seed(scan: str) -> tuple[str, str]:
+    """Return position (see Plan.position) and seed in the file name of noise-free projections; "" if shared."""
+    name = scan.removeprefix("clean").removeprefix("_")
+    return name[:-2], name[-2:]

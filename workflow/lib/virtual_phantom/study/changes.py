@@ -63,8 +63,8 @@ def setting_pairs(plan: Plan) -> tuple[SettingPair, ...]:
 def _repeats(plan: Plan, images: list[tuple[str, str]]) -> Iterator[SettingPair]:
     for protocol, noise in images:
         nominal, moved = plan.nominal_seeds(noise), plan.repositioned_seeds(noise)
-        if len(nominal or moved) > 1:
-            one = _setting(protocol, noise, nominal or moved, f"{protocol}, {noise}")
+        if len(_seeds(plan, noise)) > 1:
+            one = _setting(protocol, noise, _seeds(plan, noise), f"{protocol}, {noise}")
             # Re-positioned repeats differ in position too, also from one another.
             yield SettingPair(REPEATS if nominal else REPOSITIONING, one, one, "repeats")
         if nominal and moved:
@@ -84,7 +84,7 @@ def _single_changes(plan: Plan, images: list[tuple[str, str]]) -> Iterator[Setti
         yield SettingPair(
             kinds[0],
             *(
-                _setting(*image, plan.nominal_seeds(image[1]) or plan.seeds(image[1]), label)
+                _setting(*image, _seeds(plan, image[1]), label)
                 for image, label in zip((first, second), labels, strict=True)
             ),
             # Without another noise level, repeats with the same seed have the same start angle and may share noise.
@@ -106,10 +106,7 @@ def _both(plan: Plan) -> Iterator[SettingPair]:
     images = [(protocol, noise) for protocol in plan.groups() for noise in plan.levels_of(protocol, levels)]
     for first, second in combinations(images, 2):
         if first[0] != second[0] and first[1] != second[1] and not {first, second} <= compared:
-            settings = (
-                _setting(*image, plan.nominal_seeds(image[1]) or plan.seeds(image[1]), ", ".join(image))
-                for image in (first, second)
-            )
+            settings = (_setting(*image, _seeds(plan, image[1]), ", ".join(image)) for image in (first, second))
             yield SettingPair(PROTOCOL_AND_DOSE, *settings, "independent")
 
 
@@ -135,6 +132,11 @@ def extraction_pairs(plan: Plan) -> tuple[SettingPair, ...]:
         for names in factors.values()
         for first, second in combinations(names, 2)
     )
+
+
+def _seeds(plan: Plan, noise: str) -> list[str]:
+    """Return the repeats at the nominal position; all, if every repeat is re-positioned."""
+    return plan.nominal_seeds(noise) or plan.seeds(noise)
 
 
 def _setting(protocol: str, noise: str, seeds: list[str], label: str) -> Setting:
