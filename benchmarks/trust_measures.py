@@ -39,7 +39,7 @@ from virtual_phantom.statistics.wilcoxon import ranksum_z
 SEED = 52
 DRAWS = 100  # of each bootstrap
 SUBSAMPLES = 30  # of the measured repeats
-REPEATS_3D = 5  # of each control, as many as the default study has at every dose
+REPEATS_3D = 5  # of each control; the default study has five repeats at every dose
 SCAN = Path("images/group_2/mgy10/seed00.nii.gz")  # of a results folder, the scan that is perturbed
 SCAN_ROIS = Path("phantom/voxels_1_0p684_0p684/rois")
 REFERENCE = 2  # its group
