@@ -32,13 +32,10 @@ def main(
     from virtual_phantom.base.errors import InputError
     from virtual_phantom.io.exchange import read_line_integrals
     from virtual_phantom.io.volumes import read_nifti, write_nifti
-    from virtual_phantom.phantom import read_masks
     from virtual_phantom.physics.stored_state import read_state
-    from virtual_phantom.reconstruction.boxes import boxes_around, voxels_over, whole
-    from virtual_phantom.reconstruction.images import filtered
     from virtual_phantom.simulation.acquire import acquire
     from virtual_phantom.simulation.project import read_diagnosed_physics
-    from virtual_phantom.simulation.reconstruct import back_project, reconstruct
+    from virtual_phantom.simulation.reconstruct import NoisyScans, reconstruct_images
     from virtual_phantom.study.matched_noise import resolve
 
     grid = read_nifti(phantom_file).grid
@@ -77,46 +74,13 @@ def main(
             "%s: fewest counts %d, pixels without any %d", acquisition, counts.data.min(), (counts.data == 0).sum()
         )
     del clean, counts
-    common = {"mu_water_per_mm": mu_water_per_mm, "threads": threads}
+    scans = NoisyScans(noisy, geometries, paths, noise_free)
     roi_tables = iter(roi_files)
     tables = {image.protocol: [next(roi_tables) for _ in paths] for image in images if image.voxels}
     files = {image.protocol: outputs[i * len(paths) :][: len(paths)] for i, image in enumerate(images)}
-    for settings in dict.fromkeys(image.settings for image in images):
-        alike = [image for image in images if image.settings == settings]
-        filters_first = alike[0].algorithm == "fbp" and settings.normalise == "coverage"
-        # Lanes of one reconstruction share the start angle; for FBP, also the position and the noise-free scan. On a
-        # GPU, filtered projections of one lane at a time save memory.
-        if not filters_first:
-            keys = [float(scan.angles_rad[0]) for scan in geometries]
-        else:
-            keys = paths if engine == "cpu" else range(len(paths))
-        for key in dict.fromkeys(keys):
-            lanes = [lane for lane, other in enumerate(keys) if other == key]
-            line_integrals, geometry = noisy if len(lanes) == len(keys) else noisy[lanes], geometries[lanes[0]]
-            if filters_first:
-                projections = filtered(line_integrals, geometry, settings, noise_free.get(paths[lanes[0]]), engine)
-            for image in alike:
-                if not filters_first:
-                    volumes = reconstruct(
-                        line_integrals,
-                        geometry,
-                        grid,
-                        image.algorithm,
-                        settings,
-                        engine=engine,
-                        physics=image.physics,
-                        **common,
-                    )
-                elif image.voxels is None:
-                    volumes = back_project(projections, grid, whole(grid), physics=image.physics, **common)
-                else:
-                    voxels = voxels_over(grid, image.voxels.spacing_mm)
-                    _, masks = read_masks(tables[image.protocol][lanes[0]], voxels)
-                    boxes = boxes_around(masks.values(), voxels)
-                    volumes = back_project(projections, voxels, boxes, thickness_mm=image.voxels.thickness_mm, **common)
-                for lane, volume in zip(lanes, volumes, strict=True):
-                    write_nifti(volume, files[image.protocol][lane])
-            projections = None  # frees memory before the next filter
+    settings = {"engine": engine, "mu_water_per_mm": mu_water_per_mm, "threads": threads}
+    for protocol, lane, volume in reconstruct_images(images, scans, grid, tables, **settings):
+        write_nifti(volume, files[protocol][lane])
 
 
 if "snakemake" in globals():

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..base.geometry import Grid, ScanGeometry
-from ..base.settings import FbpSettings, SirtSettings
+from ..base.settings import FbpSettings, ImageSettings, SirtSettings
 from ..base.units import rounded_hu
 from ..io.volumes import Volume
+from ..phantom import read_masks
 from ..physics.effect import image_effects, load
 from ..physics.image_state import ImageState
-from ..reconstruction.boxes import Box, back_in_boxes
+from ..reconstruction.boxes import Box, back_in_boxes, boxes_around, voxels_over, whole
 from ..reconstruction.fbp import ParallelProjections
-from ..reconstruction.images import reconstruct_hu
+from ..reconstruction.images import filtered, reconstruct_hu
 
 
 def apply_image_effects(
@@ -106,6 +108,98 @@ def back_project(
         projections, grid, boxes, mu_water_per_mm=mu_water_per_mm, thickness_mm=thickness_mm, threads=threads
     )
     return _volumes(hu, grid, physics)
+
+
+@dataclass(frozen=True)
+class NoisyScans:
+    """Noisy scans of a job, one for each realization.
+
+    Attributes
+    ----------
+    line_integrals : ndarray, shape (realizations, views, rows, columns)
+    geometries : list of ScanGeometry
+    sources : list of str
+        Names of the noise-free scans.
+    noise_free : dict of str to ndarray
+        {source: noise-free line integrals}, which a noise kernel needs.
+    """
+
+    line_integrals: np.ndarray
+    geometries: list[ScanGeometry]
+    sources: list[str]
+    noise_free: dict[str, np.ndarray]
+
+
+def reconstruct_images(
+    images: Sequence[ImageSettings],
+    scans: NoisyScans,
+    grid: Grid,
+    rois_files: Mapping[str, Sequence[str]],
+    *,
+    engine: str,
+    mu_water_per_mm: float,
+    threads: int = 1,
+) -> Iterator[tuple[str, int, Volume]]:
+    """Reconstruct all realizations of all protocols that share scans, and filter once for each kernel.
+
+    Parameters
+    ----------
+    grid : Grid
+        Voxels of images without voxels of their own.
+    rois_files : mapping of str to sequence of str
+        {protocol with voxels of its own: table of ROIs of each realization}; only boxes around the ROIs are made.
+
+    Yields
+    ------
+    protocol : str
+    realization : int
+    volume : Volume
+        int16 HU.
+
+    Raises
+    ------
+    InputError
+        For an unknown algorithm or a scan that it cannot use.
+    """
+    common = {"mu_water_per_mm": mu_water_per_mm, "threads": threads}
+    for settings in dict.fromkeys(image.settings for image in images):
+        alike = [image for image in images if image.settings == settings]
+        filters_first = alike[0].algorithm == "fbp" and settings.normalise == "coverage"
+        # Lanes of one reconstruction share the start angle; for FBP, also the position and the noise-free scan. On a
+        # GPU, filtered projections of one lane at a time save memory.
+        if not filters_first:
+            keys = [float(scan.angles_rad[0]) for scan in scans.geometries]
+        else:
+            keys = scans.sources if engine == "cpu" else range(len(scans.sources))
+        for key in dict.fromkeys(keys):
+            lanes = [lane for lane, other in enumerate(keys) if other == key]
+            every = len(lanes) == len(keys)
+            line_integrals = scans.line_integrals if every else scans.line_integrals[lanes]
+            geometry, source = scans.geometries[lanes[0]], scans.sources[lanes[0]]
+            if filters_first:
+                projections = filtered(line_integrals, geometry, settings, scans.noise_free.get(source), engine)
+            for image in alike:
+                if not filters_first:
+                    volumes = reconstruct(
+                        line_integrals,
+                        geometry,
+                        grid,
+                        image.algorithm,
+                        settings,
+                        engine=engine,
+                        physics=image.physics,
+                        **common,
+                    )
+                elif image.voxels is None:
+                    volumes = back_project(projections, grid, whole(grid), physics=image.physics, **common)
+                else:
+                    voxels = voxels_over(grid, image.voxels.spacing_mm)
+                    _, masks = read_masks(rois_files[image.protocol][lanes[0]], voxels)
+                    boxes = boxes_around(masks.values(), voxels)
+                    volumes = back_project(projections, voxels, boxes, thickness_mm=image.voxels.thickness_mm, **common)
+                for lane, volume in zip(lanes, volumes, strict=True):
+                    yield image.protocol, lane, volume
+            projections = None  # frees memory before the next filter
 
 
 def _volumes(hu, grid, physics):
