@@ -9,8 +9,8 @@ from virtual_phantom.config.read_config import read_configs
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 
 
-def resolved(name: str) -> dict:
-    """Return config/NAME as the scripts of pages get it."""
+def resolved(name: str, **changes) -> dict:
+    """Return config/NAME, with other values of some sections, as the scripts of pages get it."""
     lines, settings = read_configs([CONFIG / name])
     assert not lines, lines
-    return to_mapping(read_study(settings))
+    return to_mapping(read_study(settings | changes))

@@ -77,6 +77,15 @@ def test_every_number_comes_from_the_configuration(path):
     assert replaced in report(before) or replaced == "no such text"
 
 
+def test_effects_of_the_study_and_of_protocols_are_named_once():
+    plain = {"algorithm": "fbp", "projections": 500, "group": 1}
+    protocols = {"plain": plain, "other": plain | {"group": 2, "physics": {"source_drift": {}}}}
+    changes = {"protocols": protocols, "physics": {"scatter": {"amount": 0.04}}, "analyses": {}}
+    text = report(resolved("config.yaml", **changes))
+    sentence = next(part for part in text.split(". ") if part.startswith("Simulated physical effects"))
+    assert sentence.count("scatter") == 1 and "source_drift (in some protocols)" in sentence
+
+
 def test_single_protocol_has_no_stability_between_protocols():
     config = resolved("config.yaml")
     for name, protocol in config["protocols"].items():

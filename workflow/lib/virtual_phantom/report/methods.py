@@ -120,13 +120,15 @@ def _protocol(protocol: Mapping, reconstruction: Mapping) -> list[str]:
 
 
 def _physics(config: Mapping) -> str:
-    effects = dict(config["physics"])
-    recording = effects.pop("from", None)
-    texts = [f"those of the diagnosis of {recording}"] if recording else []
+    """Name the effects of all protocols with their parameters, those of some protocols, and diagnoses they are from."""
+    protocols, effects = config["protocols"].values(), dict(config["physics"])
+    recordings = [effects.pop("from", None), *(protocol.get("physics_from") for protocol in protocols)]
+    texts = [f"those of the diagnosis of {name}" for name in dict.fromkeys(filter(None, recordings))]
     texts += [
         f"{name} ({', '.join(f'{key} = {value}' for key, value in values.items())})" for name, values in effects.items()
     ]
-    own = {name for protocol in config["protocols"].values() for name in protocol.get("physics") or ()}
+    stated = (protocol.get(stage) or () for protocol in protocols for stage in ("physics", "image_physics"))
+    own = {name for names in stated for name in names} - set(effects)
     texts += [f"{name} (in some protocols)" for name in sorted(own)]
     if not texts:
         return "No physical effects other than noise were simulated."
