@@ -24,7 +24,7 @@ import vl_convert
 from ..base.names import label
 from ..io.files import replacing
 from ..statistics.changes import REPEATABILITY_CUT_OFF
-from ..statistics.robustness import SIZE, USES, acquisition_changes
+from ..statistics.robustness import SIZE, USES, acquisition_changes, setting_key, setting_rows
 from . import style
 
 VEGA_LITE = "6.4"  # version of the specification, in vl-convert-python
@@ -453,23 +453,20 @@ def feature_curves(
         * settings: one row per change and setting: key ({change}|{number}), name, context (the settings that pairs of
           one kind connect are one line), and place on the axis
     """
-    settings, numbers = [], {}
+    settings, numbers, known = [], {}, {}
     for kind, chains in _chains(pairs).items():
         for chain in sorted(chains, key=len, reverse=True)[:MOST_LINES]:
             first = next(iter(chain.values()))
             context = ", ".join(str(value) for column, value in first["where"].items() if column != "setting")
             for place, (key, setting) in enumerate(chain.items()):
                 number = numbers.setdefault(key, start + len(numbers))
+                known.setdefault(key, setting)
                 settings.append(
                     {"key": f"{kind}|{number}", "name": setting["label"], "context": context, "place": place}
                 )
     curves: dict[tuple, dict] = {}
     for key, number in numbers.items():
-        setting = _setting(pairs, key)
-        chosen = table["seed"].isin(setting["seeds"])
-        for column, value in setting["where"].items():
-            chosen = chosen & (table[column] == value)
-        grouped = table.loc[chosen].groupby("roi", sort=False)[list(features)]
+        grouped = table.loc[setting_rows(table, known[key])].groupby("roi", sort=False)[list(features)]
         means, sds = grouped.mean(), grouped.std().fillna(0.0).to_numpy(float)
         for roi, values, spreads in zip(means.index, means.to_numpy(float), sds, strict=True):
             for feature, value, spread in zip(features, values, spreads, strict=True):
@@ -486,19 +483,11 @@ def _chains(pairs: Sequence[Mapping]) -> dict[str, list[dict]]:
     found: dict[str, list[dict]] = {}
     for pair in pairs:
         chains = found.setdefault(pair["kind"], [])
-        ends = {_key(pair[end]): pair[end] for end in ("first", "second")}
+        ends = {setting_key(pair[end]): pair[end] for end in ("first", "second")}
         joined = [chain for chain in chains if chain.keys() & ends.keys() or pair["relation"] == "repeats"]
         chains[:] = [chain for chain in chains if all(chain is not one for one in joined)]
         chains.append({key: setting for chain in [*joined, ends] for key, setting in chain.items()})
     return found
-
-
-def _setting(pairs: Sequence[Mapping], key: tuple) -> Mapping:
-    return next(pair[end] for pair in pairs for end in ("first", "second") if _key(pair[end]) == key)
-
-
-def _key(setting: Mapping) -> tuple:
-    return (*sorted(setting["where"].items()), *setting["seeds"])
 
 
 def save(specification: Mapping, paths: Iterable[str | Path]) -> None:

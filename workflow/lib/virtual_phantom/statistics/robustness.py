@@ -97,7 +97,7 @@ def _changes(table: pd.DataFrame, features: Sequence[str], pairs: Sequence[Mappi
     arrays = {}
 
     def array(setting: Mapping) -> np.ndarray:
-        key = (*sorted(setting["where"].items()), *setting["seeds"])
+        key = setting_key(setting)
         if key not in arrays:
             arrays[key] = _array(table, values, rois, setting, source)
         return arrays[key]
@@ -187,11 +187,22 @@ def between_protocols(found: pd.DataFrame) -> pd.DataFrame:
     return found[found["change"] == ANY_PROTOCOL].reset_index(drop=True)
 
 
-def _array(table: pd.DataFrame, values: np.ndarray, rois: list, setting: Mapping, source: str) -> np.ndarray:
-    """Return the values of a setting, shape (features, rois, seeds)."""
+def setting_key(setting: Mapping) -> tuple:
+    """Return a key that two settings share if they have the same images."""
+    return (*sorted(setting["where"].items()), *setting["seeds"])
+
+
+def setting_rows(table: pd.DataFrame, setting: Mapping) -> np.ndarray:
+    """Return which rows of a table with columns seed and those in `where` are of a setting."""
     chosen = table["seed"].isin(setting["seeds"]).to_numpy()
     for column, value in setting["where"].items():
         chosen = chosen & (table[column] == value).to_numpy()
+    return chosen
+
+
+def _array(table: pd.DataFrame, values: np.ndarray, rois: list, setting: Mapping, source: str) -> np.ndarray:
+    """Return the values of a setting, shape (features, rois, seeds)."""
+    chosen = setting_rows(table, setting)
     wanted = pd.MultiIndex.from_product([rois, setting["seeds"]])
     rows = pd.MultiIndex.from_frame(table.loc[chosen, ["roi", "seed"]])
     if not rows.is_unique or len(missing := wanted.difference(rows)):
