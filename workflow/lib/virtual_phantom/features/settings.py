@@ -14,8 +14,7 @@ import pandas as pd
 
 from ..base.errors import InputError
 from ..io.yaml_files import read_yaml
-from .names import FEATURES, HISTOGRAM_ONLY, unfiltered
-from .variations import LARGEST, WHOLE
+from .names import FEATURES, HISTOGRAM_ONLY, LARGEST, WHOLE, unfiltered
 
 # Settings of the default extraction.
 SETTINGS = {
@@ -259,9 +258,9 @@ def section_differences(section: str, dimensions: int, tables: Sequence[Extracti
     Parameters
     ----------
     section : {WHOLE, LARGEST}
-        Of the study.
+        Section of the regions in the study.
     dimensions : {2, 3}
-        Of the table. With 2, its regions are single slices, unless pyradiomics divided volumes into slices (force2D).
+        Dimensions of the table. With 2, its regions are single slices, unless pyradiomics divided them (force2D).
     tables : sequence of Extraction
         Settings of the table; may be empty.
     """

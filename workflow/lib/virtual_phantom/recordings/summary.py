@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from ..base.names import counted
+from ..features.names import LARGEST, WHOLE
 from ..features.settings import STUDY, Extraction, describe_differences, installed_version, section_differences
-from ..features.variations import LARGEST, WHOLE
 from ..statistics.comparability import SAME_VOXELS, grows_with_roi
 from .features import FeaturesRecording
 from .images import ImagesRecording
