@@ -153,6 +153,7 @@ def test_answer_comes_first_with_its_reasons(page):
     )
     assert "dose, any two protocols): First order Mean." in page_words
     assert page_words.index("1 of 3 features") < page_words.index("Regions")
+    assert "Robust for one kind of change: re-positioning 2, dose 1, any two protocols 2." in page_words
     assert "First order Entropy. Not robust for dose. Lowest for dose: ICC" in page_words
     assert "rises by 8.0 % from 10 mGy to 3 mGy." in page_words
     assert "estimated from 6 regions. These are few, so intervals are wide." in page_words
@@ -235,7 +236,8 @@ def test_comparison_lists_agreeing_features(results):
         "A feature needs to agree in at least 80 % of the 3 ROIs. Features with the recorded order of ROIs (Kendall's "
         "tau at least 0.7): 1. All features: tables/comparison_clinic_features.csv."
     ) in page_words
-    assert page_words.index("Comparisons with recordings: simulation and clinic.") < page_words.index("1 of 3 features")
+    first = "Comparison: simulation and clinic. Agreement of the 6 features: mean and SD 1, mean only 1, SD only 2"
+    assert page_words.index(first) < page_words.index("1 of 3 features")
     assert 'href="#comparison_clinic"' in page and 'id="comparison_clinic"' in page
 
 

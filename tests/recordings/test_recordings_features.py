@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from recording_folders import changed, features_folder, features_table, refused, write_yaml
 
 from virtual_phantom.features.extraction import FEATURES
+from virtual_phantom.features.settings import other_settings
 from virtual_phantom.features.table_files import read_table
 from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.recordings.summary import readable, summarize_recording, summary_table
@@ -117,18 +118,34 @@ def test_summary_reports_other_voxels_than_the_study(table):
         "compared"
     )
     recording = load_recording(write_yaml(folder, content))
-    assert summarize_recording(recording, voxel_mm=[3, 3, 3])["notes"][-1] == line.format(len(SIZED))
-    assert summarize_recording(recording, voxel_mm=[2, 2, 2])["notes"] == summarize_recording(recording)["notes"] == []
+    assert summarize_recording(recording, voxel_sizes=[[3, 3, 3]])["notes"][-1] == line.format(len(SIZED))
+    assert summarize_recording(recording, voxel_sizes=[[2, 2, 2], [3, 3, 3]])["notes"] == []
+    assert summarize_recording(recording)["notes"] == []
     flat = load_recording(write_yaml(folder, changed(content, "features.dimensions", 2)))
-    assert summarize_recording(flat, voxel_mm=[3, 3, 3])["notes"] == []
+    assert summarize_recording(flat, voxel_sizes=[[3, 3, 3]], section="largest")["notes"] == []
     absent = changed(content, "features.absent", ["original_firstorder_TotalEnergy"])
     for name in ("a", "b"):
         pd.read_csv(folder / f"{name}.csv").drop(columns="original_firstorder_TotalEnergy").to_csv(
             folder / f"{name}.csv", index=False
         )
-    assert summarize_recording(load_recording(write_yaml(folder, absent)), voxel_mm=[3, 3, 3])["notes"] == []
+    assert summarize_recording(load_recording(write_yaml(folder, absent)), voxel_sizes=[[3, 3, 3]])["notes"] == []
     stated = load_recording(write_yaml(folder, changed(absent, "nominal.voxel_mm", [2, 2, 2])))
-    assert summarize_recording(stated, voxel_mm=[3, 3, 3])["notes"][-1] == line.format(len(SIZED) - 1)
+    assert summarize_recording(stated, voxel_sizes=[[3, 3, 3]])["notes"][-1] == line.format(len(SIZED) - 1)
+
+
+def test_summary_reports_other_sections_than_the_study(table):
+    """The default study extracts features from the largest slices, pyradiomics from whole regions."""
+    folder, content = table
+    recording = load_recording(write_yaml(folder, content))
+    assert summarize_recording(recording, section="whole")["notes"] == []
+    assert summarize_recording(recording, section="largest")["notes"] == [
+        "setting: section is whole, the study's largest (changes 86 of 86 features)",
+        "set features.section: whole in the study, or correct features.dimensions in recording.yaml",
+    ]
+    flat = load_recording(write_yaml(folder, changed(content, "features.dimensions", 2)))
+    assert summarize_recording(flat, section="largest")["notes"] == []
+    other = other_settings(FEATURES, recording.repeats, section="largest", dimensions=3)
+    assert set(other) == set(FEATURES) and set(other.values()) == {"section is whole, the study's largest"}
 
 
 def test_summary_counts_images_by_condition(table):

@@ -87,6 +87,7 @@ rule compare:
         seeds=lambda wildcards: comparisons.repeats(wildcards.comparison),
         rois=lambda wildcards: comparisons.settings[wildcards.comparison].rois,
         margin_sd=lambda wildcards: comparisons.settings[wildcards.comparison].margin_sd,
+        dimensions=lambda wildcards: comparisons.table_dimensions(wildcards.comparison),
         code=code("compare.py"),
     script:
         "../scripts/compare.py"

@@ -18,7 +18,7 @@ rule recording_summary:
     params:
         parameters=context.parameters,
         folder=lambda wildcards: recordings.folder(wildcards.recording),
-        voxel_mm=context.study.grid.spacing_mm,
+        voxel_sizes=context.plan.voxel_sizes,
         code=code("recording_summary.py"),
     script:
         "../scripts/recording_summary.py"

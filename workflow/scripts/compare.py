@@ -24,6 +24,7 @@ def main(
     rois: Sequence[str] | None,
     margin_sd: float,
     extraction: Mapping,
+    dimensions: int | None,
 ) -> None:
     simulated = tables.read_features(simulated_features)
     simulated = tables.select(simulated, protocols=[protocol], noise=[noise], seeds=seeds)
@@ -32,7 +33,8 @@ def main(
     features = comparison.common_features(simulated, recorded)
     cells = comparison.compare(simulated, recorded, features, rois=rois, margin_sd=margin_sd)
     files.write_csv(cells, cells_file)
-    other = settings.other_settings(features, recorded, settings.read_extraction(extraction["path"]), source)
+    own = settings.read_extraction(extraction["path"])
+    other = settings.other_settings(features, recorded, own, source, extraction["section"], dimensions)
     for line in dict.fromkeys(other.values()):
         log.warning("%s: features were extracted with other settings: %s", source, line)
     sizes = comparability.other_sizes(simulated, recorded, features, list(cells["roi"].unique()))
@@ -64,4 +66,5 @@ if "snakemake" in globals():
             rois=snakemake.params.rois,
             margin_sd=snakemake.params.margin_sd,
             extraction=snakemake.params.parameters,
+            dimensions=snakemake.params.dimensions,
         )

@@ -10,10 +10,10 @@ from virtual_phantom.recordings.summary import summarize_recording
 from virtual_phantom.study.job import job, log
 
 
-def main(*, output: str, folder: str, voxel_mm: Sequence[float], extraction: Mapping) -> None:
+def main(*, output: str, folder: str, voxel_sizes: Sequence[Sequence[float]], extraction: Mapping) -> None:
     parameters = read_parameters(**extraction)
     recording = load_recording(folder, parameters.features)
-    found = summarize_recording(recording, parameters.extraction, voxel_mm)
+    found = summarize_recording(recording, parameters.extraction, voxel_sizes, parameters.section)
     files.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", output)
     log.info("%s: %s, %s", found["name"], found["kind"], found["text"])
 
@@ -23,6 +23,6 @@ if "snakemake" in globals():
         main(
             output=snakemake.output[0],
             folder=snakemake.params.folder,
-            voxel_mm=snakemake.params.voxel_mm,
+            voxel_sizes=snakemake.params.voxel_sizes,
             extraction=snakemake.params.parameters,
         )

@@ -72,18 +72,19 @@ def _init(arguments: argparse.Namespace) -> int:
     from .init.command import initialize, summary_text  # imported here: takes seconds
     from .init.options import parse_list, parse_pairs
 
+    names = parse_pairs(arguments.names)
     proposed = initialize(
         arguments.image,
         arguments.labels,
         arguments.out,
-        names=parse_pairs(arguments.names),
+        names=names,
         rois=parse_list(arguments.rois, "--rois"),
         size=arguments.size,
         force=arguments.force,
         not_checked=parse_list([arguments.not_checked], "--not-checked"),
         fill_gaps=arguments.fill_gaps,
     )
-    print(summary_text(proposed, arguments.out))
+    print(summary_text(proposed, arguments.out, names.values()))
     return 0
 
 

@@ -105,6 +105,12 @@ class Plan:
                 return protocol.voxels.spacing_mm
         return None
 
+    @property
+    def voxel_sizes(self) -> list[tuple[float, ...]]:
+        """Return the voxel sizes of all protocols, mm (z, y, x), sorted."""
+        own = (protocol.voxels.spacing_mm if protocol.voxels else None for protocol in self.study.protocols.values())
+        return sorted({tuple(size or self.study.grid.spacing_mm) for size in own})
+
     def geometries(self) -> list[str]:
         """Return the labels of all geometries, sorted."""
         return sorted({self.geometry_of(protocol) for protocol in self.study.protocols})

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:  # slow to import, and every job imports this module
     import pandas as pd
 
+WHOLE, LARGEST = "whole", "largest"  # sections of a region
+
 FAMILIES = {"firstorder": "first order", "glcm": "GLCM", "gldm": "GLDM", "glrlm": "GLRLM", "glszm": "GLSZM"}
 
 NAMES = {

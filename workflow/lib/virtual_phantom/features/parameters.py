@@ -24,10 +24,10 @@ from ..base.console import note
 from ..base.errors import InputError, InputErrors
 from ..base.streams import generator
 from ..io.yaml_files import read_yaml
-from .names import FEATURES, NAMES, is_feature
+from .names import FEATURES, LARGEST, NAMES, WHOLE, is_feature
 from .parameter_checks import unsupported, without_effect
 from .settings import CUSTOM_PREFIX, SETTINGS, STUDY, Extraction, image_type, read_extraction
-from .variations import LARGEST, WHOLE, Variation
+from .variations import Variation
 
 ADVICE = "give a parameter file of pyradiomics under features.parameters"
 SECTIONS = ("imageType", "featureClass", "setting")

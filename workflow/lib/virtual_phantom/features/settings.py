@@ -14,7 +14,7 @@ import pandas as pd
 
 from ..base.errors import InputError
 from ..io.yaml_files import read_yaml
-from .names import FEATURES, HISTOGRAM_ONLY, unfiltered
+from .names import FEATURES, HISTOGRAM_ONLY, LARGEST, WHOLE, unfiltered
 
 # Settings of the default extraction.
 SETTINGS = {
@@ -106,7 +106,6 @@ CHANGES = {
     "force2Ddimension": TEXTURES,
 }
 NEIGHBOR_SETTINGS = ("distances", "gldm_a", "force2D", "force2Ddimension")
-
 
 # Image types by prefix of feature names.
 TYPES = {
@@ -253,32 +252,58 @@ def distinct_extractions(extractions: Iterable[Extraction | None]) -> list[Extra
     return found
 
 
+def section_differences(section: str, dimensions: int, tables: Sequence[Extraction]) -> list[Difference]:
+    """Return the difference between the sections of the regions: the study's, and those of a table.
+
+    Parameters
+    ----------
+    section : {WHOLE, LARGEST}
+        Section of the regions in the study.
+    dimensions : {2, 3}
+        Dimensions of the table. With 2, its regions are single slices, unless pyradiomics divided them (force2D).
+    tables : sequence of Extraction
+        Settings of the table; may be empty.
+    """
+    whole = dimensions == 3 or any(table.effective()["force2D"] for table in tables)
+    other = WHOLE if whole else LARGEST
+    return [] if section == other else [Difference("section", section, other)]
+
+
 def describe_differences(
-    study: Extraction, tables: Sequence[Extraction], features: Sequence[str] = FEATURES
+    study: Extraction,
+    tables: Sequence[Extraction],
+    features: Sequence[str] = FEATURES,
+    sections: Sequence[Difference] = (),
 ) -> list[str]:
     """Describe every setting of tables that differs from the study's, with the number of features that it changes."""
-    lines: dict[str, None] = {}
-    for table in tables:
-        for difference in differences(study, table):
-            changed = sum(difference.changes(feature) for feature in features)
-            lines[f"{difference} (changes {changed} of {len(features)} features)"] = None
-    return list(lines)
+    found = [*sections, *(difference for table in tables for difference in differences(study, table))]
+    counts = {str(one): sum(one.changes(feature) for feature in features) for one in found}
+    return [f"{line} (changes {changed} of {len(features)} features)" for line, changed in counts.items()]
 
 
 def other_settings(
-    features: Sequence[str], table: pd.DataFrame, study: Extraction = STUDY, source: str = "features"
+    features: Sequence[str],
+    table: pd.DataFrame,
+    study: Extraction = STUDY,
+    source: str = "features",
+    section: str = WHOLE,
+    dimensions: int | None = None,
 ) -> dict[str, str]:
     """Return {feature: settings that differ from the study's, joined by semicolons} of a table.
 
     Parameters
     ----------
     table : DataFrame
-        With the columns in which pyradiomics records its settings; without them the result is empty.
+        With the columns in which pyradiomics records its settings; without them, no settings are compared.
     source : str, optional
         Start of messages about those columns.
+    section, dimensions : optional
+        See `section_differences`; None for features of the study's own sections.
     """
     extractions = distinct_extractions(read_extractions(table, source))
     found = [difference for extraction in extractions for difference in differences(study, extraction)]
+    if dimensions is not None:
+        found += section_differences(section, dimensions, extractions)
     texts = {name: "; ".join(dict.fromkeys(str(item) for item in found if item.changes(name))) for name in features}
     return {name: text for name, text in texts.items() if text}
 

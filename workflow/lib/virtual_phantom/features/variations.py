@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..base.errors import InputError
+from .names import LARGEST, WHOLE
 
 if TYPE_CHECKING:
     from .settings import Extraction
 
 FACTORS = ("bin_width", "bin_count", "resampled_mm", "dimensions")
 UNRESAMPLED = "none"
-WHOLE, LARGEST = "whole", "largest"  # sections of a region
 IN_SLICES, IN_VOLUMES = "2d", "3d"
 OWN = "study"  # name of the study's own settings
 BINS = ("binWidth", "binCount")

@@ -45,6 +45,8 @@ WRAPPED = 62  # characters per line of text below the curves
 SHORT_LEGEND = 150  # pixels; shorter legends have fewer numbers
 FEW_ROWS = 6  # the name of a class with fewer features is horizontal
 MOST_LINES = 2  # contexts of a change, such as protocols with several noise levels, whose curves are shown
+# Shapes of the regions. Their number and the number of colors have no common factor, so that 56 regions look different.
+SHAPES = ("circle", "square", "triangle-up", "cross", "diamond", "triangle-right", "triangle-down")
 FEW_DIGITS = 4  # significant digits of values on the page
 COEFFICIENT = 1.96 * np.sqrt(2)  # of repeatability, which is this number times sqrt(1 / ICC - 1) for equal spreads
 
@@ -389,7 +391,7 @@ def _curves(width: int = CURVE_WIDTH, left: int = 0) -> dict:
                 "encoding": {
                     "y": y,
                     "color": color,
-                    "shape": {**region, "legend": legend},
+                    "shape": {**region, "scale": {"range": list(SHAPES)}, "legend": legend},
                     "tooltip": [
                         {"field": "region"},
                         {"field": "name", "title": "setting"},

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 
 from ..base.names import counted
-from ..features.settings import STUDY, Extraction, describe_differences, installed_version
+from ..features.names import LARGEST, WHOLE
+from ..features.settings import STUDY, Extraction, describe_differences, installed_version, section_differences
 from ..statistics.comparability import SAME_VOXELS, grows_with_roi
 from .features import FeaturesRecording
 from .images import ImagesRecording
@@ -27,7 +28,10 @@ WANTED = {
 
 
 def summarize_recording(
-    recording: Recording, study: Extraction = STUDY, voxel_mm: Sequence[float] | None = None
+    recording: Recording,
+    study: Extraction = STUDY,
+    voxel_sizes: Sequence[Sequence[float]] = (),
+    section: str = WHOLE,
 ) -> dict:
     """Return the content of a recording's JSON summary.
 
@@ -35,8 +39,10 @@ def summarize_recording(
     ----------
     study : Extraction, optional
         Extraction settings of the study, for comparison.
-    voxel_mm : sequence of float, optional
-        Voxel size of the study.
+    voxel_sizes : sequence of sequence of float, optional
+        Voxel sizes of the study, mm.
+    section : {WHOLE, LARGEST}, optional
+        Section of the regions from which the study extracts features.
 
     Returns
     -------
@@ -68,7 +74,11 @@ def summarize_recording(
         "text": text,
         "known": {"scan": recording.scan, "nominal": labelled},
         "missing": missing,
-        "notes": [*recording.notes, *_extraction_notes(recording, study), *_size_notes(recording, voxel_mm)],
+        "notes": [
+            *recording.notes,
+            *_extraction_notes(recording, study, section),
+            *_size_notes(recording, voxel_sizes),
+        ],
         "origin": recording.provenance.origin,
         "sha256": recording.provenance.sha256,
     }
@@ -139,11 +149,16 @@ def _projections(recording: ProjectionsRecording) -> tuple[int, int, dict, str]:
     return len(recording.repeats), len(recording.held_out), content, text
 
 
-def _extraction_notes(recording: Recording, study: Extraction) -> list[str]:
+def _extraction_notes(recording: Recording, study: Extraction, section: str) -> list[str]:
     """Return a line per setting that differs from the study, and per other version of pyradiomics."""
-    if not isinstance(recording, FeaturesRecording) or not recording.extractions:
+    if not isinstance(recording, FeaturesRecording):
         return []
-    lines = [f"setting: {line}" for line in describe_differences(study, recording.extractions, recording.features)]
+    sections = section_differences(section, recording.dimensions, recording.extractions)
+    differences = describe_differences(study, recording.extractions, recording.features, sections)
+    lines = [f"setting: {line}" for line in differences]
+    if sections:
+        other = WHOLE if section == LARGEST else LARGEST
+        lines.append(f"set features.section: {other} in the study, or correct features.dimensions in recording.yaml")
     versions = dict.fromkeys(extraction.version for extraction in recording.extractions if extraction.version)
     return lines + [
         f"extracted by pyradiomics {version}, but the study's features by {installed_version()}"
@@ -152,9 +167,9 @@ def _extraction_notes(recording: Recording, study: Extraction) -> list[str]:
     ]
 
 
-def _size_notes(recording: Recording, voxel_mm: Sequence[float] | None) -> list[str]:
-    """Return a line if features depend on the voxel size, which differs from the study's."""
-    if not isinstance(recording, FeaturesRecording) or voxel_mm is None or recording.dimensions != 3:
+def _size_notes(recording: Recording, voxel_sizes: Sequence[Sequence[float]]) -> list[str]:
+    """Return a line if features depend on the voxel size, which differs from all of the study's."""
+    if not isinstance(recording, FeaturesRecording) or not len(voxel_sizes) or recording.dimensions != 3:
         return []
     stated = recording.nominal.get("voxel_mm")
     if {ENERGY, TOTAL_ENERGY} <= set(recording.features):
@@ -163,12 +178,13 @@ def _size_notes(recording: Recording, voxel_mm: Sequence[float] | None) -> list[
         volume = float(np.prod(stated))
     else:
         return []
-    study_volume = float(np.prod(voxel_mm))
+    study = sorted({float(np.prod(size)) for size in voxel_sizes})
     dependent = [feature for feature in recording.features if grows_with_roi(feature)]
-    if not dependent or not np.isfinite(volume) or abs(volume / study_volume - 1) < SAME_VOXELS:
+    if not dependent or not np.isfinite(volume) or any(abs(volume / size - 1) < SAME_VOXELS for size in study):
         return []
+    sizes = ", ".join(f"{size:.3g}" for size in study)
     return [
-        f"voxels have {volume:.3g} mm³, the study's voxels {study_volume:.3g} mm³: {len(dependent)} of the features "
+        f"voxels have {volume:.3g} mm³, the study's voxels {sizes} mm³: {len(dependent)} of the features "
         "depend on the number of voxels and cannot be compared"
     ]
 

@@ -44,6 +44,7 @@ def robustness_answer(trust: pd.DataFrame) -> dict:
         * extraction: whether there are rows of extraction settings, which do not count
         * considered: number of features that vary and do not grow with the size of the region
         * uses: {use: [(feature, reason)]}, most robust first
+        * robust_for: {change: considered features that are robust for it, most robust first}, without random repeats
         * repeats: control, number of considered features that are robust for random repeats; None if not studied
         * exchanged: control, largest mean percentage over features of exchanges of regions that reach the cut-off
         * cut_off, rois: of the ICC, and number of regions
@@ -58,12 +59,18 @@ def robustness_answer(trust: pd.DataFrame) -> dict:
     considered = trust[~trust["use"].isin([SIZE, UNVARYING])]
     between = between_protocols(considered)
     repeats = considered.loc[considered["change"] == REPEATS, "robust"]
+    robust = considered[considered["robust"] == "yes"].sort_values("icc_low", ascending=False, kind="stable")
     return {
         "changes": list(dict.fromkeys(trust["change"])),
         "extraction": extraction,
         "considered": considered["feature"].nunique(),
         "uses": {
             use: list(zip(rows["feature"], rows["reason"], strict=True)) for use, rows in uses.items() if len(rows)
+        },
+        "robust_for": {
+            change: list(robust.loc[robust["change"] == change, "feature"])
+            for change in dict.fromkeys(trust["change"])
+            if change != REPEATS
         },
         "repeats": int((repeats == "yes").sum()) if len(repeats) else None,
         "exchanged": considered.groupby("change")["exchanged_percent"].mean().max(),

@@ -92,7 +92,7 @@ def index_page(
         if (table := f"{name}_features") in frames:
             text = agreement_text(frames[table], frames[name])
             entry["comparison"] = {"id": name, "text": text, "table": addresses[table]}
-            comparisons[name] = figure.title
+            comparisons[name] = {"title": figure.title, "summary": text.partition(" The mean agrees if")[0]}
         sections.setdefault(figure.section, []).append(entry)
     answer = chart = None
     if trust is not None:

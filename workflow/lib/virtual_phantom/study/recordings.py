@@ -170,6 +170,11 @@ class Comparisons:
         """Return the number of dimensions (2 or 3) in which the features of the recording were extracted."""
         return self._recorded(name).get("dimensions", 3)
 
+    def table_dimensions(self, name: str) -> int | None:
+        """Return `dimensions` of a table; None for images, whose features are extracted as those of the study."""
+        is_table = self.recordings.kind(self.settings[name].recording) == "features"
+        return self.dimensions(name) if is_table else None
+
     def stored_offset_hu(self, name: str) -> float:
         """Return the offset of the stored values of the recording's images from HU."""
         return self._recorded(name).get("stored_offset_hu", 0)

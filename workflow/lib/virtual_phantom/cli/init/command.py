@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -137,12 +137,16 @@ def _in_slice(regions: Sequence[Region], z: int) -> dict[str, np.ndarray]:
 
 
 def table(proposed: Proposal) -> str:
-    """Return one line per region: label, name, sizes, CT numbers, and its ROIs or why it is none."""
+    """Return one line per region: label, name, sizes, CT numbers, and its ROIs or why it has none, which are last."""
     selected = {roi.region.name: ", ".join(roi.names) for roi in proposed.selected}
     rejected = {region.name: reason for region, reason in proposed.rejected}
     regions = sorted(
         [roi.region for roi in proposed.selected] + [region for region, _ in proposed.rejected],
-        key=lambda region: (isinstance(region.label, str), region.label if region.label is not None else region.name),
+        key=lambda region: (
+            region.name not in selected,
+            isinstance(region.label, str),
+            region.label if region.label is not None else region.name,
+        ),
     )
     lines = [f"{'label':>8}  {'name':<24}{'voxels':>9}{'ml':>8}{'HU':>7}{'SD':>6}  {'x, y, z (mm)':<16}  ROI"]
     for region in regions:
@@ -156,10 +160,17 @@ def table(proposed: Proposal) -> str:
     return "\n".join(lines)
 
 
-def summary_text(proposed: Proposal, out: str | Path) -> str:
-    """Return the printed summary: table of regions, files, cost and the next commands."""
+def summary_text(proposed: Proposal, out: str | Path, names: Collection[str] = ()) -> str:
+    """Return the printed summary, with the names from --names: regions, files, cost and the next commands."""
     grid, cost, trial = proposed.config["grid"], proposed.cost, proposed.config.get("trial")
     warnings = [f"{roi.region.name}: {text}" for roi in proposed.selected if (text := outline_warning(roi.region))]
+    if warnings:
+        warnings.append("To exclude such voxels, increase margin_mm, or use other regions by --rois.")
+    chosen = [roi.region.name for roi in proposed.selected]
+    named = [name for name in chosen if name in names]
+    if named and named != chosen:
+        only = format_list(named)
+        warnings.append(f"Regions without a name in --names are used too. To use only the named ones: --rois {only}")
     shape, spacing = (" x ".join(f"{number:g}" for number in grid[key]) for key in ("shape", "spacing_mm"))
     return "\n".join(
         [

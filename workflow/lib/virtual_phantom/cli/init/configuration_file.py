@@ -9,11 +9,13 @@ import yaml
 
 from ...base.commands import command_line, snakemake
 from ...study.progress.status import duration_range
+from ...study.progress.time_left import SLOWER
 from .propose import Proposal
 from .rois import outline_warning
 
 WIDTH = 110  # characters of a comment line
-RATES_WITHIN = 2.0  # factor within which estimates from measured rates were right (docs/how-to/cluster.md)
+STARTUP_SECONDS = 6.0  # of Snakemake, before the first job
+RUN_WITHIN = 1.5  # factor within which the estimates were right (docs/validation/trust-measures.md)
 
 
 def configuration_text(proposal: Proposal, picture: str, name: str) -> str:
@@ -74,8 +76,8 @@ def _trial(trial: str | bool) -> str:
 
 def duration_text(hours: float) -> str:
     """Return the expected time on two idle cores in words, from core hours."""
-    seconds = hours * 3600 / 2
-    return duration_range(seconds / RATES_WITHIN, seconds * RATES_WITHIN)
+    seconds = STARTUP_SECONDS + SLOWER * hours * 3600 / 2
+    return duration_range(seconds / RUN_WITHIN, seconds * RUN_WITHIN)
 
 
 def _phantom(proposal: Proposal) -> str:
