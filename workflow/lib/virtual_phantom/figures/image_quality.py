@@ -16,6 +16,7 @@ from . import style
 
 WINDOW_HU = (-150.0, 250.0)
 POLAR_PERCENTILE = 99.0
+LEAST_LABELED_MM, LABEL_MM = 2.0, 5.0  # radius of the smallest insert with a name, and distance of names from inserts
 
 
 @style.styled()
@@ -36,7 +37,10 @@ def draw_module(
         for radius, dx, dy in ((found.radius, 0, 0), *((one.radius, one.x, one.y) for one in found.inserts)):
             panels[0].add_patch(Circle((x + dx, y + dy), radius, fill=False, color=style.ORANGE, linewidth=0.8))
         for one in found.inserts:
-            panels[0].annotate(label(one.name), (x + one.x, y + one.y), color=style.SKY_BLUE, ha="center", va="top")
+            if one.radius > LEAST_LABELED_MM:
+                inwards = 1 - (one.radius + LABEL_MM) / np.hypot(one.x, one.y)
+                at = x + inwards * one.x, y + inwards * one.y
+                panels[0].annotate(label(one.name), at, color=style.SKY_BLUE, ha="center", va="center", fontsize=6)
     style.letter_panel(panels[0], 0, "object as found")
     for row in [] if noise is None else noise.itertuples():
         text = style.number(row.sd_hu)
@@ -55,10 +59,13 @@ def draw_inserts(inserts: pd.DataFrame, ttf: pd.DataFrame, regression: dict | No
         color, marker = (look[row.insert] for look in looks)
         one = ttf[ttf["insert"] == row.insert]
         text = f"{label(row.insert)} ({row.contrast_hu:+.0f} HU)".replace("-", "−")
-        curves.plot(one["frequency_per_mm"], one["ttf"], color=color, label=text)
+        values = one["ttf"].to_numpy()
+        rises = np.flatnonzero((np.diff(values) > 0) & (values[1:] < 0.5))
+        shown = slice(0, rises[0] + 1 if len(rises) else None)  # then noise
+        curves.plot(one["frequency_per_mm"].to_numpy()[shown], values[shown], color=color, label=text)
         spread = {"yerr": row.f50_error} if np.isfinite(row.f50_error) else {}
         contrast.errorbar(abs(row.contrast_hu), row.f50_per_mm, **spread, color=color, marker=marker, markersize=4)
-        if regression:
+        if regression and row.insert in regression["nominal_hu"]:
             nominal = regression["nominal_hu"][row.insert]
             line = regression["intercept_hu"] + regression["slope"] * nominal
             hu.plot(nominal, row.hu - line, color=color, marker=marker, markersize=4)

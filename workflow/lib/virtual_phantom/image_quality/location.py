@@ -27,6 +27,8 @@ ROLL_STEP_DEG = 0.5
 LEAST_CORRELATION = 0.9  # between nominal HU of inserts and the image, for an object that is found
 LEAST_MEDIUM_MM = 20.0  # radius of the cylinder that can contain inserts
 LEAST_CONTRAST = 1.0  # of an insert relative to noise, from which its center is fitted
+LEAST_WINDOW_VOXELS = 3.0  # radius of the window about an insert
+BETWEEN = 24  # points in the medium, at the distance of each insert from the axis, that are compared too
 SMOOTHED_MM = 2.0  # side of the squares that are averaged to find the roll
 NOISE_MARGIN_MM = 8.0  # of uniform areas from inserts and from the border of the medium
 REFERENCE_KEV = 70.0  # energy of nominal HU, as in the manuals of phantoms
@@ -179,7 +181,7 @@ def locate(images: np.ndarray, spacing: Sequence[float], known: Layout) -> Locat
     z = np.arange(len(images)) - (len(images) - 1) / 2
     centers = np.column_stack([np.polyval(np.polyfit(z, circles[:, i], min(1, len(z) - 1)), z) for i in (0, 1)])
     found = Location(centers, float(np.median(circles[:, 2])))
-    if len({one.material for one in known.inserts}) < 2:
+    if not known.inserts:
         return found
     mean, middle = images.mean(axis=0), centers.mean(axis=0)
     score, roll, mirrored = best_roll(mean, spacing, middle, known)
@@ -200,15 +202,22 @@ def locate(images: np.ndarray, spacing: Sequence[float], known: Layout) -> Locat
 def best_roll(
     plane: np.ndarray, spacing: Sequence[float], center: Sequence[float], known: Layout
 ) -> tuple[float, float, bool]:
-    """Return the largest correlation of nominal HU with the image, and the roll and orientation that give it."""
-    wanted = np.array([nominal_hu(one.material) for one in known.inserts])
-    wanted -= wanted.mean()
+    """Return the largest correlation of nominal HU with the image, and the roll and orientation that give it.
+
+    It includes points between the inserts.
+    """
+    positions = np.array([complex(one.x, one.y) for one in known.inserts])
+    radii = np.array([one.radius for one in known.inserts])
+    between = (np.abs(positions)[:, None] * np.exp(2j * np.pi * np.arange(BETWEEN) / BETWEEN)).ravel()
+    clear = (np.abs(between[:, None] - positions) > 1.5 * radii + SMOOTHED_MM).all(axis=1)
+    positions = np.append(positions, between[clear])
+    values = [nominal_hu(one.material) for one in known.inserts] + [nominal_hu(known.medium)] * int(clear.sum())
+    wanted = np.array(values) - np.mean(values)
     rolls = np.arange(0, 360, ROLL_STEP_DEG)
     smooth = ndimage.uniform_filter(plane, max(1, int(SMOOTHED_MM / max(spacing[1:]))))
     best = (-1.0, 0.0, False)
     for mirrored in (False, True):
-        positions = np.array([_turned(one, 0.0, mirrored) for one in known.inserts])
-        turned = np.exp(1j * np.radians(rolls))[:, None] * positions
+        turned = np.exp(1j * np.radians(rolls))[:, None] * (-positions.conjugate() if mirrored else positions)
         values = at(smooth, spacing, center[0] + turned.real, center[1] + turned.imag)
         values -= values.mean(axis=1, keepdims=True)
         scores = values @ wanted / np.maximum(np.linalg.norm(values, axis=1) * np.linalg.norm(wanted), 1e-9)
@@ -223,11 +232,12 @@ def _turned(one: Insert, roll_deg: float, mirrored: bool) -> complex:
 
 def _centered(plane: np.ndarray, spacing: Sequence[float], center: Sequence[float], one: Insert) -> Insert:
     """Return an insert at the centroid of its contrast, if that is strong enough; otherwise as it is."""
+    radius = max(one.radius, LEAST_WINDOW_VOXELS * max(spacing[1:]))
     for _ in range(ITERATIONS):
         x, y, distance = around(plane.shape, spacing, (center[0] + one.x, center[1] + one.y))
-        ring = (distance > 1.3 * one.radius) & (distance < 1.6 * one.radius)
-        signal = (plane - np.median(plane[ring])) * (distance < 1.3 * one.radius)
-        contrast = signal[distance < one.radius].mean()
+        ring = (distance > 1.3 * radius) & (distance < 1.6 * radius)
+        signal = (plane - np.median(plane[ring])) * (distance < 1.3 * radius)
+        contrast = signal[distance < one.radius].mean() if radius == one.radius else np.abs(signal).max() / 3
         if abs(contrast) < LEAST_CONTRAST * plane[ring].std():
             return one
         dx, dy = (float((signal * axis).sum() / signal.sum()) for axis in (x, y))

@@ -101,7 +101,7 @@ def _measure_module(volumes: list[np.ndarray], grid: Grid, known: ModuleSettings
     else:
         found = locate(mean, spacing, cylinders)
         content["location"] = _location(found, spacing)
-        area = uniform_area(mean.shape, spacing, cylinders, found)
+        area = uniform_area(mean, spacing, cylinders, found)
         rows, curves = inserts(mean, spacing, cylinders, found)
         if len(rows):
             content["hu"] = hu_regression(rows, found)
@@ -123,14 +123,20 @@ def _measure_module(volumes: list[np.ndarray], grid: Grid, known: ModuleSettings
 
 
 def _slices(volume: np.ndarray, grid: Grid, known: ModuleSettings, cylinders: Layout | None) -> slice:
-    """Return the stated slices; otherwise those in which the inserts are found; otherwise all."""
+    """Return the stated slices; otherwise those in which the inserts are found; otherwise all.
+
+    Raises
+    ------
+    InputError
+        If there are none.
+    """
     z = grid.centre_mm[2] + grid.axes_mm()[0]
     if known.z_mm is not None:
         inside = np.flatnonzero((z >= min(known.z_mm)) & (z <= max(known.z_mm)))
         if not len(inside):
             raise InputError(f"z_mm has no slice; slices are at {z[0]:.1f} to {z[-1]:.1f} mm")
         return slice(inside[0], inside[-1] + 1)
-    if cylinders is None or len({one.material for one in cylinders.inserts}) < 2:
+    if cylinders is None or not cylinders.inserts:
         return slice(0, len(z))
     matches = np.zeros(len(z), bool)
     for index, plane in enumerate(volume):

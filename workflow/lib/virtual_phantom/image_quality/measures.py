@@ -15,23 +15,26 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pandas as pd
 from scipy import ndimage, stats
+from scipy.special import j0
 
 from ..base.errors import InputError
 from ..physics.scenes.objects import ShapedObject
 from ..physics.scenes.shapes import Shape
 from ..statistics.image_quality import mean_frequency, noise_contrasts, tile_spectrum, tiles
 from ..statistics.jackknife import standard_error
-from ..statistics.resolution import EdgeBins, EdgeMtf
+from ..statistics.resolution import EdgeBins, EdgeMtf, first_below
 from .location import NOISE_MARGIN_MM, Insert, Layout, Location, along_z, around, at, nominal_hu
 
 LEAST_INSERT_VOXELS = 6.0  # radius of an insert, in voxels, from which HU and TTF are measured
+WIRE_VOXELS = 0.75  # largest radius of a wire, in voxels
 HU_MARGIN_VOXELS = 3.0  # voxels at the edge of an insert that do not count for its HU
 EDGE_HALF, EDGE_FLAT = 0.75, 0.5  # half-widths of the window around an edge and of its flat part, in insert radii
 MOST_BLOCKS = 8  # blocks of slices of the jackknife
 ENERGIES_KEV = np.arange(40.0, 120.5, 0.5)
 LEAST_SLICES = 3  # for noise between slices and along z
 LEAST_MATERIALS = 3  # for the regression of HU
-RELIABLE = 0.1  # largest relative standard error of the 50 % frequency of a TTF
+SD_TO_MEDIAN = 0.6745  # median of the absolute value of a Gaussian variable of SD 1
+STRUCTURE_MM, STRUCTURE_SD = 10.0, 6.0  # side of the median filter that shows unlisted structure, and its smallest SD
 THIN_MM = 3.0  # largest diameter of beads and ramps that show the slice profile
 PROFILE_MM = 15.0  # half-length of sampled slice profiles
 
@@ -51,46 +54,72 @@ def inserts(
     Returns
     -------
     table : DataFrame
-        One row per insert: insert, material, nominal_hu, hu, hu_error, sd_hu, contrast_hu, f50_per_mm, f50_error,
-        f10_per_mm. Frequencies are NaN if the TTF does not fall as far.
+        One row per insert or wire: insert, material, nominal_hu, hu, hu_error, sd_hu, contrast_hu, f50_per_mm,
+        f50_error, f10_per_mm. Frequencies are NaN if the TTF does not fall as far. A wire has no HU.
     curves : DataFrame
         Columns insert, frequency_per_mm, ttf.
     """
     pixel = max(spacing[1:])
     rows, curves = [], []
     for one in found.inserts:
-        if one.radius < LEAST_INSERT_VOXELS * pixel:
+        thin = one.radius <= WIRE_VOXELS * pixel
+        if not thin and one.radius < LEAST_INSERT_VOXELS * pixel:
             continue
         distance = _distances(images.shape, spacing, found, one)
-        inside = distance < one.radius - HU_MARGIN_VOXELS * pixel
-        ring = (distance > 1.4 * one.radius) & (distance < 1.8 * one.radius)
-        hu, error = jackknife(images, lambda kept, inside=inside: float(images[kept][inside[kept]].mean()))
         row = {"insert": one.name, "material": str(one.material), "nominal_hu": nominal_hu(one.material)}
-        row |= {"hu": hu, "hu_error": error, "sd_hu": float(images[inside].std())}
+        response = _wire(images, distance, pixel) if thin else _edge(images, distance, pixel, spacing, found, one)
+        inside = distance < (pixel if thin else one.radius - HU_MARGIN_VOXELS * pixel)
+        ring = (distance > 1.4 * one.radius) & (distance < 1.8 * one.radius + 4 * pixel * thin)
+        hu, error = jackknife(images, lambda kept, inside=inside: float(images[kept][inside[kept]].mean()))
+        row |= {
+            "hu": np.nan if thin else hu,
+            "hu_error": np.nan if thin else error,
+            "sd_hu": float(images[inside].std()),
+        }
         row["contrast_hu"] = hu - float(images[ring].mean())
-        half, flat = EDGE_HALF * one.radius, EDGE_FLAT * one.radius
-        others = [_distances(images.shape, spacing, found, other) > other.radius + pixel for other in found.inserts]
-        valid = np.logical_and.reduce([mask for mask, other in zip(others, found.inserts, strict=True) if other != one])
-        valid = np.broadcast_to(valid, images.shape)
-
-        def curve(kept, distance=distance - one.radius, valid=valid, half=half, flat=flat):
-            bins = EdgeBins(distance[kept], valid[kept], pixel, half)
-            mtf = EdgeMtf(bins.means(distance[kept][bins.near]), bins.step, half, flat)
-            return mtf, bins.means(images[kept][bins.near].astype(np.float64))
-
-        mtf, edge = curve(slice(None))
-        row["f50_per_mm"], row["f50_error"] = jackknife(images, lambda kept, curve=curve: _at_level(*curve(kept), 0.5))
-        row["f10_per_mm"] = _at_level(mtf, edge, 0.1)
-        shown = mtf.frequency <= 1 / (2 * pixel)
-        columns = {"insert": one.name, "frequency_per_mm": mtf.frequency[shown], "ttf": mtf.mtf(edge)[shown]}
-        curves.append(pd.DataFrame(columns))
+        row["f50_per_mm"], row["f50_error"] = jackknife(
+            images, lambda kept, response=response: _at_level(*response(kept), 0.5)
+        )
+        frequency, transfer = response(slice(None))
+        row["f10_per_mm"] = _at_level(frequency, transfer, 0.1)
+        shown = frequency <= 1 / (2 * pixel)
+        curves.append(pd.DataFrame({"insert": one.name, "frequency_per_mm": frequency[shown], "ttf": transfer[shown]}))
         rows.append(row)
     return pd.DataFrame(rows), pd.concat(curves) if curves else pd.DataFrame()
 
 
-def _at_level(mtf: EdgeMtf, edge: np.ndarray, level: float) -> float:
+def _edge(images, distance, pixel, spacing, found: Location, one: Insert) -> Callable:
+    """Return a function from slices to frequency and TTF of the edge of an insert."""
+    half, flat = EDGE_HALF * one.radius, EDGE_FLAT * one.radius
+    valid = np.ones(images.shape, bool)
+    for other in found.inserts:
+        if other != one:
+            valid &= _distances(images.shape, spacing, found, other) > other.radius + pixel
+
+    def response(kept):
+        bins = EdgeBins(distance[kept] - one.radius, valid[kept], pixel, half)
+        mtf = EdgeMtf(bins.means((distance[kept] - one.radius)[bins.near]), bins.step, half, flat)
+        return mtf.frequency, mtf.mtf(bins.means(images[kept][bins.near]))
+
+    return response
+
+
+def _wire(images, distance, pixel) -> Callable:
+    """Return a function from slices to frequency and MTF of a wire: Hankel transform of its response."""
+    frequency = np.linspace(0, 1 / pixel, 200)
+
+    def response(kept):
+        near, ring = (distance[kept] < 8 * pixel), (distance[kept] > 8 * pixel) & (distance[kept] < 12 * pixel)
+        values = images[kept][near] - np.median(images[kept][ring])
+        transfer = np.abs([(values * j0(2 * np.pi * f * distance[kept][near])).sum() for f in frequency])
+        return frequency, transfer / transfer[0]
+
+    return response
+
+
+def _at_level(frequency: np.ndarray, transfer: np.ndarray, level: float) -> float:
     try:
-        return mtf.half(edge, level)
+        return first_below(frequency, transfer, level)
     except InputError:
         return np.nan
 
@@ -119,7 +148,8 @@ def hu_regression(table: pd.DataFrame, found: Location) -> dict | None:
         energy_kev, slope, intercept_hu, correlation, rms_hu (of the residuals), nominal_hu (by insert); None for fewer
         than LEAST_MATERIALS materials.
     """
-    if table.empty or table["material"].nunique() < LEAST_MATERIALS:
+    table = table.dropna(subset="hu")
+    if table["material"].nunique() < LEAST_MATERIALS:
         return None
     materials = {one.name: one.material for one in found.inserts}
     chosen = [materials[name] for name in table["insert"]]
@@ -135,13 +165,21 @@ def hu_regression(table: pd.DataFrame, found: Location) -> dict | None:
     return best
 
 
-def uniform_area(shape: Sequence[int], spacing: Sequence[float], known: Layout, found: Location) -> np.ndarray:
-    """Return the pixels (y, x) of the medium in all slices, away from its border and from inserts."""
+def uniform_area(images: np.ndarray, spacing: Sequence[float], known: Layout, found: Location) -> np.ndarray:
+    """Return the pixels (y, x) of the medium in all slices, away from its border, inserts and unlisted structure.
+
+    Structure that the object does not list, such as ramps, is found as deviations of the mean image from its median
+    filter.
+    """
     axis = Insert("", "", 0.0, 0.0, 0.0)
-    mask = _distances(shape, spacing, found, axis) < known.medium_radius - NOISE_MARGIN_MM
+    mask = _distances(images.shape, spacing, found, axis) < known.medium_radius - NOISE_MARGIN_MM
     for one in found.inserts:
-        mask &= _distances(shape, spacing, found, one) > one.radius + NOISE_MARGIN_MM
-    return mask.all(axis=0)
+        mask &= _distances(images.shape, spacing, found, one) > one.radius + NOISE_MARGIN_MM
+    area = mask.all(axis=0)
+    mean, size = images.mean(axis=0), int(STRUCTURE_MM / max(spacing[1:]))
+    away = np.abs(ndimage.gaussian_filter(mean, 1) - ndimage.median_filter(mean, size))
+    structure = away > STRUCTURE_SD * np.median(away[area]) / SD_TO_MEDIAN
+    return area & ~ndimage.binary_dilation(structure, iterations=size // 4)
 
 
 def noise(images: np.ndarray, area: np.ndarray, spacing: Sequence[float]) -> tuple[dict, pd.DataFrame, pd.DataFrame]:
@@ -173,8 +211,8 @@ def noise(images: np.ndarray, area: np.ndarray, spacing: Sequence[float]) -> tup
         If the area is too small.
     """
     single, slices = len(images) == 1, images.shape[1]
-    side, corners = tiles(np.repeat(area[None], slices, axis=0))
-    corners = [(y, x) for z, y, x in corners if z == 0]
+    side, corners = tiles(area[None])
+    corners = [(y, x) for _, y, x in corners]
     values = images if single else noise_contrasts(images)
     squares = _squares(values, corners, side, single)
     variances = (squares**2).mean(axis=(0, 2, 3))

@@ -2,15 +2,15 @@
 
 Cupping is fitted by the first two terms of uncorrected or over-corrected beam hardening of a disc of radius R. A term
 p^2 of the line integral p = 2 mu sqrt(R^2 - s^2) gives an image proportional to sqrt(R^2 - r^2); a term p^3 gives
-R^2 - r^2. Over-corrected hardening has a positive center.
+R^2 - r^2. Over-corrected hardening has a bright center.
 
 Rings are what a high-pass filter leaves of the radial profile of each slice about the center of the image, which is
 taken for the isocenter. The same about displaced centers shows the part of noise.
 
-An error of the line integrals that is fixed to the detector column s gives, in a scan of half a turn from the angle t,
-the image integral over theta from t to t + pi of q(r cos(phi - theta)). The even part of q makes rings about the
-isocenter. The odd part makes crescents [1]_: arcs of half a turn at r = s, of opposite sign on opposite sides. Over a full
-turn it cancels. A short scan weighs opposite views smoothly; the ends of the half turn are then gradual.
+An error of line integrals that is fixed to the detector column s gives, in a scan of half a turn from the angle t, the
+image integral over theta from t to t + pi of q(r cos(phi - theta)). The even part of q makes rings about the isocenter.
+The odd part makes crescents [1]_: arcs of half a turn at r = s, of opposite sign on opposite sides. Over a full turn it
+cancels. A short scan weighs opposite views smoothly; the ends of the half turn are then gradual.
 
 References
 ----------

@@ -12,7 +12,7 @@ from ..figures import style
 from ..image_quality.measure import ImageQuality
 from ..io.documents import IMAGE_QUALITY, write_document
 from ..io.files import write_csv, write_text
-from .html import number, picture, render, today
+from .html import number, picture, render, today, within
 
 
 def write_image_quality(found: ImageQuality, *, document: str, page: str, tables: str, pictures: str) -> None:
@@ -26,7 +26,9 @@ def write_image_quality(found: ImageQuality, *, document: str, page: str, tables
         style.save(figure, [Path(pictures) / f"{name}.png"])
     shown = {name: picture(figure) for name, figure in drawn.items()}
     made = {"version": __version__, "date": today()}
-    write_text(render("image_quality", {"number": number}, d=found.content, pictures=shown, **made), page)
+    write_text(
+        render("image_quality", {"number": number, "within": within}, d=found.content, pictures=shown, **made), page
+    )
     write_document(found.content, document, IMAGE_QUALITY)
 
 

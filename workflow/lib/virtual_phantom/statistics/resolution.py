@@ -166,15 +166,19 @@ class EdgeMtf:
         InputError
             If the MTF does not fall to the level.
         """
-        transfer = self.mtf(edge)
-        below = np.flatnonzero(transfer < level)
-        if not below.size:
-            raise InputError(
-                "resolution: the MTF does not fall to one half; check that the edge of the object is in the image"
-            )
-        last = below[0]
-        share = (transfer[last - 1] - level) / (transfer[last - 1] - transfer[last])
-        return float(self.frequency[last - 1] + share * (self.frequency[last] - self.frequency[last - 1]))
+        return first_below(self.frequency, self.mtf(edge), level)
+
+
+def first_below(frequency: np.ndarray, transfer: np.ndarray, level: float) -> float:
+    """Lowest frequency at which a transfer function has fallen to a level; InputError if it does not."""
+    below = np.flatnonzero(transfer < level)
+    if not below.size:
+        raise InputError(
+            f"resolution: the MTF does not fall to {level:g}; check that the edge of the object is in the image"
+        )
+    last = below[0]
+    share = (transfer[last - 1] - level) / (transfer[last - 1] - transfer[last])
+    return float(frequency[last - 1] + share * (frequency[last] - frequency[last - 1]))
 
 
 def _sectors(near: np.ndarray, spacing: Sequence[float]) -> np.ndarray:
