@@ -119,9 +119,13 @@ def draw_uniformity(radial: pd.DataFrame, angular: pd.DataFrame) -> Figure:
     profile.legend()
     style.letter_panel(profile, 0, "radial profile")
     most = float(np.percentile(np.abs(angular["hu"]), POLAR_PERCENTILE))
-    for index, (axes, column) in enumerate(((measured, "hu"), (fitted, "half_turn_hu")), start=1):
-        shown = _polar(axes, angular, column, most)
-        style.letter_panel(axes, index, "angular variation" if index == 1 else "fit: column error, half turn")
+    shown = _polar(measured, angular, "hu", most)
+    style.letter_panel(measured, 1, "angular variation")
+    if "half_turn_hu" in angular and angular["half_turn_hu"].notna().all():
+        _polar(fitted, angular, "half_turn_hu", most)
+        style.letter_panel(fitted, 2, "fit: column error, half turn")
+    else:
+        fitted.set_axis_off()
     figure.colorbar(shown, ax=[measured, fitted], label="HU", location="bottom", shrink=0.6)
     return figure
 

@@ -189,14 +189,17 @@ def locate(images: np.ndarray, spacing: Sequence[float], known: Layout) -> Locat
         raise InputError(
             f"image quality: the inserts are not found (correlation {score:.2f}); check the object and its slices"
         )
-    nominal = [_turned(one, roll, mirrored) for one in known.inserts]
-    seen = tuple(
-        _centered(mean, spacing, middle, replace(one, x=position.real, y=position.imag))
-        for one, position in zip(known.inserts, nominal, strict=True)
-    )
-    # Least-squares rotation between nominal and measured positions
-    turn = sum(complex(one.x, one.y) * position.conjugate() for one, position in zip(seen, nominal, strict=True))
-    return replace(found, roll_deg=roll + float(np.degrees(np.angle(turn))), mirrored=mirrored, inserts=seen)
+    for _ in range(2):  # wires are searched near positions that the larger inserts give
+        nominal = [_turned(one, roll, mirrored) for one in known.inserts]
+        seen = tuple(
+            _centered(mean, spacing, middle, replace(one, x=position.real, y=position.imag))
+            for one, position in zip(known.inserts, nominal, strict=True)
+        )
+        # Least-squares rotation between nominal and measured positions, weighted by area
+        pairs = zip(seen, nominal, strict=True)
+        turn = sum(one.radius**2 * complex(one.x, one.y) * position.conjugate() for one, position in pairs)
+        roll += float(np.degrees(np.angle(turn)))
+    return replace(found, roll_deg=roll, mirrored=mirrored, inserts=seen)
 
 
 def best_roll(
@@ -206,12 +209,14 @@ def best_roll(
 
     It includes points between the inserts.
     """
-    positions = np.array([complex(one.x, one.y) for one in known.inserts])
-    radii = np.array([one.radius for one in known.inserts])
+    # The HU of a thin wire depend on the blur.
+    inserts = [one for one in known.inserts if one.radius >= SMOOTHED_MM / 2] or known.inserts
+    positions = np.array([complex(one.x, one.y) for one in inserts])
+    radii = np.array([one.radius for one in inserts])
     between = (np.abs(positions)[:, None] * np.exp(2j * np.pi * np.arange(BETWEEN) / BETWEEN)).ravel()
     clear = (np.abs(between[:, None] - positions) > 1.5 * radii + SMOOTHED_MM).all(axis=1)
     positions = np.append(positions, between[clear])
-    values = [nominal_hu(one.material) for one in known.inserts] + [nominal_hu(known.medium)] * int(clear.sum())
+    values = [nominal_hu(one.material) for one in inserts] + [nominal_hu(known.medium)] * int(clear.sum())
     wanted = np.array(values) - np.mean(values)
     rolls = np.arange(0, 360, ROLL_STEP_DEG)
     smooth = ndimage.uniform_filter(plane, max(1, int(SMOOTHED_MM / max(spacing[1:]))))

@@ -170,6 +170,11 @@ def _location(found: Location, spacing) -> dict:
 def _uniform_areas(images: np.ndarray, spacing) -> np.ndarray:
     """Return pixels of soft tissue whose local SD is near the most frequent one (global noise level [1]_).
 
+    Raises
+    ------
+    InputError
+        If there is no soft tissue.
+
     References
     ----------
     .. [1] O. Christianson et al., Am. J. Roentgenol. 205, W93, 2015.

@@ -237,8 +237,9 @@ def noise(images: np.ndarray, area: np.ndarray, spacing: Sequence[float]) -> tup
         if single:
             columns = columns - columns.mean(axis=1, keepdims=True)
         rho = float((columns[:, 1:] * columns[:, :-1]).mean() / (columns**2).mean())
-        # Without the mean over n slices, white noise has a correlation of -1 / (n - 1).
-        content["correlation_of_slices"] = (rho * (slices - 1) + 1) / slices if single else rho
+        if single:  # undo the effect of the subtracted mean, if only neighboring slices are correlated
+            rho = (rho * (slices - 1) + 1) / (slices - 2 * (slices - 1) / slices * (1 - rho))
+        content["correlation_of_slices"] = rho
         power = (np.abs(np.fft.rfft(columns, axis=1)) ** 2).mean(axis=(0, 2)) * spacing[0] / slices
         spectra.append(_curve("along z", np.fft.rfftfreq(slices, spacing[0])[1:], power[1:]))
     by_location = []

@@ -14,8 +14,8 @@ cancels. A short scan weighs opposite views smoothly; the ends of the half turn 
 
 References
 ----------
-.. [1] W. Giles et al., Crescent artifacts in cone-beam CT, Med. Phys. 38, 2116, 2011: scans of 200 degrees, in which the
-   bowtie filter or the tube was displaced relative to the blank scan.
+.. [1] W. Giles et al., Crescent artifacts in cone-beam CT, Med. Phys. 38, 2116, 2011: scans of 200 degrees, in which
+   the bowtie filter or the tube was displaced relative to the blank scan.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from scipy.optimize import minimize
 from .location import NOISE_MARGIN_MM, Layout, Location, around, at
 
 REGION_MM, REGION_AT = 10.0, 0.7  # radius of the five regions, and their distance in radii of the medium
-MARGIN_MM = 3.0  # at the border of the object
+MARGIN_MM = 4.0  # at the border of the object
 ANGLES = 90  # of polar maps; even
 TAPERS_DEG = (0.0, 20.0, 40.0, 60.0)  # widths of the ends of the half turn
 RING_MM = 4.0  # standard deviation of the Gaussian that is subtracted from profiles to find rings
@@ -40,6 +40,9 @@ VIEWS = 720  # of the integral over theta
 EXPLAINED, EXPLAINED_CRESCENT = 0.9, 0.8  # smallest shares of variance that a form explains
 LEAST_RINGS = 0.3  # smallest excess of ring variance, relative to noise
 LEAST_CRESCENT_HU = 3.0  # smallest RMS over the angle
+LEAST_RADIUS_MM = 5.0  # of a crescent; noise dominates below
+FARTHEST_MM = 10.0  # of the fitted center from the center of the image
+SMOOTHED_MM = 1.0  # SD of the filter before crescents are fitted
 RIDGE = 1e-6  # of the least squares, relative to the mean square of the basis
 
 
@@ -53,17 +56,12 @@ class HalfTurn:
         Of the angular variance of the image.
     start_deg : float
         Angle t from +x to +y of the image, degrees.
-    taper_deg : float
-    columns : ndarray, shape (columns,)
-        Odd part of q at 1, 2, ... mm from the isocenter, HU.
     image : ndarray, shape (radii, ANGLES)
         Fitted polar map.
     """
 
     share: float
     start_deg: float
-    taper_deg: float
-    columns: np.ndarray
     image: np.ndarray
 
 
@@ -79,7 +77,7 @@ def uniformity(
     radial : DataFrame
         Columns r_mm, hu, error_hu (of the mean over angles and slices), cupping_hu (fit; NaN outside the medium).
     angular : DataFrame
-        Columns r_mm, angle_deg, hu (relative to the mean of the radius), half_turn_hu (fit).
+        Columns r_mm, angle_deg, hu (relative to the mean of the radius), half_turn_hu (fit, if there is a crescent).
     """
     mean = images.mean(axis=0)
     center = found.centers.mean(axis=0)
@@ -170,36 +168,47 @@ def _angular(mean, spacing, known: Layout, center, radial: pd.DataFrame) -> tupl
     """Remove the radial profile, and fit the rest by a half turn; its center is fitted too."""
     _, _, distance = around(mean.shape, spacing, center)
     rest = mean - np.interp(distance, radial["r_mm"], radial["hu"])
+    rest = ndimage.gaussian_filter(rest, SMOOTHED_MM / max(spacing[1:]))
     r = np.arange(0.5, known.body_radius - MARGIN_MM, 1.0)
     phi = np.arange(ANGLES) * 2 * np.pi / ANGLES
-    kernels = {taper: _HalfTurnFit(r, taper) for taper in TAPERS_DEG}
 
     def polar(x: float, y: float) -> np.ndarray:
         values = at(rest, spacing, x + np.outer(r, np.cos(phi)), y + np.outer(r, np.sin(phi)))
         return values - values.mean(axis=1, keepdims=True)
 
-    first = max((kernel.fit(polar(0, 0)) for kernel in kernels.values()), key=lambda fit: fit.share)
-    kernel = kernels[first.taper_deg]
-    search = {"initial_simplex": [[0, 0], [1, 0], [0, 1]], "xatol": 0.02, "fatol": 1e-5, "maxfev": 60}
-    moved = minimize(lambda at_mm: -kernel.fit(polar(*at_mm)).share, [0, 0], method="Nelder-Mead", options=search)
-    values, fit = polar(*moved.x), kernel.fit(polar(*moved.x))
-    opposite = np.roll(values, ANGLES // 2, axis=1)
-    total = _square(values, r)
-    rms = np.sqrt((values**2).mean(axis=1))
+    values = polar(0.0, 0.0)
+    rms = np.sqrt((values**2).mean(axis=1)) * (r > LEAST_RADIUS_MM)
     strongest = int(np.argmax(rms))
-    table = {"r_mm": np.repeat(r, ANGLES), "angle_deg": np.tile(np.degrees(phi), len(r))}
-    table |= {"hu": values.ravel(), "half_turn_hu": fit.image.ravel()}
-    harmonic = np.fft.rfft(values[strongest])[1]
-    return pd.DataFrame(table), {
+    content = {
         "crescent_rms_hu": float(rms[strongest]),
         "crescent_r_mm": float(r[strongest]),
-        "crescent_angle_deg": float(np.degrees(-np.angle(harmonic)) % 360),
-        "odd_share": _square((values - opposite) / 2, r) / total,
-        "half_turn_share": fit.share,
-        "half_turn_start_deg": fit.start_deg,
-        "half_turn_center_mm": [float(v) for v in moved.x],
+        "crescent_angle_deg": float(np.degrees(-np.angle(np.fft.rfft(values[strongest])[1])) % 360),
         "object_center_mm": [float(v) for v in center],
+        "half_turn": None,
     }
+    table = {"r_mm": np.repeat(r, ANGLES), "angle_deg": np.tile(np.degrees(phi), len(r)), "hu": values.ravel()}
+    if rms[strongest] < LEAST_CRESCENT_HU:
+        return pd.DataFrame(table), content
+    fits = (_HalfTurnFit(r, taper) for taper in TAPERS_DEG)
+    kernel = max(fits, key=lambda kernel: kernel.fit(values).share)
+    search = {"initial_simplex": [[0, 0], [1, 0], [0, 1]], "xatol": 0.02, "fatol": 1e-5, "maxfev": 50}
+    moved = minimize(
+        lambda place: -kernel.fit(polar(*place)).share,
+        [0, 0],
+        method="Nelder-Mead",
+        bounds=[(-FARTHEST_MM, FARTHEST_MM)] * 2,
+        options=search,
+    )
+    values = polar(*moved.x)
+    fit = kernel.fit(values)
+    odd = (values - np.roll(values, ANGLES // 2, axis=1)) / 2
+    content["half_turn"] = {
+        "share": fit.share,
+        "odd_share": float((r[:, None] * odd**2).sum() / (r[:, None] * values**2).sum()),
+        "start_deg": fit.start_deg,
+        "center_mm": [float(v) for v in moved.x],
+    }
+    return pd.DataFrame(table | {"hu": values.ravel(), "half_turn_hu": fit.image.ravel()}), content
 
 
 def explain(found: Mapping) -> list[str]:
@@ -207,9 +216,10 @@ def explain(found: Mapping) -> list[str]:
     change, share = found["cupping_hu"], found["cupping_share"]
     kind = "over-corrected" if change < 0 else "uncorrected"
     cause = f"The form is that of {kind} beam hardening or scatter, which one object cannot distinguish"
+    side = "lower" if change < 0 else "higher"
     sentences = [
-        f"Cupping: {abs(change):.0f} HU {'lower' if change < 0 else 'higher'} at {found['cupping_to_mm']:.0f} mm than in "
-        f"the center. {cause if share >= EXPLAINED else 'Unexplained: not the form of beam hardening'} "
+        f"Cupping: {abs(change):.0f} HU {side} at {found['cupping_to_mm']:.0f} mm than in the center. "
+        f"{cause if share >= EXPLAINED else 'Unexplained: not the form of beam hardening'} "
         f"({share:.0%} of the radial variance)."
     ]
     rings = found["rings"]
@@ -217,16 +227,16 @@ def explain(found: Mapping) -> list[str]:
     if excess <= LEAST_RINGS * rings["displaced"]:
         sentences.append("Rings: none beyond noise.")
     else:
-        fixed = rings["image_center"] > rings["object_center"]
+        fixed, shared = rings["image_center"] > rings["object_center"], max(rings["shared"], 0) / excess
         sentences.append(
-            f"Rings: SD of {np.sqrt(excess):.1f} HU beyond noise; slices share {max(rings['shared'], 0) / excess:.0%} of "
-            f"the variance. They are {'weaker' if fixed else 'not weaker'} about the object's center than about the "
-            f"image's: {'errors of detector elements' if fixed else 'unexplained'}."
+            f"Rings: SD of {np.sqrt(excess):.1f} HU beyond noise; slices share {shared:.0%} of the variance. They are "
+            f"{'weaker' if fixed else 'not weaker'} about the object's center than about the image's: "
+            f"{'errors of detector elements' if fixed else 'unexplained'}."
         )
-    rms, share, odd = found["crescent_rms_hu"], found["half_turn_share"], found["odd_share"]
-    if rms < LEAST_CRESCENT_HU:
+    rms, fit = found["crescent_rms_hu"], found["half_turn"]
+    if fit is None:
         return [*sentences, f"Crescent: none above {LEAST_CRESCENT_HU:g} HU (RMS over the angle)."]
-    center = complex(*found["half_turn_center_mm"])
+    share, odd, center = fit["share"], fit["odd_share"], complex(*fit["center_mm"])
     away = abs(center), abs(center - complex(*found["object_center_mm"]))
     explained = share >= EXPLAINED_CRESCENT and odd >= EXPLAINED and away[0] < away[1]
     sentences += [
@@ -242,15 +252,11 @@ def explain(found: Mapping) -> list[str]:
     return sentences
 
 
-def _square(values: np.ndarray, r: np.ndarray) -> float:
-    return float((r[:, None] * values**2).sum())
-
-
 class _HalfTurnFit:
     """Least squares of polar maps by the odd part of q, for all start angles that are multiples of 360 / ANGLES."""
 
     def __init__(self, r: np.ndarray, taper_deg: float):
-        self.r, self.taper = r, taper_deg
+        self.r = r
         columns = int(np.ceil(r[-1]))
         theta = (np.arange(VIEWS) + 0.5) * 2 * np.pi / VIEWS
         turn = (theta + np.pi / 2) % (2 * np.pi) - np.pi / 2  # -90 to 270 degrees; the half turn is 0 to 180
@@ -270,8 +276,8 @@ class _HalfTurnFit:
             self.basis[:, j] = sums.reshape(len(r), columns + 2)[:, 1:-1]
         self.basis -= self.basis.mean(axis=1, keepdims=True)
         weighted = (np.sqrt(r)[:, None, None] * self.basis).reshape(-1, columns)
-        square = weighted.T @ weighted
-        self.inverse = np.linalg.inv(square + RIDGE * np.trace(square) / columns * np.eye(columns))
+        self.square = weighted.T @ weighted
+        self.inverse = np.linalg.inv(self.square + RIDGE * np.trace(self.square) / columns * np.eye(columns))
         self.weighted = weighted
 
     def fit(self, values: np.ndarray) -> HalfTurn:
@@ -280,8 +286,8 @@ class _HalfTurnFit:
         turned = np.stack([np.roll(weighted, -k, axis=1).ravel() for k in range(ANGLES)], axis=1)
         right = self.weighted.T @ turned
         solved = self.inverse @ right
-        explained = 2 * (right * solved).sum(axis=0) - ((self.weighted.T @ self.weighted @ solved) * solved).sum(axis=0)
+        explained = 2 * (right * solved).sum(axis=0) - ((self.square @ solved) * solved).sum(axis=0)
         k = int(np.argmax(explained))
         image = np.roll((self.basis @ solved[:, k]), k, axis=1)
         share = float(explained[k] / (weighted**2).sum())
-        return HalfTurn(share, 360 / ANGLES * k, self.taper, solved[:, k], image)
+        return HalfTurn(share, 360 / ANGLES * k, image)
