@@ -12,9 +12,10 @@ from workflow_runs import TINY, snakemake
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
+from virtual_phantom.config.read_config import read_configs
 from virtual_phantom.diagnosis.settings import ShapesObject
 from virtual_phantom.image_quality.location import Layout, Location, layout, locate, nominal_hu
-from virtual_phantom.image_quality.measure import _against_dose, _measure_module
+from virtual_phantom.image_quality.measure import _against_dose, measure_module
 from virtual_phantom.image_quality.measures import hu_regression, inserts, noise, slice_profile
 from virtual_phantom.image_quality.settings import ModuleSettings
 from virtual_phantom.image_quality.uniformity import explain, uniformity
@@ -112,13 +113,13 @@ def test_slices_with_the_inserts_are_found(plane, object_file):
     empty = np.where(plane > -500, 0.0, -1000.0)
     volume = np.stack([empty, empty, plane, plane, plane, plane, empty]).astype(np.float32)
     settings = ModuleSettings(ShapesObject(str(object_file)))
-    content, tables, _ = _measure_module([volume], Grid(volume.shape, SPACING), settings)
+    content, tables, _ = measure_module([volume], Grid(volume.shape, SPACING), settings)
     assert content["slices"] == 2 and content["z_mm"] == [0.0, 2.0]  # without the slices at both ends
     assert set(tables) >= {"inserts", "ttf"}
     with pytest.raises(InputError, match="inserts are in no slice"):
-        _measure_module([volume[:2]], Grid((2, SIDE, SIDE), SPACING), settings)
+        measure_module([volume[:2]], Grid((2, SIDE, SIDE), SPACING), settings)
     with pytest.raises(InputError, match="z_mm has no slice; slices are at -6.0 to 6.0 mm"):
-        _measure_module([volume], Grid(volume.shape, SPACING), ModuleSettings(settings.object, (20, 30)))
+        measure_module([volume], Grid(volume.shape, SPACING), ModuleSettings(settings.object, (20, 30)))
 
 
 def test_noise_spectra_of_filtered_noise_have_their_closed_forms():
@@ -227,7 +228,7 @@ def test_noise_is_measured_in_uniform_areas_of_an_unknown_object_and_against_dos
     for index, (dose, sd) in enumerate(doses.items()):
         body = np.where(np.hypot(x, y) < 50, 20.0, -1000.0) + 300 * (np.hypot(x - 20, y) < 8)
         volume = body + np.random.default_rng(index).normal(0, sd, (1, SIDE, SIDE))
-        content, _, _ = _measure_module([volume.astype(np.float32)], Grid(volume.shape, SPACING), ModuleSettings())
+        content, _, _ = measure_module([volume.astype(np.float32)], Grid(volume.shape, SPACING), ModuleSettings())
         assert content["noise"]["sd_hu"] == pytest.approx(sd, rel=0.03) and content["location"] is None
         recordings.append({"dose_mgy": dose, "mas": None, "modules": {"m": content}})
     series = _against_dose("m", recordings)
@@ -255,7 +256,8 @@ def test_target_writes_document_page_tables_and_figures(plane, object_file, tmp_
     assert "Image quality of three" in (made / "report.html").read_text()
     assert (made / "tables" / "ttf.csv").exists() and (made / "figures" / "scan_inserts_inserts.png").exists()
     wrong = content | {"image_quality": {"three": entry | {"recordings": ["scam"]}}}
-    (line,) = problems(yaml.safe_load(Path(TINY).read_text()) | wrong)
+    overlay.write_text(yaml.safe_dump(wrong))
+    (line,) = problems(read_configs([Path(TINY).with_name("paper_groups.yaml"), TINY, overlay])[1])
     assert "image_quality.three.recordings" in line and "did you mean 'scan'" in line
 
 
@@ -267,7 +269,7 @@ def test_hu_of_the_catphan_are_those_of_pylinac():
 
     volume = read_hu(REAL)
     settings = ModuleSettings(ShapesObject("catphan504_ctp404"), (-2.0, 0.0))
-    content, _, _ = _measure_module([volume.array], volume.grid, settings)
+    content, _, _ = measure_module([volume.array], volume.grid, settings)
     hu = {one["insert"]: one["hu"] for one in content["inserts"]}
     pylinac = {
         "air_top": -998,

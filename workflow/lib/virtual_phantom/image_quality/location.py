@@ -131,7 +131,7 @@ def fit_circle(plane: np.ndarray, spacing: Sequence[float], radius: float) -> tu
     spacing : sequence of 3 float
         mm (z, y, x).
     radius : float
-        Known radius, mm. In each direction, the surface nearest to it is used, so that a couch is left out.
+        Known radius, mm. In each direction, the surface nearest to it is used, to avoid a couch.
 
     Raises
     ------

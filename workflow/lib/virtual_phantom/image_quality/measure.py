@@ -66,7 +66,7 @@ def measure(name: str, settings: ImageQualitySettings, recordings: Mapping[str, 
         volumes = [volume.array for volume in recording.repeats]
         for module, known in settings.modules.items():
             try:
-                content, tables, shown = _measure_module(volumes, recording.grid, known)
+                content, tables, shown = measure_module(volumes, recording.grid, known)
             except InputError as error:
                 raise InputError(f"image_quality.{name}: {recording_name}, module {module}: {error}") from None
             entry["modules"][module] = content
@@ -83,7 +83,28 @@ def measure(name: str, settings: ImageQualitySettings, recordings: Mapping[str, 
     return result
 
 
-def _measure_module(volumes: list[np.ndarray], grid: Grid, known: ModuleSettings) -> tuple[dict, dict, tuple]:
+def measure_module(volumes: list[np.ndarray], grid: Grid, known: ModuleSettings) -> tuple[dict, dict, tuple]:
+    """Measure one module in the repeats of a scan.
+
+    Parameters
+    ----------
+    volumes : list of ndarray, shape (z, y, x)
+        HU, one per repeat.
+
+    Returns
+    -------
+    content : dict
+        As under `modules` of schemas/image_quality.schema.yaml.
+    tables : dict of str to DataFrame
+        By file name.
+    shown : tuple of (ndarray, Grid, Location or None)
+        Mean slice and location of the object.
+
+    Raises
+    ------
+    InputError
+        If the module is not in the images, or too small.
+    """
     cylinders = None
     if known.object is not None:
         shaped = read_object(known.object.kind, known.object.parameters)

@@ -1,16 +1,20 @@
 """Uniformity of a module without inserts: cupping, rings and crescents.
 
-Cupping is fitted by the first two terms of uncorrected or over-corrected beam hardening of a disc of radius R. A term
-p^2 of the line integral p = 2 mu sqrt(R^2 - s^2) gives an image proportional to sqrt(R^2 - r^2); a term p^3 gives
-R^2 - r^2. Over-corrected hardening has a bright center.
+Cupping is fitted by the form of beam hardening in a disc of radius R, with line integrals p = 2 mu sqrt(R^2 - s^2).
+A term p^2 gives an image proportional to sqrt(R^2 - r^2). A term p^3 gives R^2 - r^2. Over-corrected hardening has a
+bright center.
 
 Rings are what a high-pass filter leaves of the radial profile of each slice about the center of the image, which is
 taken for the isocenter. The same about displaced centers shows the part of noise.
 
-An error of line integrals that is fixed to the detector column s gives, in a scan of half a turn from the angle t, the
-image integral over theta from t to t + pi of q(r cos(phi - theta)). The even part of q makes rings about the isocenter.
-The odd part makes crescents [1]_: arcs of half a turn at r = s, of opposite sign on opposite sides. Over a full turn it
-cancels. A short scan weighs opposite views smoothly; the ends of the half turn are then gradual.
+Crescents arise in scans of half a turn from errors that are fixed in the detector [1]_. Let q(s) be the error of the
+filtered line integral at the distance s from the isocenter. The image is then
+
+    integral of q(r cos(phi - theta)) over theta, from the start angle t to t + pi.
+
+The even part of q makes rings about the isocenter. The odd part makes arcs of half a turn at r = s, of opposite sign on
+opposite sides. Over a full turn it cancels. A short scan weighs opposite views smoothly, which makes the ends of the
+half turn gradual.
 
 References
 ----------
@@ -53,7 +57,7 @@ class HalfTurn:
     Attributes
     ----------
     share : float
-        Of the angular variance of the image.
+        Fitted share of the angular variance of the image.
     start_deg : float
         Angle t from +x to +y of the image, degrees.
     image : ndarray, shape (radii, ANGLES)
@@ -242,8 +246,8 @@ def explain(found: Mapping) -> list[str]:
     sentences += [
         f"Crescent: RMS of {rms:.0f} HU at a radius of {found['crescent_r_mm']:.0f} mm, brightest at "
         f"{found['crescent_angle_deg']:.0f} degrees. Opposite sides have opposite signs ({odd:.0%} of the angular "
-        f"variance). An error that is fixed in the detector, in a scan of half a turn, fits {share:.0%}. Its fitted "
-        f"center is {away[0]:.1f} mm from the image's center and {away[1]:.1f} mm from the object's.",
+        f"variance). An error of detector columns in a scan of half a turn fits {share:.0%}. The "
+        f"fitted center is {away[0]:.1f} mm from the image's center and {away[1]:.1f} mm from the object's.",
         "Such errors arise if bowtie filter or tube are displaced relative to the blank scan (Giles et al., Med. Phys. "
         "38, 2116, 2011). Scan the rotated phantom to confirm that the crescent does not rotate."
         if explained
