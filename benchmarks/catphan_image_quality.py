@@ -13,7 +13,7 @@ from scipy import ndimage
 from scipy.signal import find_peaks
 
 from virtual_phantom.diagnosis.settings import ShapesObject
-from virtual_phantom.image_quality.location import at, layout, locate
+from virtual_phantom.image_quality.location import layout, locate
 from virtual_phantom.image_quality.measure import measure_module
 from virtual_phantom.image_quality.settings import ModuleSettings
 from virtual_phantom.phantom.ct import read_hu
@@ -44,14 +44,18 @@ def peaks(profile, count, distance):
 
 def line_pairs(plane, spacing, center, roll_deg):
     """Return the modulation of each line pair relative to the first: the largest of seven slices, on a circle."""
-    step = 1 / (4 * np.pi * RADIUS_MM / spacing[1])  # two samples per pixel
+    step = 1 / (4 * np.pi * (1 + WIDTH) * RADIUS_MM / spacing[1])  # two samples per pixel of the largest circle
     turn = np.arange(0, 1, step)
     # From the left of the display, counter-clockwise. The axes of a display run against +x and +y.
     angle = np.pi + np.radians(roll_deg) - 2 * np.pi * turn
     radii = np.linspace(1 - WIDTH, 1 + WIDTH, 20) * RADIUS_MM
     x, y = np.outer(radii, -np.cos(angle)), np.outer(radii, -np.sin(angle))
-    profile = at(plane, spacing, center[0] + x, center[1] + y).mean(axis=0)
-    profile = ndimage.gaussian_filter1d(profile, max(1, 0.001 * len(turn)))
+    rows, columns = (
+        (place + at) / pitch + (n - 1) / 2
+        for place, at, pitch, n in zip((y, x), center[::-1], spacing[1:], plane.shape, strict=True)
+    )
+    profile = ndimage.map_coordinates(plane, [rows, columns], order=0).mean(axis=0)  # nearest pixels, as pylinac
+    profile = ndimage.gaussian_filter1d(profile, 1)
     profile -= profile.min()
     found = []
     for first, last, bars, distance in zip(SECTORS[:-1], SECTORS[1:], BARS, DISTANCE, strict=True):
@@ -95,9 +99,8 @@ def run(options):
         heights = (float(z[number - extra]) - 0.1, float(z[number + extra]) + 0.1)
         return measure_module([volume.array], grid, ModuleSettings(ShapesObject(kind), heights))[0]
 
-    print(
-        f"pylinac {pylinac.__version__}\n\n| CT number (HU) | pylinac | here, same slice | here, whole module |\n|---|---|---|---|"
-    )
+    print(f"pylinac {pylinac.__version__}\n")
+    print("| CT number (HU) | pylinac | here, same slice | here, whole module |\n|---|---|---|---|")
     same = measured("catphan504_ctp404", phantom.ctp404.slice_num)
     whole = measure_module([volume.array], grid, ModuleSettings(ShapesObject("catphan504_ctp404")))[0]
     here, all_slices = ({one["insert"]: one for one in found["inserts"]} for found in (same, whole))
@@ -114,9 +117,7 @@ def run(options):
     number = phantom.ctp528.slice_num
     body = layout(read_object("catphan504_ctp486"))
     center = locate(volume.array[number][None], spacing, body).centers[0]
-    pairs = line_pairs(
-        volume.array[number - 3 : number + 4].max(axis=0), spacing, center, found.roll_deg, found.mirrored
-    )
+    pairs = line_pairs(volume.array[number - 3 : number + 4].max(axis=0), spacing, center, found.roll_deg)
     air = all_slices["air_top"], all_slices["air_bottom"]
     print("\n| line pairs per mm | pylinac | its method repeated | difference |\n|---|---|---|---|")
     for frequency, value in zip(LINE_PAIRS, pairs, strict=True):
@@ -134,8 +135,6 @@ def run(options):
     print("\n| noise power spectrum | pylinac | its method repeated | difference |\n|---|---|---|---|")
     for name, (a, b) in {"average frequency (1 = corner)": average, "sum over frequencies": total}.items():
         print(f"| {name} | {a:.4g} | {b:.4g} | {100 * (b / a - 1):+.1f} % |")
-    ratio = ours[2:20] / theirs[2:20]
-    print(
-        f"\nRatio of the spectra, 2nd to 19th frequency: RMS deviation from 1 is {np.sqrt(np.mean((ratio - 1) ** 2)):.3f}"
-    )
+    deviation = np.sqrt(np.mean((ours[2:20] / theirs[2:20] - 1) ** 2))
+    print(f"\nRatio of the spectra, 2nd to 19th frequency: RMS deviation from 1 of {deviation:.3f}")
     return 0
