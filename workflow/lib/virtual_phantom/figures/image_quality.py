@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Rectangle
 
 from ..base.names import label
 from ..image_quality.location import Location
@@ -16,14 +17,19 @@ from . import style
 
 WINDOW_HU = (-150.0, 250.0)
 POLAR_PERCENTILE = 99.0
-LEAST_LABELED_MM, LABEL_MM = 2.0, 5.0  # radius of the smallest insert with a name, and distance of names from inserts
+NUMBERED = 0.8  # position of the number of an insert, relative to its distance from the center
 
 
 @style.styled()
 def draw_module(
-    image: np.ndarray, extent_mm: Sequence[float], found: Location | None, noise: pd.DataFrame | None
+    image: np.ndarray,
+    extent_mm: Sequence[float],
+    found: Location | None,
+    inserts: Sequence[str],
+    noise: pd.DataFrame | None,
+    tile_mm: float | None,
 ) -> Figure:
-    """Draw the mean slice of a module with its outline and inserts, and the SD of each tile of the noise spectrum."""
+    """Draw the mean slice of a module with outline and numbered inserts, and the noise of each tile of the spectrum."""
     figure = style.figure(style.DOUBLE_COLUMN_MM, 78)
     panels = figure.subplots(1, 2)
     height, width = extent_mm
@@ -32,20 +38,22 @@ def draw_module(
         axes.imshow(image, extent=box, origin="lower", cmap="gray", vmin=WINDOW_HU[0], vmax=WINDOW_HU[1])
         axes.invert_xaxis()  # radiological orientation, as in figures.recording
         axes.set(xlabel="x from the center (mm)", ylabel="y from the center (mm)")
+    style.letter_panel(panels[0], 0, "mean slice" if found is None else "mean slice with the object as found")
+    style.letter_panel(panels[1], 1, "noise by location")
     if found is not None:
         x, y = found.centers.mean(axis=0)
         for radius, dx, dy in ((found.radius, 0, 0), *((one.radius, one.x, one.y) for one in found.inserts)):
             panels[0].add_patch(Circle((x + dx, y + dy), radius, fill=False, color=style.ORANGE, linewidth=0.8))
         for one in found.inserts:
-            if one.radius > LEAST_LABELED_MM:
-                inwards = 1 - (one.radius + LABEL_MM) / np.hypot(one.x, one.y)
-                at = x + inwards * one.x, y + inwards * one.y
-                panels[0].annotate(label(one.name), at, color=style.SKY_BLUE, ha="center", va="center", fontsize=6)
-    style.letter_panel(panels[0], 0, "object as found")
-    for row in [] if noise is None else noise.itertuples():
-        text = style.number(row.sd_hu)
-        panels[1].text(row.x_mm, row.y_mm, text, color=style.ORANGE, ha="center", va="center", fontsize=6)
-    style.letter_panel(panels[1], 1, "SD of noise in each tile (HU)")
+            if one.name in inserts:
+                place = x + one.x * NUMBERED, y + one.y * NUMBERED
+                text = str(list(inserts).index(one.name) + 1)
+                panels[0].annotate(text, place, color=style.SKY_BLUE, ha="center", va="center", weight="bold")
+    if noise is not None:
+        corners = zip(noise["x_mm"] - tile_mm / 2, noise["y_mm"] - tile_mm / 2, strict=True)
+        tiles = PatchCollection([Rectangle(corner, tile_mm, tile_mm) for corner in corners], cmap="viridis")
+        tiles.set_array(noise["sd_hu"].to_numpy())
+        figure.colorbar(panels[1].add_collection(tiles), ax=panels[1], label="SD of noise (HU)", shrink=0.7)
     return figure
 
 
@@ -58,7 +66,8 @@ def draw_inserts(inserts: pd.DataFrame, ttf: pd.DataFrame, regression: dict | No
     for row in inserts.itertuples():
         color, marker = (look[row.insert] for look in looks)
         one = ttf[ttf["insert"] == row.insert]
-        text = f"{label(row.insert)} ({row.contrast_hu:+.0f} HU)".replace("-", "−")
+        text = f"{list(inserts['insert']).index(row.insert) + 1} {label(row.insert)} ({row.contrast_hu:+.0f} HU)"
+        text = text.replace("-", "−")
         values = one["ttf"].to_numpy()
         rises = np.flatnonzero((np.diff(values) > 0) & (values[1:] < 0.5))
         shown = slice(0, rises[0] + 1 if len(rises) else None)  # then noise

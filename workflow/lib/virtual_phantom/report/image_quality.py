@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -12,7 +13,7 @@ from ..figures import style
 from ..image_quality.measure import ImageQuality
 from ..io.documents import IMAGE_QUALITY, write_document
 from ..io.files import write_csv, write_text
-from .html import number, picture, render, today, within
+from .html import number, picture, render, today
 
 
 def write_image_quality(found: ImageQuality, *, document: str, page: str, tables: str, pictures: str) -> None:
@@ -27,7 +28,8 @@ def write_image_quality(found: ImageQuality, *, document: str, page: str, tables
     shown = {name: picture(figure) for name, figure in drawn.items()}
     made = {"version": __version__, "date": today()}
     write_text(
-        render("image_quality", {"number": number, "within": within}, d=found.content, pictures=shown, **made), page
+        render("image_quality", {"number": number, "with_error": with_error}, d=found.content, pictures=shown, **made),
+        page,
     )
     write_document(found.content, document, IMAGE_QUALITY)
 
@@ -43,8 +45,10 @@ def _figures(found: ImageQuality) -> dict[str, Figure]:
             rows = {name: table for name, table in rows.items() if len(table)}
             image, grid, location = found.images[f"{recording}, {module}"]
             key = f"{recording}_{module}"
+            numbered = [one["insert"] for one in content["inserts"]]
+            tile_mm = content["noise"] and content["noise"]["tile_mm"]
             drawn[f"{key}_module"] = figures.draw_module(
-                image, grid.extent_mm[1:], location, rows.get("noise_by_location")
+                image, grid.extent_mm[1:], location, numbered, rows.get("noise_by_location"), tile_mm
             )
             if "inserts" in rows:
                 drawn[f"{key}_inserts"] = figures.draw_inserts(rows["inserts"], rows["ttf"], content["hu"])
@@ -58,6 +62,16 @@ def _figures(found: ImageQuality) -> dict[str, Figure]:
     for module, series in found.content["noise_against_dose"].items():
         drawn[f"dose_{module}"] = figures.draw_dose(series)
     return drawn
+
+
+def with_error(value: float | None, error: float | None) -> str:
+    """Format a value and its standard error, to two significant digits of the error."""
+    if value is None:
+        return "not reached"
+    if not error:
+        return number(value)
+    digits = max(0, 1 - math.floor(math.log10(error)))
+    return f"{value:.{digits}f} ± {error:.{digits}f}".replace("-", "−")
 
 
 def console_text(content: dict) -> str:
