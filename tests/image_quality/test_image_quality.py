@@ -259,6 +259,16 @@ def test_target_writes_document_page_tables_and_figures(plane, object_file, tmp_
     overlay.write_text(yaml.safe_dump(wrong))
     (line,) = problems(read_configs([Path(TINY).with_name("paper_groups.yaml"), TINY, overlay])[1])
     assert "image_quality.three.recordings" in line and "did you mean 'scan'" in line
+    (folder / "recording.yaml").write_text(
+        yaml.safe_dump({"name": "scan", "kind": "features", "repeats": ["a.nii.gz"]})
+    )
+    entry["modules"]["inserts"]["object"]["kind"] = "catphan504_ctp505"
+    overlay.write_text(yaml.safe_dump(content))
+    lines = problems(read_configs([Path(TINY).with_name("paper_groups.yaml"), TINY, overlay])[1])
+    assert [line.partition(":")[0] for line in lines] == [
+        "image_quality.three.recordings",
+        "image_quality.three.modules.inserts.object",
+    ]
 
 
 @pytest.mark.real

@@ -48,7 +48,7 @@ def draw_module(
             if one.name in inserts:
                 place = x + one.x * NUMBERED, y + one.y * NUMBERED
                 text = str(list(inserts).index(one.name) + 1)
-                panels[0].annotate(text, place, color=style.SKY_BLUE, ha="center", va="center", weight="bold")
+                panels[0].annotate(text, place, color=style.YELLOW, ha="center", va="center", weight="bold")
     if noise is not None:
         corners = zip(noise["x_mm"] - tile_mm / 2, noise["y_mm"] - tile_mm / 2, strict=True)
         tiles = PatchCollection([Rectangle(corner, tile_mm, tile_mm) for corner in corners], cmap="viridis")

@@ -224,7 +224,7 @@ def explain(found: Mapping) -> list[str]:
     sentences = [
         f"Cupping: {abs(change):.0f} HU {side} at {found['cupping_to_mm']:.0f} mm than in the center. "
         f"{cause if share >= EXPLAINED else 'Unexplained: not the form of beam hardening'} "
-        f"({share:.0%} of the radial variance)."
+        f"({100 * share:.0f} % of the radial variance)."
     ]
     rings = found["rings"]
     excess = rings["image_center"] - rings["displaced"]
@@ -233,8 +233,8 @@ def explain(found: Mapping) -> list[str]:
     else:
         fixed, shared = rings["image_center"] > rings["object_center"], max(rings["shared"], 0) / excess
         sentences.append(
-            f"Rings: SD of {np.sqrt(excess):.1f} HU beyond noise; slices share {shared:.0%} of the variance. They are "
-            f"{'weaker' if fixed else 'not weaker'} about the object's center than about the image's: "
+            f"Rings: SD of {np.sqrt(excess):.1f} HU beyond noise; slices share {100 * shared:.0f} % of the variance. They "
+            f"are {'weaker' if fixed else 'not weaker'} about the object's center than about the image's: "
             f"{'errors of detector elements' if fixed else 'unexplained'}."
         )
     rms, fit = found["crescent_rms_hu"], found["half_turn"]
@@ -245,8 +245,8 @@ def explain(found: Mapping) -> list[str]:
     explained = share >= EXPLAINED_CRESCENT and odd >= EXPLAINED and away[0] < away[1]
     sentences += [
         f"Crescent: RMS of {rms:.0f} HU at a radius of {found['crescent_r_mm']:.0f} mm, brightest at "
-        f"{found['crescent_angle_deg']:.0f} degrees. Opposite sides have opposite signs ({odd:.0%} of the angular "
-        f"variance). An error of detector columns in a scan of half a turn fits {share:.0%}. The "
+        f"{found['crescent_angle_deg']:.0f} degrees. Opposite sides have opposite signs ({100 * odd:.0f} % of the "
+        f"angular variance). An error of detector columns in a scan of half a turn fits {100 * share:.0f} %. The "
         f"fitted center is {away[0]:.1f} mm from the image's center and {away[1]:.1f} mm from the object's.",
         "Such errors arise if bowtie filter or tube are displaced relative to the blank scan (Giles et al., Med. Phys. "
         "38, 2116, 2011). Scan the rotated phantom to confirm that the crescent does not rotate."

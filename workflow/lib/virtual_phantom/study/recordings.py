@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..base.commands import command_line
-from ..base.errors import InputError
 from ..base.names import label
 from ..config.dependencies import shipped
 from ..config.outputs import PICTURES, Files
@@ -204,17 +203,7 @@ class Quality:
         return [self.files("image_quality_report", quality=name) for name in self.settings]
 
     def folders(self, name: str) -> dict[str, str]:
-        """Return the folders of the recordings of a phantom.
-
-        Raises
-        ------
-        InputError
-            If a recording is not of images.
-        """
-        for recording in self.settings[name].recordings:
-            if (kind := self.recordings.kind(recording)) != "images":
-                where = f"config: image_quality.{name}.recordings"
-                raise InputError(f"{where}: '{recording}' is a recording of {kind}; name recordings of images")
+        """Return the folders of the recordings of a phantom."""
         return {recording: self.recordings.folder(recording) for recording in self.settings[name].recordings}
 
     def inputs(self, name: str) -> dict[str, list[str]]:
@@ -225,9 +214,9 @@ class Quality:
         return {"files": files, "objects": [shipped(object_path(kind)) for kind in dict.fromkeys(objects)]}
 
     def megabytes(self, name: str) -> int:
-        """Return the memory of a job, MB."""
+        """Return the memory of a job, MB: all repeats of one recording, which may be compressed on disk, and copies."""
         sizes = [
-            self.recordings.megabytes(one) + self.recordings.image_megabytes(one)
-            for one in self.settings[name].recordings
+            sum(path.stat().st_size for path in self.recordings.documents[recording].files if path.exists())
+            for recording in self.settings[name].recordings
         ]
-        return max(sizes)
+        return 1000 + 16 * max(sizes) // 10**6
