@@ -23,7 +23,7 @@ from ..physics.scenes.shapes import Shape
 from ..statistics.image_quality import mean_frequency, noise_contrasts, tile_spectrum, tiles
 from ..statistics.jackknife import standard_error
 from ..statistics.resolution import EdgeBins, EdgeMtf, first_below
-from .location import NOISE_MARGIN_MM, Insert, Layout, Location, along_z, around, at, nominal_hu
+from .location import NOISE_MARGIN_MM, REFERENCE_KEV, Insert, Layout, Location, along_z, around, at, nominal_hu
 
 LEAST_INSERT_VOXELS = 6.0  # radius of an insert, in voxels, from which HU and TTF are measured
 WIRE_VOXELS = 0.75  # largest radius of a wire, in voxels
@@ -145,24 +145,31 @@ def hu_regression(table: pd.DataFrame, found: Location) -> dict | None:
     Returns
     -------
     dict or None
-        energy_kev, slope, intercept_hu, correlation, rms_hu (of the residuals), nominal_hu (by insert); None for fewer
-        than LEAST_MATERIALS materials.
+        energy_kev, energy_fitted (otherwise the misfit has no minimum in ENERGIES_KEV, and REFERENCE_KEV is used),
+        slope, intercept_hu, correlation, rms_hu (of the residuals), nominal_hu (by insert). None for fewer than
+        LEAST_MATERIALS materials.
     """
     table = table.dropna(subset="hu")
     if table["material"].nunique() < LEAST_MATERIALS:
         return None
     materials = {one.name: one.material for one in found.inserts}
-    chosen = [materials[name] for name in table["insert"]]
-    best = None
-    for energy in ENERGIES_KEV:
-        nominal = np.array([nominal_hu(material, energy) for material in chosen])
-        line = stats.linregress(nominal, table["hu"])
-        rms = float(np.sqrt(np.mean((table["hu"] - line.intercept - line.slope * nominal) ** 2)))
-        if best is None or rms < best["rms_hu"]:
-            best = {"energy_kev": float(energy), "slope": float(line.slope), "intercept_hu": float(line.intercept)}
-            best |= {"correlation": float(line.rvalue), "rms_hu": rms}
-            best["nominal_hu"] = dict(zip(table["insert"], nominal.tolist(), strict=True))
-    return best
+
+    def line(energy: float) -> dict:
+        nominal = np.array([nominal_hu(materials[name], energy) for name in table["insert"]])
+        fit = stats.linregress(nominal, table["hu"])
+        residuals = table["hu"] - fit.intercept - fit.slope * nominal
+        return {
+            "energy_kev": float(energy),
+            "slope": float(fit.slope),
+            "intercept_hu": float(fit.intercept),
+            "correlation": float(fit.rvalue),
+            "rms_hu": float(np.sqrt((residuals**2).mean())),
+            "nominal_hu": dict(zip(table["insert"], nominal.tolist(), strict=True)),
+        }
+
+    best = min((line(energy) for energy in ENERGIES_KEV), key=lambda fit: fit["rms_hu"])
+    fitted = ENERGIES_KEV[0] < best["energy_kev"] < ENERGIES_KEV[-1]
+    return (best if fitted else line(REFERENCE_KEV)) | {"energy_fitted": bool(fitted)}
 
 
 def uniform_area(images: np.ndarray, spacing: Sequence[float], known: Layout, found: Location) -> np.ndarray:
@@ -294,7 +301,7 @@ def slice_profile(
         center = -np.linalg.pinv(shape.quadric[:3, :3]) @ shape.quadric[:3, 3]
         if not len(ends):
             if 2 * shape.around[2] <= THIN_MM:
-                profiles.append(_bead(images, spacing, found, center, z))
+                profiles += _bead(images, spacing, found, center, z)
         elif abs(ends[0, 2]) > 1e-3 and _diameter(shape, center) <= THIN_MM:
             middle = center + ends[0] * (shape.planes[0, 3] - shape.planes[1, 3]) / 2
             length = shape.planes[:, 3].sum()
@@ -346,13 +353,17 @@ def _ramp(images, spacing, found, middle, axis, length, z) -> list[np.ndarray]:
     return profiles
 
 
-def _bead(images, spacing, found, center, z) -> np.ndarray:
+def _bead(images, spacing, found, center, z) -> list[np.ndarray]:
+    """Return the profile along z of a bead, if it is in the images."""
     position = _in_image(found, center)
-    sums = []
+    sums, error = [], 0.0
     for plane, (x, y) in zip(images, found.centers, strict=True):
         _, _, distance = around(plane.shape, spacing, (x + position.real, y + position.imag))
-        near = distance < THIN_MM
-        sums.append(plane[near].mean() - np.median(plane[(distance > THIN_MM) & (distance < 2 * THIN_MM)]))
+        near, ring = distance < THIN_MM, (distance > THIN_MM) & (distance < 2 * THIN_MM)
+        sums.append(plane[near].mean() - np.median(plane[ring]))
+        error = max(error, plane[ring].std() / np.sqrt(near.sum()))
+    if max(sums) < 5 * error:
+        return []
     slices = np.arange(len(sums))
     middle = np.average(slices, weights=np.clip(sums, 0, None) ** 2)
-    return np.interp(z, (slices - middle) * spacing[0], sums, left=0, right=0)
+    return [np.interp(z, (slices - middle) * spacing[0], sums, left=0, right=0)]

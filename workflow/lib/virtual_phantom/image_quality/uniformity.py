@@ -59,7 +59,7 @@ class HalfTurn:
     share : float
         Fitted share of the angular variance of the image.
     start_deg : float
-        Angle t from +x to +y of the image, degrees.
+        Angle t from +x to +y of the image, degrees; 0 to 180, because the sign of q is fitted.
     image : ndarray, shape (radii, ANGLES)
         Fitted polar map.
     """
@@ -233,8 +233,8 @@ def explain(found: Mapping) -> list[str]:
     else:
         fixed, shared = rings["image_center"] > rings["object_center"], max(rings["shared"], 0) / excess
         sentences.append(
-            f"Rings: SD of {np.sqrt(excess):.1f} HU beyond noise; slices share {100 * shared:.0f} % of the variance. They "
-            f"are {'weaker' if fixed else 'not weaker'} about the object's center than about the image's: "
+            f"Rings: SD of {np.sqrt(excess):.1f} HU beyond noise; slices share {100 * shared:.0f} % of the variance. "
+            f"They are {'weaker' if fixed else 'not weaker'} about the object's center than about the image's: "
             f"{'errors of detector elements' if fixed else 'unexplained'}."
         )
     rms, fit = found["crescent_rms_hu"], found["half_turn"]
@@ -294,4 +294,4 @@ class _HalfTurnFit:
         k = int(np.argmax(explained))
         image = np.roll((self.basis @ solved[:, k]), k, axis=1)
         share = float(explained[k] / (weighted**2).sum())
-        return HalfTurn(share, 360 / ANGLES * k, image)
+        return HalfTurn(share, 360 / ANGLES * k % 180, image)
