@@ -10,7 +10,19 @@ from virtual_phantom.config.dependencies import LIBRARY, imported
 # Lowest first. A package imports from itself and from packages before it.
 PACKAGES = (
     *("base", "io", "phantom", "projectors", "reconstruction", "physics", "simulation", "features", "image_model"),
-    *("statistics", "recordings", "diagnosis", "figures", "report", "proof", "config", "study", "cli", "api"),
+    *(
+        "statistics",
+        "recordings",
+        "diagnosis",
+        "image_quality",
+        "figures",
+        "report",
+        "proof",
+        "config",
+        "study",
+        "cli",
+        "api",
+    ),
 )
 # Packages and modules directly inside a package, lowest first.
 INSIDE = {

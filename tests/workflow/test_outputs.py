@@ -12,6 +12,7 @@ from virtual_phantom.config.outputs import OUTPUTS, WILDCARD
 from virtual_phantom.study.progress.time_left import stage_of
 
 ALL = ("report_page", "viewer", "dicom", "plan", "recordings", "alignment", "diagnosis", "next_measurement")
+ALL += ("image_quality",)
 
 
 def made(process):
@@ -50,6 +51,7 @@ def planned_files(tmp_path_factory):
     overlay["recordings"] = {name: str(recorded(folder / name, kind)) for name, kind in names.items()}
     discs = {name: {"disc": {"diameter_mm": 70, "material": "pmma"}} for name in ("solid_disc", "other_disc")}
     overlay["diagnosis"] = {"recordings": discs, "scanners": {"bench": {"recordings": list(discs)}}}
+    overlay["image_quality"] = {"scanned": {"recordings": ["scanner"]}}
     (folder / "overlay.yaml").write_text(yaml.safe_dump(overlay))
     settings = ("--configfile", "config/recordings.yaml", folder / "overlay.yaml")
     with_recordings = made(snakemake("all", *ALL, "-n", "--forceall", *settings))

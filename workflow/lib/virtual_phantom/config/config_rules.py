@@ -67,6 +67,7 @@ class Names:
     diagnosed: Entries
     scanners: Entries
     comparisons: Entries
+    quality: Entries
     phantom: Entries
 
     @classmethod
@@ -80,6 +81,7 @@ class Names:
             diagnosed=Entries.of(settings, "diagnosis", "recordings"),
             scanners=Entries.of(settings, "diagnosis", "scanners"),
             comparisons=Entries.of(settings, "analyses", "comparison"),
+            quality=Entries.of(settings, "image_quality"),
             phantom=Entries.of(settings, "phantom"),
         )
 
@@ -122,6 +124,7 @@ class Rules:
             self._diagnosed,
             self._diagnosed_comparisons,
             self._further_recordings,
+            self._image_quality,
             self._components,
             self._phantom,
             self._scans,
@@ -183,6 +186,7 @@ class Rules:
             names.diagnosed,
             names.scanners,
             names.comparisons,
+            names.quality,
         ):
             if alike := same_but_for_case(section):
                 yield f"config: {section.path}: {alike[0]} and {alike[1]} differ only in case; rename one of them"
@@ -575,6 +579,11 @@ class Rules:
                     f"config: diagnosis.comparisons and diagnosis.recordings both have '{name}', and would write to "
                     "the same folder; rename the comparison"
                 )
+
+    def _image_quality(self) -> Iterator[str]:
+        for name, quality in self.config.get("image_quality", {}).items():
+            for recording in quality["recordings"]:
+                yield from self._known(recording, self.names.recordings, f"image_quality.{name}.recordings")
 
     def _further_recordings(self) -> Iterator[str]:
         for name in self.analyses.get("stability", {}).get("recordings", []):

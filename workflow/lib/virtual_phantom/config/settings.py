@@ -23,6 +23,7 @@ from ..base.settings import (
 )
 from ..base.vectors import FLAT
 from ..diagnosis.settings import DiagnosisSettings
+from ..image_quality.settings import ImageQualitySettings
 
 Effects = dict[str, dict[str, float]]  # {effect: {parameter: value}}
 Conditions = dict[str, float | str]  # {condition column of a recording: required value}
@@ -277,6 +278,7 @@ class Study:
     statistics: StatisticsSettings
     measured: Measured
     recordings: dict[str, str]
+    image_quality: dict[str, ImageQualitySettings]
     physics: dict
     materials: MaterialSettings
     sensor: SensorSettings

@@ -10,11 +10,12 @@ from ..base.errors import InputError, refusing
 from .files import read_text, write_text
 from .schema import read_schema, validate
 
-DIAGNOSIS, SCORE, SCANNER = "diagnosis", "score", "scanner"  # names of files NAME.schema.yaml in SCHEMAS
+# Names of files NAME.schema.yaml in SCHEMAS
+DIAGNOSIS, SCORE, SCANNER, IMAGE_QUALITY = "diagnosis", "score", "scanner", "image_quality"
 
 
 def write_document(content: dict, path: str | Path, kind: str) -> None:
-    """Write a document of one of the kinds DIAGNOSIS, SCORE and SCANNER.
+    """Write a document of one of the kinds DIAGNOSIS, SCORE, SCANNER and IMAGE_QUALITY.
 
     Raises
     ------
@@ -26,7 +27,7 @@ def write_document(content: dict, path: str | Path, kind: str) -> None:
 
 
 def read_document(path: str | Path, kind: str) -> dict:
-    """Read a document of one of the kinds DIAGNOSIS, SCORE and SCANNER.
+    """Read a document of one of the kinds DIAGNOSIS, SCORE, SCANNER and IMAGE_QUALITY.
 
     Raises
     ------

@@ -31,7 +31,7 @@ NAMES = frozenset(
     """algorithm collection condition effect family feature file image kernel kind label_in_file name noise
     numpy_version pca property protocol pyradiomics_version recording reconstruction region roi scan settings
     settings_hash simpleitk_version source tissue_class""".split()
-) | {"change", "change_from", "change_to", "setting", "use"}
+) | {"change", "change_from", "change_to", "insert", "material", "module", "setting", "use"}
 # How pandas writes a number or a truth value. Other text, such as 007 or 1e3, is a name.
 VALUE = re.compile(r"-?(?:0|[1-9]\d*)(?:\.\d+)?(?:e[+-]\d\d+)?|-?inf|True|False")
 

@@ -210,6 +210,22 @@ def noise_spectrum(images: np.ndarray, mask: np.ndarray, spacing: Sequence[float
     # A drift between repeats would add power at frequency 0.
     noise = noise - noise[:, mask].mean(axis=1)[:, None, None, None]
     squares = np.stack([noise[:, z, y : y + side, x : x + side] for z, y, x in corners])
+    return tile_spectrum(squares.reshape(-1, side, side), spacing, correlated)
+
+
+def tile_spectrum(squares: np.ndarray, spacing: Sequence[float], correlated: float = 1.0) -> Spectrum:
+    """Radial noise power spectrum of square tiles of noise, up to the Nyquist frequency.
+
+    Parameters
+    ----------
+    squares : ndarray, shape (tiles, side, side)
+        HU, of mean 0.
+    spacing : sequence of 3 float
+        mm (z, y, x).
+    correlated : float, optional
+        Factor by which correlation between tiles increases the variance of the mean.
+    """
+    side = squares.shape[-1]
     power = np.abs(np.fft.fft2(squares)) ** 2 * (spacing[1] * spacing[2] / side**2)
     power = power.reshape(-1, side * side)
     radius = np.hypot(*np.meshgrid(*(np.fft.fftfreq(side, step) for step in spacing[1:]), indexing="ij")).ravel()

@@ -73,23 +73,11 @@ def mtf_half(images: np.ndarray, distance_mm: np.ndarray, spacing: Sequence[floa
         If too few voxels lie near the edge, or the MTF does not fall to one half.
     """
     pixel = max(spacing[1:])
-    step = pixel / BINS_PER_VOXEL
     half = HALF_WIDTH_VOXELS * pixel
-    bins = int(round(2 * half / step))
-    near = valid & (np.abs(distance_mm) < half)
-    index = np.floor((distance_mm[near] + half) / step).astype(int).clip(0, bins - 1)
-    count = np.bincount(index, minlength=bins)
-    filled = count > 0
-    if filled.mean() < LEAST_FILLED:
-        raise InputError(
-            "resolution: too few voxels lie near the edge of the object; check that the object is in the image"
-        )
-
-    def bin_means(values):
-        return np.bincount(index, values, bins)[filled] / count[filled]
-
-    edge_mtf = EdgeMtf(bin_means(distance_mm[near]), step, half, FLAT_VOXELS * pixel)
-    edge = bin_means(images.mean(axis=0, dtype=np.float64)[near])
+    bins = EdgeBins(distance_mm, valid, pixel, half)
+    near = bins.near
+    edge_mtf = EdgeMtf(bins.means(distance_mm[near]), bins.step, half, FLAT_VOXELS * pixel)
+    edge = bins.means(images.mean(axis=0, dtype=np.float64)[near])
     value = edge_mtf.half(edge)
     if len(images) < 2:
         return Measure(value, np.nan)
@@ -97,10 +85,46 @@ def mtf_half(images: np.ndarray, distance_mm: np.ndarray, spacing: Sequence[floa
     sector = _sectors(near, spacing)
     sectors = np.unique(sector)
     parts = np.stack(
-        [np.stack([bin_means(contrast[near] * (sector == number)) for number in sectors]) for contrast in noise]
+        [np.stack([bins.means(contrast[near] * (sector == number)) for number in sectors]) for contrast in noise]
     )
     factor = slice_correlations(noise, near)[0]
     return Measure(value, propagated_error(edge_mtf.half, edge, parts, len(images)) * float(np.sqrt(factor)))
+
+
+class EdgeBins:
+    """Voxels near an edge, in bins of their distance from it.
+
+    Parameters
+    ----------
+    distance_mm : ndarray
+        Signed distance from the edge, mm.
+    valid : ndarray of bool, shape of distance_mm
+    pixel : float
+        Pixel size, mm.
+    half : float
+        Half-width of the window around the edge, mm.
+
+    Raises
+    ------
+    InputError
+        If too few voxels lie near the edge.
+    """
+
+    def __init__(self, distance_mm: np.ndarray, valid: np.ndarray, pixel: float, half: float):
+        self.step = pixel / BINS_PER_VOXEL
+        bins = int(round(2 * half / self.step))
+        self.near = valid & (np.abs(distance_mm) < half)
+        self.index = np.floor((distance_mm[self.near] + half) / self.step).astype(int).clip(0, bins - 1)
+        self.count = np.bincount(self.index, minlength=bins)
+        self.filled = self.count > 0
+        if self.filled.mean() < LEAST_FILLED:
+            raise InputError(
+                "resolution: too few voxels lie near the edge of the object; check that the object is in the image"
+            )
+
+    def means(self, values: np.ndarray) -> np.ndarray:
+        """Return the means of values of the voxels `near`, in bins that are not empty."""
+        return np.bincount(self.index, values, len(self.count))[self.filled] / self.count[self.filled]
 
 
 class EdgeMtf:
@@ -134,17 +158,27 @@ class EdgeMtf:
         transfer = np.abs(self.kernel @ line)
         return transfer / transfer[0] / self.blur
 
-    def half(self, edge: np.ndarray) -> float:
-        """Lowest frequency (1/mm) at which the MTF of an edge spread function is one half; InputError if none is."""
-        transfer = self.mtf(edge)
-        below = np.flatnonzero(transfer < 0.5)
-        if not below.size:
-            raise InputError(
-                "resolution: the MTF does not fall to one half; check that the edge of the object is in the image"
-            )
-        last = below[0]
-        share = (transfer[last - 1] - 0.5) / (transfer[last - 1] - transfer[last])
-        return float(self.frequency[last - 1] + share * (self.frequency[last] - self.frequency[last - 1]))
+    def half(self, edge: np.ndarray, level: float = 0.5) -> float:
+        """Lowest frequency (1/mm) at which the MTF of an edge spread function is one half, or another level.
+
+        Raises
+        ------
+        InputError
+            If the MTF does not fall to the level.
+        """
+        return first_below(self.frequency, self.mtf(edge), level)
+
+
+def first_below(frequency: np.ndarray, transfer: np.ndarray, level: float) -> float:
+    """Lowest frequency at which a transfer function has fallen to a level; InputError if it does not."""
+    below = np.flatnonzero(transfer < level)
+    if not below.size:
+        raise InputError(
+            f"resolution: the MTF does not fall to {level:g}; check that the edge of the object is in the image"
+        )
+    last = below[0]
+    share = (transfer[last - 1] - level) / (transfer[last - 1] - transfer[last])
+    return float(frequency[last - 1] + share * (frequency[last] - frequency[last - 1]))
 
 
 def _sectors(near: np.ndarray, spacing: Sequence[float]) -> np.ndarray:

@@ -29,11 +29,17 @@ from .diagnosis_jobs import Diagnosis
 from .pages import Pages
 from .phantom_sources import PhantomSources
 from .proof import Proof
-from .recordings import Comparisons, Recordings
+from .recordings import Comparisons, Quality, Recordings
 from .selections import Selections
 
 # Label of the files of each results folder in Snakemake's report.
-LABELS = {"figures": "figure", "tables": "table", "diagnosis": "recording", "proof": "recording"}
+LABELS = {
+    "figures": "figure",
+    "tables": "table",
+    "diagnosis": "recording",
+    "proof": "recording",
+    "image_quality": "phantom",
+}
 
 P, T = ParamSpec("P"), TypeVar("T")
 
@@ -61,6 +67,7 @@ class Context:
     selections: Selections
     recordings: Recordings
     comparisons: Comparisons
+    quality: Quality
     diagnosis: Diagnosis
     proof: Proof
     pages: Pages
@@ -263,6 +270,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
         selections=selections,
         recordings=recordings,
         comparisons=comparisons,
+        quality=Quality(plan, outputs, recordings),
         diagnosis=diagnosis,
         proof=proof,
         pages=pages,

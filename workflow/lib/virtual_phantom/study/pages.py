@@ -148,6 +148,8 @@ class Pages:
             commands["Summary of your recordings"] = command("recordings")
         if self.diagnosis.reports():
             commands["Diagnosis: physics that the simulation lacks"] = command("diagnosis")
+        if self.plan.study.image_quality:
+            commands["Image quality of your phantoms"] = command("image_quality")
         commands[REPORT_TITLE] = command("report_page")
         if self.selections.optimal_images():
             commands[VIEWER_TITLE] = command("viewer")

@@ -1,4 +1,4 @@
-"""Files and settings of the recordings of a configuration, and of the comparisons with them."""
+"""Files and settings of the recordings of a configuration, of comparisons with them, and of their image quality."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from dataclasses import dataclass
 
 from ..base.commands import command_line
 from ..base.names import label
+from ..config.dependencies import shipped
 from ..config.outputs import PICTURES, Files
 from ..config.plan import Plan
 from ..config.public_scans import PublicScans
 from ..config.settings import Comparison
+from ..image_quality.settings import ImageQualitySettings
 from ..io.published import require_reachable
+from ..physics.scenes.object_files import object_path
 from ..recordings.document import Document
 from .acquisitions import Acquisitions
 
@@ -185,3 +188,40 @@ class Comparisons:
     def noise_target_features(self, noise: str) -> str:
         """Return the features of the recording that a noise level is matched to."""
         return self.files("recorded_features", recording=self.plan.study.noise.levels[noise].meets.recording)
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Image quality of the phantoms in recordings."""
+
+    plan: Plan
+    files: Files
+    recordings: Recordings
+
+    @property
+    def settings(self) -> dict[str, ImageQualitySettings]:
+        """{name: settings in the configuration}."""
+        return self.plan.study.image_quality
+
+    def all(self) -> list[str]:
+        """Return the reports of all phantoms."""
+        return [self.files("image_quality_report", quality=name) for name in self.settings]
+
+    def folders(self, name: str) -> dict[str, str]:
+        """Return the folders of the recordings of a phantom."""
+        return {recording: self.recordings.folder(recording) for recording in self.settings[name].recordings}
+
+    def inputs(self, name: str) -> dict[str, list[str]]:
+        """Return the files of the recordings and objects of a phantom."""
+        settings = self.settings[name]
+        objects = [module.object.kind for module in settings.modules.values() if module.object is not None]
+        files = [file for recording in settings.recordings for file in self.recordings.sources(recording)]
+        return {"files": files, "objects": [shipped(object_path(kind)) for kind in dict.fromkeys(objects)]}
+
+    def megabytes(self, name: str) -> int:
+        """Return the memory of a job, MB: all repeats of one recording, which may be compressed on disk, and copies."""
+        sizes = [
+            sum(path.stat().st_size for path in self.recordings.documents[recording].files if path.exists())
+            for recording in self.settings[name].recordings
+        ]
+        return 1000 + 16 * max(sizes) // 10**6

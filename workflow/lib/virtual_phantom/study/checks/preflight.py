@@ -221,6 +221,13 @@ def _recordings(study: Study, keep: bool) -> Iterator[str]:
         elif entry.physics_from is None:
             lines = _messages(partial(candidates, **candidate_conditions(documents[name].content)), entry)
             yield from (f"{where}: {line}" for line in lines)
+    for name, quality in study.image_quality.items():
+        for recording in quality.recordings:
+            if recording in documents and (kind := documents[recording].content["kind"]) != "images":
+                where = f"image_quality.{name}.recordings: {recording}"
+                yield f"{where} is a recording of {kind}; name recordings of images"
+        for module, entry in quality.modules.items():
+            yield from _object(entry.object, f"image_quality.{name}.modules.{module}.object", keep)
 
 
 def _recorded(study: Study) -> Iterator[str]:
