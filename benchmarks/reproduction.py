@@ -188,7 +188,8 @@ def published_overlap(scores: pd.DataFrame) -> dict[str, float]:
 
 def groups_of(path: Path, plan: Plan) -> pd.DataFrame:
     """Features of the groups of the stability analysis."""
-    return tables.read_groups(path, plan.groups(), noise="dose10", seeds=plan.repeats(["dose10"]))
+    groups = plan.groups()
+    return tables.read_groups(path, groups, noise=dict.fromkeys(groups, "dose10"), seeds=plan.repeats(["dose10"]))
 
 
 def headline(table: pd.DataFrame, scores: pd.DataFrame, draws: pd.DataFrame, features=FEATURES) -> dict[str, float]:

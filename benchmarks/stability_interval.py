@@ -128,7 +128,7 @@ def run(options):
 
 def real(path, number):
     """Coverage with the means, SDs and SIRT-FBP correlation of a study's features."""
-    table = tables.read_groups(path, GROUPS, noise="dose10", seeds=10)
+    table = tables.read_groups(path, GROUPS, noise=dict.fromkeys(GROUPS, "dose10"), seeds=10)
     x = stability_measures.feature_array(table, FEATURES)
     rng = generator(branch(SEED, BRANCH))
     sharing = [0, 1, 2, 3] * 2
